@@ -1,0 +1,84 @@
+"""holdfast: viability control of nonholonomic systems.
+
+One symbolic definition, every answer. A vehicle, its law, its constraints and its
+disturbances are written once as expressions; simulation, viable redesign and what follows
+are derived from them. The inequality that everything here is about:
+
+    c_j(q) <= 0   for all j, for all time
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from holdfast._version import __version__
+
+if TYPE_CHECKING:
+    from holdfast.analysis.result import Result, load
+    from holdfast.analysis.simulate import Starts, simulate
+    from holdfast.errors import GainWarning, HoldfastError
+    from holdfast.execution.closed_loop import Outcome
+    from holdfast.maths import laws, regions, systems
+    from holdfast.maths.bounds import Ball, Box, LinearImage
+    from holdfast.maths.expression import parse_condition, parse_expression
+    from holdfast.maths.law import GainCondition, Law
+    from holdfast.maths.quantity import TIME, TIME_IN_MODE, Parameter, Quantity, symbol
+    from holdfast.maths.redesign import redesign
+    from holdfast.maths.reduction import promote
+    from holdfast.maths.region import Inequality, Region
+    from holdfast.maths.switching import Switching, Transition
+    from holdfast.maths.system import PfaffianRow, System
+    from holdfast.maths.tangency import outward_rates
+    from holdfast.maths.velocity_tracking import track_velocity
+    from holdfast.presentation.histories import histories_figure
+    from holdfast.presentation.paths import paths_figure
+    from holdfast.scenario import Scenario, load_scenario
+
+_HOME = {
+    "analysis.result": ("Result", "load"),
+    "analysis.simulate": ("Starts", "simulate"),
+    "errors": ("GainWarning", "HoldfastError"),
+    "execution.closed_loop": ("Outcome",),
+    "maths": ("laws", "regions", "systems"),
+    "maths.bounds": ("Ball", "Box", "LinearImage"),
+    "maths.expression": ("parse_condition", "parse_expression"),
+    "maths.law": ("GainCondition", "Law"),
+    "maths.quantity": ("TIME", "TIME_IN_MODE", "Parameter", "Quantity", "symbol"),
+    "maths.redesign": ("redesign",),
+    "maths.reduction": ("promote",),
+    "maths.region": ("Inequality", "Region"),
+    "maths.switching": ("Switching", "Transition"),
+    "maths.system": ("PfaffianRow", "System"),
+    "maths.tangency": ("outward_rates",),
+    "maths.velocity_tracking": ("track_velocity",),
+    "presentation.histories": ("histories_figure",),
+    "presentation.paths": ("paths_figure",),
+    "scenario": ("Scenario", "load_scenario"),
+}
+_WHERE = {name: home for home, names in _HOME.items() for name in names}
+
+__all__ = [
+    "TIME", "TIME_IN_MODE", "Ball", "Box", "GainCondition", "GainWarning", "HoldfastError",
+    "Inequality", "Law", "LinearImage", "Outcome", "Parameter", "PfaffianRow", "Quantity",
+    "Region", "Result", "Scenario", "Starts", "Switching", "System", "Transition",
+    "__version__", "histories_figure", "laws", "load", "load_scenario", "outward_rates",
+    "parse_condition", "parse_expression", "paths_figure", "promote", "redesign", "regions",
+    "simulate", "symbol", "systems", "track_velocity",
+]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    """Names are imported when first used, so that `import holdfast` stays light."""
+    if name not in _WHERE:
+        raise AttributeError(f"module 'holdfast' has no attribute '{name}'")
+    home = importlib.import_module(f"holdfast.{_WHERE[name]}")
+    value = importlib.import_module(f"holdfast.maths.{name}") if (
+        _WHERE[name] == "maths"
+    ) else getattr(home, name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

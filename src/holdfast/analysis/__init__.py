@@ -1,0 +1,1 @@
+"""What follows from running things: results with names and units, and their statistics."""

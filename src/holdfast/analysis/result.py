@@ -1,0 +1,230 @@
+"""The result of a simulation: an xarray dataset with names, units and outcomes."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from holdfast.errors import OutputError
+from holdfast.execution.closed_loop import Outcome, Settings, Trajectories
+from holdfast.execution.translate import ClosedLoopProgram
+
+if TYPE_CHECKING:
+    from holdfast.maths.scene import Shape
+
+NO_CONSTRAINT = -1
+NAMED_AXES = ("state", "input", "actuator", "signal", "constraint")
+
+
+@dataclass(frozen=True)
+class Result:
+    """Trajectories as `dataset`, the shapes to draw, and the reference state for errors.
+
+    `scene` are the region's and the goal's shapes, `parameters` the values in them.
+    `reference` maps states to the values the run is meant to end at; may be empty.
+    """
+
+    dataset: xr.Dataset
+    scene: tuple[Shape, ...] = ()
+    parameters: Mapping[str, float] | None = None
+    reference: Mapping[str, float] | None = None
+
+    @property
+    def outcomes(self) -> dict[str, int]:
+        """How many runs ended in each way, by the outcome's label."""
+        counts = np.bincount(self.dataset["outcome"].values, minlength=len(Outcome))
+        return {o.label: int(counts[o]) for o in (Outcome.REACHED, Outcome.STAYED,
+                                                  Outcome.LEFT, Outcome.DIVERGED)}
+
+    @property
+    def viable(self) -> int:
+        """How many runs never left the region."""
+        values = self.dataset["outcome"].values
+        return int(np.isin(values, (Outcome.STAYED, Outcome.REACHED)).sum())
+
+    def summary(self) -> dict[str, Any]:
+        """The statistics of summary.json; NaN appears as None."""
+        data = self.dataset
+        worst = data["worst_constraint"].max("run") if data.sizes["run"] else None
+        return {
+            "scenario": data.attrs.get("scenario", ""),
+            "kind": data.attrs.get("kind", "closed-loop"),
+            "version": data.attrs["holdfast_version"],
+            "seed": int(data.attrs["seed"]),
+            "runs": int(data.sizes["run"]),
+            "viable": self.viable,
+            "outcomes": self.outcomes,
+            "worst_constraint": _by_name(worst) if worst is not None else {},
+            "final_error": self._final_error(),
+            "peak_input": _by_name(data["peak_input"].max("run")),
+            "peak_actuator": _by_name(data["peak_actuator"].max("run")),
+            "wall_time_s": round(float(data.attrs["wall_time_s"]), 3),
+        }
+
+    def _final_error(self) -> dict[str, dict[str, float | None]]:
+        errors: dict[str, dict[str, float | None]] = {}
+        for name, value in (self.reference or {}).items():
+            final = self.dataset["state"].sel(state_name=name).isel(time=-1).values - value
+            if bool(self.dataset["state_is_angle"].sel(state_name=name)):
+                final = (final + np.pi) % (2 * np.pi) - np.pi
+            size = np.abs(final[np.isfinite(final)])
+            errors[name] = {
+                "median": float(np.median(size)) if size.size else None,
+                "worst": float(size.max()) if size.size else None,
+            }
+        return errors
+
+    def save(self, path: str | Path) -> Path:
+        """Write NetCDF-4, atomically: the file appears whole under its name or not at all.
+
+        Raises `OutputError` when the folder cannot be written.
+        """
+        path = Path(path)
+        encoding: dict[str, dict[str, Any]] = {}
+        for name, variable in self.dataset.variables.items():
+            if variable.dtype.kind == "U":
+                encoding[str(name)] = {"dtype": "S1"}  # characters, which MATLAB reads too
+            elif variable.ndim >= 2:
+                encoding[str(name)] = {"zlib": True, "complevel": 1, "shuffle": True}
+        with atomic_file(path) as partial:
+            self.dataset.to_netcdf(partial, engine="netcdf4", format="NETCDF4", encoding=encoding)
+        return path
+
+
+def _by_name(values: xr.DataArray) -> dict[str, float | None]:
+    (dimension,) = values.dims
+    return {
+        str(name): float(value) if np.isfinite(value) else None
+        for name, value in zip(values[f"{dimension}_name"].values, values.values, strict=True)
+    }
+
+
+class atomic_file:  # noqa: N801 - used as a function
+    """Context manager: a temporary path beside `path`, renamed to it on success only."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __enter__(self) -> Path:
+        try:
+            handle, name = tempfile.mkstemp(
+                dir=self.path.parent, prefix=f".{self.path.name}.", suffix=".partial"
+            )
+        except OSError as error:
+            raise OutputError(
+                f"{self.path} cannot be written ({error.strerror})",
+                remedy="choose another folder with --out",
+            ) from None
+        os.close(handle)
+        self.partial = Path(name)
+        return self.partial
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        if kind is not None:
+            self.partial.unlink(missing_ok=True)
+            return
+        self.partial.chmod(0o666 & ~_umask())
+        os.replace(self.partial, self.path)
+
+
+def _umask() -> int:
+    current = os.umask(0)
+    os.umask(current)
+    return current
+
+
+def to_dataset(
+    program: ClosedLoopProgram,
+    trajectories: Trajectories,
+    settings: Settings,
+    attributes: Mapping[str, Any],
+) -> xr.Dataset:
+    """Names, units and meanings around the arrays of a batch of runs."""
+    s, names = trajectories, [c[0] for c in program.constraints]
+    exits = [NO_CONSTRAINT, *range(len(names))]
+
+    def meanings(values: list[int], words: list[str], text: str) -> dict[str, Any]:
+        kind = np.int16 if len(values) != len(Outcome) or text != "how the run ended" else np.int8
+        return {
+            "long_name": text,
+            "flag_values": np.array(values, dtype=kind),
+            "flag_meanings": " ".join(w.replace(" ", "_") for w in words),
+        }
+
+    variables: dict[str, Any] = {
+        "state": (("run", "time", "state"), s.state, {"long_name": "state"}),
+        "input": (("run", "time", "input"), s.input, {"long_name": "input after saturation"}),
+        "actuator": (("run", "time", "actuator"), s.actuator,
+                     {"long_name": "actuator value", "units": program.actuator_unit}),
+        "mode": (("run", "time"), s.mode,
+                 meanings(list(range(len(program.modes))), list(program.modes), "mode of the law")),
+        "signal": (("run", "time", "signal"), s.signal, {"long_name": "signal of the law"}),
+        "constraint": (("run", "time", "constraint"), s.constraint,
+                       {"long_name": "constraint, safe where <= 0"}),
+        "outcome": (("run",), s.outcome,
+                    meanings([int(o) for o in Outcome], [o.label for o in Outcome],
+                             "how the run ended")),
+        "exit_time": (("run",), s.exit_time,
+                      {"units": "s", "long_name": "time of leaving the region or of diverging"}),
+        "exit_constraint": (("run",), s.exit_constraint,
+                            meanings(exits, ["none", *names], "first constraint violated")),
+        "goal_time": (("run",), s.goal_time,
+                      {"units": "s", "long_name": "since when the run is in the goal at its end"}),
+        "worst_constraint": (("run", "constraint"), s.worst,
+                             {"long_name": "largest value over all of time"}),
+        "peak_input": (("run", "input"), s.peak_input, {"long_name": "largest magnitude"}),
+        "peak_actuator": (("run", "actuator"), s.peak_actuator,
+                          {"long_name": "largest magnitude", "units": program.actuator_unit}),
+        "switches": (("run",), s.switches, {"long_name": "changes of mode"}),
+        "state_is_angle": (("state",), np.array([q.angle for q in program.states], dtype=np.int8)),
+    }  # fmt: skip
+    coordinates = {
+        "time": ("time", s.time, {"units": "s", "long_name": "time"}),
+        "run": np.arange(len(s.outcome), dtype=np.int32),
+        "state_name": ("state", _labels([q.name for q in program.states])),
+        "input_name": ("input", _labels([q.name for q in program.inputs])),
+        "actuator_name": ("actuator", _labels(program.actuators)),
+        "signal_name": ("signal", _labels(program.signals)),
+        "constraint_name": ("constraint", _labels(names)),
+        "state_unit": ("state", _labels([q.unit for q in program.states])),
+        "state_description": ("state", _labels([q.description or q.name for q in program.states])),
+        "input_unit": ("input", _labels([q.unit for q in program.inputs])),
+        "input_description": ("input", _labels([q.description or q.name for q in program.inputs])),
+        "constraint_unit": ("constraint", _labels([c[1] for c in program.constraints])),
+    }
+    fixed = {
+        "Conventions": "CF-1.11",
+        "sample_time_s": settings.sample_time,
+        "tolerance": settings.tolerance,
+        "seed": str(settings.seed),
+    }
+    return indexed(xr.Dataset(variables, coordinates, {**fixed, **attributes}))
+
+
+def indexed(dataset: xr.Dataset) -> xr.Dataset:
+    """The dataset with `.sel(state_name="x")` and the like."""
+    for axis in NAMED_AXES:
+        dataset = dataset.set_xindex(f"{axis}_name")
+    return dataset
+
+
+def load(path: str | Path) -> Result:
+    """A saved result: its dataset, checked to be one of ours; `OutputError` if it is not."""
+    try:
+        dataset = xr.load_dataset(path, engine="netcdf4")
+    except (OSError, ValueError) as error:
+        raise OutputError(f"{path} cannot be read as NetCDF ({error})") from None
+    if "holdfast_version" not in dataset.attrs:
+        raise OutputError(f"{path} was not written by holdfast")
+    return Result(indexed(dataset))
+
+
+def _labels(names: Any) -> np.ndarray[Any, Any]:
+    return np.array(list(names), dtype=str) if len(names) else np.array([], dtype="<U1")

@@ -1,0 +1,198 @@
+"""Simulate a system under a law from many starts, and say how each run ended."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from holdfast._version import __version__
+from holdfast.analysis.result import Result, to_dataset
+from holdfast.errors import GainWarning, SimulationError, suggestion
+from holdfast.execution.closed_loop import Array, ClosedLoop, Progress, Settings
+from holdfast.execution.steppers import BY_NAME
+from holdfast.execution.translate import closed_loop_program
+from holdfast.maths.law import Law
+from holdfast.maths.region import Region
+from holdfast.maths.switching import Switching
+from holdfast.maths.system import System
+
+
+@dataclass(frozen=True)
+class Starts:
+    """Initial states: `states`, each a mapping (states left out are 0), then `random` ones.
+
+    The random ones are uniform over the states of `box` (state -> (lowest, highest); states
+    left out are 0) that lie in the region.
+    """
+
+    states: Sequence[Mapping[str, float]] = ()
+    random: int = 0
+    box: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+
+def simulate(
+    system: System,
+    law: Law | Switching,
+    *,
+    starts: Starts | Sequence[Sequence[float]] | Array,
+    region: Region | None = None,
+    goal: Region | None = None,
+    horizon: float,
+    stepper: str = "rk4",
+    disturbance: Mapping[str, float | sp.Expr] | None = None,
+    plant: Mapping[str, float] | None = None,
+    reference: Mapping[str, float] | None = None,
+    start_outside: bool = False,
+    attributes: Mapping[str, Any] | None = None,
+    progress: Progress | None = None,
+    **settings: Any,
+) -> Result:
+    """Simulate `system` under `law` from every start and return a `Result`.
+
+    starts: a `Starts`, or an array of shape (runs, states). region: the inequalities to
+    watch; a run that violates one is marked as having left, and when. goal: where a run must
+    be at the end to have reached it. horizon: seconds. stepper: "rk4", "bogacki-shampine" or
+    "dormand-prince". disturbance: name -> number or expression of t. plant: parameters of the
+    simulated vehicle that its law does not know of. reference: the state to end at, for
+    error statistics. start_outside: allow starts outside the region. The other settings are
+    those of `Settings` (sample_time, substeps, record_every, continuous, tolerance,
+    noise_uniform, noise_normal, seed, threads, absolute, relative).
+
+    Warns with `GainWarning` when the gains violate a condition of the law. Raises
+    `SimulationError` for starts, disturbances or settings that cannot be used.
+    """
+    if stepper not in BY_NAME:
+        raise SimulationError(f"unknown stepper '{stepper}'", remedy=suggestion(stepper, BY_NAME))
+    try:
+        chosen = Settings(horizon=horizon, **settings)
+    except TypeError:
+        odd = sorted(set(settings) - set(Settings.__dataclass_fields__))
+        raise SimulationError(
+            f"unknown setting '{odd[0] if odd else settings}'",
+            remedy=suggestion(odd[0] if odd else "", Settings.__dataclass_fields__),
+        ) from None
+    given = {k: sp.sympify(v) for k, v in (disturbance or {}).items()}
+    for name in given:
+        if name not in system.disturbance_names:
+            raise SimulationError(
+                f"system '{system.name}' has no disturbance '{name}'",
+                remedy=suggestion(name, system.disturbance_names),
+            )
+    program = closed_loop_program(
+        system, law, region=region, goal=goal, disturbance=given, stepper=BY_NAME[stepper]
+    )
+    loop = ClosedLoop(program, BY_NAME[stepper])
+    values = {p.symbol: p.value for p in program.parameters}
+    for condition in program.conditions:
+        if message := condition.violation(values):
+            warnings.warn(message, GainWarning, stacklevel=2)
+    _check_disturbance(system, loop, chosen, values)
+    initial = _initial_states(system, loop, starts, chosen, start_outside)
+    began = time.perf_counter()
+    trajectories = loop.simulate(initial, chosen, plant=plant, progress=progress)
+    wall = time.perf_counter() - began
+    scene = (*(region.scene if region else ()), *(goal.scene if goal else ()))
+    return Result(
+        dataset=to_dataset(
+            program, trajectories, chosen,
+            {
+                "holdfast_version": __version__,
+                "system": system.name,
+                "law": law.name,
+                "region": region.name if region else "",
+                "goal": goal.name if goal else "",
+                "stepper": stepper,
+                "wall_time_s": wall,
+                **(attributes or {}),
+            },
+        ),
+        scene=scene,
+        parameters={p.name: p.value for p in program.parameters},
+        reference=reference,
+    )  # fmt: skip
+
+
+def _initial_states(
+    system: System,
+    loop: ClosedLoop,
+    starts: Starts | Sequence[Sequence[float]] | Array,
+    settings: Settings,
+    start_outside: bool,
+) -> Array:
+    names = system.state_names
+    if isinstance(starts, Starts):
+        for given in (*starts.states, starts.box):
+            for name in given:
+                if name not in names:
+                    raise SimulationError(
+                        f"starts: '{name}' is no state of system '{system.name}'",
+                        remedy=suggestion(name, names),
+                    )
+        fixed = np.array([[s.get(n, 0.0) for n in names] for s in starts.states], dtype=float)
+        fixed = fixed.reshape(-1, len(names))
+        if starts.random < 0:
+            raise SimulationError(f"starts: {starts.random} random starts", expected="0 or more")
+        parts = [fixed]
+        if starts.random:
+            low, high = (np.array([starts.box.get(n, (0.0, 0.0))[i] for n in names], dtype=float)
+                         for i in (0, 1))
+            for name, a, b in zip(names, low, high, strict=True):
+                if not a <= b:
+                    raise SimulationError(f"starts: the box of '{name}' is [{a:g}, {b:g}]",
+                                          expected="lowest first")
+            parts.append(loop.sample(low, high, starts.random, settings.seed))
+        initial = np.vstack(parts)
+    else:
+        initial = np.array(starts, dtype=float)
+        if initial.ndim != 2 or initial.shape[1] != len(names):
+            raise SimulationError(
+                f"starts have the shape {initial.shape}",
+                expected=f"(runs, {len(names)}) for the states {', '.join(names)}",
+            )
+    if len(initial) == 0:
+        raise SimulationError("there are no runs", expected="at least one start")
+    if not np.isfinite(initial).all():
+        raise SimulationError("a start is not finite")
+    if not start_outside:
+        values = loop.constraints(initial)
+        bad = np.argwhere(values > settings.tolerance)
+        if bad.size:
+            run, j = bad[0]
+            name, unit = loop.program.constraints[j]
+            state = ", ".join(f"{n}={v:g}" for n, v in zip(names, initial[run], strict=True))
+            raise SimulationError(
+                f"start {run} ({state}) lies outside the region: {name} = "
+                f"{values[run, j]:.4g} {unit}",
+                expected=f"at most {settings.tolerance:g}",
+                remedy="move the start, or allow it with start_outside = true",
+            )
+    return initial
+
+
+def _check_disturbance(
+    system: System, loop: ClosedLoop, settings: Settings, values: Mapping[sp.Symbol, float]
+) -> None:
+    if not system.disturbances:
+        return
+    times = np.linspace(0.0, settings.horizon, 1001)
+    samples = loop.disturbances(times)
+    if not np.isfinite(samples).all():
+        raise SimulationError("a disturbance is not finite at some time of the run")
+    if system.disturbance_bounds is None:
+        return
+    distinct, first = np.unique(samples, axis=0, return_index=True)
+    for sample, index in zip(distinct, first, strict=True):
+        if not system.disturbance_bounds.contains([float(v) for v in sample], values):
+            shown = ", ".join(
+                f"{n} = {v:.4g}" for n, v in zip(system.disturbance_names, sample, strict=True)
+            )
+            raise SimulationError(
+                f"the disturbance leaves its bounds at t = {times[index]:.4g} s: {shown}",
+                remedy=f"reduce it, or raise the bound of system '{system.name}'",
+            )

@@ -1,0 +1,174 @@
+"""The command line: list, show, run. Heavy imports wait until a command needs them."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn
+
+import click
+
+from holdfast._version import __version__
+from holdfast.errors import GainWarning, HoldfastError, OutputError
+
+if TYPE_CHECKING:
+    from holdfast.analysis.result import Result
+    from holdfast.scenario import Scenario
+
+ANSWERED, NOT_ANSWERED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="holdfast")
+@click.option("--debug", is_flag=True, help="Show the traceback of an error.")
+def cli(debug: bool) -> None:
+    """Viability control of nonholonomic systems.
+
+    Exit status: 0 answered, 1 a run diverged, 2 bad input, 130 interrupted.
+    """
+
+
+@cli.command("list")
+def list_command() -> None:
+    """List the systems, laws, regions, vehicles and scenarios, one line each."""
+    from holdfast.describe import catalogue_lines
+
+    for line in catalogue_lines():
+        click.echo(line)
+
+
+@cli.command("show")
+@click.argument("name")
+def show_command(name: str) -> None:
+    """Show what NAME is: equations, parameters with units, source."""
+    from holdfast.describe import describe
+
+    click.echo(describe(name))
+
+
+@cli.command("run")
+@click.argument("scenario")
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for the results "
+              "[default: runs/SCENARIO].")  # fmt: skip
+@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE",
+              help="Override a value of the scenario, such as law.k1=0.2 (repeatable).")  # fmt: skip
+@click.option("--runs", type=int, help="How many starts: the given states, then random ones.")
+@click.option("--seed", type=int, help="Seed of every random number.")
+@click.option("--no-figures", is_flag=True, help="Write the data only.")
+def run_command(
+    scenario: str,
+    out: Path | None,
+    overrides: tuple[str, ...],
+    runs: int | None,
+    seed: int | None,
+    no_figures: bool,
+) -> None:
+    """Run SCENARIO, the name of a shipped scenario or a TOML file."""
+    from holdfast.scenario import load_scenario
+
+    loaded = load_scenario(scenario, overrides, runs, seed)
+    folder = out if out is not None else Path("runs") / loaded.name
+    _prepare(folder)
+    result = _simulated(loaded)
+    files = _written(loaded, result, folder, figures=not no_figures)
+    from holdfast.presentation.text import summary_text
+
+    click.echo(summary_text(result, files))
+    diverged = result.outcomes["diverged"]
+    if diverged:
+        click.echo(f"holdfast: {diverged} runs diverged; their results end there", err=True)
+        sys.exit(NOT_ANSWERED)
+
+
+def _prepare(folder: Path) -> None:
+    """Find out before the work whether the folder can be written."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"the folder {folder} cannot be made ({error.strerror})",
+            remedy="choose another with --out",
+        ) from None
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise OutputError(
+            f"the folder {folder} cannot be written", remedy="choose another with --out"
+        )
+
+
+def _simulated(scenario: Scenario) -> Result:
+    from tqdm import tqdm
+
+    with tqdm(
+        total=100, desc=f"{scenario.name}, preparing", unit="%", leave=False, file=sys.stderr,
+        bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}",
+    ) as bar:  # fmt: skip
+
+        def progress(fraction: float) -> None:
+            bar.set_description(scenario.name, refresh=False)
+            bar.update(100 * fraction - bar.n)
+
+        return scenario.run(progress)
+
+
+def _written(scenario: Scenario, result: Result, folder: Path, *, figures: bool) -> list[Path]:
+    from holdfast.analysis.result import atomic_file
+
+    files = [result.save(folder / "result.nc")]
+    if figures:
+        from holdfast.presentation import style
+        from holdfast.presentation.histories import histories_figure
+        from holdfast.presentation.paths import paths_figure
+
+        chosen = scenario.figures
+        plane = paths_figure(result, chosen.plane, chosen.highlight, chosen.cones)
+        files += style.write(plane, folder, "paths")
+        run = min(chosen.history, result.dataset.sizes["run"] - 1)
+        files += style.write(histories_figure(result, run), folder, "histories")
+    path = folder / "summary.json"
+    with atomic_file(path) as partial:
+        partial.write_text(json.dumps(result.summary(), indent=2) + "\n", "utf-8")
+    return [*files, path]
+
+
+def main() -> NoReturn:
+    """Run the command line and exit; every refusal is one message on standard error."""
+    debug = "--debug" in sys.argv[1:]
+    warnings.showwarning = _show_warning
+    warnings.simplefilter("always", GainWarning)
+    arguments = [a for a in sys.argv[1:] if a != "--debug"]
+    try:
+        code = cli.main(arguments, prog_name="holdfast", standalone_mode=False)
+        sys.exit(code if isinstance(code, int) else ANSWERED)
+    except HoldfastError as error:
+        if debug:
+            raise
+        _fail(str(error), BAD_INPUT)
+    except click.exceptions.Abort:
+        _fail("interrupted; nothing was written under a final name", INTERRUPTED)
+    except KeyboardInterrupt:
+        _fail("interrupted; nothing was written under a final name", INTERRUPTED)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(BAD_INPUT)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(ANSWERED)
+
+
+def _fail(message: str, status: int) -> NoReturn:
+    click.echo(f"holdfast: {message}", err=True)
+    sys.exit(status)
+
+
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: object = None,
+    line: str | None = None,
+) -> None:
+    click.echo(f"holdfast: warning: {message}", err=True)

@@ -1,0 +1,402 @@
+"""Tables of a scenario file to systems, laws and regions.
+
+A table that names a catalogue entry gives its parameters; a table with expressions defines
+an entry of its own. Every refusal names the file and the key.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+import pydantic
+import sympy as sp
+
+from holdfast.errors import HoldfastError, ScenarioError, suggestion
+from holdfast.maths import laws, regions, scene, systems
+from holdfast.maths.bounds import Box
+from holdfast.maths.expression import parse_condition, parse_expression
+from holdfast.maths.law import Law
+from holdfast.maths.quantity import TIME, TIME_IN_MODE, Parameter, Quantity, symbol
+from holdfast.maths.region import Inequality, Region
+from holdfast.maths.switching import Switching, Transition
+from holdfast.maths.system import PfaffianRow, System
+from holdfast.maths.units import check_unit, to_si
+from holdfast.schema import (
+    BoundedSpec,
+    InequalitySpec,
+    LawSpec,
+    OutputsSpec,
+    ParameterSpec,
+    RegionSpec,
+    Section,
+    ShapeSpec,
+    SystemSpec,
+)
+
+Names = dict[str, sp.Expr]
+S = TypeVar("S", bound=Section)
+
+
+@contextmanager
+def at(file: str, key: str) -> Iterator[None]:
+    """Say the file and the key in front of every refusal inside."""
+    try:
+        yield
+    except ScenarioError as error:
+        if str(error).startswith(f"{file}: "):
+            raise
+        raise _placed(file, key, error) from None
+    except HoldfastError as error:
+        raise _placed(file, key, error) from None
+
+
+def _placed(file: str, key: str, error: HoldfastError) -> ScenarioError:
+    return ScenarioError(
+        f"{file}: {key}: {error.cause}", expected=error.expected, remedy=error.remedy
+    )
+
+
+def validated(model: type[S], data: object, file: str, prefix: str = "") -> S:
+    """`data` as `model`; `ScenarioError` with the first thing that is wrong."""
+    try:
+        return model.model_validate(data)
+    except pydantic.ValidationError as error:
+        # among the alternatives of a union the most specific complaint is the deepest one
+        first = max(error.errors(), key=lambda e: (e["type"] == "extra_forbidden", len(e["loc"])))
+        raise _complaint(model, first, file, prefix) from None
+
+
+def _complaint(model: type[Section], error: Any, file: str, prefix: str) -> ScenarioError:
+    path = [str(part) for part in error["loc"]]
+    key = ".".join([prefix, *path] if prefix else path) or "the file"
+    if error["type"] == "extra_forbidden":
+        known = _known_keys(model, error["loc"])
+        return ScenarioError(f"{file}: {key}: unknown key", remedy=suggestion(path[-1], known))
+    if error["type"] == "missing":
+        return ScenarioError(f"{file}: {key}: missing key", remedy="add it")
+    shown = repr(error["input"])
+    return ScenarioError(
+        f"{file}: {key}: got {shown if len(shown) < 80 else shown[:77] + '...'}",
+        expected=error["msg"].replace("Input should be ", ""),
+    )
+
+
+def _known_keys(model: type[Section], path: Sequence[Any]) -> list[str]:
+    current: Any = model
+    for part in path[:-1]:
+        fields = getattr(current, "model_fields", {})
+        if part in fields:
+            current = fields[part].annotation
+        nested = [a for a in getattr(current, "__args__", ()) if hasattr(a, "model_fields")]
+        if not hasattr(current, "model_fields") and nested:
+            current = nested[0]
+    return list(getattr(current, "model_fields", {}))
+
+
+@dataclass
+class Composer:
+    """What has been declared so far while one file is read."""
+
+    file: str
+    known: dict[str, Parameter] = field(default_factory=dict)
+    states: tuple[Quantity, ...] = ()
+
+    # -- catalogue entries --------------------------------------------------------------
+
+    def entry(
+        self,
+        catalogue: Sequence[Callable[..., Any]],
+        table: Mapping[str, Any],
+        key: str,
+        leading: Sequence[object] = (),
+    ) -> Any:
+        """The catalogue entry that the table names, built with the table's parameters.
+
+        A parameter that is not given but already declared elsewhere keeps that value.
+        """
+        by_name = {function.__name__: function for function in catalogue}
+        name = table["name"]
+        if name not in by_name:
+            raise ScenarioError(
+                f"{self.file}: {key}.name: unknown name {name!r}",
+                remedy=suggestion(str(name), by_name),
+            )
+        function = by_name[name]
+        given = {k: v for k, v in table.items() if k != "name"}
+        with at(self.file, key):
+            texts = {k: given.pop(k) for k in ("vehicle",) if k in given}
+            standard = function(*leading, **texts)
+            units = {p.name: p.unit for p in standard.parameters}
+            accepted = accepted_parameters(function, units)
+        values: dict[str, float] = {}
+        for parameter, value in given.items():
+            if parameter not in accepted:
+                raise ScenarioError(
+                    f"{self.file}: {key}.{parameter}: '{name}' has no such parameter",
+                    remedy=suggestion(parameter, [*accepted, *texts]),
+                )
+            with at(self.file, f"{key}.{parameter}"):
+                values[parameter] = to_si(value, units[parameter])
+        for parameter in accepted:
+            if parameter in self.known and parameter not in values:
+                values[parameter] = self.known[parameter].value
+        with at(self.file, key):
+            built = function(*leading, **texts, **values)
+        self.declare(built.parameters)
+        return built
+
+    def declare(self, parameters: Sequence[Parameter]) -> None:
+        for parameter in parameters:
+            self.known.setdefault(parameter.name, parameter)
+
+    # -- entries written by expressions -------------------------------------------------
+
+    def system(self, table: Mapping[str, Any]) -> System:
+        """[system]: a catalogue entry or one written by expressions."""
+        if "rates" not in table and "states" not in table:
+            self._need_name(table, "system", "rates")
+            built: System = self.entry(systems.ALL, table, "system")
+        else:
+            spec = validated(SystemSpec, table, self.file, "system")
+            with at(self.file, "system"):
+                built = self._system(spec)
+        self.states = built.states
+        self.declare(built.parameters)
+        return built
+
+    def _need_name(self, table: Mapping[str, Any], key: str, alternative: str) -> None:
+        if "name" not in table:
+            raise ScenarioError(
+                f"{self.file}: {key}: missing key 'name'",
+                remedy=f"name a catalogue entry, or write one by '{alternative}'",
+            )
+
+    def _parameters(
+        self, table: Mapping[str, ParameterSpec | float | str], key: str
+    ) -> tuple[Parameter, ...]:
+        result = []
+        for name, spec in table.items():
+            with at(self.file, f"{key}.parameters.{name}"):
+                if not isinstance(spec, ParameterSpec):
+                    spec = ParameterSpec(value=spec)
+                check_unit(spec.unit)
+                result.append(
+                    Parameter(
+                        name, spec.unit, spec.description, value=to_si(spec.value, spec.unit),
+                        source=spec.source, assumed=spec.assumed,
+                    )
+                )  # fmt: skip
+        return tuple(result)
+
+    def _quantities(
+        self, table: Mapping[str, Any], key: str, angle: bool = False
+    ) -> tuple[Quantity, ...]:
+        result = []
+        for name, spec in table.items():
+            with at(self.file, f"{key}.{name}"):
+                check_unit(spec.unit)
+                result.append(
+                    Quantity(name, spec.unit, spec.description, angle and spec.angle)
+                )
+        return tuple(result)
+
+    def _parsed(
+        self, table: Mapping[str, str | float], names: Names, key: str
+    ) -> dict[str, sp.Expr]:
+        result = {}
+        for name, text in table.items():
+            with at(self.file, f"{key}.{name}"):
+                result[name] = parse_expression(text, names)
+        return result
+
+    def _with_definitions(
+        self, table: Mapping[str, str | float], names: Names, key: str
+    ) -> Names:
+        names = dict(names)
+        for name, text in table.items():
+            with at(self.file, f"{key}.definitions.{name}"):
+                Quantity(name)
+                if name in names:
+                    raise ScenarioError(f"'{name}' is already declared")
+                names[name] = parse_expression(text, names)
+        return names
+
+    def _system(self, spec: SystemSpec) -> System:
+        parameters = self._parameters(spec.parameters, "system")
+        states = self._quantities(spec.states, "system.states", angle=True)
+        inputs = self._quantities(spec.inputs, "system.inputs")
+        disturbances = self._quantities(spec.disturbances, "system.disturbances")
+        values: Names = {p.name: p.symbol for p in parameters}
+        names: Names = {q.name: q.symbol for q in states + inputs + disturbances}
+        names |= values | {"t": TIME}
+        rows = []
+        for number, row in enumerate(spec.pfaffian):
+            key = f"system.pfaffian.{number}"
+            rhs = self._parsed({"rhs": row.rhs}, names, key)["rhs"]
+            rows.append(PfaffianRow(self._parsed(row.row, names, f"{key}.row"), rhs))
+        return System(
+            name=spec.name,
+            states=states,
+            inputs=inputs,
+            disturbances=disturbances,
+            rates=self._parsed(spec.rates, names, "system.rates"),
+            parameters=parameters,
+            input_bounds=self._box(spec.inputs, values, "system.inputs"),
+            disturbance_bounds=self._box(spec.disturbances, values, "system.disturbances"),
+            pfaffian=tuple(rows),
+            description=spec.description,
+            source=spec.source,
+        )
+
+    def _box(self, table: Mapping[str, BoundedSpec], names: Names, key: str) -> Box | None:
+        if not any(spec.bounds for spec in table.values()):
+            return None
+        low, high = [], []
+        for name, spec in table.items():
+            if spec.bounds is None:
+                low.append(-sp.oo)
+                high.append(sp.oo)
+                continue
+            with at(self.file, f"{key}.{name}.bounds"):
+                low.append(parse_expression(spec.bounds[0], names))
+                high.append(parse_expression(spec.bounds[1], names))
+        return Box(tuple(low), tuple(high))
+
+    def scope(self) -> Names:
+        """States, time and every parameter declared so far."""
+        names: Names = {q.name: q.symbol for q in self.states}
+        return names | {p: symbol(p) for p in self.known} | {"t": TIME}
+
+    def law(self, table: Mapping[str, Any], system: System) -> Law | Switching:
+        """[law]: a catalogue entry or one written by expressions."""
+        if "outputs" not in table and "modes" not in table:
+            self._need_name(table, "law", "outputs")
+            built: Law = self.entry(laws.ALL, table, "law", (system,))
+            return built
+        spec = validated(LawSpec, table, self.file, "law")
+        self.declare(self._parameters(spec.parameters, "law"))
+        names = self._with_definitions(spec.definitions, self.scope(), "law")
+        signals = self._parsed(spec.signals, names, "law.signals")
+        reads = self._reads(spec.reads)
+        if (spec.outputs is None) == (spec.modes is None):
+            raise ScenarioError(f"{self.file}: law: give either outputs or modes")
+        with at(self.file, "law"):
+            if spec.outputs is not None:
+                return Law(
+                    name=spec.name, reads=reads, parameters=tuple(self.known.values()),
+                    outputs=self._parsed(spec.outputs, names, "law.outputs"), signals=signals,
+                    description=spec.description, source=spec.source,
+                )  # fmt: skip
+            modes = {
+                mode: self.outputs_law(mode, outputs, f"law.modes.{mode}", names, reads)
+                for mode, outputs in (spec.modes or {}).items()
+            }
+            transitions = []
+            for number, transition in enumerate(spec.transitions):
+                with at(self.file, f"law.transitions.{number}.when"):
+                    level = parse_condition(
+                        transition.when, names | {"time_in_mode": TIME_IN_MODE}
+                    )
+                transitions.append(Transition(transition.source, transition.target, level))
+            return Switching(
+                name=spec.name, modes=modes, transitions=tuple(transitions),
+                initial=spec.initial, signals=signals,
+                extra_parameters=tuple(self.known.values()),
+                description=spec.description, source=spec.source,
+            )  # fmt: skip
+
+    def _reads(self, wanted: list[str] | None) -> tuple[Quantity, ...]:
+        if wanted is None:
+            return self.states
+        known = {q.name: q for q in self.states}
+        for name in wanted:
+            if name not in known:
+                raise ScenarioError(
+                    f"{self.file}: law.reads: '{name}' is no state",
+                    remedy=suggestion(name, known),
+                )
+        return tuple(known[name] for name in wanted)
+
+    def outputs_law(
+        self,
+        name: str,
+        spec: OutputsSpec,
+        key: str,
+        names: Names,
+        reads: tuple[Quantity, ...] | None = None,
+    ) -> Law:
+        """A law given by outputs and definitions alone."""
+        names = self._with_definitions(spec.definitions, names, key)
+        return Law(
+            name=name,
+            reads=self.states if reads is None else reads,
+            outputs=self._parsed(spec.outputs, names, f"{key}.outputs"),
+            parameters=tuple(self.known.values()),
+        )
+
+    def region(self, table: Mapping[str, Any], key: str) -> Region:
+        """[region] or [goal]: a catalogue entry or one written by expressions."""
+        if "constraints" not in table:
+            self._need_name(table, key, "constraints")
+            built: Region = self.entry(regions.ALL, table, key)
+            return built
+        spec = validated(RegionSpec, {"name": key, **table}, self.file, key)
+        self.declare(self._parameters(spec.parameters, key))
+        names = self._with_definitions(spec.definitions, self.scope(), key)
+        inequalities = []
+        for name, given in spec.constraints.items():
+            if not isinstance(given, InequalitySpec):
+                given = InequalitySpec(expression=given)
+            with at(self.file, f"{key}.constraints.{name}"):
+                check_unit(given.unit)
+                inequalities.append(
+                    Inequality(name, parse_expression(given.expression, names), given.unit,
+                               given.description)
+                )  # fmt: skip
+        shapes = tuple(
+            self._shape(shape, names, f"{key}.scene.{i}") for i, shape in enumerate(spec.scene)
+        )
+        with at(self.file, key):
+            return Region(
+                name=spec.name, reads=self.states, inequalities=tuple(inequalities),
+                parameters=tuple(self.known.values()), scene=shapes,
+                description=spec.description, source=spec.source,
+            )  # fmt: skip
+
+    def _shape(self, spec: ShapeSpec, names: Names, key: str) -> scene.Shape:
+        needed = {
+            "segment": ("start", "end"),
+            "cone": ("apex", "heading", "half_angle", "range"),
+            "circle": ("centre", "radius"),
+        }[spec.kind]
+        values: list[Any] = []
+        for part in needed:
+            given = getattr(spec, part)
+            if given is None:
+                raise ScenarioError(f"{self.file}: {key}: a {spec.kind} needs '{part}'")
+            with at(self.file, f"{key}.{part}"):
+                values.append(
+                    tuple(parse_expression(g, names) for g in given)
+                    if isinstance(given, tuple)
+                    else parse_expression(given, names)
+                )
+        shape: Callable[..., scene.Shape] = {
+            "segment": scene.Segment, "cone": scene.Cone, "circle": scene.Circle
+        }[spec.kind]  # fmt: skip
+        return shape(spec.role, *values)
+
+
+def accepted_parameters(function: Callable[..., Any], parameters: Mapping[str, Any]) -> list[str]:
+    """The names of the parameters a catalogue function takes.
+
+    Its numeric keyword arguments, or all of the `parameters` of what it builds where it
+    takes any keyword.
+    """
+    signature = inspect.signature(function).parameters.values()
+    if any(p.kind is inspect.Parameter.VAR_KEYWORD for p in signature):
+        return list(parameters)
+    return [p.name for p in signature if p.name in parameters]

@@ -1,0 +1,278 @@
+"""A batch of initial states to trajectories, in parallel over the runs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from dataclasses import dataclass, field
+from enum import IntEnum
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.errors import SimulationError
+from holdfast.execution.compile import compile_closed_loop
+from holdfast.execution.steppers import Tableau
+from holdfast.execution.translate import ClosedLoopProgram
+
+Array = npt.NDArray[np.float64]
+Progress = Callable[[float], None]
+"""Called now and then with the finished fraction."""
+
+
+class Outcome(IntEnum):
+    """How a trajectory ended; `sentence` says it in words."""
+
+    STAYED = 0
+    REACHED = 1
+    LEFT = 2
+    DIVERGED = 3
+
+    @property
+    def label(self) -> str:
+        return ("stayed", "reached goal", "left region", "diverged")[self]
+
+    @property
+    def sentence(self) -> str:
+        return (
+            "stayed in the region, goal not reached",
+            "reached the goal and stayed in the region",
+            "left the region",
+            "diverged or not a number",
+        )[self]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to simulate.
+
+    horizon: seconds simulated. sample_time: seconds between control samples; the input is
+    held in between unless `continuous`. substeps: Runge-Kutta steps in one sample time (fixed
+    steps) or tolerances `absolute` and `relative` (adaptive pair). record_every: seconds
+    between recorded samples. tolerance: c_j above this counts as leaving the region.
+    noise_uniform, noise_normal: half-width and standard deviation of the measurement noise
+    of each state. seed: of every random number. threads: 0 for one per core.
+    """
+
+    horizon: float
+    sample_time: float = 0.02
+    substeps: int = 2
+    record_every: float = 0.1
+    continuous: bool = False
+    absolute: float = 1e-9
+    relative: float = 1e-9
+    tolerance: float = 0.0
+    noise_uniform: Mapping[str, float] = field(default_factory=dict)
+    noise_normal: Mapping[str, float] = field(default_factory=dict)
+    seed: int = 0
+    threads: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("horizon", "sample_time", "record_every", "absolute", "relative"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise SimulationError(f"{name} is {value}", expected="a positive number")
+        if not (np.isfinite(self.tolerance) and self.tolerance >= 0):
+            raise SimulationError(f"tolerance is {self.tolerance}", expected="0 or more")
+        if int(self.substeps) != self.substeps or self.substeps < 1:
+            raise SimulationError(f"substeps is {self.substeps}", expected="a whole number >= 1")
+        for name, unit in (("horizon", self.sample_time), ("record_every", self.sample_time)):
+            ratio = getattr(self, name) / unit
+            if abs(ratio - round(ratio)) > 1e-6 or round(ratio) < 1:
+                raise SimulationError(
+                    f"{name} is {getattr(self, name):g} s, sample_time {unit:g} s",
+                    expected=f"{name} a whole multiple of sample_time",
+                )
+        if not 0 <= self.seed < 2**64:
+            raise SimulationError(f"seed is {self.seed}", expected="0 to 2^64 - 1")
+        for noise in (self.noise_uniform, self.noise_normal):
+            for state, size in noise.items():
+                if not (np.isfinite(size) and size >= 0):
+                    raise SimulationError(f"noise of '{state}' is {size}", expected="0 or more")
+
+    @property
+    def samples(self) -> int:
+        return round(self.horizon / self.sample_time)
+
+    @property
+    def stride(self) -> int:
+        return round(self.record_every / self.sample_time)
+
+
+@dataclass(frozen=True)
+class Trajectories:
+    """What a batch of runs did; the first axis of every array but `time` is the run.
+
+    state, input, actuator, signal, constraint: (run, time, ...); mode: (run, time).
+    outcome, exit_time [s], exit_constraint (-1: none), goal_time [s] (since when the run is
+    in the goal at its end), worst (run, constraint): the largest c_j over all of time,
+    peak_input, peak_actuator: the largest magnitudes, switches: changes of mode.
+    """
+
+    time: Array
+    state: Array
+    input: Array
+    actuator: Array
+    mode: npt.NDArray[np.int16]
+    signal: Array
+    constraint: Array
+    outcome: npt.NDArray[np.int8]
+    exit_time: Array
+    exit_constraint: npt.NDArray[np.int16]
+    goal_time: Array
+    worst: Array
+    peak_input: Array
+    peak_actuator: Array
+    switches: npt.NDArray[np.int64]
+    rejected: npt.NDArray[np.int64]
+
+
+class ClosedLoop:
+    """A compiled closed loop with its parameter values; the second process starts warm."""
+
+    def __init__(self, program: ClosedLoopProgram, stepper: Tableau) -> None:
+        self.program = program
+        self.stepper = stepper
+        self.module: ModuleType = compile_closed_loop(program.source)
+
+    def parameter_array(self, overrides: Mapping[str, float] | None = None) -> Array:
+        """The parameter values in order, with some replaced by name."""
+        values = {p.name: float(p.value) for p in self.program.parameters}
+        for name, value in (overrides or {}).items():
+            if name not in values:
+                raise SimulationError(f"no parameter '{name}' in this closed loop")
+            values[name] = float(value)
+        return np.array([*values.values(), 0.0], dtype=np.float64)
+
+    def constraints(self, states: Array) -> Array:
+        """c_j of each state, shape (run, constraint)."""
+        out = np.zeros((len(states), len(self.program.constraints)))
+        if out.size:
+            self.module.evaluate_constraints(
+                np.ascontiguousarray(states), self.parameter_array(), out.shape[1], out
+            )
+        return out
+
+    def disturbances(self, times: Array) -> Array:
+        """d(t), shape (time, disturbance)."""
+        out = np.zeros((len(times), len(self.program.disturbances)))
+        if out.size:
+            self.module.evaluate_disturbance(times, self.parameter_array(), out)
+        return out
+
+    def sample(self, lower: Array, upper: Array, count: int, seed: int) -> Array:
+        """`count` uniform states of a box that satisfy every inequality.
+
+        Raises `SimulationError` when 100,000 draws find none for some run.
+        """
+        out = np.empty((count, len(lower)))
+        failed = self.module.sample_starts(
+            0, count, lower, upper, self.parameter_array(), np.uint64(seed),
+            len(self.program.constraints), 100_000, out,
+        )  # fmt: skip
+        if failed >= 0:
+            raise SimulationError(
+                f"no state of the region found in the box of random starts (run {failed})",
+                remedy="check that the box overlaps the region",
+            )
+        return out
+
+    def simulate(
+        self,
+        starts: Array,
+        settings: Settings,
+        *,
+        plant: Mapping[str, float] | None = None,
+        progress: Progress | None = None,
+    ) -> Trajectories:
+        """Simulate every start; `plant` replaces parameters of the vehicle but not of its law.
+
+        A run's result depends on the seed and its index alone, never on the threads. On
+        KeyboardInterrupt the workers stop within one control sample.
+        """
+        program = self.program
+        runs, n = starts.shape
+        samples, stride = settings.samples, settings.stride
+        rows = samples // stride + 1
+        watch = len(program.constraints)
+
+        def blank(*shape: int) -> Array:
+            return np.full((runs, *shape), np.nan)
+
+        names = [s.name for s in program.states]
+        noise = np.zeros((2, n))
+        for row, given in enumerate((settings.noise_uniform, settings.noise_normal)):
+            for name, size in given.items():
+                if name not in names:
+                    raise SimulationError(f"noise of '{name}', which is no state")
+                noise[row, names.index(name)] = size
+        result = Trajectories(
+            time=np.arange(rows) * (stride * settings.sample_time),
+            state=blank(rows, n),
+            input=blank(rows, len(program.inputs)),
+            actuator=blank(rows, len(program.actuators)),
+            mode=np.full((runs, rows), -1, dtype=np.int16),
+            signal=blank(rows, len(program.signals)),
+            constraint=blank(rows, watch),
+            outcome=np.zeros(runs, dtype=np.int8),
+            exit_time=blank(),
+            exit_constraint=np.full(runs, -1, dtype=np.int16),
+            goal_time=blank(),
+            worst=np.full((runs, watch), -np.inf),
+            peak_input=np.zeros((runs, len(program.inputs))),
+            peak_actuator=np.zeros((runs, len(program.actuators))),
+            switches=np.zeros(runs, dtype=np.int64),
+            rejected=np.zeros(runs, dtype=np.int64),
+        )
+        stop = np.zeros(1, dtype=np.int64)
+        threads = settings.threads or len(os.sched_getaffinity(0))
+        chunk = max(1, min(64, -(-runs // (4 * threads))))
+        bounds = [(a, min(a + chunk, runs)) for a in range(0, runs, chunk)]
+        counters = [np.zeros(1, dtype=np.int64) for _ in bounds]
+        law_values, plant_values = self.parameter_array(), self.parameter_array(plant)
+
+        def work(first: int, last: int, counter: npt.NDArray[np.int64]) -> None:
+            self.module.simulate_runs(
+                first, last, np.ascontiguousarray(starts), plant_values, law_values,
+                np.zeros(1), noise, np.uint64(settings.seed),
+                settings.sample_time, samples, stride, int(settings.substeps),
+                settings.continuous, self.stepper.adaptive, float(self.stepper.order),
+                settings.absolute, settings.relative, settings.tolerance,
+                program.initial_mode, watch, len(program.signals), len(program.actuators),
+                result.state, result.input, result.actuator, result.mode, result.signal,
+                result.constraint, result.outcome, result.exit_time, result.exit_constraint,
+                result.goal_time, result.worst, result.peak_input, result.peak_actuator,
+                result.switches, result.rejected, stop, counter,
+            )  # fmt: skip
+
+        work(0, 0, np.zeros(1, dtype=np.int64))  # compile, or load, before the threads start
+        _run_threads(work, bounds, counters, threads, stop, runs * (samples + 1), progress)
+        return result
+
+
+def _run_threads(
+    work: Callable[..., Any],
+    bounds: list[tuple[int, int]],
+    counters: list[npt.NDArray[np.int64]],
+    threads: int,
+    stop: npt.NDArray[np.int64],
+    total: int,
+    progress: Progress | None,
+) -> None:
+    with ThreadPoolExecutor(threads) as pool:
+        jobs = {pool.submit(work, a, b, c) for (a, b), c in zip(bounds, counters, strict=True)}
+        try:
+            waiting = jobs
+            while waiting:
+                done, waiting = wait(waiting, timeout=0.05, return_when=FIRST_EXCEPTION)
+                for job in done:
+                    job.result()
+                if progress is not None:
+                    progress(min(1.0, sum(int(c[0]) for c in counters) / max(total, 1)))
+        except BaseException:
+            stop[0] = 1
+            raise
+

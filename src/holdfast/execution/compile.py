@@ -1,0 +1,73 @@
+"""Source text to compiled functions, cached on disk so that a second process starts warm."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import sys
+import tempfile
+from importlib import resources
+from pathlib import Path
+from types import ModuleType
+
+import platformdirs
+
+from holdfast.errors import OutputError
+
+CACHE_VARIABLE = "HOLDFAST_CACHE_DIR"
+"""Environment variable that moves the cache."""
+
+
+def cache_directory() -> Path:
+    """Where generated source and compiled code are kept; created when missing.
+
+    Raises `OutputError` when it cannot be written.
+    """
+    chosen = os.environ.get(CACHE_VARIABLE)
+    path = Path(chosen) if chosen else Path(platformdirs.user_cache_dir("holdfast"))
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):
+            pass
+    except OSError as error:
+        if chosen:
+            raise OutputError(
+                f"the cache folder {path} cannot be written ({error.strerror})",
+                remedy=f"set {CACHE_VARIABLE} to a folder that can",
+            ) from None
+        path = Path(tempfile.gettempdir()) / f"holdfast-{os.getuid()}"
+        path.mkdir(mode=0o700, exist_ok=True)
+        if path.stat().st_uid != os.getuid():
+            raise OutputError(
+                f"the cache folder {path} belongs to another user",
+                remedy=f"set {CACHE_VARIABLE} to a folder of your own",
+            ) from None
+    return path
+
+
+def compile_closed_loop(source: str) -> ModuleType:
+    """The module of one closed loop: the driver with the generated `source` in its place.
+
+    The file is named by the digest of its text, so a changed definition is a new file and
+    an unchanged one is loaded, with Numba's machine code beside it.
+    """
+    driver = (resources.files("holdfast.execution") / "driver.py").read_text("utf-8")
+    text = f"{driver}\n\n# -- generated ---\n\n{source}"
+    name = "loop_" + hashlib.sha256(text.encode()).hexdigest()[:24]
+    if name in sys.modules:
+        return sys.modules[name]
+    path = cache_directory() / f"{name}.py"
+    if not path.exists():
+        handle, partial = tempfile.mkstemp(dir=path.parent, suffix=".partial")
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+        os.replace(partial, path)
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise OutputError(f"the generated file {path} cannot be loaded")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+

@@ -1,0 +1,443 @@
+"""The simulation loop, written for Numba.
+
+`compile.py` joins this file with the text of one closed loop (`translate.py`): the functions
+below that only raise are the interface, and the generated ones take their place. State,
+inputs and rates are tuples; `plant` holds the parameters of the simulated vehicle and
+`gains` those its controller believes, in the same order.
+"""
+
+# mypy: ignore-errors
+
+import math
+
+import numpy as np
+from numba import njit
+
+compiled = njit(cache=True, error_model="numpy", nogil=True)
+
+TWO_PI = 2.0 * math.pi
+DIVERGED_AT = 1e9
+
+STAYED, REACHED, LEFT, DIVERGED = 0, 1, 2, 3
+
+# purposes of random numbers, so that no two uses share a counter
+NOISE_STREAM, START_STREAM = 1, 2
+
+
+# -- helpers that the printer uses ------------------------------------------------------
+
+
+@compiled
+def wrap(x):
+    """x in (-pi, pi]."""
+    return x - TWO_PI * math.ceil((x - math.pi) / TWO_PI)
+
+
+@compiled
+def least(a, b):
+    """Smaller of two; NaN when the first is, as every comparison with it fails."""
+    return b if b < a else a
+
+
+@compiled
+def greatest(a, b):
+    return b if b > a else a
+
+
+@compiled
+def length(x, y):
+    return math.sqrt(x * x + y * y)
+
+
+@compiled
+def sign(x):
+    return 1.0 if x > 0.0 else (-1.0 if x < 0.0 else 0.0)
+
+
+# -- counter-based random numbers -------------------------------------------------------
+
+
+@compiled
+def philox(c0, c1, c2, c3, k0, k1):
+    """Philox4x32-10 (J. Salmon et al., SC'11): four 32-bit words from a counter and a key."""
+    mask = np.uint64(0xFFFFFFFF)
+    half = np.uint64(32)
+    x0, x1, x2, x3 = np.uint64(c0), np.uint64(c1), np.uint64(c2), np.uint64(c3)
+    a, b = np.uint64(k0), np.uint64(k1)
+    for _ in range(10):
+        first = np.uint64(0xD2511F53) * x0
+        second = np.uint64(0xCD9E8D57) * x2
+        x0, x1, x2, x3 = (
+            (second >> half) ^ x1 ^ a,
+            second & mask,
+            (first >> half) ^ x3 ^ b,
+            first & mask,
+        )
+        a = (a + np.uint64(0x9E3779B9)) & mask
+        b = (b + np.uint64(0xBB67AE85)) & mask
+    return x0, x1, x2, x3
+
+
+@compiled
+def two_uniforms(seed, run, step, channel, stream):
+    """Two numbers in (0, 1) that depend on these five integers alone."""
+    w = philox(
+        step & 0xFFFFFFFF,
+        run & 0xFFFFFFFF,
+        channel,
+        stream,
+        seed & 0xFFFFFFFF,
+        (seed >> 32) & 0xFFFFFFFF,
+    )
+    scale = 1.0 / 9007199254740992.0
+    first = ((w[0] >> np.uint64(5)) * 67108864.0 + (w[1] >> np.uint64(6)) + 0.5) * scale
+    second = ((w[2] >> np.uint64(5)) * 67108864.0 + (w[3] >> np.uint64(6)) + 0.5) * scale
+    return first, second
+
+
+# -- the interface: replaced by the generated functions ---------------------------------
+
+
+def rates(t, q, u, d, p):
+    """f(t, q, u, d; p)."""
+    raise NotImplementedError
+
+
+def disturbance(t, p):
+    """d(t; p)."""
+    raise NotImplementedError
+
+
+def saturate(u, p):
+    """The admissible input taken in place of u."""
+    raise NotImplementedError
+
+
+def actuators(u, p):
+    """The actuator values that produce u."""
+    raise NotImplementedError
+
+
+def law(t, q, mode, p, table):
+    """The commanded input in a mode."""
+    raise NotImplementedError
+
+
+def next_mode(t, q, mode, time_in_mode, p):
+    """The mode after the guards are tried."""
+    raise NotImplementedError
+
+
+def signals(t, q, p):
+    """The named expressions worth recording."""
+    raise NotImplementedError
+
+
+def constraints(q, p):
+    """c_j(q); safe where <= 0."""
+    raise NotImplementedError
+
+
+def constraint_rates(q, qdot, p):
+    """grad c_j . qdot."""
+    raise NotImplementedError
+
+
+def goal_level(q, p):
+    """<= 0 in the goal."""
+    raise NotImplementedError
+
+
+def as_tuple(values):
+    """The first entries of an array as the state tuple."""
+    raise NotImplementedError
+
+
+def step(t, h, q, k0, u, mode, plant, gains, table, continuous):
+    """One Runge-Kutta step: the new state and the error estimate."""
+    raise NotImplementedError
+
+
+# -- the closed loop --------------------------------------------------------------------
+
+
+@compiled
+def field(t, q, u, mode, plant, gains, table, continuous):
+    """qdot; with continuous control the input is the law's at this very state."""
+    if continuous:
+        u = saturate(law(t, q, mode, gains, table), plant)
+    return rates(t, q, u, disturbance(t, plant), plant)
+
+
+@compiled
+def finite(q):
+    good = True
+    for value in q:
+        good = good and abs(value) < DIVERGED_AT
+    return good
+
+
+@compiled
+def hermite(s, h, a, da, b, db, scratch):
+    """The state at the fraction s of a step, from both ends and their rates."""
+    s2 = s * s
+    w = 3.0 * s2 - 2.0 * s2 * s
+    for i in range(len(a)):
+        rise = (s - 2.0 * s2 + s2 * s) * da[i] + (s2 * s - s2) * db[i]
+        scratch[i] = (1.0 - w) * a[i] + w * b[i] + h * rise
+    return as_tuple(scratch)
+
+
+@compiled
+def peak_fraction(h, c0, d0, c1, d1):
+    """Where in (0, 1) a value that rises at the start and falls at the end is largest."""
+    a = 3.0 * (2.0 * (c0 - c1) + h * (d0 + d1))
+    b = 2.0 * (3.0 * (c1 - c0) - h * (2.0 * d0 + d1))
+    c = h * d0
+    root = math.sqrt(max(b * b - 4.0 * a * c, 0.0))
+    s = 2.0 * c / (-b + root) if b < 0.0 else (-b - root) / (2.0 * a)
+    return s if 0.0 < s < 1.0 else 0.5
+
+
+@compiled
+def crossing_fraction(j, level, upper, h, q, k0, new, k1, plant, scratch):
+    """The fraction of a step at which c_j first exceeds `level`, by bisection."""
+    lower = 0.0
+    for _ in range(50):
+        middle = 0.5 * (lower + upper)
+        if constraints(hermite(middle, h, q, k0, new, k1, scratch), plant)[j] > level:
+            upper = middle
+        else:
+            lower = middle
+    return upper
+
+
+@compiled
+def measure(q, noise, seed, run, sample, scratch):
+    """The state with measurement noise: uniform half-widths, then standard deviations."""
+    for i in range(len(q)):
+        scratch[i] = q[i]
+        if noise[0, i] > 0.0 or noise[1, i] > 0.0:
+            a, b = two_uniforms(seed, run, sample, i, NOISE_STREAM)
+            scratch[i] += noise[0, i] * (2.0 * a - 1.0)
+            scratch[i] += noise[1, i] * math.sqrt(-2.0 * math.log(a)) * math.cos(TWO_PI * b)
+    return as_tuple(scratch)
+
+
+@compiled
+def error_size(q, new, error, absolute, relative):
+    total = 0.0
+    for i in range(len(q)):
+        scale = absolute + relative * max(abs(q[i]), abs(new[i]))
+        total += (error[i] / scale) ** 2
+    return math.sqrt(total / len(q))
+
+
+@compiled
+def simulate_runs(
+    first, last, starts, plant, gains, table, noise, seed,
+    sample_time, samples, stride, substeps, continuous, adaptive, order, absolute, relative,
+    tolerance, initial_mode, watch, signal_count, actuator_count,
+    state_out, input_out, actuator_out, mode_out, signal_out, constraint_out,
+    outcome, exit_time, exit_constraint, goal_time, worst, peak_input, peak_actuator,
+    switches, rejected, stop, progress,
+):  # fmt: skip
+    """Simulate the runs first..last-1; every output array is indexed by run.
+
+    `watch` is the number of inequalities; c_j > `tolerance` counts as leaving, located in
+    time inside the step in which it happens. `stop[0]` set from outside ends the call early;
+    `progress[0]` counts control samples.
+    """
+    n = starts.shape[1]
+    m = input_out.shape[2]
+    scratch = np.empty(n)
+    noisy = noise.max() > 0.0
+    for run in range(first, last):
+        q = as_tuple(starts[run])
+        mode = initial_mode
+        mode_since = 0.0
+        inside_since = np.nan
+        outcome[run] = STAYED
+        trial = sample_time
+        if watch > 0:
+            c0 = constraints(q, plant)
+            for j in range(watch):
+                worst[run, j] = c0[j]
+                if c0[j] > tolerance and outcome[run] != LEFT:
+                    outcome[run] = LEFT
+                    exit_time[run] = 0.0
+                    exit_constraint[run] = j
+        for k in range(samples + 1):
+            if stop[0] != 0:
+                return
+            t = k * sample_time
+            seen = measure(q, noise, seed, run, k, scratch) if noisy else q
+            before = mode
+            mode = next_mode(t, seen, mode, t - mode_since, gains)
+            if mode != before:
+                switches[run] += 1
+                mode_since = t
+            u = saturate(law(t, seen, mode, gains, table), plant)
+            for i in range(m):
+                peak_input[run, i] = max(peak_input[run, i], abs(u[i]))
+            if actuator_count > 0:
+                a = actuators(u, plant)
+                for i in range(actuator_count):
+                    peak_actuator[run, i] = max(peak_actuator[run, i], abs(a[i]))
+            if goal_level(q, plant) <= 0.0:
+                if math.isnan(inside_since):
+                    inside_since = t
+            else:
+                inside_since = np.nan
+            if k % stride == 0:
+                row = k // stride
+                for i in range(n):
+                    state_out[run, row, i] = q[i]
+                for i in range(m):
+                    input_out[run, row, i] = u[i]
+                if actuator_count > 0:
+                    for i in range(actuator_count):
+                        actuator_out[run, row, i] = a[i]
+                mode_out[run, row] = mode
+                if signal_count > 0:
+                    s = signals(t, seen, gains)
+                    for i in range(signal_count):
+                        signal_out[run, row, i] = s[i]
+                if watch > 0:
+                    c0 = constraints(q, plant)
+                    for j in range(watch):
+                        constraint_out[run, row, j] = c0[j]
+            progress[0] += 1
+            if k == samples:
+                break
+            # one sample interval
+            k0 = field(t, q, u, mode, plant, gains, table, continuous)
+            if watch > 0:
+                c0 = constraints(q, plant)
+                d0 = constraint_rates(q, k0, plant)
+            elapsed = 0.0
+            index = 0
+            while True:
+                if adaptive:
+                    left = sample_time - elapsed
+                    h = min(trial, left)
+                    last_step = h >= left * (1.0 - 1e-12)
+                else:
+                    h = sample_time / substeps
+                    last_step = index == substeps - 1
+                new, error = step(
+                    t + elapsed, h, q, k0, u, mode, plant, gains, table, continuous
+                )
+                if adaptive:
+                    size = error_size(q, new, error, absolute, relative)
+                    if not size <= 1.0:
+                        rejected[run] += 1
+                        factor = 0.2 if not math.isfinite(size) else max(
+                            0.2, 0.9 * size ** (-1.0 / order)
+                        )
+                        trial = h * factor
+                        if trial < 1e-12 * sample_time:
+                            new = q
+                            outcome[run] = DIVERGED
+                            break
+                        continue
+                    grown = h * min(5.0, 0.9 * max(size, 1e-10) ** (-1.0 / order))
+                    if h >= trial or grown > trial:
+                        trial = grown
+                if not finite(new):
+                    outcome[run] = DIVERGED
+                    break
+                if watch > 0 or not last_step:
+                    k1 = field(t + elapsed + h, new, u, mode, plant, gains, table, continuous)
+                else:
+                    k1 = k0
+                if watch > 0:
+                    c1 = constraints(new, plant)
+                    d1 = constraint_rates(new, k1, plant)
+                    earliest = 2.0
+                    culprit = -1
+                    for j in range(watch):
+                        top = c1[j]
+                        at = 1.0
+                        if d0[j] > 0.0 and d1[j] < 0.0:
+                            s_peak = peak_fraction(h, c0[j], d0[j], c1[j], d1[j])
+                            inner = constraints(
+                                hermite(s_peak, h, q, k0, new, k1, scratch), plant
+                            )[j]
+                            if inner > top:
+                                top = inner
+                                at = s_peak
+                        worst[run, j] = max(worst[run, j], top)
+                        if top > tolerance and outcome[run] != LEFT:
+                            fraction = crossing_fraction(
+                                j, tolerance, at, h, q, k0, new, k1, plant, scratch
+                            )
+                            if fraction < earliest:
+                                earliest = fraction
+                                culprit = j
+                    if culprit >= 0:
+                        outcome[run] = LEFT
+                        exit_time[run] = t + elapsed + earliest * h
+                        exit_constraint[run] = culprit
+                    c0 = c1
+                    d0 = d1
+                q = new
+                k0 = k1
+                elapsed += h
+                index += 1
+                if last_step:
+                    break
+            if outcome[run] == DIVERGED:
+                exit_time[run] = t + elapsed
+                exit_constraint[run] = -1
+                progress[0] += samples - k
+                break
+        goal_time[run] = inside_since
+        if outcome[run] == STAYED and not math.isnan(inside_since):
+            outcome[run] = REACHED
+        if outcome[run] == DIVERGED:
+            goal_time[run] = np.nan
+
+
+@compiled
+def sample_starts(first, last, lower, upper, plant, seed, watch, attempts, out):
+    """Uniform states of the box that satisfy every inequality, by rejection.
+
+    Run i draws from its own counter, so it gets the same start in any batch. Returns the
+    first run that found none in `attempts` draws, or -1.
+    """
+    n = len(lower)
+    for run in range(first, last):
+        found = False
+        for attempt in range(attempts):
+            for i in range(n):
+                a, _ = two_uniforms(seed, run, attempt, i, START_STREAM)
+                out[run, i] = lower[i] + a * (upper[i] - lower[i])
+            found = True
+            if watch > 0:
+                c = constraints(as_tuple(out[run]), plant)
+                for j in range(watch):
+                    found = found and c[j] <= 0.0
+            if found:
+                break
+        if not found:
+            return run
+    return -1
+
+
+@compiled
+def evaluate_constraints(states, plant, watch, out):
+    """c_j of every given state."""
+    for run in range(states.shape[0]):
+        c = constraints(as_tuple(states[run]), plant)
+        for j in range(watch):
+            out[run, j] = c[j]
+
+
+@compiled
+def evaluate_disturbance(times, plant, out):
+    """d(t) at every given time."""
+    for i in range(len(times)):
+        d = disturbance(times[i], plant)
+        for j in range(out.shape[1]):
+            out[i, j] = d[j]

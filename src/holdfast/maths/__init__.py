@@ -1,0 +1,1 @@
+"""What is true: systems, laws, regions and what follows from them symbolically. No arrays."""

@@ -1,0 +1,181 @@
+"""Sets in which inputs and disturbances live: a box, a ball, a linear image of either.
+
+Two thrusters in [-F, F] are the `LinearImage` of a `Box`; a current of bounded speed is a
+velocity in a `Ball`. So plants stay affine in every input.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import sympy as sp
+
+from holdfast.errors import DefinitionError
+from holdfast.maths.functions import clip, least
+
+
+def _expressions(values: Sequence[object], what: str) -> tuple[sp.Expr, ...]:
+    result = tuple(sp.sympify(v) for v in values)
+    for value in result:
+        if not isinstance(value, sp.Expr) or value.has(sp.nan):
+            raise DefinitionError(f"{what} has the entry {value}", expected="a number")
+    return result
+
+
+class Bounds(Protocol):
+    """What every set of admissible values answers."""
+
+    @property
+    def dimension(self) -> int: ...
+
+    @property
+    def free_symbols(self) -> set[sp.Symbol]: ...
+
+    def saturate(self, values: Sequence[sp.Expr]) -> tuple[sp.Expr, ...]:
+        """The admissible value taken in place of `values`, symbolically."""
+        ...
+
+    def contains(
+        self, values: Sequence[float], parameters: Mapping[sp.Symbol, float], slack: float = 1e-9
+    ) -> bool:
+        """Whether the numbers lie in the set (within `slack`)."""
+        ...
+
+
+def _number(expression: sp.Expr, parameters: Mapping[sp.Symbol, float]) -> float:
+    return float(expression.subs(parameters))
+
+
+@dataclass(frozen=True)
+class Box:
+    """lower_i <= u_i <= upper_i; entries are numbers or expressions in parameters."""
+
+    lower: tuple[sp.Expr, ...]
+    upper: tuple[sp.Expr, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "lower", _expressions(self.lower, "lower bound"))
+        object.__setattr__(self, "upper", _expressions(self.upper, "upper bound"))
+        if len(self.lower) != len(self.upper):
+            raise DefinitionError(
+                f"box has {len(self.lower)} lower and {len(self.upper)} upper bounds",
+                expected="as many of each",
+            )
+        for low, high in zip(self.lower, self.upper, strict=True):
+            if (high - low).is_negative:
+                raise DefinitionError(f"box has the empty interval [{low}, {high}]")
+
+    @property
+    def dimension(self) -> int:
+        return len(self.lower)
+
+    @property
+    def free_symbols(self) -> set[sp.Symbol]:
+        return set().union(*(e.free_symbols for e in self.lower + self.upper))
+
+    def saturate(self, values: Sequence[sp.Expr]) -> tuple[sp.Expr, ...]:
+        """Each component clipped: unbounded sides (oo) leave it alone."""
+        result = []
+        for value, low, high in zip(values, self.lower, self.upper, strict=True):
+            unbounded = low == -sp.oo and high == sp.oo
+            result.append(value if unbounded else clip(value, low, high))
+        return tuple(result)
+
+    def contains(
+        self, values: Sequence[float], parameters: Mapping[sp.Symbol, float], slack: float = 1e-9
+    ) -> bool:
+        return all(
+            _number(low, parameters) - slack <= value <= _number(high, parameters) + slack
+            for value, low, high in zip(values, self.lower, self.upper, strict=True)
+        )
+
+
+@dataclass(frozen=True)
+class Ball:
+    """|u| <= radius in the Euclidean norm; the radius is a number or an expression."""
+
+    radius: sp.Expr
+    dimension: int
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "radius", _expressions((self.radius,), "radius of a ball")[0])
+        if self.radius.is_negative:
+            raise DefinitionError(f"ball has the radius {self.radius}", expected="radius >= 0")
+        if self.dimension < 1:
+            raise DefinitionError(f"ball has dimension {self.dimension}", expected="at least 1")
+
+    @property
+    def free_symbols(self) -> set[sp.Symbol]:
+        return set(self.radius.free_symbols)
+
+    def saturate(self, values: Sequence[sp.Expr]) -> tuple[sp.Expr, ...]:
+        """Shortened to the radius, direction kept (the projection on the ball)."""
+        size = sp.sqrt(sum((v**2 for v in values), start=sp.S.Zero))
+        scale = least(1, self.radius / (size + sp.Float(1e-300)))
+        return tuple(scale * v for v in values)
+
+    def contains(
+        self, values: Sequence[float], parameters: Mapping[sp.Symbol, float], slack: float = 1e-9
+    ) -> bool:
+        return math.hypot(*values) <= _number(self.radius, parameters) + slack
+
+
+@dataclass(frozen=True)
+class LinearImage:
+    """{ M a : a in `of` }, e.g. force and moment from two thrusters.
+
+    `actuators` names the coordinates a. M has full row rank; a given u is produced by the
+    least-squares allocation a = M^T (M M^T)^-1 u, and saturated actuator by actuator.
+    """
+
+    matrix: sp.ImmutableMatrix
+    of: Box | Ball
+    actuators: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "matrix", sp.ImmutableMatrix(self.matrix))
+        rows, columns = self.matrix.shape
+        if columns != self.of.dimension:
+            raise DefinitionError(
+                f"linear image: the matrix has {columns} columns, the set {self.of.dimension} "
+                "coordinates",
+                expected="as many of each",
+            )
+        if self.matrix.rank() < rows:
+            raise DefinitionError(
+                "linear image: the rows of the matrix are dependent",
+                remedy="leave out the inputs that no actuator can produce on its own",
+            )
+        names = self.actuators or tuple(f"a{i + 1}" for i in range(columns))
+        if len(names) != columns:
+            raise DefinitionError(
+                f"linear image: {len(names)} actuator names for {columns} columns"
+            )
+        object.__setattr__(self, "actuators", tuple(names))
+
+    @property
+    def dimension(self) -> int:
+        return int(self.matrix.rows)
+
+    @property
+    def free_symbols(self) -> set[sp.Symbol]:
+        return set(self.matrix.free_symbols) | self.of.free_symbols
+
+    def allocate(self, values: Sequence[sp.Expr]) -> tuple[sp.Expr, ...]:
+        """The actuator values that produce `values`, before saturation."""
+        m = self.matrix
+        inverse = m.inv() if m.is_square else m.T * (m * m.T).inv()
+        return tuple(inverse * sp.Matrix(values))
+
+    def saturate(self, values: Sequence[sp.Expr]) -> tuple[sp.Expr, ...]:
+        """M times the saturated allocation."""
+        return tuple(self.matrix * sp.Matrix(self.of.saturate(self.allocate(values))))
+
+    def contains(
+        self, values: Sequence[float], parameters: Mapping[sp.Symbol, float], slack: float = 1e-9
+    ) -> bool:
+        allocated = self.allocate([sp.Float(v) for v in values])
+        return self.of.contains([_number(a, parameters) for a in allocated], parameters, slack)

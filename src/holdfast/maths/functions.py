@@ -1,0 +1,166 @@
+"""The symbolic functions that SymPy lacks or defines otherwise than control laws need.
+
+Each has the value, the derivative and the convention at its kink that the laws assume;
+`execution/translate.py` prints each of them. A derivative never differentiates through a
+jump: the sign and the number of turns are frozen, as a sampled controller holds them.
+
+| function | value | derivative |
+|---|---|---|
+| sgn(x) | +1 for x >= 0, else -1 (thesis, after (5.18)) | 0 |
+| wrap(x) | x modulo 2 pi in (-pi, pi] | 1 |
+| select(x, a, b) | a for x >= 0, else b | the derivative of the branch taken |
+| least(a, b), greatest(a, b) | min, max | that of the branch taken |
+| clip(x, lo, hi) | saturation | that of the branch taken |
+| angle(y, x, guard) | atan2(y, x), and 0 at the origin | (x dy - y dx) / (x^2 + y^2 + guard) |
+| length(x, y, guard) | sqrt(x^2 + y^2) | (x dx + y dy) / sqrt(x^2 + y^2 + guard) |
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import sympy as sp
+
+
+def _number(value: sp.Expr) -> float | None:
+    return float(value) if value.is_number and value.is_real else None
+
+
+class _RealFunction(sp.Function):
+    """A function that is real wherever its arguments are."""
+
+    def _eval_is_real(self) -> bool:
+        return True
+
+    @classmethod
+    def _numbers(cls, *values: sp.Expr) -> list[float] | None:
+        numbers = [_number(v) for v in values]
+        return None if any(n is None for n in numbers) else [n for n in numbers if n is not None]
+
+
+class sgn(_RealFunction):
+    """Sign with sgn(0) = +1; frozen (derivative 0) when differentiated."""
+
+    nargs = 1
+
+    @classmethod
+    def eval(cls, x: sp.Expr) -> Any:
+        value = _number(x)
+        return None if value is None else sp.Integer(1 if value >= 0 else -1)
+
+    def fdiff(self, argindex: int = 1) -> sp.Expr:
+        return sp.S.Zero
+
+
+class wrap(_RealFunction):
+    """An angle in radians brought to (-pi, pi]; its derivative is 1."""
+
+    nargs = 1
+
+    @classmethod
+    def eval(cls, x: sp.Expr) -> Any:
+        value = _number(x)
+        if value is None:
+            return None
+        if -math.pi < value <= math.pi:
+            return x
+        return sp.Float(value - 2 * math.pi * math.ceil((value - math.pi) / (2 * math.pi)))
+
+    def fdiff(self, argindex: int = 1) -> sp.Expr:
+        return sp.S.One
+
+
+class select(_RealFunction):
+    """select(x, a, b): a where x >= 0, b elsewhere."""
+
+    nargs = 3
+
+    @classmethod
+    def eval(cls, x: sp.Expr, a: sp.Expr, b: sp.Expr) -> Any:
+        if a == b:
+            return a
+        value = _number(x)
+        return None if value is None else (a if value >= 0 else b)
+
+    def _eval_derivative(self, s: sp.Symbol) -> sp.Expr:
+        x, a, b = self.args
+        return select(x, a.diff(s), b.diff(s))
+
+
+class least(_RealFunction):
+    """The smaller of two values."""
+
+    nargs = 2
+
+    @classmethod
+    def eval(cls, a: sp.Expr, b: sp.Expr) -> Any:
+        if a == b:
+            return a
+        numbers = cls._numbers(a, b)
+        return None if numbers is None else (a if numbers[0] <= numbers[1] else b)
+
+    def _eval_derivative(self, s: sp.Symbol) -> sp.Expr:
+        a, b = self.args
+        return select(b - a, a.diff(s), b.diff(s))
+
+
+class greatest(_RealFunction):
+    """The larger of two values."""
+
+    nargs = 2
+
+    @classmethod
+    def eval(cls, a: sp.Expr, b: sp.Expr) -> Any:
+        if a == b:
+            return a
+        numbers = cls._numbers(a, b)
+        return None if numbers is None else (a if numbers[0] >= numbers[1] else b)
+
+    def _eval_derivative(self, s: sp.Symbol) -> sp.Expr:
+        a, b = self.args
+        return select(a - b, a.diff(s), b.diff(s))
+
+
+class angle(_RealFunction):
+    """atan2(y, x), whose derivative stays bounded at the origin: the removable singularity
+    of a direction is guarded here, by `guard` > 0 added to the squared radius, and nowhere
+    else (correction E7 of the thesis's 'phi-dot is bounded')."""
+
+    nargs = 3
+
+    @classmethod
+    def eval(cls, y: sp.Expr, x: sp.Expr, guard: sp.Expr) -> Any:
+        numbers = cls._numbers(y, x, guard)
+        return None if numbers is None else sp.Float(math.atan2(numbers[0], numbers[1]))
+
+    def fdiff(self, argindex: int = 1) -> sp.Expr:
+        y, x, guard = self.args
+        if argindex == 3:
+            return sp.S.Zero
+        return (x if argindex == 1 else -y) / (x**2 + y**2 + guard)
+
+
+class length(_RealFunction):
+    """sqrt(x^2 + y^2), whose derivative is 0 (not 0/0) at the origin."""
+
+    nargs = 3
+
+    @classmethod
+    def eval(cls, x: sp.Expr, y: sp.Expr, guard: sp.Expr) -> Any:
+        numbers = cls._numbers(x, y, guard)
+        return None if numbers is None else sp.Float(math.hypot(numbers[0], numbers[1]))
+
+    def fdiff(self, argindex: int = 1) -> sp.Expr:
+        x, y, guard = self.args
+        if argindex == 3:
+            return sp.S.Zero
+        return (x if argindex == 1 else y) / sp.sqrt(x**2 + y**2 + guard)
+
+
+def clip(x: sp.Expr, lower: sp.Expr, upper: sp.Expr) -> sp.Expr:
+    """Saturation of x to [lower, upper]."""
+    return least(greatest(x, lower), upper)
+
+
+OWN = (sgn, wrap, select, least, greatest, angle, length)

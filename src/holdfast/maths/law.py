@@ -1,0 +1,73 @@
+"""A feedback law: expressions for inputs (or for velocities used as inputs)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import sympy as sp
+
+from holdfast.errors import DefinitionError
+from holdfast.maths.quantity import (
+    TIME,
+    Parameter,
+    Quantity,
+    check_symbols,
+    check_unique,
+    merge_parameters,
+)
+
+
+@dataclass(frozen=True)
+class GainCondition:
+    """A stability condition value < limit on the gains, and what happens without it."""
+
+    value: sp.Expr
+    limit: sp.Expr
+    consequence: str
+    source: str
+
+    def violation(self, parameters: Mapping[sp.Symbol, float]) -> str | None:
+        """A sentence with both numbers when the condition fails, else None."""
+        value = float(self.value.subs(parameters))
+        limit = float(self.limit.subs(parameters))
+        if value < limit:
+            return None
+        return (
+            f"{self.value} = {value:.4g} is not below its limit {limit:.4g} = {self.limit}: "
+            f"{self.consequence} ({self.source})"
+        )
+
+
+@dataclass(frozen=True)
+class Law:
+    """u_i = outputs[i](t, q; p).
+
+    `reads` are the quantities the law may use, all of them measured; an output or signal
+    with any other symbol is refused. `signals` are named expressions worth recording.
+    """
+
+    name: str
+    reads: tuple[Quantity, ...]
+    outputs: Mapping[str, sp.Expr]
+    parameters: tuple[Parameter, ...] = ()
+    signals: Mapping[str, sp.Expr] = field(default_factory=dict)
+    conditions: tuple[GainCondition, ...] = ()
+    description: str = ""
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        owner = f"law '{self.name}'"
+        object.__setattr__(self, "parameters", merge_parameters(self.parameters))
+        object.__setattr__(self, "outputs", {k: sp.sympify(v) for k, v in self.outputs.items()})
+        object.__setattr__(self, "signals", {k: sp.sympify(v) for k, v in self.signals.items()})
+        if not self.outputs:
+            raise DefinitionError(f"{owner} has no outputs")
+        check_unique((q.name for q in self.reads + self.parameters), owner)
+        allowed = [q.symbol for q in self.reads + self.parameters] + [TIME]
+        check_symbols({f"output '{k}'": e for k, e in self.outputs.items()}, allowed, owner)
+        check_symbols({f"signal '{k}'": e for k, e in self.signals.items()}, allowed, owner)
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        return tuple(self.outputs)

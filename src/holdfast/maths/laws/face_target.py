@@ -1,0 +1,53 @@
+"""Face a target at the origin and go to a circle around it."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from holdfast.maths.dipole import GUARD
+from holdfast.maths.functions import angle, length, sgn, wrap
+from holdfast.maths.law import Law
+from holdfast.maths.quantity import Parameter, symbol
+from holdfast.maths.system import System
+
+
+def face_target(
+    system: System,
+    *,
+    distance: float = 0.5,
+    k1: float = 0.16,
+    mu: float = 1.5,
+    kv: float = 1.5,
+) -> Law:
+    """Face a target at the origin and go straight to the circle of radius `distance`.
+
+        u = -k1 sgn(r1 . h) tanh(mu |r1|),  r1 = (x, y) + distance (cos phi_t, sin phi_t)   (5.28)
+        r = -kv wrap(psi - phi_t),          phi_t = atan2(-y, -x)
+
+    The viable law at the edges of the view, and the one that keeps the goal set
+    G = { |(x, y)| = distance, psi = phi_t }. The thesis prints the goal point with the
+    other sign, which puts it behind the wall (E3). Outputs: surge u [m/s], yaw rate r [rad/s].
+    """
+    x, y, psi = (symbol(n) for n in ("x", "y", "psi"))
+    s = {n: symbol(n) for n in ("distance", "k1", "mu", "kv")}
+    bearing = angle(-y, -x, GUARD**2)
+    x1 = x + s["distance"] * sp.cos(bearing)
+    y1 = y + s["distance"] * sp.sin(bearing)
+    ahead = sgn(x1 * sp.cos(psi) + y1 * sp.sin(psi))
+    known = {q.name: q for q in system.states}
+    return Law(
+        name="face_target",
+        reads=tuple(known[n] for n in ("x", "y", "psi")),
+        outputs={
+            "u": -s["k1"] * ahead * sp.tanh(s["mu"] * length(x1, y1, GUARD**2)),
+            "r": -s["kv"] * wrap(psi - bearing),
+        },
+        parameters=(
+            Parameter("distance", "m", "distance to keep from the target", value=distance),
+            Parameter("k1", "m/s", "top surge speed", value=k1),
+            Parameter("mu", "1/m", "steepness of the speed near the goal", value=mu),
+            Parameter("kv", "1/s", "heading gain", value=kv),
+        ),
+        description="face the target and go to a circle around it",
+        source="thesis (5.28) with the sign of E3, section 5.4.3",
+    )

@@ -1,0 +1,31 @@
+"""Gain conditions: for which gains a law converges."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from holdfast.maths.functions import least
+
+
+def surge_gain_limit(
+    sway_drag: sp.Expr, surge_inertia: sp.Expr, sway_inertia: sp.Expr, exponent: sp.Expr
+) -> sp.Expr:
+    """The largest k1 mu for which (5.18) brings the sway of a marine vehicle to rest.
+
+    Near the goal, with the heading on the field and s = y1/x1, w = v/x1, the closed loop is
+
+        ds/dt = -a s / (lambda - 1) + w
+        dw/dt = -m a^2 lambda s / (lambda - 1)^2 + (m a lambda / (lambda - 1) + a - d) w
+
+    where a = k1 mu [1/s], m = m11/m22 and d = |Yv|/m22. It is stable exactly when
+
+        a < min( |Yv| / m22,  |Yv| (lambda - 1) / ((lambda - 2) m22 + lambda m11) ).
+
+    The thesis (Theorem 1, Lemma 2) claims convergence for every k1, mu > 0; without this
+    condition v/rho does not vanish and the heading does not converge.
+
+    `sway_drag` is Yv (negative, N s/m), inertias in kg. Returns 1/s.
+    """
+    drag = -sway_drag
+    turning = drag * (exponent - 1) / ((exponent - 2) * sway_inertia + exponent * surge_inertia)
+    return least(drag / sway_inertia, turning)

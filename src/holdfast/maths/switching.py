@@ -1,0 +1,129 @@
+"""Several laws and the rule that chooses among them, as data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import sympy as sp
+
+from holdfast.errors import DefinitionError, suggestion
+from holdfast.maths.law import GainCondition, Law
+from holdfast.maths.quantity import (
+    TIME,
+    TIME_IN_MODE,
+    Parameter,
+    Quantity,
+    check_symbols,
+    merge_parameters,
+)
+
+
+@dataclass(frozen=True)
+class Transition:
+    """source -> target as soon as `when` >= 0.
+
+    Hysteresis is a pair of transitions whose expressions are offset against each other; a
+    minimum dwell is a guard that contains `TIME_IN_MODE`.
+    """
+
+    source: str
+    target: str
+    when: sp.Expr
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "when", sp.sympify(self.when))
+
+
+@dataclass(frozen=True)
+class Switching:
+    """Modes (each a `Law` with the same outputs), guarded transitions and the first mode.
+
+    At every control sample the transitions out of the current mode are tried in the order
+    written; the first whose guard holds is taken, at most one a sample, before the law is
+    evaluated. `signals` are recorded whatever the mode.
+    """
+
+    name: str
+    modes: Mapping[str, Law]
+    transitions: tuple[Transition, ...] = ()
+    initial: str = ""
+    signals: Mapping[str, sp.Expr] = field(default_factory=dict)
+    extra_parameters: tuple[Parameter, ...] = ()
+    description: str = ""
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        owner = f"switching '{self.name}'"
+        if not self.modes:
+            raise DefinitionError(f"{owner} has no modes")
+        object.__setattr__(self, "initial", self.initial or next(iter(self.modes)))
+        object.__setattr__(self, "signals", {k: sp.sympify(v) for k, v in self.signals.items()})
+        outputs = next(iter(self.modes.values())).output_names
+        for name, law in self.modes.items():
+            if law.output_names != outputs:
+                raise DefinitionError(
+                    f"mode '{name}' of {owner} gives {', '.join(law.output_names)}",
+                    expected="the same outputs in every mode: " + ", ".join(outputs),
+                )
+        ends = [self.initial]
+        for transition in self.transitions:
+            ends += [transition.source, transition.target]
+        for end in ends:
+            if end not in self.modes:
+                raise DefinitionError(
+                    f"{owner} names the unknown mode '{end}'",
+                    remedy=suggestion(end, self.modes),
+                )
+        allowed = [q.symbol for q in self.reads + self.parameters] + [TIME]
+        check_symbols(
+            {f"guard {t.source} -> {t.target}": t.when for t in self.transitions},
+            [*allowed, TIME_IN_MODE],
+            owner,
+        )
+        check_symbols({f"signal '{k}'": e for k, e in self.signals.items()}, allowed, owner)
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        return next(iter(self.modes.values())).output_names
+
+    @property
+    def reads(self) -> tuple[Quantity, ...]:
+        merged = {q.name: q for law in self.modes.values() for q in law.reads}
+        return tuple(merged.values())
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        groups = [law.parameters for law in self.modes.values()]
+        return merge_parameters(*groups, self.extra_parameters)
+
+    @property
+    def conditions(self) -> tuple[GainCondition, ...]:
+        found = {c: None for law in self.modes.values() for c in law.conditions}
+        return tuple(found)
+
+    def map_laws(self, change: Callable[[Law], Law], name: str) -> Switching:
+        """The same modes and guards with every law replaced by change(law)."""
+        return Switching(
+            name=name,
+            modes={mode: change(law) for mode, law in self.modes.items()},
+            transitions=self.transitions,
+            initial=self.initial,
+            signals=self.signals,
+            extra_parameters=self.extra_parameters,
+            description=self.description,
+            source=self.source,
+        )
+
+
+def as_switching(law: Law | Switching) -> Switching:
+    """A single law as a switching that never switches."""
+    if isinstance(law, Switching):
+        return law
+    return Switching(
+        name=law.name,
+        modes={law.name: law},
+        signals=law.signals,
+        description=law.description,
+        source=law.source,
+    )

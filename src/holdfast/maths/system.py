@@ -1,0 +1,156 @@
+"""A control system, written down once: qdot = f(t, q, u, d; p), with A(q) qdot = b."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import sympy as sp
+
+from holdfast.errors import DefinitionError
+from holdfast.maths.bounds import Bounds
+from holdfast.maths.quantity import (
+    TIME,
+    Parameter,
+    Quantity,
+    check_symbols,
+    check_unique,
+    merge_parameters,
+)
+
+
+@dataclass(frozen=True)
+class PfaffianRow:
+    """One constraint on the velocities: sum_i coefficients[i] * qdot_i = rhs.
+
+    Catastatic when rhs is zero (thesis (5.2)); a current or a sway velocity makes it
+    acatastatic (5.15).
+    """
+
+    coefficients: Mapping[str, sp.Expr]
+    rhs: sp.Expr = sp.S.Zero
+
+    def __post_init__(self) -> None:
+        object.__setattr__(
+            self, "coefficients", {k: sp.sympify(v) for k, v in self.coefficients.items()}
+        )
+        object.__setattr__(self, "rhs", sp.sympify(self.rhs))
+
+
+@dataclass(frozen=True)
+class System:
+    """States q, inputs u, disturbances d, parameters p, rates f and Pfaffian rows.
+
+    `rates` maps every state to its rate. Raises `DefinitionError` when shapes disagree, a
+    rate uses an undeclared name, or the rates leave a Pfaffian constraint.
+    """
+
+    name: str
+    states: tuple[Quantity, ...]
+    inputs: tuple[Quantity, ...]
+    rates: Mapping[str, sp.Expr]
+    parameters: tuple[Parameter, ...] = ()
+    disturbances: tuple[Quantity, ...] = ()
+    input_bounds: Bounds | None = None
+    disturbance_bounds: Bounds | None = None
+    pfaffian: tuple[PfaffianRow, ...] = ()
+    description: str = ""
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        owner = f"system '{self.name}'"
+        object.__setattr__(self, "parameters", merge_parameters(self.parameters))
+        quantities = self.states + self.inputs + self.disturbances + self.parameters
+        check_unique((q.name for q in quantities), owner)
+        if not self.states:
+            raise DefinitionError(f"{owner} has no states")
+        names = [q.name for q in self.states]
+        if set(self.rates) != set(names):
+            odd = sorted(set(self.rates) ^ set(names))
+            raise DefinitionError(
+                f"{owner}: '{odd[0]}' has "
+                + ("no rate" if odd[0] in names else "a rate but is no state"),
+                expected="one rate for every state: " + ", ".join(names),
+            )
+        object.__setattr__(self, "rates", {n: sp.sympify(self.rates[n]) for n in names})
+        symbols = [q.symbol for q in quantities] + [TIME]
+        check_symbols({f"the rate of '{n}'": e for n, e in self.rates.items()}, symbols, owner)
+        for what, bounds, members in (
+            ("input", self.input_bounds, self.inputs),
+            ("disturbance", self.disturbance_bounds, self.disturbances),
+        ):
+            if bounds is None:
+                continue
+            if bounds.dimension != len(members):
+                raise DefinitionError(
+                    f"{owner}: the {what} bounds have dimension {bounds.dimension}",
+                    expected=f"{len(members)}, one for each {what}",
+                )
+            parameter_symbols = {p.symbol for p in self.parameters}
+            unknown = sorted(str(s) for s in bounds.free_symbols - parameter_symbols)
+            if unknown:
+                raise DefinitionError(
+                    f"the {what} bounds of {owner} use the undeclared name '{unknown[0]}'",
+                    expected="numbers or declared parameters",
+                )
+        for number, row in enumerate(self.pfaffian, start=1):
+            self._check_row(number, row, symbols, owner)
+
+    def _check_row(
+        self, number: int, row: PfaffianRow, symbols: list[sp.Symbol], owner: str
+    ) -> None:
+        what = f"Pfaffian row {number}"
+        unknown = sorted(set(row.coefficients) - set(self.rates))
+        if unknown:
+            raise DefinitionError(f"{what} of {owner} names '{unknown[0]}', which is no state")
+        check_symbols(
+            {what: sp.Add(row.rhs, *row.coefficients.values())}, symbols, owner
+        )
+        residual = sum(
+            (c * self.rates[n] for n, c in row.coefficients.items()), start=-row.rhs
+        )
+        if not _vanishes(residual):
+            raise DefinitionError(
+                f"the rates of {owner} leave {what}: A qdot - b = "
+                f"{sp.sstr(sp.simplify(residual))}",
+                expected="A qdot = b for every state, input and disturbance",
+                remedy="correct the row or the rates",
+            )
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        return tuple(q.name for q in self.states)
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        return tuple(q.name for q in self.inputs)
+
+    @property
+    def disturbance_names(self) -> tuple[str, ...]:
+        return tuple(q.name for q in self.disturbances)
+
+    def derivative(self, expression: sp.Expr) -> sp.Expr:
+        """d/dt of an expression of the states along the rates (its Lie derivative)."""
+        terms = [expression.diff(q.symbol) * self.rates[q.name] for q in self.states]
+        return sp.Add(expression.diff(TIME), *terms)
+
+    @property
+    def undisturbed_rates(self) -> dict[str, sp.Expr]:
+        """The rates with every disturbance zero, as a law that does not know them sees them."""
+        still = {d.symbol: 0 for d in self.disturbances}
+        return {name: rate.subs(still) for name, rate in self.rates.items()}
+
+
+def _vanishes(expression: sp.Expr, points: int = 6) -> bool:
+    """Whether an expression is zero: by expansion, else at random points of its symbols."""
+    if sp.expand(expression) == 0:
+        return True
+    generator = random.Random(0)
+    terms = sp.Add.make_args(expression)
+    for _ in range(points):
+        values = {s: generator.uniform(0.3, 1.7) for s in expression.free_symbols}
+        numbers = [complex(sp.N(term.subs(values))) for term in terms]
+        if abs(sum(numbers)) > 1e-9 * max(1.0, *(abs(n) for n in numbers)):
+            return False
+    return True

@@ -1,0 +1,85 @@
+"""Values with units: plain numbers are SI, text such as "30 deg" is converted."""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import cache
+from typing import TYPE_CHECKING
+
+from holdfast.errors import HoldfastError
+
+if TYPE_CHECKING:
+    import pint
+
+_TEXT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?\Z")
+
+
+class UnitError(HoldfastError):
+    """A value whose unit does not fit, or that is no value at all."""
+
+
+@cache
+def _registry() -> pint.UnitRegistry[float]:
+    import pint  # takes half a second, and only a value with a foreign unit needs it
+
+    return pint.UnitRegistry()
+
+
+def to_si(value: object, unit: str) -> float:
+    """The number in `unit` (an SI unit such as "N s/m") that `value` stands for.
+
+    `value` is a number, already in `unit`, or text with a number and a unit. Raises
+    `UnitError` for anything else and for a unit of another dimension.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        raise UnitError(f"got {value!r}", expected=f"a number in {unit}, or text such as "
+                        f"\"1.5 {unit}\"")
+    if isinstance(value, (int, float)):
+        return _finite(float(value), value)
+    match = _TEXT.match(value)
+    if match is None:
+        raise UnitError(f"got {value!r}", expected=f"a number in {unit}, or text such as "
+                        f"\"1.5 {unit}\"")
+    number, given = float(match[1]), (match[2] or unit).strip()
+    return _finite(number if given == unit else convert(number, given, unit), value)
+
+
+def convert(number: float, given: str, unit: str) -> float:
+    """`number` in the unit `given`, expressed in `unit`; `UnitError` if they do not fit."""
+    if given == unit:
+        return number
+    import pint
+
+    try:
+        quantity = _registry().Quantity(number, _registry().Unit(_pint_text(given)))
+        converted = quantity.to(_pint_text(unit))
+    except pint.DimensionalityError:
+        raise UnitError(f"the unit '{given}' does not fit", expected=f"'{unit}'") from None
+    except Exception:
+        raise UnitError(f"'{given}' is no unit", expected=f"'{unit}'") from None
+    return float(converted.magnitude)
+
+
+def _pint_text(unit: str) -> str:
+    return "dimensionless" if unit == "1" else unit
+
+
+def _finite(number: float, shown: object) -> float:
+    if not math.isfinite(number):
+        raise UnitError(f"got {shown}", expected="a finite number")
+    return number
+
+
+_COMMON = frozenset(
+    "1 m s rad kg N m/s rad/s 1/s 1/m m/s^2 rad/s^2 m^2 kg m^2 N m N s/m N m s Hz".split()
+) | {"kg m^2", "N m", "N s/m", "N m s"}
+
+
+def check_unit(unit: str) -> None:
+    """Refuse text that is no unit (`UnitError`)."""
+    if unit not in _COMMON:
+        try:
+            _registry().Unit(_pint_text(unit))
+        except Exception:
+            raise UnitError(f"'{unit}' is no unit", expected="an SI unit such as \"m/s\"") from None

@@ -1,0 +1,1 @@
+"""What is seen: figures and text. Reads results, computes nothing new."""

@@ -1,0 +1,129 @@
+"""One run against time: states, inputs, constraints, signals, with the mode as background."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import matplotlib.pyplot as plt
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from holdfast.analysis.result import Result
+from holdfast.errors import OutputError
+from holdfast.presentation import style
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Panel:
+    title: str
+    unit: str
+    names: list[str]
+    values: Array
+    zero: bool = False
+
+
+def histories_figure(result: Result, run: int = 0) -> Figure:
+    """States by unit, actuators (or inputs), constraints by unit and signals of one run.
+
+    Raises `OutputError` when there is no such run.
+    """
+    data = result.dataset
+    if not 0 <= run < data.sizes["run"]:
+        raise OutputError(f"there is no run {run} to draw", expected=f"0 to {data.sizes['run'] - 1}")
+    panels = _panels(result, run)
+    time = data["time"].values
+    mode = data["mode"].values[run]
+    rows = -(-len(panels) // 2)
+    with style.look():
+        figure, axes = plt.subplots(
+            rows, 2, figsize=(style.WIDTH, 1.55 * rows + 0.6), sharex=True,
+            layout="constrained", squeeze=False,
+        )  # fmt: skip
+        flat = list(axes.T.flat)
+        shades = _shade(flat[: len(panels)], time, mode, data)
+        for axis, panel in zip(flat, panels, strict=False):
+            for i, name in enumerate(panel.names):
+                axis.plot(time, panel.values[:, i], color=style.LINES[i % len(style.LINES)],
+                          label=name, linestyle=("-", "--", "-.", ":")[i % 4])  # fmt: skip
+            if panel.zero:
+                axis.axhline(0.0, color=style.BLACK, linewidth=0.6)
+            axis.set_title(panel.title, loc="left", fontsize=8, pad=3)
+            axis.set_ylabel(f"[{panel.unit}]" if panel.unit != "1" else "")
+            axis.legend(loc="best", ncols=min(2, len(panel.names)), handlelength=1.8,
+                        borderaxespad=0.2, frameon=True, framealpha=0.8, edgecolor="none")
+            axis.margins(x=0.0, y=0.1)
+        for axis in flat[len(panels) :]:
+            axis.set_visible(False)
+        for column in axes.T:
+            last = [a for a in column if a.get_visible()][-1]
+            last.set_xlabel("time [s]")
+            last.tick_params(labelbottom=True)
+        if len(shades) > 1:
+            figure.legend(handles=shades, loc="outside lower center", ncols=len(shades),
+                          title="mode", title_fontsize=7)  # fmt: skip
+    return figure
+
+
+def _shade(
+    axes: list[Axes], time: Array, mode: npt.NDArray[np.int16], data: object
+) -> list[Patch]:
+    meanings = str(data["mode"].attrs["flag_meanings"]).split()  # type: ignore[index]
+    if len(meanings) == 1:
+        return []
+    edges = [0, *(np.flatnonzero(np.diff(mode)) + 1), len(mode) - 1]
+    for a, b in zip(edges[:-1], edges[1:], strict=True):
+        if mode[a] >= 0:
+            colour = style.MODES[int(mode[a]) % len(style.MODES)]
+            for axis in axes:
+                axis.axvspan(time[a], time[b], color=colour, alpha=0.10, linewidth=0)
+    return [
+        Patch(color=style.MODES[int(m) % len(style.MODES)], alpha=0.25,
+              label=meanings[m].replace("_", " "))
+        for m in np.unique(mode[mode >= 0])
+    ]  # fmt: skip
+
+
+def _panels(result: Result, run: int) -> list[_Panel]:
+    data = result.dataset
+    panels = []
+    states = data["state"].values[run]
+    names = [style.label(str(n)) for n in data["state_name"].values]
+    panels += _by_unit("states", [str(u) for u in data["state_unit"].values], names, states)
+    if data.sizes["actuator"]:
+        panels.append(
+            _Panel("actuators", str(data["actuator"].attrs["units"]),
+                   [str(n) for n in data["actuator_name"].values], data["actuator"].values[run])
+        )  # fmt: skip
+    else:
+        labels = [style.label(str(n)) for n in data["input_name"].values]
+        units = [str(u) for u in data["input_unit"].values]
+        panels += _by_unit("inputs", units, labels, data["input"].values[run])
+    if data.sizes["constraint"]:
+        labels = [str(n).replace("_", " ") for n in data["constraint_name"].values]
+        units = [str(u) for u in data["constraint_unit"].values]
+        panels += _by_unit("constraints, safe below 0", units, labels,
+                           data["constraint"].values[run], zero=True)  # fmt: skip
+    if data.sizes["signal"]:
+        labels = [_signal_label(str(n)) for n in data["signal_name"].values]
+        panels.append(_Panel("switching signals", "1", labels, data["signal"].values[run]))
+    return panels
+
+
+def _signal_label(name: str) -> str:
+    head, _, tail = name.partition("_")
+    return f"$\\sigma$ {tail.replace('_', ' ')}" if head == "sigma" else name.replace("_", " ")
+
+
+def _by_unit(
+    title: str, units: list[str], names: list[str], values: Array, zero: bool = False
+) -> list[_Panel]:
+    panels = []
+    for unit in dict.fromkeys(units):
+        columns = [i for i, u in enumerate(units) if u == unit]
+        panels.append(_Panel(title, unit, [names[i] for i in columns], values[:, columns], zero))
+    return panels

@@ -1,0 +1,76 @@
+"""One look for every figure: sizes, colours, and how a figure is written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt  # noqa: E402
+from matplotlib.figure import Figure  # noqa: E402
+
+from holdfast.analysis.result import atomic_file  # noqa: E402
+
+# Okabe-Ito, told apart by readers who do not see all colours
+BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK, GREY = (
+    "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#222222", "#999999",
+)  # fmt: skip
+LINES = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY, BLACK)
+MODES = (GREEN, RED, BLUE, ORANGE, PURPLE, SKY)
+
+WIDTH = 7.2
+"""Inches: the text width of a page."""
+
+_SETTINGS = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8,
+    "axes.titlesize": 9,
+    "axes.labelsize": 8,
+    "legend.fontsize": 7,
+    "legend.frameon": False,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.7,
+    "lines.linewidth": 1.1,
+    "figure.dpi": 100,
+    "savefig.dpi": 200,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "holdfast",
+    "mathtext.fontset": "dejavusans",
+}
+
+
+@contextmanager
+def look() -> Iterator[None]:
+    """The settings of every figure, for the time of drawing it."""
+    with matplotlib.rc_context(_SETTINGS):
+        yield
+
+
+def write(figure: Figure, folder: Path, name: str) -> list[Path]:
+    """Write the figure as PNG and SVG, each atomically, and close it."""
+    written = []
+    try:
+        for ending in ("png", "svg"):
+            path = folder / f"{name}.{ending}"
+            metadata = {"Date": None} if ending == "svg" else {}
+            with look(), atomic_file(path) as partial:
+                figure.savefig(partial, format=ending, metadata=metadata)
+            written.append(path)
+    finally:
+        plt.close(figure)
+    return written
+
+
+def label(symbol: str) -> str:
+    """A state or parameter name as mathematics: psi -> the Greek letter, tau_u -> subscript."""
+    greek = {"psi", "theta", "phi", "alpha", "beta", "tau", "sigma", "mu", "lam", "delta"}
+    head, _, tail = symbol.partition("_")
+    shown = f"\\{'lambda' if head == 'lam' else head}" if head in greek else head
+    if len(head) > 2 and head not in greek:
+        return symbol.replace("_", " ")
+    return f"${shown}_{{\\mathrm{{{tail.replace('_', ' ')}}}}}$" if tail else f"${shown}$"

@@ -1,0 +1,70 @@
+"""Results as a few lines of text for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from holdfast.analysis.result import Result
+
+
+def summary_text(result: Result, files: Sequence[Path] = ()) -> str:
+    """How many runs stayed viable, the worst constraints, the goal, the peaks, the files."""
+    data, summary = result.dataset, result.summary()
+    runs = summary["runs"]
+    title = data.attrs.get("title") or data.attrs["system"]
+    lines = [str(title), ""]
+    constraints = [str(n) for n in data["constraint_name"].values]
+    if constraints:
+        lines.append(f"  viable         {_share(result.viable, runs)}")
+    if data.attrs.get("goal"):
+        lines.append(f"  reached goal   {_share(summary['outcomes']['reached goal'], runs)}")
+    if summary["outcomes"]["diverged"]:
+        lines.append(f"  diverged       {_share(summary['outcomes']['diverged'], runs)}")
+    if constraints:
+        units = dict(zip(constraints, (str(u) for u in data["constraint_unit"].values), strict=True))
+        exits = [int((data["exit_constraint"].values == j).sum()) for j in range(len(constraints))]
+        lines += ["", "  constraint (safe <= 0)     worst            left by"]
+        for (name, worst), left in zip(summary["worst_constraint"].items(), exits, strict=True):
+            shown = "not a number" if worst is None else f"{worst:+.4f} {units[name]}"
+            lines.append(f"    {name.replace('_', ' '):<22} {shown:<16} {left if left else '-'}")
+    if summary["final_error"]:
+        lines += ["", "  final error                median       worst"]
+        units = dict(
+            zip(map(str, data["state_name"].values), map(str, data["state_unit"].values), strict=True)
+        )
+        for name, error in summary["final_error"].items():
+            median, worst = (
+                "-" if error[k] is None else f"{_tidy(error[k])}" for k in ("median", "worst")
+            )
+            lines.append(f"    {name + ' [' + units[name] + ']':<22} {median:<12} {worst}")
+    peaks = summary["peak_actuator"] or summary["peak_input"]
+    what = "thrust" if data["actuator"].attrs.get("units") == "N" and peaks else "input"
+    if not summary["peak_actuator"]:
+        what = "input"
+    shown = ", ".join(
+        f"{name} {'-' if value is None else format(value, '.3g')}{_unit(result, name)}"
+        for name, value in peaks.items()
+    )
+    lines += ["", f"  peak {what:<10}{shown}"]
+    lines.append(f"  simulated in {summary['wall_time_s']:.1f} s, seed {summary['seed']}")
+    if files:
+        folder = files[0].parent
+        lines.append(f"  files in {folder}: " + ", ".join(f.name for f in files))
+    return "\n".join(lines)
+
+
+def _share(count: int, total: int) -> str:
+    return f"{count} of {total} runs ({100.0 * count / total:.1f} %)"
+
+
+def _tidy(value: float) -> str:
+    return "0" if value < 1e-9 else f"{value:.3g}"
+
+
+def _unit(result: Result, name: str) -> str:
+    data = result.dataset
+    if name in data["actuator_name"].values:
+        return f" {data['actuator'].attrs['units']}"
+    units = dict(zip(data["input_name"].values, data["input_unit"].values, strict=True))
+    return f" {units[name]}" if name in units else ""

@@ -1,0 +1,314 @@
+"""Scenario files: one TOML file, one experiment. Reads, checks, composes and runs it."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import sympy as sp
+
+from holdfast.analysis.result import Result
+from holdfast.analysis.simulate import Starts, simulate
+from holdfast.compose import Composer, accepted_parameters, at, validated
+from holdfast.errors import ScenarioError, suggestion
+from holdfast.execution.closed_loop import Progress
+from holdfast.maths import laws
+from holdfast.maths.expression import parse_condition, parse_expression
+from holdfast.maths.law import Law
+from holdfast.maths.redesign import redesign
+from holdfast.maths.region import Region
+from holdfast.maths.switching import Switching
+from holdfast.maths.system import System
+from holdfast.maths.units import to_si
+from holdfast.maths.velocity_tracking import track_velocity
+from holdfast.schema import FiguresSpec, OutputsSpec, RedesignSpec, RunSpec, ScenarioSpec
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A composed scenario, ready to run."""
+
+    name: str
+    file: str
+    text: str
+    title: str
+    kind: str
+    description: str
+    source: str
+    system: System
+    law: Law | Switching
+    region: Region | None
+    goal: Region | None
+    starts: Starts
+    settings: Mapping[str, Any]
+    disturbance: Mapping[str, sp.Expr]
+    plant: Mapping[str, float]
+    reference: Mapping[str, float]
+    figures: FiguresSpec
+    start_outside: bool
+
+    def run(self, progress: Progress | None = None) -> Result:
+        """Simulate every start of the scenario."""
+        with at(self.file, "run"):
+            return simulate(
+                self.system,
+                self.law,
+                starts=self.starts,
+                region=self.region,
+                goal=self.goal,
+                disturbance=self.disturbance,
+                plant=self.plant,
+                reference=self.reference,
+                start_outside=self.start_outside,
+                attributes={
+                    "title": self.title,
+                    "scenario": self.name,
+                    "kind": self.kind,
+                    "scenario_text": self.text,
+                },
+                progress=progress,
+                **self.settings,
+            )
+
+
+def scenario_names() -> tuple[str, ...]:
+    """The scenarios shipped with the package."""
+    files = resources.files("holdfast.scenarios").iterdir()
+    return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
+
+
+def read_text(name: str) -> tuple[str, str]:
+    """(name or path to show, text) of a shipped scenario or of a TOML file."""
+    if name in scenario_names():
+        file = resources.files("holdfast.scenarios") / f"{name}.toml"
+        return f"{name}.toml", file.read_text("utf-8")
+    if not name.endswith(".toml"):
+        raise ScenarioError(
+            f"unknown scenario '{name}'",
+            remedy=suggestion(name, scenario_names()) + " (a file of your own ends in .toml)",
+        )
+    try:
+        return name, Path(name).read_text("utf-8")
+    except OSError as error:
+        raise ScenarioError(f"{name}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise ScenarioError(f"{name}: is no text file in UTF-8") from None
+
+
+def load_scenario(
+    name: str, overrides: Iterable[str] = (), runs: int | None = None, seed: int | None = None
+) -> Scenario:
+    """The scenario of that name or file, with `key=value` overrides.
+
+    `runs` sets how many starts are used: the given states first, then random ones. Raises
+    `ScenarioError` naming the file, the key, what was got and what is allowed.
+    """
+    shown, text = read_text(name)
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{shown}: not a TOML file: {error}") from None
+    changes = list(overrides)
+    if seed is not None:
+        changes.append(f"run.seed={seed}")
+    for change in changes:
+        _override(data, change)
+    if changes:
+        text += "\n# overrides: " + "; ".join(changes) + "\n"
+    spec = validated(ScenarioSpec, data, shown)
+    if runs is not None:
+        if runs < 1:
+            raise ScenarioError(f"--runs is {runs}", expected="at least 1")
+        given = spec.starts.states[:runs]
+        starts = spec.starts.model_copy(
+            update={"states": given, "random": runs - len(given)}
+        )
+        spec = spec.model_copy(update={"starts": starts})
+        text += f"# runs: {runs}\n"
+    return _composed(Path(shown).stem, shown, text, spec)
+
+
+def _override(data: dict[str, Any], change: str) -> None:
+    key, separator, value = change.partition("=")
+    path = key.strip().split(".")
+    if not separator or not all(path):
+        raise ScenarioError(f"--set {change}", expected="key=value, such as law.k1=0.2")
+    try:
+        parsed: Any = tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        parsed = value.strip()
+    table = data
+    for part in path[:-1]:
+        table = table.setdefault(part, {})
+        if not isinstance(table, dict):
+            raise ScenarioError(f"--set {change}: '{part}' is no table")
+    table[path[-1]] = parsed
+
+
+def _composed(name: str, file: str, text: str, spec: ScenarioSpec) -> Scenario:
+    composer = Composer(file)
+    system = composer.system(spec.system)
+    region_first = spec.region is not None and "constraints" in spec.region
+    region = composer.region(spec.region, "region") if spec.region and region_first else None
+    law: Law | Switching = composer.law(spec.law, system)
+    if spec.region is not None and not region_first:
+        region = composer.region(spec.region, "region")
+    if spec.redesign is not None:
+        law = _redesigned(composer, spec.redesign, law, region, system)
+    if spec.tracking is not None:
+        with at(file, "tracking"):
+            law = track_velocity(system, law, spec.tracking)
+    goal = composer.region(spec.goal, "goal") if spec.goal is not None else None
+    values = {p.symbol: p.value for p in composer.known.values()}
+    names = {n: e for n, e in composer.scope().items() if n not in system.state_names}
+
+    def number(expression: object, key: str) -> float:
+        with at(file, key):
+            return float(parse_expression(expression, names).subs(values))
+
+    units = {q.name: q.unit for q in system.states}
+    return Scenario(
+        name=name,
+        file=file,
+        text=text,
+        title=spec.scenario.title,
+        kind=spec.scenario.kind,
+        description=spec.scenario.description,
+        source=spec.scenario.source,
+        system=system,
+        law=law,
+        region=region,
+        goal=goal,
+        starts=_starts(spec, units, file),
+        settings=_settings(spec, units, file),
+        disturbance={
+            key: _parsed(file, f"disturbance.{key}", value, names)
+            for key, value in spec.disturbance.items()
+        },
+        plant={
+            key: _si(file, f"plant.{key}", value, {p.name: p.unit for p in system.parameters}, key)
+            for key, value in spec.plant.items()
+        },
+        reference={
+            _known(file, f"reference.{k}", k, units): number(v, f"reference.{k}")
+            for k, v in spec.reference.items()
+        },
+        figures=spec.figures,
+        start_outside=spec.starts.outside,
+    )
+
+
+def _parsed(file: str, key: str, value: object, names: Mapping[str, sp.Expr]) -> sp.Expr:
+    with at(file, key):
+        return parse_expression(value, names)
+
+
+def _known(file: str, key: str, name: str, known: Iterable[str]) -> str:
+    if name not in (choices := list(known)):
+        raise ScenarioError(f"{file}: {key}: unknown name", remedy=suggestion(name, choices))
+    return name
+
+
+def _si(file: str, key: str, value: object, units: Mapping[str, str], name: str) -> float:
+    _known(file, key, name, units)
+    with at(file, key):
+        return to_si(value, units[name])
+
+
+def _starts(spec: ScenarioSpec, units: Mapping[str, str], file: str) -> Starts:
+    given = spec.starts
+    return Starts(
+        states=[
+            {k: _si(file, f"starts.states.{i}.{k}", v, units, k) for k, v in state.items()}
+            for i, state in enumerate(given.states)
+        ],
+        random=given.random,
+        box={
+            k: (
+                _si(file, f"starts.box.{k}", low, units, k),
+                _si(file, f"starts.box.{k}", high, units, k),
+            )
+            for k, (low, high) in given.box.items()
+        },
+    )
+
+
+def _settings(spec: ScenarioSpec, units: Mapping[str, str], file: str) -> dict[str, Any]:
+    run: RunSpec = spec.run
+    times = {n: "s" for n in ("horizon", "sample_time", "record_every")}
+    settings: dict[str, Any] = {n: _si(file, f"run.{n}", getattr(run, n), times, n) for n in times}
+    for name in ("substeps", "stepper", "absolute", "relative", "tolerance", "seed"):
+        settings[name] = getattr(run, name)
+    settings["continuous"] = run.control == "continuous"
+    for kind in ("uniform", "normal"):
+        settings[f"noise_{kind}"] = {
+            k: _si(file, f"noise.{kind}.{k}", v, units, k)
+            for k, v in getattr(spec.noise, kind).items()
+        }
+    return settings
+
+
+def _redesigned(
+    composer: Composer,
+    spec: RedesignSpec,
+    law: Law | Switching,
+    region: Region | None,
+    system: System,
+) -> Switching:
+    file = composer.file
+    if region is None:
+        raise ScenarioError(f"{file}: redesign: needs a [region]")
+    if isinstance(law, Switching):
+        raise ScenarioError(f"{file}: redesign: the law has modes already",
+                            expected="a law without modes")
+    wanted = [*spec.viable.values(), *([spec.hold] if spec.hold else [])]
+    catalogue = {function.__name__: function for function in laws.ALL}
+    built: dict[str, Law] = {}
+    unused = set(spec.parameters)
+    for name in [w for w in wanted if isinstance(w, str)]:
+        if name in built:
+            continue
+        if name not in catalogue:
+            raise ScenarioError(f"{file}: redesign: unknown law '{name}'",
+                                remedy=suggestion(name, catalogue))
+        with at(file, "redesign"):
+            leading = _leading(catalogue[name], law, system)
+            standard = catalogue[name](*leading)
+            takes = accepted_parameters(
+                catalogue[name], {p.name: p for p in standard.parameters}
+            )
+        mine = {k: v for k, v in spec.parameters.items() if k in takes}
+        unused -= set(mine)
+        table = {"name": name, **mine}
+        built[name] = composer.entry(laws.ALL, table, "redesign.parameters", leading)
+    if unused:
+        odd = sorted(unused)[0]
+        raise ScenarioError(f"{file}: redesign.parameters.{odd}: no viable law has it")
+
+    def of(given: str | OutputsSpec, key: str) -> Law:
+        if isinstance(given, str):
+            return built[given]
+        with at(file, key):
+            return composer.outputs_law(key, given, key, composer.scope())
+
+    viable = {k: of(v, f"redesign.viable.{k}") for k, v in spec.viable.items()}
+    hold = of(spec.hold, "redesign.hold") if spec.hold else None
+    hold_when = None
+    if spec.hold_when is not None:
+        with at(file, "redesign.hold_when"):
+            hold_when = parse_condition(spec.hold_when, composer.scope())
+    with at(file, "redesign"):
+        return redesign(
+            law, region, viable=viable, layers=spec.layers, hold=hold, hold_when=hold_when
+        )
+
+
+def _leading(function: Any, law: Law, system: System) -> tuple[object, ...]:
+    """The first argument a catalogue law wants: the convergent law, or the system."""
+    first = next(iter(function.__code__.co_varnames))
+    return (law,) if first == "law" else (system,)
+

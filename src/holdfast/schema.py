@@ -1,0 +1,220 @@
+"""The shape of a scenario file, checked by pydantic; see docs/scenarios.md."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+
+Value = float | str
+"""A number in SI units, or text with a unit such as "30 deg"."""
+
+Expression = str | float
+Name = Annotated[str, StringConstraints(min_length=1)]
+
+
+# TOML has arrays only, which strict checking would refuse for a tuple
+Pair = Annotated[tuple[Expression, Expression], Field(strict=False)]
+Layer = Annotated[tuple[float, float], Field(strict=False)]
+Interval = Annotated[tuple[Value, Value], Field(strict=False)]
+Plane = Annotated[tuple[Name, Name], Field(strict=False)]
+
+
+class Section(BaseModel):
+    """A table of the file: unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+class Header(Section):
+    """[scenario]"""
+
+    title: str
+    kind: Literal["closed-loop"] = "closed-loop"
+    description: str = ""
+    source: str = ""
+
+
+class QuantitySpec(Section):
+    """A state: its unit, and whether it is an angle."""
+
+    unit: str = "1"
+    description: str = ""
+    angle: bool = False
+
+
+class BoundedSpec(Section):
+    """An input or disturbance: its unit and its bounds (numbers or expressions)."""
+
+    unit: str = "1"
+    description: str = ""
+    bounds: Pair | None = None
+
+
+class ParameterSpec(Section):
+    """A parameter with its unit and source."""
+
+    value: Value
+    unit: str = "1"
+    description: str = ""
+    source: str = ""
+    assumed: bool = False
+
+
+Parameters = dict[Name, ParameterSpec | Value]
+
+
+class PfaffianSpec(Section):
+    """One row of A(q) qdot = b: { row = { x = "-sin(psi)", ... }, rhs = "0" }."""
+
+    row: dict[Name, Expression]
+    rhs: Expression = 0.0
+
+
+class SystemSpec(Section):
+    """[system], written by expressions."""
+
+    name: Name = "system"
+    description: str = ""
+    source: str = ""
+    states: dict[Name, QuantitySpec]
+    inputs: dict[Name, BoundedSpec]
+    disturbances: dict[Name, BoundedSpec] = Field(default_factory=dict)
+    parameters: Parameters = Field(default_factory=dict)
+    rates: dict[Name, Expression]
+    pfaffian: list[PfaffianSpec] = Field(default_factory=list)
+
+
+class OutputsSpec(Section):
+    """A law: its outputs, with definitions that may use earlier ones."""
+
+    outputs: dict[Name, Expression]
+    definitions: dict[Name, Expression] = Field(default_factory=dict)
+
+
+class TransitionSpec(Section):
+    """{ from = "far", to = "near", when = "hypot(x, y) < 0.2" }"""
+
+    source: Name = Field(alias="from")
+    target: Name = Field(alias="to")
+    when: str
+
+
+class LawSpec(Section):
+    """[law], written by expressions: one law, or modes with transitions."""
+
+    name: Name = "law"
+    description: str = ""
+    source: str = ""
+    reads: list[Name] | None = None
+    parameters: Parameters = Field(default_factory=dict)
+    definitions: dict[Name, Expression] = Field(default_factory=dict)
+    signals: dict[Name, Expression] = Field(default_factory=dict)
+    outputs: dict[Name, Expression] | None = None
+    modes: dict[Name, OutputsSpec] | None = None
+    transitions: list[TransitionSpec] = Field(default_factory=list)
+    initial: str = ""
+
+
+class InequalitySpec(Section):
+    """expression <= 0 is safe."""
+
+    expression: Expression
+    unit: str = "1"
+    description: str = ""
+
+
+class ShapeSpec(Section):
+    """What to draw: a segment, a cone (field of view) or a circle."""
+
+    kind: Literal["segment", "cone", "circle"]
+    role: str
+    start: Pair | None = None
+    end: Pair | None = None
+    apex: Pair | None = None
+    heading: Expression | None = None
+    half_angle: Expression | None = None
+    range: Expression | None = None
+    centre: Pair | None = None
+    radius: Expression | None = None
+
+
+class RegionSpec(Section):
+    """[region] or [goal], written by expressions."""
+
+    name: Name = "region"
+    description: str = ""
+    source: str = ""
+    parameters: Parameters = Field(default_factory=dict)
+    definitions: dict[Name, Expression] = Field(default_factory=dict)
+    constraints: dict[Name, InequalitySpec | Expression]
+    scene: list[ShapeSpec] = Field(default_factory=list)
+
+
+class RedesignSpec(Section):
+    """[redesign]: a viable law and a layer for every constraint, and the law that holds."""
+
+    viable: dict[Name, Name | OutputsSpec]
+    layers: dict[Name, Layer]
+    hold: Name | OutputsSpec | None = None
+    hold_when: str | None = None
+    parameters: dict[Name, Any] = Field(default_factory=dict)
+
+
+class StartsSpec(Section):
+    """[starts]: given states, then random ones from a box."""
+
+    states: list[dict[Name, Value]] = Field(default_factory=list)
+    random: int = 0
+    box: dict[Name, Interval] = Field(default_factory=dict)
+    outside: bool = False
+
+
+class RunSpec(Section):
+    """[run]: how to simulate."""
+
+    horizon: Value
+    sample_time: Value = 0.02
+    substeps: int = 2
+    record_every: Value = 0.1
+    control: Literal["sampled", "continuous"] = "sampled"
+    stepper: str = "rk4"
+    absolute: float = 1e-9
+    relative: float = 1e-9
+    tolerance: float = 0.0
+    seed: int = 0
+
+
+class NoiseSpec(Section):
+    """[noise]: half-widths of uniform and standard deviations of normal noise, per state."""
+
+    uniform: dict[Name, Value] = Field(default_factory=dict)
+    normal: dict[Name, Value] = Field(default_factory=dict)
+
+
+class FiguresSpec(Section):
+    """[figures]: the plane of the paths, the run of the histories, the runs drawn bold."""
+
+    plane: Plane = ("x", "y")
+    history: int = 0
+    highlight: int = 3
+    cones: int = 4
+
+
+class ScenarioSpec(Section):
+    """A whole scenario file; catalogue entries stay tables of { name, parameters }."""
+
+    scenario: Header
+    system: dict[str, Any]
+    law: dict[str, Any]
+    region: dict[str, Any] | None = None
+    redesign: RedesignSpec | None = None
+    tracking: dict[Name, float] | None = None
+    goal: dict[str, Any] | None = None
+    reference: dict[Name, Expression] = Field(default_factory=dict)
+    starts: StartsSpec
+    run: RunSpec
+    noise: NoiseSpec = Field(default_factory=NoiseSpec)
+    disturbance: dict[Name, Expression] = Field(default_factory=dict)
+    plant: dict[Name, Value] = Field(default_factory=dict)
+    figures: FiguresSpec = Field(default_factory=FiguresSpec)

@@ -1,0 +1,1 @@
+"""Vehicles shipped with the package, one TOML file each."""
