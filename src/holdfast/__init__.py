@@ -73,9 +73,11 @@ def __getattr__(name: str) -> Any:
     if name not in _WHERE:
         raise AttributeError(f"module 'holdfast' has no attribute '{name}'")
     home = importlib.import_module(f"holdfast.{_WHERE[name]}")
-    value = importlib.import_module(f"holdfast.maths.{name}") if (
-        _WHERE[name] == "maths"
-    ) else getattr(home, name)
+    value = (
+        importlib.import_module(f"holdfast.maths.{name}")
+        if (_WHERE[name] == "maths")
+        else getattr(home, name)
+    )
     globals()[name] = value
     return value
 

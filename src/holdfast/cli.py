@@ -54,7 +54,7 @@ def show_command(name: str) -> None:
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the results "
               "[default: runs/SCENARIO].")  # fmt: skip
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE",
-              help="Override a value of the scenario, such as law.k1=0.2 (repeatable).")  # fmt: skip
+              help="Override a value, such as law.k1=0.2 (repeatable).")  # fmt: skip
 @click.option("--runs", type=int, help="How many starts: the given states, then random ones.")
 @click.option("--seed", type=int, help="Seed of every random number.")
 @click.option("--no-figures", is_flag=True, help="Write the data only.")
@@ -107,7 +107,7 @@ def _simulated(scenario: Scenario) -> Result:
     ) as bar:  # fmt: skip
 
         def progress(fraction: float) -> None:
-            bar.set_description(scenario.name, refresh=False)
+            bar.set_description_str(scenario.name, refresh=False)
             bar.update(100 * fraction - bar.n)
 
         return scenario.run(progress)
@@ -123,9 +123,9 @@ def _written(scenario: Scenario, result: Result, folder: Path, *, figures: bool)
         from holdfast.presentation.paths import paths_figure
 
         chosen = scenario.figures
-        plane = paths_figure(result, chosen.plane, chosen.highlight, chosen.cones)
-        files += style.write(plane, folder, "paths")
         run = min(chosen.history, result.dataset.sizes["run"] - 1)
+        plane = paths_figure(result, chosen.plane, chosen.highlight, chosen.cones, run)
+        files += style.write(plane, folder, "paths")
         files += style.write(histories_figure(result, run), folder, "histories")
     path = folder / "summary.json"
     with atomic_file(path) as partial:

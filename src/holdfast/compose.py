@@ -199,9 +199,7 @@ class Composer:
         for name, spec in table.items():
             with at(self.file, f"{key}.{name}"):
                 check_unit(spec.unit)
-                result.append(
-                    Quantity(name, spec.unit, spec.description, angle and spec.angle)
-                )
+                result.append(Quantity(name, spec.unit, spec.description, angle and spec.angle))
         return tuple(result)
 
     def _parsed(
@@ -213,9 +211,7 @@ class Composer:
                 result[name] = parse_expression(text, names)
         return result
 
-    def _with_definitions(
-        self, table: Mapping[str, str | float], names: Names, key: str
-    ) -> Names:
+    def _with_definitions(self, table: Mapping[str, str | float], names: Names, key: str) -> Names:
         names = dict(names)
         for name, text in table.items():
             with at(self.file, f"{key}.definitions.{name}"):
@@ -298,9 +294,7 @@ class Composer:
             transitions = []
             for number, transition in enumerate(spec.transitions):
                 with at(self.file, f"law.transitions.{number}.when"):
-                    level = parse_condition(
-                        transition.when, names | {"time_in_mode": TIME_IN_MODE}
-                    )
+                    level = parse_condition(transition.when, names | {"time_in_mode": TIME_IN_MODE})
                 transitions.append(Transition(transition.source, transition.target, level))
             return Switching(
                 name=spec.name, modes=modes, transitions=tuple(transitions),

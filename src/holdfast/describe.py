@@ -132,8 +132,12 @@ def _law(law: Law) -> list[str]:
     lines = ["", "  reads: " + ", ".join(q.name for q in law.reads), "", "  outputs"]
     lines += _equations(law.outputs.items())
     for condition in law.conditions:
-        lines += ["", "  converges only if", f"    {condition.value} < {condition.limit}",
-                  f"    otherwise {condition.consequence} ({condition.source})"]
+        lines += [
+            "",
+            "  converges only if",
+            f"    {condition.value} < {condition.limit}",
+            f"    otherwise {condition.consequence} ({condition.source})",
+        ]
     return lines
 
 

@@ -124,9 +124,7 @@ def load_scenario(
         if runs < 1:
             raise ScenarioError(f"--runs is {runs}", expected="at least 1")
         given = spec.starts.states[:runs]
-        starts = spec.starts.model_copy(
-            update={"states": given, "random": runs - len(given)}
-        )
+        starts = spec.starts.model_copy(update={"states": given, "random": runs - len(given)})
         spec = spec.model_copy(update={"starts": starts})
         text += f"# runs: {runs}\n"
     return _composed(Path(shown).stem, shown, text, spec)
@@ -239,7 +237,7 @@ def _starts(spec: ScenarioSpec, units: Mapping[str, str], file: str) -> Starts:
 
 def _settings(spec: ScenarioSpec, units: Mapping[str, str], file: str) -> dict[str, Any]:
     run: RunSpec = spec.run
-    times = {n: "s" for n in ("horizon", "sample_time", "record_every")}
+    times = dict.fromkeys(("horizon", "sample_time", "record_every"), "s")
     settings: dict[str, Any] = {n: _si(file, f"run.{n}", getattr(run, n), times, n) for n in times}
     for name in ("substeps", "stepper", "absolute", "relative", "tolerance", "seed"):
         settings[name] = getattr(run, name)
@@ -263,24 +261,24 @@ def _redesigned(
     if region is None:
         raise ScenarioError(f"{file}: redesign: needs a [region]")
     if isinstance(law, Switching):
-        raise ScenarioError(f"{file}: redesign: the law has modes already",
-                            expected="a law without modes")
+        raise ScenarioError(
+            f"{file}: redesign: the law has modes already", expected="a law without modes"
+        )
     wanted = [*spec.viable.values(), *([spec.hold] if spec.hold else [])]
-    catalogue = {function.__name__: function for function in laws.ALL}
+    catalogue: dict[str, Any] = {function.__name__: function for function in laws.ALL}
     built: dict[str, Law] = {}
     unused = set(spec.parameters)
     for name in [w for w in wanted if isinstance(w, str)]:
         if name in built:
             continue
         if name not in catalogue:
-            raise ScenarioError(f"{file}: redesign: unknown law '{name}'",
-                                remedy=suggestion(name, catalogue))
+            raise ScenarioError(
+                f"{file}: redesign: unknown law '{name}'", remedy=suggestion(name, catalogue)
+            )
         with at(file, "redesign"):
             leading = _leading(catalogue[name], law, system)
             standard = catalogue[name](*leading)
-            takes = accepted_parameters(
-                catalogue[name], {p.name: p for p in standard.parameters}
-            )
+            takes = accepted_parameters(catalogue[name], {p.name: p for p in standard.parameters})
         mine = {k: v for k, v in spec.parameters.items() if k in takes}
         unused -= set(mine)
         table = {"name": name, **mine}
@@ -311,4 +309,3 @@ def _leading(function: Any, law: Law, system: System) -> tuple[object, ...]:
     """The first argument a catalogue law wants: the convergent law, or the system."""
     first = next(iter(function.__code__.co_varnames))
     return (law,) if first == "law" else (system,)
-

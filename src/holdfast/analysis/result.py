@@ -40,8 +40,10 @@ class Result:
     def outcomes(self) -> dict[str, int]:
         """How many runs ended in each way, by the outcome's label."""
         counts = np.bincount(self.dataset["outcome"].values, minlength=len(Outcome))
-        return {o.label: int(counts[o]) for o in (Outcome.REACHED, Outcome.STAYED,
-                                                  Outcome.LEFT, Outcome.DIVERGED)}
+        return {
+            o.label: int(counts[o])
+            for o in (Outcome.REACHED, Outcome.STAYED, Outcome.LEFT, Outcome.DIVERGED)
+        }
 
     @property
     def viable(self) -> int:
@@ -106,7 +108,7 @@ def _by_name(values: xr.DataArray) -> dict[str, float | None]:
     }
 
 
-class atomic_file:  # noqa: N801 - used as a function
+class atomic_file:
     """Context manager: a temporary path beside `path`, renamed to it on success only."""
 
     def __init__(self, path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -94,9 +93,7 @@ def simulate(
             warnings.warn(message, GainWarning, stacklevel=2)
     _check_disturbance(system, loop, chosen, values)
     initial = _initial_states(system, loop, starts, chosen, start_outside)
-    began = time.perf_counter()
     trajectories = loop.simulate(initial, chosen, plant=plant, progress=progress)
-    wall = time.perf_counter() - began
     scene = (*(region.scene if region else ()), *(goal.scene if goal else ()))
     return Result(
         dataset=to_dataset(
@@ -108,7 +105,7 @@ def simulate(
                 "region": region.name if region else "",
                 "goal": goal.name if goal else "",
                 "stepper": stepper,
-                "wall_time_s": wall,
+                "wall_time_s": trajectories.wall_time,
                 **(attributes or {}),
             },
         ),
@@ -140,12 +137,15 @@ def _initial_states(
             raise SimulationError(f"starts: {starts.random} random starts", expected="0 or more")
         parts = [fixed]
         if starts.random:
-            low, high = (np.array([starts.box.get(n, (0.0, 0.0))[i] for n in names], dtype=float)
-                         for i in (0, 1))
+            low, high = (
+                np.array([starts.box.get(n, (0.0, 0.0))[i] for n in names], dtype=float)
+                for i in (0, 1)
+            )
             for name, a, b in zip(names, low, high, strict=True):
                 if not a <= b:
-                    raise SimulationError(f"starts: the box of '{name}' is [{a:g}, {b:g}]",
-                                          expected="lowest first")
+                    raise SimulationError(
+                        f"starts: the box of '{name}' is [{a:g}, {b:g}]", expected="lowest first"
+                    )
             parts.append(loop.sample(low, high, starts.random, settings.seed))
         initial = np.vstack(parts)
     else:

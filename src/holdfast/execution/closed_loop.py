@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from types import ModuleType
 from typing import Any
@@ -109,7 +110,8 @@ class Trajectories:
     state, input, actuator, signal, constraint: (run, time, ...); mode: (run, time).
     outcome, exit_time [s], exit_constraint (-1: none), goal_time [s] (since when the run is
     in the goal at its end), worst (run, constraint): the largest c_j over all of time,
-    peak_input, peak_actuator: the largest magnitudes, switches: changes of mode.
+    peak_input, peak_actuator: the largest magnitudes, switches: changes of mode, rejected:
+    adaptive steps refused, wall_time: seconds of simulation, without compilation.
     """
 
     time: Array
@@ -128,6 +130,7 @@ class Trajectories:
     peak_actuator: Array
     switches: npt.NDArray[np.int64]
     rejected: npt.NDArray[np.int64]
+    wall_time: float = 0.0
 
 
 class ClosedLoop:
@@ -210,7 +213,7 @@ class ClosedLoop:
                     raise SimulationError(f"noise of '{name}', which is no state")
                 noise[row, names.index(name)] = size
         result = Trajectories(
-            time=np.arange(rows) * (stride * settings.sample_time),
+            time=np.arange(rows, dtype=np.float64) * (stride * settings.sample_time),
             state=blank(rows, n),
             input=blank(rows, len(program.inputs)),
             actuator=blank(rows, len(program.actuators)),
@@ -249,8 +252,9 @@ class ClosedLoop:
             )  # fmt: skip
 
         work(0, 0, np.zeros(1, dtype=np.int64))  # compile, or load, before the threads start
+        began = time.perf_counter()
         _run_threads(work, bounds, counters, threads, stop, runs * (samples + 1), progress)
-        return result
+        return replace(result, wall_time=time.perf_counter() - began)
 
 
 def _run_threads(
@@ -275,4 +279,3 @@ def _run_threads(
         except BaseException:
             stop[0] = 1
             raise
-

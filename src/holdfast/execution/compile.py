@@ -70,4 +70,3 @@ def compile_closed_loop(source: str) -> ModuleType:
     sys.modules[name] = module
     spec.loader.exec_module(module)
     return module
-

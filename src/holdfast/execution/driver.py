@@ -325,15 +325,15 @@ def simulate_runs(
                 else:
                     h = sample_time / substeps
                     last_step = index == substeps - 1
-                new, error = step(
-                    t + elapsed, h, q, k0, u, mode, plant, gains, table, continuous
-                )
+                new, error = step(t + elapsed, h, q, k0, u, mode, plant, gains, table, continuous)
                 if adaptive:
                     size = error_size(q, new, error, absolute, relative)
                     if not size <= 1.0:
                         rejected[run] += 1
-                        factor = 0.2 if not math.isfinite(size) else max(
-                            0.2, 0.9 * size ** (-1.0 / order)
+                        factor = (
+                            0.2
+                            if not math.isfinite(size)
+                            else max(0.2, 0.9 * size ** (-1.0 / order))
                         )
                         trial = h * factor
                         if trial < 1e-12 * sample_time:
@@ -361,9 +361,9 @@ def simulate_runs(
                         at = 1.0
                         if d0[j] > 0.0 and d1[j] < 0.0:
                             s_peak = peak_fraction(h, c0[j], d0[j], c1[j], d1[j])
-                            inner = constraints(
-                                hermite(s_peak, h, q, k0, new, k1, scratch), plant
-                            )[j]
+                            inner = constraints(hermite(s_peak, h, q, k0, new, k1, scratch), plant)[
+                                j
+                            ]
                             if inner > top:
                                 top = inner
                                 at = s_peak

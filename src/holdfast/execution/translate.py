@@ -29,7 +29,7 @@ from holdfast.maths.system import System
 from holdfast.maths.tangency import check_reads
 
 
-class Printer(PythonCodePrinter):  # type: ignore[misc]
+class Printer(PythonCodePrinter):
     """Numba-compilable text for every expression holdfast can build."""
 
     def _print_sgn(self, e: sp.Expr) -> str:
@@ -60,16 +60,16 @@ class Printer(PythonCodePrinter):  # type: ignore[misc]
     def _print_sign(self, e: sp.Expr) -> str:
         return f"sign({self._print(e.args[0])})"
 
-    def _print_Integer(self, e: sp.Expr) -> str:
+    def _print_Integer(self, e: sp.Expr) -> str:  # noqa: N802
         return f"{int(e)}.0"
 
-    def _print_Rational(self, e: sp.Expr) -> str:
+    def _print_Rational(self, e: sp.Expr) -> str:  # noqa: N802
         return repr(float(e))
 
-    def _print_Float(self, e: sp.Expr) -> str:
+    def _print_Float(self, e: sp.Expr) -> str:  # noqa: N802
         return repr(float(e))
 
-    def _print_Pow(self, e: sp.Expr, rational: bool = False) -> str:
+    def _print_Pow(self, e: sp.Expr, rational: bool = False) -> str:  # noqa: N802
         base, exponent = e.as_base_exp()
         text = f"({self._print(base)})"
         if exponent.is_Integer and 1 <= abs(int(exponent)) <= 8:
@@ -292,4 +292,3 @@ def _guard_source(
 def _load_source(dimension: int) -> str:
     entries = ", ".join(f"values[{i}]" for i in range(dimension))
     return f"@compiled\ndef as_tuple(values):\n    return ({entries},)"
-

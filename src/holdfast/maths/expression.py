@@ -56,7 +56,9 @@ FUNCTIONS: dict[str, tuple[int, int, Callable[..., sp.Expr]]] = {
     "min": (2, 8, _pairwise(least)),
     "max": (2, 8, _pairwise(greatest)),
 }
-"""Name -> (fewest arguments, most arguments, the function)."""
+"""Name -> (fewest arguments, most arguments, the function).
+
+`diff(expression, name)`, the partial derivative, is handled apart."""
 
 _FORBIDDEN = {
     ast.Attribute: "attribute access",
@@ -117,7 +119,7 @@ class _Translator:
             reason = getattr(error, "msg", None) or str(error) or type(error).__name__
             raise ExpressionError(
                 f"'{self._shown()}' is no expression ({reason})",
-                expected="arithmetic such as \"u*cos(theta)\"",
+                expected='arithmetic such as "u*cos(theta)"',
             ) from None
 
     def _shown(self) -> str:
@@ -165,8 +167,9 @@ class _Translator:
                     self._value(orelse, depth + 1),
                 )
             case ast.Compare() | ast.BoolOp() | ast.UnaryOp(op=ast.Not()):
-                raise self._refuse("a condition where a value is wanted",
-                                   remedy="write 'a if condition else b'")
+                raise self._refuse(
+                    "a condition where a value is wanted", remedy="write 'a if condition else b'"
+                )
         what = _FORBIDDEN.get(type(node), f"the construct {type(node).__name__}")
         raise self._refuse(
             f"{what} is not allowed", expected="arithmetic, declared names and listed functions"
@@ -224,9 +227,12 @@ class _Translator:
         if not isinstance(node.func, ast.Name):
             raise self._refuse("a call of something that is no name is not allowed")
         name = node.func.id
+        if name == "diff":
+            return self._derivative(node, depth)
         if name not in FUNCTIONS:
             raise self._refuse(
-                f"the function '{name}' is not allowed", remedy=suggestion(name, FUNCTIONS)
+                f"the function '{name}' is not allowed",
+                remedy=suggestion(name, [*FUNCTIONS, "diff"]),
             )
         if node.keywords or any(isinstance(a, ast.Starred) for a in node.args):
             raise self._refuse(f"'{name}' with named or unpacked arguments")
@@ -242,6 +248,17 @@ class _Translator:
             return select(first, *(self._value(a, depth + 1) for a in rest))
         return sp.sympify(function(*(self._value(a, depth + 1) for a in node.args)))
 
+    def _derivative(self, node: ast.Call, depth: int) -> sp.Expr:
+        variable = node.args[1] if len(node.args) == 2 else None
+        if not isinstance(variable, ast.Name) or node.keywords:
+            raise self._refuse("'diff' without a name", expected="diff(expression, name)")
+        by = self._name(variable.id)
+        if not by.is_Symbol:
+            raise self._refuse(
+                f"'diff' by the definition '{variable.id}'", expected="a state or parameter"
+            )
+        return self._value(node.args[0], depth + 1).diff(by)
+
     def _level(self, node: ast.expr, depth: int) -> sp.Expr:
         if depth > MAX_DEPTH:
             raise self._refuse("too many nested parentheses", expected=f"at most {MAX_DEPTH}")
@@ -253,11 +270,11 @@ class _Translator:
                 return -self._level(operand, depth + 1)
             case ast.Compare(left=left, ops=operators, comparators=comparators):
                 parts = []
-                for operator, right in zip(operators, comparators, strict=True):
+                for relation, right in zip(operators, comparators, strict=True):
                     a, b = self._value(left, depth + 1), self._value(right, depth + 1)
-                    if isinstance(operator, (ast.Lt, ast.LtE)):
+                    if isinstance(relation, (ast.Lt, ast.LtE)):
                         parts.append(b - a)
-                    elif isinstance(operator, (ast.Gt, ast.GtE)):
+                    elif isinstance(relation, (ast.Gt, ast.GtE)):
                         parts.append(a - b)
                     else:
                         raise self._refuse("a comparison other than < <= > >=")

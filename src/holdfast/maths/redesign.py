@@ -22,7 +22,7 @@ import sympy as sp
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.functions import clip, least, select
 from holdfast.maths.law import Law
-from holdfast.maths.quantity import Parameter, Quantity, merge_parameters
+from holdfast.maths.quantity import Quantity, merge_parameters
 from holdfast.maths.region import Region
 from holdfast.maths.switching import Switching, Transition
 
@@ -45,8 +45,9 @@ def switching_signals(
             )
         if not inner < outer < 0:
             raise DefinitionError(
-                f"layer of '{name}' is [{inner:g}, {outer:g}]", expected="[cmax, cmin], "
-                "cmax < cmin < 0: fully convergent below cmax, fully viable above cmin"
+                f"layer of '{name}' is [{inner:g}, {outer:g}]",
+                expected="[cmax, cmin], "
+                "cmax < cmin < 0: fully convergent below cmax, fully viable above cmin",
             )
         low, high = sp.Float(inner), sp.Float(outer)
         signals[name] = (high - region.inequality(name).expression) / (high - low)
@@ -130,5 +131,5 @@ def redesign(
 
 
 def _united(law: Law, region: Region, *others: Law) -> tuple[Quantity, ...]:
-    merged = {q.name: q for group in (law, region, *others) for q in group.reads}
-    return tuple(merged.values())
+    reads = [*law.reads, *region.reads, *(q for other in others for q in other.reads)]
+    return tuple({q.name: q for q in reads}.values())

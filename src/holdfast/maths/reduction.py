@@ -28,9 +28,7 @@ def promote(system: System, states: tuple[str, ...], bounds: Bounds | None = Non
                 expected="only promoted states to be driven by the inputs",
                 remedy=f"promote '{name}' too",
             )
-    rows = tuple(
-        row for row in system.pfaffian if not set(row.coefficients) & set(states)
-    )
+    rows = tuple(row for row in system.pfaffian if not set(row.coefficients) & set(states))
     return System(
         name=f"{system.name}, {' and '.join(states)} as inputs",
         states=tuple(q for q in system.states if q.name not in states),

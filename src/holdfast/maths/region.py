@@ -82,4 +82,3 @@ class Region:
     def margin(self) -> sp.Expr:
         """l = -max_j c_j(q), the convention of chapter 7: safe where positive."""
         return -self.worst
-

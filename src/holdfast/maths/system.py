@@ -104,16 +104,11 @@ class System:
         unknown = sorted(set(row.coefficients) - set(self.rates))
         if unknown:
             raise DefinitionError(f"{what} of {owner} names '{unknown[0]}', which is no state")
-        check_symbols(
-            {what: sp.Add(row.rhs, *row.coefficients.values())}, symbols, owner
-        )
-        residual = sum(
-            (c * self.rates[n] for n, c in row.coefficients.items()), start=-row.rhs
-        )
+        check_symbols({what: sp.Add(row.rhs, *row.coefficients.values())}, symbols, owner)
+        residual = sum((c * self.rates[n] for n, c in row.coefficients.items()), start=-row.rhs)
         if not _vanishes(residual):
             raise DefinitionError(
-                f"the rates of {owner} leave {what}: A qdot - b = "
-                f"{sp.sstr(sp.simplify(residual))}",
+                f"the rates of {owner} leave {what}: A qdot - b = {sp.sstr(sp.simplify(residual))}",
                 expected="A qdot = b for every state, input and disturbance",
                 remedy="correct the row or the rates",
             )

@@ -14,9 +14,7 @@ from holdfast.maths.region import Region
 from holdfast.maths.system import System
 
 
-def outward_rates(
-    system: System, region: Region, law: Law | None = None
-) -> dict[str, sp.Expr]:
+def outward_rates(system: System, region: Region, law: Law | None = None) -> dict[str, sp.Expr]:
     """d/dt c_j along the system, for every inequality: { name: grad c_j . f(q, u, d) }.
 
     With a `law`, its outputs take the place of the inputs. Raises `DefinitionError` when

@@ -33,14 +33,16 @@ def to_si(value: object, unit: str) -> float:
     `UnitError` for anything else and for a unit of another dimension.
     """
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
-        raise UnitError(f"got {value!r}", expected=f"a number in {unit}, or text such as "
-                        f"\"1.5 {unit}\"")
+        raise UnitError(
+            f"got {value!r}", expected=f'a number in {unit}, or text such as "1.5 {unit}"'
+        )
     if isinstance(value, (int, float)):
         return _finite(float(value), value)
     match = _TEXT.match(value)
     if match is None:
-        raise UnitError(f"got {value!r}", expected=f"a number in {unit}, or text such as "
-                        f"\"1.5 {unit}\"")
+        raise UnitError(
+            f"got {value!r}", expected=f'a number in {unit}, or text such as "1.5 {unit}"'
+        )
     number, given = float(match[1]), (match[2] or unit).strip()
     return _finite(number if given == unit else convert(number, given, unit), value)
 
@@ -72,8 +74,9 @@ def _finite(number: float, shown: object) -> float:
 
 
 _COMMON = frozenset(
-    "1 m s rad kg N m/s rad/s 1/s 1/m m/s^2 rad/s^2 m^2 kg m^2 N m N s/m N m s Hz".split()
-) | {"kg m^2", "N m", "N s/m", "N m s"}
+    ("1", "m", "s", "rad", "kg", "N", "m/s", "rad/s", "1/s", "1/m", "kg m^2", "N m", "N s/m")
+)
+"""Units known without loading the unit library."""
 
 
 def check_unit(unit: str) -> None:
@@ -82,4 +85,4 @@ def check_unit(unit: str) -> None:
         try:
             _registry().Unit(_pint_text(unit))
         except Exception:
-            raise UnitError(f"'{unit}' is no unit", expected="an SI unit such as \"m/s\"") from None
+            raise UnitError(f"'{unit}' is no unit", expected='an SI unit such as "m/s"') from None

@@ -44,7 +44,9 @@ def load_vehicle(name: str, units: Mapping[str, tuple[str, str]]) -> Vehicle:
             raise ScenarioError(f"vehicle file {name} cannot be read ({error})") from None
     else:
         if name not in vehicle_names():
-            raise ScenarioError(f"unknown vehicle '{name}'", remedy=suggestion(name, vehicle_names()))
+            raise ScenarioError(
+                f"unknown vehicle '{name}'", remedy=suggestion(name, vehicle_names())
+            )
         shown = f"vehicle '{name}'"
         text = (resources.files("holdfast.vehicles") / f"{name}.toml").read_text("utf-8")
     try:
@@ -52,8 +54,9 @@ def load_vehicle(name: str, units: Mapping[str, tuple[str, str]]) -> Vehicle:
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{shown}: not a TOML file ({error})") from None
     for key in sorted(set(data) - {"title", "system", "note", "parameters"}):
-        raise ScenarioError(f"{shown}: unknown key '{key}'",
-                            expected="title, system, note, parameters")
+        raise ScenarioError(
+            f"{shown}: unknown key '{key}'", expected="title, system, note, parameters"
+        )
     for key in ("title", "system", "parameters"):
         if key not in data:
             raise ScenarioError(f"{shown}: missing key '{key}'")
@@ -62,14 +65,21 @@ def load_vehicle(name: str, units: Mapping[str, tuple[str, str]]) -> Vehicle:
         raise ScenarioError(f"{shown}: parameters is {given!r}", expected="a table")
     for key in given:
         if key not in units:
-            raise ScenarioError(f"{shown}: unknown parameter '{key}'", remedy=suggestion(key, units))
+            raise ScenarioError(
+                f"{shown}: unknown parameter '{key}'", remedy=suggestion(key, units)
+            )
     parameters = {}
     for key, (unit, meaning) in units.items():
         if key not in given:
             raise ScenarioError(f"{shown}: missing parameter '{key}' ({meaning}, {unit})")
         parameters[key] = _parameter(shown, key, given[key], unit, meaning)
-    return Vehicle(Path(name).stem, str(data["title"]), str(data["system"]), parameters,
-                   str(data.get("note", "")))
+    return Vehicle(
+        Path(name).stem,
+        str(data["title"]),
+        str(data["system"]),
+        parameters,
+        str(data.get("note", "")),
+    )
 
 
 def _parameter(shown: str, key: str, entry: object, unit: str, meaning: str) -> Parameter:
@@ -79,8 +89,9 @@ def _parameter(shown: str, key: str, entry: object, unit: str, meaning: str) -> 
             f"{where} is {entry!r}", expected=f'{{ value = ..., unit = "{unit}", source = "..." }}'
         )
     for field in sorted(set(entry) - {"value", "unit", "source", "assumed"}):
-        raise ScenarioError(f"{where}: unknown key '{field}'",
-                            expected="value, unit, source, assumed")
+        raise ScenarioError(
+            f"{where}: unknown key '{field}'", expected="value, unit, source, assumed"
+        )
     for field in ("value", "unit", "source"):
         if field not in entry:
             raise ScenarioError(f"{where}: missing key '{field}'")
@@ -101,7 +112,8 @@ def overridden(
     result = dict(parameters)
     for key, value in overrides.items():
         if key not in parameters:
-            raise ScenarioError(f"{owner} has no parameter '{key}'",
-                                remedy=suggestion(key, parameters))
+            raise ScenarioError(
+                f"{owner} has no parameter '{key}'", remedy=suggestion(key, parameters)
+            )
         result[key] = replace(parameters[key], value=float(value), source="set by the user")
     return result

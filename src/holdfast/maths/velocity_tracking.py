@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TypeVar
+from typing import overload
 
 import sympy as sp
 
@@ -14,10 +14,17 @@ from holdfast.maths.switching import Switching
 from holdfast.maths.system import System
 
 
-L = TypeVar("L", Law, Switching)
-
-
-def track_velocity(system: System, law: L, gains: Mapping[str, float]) -> L:
+@overload
+def track_velocity(system: System, law: Law, gains: Mapping[str, float]) -> Law: ...
+@overload
+def track_velocity(system: System, law: Switching, gains: Mapping[str, float]) -> Switching: ...
+@overload
+def track_velocity(
+    system: System, law: Law | Switching, gains: Mapping[str, float]
+) -> Law | Switching: ...
+def track_velocity(
+    system: System, law: Law | Switching, gains: Mapping[str, float]
+) -> Law | Switching:
     """The inputs that make velocities w of `system` follow the outputs gamma of `law`.
 
         wdot = -k (w - gamma) + d/dt gamma          (5.21), (5.22)
@@ -63,7 +70,7 @@ def track_velocity(system: System, law: L, gains: Mapping[str, float]) -> L:
     )
     rates = system.undisturbed_rates
     inputs = [q.symbol for q in system.inputs]
-    zero = {u: 0 for u in inputs}
+    zero = dict.fromkeys(inputs, 0)
     effect = sp.Matrix([[rates[n].diff(u) for u in inputs] for n in velocities])
     if effect.free_symbols & set(inputs) or effect.det() == 0:
         raise DefinitionError(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -34,7 +35,9 @@ def histories_figure(result: Result, run: int = 0) -> Figure:
     """
     data = result.dataset
     if not 0 <= run < data.sizes["run"]:
-        raise OutputError(f"there is no run {run} to draw", expected=f"0 to {data.sizes['run'] - 1}")
+        raise OutputError(
+            f"there is no run {run} to draw", expected=f"0 to {data.sizes['run'] - 1}"
+        )
     panels = _panels(result, run)
     time = data["time"].values
     mode = data["mode"].values[run]
@@ -54,9 +57,17 @@ def histories_figure(result: Result, run: int = 0) -> Figure:
                 axis.axhline(0.0, color=style.BLACK, linewidth=0.6)
             axis.set_title(panel.title, loc="left", fontsize=8, pad=3)
             axis.set_ylabel(f"[{panel.unit}]" if panel.unit != "1" else "")
-            axis.legend(loc="best", ncols=min(2, len(panel.names)), handlelength=1.8,
-                        borderaxespad=0.2, frameon=True, framealpha=0.8, edgecolor="none")
+            axis.legend(
+                loc="best",
+                ncols=min(2, len(panel.names)),
+                handlelength=1.8,
+                borderaxespad=0.2,
+                frameon=True,
+                framealpha=0.8,
+                edgecolor="none",
+            )
             axis.margins(x=0.0, y=0.1)
+            axis.set_xlim(time[0], _settled(time, data["state"].values[run]))
         for axis in flat[len(panels) :]:
             axis.set_visible(False)
         for column in axes.T:
@@ -69,14 +80,23 @@ def histories_figure(result: Result, run: int = 0) -> Figure:
     return figure
 
 
-def _shade(
-    axes: list[Axes], time: Array, mode: npt.NDArray[np.int16], data: object
-) -> list[Patch]:
+def _settled(time: Array, states: Array) -> float:
+    """A little after the states have come to rest, or the end."""
+    finite = np.isfinite(states).all(axis=1)
+    if not finite.all():
+        return float(time[-1])
+    size = np.ptp(states, axis=0)
+    moving = (np.abs(states - states[-1]) > 0.01 * np.maximum(size, 1e-12)).any(axis=1)
+    last = np.flatnonzero(moving)
+    return float(min(time[-1], 1.4 * time[last[-1]] + time[1])) if last.size else float(time[-1])
+
+
+def _shade(axes: list[Axes], time: Array, mode: npt.NDArray[np.int16], data: object) -> list[Patch]:
     meanings = str(data["mode"].attrs["flag_meanings"]).split()  # type: ignore[index]
     if len(meanings) == 1:
         return []
     edges = [0, *(np.flatnonzero(np.diff(mode)) + 1), len(mode) - 1]
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in pairwise(edges):
         if mode[a] >= 0:
             colour = style.MODES[int(mode[a]) % len(style.MODES)]
             for axis in axes:
@@ -93,7 +113,7 @@ def _panels(result: Result, run: int) -> list[_Panel]:
     panels = []
     states = data["state"].values[run]
     names = [style.label(str(n)) for n in data["state_name"].values]
-    panels += _by_unit("states", [str(u) for u in data["state_unit"].values], names, states)
+    panels += _by_unit("state", [str(u) for u in data["state_unit"].values], names, states)
     if data.sizes["actuator"]:
         panels.append(
             _Panel("actuators", str(data["actuator"].attrs["units"]),
@@ -102,11 +122,11 @@ def _panels(result: Result, run: int) -> list[_Panel]:
     else:
         labels = [style.label(str(n)) for n in data["input_name"].values]
         units = [str(u) for u in data["input_unit"].values]
-        panels += _by_unit("inputs", units, labels, data["input"].values[run])
+        panels += _by_unit("input", units, labels, data["input"].values[run])
     if data.sizes["constraint"]:
         labels = [str(n).replace("_", " ") for n in data["constraint_name"].values]
         units = [str(u) for u in data["constraint_unit"].values]
-        panels += _by_unit("constraints, safe below 0", units, labels,
+        panels += _by_unit("constraints (safe below 0)", units, labels,
                            data["constraint"].values[run], zero=True)  # fmt: skip
     if data.sizes["signal"]:
         labels = [_signal_label(str(n)) for n in data["signal_name"].values]
@@ -125,5 +145,7 @@ def _by_unit(
     panels = []
     for unit in dict.fromkeys(units):
         columns = [i for i, u in enumerate(units) if u == unit]
-        panels.append(_Panel(title, unit, [names[i] for i in columns], values[:, columns], zero))
+        kind = {"m": "position", "rad": "angle", "m/s": "velocity", "rad/s": "turn rate"}
+        shown = kind.get(unit, "state") if title == "state" else title
+        panels.append(_Panel(shown, unit, [names[i] for i in columns], values[:, columns], zero))
     return panels

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
 import sympy as sp
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Circle as CirclePatch
-from matplotlib.patches import Polygon
+from matplotlib.patches import Wedge
 
 from holdfast.analysis.result import Result
 from holdfast.execution.closed_loop import Outcome
@@ -35,11 +36,15 @@ _SHOWN_RUNS = 300
 
 
 def paths_figure(
-    result: Result, plane: tuple[str, str] = ("x", "y"), highlight: int = 3, cones: int = 4
+    result: Result,
+    plane: tuple[str, str] = ("x", "y"),
+    highlight: int = 3,
+    cones: int = 4,
+    cone_run: int = 0,
 ) -> Figure:
     """All paths coloured by outcome, and the first `highlight` of them coloured by mode.
 
-    `cones` fields of view are drawn along each highlighted path.
+    `cones` fields of view are drawn along the path of run `cone_run`.
     """
     data = result.dataset
     names = [str(n) for n in data["state_name"].values]
@@ -50,29 +55,42 @@ def paths_figure(
     bold = list(range(min(highlight, runs)))
     with style.look():
         both = runs > len(bold)
+        limits = _limits(xy[:_SHOWN_RUNS], result)
+        (x0, x1), (y0, y1) = limits
+        width = style.WIDTH / 2 if both else style.WIDTH * 0.65
+        height = min(max(0.85 * width * (y1 - y0) / (x1 - x0), 1.8), 4.4) + 1.1
         figure, axes = plt.subplots(
-            1, 2 if both else 1, figsize=(style.WIDTH, 4.3), layout="constrained",
-            sharex=True, sharey=True, squeeze=False,
+            1, 2 if both else 1, figsize=(2 * width if both else width, height),
+            layout="constrained", sharex=True, sharey=True, squeeze=False,
         )  # fmt: skip
         panels = list(axes[0])
-        limits = _limits(xy[:_SHOWN_RUNS])
         for axis in panels:
-            _draw_fixed(axis, result, limits)
+            _draw_fixed(axis, result)
         if both:
-            _draw_ensemble(panels[0], xy, data["outcome"].values)
-        _draw_highlights(panels[-1], result, xy, bold, names, cones)
+            _draw_ensemble(panels[0], data, xy)
+        _draw_highlights(panels[-1], result, xy, bold)
+        if cones > 0 and cone_run < runs:
+            _draw_cones(panels[-1], result, cone_run, names, cones)
         units = data["state_unit"].values
         for axis in panels:
             axis.set_aspect("equal")
             axis.set_xlim(limits[0])
             axis.set_ylim(limits[1])
             axis.set_xlabel(f"{style.label(plane[0])} [{units[columns[0]]}]")
+        entries: dict[str, Artist] = {}
+        for axis in panels:
+            entries |= {str(h.get_label()): h for h in axis.get_legend_handles_labels()[0]}
+        figure.legend(handles=list(entries.values()), loc="outside lower center",
+                      ncols=min(6, len(entries)), handlelength=1.6, columnspacing=1.4)  # fmt: skip
         panels[0].set_ylabel(f"{style.label(plane[1])} [{units[columns[1]]}]")
     return figure
 
 
-def _limits(xy: Array) -> tuple[tuple[float, float], tuple[float, float]]:
+def _limits(xy: Array, result: Result) -> tuple[tuple[float, float], tuple[float, float]]:
     points = xy[np.isfinite(xy).all(axis=2)]
+    targets = [x for x in result.scene if isinstance(x, Segment) and x.role == "target"]
+    ends = [_evaluated(end, _values(result)) for t in targets for end in (t.start, t.end)]
+    points = np.vstack([points, *([ends] if ends else [])])
     low, high = points.min(axis=0), points.max(axis=0)
     pad = 0.06 * max(float((high - low).max()), 1e-9)
     return (
@@ -94,13 +112,14 @@ def _thinned(path: Array) -> Array:
     return picked
 
 
-def _draw_ensemble(axis: Axes, xy: Array, outcomes: npt.NDArray[np.int8]) -> None:
+def _draw_ensemble(axis: Axes, data: Any, xy: Array) -> None:
+    outcomes = data["outcome"].values
     shown = min(len(xy), _SHOWN_RUNS)
-    handles = []
     # the rarest outcome last, on top
     for outcome in sorted(Outcome, key=lambda o: -int((outcomes == o).sum())):
         members = np.flatnonzero(outcomes == outcome)
-        if not members.size:
+        count = members.size
+        if not count:
             continue
         members = members[members < shown]
         colour = _OUTCOME_COLOURS[outcome]
@@ -113,114 +132,94 @@ def _draw_ensemble(axis: Axes, xy: Array, outcomes: npt.NDArray[np.int8]) -> Non
         )  # fmt: skip
         starts = xy[members, 0]
         axis.plot(starts[:, 0], starts[:, 1], ".", color=colour, markersize=2.5)
-        count = int((outcomes == outcome).sum())
-        handles.append(Line2D([], [], color=colour, label=f"{outcome.label} ({count})"))
+        axis.plot([], [], color=colour, label=f"{outcome.label} ({count})")
+    left = [i for i in np.flatnonzero(outcomes == Outcome.LEFT) if i < shown]
+    if left:
+        times = data["time"].values
+        at = [np.searchsorted(times, data["exit_time"].values[i]) for i in left]
+        points = np.array([xy[i, min(k, len(times) - 1)] for i, k in zip(left, at, strict=True)])
+        axis.plot(points[:, 0], points[:, 1], "x", color=style.BLACK, markersize=4,
+                  zorder=5, label="left here")  # fmt: skip
     title = f"{len(xy)} starts, by outcome"
     if shown < len(xy):
         title += f" ({shown} drawn)"
     axis.set_title(title)
-    _legend_below(axis, handles)
 
 
-def _draw_highlights(
-    axis: Axes, result: Result, xy: Array, runs: list[int], names: list[str], cones: int
-) -> None:
+def _draw_highlights(axis: Axes, result: Result, xy: Array, runs: list[int]) -> None:
     data = result.dataset
-    modes = str(data["mode"].attrs["flag_meanings"]).split()
-    seen: set[int] = set()
-    for run in runs:
-        mode = data["mode"].values[run]
-        changes = np.flatnonzero(np.diff(mode)) + 1
-        edges = [0, *changes, len(mode) - 1]
-        for a, b in zip(edges[:-1], edges[1:], strict=True):
-            if mode[a] < 0:
-                continue
-            seen.add(int(mode[a]))
-            piece = _thinned(xy[run, a : b + 1])
-            axis.plot(piece[:, 0], piece[:, 1], color=_mode_colour(int(mode[a])), linewidth=1.6,
-                      zorder=3)  # fmt: skip
-        axis.plot(*xy[run, 0], "o", color=style.BLACK, markersize=3.5, zorder=4)
-    handles = [
-        Line2D([], [], color=_mode_colour(m), linewidth=1.6, label=modes[m].replace("_", " "))
-        for m in sorted(seen)
-    ]
-    handles.append(Line2D([], [], color=style.BLACK, marker="o", markersize=3.5, linestyle="",
-                          label="start"))  # fmt: skip
-    for shape in result.scene:
-        if isinstance(shape, Cone) and cones > 0:
-            for run in runs:
-                _draw_cones(axis, shape, result, run, names, cones)
-            handles.append(
-                Line2D([], [], color=style.ORANGE, linewidth=5, alpha=0.3, label=shape.role)
-            )
-    for shape in result.scene:
-        if not isinstance(shape, Cone):
-            handles.append(_fixed_handle(shape))
+    meanings = str(data["mode"].attrs["flag_meanings"]).split()
+    modes = data["mode"].values[runs]
+    for mode in np.unique(modes[modes >= 0]):
+        axis.plot([], [], color=_mode_colour(int(mode)), linewidth=1.6,
+                  label=meanings[mode].replace("_", " "))  # fmt: skip
+    for run, mode in zip(runs, modes, strict=True):
+        edges = [0, *(np.flatnonzero(np.diff(mode)) + 1), len(mode) - 1]
+        for a, b in pairwise(edges):
+            if mode[a] >= 0:
+                piece = _thinned(xy[run, a : b + 1])
+                axis.plot(piece[:, 0], piece[:, 1], color=_mode_colour(int(mode[a])),
+                          linewidth=1.6, zorder=3)  # fmt: skip
+    axis.plot(xy[runs, 0, 0], xy[runs, 0, 1], "o", color=style.BLACK, markersize=3.5, zorder=4,
+              label="start")  # fmt: skip
     axis.set_title("reference starts, by mode" if len(runs) > 1 else "path, by mode")
-    _legend_below(axis, handles)
 
 
 def _mode_colour(mode: int) -> str:
     return style.MODES[mode % len(style.MODES)]
 
 
-def _legend_below(axis: Axes, handles: list[Line2D]) -> None:
-    axis.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3,
-                handlelength=1.6, columnspacing=1.2)  # fmt: skip
-
-
 def _fixed_style(role: str) -> dict[str, Any]:
     return {
-        "target": {"color": style.RED, "linewidth": 4.0, "solid_capstyle": "butt", "zorder": 5},
-        "wall": {"color": style.BLACK, "linewidth": 1.5, "zorder": 2},
+        "target": {"color": style.BLACK, "linewidth": 4.5, "zorder": 5},
+        "wall": {"color": style.GREY, "linewidth": 1.5, "zorder": 2},
         "goals": {"color": style.PURPLE, "linewidth": 1.0, "linestyle": "--", "zorder": 2},
     }.get(role, {"color": style.BLACK, "linewidth": 1.2, "zorder": 2})
 
 
-def _fixed_handle(shape: Segment | Circle) -> Line2D:
-    drawn = {k: v for k, v in _fixed_style(shape.role).items() if k != "solid_capstyle"}
-    return Line2D([], [], label=shape.role, **drawn)
+def _values(result: Result) -> dict[sp.Symbol, float]:
+    return {symbol(k): v for k, v in (result.parameters or {}).items()}
 
 
 def _evaluated(expressions: Any, values: Mapping[sp.Symbol, float]) -> list[float]:
     return [float(sp.sympify(e).subs(values)) for e in expressions]
 
 
-def _draw_fixed(
-    axis: Axes, result: Result, limits: tuple[tuple[float, float], tuple[float, float]]
-) -> None:
-    values = {symbol(k): v for k, v in (result.parameters or {}).items()}
+def _draw_fixed(axis: Axes, result: Result) -> None:
+    values = _values(result)
     for shape in result.scene:
+        drawn = _fixed_style(shape.role)
         if isinstance(shape, Segment):
             (x0, y0), (x1, y1) = (_evaluated(p, values) for p in (shape.start, shape.end))
-            axis.plot([x0, x1], [y0, y1], **_fixed_style(shape.role))
+            axis.plot([x0, x1], [y0, y1], label=shape.role, solid_capstyle="butt", **drawn)
         elif isinstance(shape, Circle):
             x, y, radius = _evaluated((*shape.centre, shape.radius), values)
-            drawn = {k: v for k, v in _fixed_style(shape.role).items() if k != "solid_capstyle"}
             axis.add_patch(CirclePatch((x, y), radius, fill=False, **drawn))
+            axis.plot([], [], label=shape.role, **drawn)
 
 
-def _draw_cones(
-    axis: Axes, cone: Cone, result: Result, run: int, names: list[str], count: int
-) -> None:
+def _draw_cones(axis: Axes, result: Result, run: int, names: list[str], count: int) -> None:
+    """Fields of view at instants evenly spaced along the path of one run."""
     states = result.dataset["state"].values[run]
     states = states[np.isfinite(states).all(axis=1)]
-    moved = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(states[:, :2], axis=0).T))])
-    instants = np.searchsorted(moved, np.linspace(0.0, 0.999 * moved[-1], count))
-    base = {symbol(k): v for k, v in (result.parameters or {}).items()}
-    for k in np.unique(instants):
-        values = base | {symbol(n): float(v) for n, v in zip(names, states[k], strict=True)}
-        x, y, heading, half, reach = _evaluated(
-            (*cone.apex, cone.heading, cone.half_angle, cone.range), values
-        )
-        if not (np.isfinite(reach) and reach > 0):
-            continue
-        # the far side is the line across the view at that range, as on a wall
-        rays = np.array([heading - half, heading + half])
-        corners = [(x + reach * np.cos(a), y + reach * np.sin(a)) for a in rays]
-        axis.add_patch(
-            Polygon([(x, y), *corners], closed=True, facecolor=style.ORANGE, alpha=0.13,
-                    edgecolor=style.ORANGE, linewidth=0.5, zorder=1)
-        )  # fmt: skip
-        axis.plot(x, y, marker=(3, 0, np.degrees(heading) - 90), color=style.BLACK, markersize=5,
-                  linestyle="", zorder=4)  # fmt: skip
+    base = _values(result)
+    for cone in (shape for shape in result.scene if isinstance(shape, Cone)):
+        apexes = [symbol(n) for n in names]
+        moved = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(states[:, :2], axis=0).T))])
+        instants = np.searchsorted(moved, np.linspace(0.0, 0.999 * moved[-1], count))
+        for number, k in enumerate(np.unique(instants)):
+            values = base | dict(zip(apexes, map(float, states[k]), strict=True))
+            x, y, heading, half, reach = _evaluated(
+                (*cone.apex, cone.heading, cone.half_angle, cone.range), values
+            )
+            if not (np.isfinite(reach) and reach > 0):
+                continue
+            low, high = np.degrees(heading - half), np.degrees(heading + half)
+            axis.add_patch(
+                Wedge((x, y), reach, low, high, facecolor=style.ORANGE, alpha=0.16,
+                      edgecolor=style.BLACK, linewidth=0.4, zorder=1)
+            )  # fmt: skip
+            axis.plot(x, y, marker=(3, 0, np.degrees(heading) - 90), color=style.BLACK,
+                      markersize=5, linestyle="", zorder=4,
+                      label="vehicle" if number == 0 else None)  # fmt: skip
+        axis.plot([], [], color=style.ORANGE, linewidth=5, alpha=0.35, label=cone.role)

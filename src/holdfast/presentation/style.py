@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 
 matplotlib.use("Agg")
 
-import matplotlib.pyplot as plt  # noqa: E402
-from matplotlib.figure import Figure  # noqa: E402
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
 
-from holdfast.analysis.result import atomic_file  # noqa: E402
+from holdfast.analysis.result import atomic_file
 
 # Okabe-Ito, told apart by readers who do not see all colours
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK, GREY = (
@@ -25,7 +26,7 @@ MODES = (GREEN, RED, BLUE, ORANGE, PURPLE, SKY)
 WIDTH = 7.2
 """Inches: the text width of a page."""
 
-_SETTINGS = {
+_SETTINGS: Any = {
     "font.family": "DejaVu Sans",
     "font.size": 8,
     "axes.titlesize": 9,

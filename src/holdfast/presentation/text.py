@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import xarray as xr
+
 from holdfast.analysis.result import Result
 
 
@@ -22,7 +24,7 @@ def summary_text(result: Result, files: Sequence[Path] = ()) -> str:
     if summary["outcomes"]["diverged"]:
         lines.append(f"  diverged       {_share(summary['outcomes']['diverged'], runs)}")
     if constraints:
-        units = dict(zip(constraints, (str(u) for u in data["constraint_unit"].values), strict=True))
+        units = _units(data, "constraint")
         exits = [int((data["exit_constraint"].values == j).sum()) for j in range(len(constraints))]
         lines += ["", "  constraint (safe <= 0)     worst            left by"]
         for (name, worst), left in zip(summary["worst_constraint"].items(), exits, strict=True):
@@ -30,9 +32,7 @@ def summary_text(result: Result, files: Sequence[Path] = ()) -> str:
             lines.append(f"    {name.replace('_', ' '):<22} {shown:<16} {left if left else '-'}")
     if summary["final_error"]:
         lines += ["", "  final error                median       worst"]
-        units = dict(
-            zip(map(str, data["state_name"].values), map(str, data["state_unit"].values), strict=True)
-        )
+        units = _units(data, "state")
         for name, error in summary["final_error"].items():
             median, worst = (
                 "-" if error[k] is None else f"{_tidy(error[k])}" for k in ("median", "worst")
@@ -66,5 +66,9 @@ def _unit(result: Result, name: str) -> str:
     data = result.dataset
     if name in data["actuator_name"].values:
         return f" {data['actuator'].attrs['units']}"
-    units = dict(zip(data["input_name"].values, data["input_unit"].values, strict=True))
-    return f" {units[name]}" if name in units else ""
+    return f" {_units(data, 'input')[name]}"
+
+
+def _units(data: xr.Dataset, axis: str) -> dict[str, str]:
+    names, units = data[f"{axis}_name"].values, data[f"{axis}_unit"].values
+    return dict(zip(map(str, names), map(str, units), strict=True))

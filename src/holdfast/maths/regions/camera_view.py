@@ -43,8 +43,8 @@ def camera_view(
             Quantity("psi", "rad", angle=True),
         ),
         inequalities=(
-            Inequality("edge_low", wrap(psi - low) - alpha, "rad", "low end of the target in view"),
-            Inequality("edge_high", wrap(high - psi) - alpha, "rad", "high end of the target in view"),
+            Inequality("edge_low", wrap(psi - low) - alpha, "rad", "low end of target in view"),
+            Inequality("edge_high", wrap(high - psi) - alpha, "rad", "high end of target in view"),
             Inequality("too_near", near * sp.cos(psi) + x, "m", "range at least Lmin"),
             Inequality("too_far", -x - far * sp.cos(psi), "m", "range at most Lmax"),
         ),

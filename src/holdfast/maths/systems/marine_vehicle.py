@@ -51,7 +51,7 @@ def marine_vehicle(vehicle: str = "videoray_pro_iii", **overrides: float) -> Sys
     parameters = overridden(
         load_vehicle(vehicle, PARAMETERS).parameters, overrides, "marine_vehicle"
     )
-    x, y, psi, u, v, r = (symbol(n) for n in ("x", "y", "psi", "u", "v", "r"))
+    psi, u, v, r = (symbol(n) for n in ("psi", "u", "v", "r"))
     tau_u, tau_r, vx, vy = (symbol(n) for n in ("tau_u", "tau_r", "Vx", "Vy"))
     p = {n: symbol(n) for n in PARAMETERS}
     m11, m22, m33 = surge_inertia(), sway_inertia(), p["Iz"] - p["Nrdot"]
