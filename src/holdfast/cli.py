@@ -51,10 +51,18 @@ def show_command(name: str) -> None:
 
 @cli.command("run")
 @click.argument("scenario")
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for the results "
-              "[default: runs/SCENARIO].")  # fmt: skip
-@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE",
-              help="Override a value, such as law.k1=0.2 (repeatable).")  # fmt: skip
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Folder for the results [default: runs/SCENARIO].",
+)
+@click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Override a value, such as law.k1=0.2 (repeatable).",
+)
 @click.option("--runs", type=int, help="How many starts: the given states, then random ones.")
 @click.option("--seed", type=int, help="Seed of every random number.")
 @click.option("--no-figures", is_flag=True, help="Write the data only.")
@@ -102,9 +110,13 @@ def _simulated(scenario: Scenario) -> Result:
     from tqdm import tqdm
 
     with tqdm(
-        total=100, desc=f"{scenario.name}, preparing", unit="%", leave=False, file=sys.stderr,
+        total=100,
+        desc=f"{scenario.name}, preparing",
+        unit="%",
+        leave=False,
+        file=sys.stderr,
         bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}",
-    ) as bar:  # fmt: skip
+    ) as bar:
 
         def progress(fraction: float) -> None:
             bar.set_description_str(scenario.name, refresh=False)

@@ -186,10 +186,14 @@ class Composer:
                 check_unit(spec.unit)
                 result.append(
                     Parameter(
-                        name, spec.unit, spec.description, value=to_si(spec.value, spec.unit),
-                        source=spec.source, assumed=spec.assumed,
+                        name,
+                        spec.unit,
+                        spec.description,
+                        value=to_si(spec.value, spec.unit),
+                        source=spec.source,
+                        assumed=spec.assumed,
                     )
-                )  # fmt: skip
+                )
         return tuple(result)
 
     def _quantities(
@@ -283,10 +287,14 @@ class Composer:
         with at(self.file, "law"):
             if spec.outputs is not None:
                 return Law(
-                    name=spec.name, reads=reads, parameters=tuple(self.known.values()),
-                    outputs=self._parsed(spec.outputs, names, "law.outputs"), signals=signals,
-                    description=spec.description, source=spec.source,
-                )  # fmt: skip
+                    name=spec.name,
+                    reads=reads,
+                    parameters=tuple(self.known.values()),
+                    outputs=self._parsed(spec.outputs, names, "law.outputs"),
+                    signals=signals,
+                    description=spec.description,
+                    source=spec.source,
+                )
             modes = {
                 mode: self.outputs_law(mode, outputs, f"law.modes.{mode}", names, reads)
                 for mode, outputs in (spec.modes or {}).items()
@@ -297,11 +305,15 @@ class Composer:
                     level = parse_condition(transition.when, names | {"time_in_mode": TIME_IN_MODE})
                 transitions.append(Transition(transition.source, transition.target, level))
             return Switching(
-                name=spec.name, modes=modes, transitions=tuple(transitions),
-                initial=spec.initial, signals=signals,
+                name=spec.name,
+                modes=modes,
+                transitions=tuple(transitions),
+                initial=spec.initial,
+                signals=signals,
                 extra_parameters=tuple(self.known.values()),
-                description=spec.description, source=spec.source,
-            )  # fmt: skip
+                description=spec.description,
+                source=spec.source,
+            )
 
     def _reads(self, wanted: list[str] | None) -> tuple[Quantity, ...]:
         if wanted is None:
@@ -348,18 +360,26 @@ class Composer:
             with at(self.file, f"{key}.constraints.{name}"):
                 check_unit(given.unit)
                 inequalities.append(
-                    Inequality(name, parse_expression(given.expression, names), given.unit,
-                               given.description)
-                )  # fmt: skip
+                    Inequality(
+                        name,
+                        parse_expression(given.expression, names),
+                        given.unit,
+                        given.description,
+                    )
+                )
         shapes = tuple(
             self._shape(shape, names, f"{key}.scene.{i}") for i, shape in enumerate(spec.scene)
         )
         with at(self.file, key):
             return Region(
-                name=spec.name, reads=self.states, inequalities=tuple(inequalities),
-                parameters=tuple(self.known.values()), scene=shapes,
-                description=spec.description, source=spec.source,
-            )  # fmt: skip
+                name=spec.name,
+                reads=self.states,
+                inequalities=tuple(inequalities),
+                parameters=tuple(self.known.values()),
+                scene=shapes,
+                description=spec.description,
+                source=spec.source,
+            )
 
     def _shape(self, spec: ShapeSpec, names: Names, key: str) -> scene.Shape:
         needed = {
@@ -379,8 +399,10 @@ class Composer:
                     else parse_expression(given, names)
                 )
         shape: Callable[..., scene.Shape] = {
-            "segment": scene.Segment, "cone": scene.Cone, "circle": scene.Circle
-        }[spec.kind]  # fmt: skip
+            "segment": scene.Segment,
+            "cone": scene.Cone,
+            "circle": scene.Circle,
+        }[spec.kind]
         return shape(spec.role, *values)
 
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import inspect
+import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import sympy as sp
+from sympy.printing.pretty.pretty import PrettyPrinter
+from sympy.printing.pretty.pretty_symbology import greek_unicode
+from sympy.printing.pretty.stringpict import prettyForm
 
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.maths import laws, regions, systems
@@ -77,19 +81,44 @@ def _entry(function: Callable[..., Any]) -> list[str]:
     return lines
 
 
+WIDTH = 100
+
+
 def _equations(pairs: Iterable[tuple[str, sp.Expr]], relation: str = "=") -> list[str]:
+    """Equations set in two dimensions; long ones are split by naming their parts."""
+    given = dict(pairs)
+    if max(_width(e) for e in given.values()) > WIDTH:
+        shared, reduced = sp.cse(
+            list(given.values()), symbols=sp.numbered_symbols("w", start=1), order="none"
+        )
+        given = {str(s): e for s, e in shared} | dict(zip(given, reduced, strict=True))
     lines = []
-    for left, expression in pairs:
-        text = sp.pretty(expression, use_unicode=True, wrap_line=False)
-        if max(len(row) for row in text.splitlines()) > 100:
-            text = sp.sstr(expression)
-        rows = text.splitlines()
+    for left, expression in given.items():
+        rows = _pretty(expression)
+        if max(len(row) for row in rows) > WIDTH:
+            rows = textwrap.wrap(sp.sstr(expression), WIDTH, break_long_words=False)
         head = f"    {left} {relation} "
         middle = len(rows) // 2
         lines += [
             (head if i == middle else " " * len(head)) + row.rstrip() for i, row in enumerate(rows)
         ]
     return lines
+
+
+class _Printer(PrettyPrinter):
+    """Names as they are written in a scenario, Greek letters excepted."""
+
+    def _print_Symbol(self, e: sp.Symbol) -> prettyForm:  # noqa: N802
+        return prettyForm(greek_unicode.get(e.name, e.name))
+
+
+def _pretty(expression: sp.Expr) -> list[str]:
+    text: str = _Printer({"use_unicode": True, "wrap_line": False}).doprint(expression)
+    return text.splitlines()
+
+
+def _width(expression: sp.Expr) -> int:
+    return max(len(row) for row in _pretty(expression))
 
 
 def _quantities(title: str, quantities: Sequence[Quantity]) -> list[str]:
@@ -135,7 +164,7 @@ def _law(law: Law) -> list[str]:
         lines += [
             "",
             "  converges only if",
-            f"    {condition.value} < {condition.limit}",
+            *_equations([(str(condition.value), condition.limit)], "<"),
             f"    otherwise {condition.consequence} ({condition.source})",
         ]
     return lines
@@ -143,8 +172,8 @@ def _law(law: Law) -> list[str]:
 
 def _region(region: Region) -> list[str]:
     lines = ["", "  inequalities, safe where <= 0"]
-    for c in region.inequalities:
-        lines += [f"    {c.name} [{c.unit}]: {c.expression} <= 0", f"      {c.description}"]
+    lines += _equations((c.name, c.expression) for c in region.inequalities)
+    lines += ["", *(f"    {c.name} [{c.unit}]: {c.description}" for c in region.inequalities)]
     return lines
 
 

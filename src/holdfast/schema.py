@@ -165,7 +165,7 @@ class StartsSpec(Section):
     """[starts]: given states, then random ones from a box."""
 
     states: list[dict[Name, Value]] = Field(default_factory=list)
-    random: int = 0
+    random: int = Field(0, ge=0)
     box: dict[Name, Interval] = Field(default_factory=dict)
     outside: bool = False
 

@@ -97,7 +97,9 @@ def simulate(
     scene = (*(region.scene if region else ()), *(goal.scene if goal else ()))
     return Result(
         dataset=to_dataset(
-            program, trajectories, chosen,
+            program,
+            trajectories,
+            chosen,
             {
                 "holdfast_version": __version__,
                 "system": system.name,
@@ -112,7 +114,7 @@ def simulate(
         scene=scene,
         parameters={p.name: p.value for p in program.parameters},
         reference=reference,
-    )  # fmt: skip
+    )
 
 
 def _initial_states(

@@ -173,9 +173,16 @@ class ClosedLoop:
         """
         out = np.empty((count, len(lower)))
         failed = self.module.sample_starts(
-            0, count, lower, upper, self.parameter_array(), np.uint64(seed),
-            len(self.program.constraints), 100_000, out,
-        )  # fmt: skip
+            0,
+            count,
+            lower,
+            upper,
+            self.parameter_array(),
+            np.uint64(seed),
+            len(self.program.constraints),
+            100_000,
+            out,
+        )
         if failed >= 0:
             raise SimulationError(
                 f"no state of the region found in the box of random starts (run {failed})",
@@ -239,17 +246,46 @@ class ClosedLoop:
 
         def work(first: int, last: int, counter: npt.NDArray[np.int64]) -> None:
             self.module.simulate_runs(
-                first, last, np.ascontiguousarray(starts), plant_values, law_values,
-                np.zeros(1), noise, np.uint64(settings.seed),
-                settings.sample_time, samples, stride, int(settings.substeps),
-                settings.continuous, self.stepper.adaptive, float(self.stepper.order),
-                settings.absolute, settings.relative, settings.tolerance,
-                program.initial_mode, watch, len(program.signals), len(program.actuators),
-                result.state, result.input, result.actuator, result.mode, result.signal,
-                result.constraint, result.outcome, result.exit_time, result.exit_constraint,
-                result.goal_time, result.worst, result.peak_input, result.peak_actuator,
-                result.switches, result.rejected, stop, counter,
-            )  # fmt: skip
+                first,
+                last,
+                np.ascontiguousarray(starts),
+                plant_values,
+                law_values,
+                np.zeros(1),
+                noise,
+                np.uint64(settings.seed),
+                settings.sample_time,
+                samples,
+                stride,
+                int(settings.substeps),
+                settings.continuous,
+                self.stepper.adaptive,
+                float(self.stepper.order),
+                settings.absolute,
+                settings.relative,
+                settings.tolerance,
+                program.initial_mode,
+                watch,
+                len(program.signals),
+                len(program.actuators),
+                result.state,
+                result.input,
+                result.actuator,
+                result.mode,
+                result.signal,
+                result.constraint,
+                result.outcome,
+                result.exit_time,
+                result.exit_constraint,
+                result.goal_time,
+                result.worst,
+                result.peak_input,
+                result.peak_actuator,
+                result.switches,
+                result.rejected,
+                stop,
+                counter,
+            )
 
         work(0, 0, np.zeros(1, dtype=np.int64))  # compile, or load, before the threads start
         began = time.perf_counter()

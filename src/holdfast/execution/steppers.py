@@ -60,9 +60,15 @@ DORMAND_PRINCE = Tableau(
     ),
     b=(35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84, 0),
     b_low=(
-        5179 / 57600, 0, 7571 / 16695, 393 / 640, -92097 / 339200, 187 / 2100, 1 / 40,
+        5179 / 57600,
+        0,
+        7571 / 16695,
+        393 / 640,
+        -92097 / 339200,
+        187 / 2100,
+        1 / 40,
     ),
-)  # fmt: skip
+)
 """J. R. Dormand, P. J. Prince, J. Comput. Appl. Math. 6(1), 1980: a 5(4) pair."""
 
 ALL = (RK4, BOGACKI_SHAMPINE, DORMAND_PRINCE)
@@ -85,8 +91,6 @@ def stepper_source(tableau: Tableau, dimension: int) -> str:
         "def step(t, h, q, k0, u, mode, plant, gains, table, continuous):",
     ]
     for i in range(1, len(tableau.a)):
-        if not any(w[i] for w in (tableau.b, tableau.b_low or tableau.b)):
-            continue
         stage = ", ".join(
             f"q[{j}] + h * ({_combination(tableau.a[i], j)})" for j in range(dimension)
         )

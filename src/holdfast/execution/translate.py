@@ -197,24 +197,36 @@ def closed_loop_program(
     cdot = [sum((e.diff(s) * r for s, r in zip(q, qdot, strict=True)), sp.S.Zero) for e in c]
     state = {"q": q}
     functions = [
-        function_source("rates", ("t", "q", "u", "d", "p"),
-                        {"q": q, "u": u, "d": d, "p": p}, list(system.rates.values())),
+        function_source(
+            "rates",
+            ("t", "q", "u", "d", "p"),
+            {"q": q, "u": u, "d": d, "p": p},
+            list(system.rates.values()),
+        ),
         function_source("disturbance", ("t", "p"), {"p": p}, still),
         function_source("saturate", ("u", "p"), {"u": u, "p": p}, saturated),
-        function_source("actuators", ("u", "p"), {"u": u, "p": p},
-                        image.allocate(u) if image else ()),
+        function_source(
+            "actuators", ("u", "p"), {"u": u, "p": p}, image.allocate(u) if image else ()
+        ),
         _law_source(switching, system.input_names, state, p),
         _guard_source(switching, state, p),
-        function_source("signals", ("t", "q", "p"), {**state, "p": p},
-                        [switching.signals[n] for n in signals]),
+        function_source(
+            "signals", ("t", "q", "p"), {**state, "p": p}, [switching.signals[n] for n in signals]
+        ),
         function_source("constraints", ("q", "p"), {**state, "p": p}, c),
-        function_source("constraint_rates", ("q", "qdot", "p"),
-                        {**state, "qdot": qdot, "p": p}, cdot),
-        function_source("goal_level", ("q", "p"), {**state, "p": p},
-                        [goal.worst if goal else sp.S.One], scalar=True),
+        function_source(
+            "constraint_rates", ("q", "qdot", "p"), {**state, "qdot": qdot, "p": p}, cdot
+        ),
+        function_source(
+            "goal_level",
+            ("q", "p"),
+            {**state, "p": p},
+            [goal.worst if goal else sp.S.One],
+            scalar=True,
+        ),
         _load_source(len(q)),
         stepper_source(stepper, len(q)),
-    ]  # fmt: skip
+    ]
     modes = tuple(switching.modes)
     return ClosedLoopProgram(
         source="\n\n\n".join(functions) + "\n",

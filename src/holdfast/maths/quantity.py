@@ -21,11 +21,33 @@ TIME_IN_MODE = sp.Symbol("time_in_mode", real=True)
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _RESERVED = frozenset(
     (
-        "t", "time_in_mode", "pi", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh",
-        "cosh", "tanh", "exp", "log", "sqrt", "abs", "sgn", "wrap", "clip", "select", "min",
-        "max", "hypot", "diff",
+        "t",
+        "time_in_mode",
+        "pi",
+        "sin",
+        "cos",
+        "tan",
+        "asin",
+        "acos",
+        "atan",
+        "atan2",
+        "sinh",
+        "cosh",
+        "tanh",
+        "exp",
+        "log",
+        "sqrt",
+        "abs",
+        "sgn",
+        "wrap",
+        "clip",
+        "select",
+        "min",
+        "max",
+        "hypot",
+        "diff",
     )
-)  # fmt: skip
+)
 
 
 def symbol(name: str) -> sp.Symbol:

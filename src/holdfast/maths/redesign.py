@@ -76,21 +76,20 @@ def redesign(
     for what, given in (("viable law", viable), ("layer", layers)):
         for name in region.inequality_names:
             if name not in given:
-                raise DefinitionError(f"redesign: inequality '{name}' has no {what}")
+                raise DefinitionError(f"inequality '{name}' has no {what}")
         for name in given:
             if name not in region.inequality_names:
                 raise DefinitionError(
-                    f"redesign: {what} for '{name}', which is no inequality of region "
-                    f"'{region.name}'",
+                    f"{what} for '{name}', which is no inequality of region '{region.name}'",
                     remedy=suggestion(name, region.inequality_names),
                 )
     if (hold is None) != (hold_when is None):
-        raise DefinitionError("redesign: 'hold' and 'hold_when' are given together or not at all")
+        raise DefinitionError("'hold' and 'hold_when' are given together or not at all")
     laws = [*viable.values()] + ([hold] if hold else [])
     for other in laws:
         if set(other.outputs) != set(law.outputs):
             raise DefinitionError(
-                f"redesign: law '{other.name}' gives {', '.join(other.outputs)}",
+                f"law '{other.name}' gives {', '.join(other.outputs)}",
                 expected="the outputs of '" + law.name + "': " + ", ".join(law.outputs),
             )
     raw = switching_signals(region, layers)

@@ -100,9 +100,13 @@ def _parameter(shown: str, key: str, entry: object, unit: str, meaning: str) -> 
     except HoldfastError as error:
         raise ScenarioError(f"{where}: {error}") from None
     return Parameter(
-        key, unit, meaning, value=value, source=str(entry["source"]),
+        key,
+        unit,
+        meaning,
+        value=value,
+        source=str(entry["source"]),
         assumed=bool(entry.get("assumed", False)),
-    )  # fmt: skip
+    )
 
 
 def overridden(

@@ -51,13 +51,12 @@ def track_velocity(
     if set(gains) != set(velocities):
         odd = sorted(set(gains) ^ set(velocities))[0]
         raise DefinitionError(
-            f"velocity tracking: gain for '{odd}' is "
-            + ("missing" if odd in velocities else "not wanted"),
+            f"gain for '{odd}' is " + ("missing" if odd in velocities else "not wanted"),
             expected="one gain for each of " + ", ".join(velocities),
         )
     for name, value in gains.items():
         if not value > 0:
-            raise DefinitionError(f"velocity tracking: gain of '{name}' is {value}", expected="> 0")
+            raise DefinitionError(f"gain of '{name}' is {value}", expected="> 0")
     if len(velocities) != len(system.inputs):
         raise DefinitionError(
             f"law '{law.name}' gives {len(velocities)} velocities, system '{system.name}' has "

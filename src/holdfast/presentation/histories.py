@@ -44,15 +44,24 @@ def histories_figure(result: Result, run: int = 0) -> Figure:
     rows = -(-len(panels) // 2)
     with style.look():
         figure, axes = plt.subplots(
-            rows, 2, figsize=(style.WIDTH, 1.55 * rows + 0.6), sharex=True,
-            layout="constrained", squeeze=False,
-        )  # fmt: skip
+            rows,
+            2,
+            figsize=(style.WIDTH, 1.55 * rows + 0.6),
+            sharex=True,
+            layout="constrained",
+            squeeze=False,
+        )
         flat = list(axes.T.flat)
         shades = _shade(flat[: len(panels)], time, mode, data)
         for axis, panel in zip(flat, panels, strict=False):
             for i, name in enumerate(panel.names):
-                axis.plot(time, panel.values[:, i], color=style.LINES[i % len(style.LINES)],
-                          label=name, linestyle=("-", "--", "-.", ":")[i % 4])  # fmt: skip
+                axis.plot(
+                    time,
+                    panel.values[:, i],
+                    color=style.LINES[i % len(style.LINES)],
+                    label=name,
+                    linestyle=("-", "--", "-.", ":")[i % 4],
+                )
             if panel.zero:
                 axis.axhline(0.0, color=style.BLACK, linewidth=0.6)
             axis.set_title(panel.title, loc="left", fontsize=8, pad=3)
@@ -75,8 +84,13 @@ def histories_figure(result: Result, run: int = 0) -> Figure:
             last.set_xlabel("time [s]")
             last.tick_params(labelbottom=True)
         if len(shades) > 1:
-            figure.legend(handles=shades, loc="outside lower center", ncols=len(shades),
-                          title="mode", title_fontsize=7)  # fmt: skip
+            figure.legend(
+                handles=shades,
+                loc="outside lower center",
+                ncols=len(shades),
+                title="mode",
+                title_fontsize=7,
+            )
     return figure
 
 
@@ -102,10 +116,13 @@ def _shade(axes: list[Axes], time: Array, mode: npt.NDArray[np.int16], data: obj
             for axis in axes:
                 axis.axvspan(time[a], time[b], color=colour, alpha=0.10, linewidth=0)
     return [
-        Patch(color=style.MODES[int(m) % len(style.MODES)], alpha=0.25,
-              label=meanings[m].replace("_", " "))
+        Patch(
+            color=style.MODES[int(m) % len(style.MODES)],
+            alpha=0.25,
+            label=meanings[m].replace("_", " "),
+        )
         for m in np.unique(mode[mode >= 0])
-    ]  # fmt: skip
+    ]
 
 
 def _panels(result: Result, run: int) -> list[_Panel]:
@@ -116,9 +133,13 @@ def _panels(result: Result, run: int) -> list[_Panel]:
     panels += _by_unit("state", [str(u) for u in data["state_unit"].values], names, states)
     if data.sizes["actuator"]:
         panels.append(
-            _Panel("actuators", str(data["actuator"].attrs["units"]),
-                   [str(n) for n in data["actuator_name"].values], data["actuator"].values[run])
-        )  # fmt: skip
+            _Panel(
+                "actuators",
+                str(data["actuator"].attrs["units"]),
+                [str(n) for n in data["actuator_name"].values],
+                data["actuator"].values[run],
+            )
+        )
     else:
         labels = [style.label(str(n)) for n in data["input_name"].values]
         units = [str(u) for u in data["input_unit"].values]
@@ -126,8 +147,9 @@ def _panels(result: Result, run: int) -> list[_Panel]:
     if data.sizes["constraint"]:
         labels = [str(n).replace("_", " ") for n in data["constraint_name"].values]
         units = [str(u) for u in data["constraint_unit"].values]
-        panels += _by_unit("constraints (safe below 0)", units, labels,
-                           data["constraint"].values[run], zero=True)  # fmt: skip
+        panels += _by_unit(
+            "constraints (safe below 0)", units, labels, data["constraint"].values[run], zero=True
+        )
     if data.sizes["signal"]:
         labels = [_signal_label(str(n)) for n in data["signal_name"].values]
         panels.append(_Panel("switching signals", "1", labels, data["signal"].values[run]))

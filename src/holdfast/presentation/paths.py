@@ -60,9 +60,14 @@ def paths_figure(
         width = style.WIDTH / 2 if both else style.WIDTH * 0.65
         height = min(max(0.85 * width * (y1 - y0) / (x1 - x0), 1.8), 4.4) + 1.1
         figure, axes = plt.subplots(
-            1, 2 if both else 1, figsize=(2 * width if both else width, height),
-            layout="constrained", sharex=True, sharey=True, squeeze=False,
-        )  # fmt: skip
+            1,
+            2 if both else 1,
+            figsize=(2 * width if both else width, height),
+            layout="constrained",
+            sharex=True,
+            sharey=True,
+            squeeze=False,
+        )
         panels = list(axes[0])
         for axis in panels:
             _draw_fixed(axis, result)
@@ -80,8 +85,13 @@ def paths_figure(
         entries: dict[str, Artist] = {}
         for axis in panels:
             entries |= {str(h.get_label()): h for h in axis.get_legend_handles_labels()[0]}
-        figure.legend(handles=list(entries.values()), loc="outside lower center",
-                      ncols=min(6, len(entries)), handlelength=1.6, columnspacing=1.4)  # fmt: skip
+        figure.legend(
+            handles=list(entries.values()),
+            loc="outside lower center",
+            ncols=min(6, len(entries)),
+            handlelength=1.6,
+            columnspacing=1.4,
+        )
         panels[0].set_ylabel(f"{style.label(plane[1])} [{units[columns[1]]}]")
     return figure
 
@@ -126,10 +136,12 @@ def _draw_ensemble(axis: Axes, data: Any, xy: Array) -> None:
         many = outcome in (Outcome.REACHED, Outcome.STAYED)
         axis.add_collection(
             LineCollection(
-                [_thinned(xy[i]) for i in members], colors=colour,
-                linewidths=0.5 if many else 1.0, alpha=0.55 if many else 1.0,
+                [_thinned(xy[i]) for i in members],
+                colors=colour,
+                linewidths=0.5 if many else 1.0,
+                alpha=0.55 if many else 1.0,
             )
-        )  # fmt: skip
+        )
         starts = xy[members, 0]
         axis.plot(starts[:, 0], starts[:, 1], ".", color=colour, markersize=2.5)
         axis.plot([], [], color=colour, label=f"{outcome.label} ({count})")
@@ -138,8 +150,15 @@ def _draw_ensemble(axis: Axes, data: Any, xy: Array) -> None:
         times = data["time"].values
         at = [np.searchsorted(times, data["exit_time"].values[i]) for i in left]
         points = np.array([xy[i, min(k, len(times) - 1)] for i, k in zip(left, at, strict=True)])
-        axis.plot(points[:, 0], points[:, 1], "x", color=style.BLACK, markersize=4,
-                  zorder=5, label="left here")  # fmt: skip
+        axis.plot(
+            points[:, 0],
+            points[:, 1],
+            "x",
+            color=style.BLACK,
+            markersize=4,
+            zorder=5,
+            label="left here",
+        )
     title = f"{len(xy)} starts, by outcome"
     if shown < len(xy):
         title += f" ({shown} drawn)"
@@ -151,17 +170,34 @@ def _draw_highlights(axis: Axes, result: Result, xy: Array, runs: list[int]) -> 
     meanings = str(data["mode"].attrs["flag_meanings"]).split()
     modes = data["mode"].values[runs]
     for mode in np.unique(modes[modes >= 0]):
-        axis.plot([], [], color=_mode_colour(int(mode)), linewidth=1.6,
-                  label=meanings[mode].replace("_", " "))  # fmt: skip
+        axis.plot(
+            [],
+            [],
+            color=_mode_colour(int(mode)),
+            linewidth=1.6,
+            label=meanings[mode].replace("_", " "),
+        )
     for run, mode in zip(runs, modes, strict=True):
         edges = [0, *(np.flatnonzero(np.diff(mode)) + 1), len(mode) - 1]
         for a, b in pairwise(edges):
             if mode[a] >= 0:
                 piece = _thinned(xy[run, a : b + 1])
-                axis.plot(piece[:, 0], piece[:, 1], color=_mode_colour(int(mode[a])),
-                          linewidth=1.6, zorder=3)  # fmt: skip
-    axis.plot(xy[runs, 0, 0], xy[runs, 0, 1], "o", color=style.BLACK, markersize=3.5, zorder=4,
-              label="start")  # fmt: skip
+                axis.plot(
+                    piece[:, 0],
+                    piece[:, 1],
+                    color=_mode_colour(int(mode[a])),
+                    linewidth=1.6,
+                    zorder=3,
+                )
+    axis.plot(
+        xy[runs, 0, 0],
+        xy[runs, 0, 1],
+        "o",
+        color=style.BLACK,
+        markersize=3.5,
+        zorder=4,
+        label="start",
+    )
     axis.set_title("reference starts, by mode" if len(runs) > 1 else "path, by mode")
 
 
@@ -216,10 +252,26 @@ def _draw_cones(axis: Axes, result: Result, run: int, names: list[str], count: i
                 continue
             low, high = np.degrees(heading - half), np.degrees(heading + half)
             axis.add_patch(
-                Wedge((x, y), reach, low, high, facecolor=style.ORANGE, alpha=0.16,
-                      edgecolor=style.BLACK, linewidth=0.4, zorder=1)
-            )  # fmt: skip
-            axis.plot(x, y, marker=(3, 0, np.degrees(heading) - 90), color=style.BLACK,
-                      markersize=5, linestyle="", zorder=4,
-                      label="vehicle" if number == 0 else None)  # fmt: skip
+                Wedge(
+                    (x, y),
+                    reach,
+                    low,
+                    high,
+                    facecolor=style.ORANGE,
+                    alpha=0.16,
+                    edgecolor=style.BLACK,
+                    linewidth=0.4,
+                    zorder=1,
+                )
+            )
+            axis.plot(
+                x,
+                y,
+                marker=(3, 0, np.degrees(heading) - 90),
+                color=style.BLACK,
+                markersize=5,
+                linestyle="",
+                zorder=4,
+                label="vehicle" if number == 0 else None,
+            )
         axis.plot([], [], color=style.ORANGE, linewidth=5, alpha=0.35, label=cone.role)

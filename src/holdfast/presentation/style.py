@@ -18,8 +18,15 @@ from holdfast.analysis.result import atomic_file
 
 # Okabe-Ito, told apart by readers who do not see all colours
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK, GREY = (
-    "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#222222", "#999999",
-)  # fmt: skip
+    "#0072B2",
+    "#E69F00",
+    "#009E73",
+    "#D55E00",
+    "#CC79A7",
+    "#56B4E9",
+    "#222222",
+    "#999999",
+)
 LINES = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY, BLACK)
 MODES = (GREEN, RED, BLUE, ORANGE, PURPLE, SKY)
 

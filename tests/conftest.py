@@ -1,0 +1,49 @@
+"""Shared fixtures. Floating-point faults raise in NumPy code; Numba code has its outcomes."""
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import holdfast as hf
+
+np.seterr(all="raise", under="ignore")
+
+
+@pytest.fixture(params=["compiled", "interpreted"])
+def backend(request):
+    """How a generated function is run: Numba's machine code, or the same text by Python."""
+
+    def run(function, *arguments):
+        return (function if request.param == "compiled" else function.py_func)(*arguments)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def vehicle():
+    return hf.systems.marine_vehicle()
+
+
+@pytest.fixture(scope="session")
+def double_integrator():
+    """xdot = v, vdot = a with |a| <= 1: motions known in closed form."""
+    v, a = hf.symbol("v"), hf.symbol("a")
+    return hf.System(
+        name="double_integrator",
+        states=(hf.Quantity("x", "m"), hf.Quantity("v", "m/s")),
+        inputs=(hf.Quantity("a", "m/s^2"),),
+        rates={"x": v, "v": a},
+        input_bounds=hf.Box((-1,), (1,)),
+    )
+
+
+@pytest.fixture(scope="session")
+def wall():
+    """x <= 1."""
+    x = hf.symbol("x")
+    return hf.Region("wall", (hf.Quantity("x", "m"),), (hf.Inequality("wall", x - 1, "m"),))
+
+
+def constant_law(system, value):
+    """A law that commands the same input for ever."""
+    return hf.Law("constant", system.states, {system.input_names[0]: sp.Float(value)})

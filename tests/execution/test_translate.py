@@ -1,0 +1,141 @@
+"""The printed text computes what the expression says, compiled and interpreted."""
+
+import importlib.util
+import itertools
+
+import numpy as np
+import pytest
+import sympy as sp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import holdfast as hf
+from holdfast.errors import SimulationError
+from holdfast.execution.compile import compile_closed_loop
+from holdfast.execution.steppers import RK4
+from holdfast.execution.translate import closed_loop_program, function_source
+from holdfast.maths.functions import angle, greatest, least, length, select, sgn, wrap
+
+X, Y = hf.symbol("x"), hf.symbol("y")
+
+leaves = st.one_of(
+    st.sampled_from([X, Y]),
+    st.integers(-3, 3).map(sp.Integer),
+    st.floats(0.1, 3.0).map(lambda v: sp.Float(round(v, 3))),
+    st.sampled_from([sp.Rational(1, 3), sp.pi]),
+)
+
+
+def grown(children):
+    two, three = st.tuples(children, children), st.tuples(children, children, children)
+    return st.one_of(
+        two.map(lambda p: p[0] + p[1]),
+        two.map(lambda p: p[0] - 2 * p[1]),
+        two.map(lambda p: p[0] * p[1]),
+        two.map(lambda p: p[0] / (p[1] ** 2 + 1)),
+        children.map(lambda a: a**3),
+        children.map(lambda a: sp.sqrt(a**2 + 1)),
+        children.map(lambda a: (a**2 + 1) ** sp.Rational(-3, 2)),
+        children.map(sp.sin),
+        children.map(sp.tanh),
+        children.map(sp.Abs),
+        children.map(sgn),
+        children.map(wrap),
+        two.map(lambda p: least(*p)),
+        two.map(lambda p: greatest(*p)),
+        two.map(lambda p: length(*p, 1e-6)),
+        two.map(lambda p: angle(*p, 1e-6)),
+        three.map(lambda p: select(*p)),
+    )
+
+
+DRIVER = (
+    "import math\n"
+    "def compiled(f):\n    return f\n"
+    "def wrap(x):\n    return x - 2 * math.pi * math.ceil((x - math.pi) / (2 * math.pi))\n"
+    "def least(a, b):\n    return b if b < a else a\n"
+    "def greatest(a, b):\n    return b if b > a else a\n"
+    "def length(x, y):\n    return math.sqrt(x * x + y * y)\n"
+    "def sign(x):\n    return (x > 0) - (x < 0)\n"
+)
+
+
+@settings(max_examples=250, deadline=None)
+@given(st.recursive(leaves, grown, max_leaves=7), st.floats(-2, 2), st.floats(-2, 2))
+def test_printed_text_has_the_value_of_the_expression(expression, x, y):
+    expression = sp.sympify(expression)
+    scope = {}
+    exec(DRIVER + function_source("f", ("q",), {"q": [X, Y]}, [expression], scalar=True), scope)
+    value = scope["f"]((x, y))
+    expected = float(expression.subs({X: sp.Float(x, 30), Y: sp.Float(y, 30)}))
+    nearby = [
+        float(expression.subs({X: x + a, Y: y + b}))
+        for a, b in itertools.product((-1e-9, 1e-9), repeat=2)
+    ]
+    if max(nearby) - min(nearby) > 1e-4:  # at a jump either side is right
+        return
+    assert value == pytest.approx(expected, rel=1e-9, abs=1e-7)
+
+
+def test_generated_functions_agree_with_their_expressions(vehicle, backend):
+    law = hf.track_velocity(vehicle, hf.laws.steer_marine(vehicle), {"u": 5.0, "r": 10.0})
+    region = hf.regions.camera_view()
+    program = closed_loop_program(
+        vehicle, law, region=region, goal=None, disturbance={"Vx": sp.Float(0.1)}, stepper=RK4
+    )
+    module = compile_closed_loop(program.source)
+    p = np.array([q.value for q in program.parameters])
+    values = {q.symbol: q.value for q in program.parameters}
+    generator = np.random.default_rng(0)
+    for _ in range(5):
+        low, high = [-2, -1, -1, -0.3, -0.1, -1], [-0.7, 1, 1, 0.3, 0.1, 1]
+        q, u, d = tuple(generator.uniform(low, high)), (1.5, -0.2), (0.1, 0.0)
+        point = values | {s.symbol: v for s, v in zip(vehicle.states, q, strict=True)}
+        point |= {s.symbol: v for s, v in zip(vehicle.inputs, u, strict=True)}
+        point |= {s.symbol: v for s, v in zip(vehicle.disturbances, d, strict=True)}
+        rates = [float(e.subs(point)) for e in vehicle.rates.values()]
+        assert backend(module.disturbance, 0.0, p) == d
+        assert backend(module.rates, 0.0, q, u, d, p) == pytest.approx(rates, rel=1e-10)
+        command = [float(e.subs(point)) for e in law.outputs.values()]
+        assert backend(module.law, 0.0, q, 0, p, np.zeros(1)) == pytest.approx(command, rel=1e-9)
+        c = [float(e.expression.subs(point)) for e in region.inequalities]
+        assert backend(module.constraints, q, p) == pytest.approx(c, abs=1e-12)
+        slopes = [float(e.subs(point)) for e in hf.outward_rates(vehicle, region).values()]
+        flow = tuple(rates)
+        assert backend(module.constraint_rates, q, flow, p) == pytest.approx(slopes, rel=1e-9)
+
+
+def test_outputs_are_matched_to_inputs_by_name_not_by_order(vehicle):
+    law = hf.Law("swapped", vehicle.states, {"tau_r": sp.Float(0.25), "tau_u": sp.Float(1.0)})
+    result = hf.simulate(vehicle, law, starts=np.zeros((1, 6)), horizon=0.1)
+    assert result.dataset["input"].values[0, 0] == pytest.approx([1.0, 0.25])
+
+
+def test_law_that_does_not_fit_the_system_is_refused_with_the_remedy(vehicle):
+    with pytest.raises(SimulationError, match="let the inputs track them"):
+        hf.simulate(vehicle, hf.laws.steer_marine(vehicle), starts=np.zeros((1, 6)), horizon=1)
+    unicycle = hf.systems.unicycle()
+    law = hf.Law("l", vehicle.states, {"v": hf.symbol("u"), "r": sp.S.Zero})
+    with pytest.raises(SimulationError, match="reads 'u'"):
+        hf.simulate(unicycle, law, starts=np.zeros((1, 3)), horizon=1)
+
+
+def test_a_second_process_finds_the_compiled_code(tmp_path, monkeypatch, double_integrator):
+    monkeypatch.setenv("HOLDFAST_CACHE_DIR", str(tmp_path))
+    law = hf.Law("coast", double_integrator.states, {"a": sp.Float(0.123)})
+    program = closed_loop_program(
+        double_integrator, law, region=None, goal=None, disturbance={}, stepper=RK4
+    )
+    first = compile_closed_loop(program.source)
+    first.law(0.0, (0.0, 0.0), 0, np.zeros(1), np.zeros(1))
+    (path,) = tmp_path.glob("loop_*.py")
+    assert list(tmp_path.glob("__pycache__/*.nbc")), "machine code is kept on disk"
+    written = path.stat().st_mtime_ns
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    again = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(again)
+    again.law(0.0, (0.0, 0.0), 0, np.zeros(1), np.zeros(1))
+    assert sum(again.law.stats.cache_hits.values()) == 1
+    compile_closed_loop(program.source)
+    assert path.stat().st_mtime_ns == written
+    assert not list(tmp_path.glob("*.partial"))

@@ -1,0 +1,101 @@
+"""Switching signal, blending and the latch; velocity tracking derived from the plant."""
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import holdfast as hf
+from holdfast.errors import DefinitionError
+from holdfast.maths.redesign import switching_signals
+
+X = hf.symbol("x")
+POSITION = (hf.Quantity("x", "m"),)
+LINE = hf.Region("line", POSITION, (hf.Inequality("right", X - 1), hf.Inequality("left", -X - 1)))
+GO = hf.Law("go", POSITION, {"v": sp.Float(1.0)})
+BACK = hf.Law("back", POSITION, {"v": sp.Float(-1.0)})
+AHEAD = hf.Law("ahead", POSITION, {"v": sp.Float(0.5)})
+LAYERS = {"right": (-0.2, -0.1), "left": (-0.2, -0.1)}
+VIABLE = {"right": BACK, "left": AHEAD}
+
+
+def output(switching, mode, x):
+    return float(switching.modes[mode].outputs["v"].subs(X, x))
+
+
+def test_switching_signal_is_one_deep_inside_and_zero_near_the_boundary():
+    """E2: the printed (5.26) has it the other way round in its middle branch."""
+    signal = switching_signals(LINE, LAYERS)["right"]
+    assert [float(signal.subs(X, x)) for x in (0.8, 0.85, 0.9)] == pytest.approx([1, 0.5, 0])
+
+
+def test_blend_is_convergent_inside_viable_at_the_boundary_and_serves_the_nearest_one():
+    blend = hf.redesign(GO, LINE, viable=VIABLE, layers=LAYERS)
+    assert [output(blend, "protect", x) for x in (0.0, 0.8, 0.85, 0.95, -0.95)] == pytest.approx(
+        [1, 1, 0, -1, 0.5]
+    )
+    assert [float(blend.signals["sigma_right"].subs(X, x)) for x in (0.0, 0.95)] == [1, 0]
+
+
+def test_modes_say_whether_a_viable_law_is_at_work():
+    blend = hf.redesign(GO, LINE, viable=VIABLE, layers=LAYERS)
+    to_protect = next(t for t in blend.transitions if t.target == "protect")
+    to_pursue = next(t for t in blend.transitions if t.target == "pursue")
+    assert float(to_protect.when.subs(X, 0.85)) > 0 > float(to_protect.when.subs(X, 0.5))
+    assert float(to_pursue.when.subs(X, 0.5)) > 0 > float(to_pursue.when.subs(X, 0.85))
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"viable": {"right": BACK}}, "'left' has no viable law"),
+        ({"layers": {"right": (-0.2, -0.1)}}, "'left' has no layer"),
+        ({"viable": VIABLE | {"rihgt": BACK}}, "did you mean 'right'"),
+        ({"layers": LAYERS | {"left": (-0.1, -0.2)}}, "cmax < cmin < 0"),
+        ({"layers": LAYERS | {"left": (-0.1, 0.2)}}, "cmax < cmin < 0"),
+        ({"hold": BACK}, "together or not at all"),
+        ({"viable": VIABLE | {"left": hf.Law("w", POSITION, {"w": X})}}, "gives w"),
+    ],
+)
+def test_incomplete_redesign_is_refused(changes, complaint):
+    with pytest.raises(DefinitionError) as caught:
+        hf.redesign(GO, LINE, **({"viable": VIABLE, "layers": LAYERS} | changes))
+    assert complaint in str(caught.value)
+
+
+def test_tracked_velocities_approach_the_commanded_ones_exponentially(vehicle):
+    """(5.22): along the plant d/dt (w - gamma) = -k (w - gamma), at random states."""
+    kinematic = hf.laws.steer_marine(vehicle)
+    law = hf.track_velocity(vehicle, kinematic, {"u": 5.0, "r": 10.0})
+    still = {hf.symbol("Vx"): 0, hf.symbol("Vy"): 0}
+    values = {p.symbol: p.value for p in (*law.parameters, *vehicle.parameters)}
+    closed = {hf.symbol(n): e for n, e in law.outputs.items()}
+    rates = {n: e.subs(still).subs(closed).subs(values) for n, e in vehicle.rates.items()}
+    generator = np.random.default_rng(3)
+    for _ in range(10):
+        low, high = [-2, -1, -1, -0.3, -0.1, -1], [-0.7, 1, 1, 0.3, 0.1, 1]
+        point = dict(
+            zip([q.symbol for q in vehicle.states], generator.uniform(low, high), strict=True)
+        )
+        flow = {n: float(e.subs(point)) for n, e in rates.items()}
+        for name, gain in (("u", 5.0), ("r", 10.0)):
+            error = hf.symbol(name) - kinematic.outputs[name].subs(values)
+            change = sum(float(error.diff(hf.symbol(n)).subs(point)) * f for n, f in flow.items())
+            assert change == pytest.approx(-gain * float(error.subs(point)), rel=1e-6, abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("outputs", "gains", "complaint"),
+    [
+        ({"u": X, "w": X}, {"u": 1, "w": 1}, "'w', which is no state"),
+        ({"u": X}, {"u": 1}, "as many velocities as inputs"),
+        ({"u": X, "r": X}, {"u": 1}, "gain for 'r' is missing"),
+        ({"u": X, "r": X}, {"u": 1, "r": 0}, "expected > 0"),
+        ({"x": X, "y": X}, {"x": 1, "y": 1}, "cannot be solved"),
+        ({"u": X, "r": hf.symbol("u")}, {"u": 1, "r": 1}, "which the inputs drive directly"),
+    ],
+)
+def test_velocities_that_cannot_be_tracked_are_refused(vehicle, outputs, gains, complaint):
+    law = hf.Law("law", vehicle.states, outputs)
+    with pytest.raises(DefinitionError) as caught:
+        hf.track_velocity(vehicle, law, gains)
+    assert complaint in str(caught.value)

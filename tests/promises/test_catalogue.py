@@ -1,0 +1,123 @@
+"""What every system, law, region and vehicle promises by being in the catalogue."""
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import holdfast as hf
+from holdfast.describe import describe, example
+from holdfast.execution.compile import compile_closed_loop
+from holdfast.execution.steppers import RK4
+from holdfast.execution.translate import closed_loop_program
+from holdfast.maths.vehicle import vehicle_names
+
+VEHICLES = [hf.systems.marine_vehicle(name) for name in vehicle_names()]
+SYSTEMS = [example(function) for function in hf.systems.ALL] + VEHICLES
+LAWS = [example(function) for function in hf.laws.ALL]
+REGIONS = [example(function) for function in hf.regions.ALL]
+
+
+def named(entry):
+    return entry.name
+
+
+def point(quantities, parameters, generator, size=1.0):
+    values = {p.symbol: p.value for p in parameters}
+    return values | {q.symbol: float(generator.uniform(-size, size)) for q in quantities}
+
+
+@pytest.mark.parametrize("entry", [*SYSTEMS, *LAWS, *REGIONS], ids=named)
+def test_every_entry_is_described_with_its_source(entry):
+    assert entry.description
+    assert "thesis" in entry.source
+    for parameter in entry.parameters:
+        assert parameter.description
+        assert parameter.unit
+
+
+@pytest.mark.parametrize(
+    "function", [*hf.systems.ALL, *hf.laws.ALL, *hf.regions.ALL], ids=lambda f: f.__name__
+)
+def test_every_entry_can_be_shown(function):
+    text = describe(function.__name__)
+    assert function.__name__ in text
+    assert "parameters" in text
+    assert max(len(line) for line in text.splitlines()) < 160
+
+
+@pytest.mark.parametrize("system", SYSTEMS, ids=named)
+def test_velocities_respect_the_pfaffian_constraint_in_compiled_code(system, backend):
+    zero = hf.Law("zero", system.states, dict.fromkeys(system.input_names, sp.S.Zero))
+    program = closed_loop_program(system, zero, region=None, goal=None, disturbance={}, stepper=RK4)
+    module = compile_closed_loop(program.source)
+    generator = np.random.default_rng(1)
+    p = np.array([q.value for q in program.parameters] or [0.0])
+    for _ in range(20):
+        q, u, d = (
+            tuple(generator.uniform(-1, 1, len(x)))
+            for x in (system.states, system.inputs, system.disturbances or (0,))
+        )
+        rates = dict(zip(system.state_names, backend(module.rates, 0.0, q, u, d, p), strict=True))
+        at = {s.symbol: v for s, v in zip(system.states, q, strict=True)}
+        at |= {s.symbol: v for s, v in zip(system.inputs, u, strict=True)}
+        at |= {s.symbol: v for s, v in zip(system.disturbances, d, strict=False)}
+        at |= {s.symbol: s.value for s in system.parameters}
+        for row in system.pfaffian:
+            left = sum(float(c.subs(at)) * rates[n] for n, c in row.coefficients.items())
+            assert left == pytest.approx(float(row.rhs.subs(at)), abs=1e-12)
+
+
+@pytest.mark.parametrize("system", SYSTEMS, ids=named)
+def test_every_system_is_affine_in_its_inputs_and_disturbances(system):
+    driven = [q.symbol for q in system.inputs + system.disturbances]
+    for rate in system.rates.values():
+        for a in driven:
+            for b in driven:
+                assert rate.diff(a).diff(b) == 0
+
+
+@pytest.mark.parametrize("law", LAWS, ids=named)
+def test_every_law_is_finite_everywhere_and_bounded_near_its_goal(law):
+    generator = np.random.default_rng(2)
+    for size in (1e-9, 1e-3, 1.0, 30.0):
+        for _ in range(10):
+            at = point(law.reads, law.parameters, generator, size)
+            for name in ("x", "y"):
+                if hf.symbol(name) in at:
+                    at[hf.symbol(name)] += at.get(hf.symbol(f"goal_{name}"), 0.0)
+            for output in law.outputs.values():
+                value = float(output.subs(at))
+                assert np.isfinite(value)
+                assert abs(value) < 60 * max(1.0, size)
+
+
+@pytest.mark.parametrize("region", REGIONS, ids=named)
+def test_gradients_of_every_region_are_the_limits_of_difference_quotients(region):
+    generator = np.random.default_rng(4)
+    for _ in range(20):
+        at = point(region.reads, region.parameters, generator)
+        at[hf.symbol("x")] = -abs(at[hf.symbol("x")]) - 0.2
+        for c in region.inequalities:
+            for q in region.reads:
+                h = 1e-6
+                up, down = dict(at), dict(at)
+                up[q.symbol] += h
+                down[q.symbol] -= h
+                slope = float(c.expression.subs(up) - c.expression.subs(down)) / (2 * h)
+                derived = float(c.expression.diff(q.symbol).subs(at))
+                assert derived == pytest.approx(slope, rel=1e-3, abs=1e-4)
+
+
+@pytest.mark.parametrize("system", VEHICLES, ids=vehicle_names())
+def test_kinetic_energy_of_a_hull_never_grows_without_thrust(system):
+    """Drag only takes: d/dt (m11 u^2 + m22 v^2 + m33 r^2) / 2 <= 0 in still water."""
+    p = {q.name: q.value for q in system.parameters}
+    inertia = {"u": p["mass"] - p["Xudot"], "v": p["mass"] - p["Yvdot"], "r": p["Iz"] - p["Nrdot"]}
+    generator = np.random.default_rng(5)
+    for _ in range(50):
+        at = point(system.states, system.parameters, generator, 2.0)
+        at |= {q.symbol: 0.0 for q in system.inputs + system.disturbances}
+        power = sum(
+            m * at[hf.symbol(n)] * float(system.rates[n].subs(at)) for n, m in inertia.items()
+        )
+        assert power <= 1e-12

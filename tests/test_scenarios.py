@@ -1,0 +1,154 @@
+"""Every shipped scenario loads, runs, and keeps what its description promises."""
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.errors import ScenarioError
+from holdfast.scenario import load_scenario, scenario_names
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_every_scenario_loads_and_says_what_it_is(name):
+    scenario = load_scenario(name)
+    assert scenario.title
+    assert scenario.source
+    assert scenario.region is not None
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_every_scenario_runs_and_stays_on_its_constraint(name):
+    scenario = load_scenario(name, ["run.horizon=10"], runs=6)
+    result = scenario.run()
+    assert result.dataset.sizes["run"] == 6
+    assert np.isfinite(result.dataset["state"].values).all()
+
+
+def test_inspection_reports_the_true_fraction_of_viable_starts():
+    """203 starts at 5 N: the corrected blending keeps most, not all (reference .977, .942)."""
+    result = load_scenario("inspection").run()
+    assert result.dataset.sizes["run"] == 203
+    assert 0.94 <= result.viable / 203 < 1.0
+    assert result.outcomes["diverged"] == 0
+    assert result.outcomes["reached goal"] / 203 > 0.93
+    worst = result.summary()["worst_constraint"]
+    assert worst["too_far"] > 0.02, "every failure is at the far range limit"
+    assert max(v for k, v in worst.items() if k != "too_far") <= 1e-3
+    assert max(result.summary()["peak_actuator"].values()) <= 5.0 + 1e-9
+
+
+def test_wheeled_robot_written_in_toml_keeps_the_beacon_in_view_from_every_start():
+    result = load_scenario("wheeled_camera").run()
+    assert result.viable == 103
+    assert max(result.summary()["worst_constraint"].values()) < 0
+    assert result.outcomes["reached goal"] >= 100
+
+
+def test_mechanism_of_the_toml_robot_is_that_of_the_catalogue():
+    """The same unicycle, law and region written in Python give the same trajectories."""
+    scenario = load_scenario("wheeled_camera")
+    by_toml = scenario.run().dataset["state"].values
+    by_python = (
+        hf.simulate(
+            scenario.system,
+            scenario.law,
+            region=scenario.region,
+            goal=scenario.goal,
+            starts=by_toml[:, 0],
+            **scenario.settings,
+        )
+        .dataset["state"]
+        .values
+    )
+    assert np.array_equal(by_toml, by_python)
+
+
+def test_switching_law_can_be_written_in_a_file(tmp_path):
+    text = """
+[scenario]
+title = "thermostat"
+[system]
+states = { T = { unit = "m" } }
+inputs = { heat = { unit = "m/s", bounds = [0, 2] } }
+rates = { T = "heat - k*T" }
+parameters = { k = { value = 0.5, unit = "1/s" } }
+[law]
+parameters = { low = 1.0, high = 2.0 }
+definitions = { middle = "(low + high)/2" }
+signals = { error = "T - middle" }
+modes = { on = { outputs = { heat = "2" } }, off = { outputs = { heat = "0" } } }
+transitions = [{ from = "on", to = "off", when = "T > high" }, { from = "off", to = "on", when = "T < low and time_in_mode > 0.1" }]
+[starts]
+states = [{ T = 0 }]
+[run]
+horizon = 30
+"""
+    path = tmp_path / "thermostat.toml"
+    path.write_text(text)
+    data = load_scenario(str(path)).run().dataset
+    temperature = data["state"].values[0, 100:, 0]
+    assert temperature.min() == pytest.approx(1.0, abs=0.05)
+    assert temperature.max() == pytest.approx(2.0, abs=0.05)
+    assert data["switches"].values[0] > 5
+    assert data["signal"].sel(signal_name="error").values[0, 0] == pytest.approx(-1.5)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ('x = "v*cos(psi)"', 'x = "v*cos(pso)"', "system.rates.x: unknown name 'pso'"),
+        ('x = "v*cos(psi)"', "", "'x' has no rate"),
+        ("rhs = 0", 'rhs = "1"', "leave Pfaffian row 1"),
+        (
+            'near = { value = "40 cm"',
+            'near = { value = "40 kg"',
+            "region.parameters.near: the unit",
+        ),
+        (
+            'near = { value = "40 cm", unit = "m"',
+            'near = { value = 4, unit = "flurb"',
+            "'flurb' is no unit",
+        ),
+        (
+            'unit = "rad", description = "heading"',
+            'unit = "deg", description = "heading"',
+            "has unit 'deg'",
+        ),
+        ('v = "forward"', 'vv = "forward"', "expected the outputs of 'follow_dipole': vv, w"),
+        ('rho = "hypot(x, y)"', 'rho = "hypot(x, y"', "region.definitions.rho"),
+        ('rho = "hypot(x, y)"', 'psi = "hypot(x, y)"', "'psi' is already declared"),
+        ('phi = "atan2', 'sin = "atan2', "law.definitions.sin: 'sin' cannot name"),
+        ("diff(phi, x)", "diff(phi, speed)", "'diff' by the definition 'speed'"),
+        ('kind = "cone"', 'kind = "cube"', "region.scene.1.kind: got 'cube'"),
+        ('apex = ["x", "y"]', "", "a cone needs 'apex'"),
+        ("v_max = { value = 0.4,", "v_max = { valu = 0.4,", "valu"),
+        ('bounds = ["-v_max", "v_max"]', 'bounds = ["v_max"]', "system.inputs.v.bounds"),
+        ('bounds = ["-v_max", "v_max"]', 'bounds = ["-v_mix", "v_max"]', "did you mean 'v_max'"),
+    ],
+)
+def test_mistake_in_a_users_own_definition_names_the_key(tmp_path, old, new, complaint):
+    from holdfast.scenario import read_text
+
+    text = read_text("wheeled_camera")[1]
+    assert old in text
+    path = tmp_path / "mine.toml"
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(str(path)).run()
+    assert complaint in str(caught.value)
+    assert str(caught.value).startswith(str(path))
+
+
+def test_overrides_reach_parameters_that_laws_share():
+    scenario = load_scenario("inspection", ["law.k1=0.12", "redesign.parameters.distance=0.6"])
+    values = {p.name: p.value for p in scenario.law.parameters}
+    assert values["k1"] == 0.12
+    assert values["distance"] == 0.6
+    assert {p.name: p.value for p in scenario.goal.parameters}["distance"] == 0.6
+
+
+def test_runs_takes_the_given_states_first():
+    scenario = load_scenario("inspection", runs=2)
+    assert len(scenario.starts.states) == 2
+    assert scenario.starts.random == 0
+    assert load_scenario("inspection", runs=10).starts.random == 7
