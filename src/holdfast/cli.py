@@ -158,16 +158,26 @@ def main() -> NoReturn:
         if debug:
             raise
         _fail(str(error), BAD_INPUT)
-    except click.exceptions.Abort:
-        _fail("interrupted; nothing was written under a final name", INTERRUPTED)
-    except KeyboardInterrupt:
-        _fail("interrupted; nothing was written under a final name", INTERRUPTED)
+    except (click.exceptions.Abort, KeyboardInterrupt):
+        _interrupted()
     except click.ClickException as error:
         error.show()
         sys.exit(BAD_INPUT)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(ANSWERED)
+
+
+def _interrupted() -> NoReturn:
+    """Leave with 130 whatever was interrupted.
+
+    Where the interruption hit code that runs text (as `exec` in a library's import),
+    CPython remembers it as unhandled and would turn a plain exit into death by the signal.
+    """
+    click.echo("holdfast: interrupted; no partial file is left", err=True)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(INTERRUPTED)
 
 
 def _fail(message: str, status: int) -> NoReturn:

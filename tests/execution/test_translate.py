@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import holdfast as hf
-from holdfast.errors import SimulationError
-from holdfast.execution.compile import compile_closed_loop
+from holdfast.errors import OutputError, SimulationError
+from holdfast.execution.compile import cache_directory, compile_closed_loop
 from holdfast.execution.steppers import RK4
 from holdfast.execution.translate import closed_loop_program, function_source
 from holdfast.maths.functions import angle, greatest, least, length, select, sgn, wrap
@@ -139,3 +139,21 @@ def test_a_second_process_finds_the_compiled_code(tmp_path, monkeypatch, double_
     compile_closed_loop(program.source)
     assert path.stat().st_mtime_ns == written
     assert not list(tmp_path.glob("*.partial"))
+
+
+def test_a_cache_folder_that_was_asked_for_must_be_writable(tmp_path, monkeypatch):
+    file = tmp_path / "file"
+    file.write_text("")
+    monkeypatch.setenv("HOLDFAST_CACHE_DIR", str(file / "cache"))
+    with pytest.raises(OutputError, match="set HOLDFAST_CACHE_DIR to a folder that can"):
+        compile_closed_loop("x = 1\n")
+
+
+def test_an_unwritable_user_cache_is_replaced_for_this_process(tmp_path, monkeypatch):
+    file = tmp_path / "file"
+    file.write_text("")
+    monkeypatch.delenv("HOLDFAST_CACHE_DIR", raising=False)
+    monkeypatch.setattr("platformdirs.user_cache_dir", lambda name: str(file / name))
+    replaced = cache_directory()
+    assert replaced.is_dir()
+    assert cache_directory() == replaced

@@ -238,7 +238,7 @@ class ClosedLoop:
             rejected=np.zeros(runs, dtype=np.int64),
         )
         stop = np.zeros(1, dtype=np.int64)
-        threads = settings.threads or len(os.sched_getaffinity(0))
+        threads = settings.threads or available_cores()
         chunk = max(1, min(64, -(-runs // (4 * threads))))
         bounds = [(a, min(a + chunk, runs)) for a in range(0, runs, chunk)]
         counters = [np.zeros(1, dtype=np.int64) for _ in bounds]
@@ -291,6 +291,13 @@ class ClosedLoop:
         began = time.perf_counter()
         _run_threads(work, bounds, counters, threads, stop, runs * (samples + 1), progress)
         return replace(result, wall_time=time.perf_counter() - began)
+
+
+def available_cores() -> int:
+    """The cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def _run_threads(

@@ -7,6 +7,7 @@ import importlib.util
 import os
 import sys
 import tempfile
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from types import ModuleType
@@ -22,7 +23,8 @@ CACHE_VARIABLE = "HOLDFAST_CACHE_DIR"
 def cache_directory() -> Path:
     """Where generated source and compiled code are kept; created when missing.
 
-    Raises `OutputError` when it cannot be written.
+    A user cache that cannot be written is replaced by a temporary folder for this process;
+    one that was asked for and cannot be written is an `OutputError`.
     """
     chosen = os.environ.get(CACHE_VARIABLE)
     path = Path(chosen) if chosen else Path(platformdirs.user_cache_dir("holdfast"))
@@ -36,14 +38,13 @@ def cache_directory() -> Path:
                 f"the cache folder {path} cannot be written ({error.strerror})",
                 remedy=f"set {CACHE_VARIABLE} to a folder that can",
             ) from None
-        path = Path(tempfile.gettempdir()) / f"holdfast-{os.getuid()}"
-        path.mkdir(mode=0o700, exist_ok=True)
-        if path.stat().st_uid != os.getuid():
-            raise OutputError(
-                f"the cache folder {path} belongs to another user",
-                remedy=f"set {CACHE_VARIABLE} to a folder of your own",
-            ) from None
+        return _temporary()
     return path
+
+
+@cache
+def _temporary() -> Path:
+    return Path(tempfile.mkdtemp(prefix="holdfast-"))
 
 
 def compile_closed_loop(source: str) -> ModuleType:

@@ -46,6 +46,8 @@ _SETTINGS: Any = {
     "lines.linewidth": 1.1,
     "figure.dpi": 100,
     "savefig.dpi": 200,
+    "savefig.bbox": "tight",
+    "savefig.pad_inches": 0.05,
     "svg.fonttype": "none",
     "svg.hashsalt": "holdfast",
     "mathtext.fontset": "dejavusans",

@@ -1,0 +1,89 @@
+"""What the README shows is what happens."""
+
+import contextlib
+import io
+import re
+import tomllib
+from pathlib import Path
+
+import numpy as np
+
+import holdfast as hf
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text("utf-8")
+
+
+def test_twelve_lines_of_python_do_what_the_main_command_does():
+    (code,) = re.findall(r"```python\n(.*?)```", README, re.S)
+    assert len(code.strip().splitlines()) == 12
+    scope, printed = {}, io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(code, scope)
+    expected = hf.load_scenario("inspection").run()
+    assert scope["result"].outcomes == expected.outcomes
+    ours, theirs = (r.dataset["state"].values[:, -1] for r in (scope["result"], expected))
+    assert np.abs(ours - theirs).max() < 1e-2  # 60 degrees is rounded in the README
+    assert printed.getvalue().startswith(f"{expected.viable} ")
+
+
+def test_fraction_in_the_readme_is_the_measured_one():
+    result = hf.load_scenario("inspection").run()
+    assert f"{result.viable} of {result.dataset.sizes['run']}" in README
+
+
+def test_commands_of_the_readme_name_things_that_exist():
+    from holdfast.describe import describe
+
+    for name in re.findall(r"^holdfast (?:show|run) (\w+)", README, re.M):
+        assert describe(name)
+    for link in re.findall(r"\]\(([^)#]+)\)", README):
+        assert (ROOT / link).exists(), link
+
+
+def test_map_of_the_readme_is_true():
+    """Every module is on the map, and every name on the map exists."""
+    shown = README[README.index("## Where things are") :]
+    source = ROOT / "src" / "holdfast"
+    for path in source.rglob("*.py"):
+        place = path.relative_to(source).parts
+        if path.stem.startswith("_") or place[:2] in (
+            ("maths", "systems"),
+            ("maths", "laws"),
+            ("maths", "regions"),
+        ):
+            continue
+        if path.name in ("style.py",):
+            continue
+        assert path.name in shown, path.name
+    everything = {p.name for folder in ("src", "docs") for p in (ROOT / folder).rglob("*")}
+    for name in re.findall(r"\b([a-z_]+\.(?:py|md))\b", shown):
+        assert name in everything, name
+
+
+def test_project_declares_the_python_it_needs():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert project["requires-python"] == ">=3.11"
+
+
+def test_examples_in_the_documentation_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    hf.load_scenario("inspection", ["run.horizon=4"], runs=3).run().save("result.nc")
+    for page in sorted((ROOT / "docs").glob("*.md")):
+        scope = {}
+        for code in re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), re.S):
+            with contextlib.redirect_stdout(io.StringIO()):
+                exec(code, scope)
+
+
+def test_scenario_files_in_the_documentation_load(tmp_path):
+    for page in sorted((ROOT / "docs").glob("*.md")):
+        for number, text in enumerate(
+            re.findall(r"```toml\n(.*?)```", page.read_text("utf-8"), re.S)
+        ):
+            if "[scenario]" in text:
+                path = tmp_path / f"{page.stem}{number}.toml"
+                path.write_text(text)
+                hf.load_scenario(str(path), ["run.horizon=1"]).run()
+            else:
+                tomllib.loads(text)
