@@ -6,6 +6,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import GainWarning, SimulationError
+from holdfast.maths.functions import greatest, least, select, sgn, wrap
 from tests.conftest import constant_law
 
 X, V = hf.symbol("x"), hf.symbol("v")
@@ -124,6 +125,30 @@ def test_a_law_that_is_not_a_number_is_an_outcome(double_integrator):
     law = hf.Law("root", double_integrator.states, {"a": sp.sqrt(X - 1)})
     data = run(double_integrator, law, [0, 0])
     assert data["outcome"].values[0] == hf.Outcome.DIVERGED
+
+
+@pytest.mark.parametrize(
+    "output",
+    [
+        sgn(sp.sqrt(X - 1)),
+        select(sp.log(X - 1), 1, 2),
+        least(0.5, sp.sqrt(X - 1)),
+        greatest(sp.sqrt(X - 1), 0.5),
+        wrap(sp.sqrt(X - 1)),
+        sp.Abs(sp.sqrt(X - 1)),
+    ],
+)
+def test_no_branch_hides_what_is_not_a_number(double_integrator, output):
+    law = hf.Law("hidden", double_integrator.states, {"a": output})
+    assert run(double_integrator, law, [0, 0])["outcome"].values[0] == hf.Outcome.DIVERGED
+
+
+def test_a_constraint_that_is_not_a_number_is_an_outcome(double_integrator):
+    """sqrt(1 - x) exists up to x = 1, reached at t = 1."""
+    region = hf.Region("root", double_integrator.states, (hf.Inequality("r", -sp.sqrt(1 - X)),))
+    data = run(double_integrator, constant_law(double_integrator, 0.0), [0, 1.0], region=region)
+    assert data["outcome"].values[0] == hf.Outcome.DIVERGED
+    assert data["exit_time"].values[0] == pytest.approx(1.0, abs=0.03)
 
 
 def test_sampled_control_is_held_and_continuous_control_is_not(double_integrator):
@@ -302,6 +327,18 @@ def test_interrupting_stops_the_workers(vehicle):
         )
     assert len(calls) == 1
     assert calls[0] < 0.9
+
+
+def test_a_record_that_does_not_fit_in_memory_is_refused_before_the_work(double_integrator):
+    with pytest.raises(SimulationError, match="raise record_every"):
+        run(
+            double_integrator,
+            constant_law(double_integrator, 0.0),
+            [0, 0],
+            horizon=1e12,
+            sample_time=0.5,
+            record_every=0.5,
+        )
 
 
 def test_progress_ends_at_one(double_integrator):

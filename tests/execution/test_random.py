@@ -104,3 +104,17 @@ def test_random_starts_lie_in_the_region_and_keep_their_index(vehicle):
     assert np.array_equal(states[:20], drawn(20)[0])
     assert np.ptp(states[:, 0]) > 1.2
     assert not states[:, 3:].any()
+
+
+@pytest.mark.parametrize("size", [1.0, 100.0, 1e5, 1e12])
+def test_sine_and_cosine_agree_with_the_library(size):
+    angles = np.random.default_rng(1).uniform(-size, size, 20000)
+    angles = np.append(angles, np.arange(-12, 13) * np.pi / 4)
+    pairs = np.array([driver.sine_and_cosine(a) for a in angles])
+    assert np.abs(pairs[:, 0] - np.sin(angles)).max() < 4e-16
+    assert np.abs(pairs[:, 1] - np.cos(angles)).max() < 4e-16
+
+
+def test_sine_and_cosine_of_what_is_no_angle_is_not_a_number():
+    for value in (np.nan, np.inf, -np.inf):
+        assert np.isnan(driver.sine_and_cosine(value)).all()

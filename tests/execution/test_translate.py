@@ -56,6 +56,9 @@ DRIVER = (
     "def least(a, b):\n    return b if b < a else a\n"
     "def greatest(a, b):\n    return b if b > a else a\n"
     "def length(x, y):\n    return math.sqrt(x * x + y * y)\n"
+    "def sgn(x):\n    return 1.0 if x >= 0 else -1.0\n"
+    "def select(x, a, b):\n    return a if x >= 0 else b\n"
+    "def sine_and_cosine(x):\n    return math.sin(x), math.cos(x)\n"
     "def sign(x):\n    return (x > 0) - (x < 0)\n"
 )
 

@@ -163,7 +163,7 @@ def _initial_states(
         raise SimulationError("a start is not finite")
     if not start_outside:
         values = loop.constraints(initial)
-        bad = np.argwhere(values > settings.tolerance)
+        bad = np.argwhere(~(values <= settings.tolerance))
         if bad.size:
             run, j = bad[0]
             name, unit = loop.program.constraints[j]

@@ -209,6 +209,9 @@ class ClosedLoop:
         rows = samples // stride + 1
         watch = len(program.constraints)
 
+        columns = n + len(program.inputs) + len(program.actuators) + len(program.signals) + watch
+        _check_memory(8 * runs * rows * (columns + 1), runs, rows)
+
         def blank(*shape: int) -> Array:
             return np.full((runs, *shape), np.nan)
 
@@ -291,6 +294,19 @@ class ClosedLoop:
         began = time.perf_counter()
         _run_threads(work, bounds, counters, threads, stop, runs * (samples + 1), progress)
         return replace(result, wall_time=time.perf_counter() - began)
+
+
+def _check_memory(needed: int, runs: int, rows: int) -> None:
+    """Refuse a record that would not fit, before anything is allocated."""
+    if not hasattr(os, "sysconf"):
+        return
+    total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if needed > 0.7 * total:
+        raise SimulationError(
+            f"recording {runs} runs of {rows} samples takes {needed / 2**30:.3g} GiB, this "
+            f"machine has {total / 2**30:.3g}",
+            remedy="raise record_every, or simulate fewer runs at a time",
+        )
 
 
 def available_cores() -> int:

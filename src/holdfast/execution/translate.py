@@ -33,14 +33,14 @@ class Printer(PythonCodePrinter):
     """Numba-compilable text for every expression holdfast can build."""
 
     def _print_sgn(self, e: sp.Expr) -> str:
-        return f"(1.0 if {self._print(e.args[0])} >= 0.0 else -1.0)"
+        return f"sgn({self._print(e.args[0])})"
 
     def _print_wrap(self, e: sp.Expr) -> str:
         return f"wrap({self._print(e.args[0])})"
 
     def _print_select(self, e: sp.Expr) -> str:
         x, a, b = (self._print(arg) for arg in e.args)
-        return f"({a} if {x} >= 0.0 else {b})"
+        return f"select({x}, {a}, {b})"
 
     def _print_least(self, e: sp.Expr) -> str:
         a, b = (self._print(arg) for arg in e.args)
@@ -112,8 +112,14 @@ def _body(
             if s in used:
                 lines.append(f"{indent}{_name(s)} = {argument}[{i}]")
     renamed = {s: sp.Symbol(_name(s), real=True) for s in used}
+    results = [e.xreplace(renamed) for e in results]
+    turning = {a for a in renamed.values() if all(_has(results, f(a)) for f in (sp.sin, sp.cos))}
+    for a in sorted(turning, key=str):
+        pair = {f(a): sp.Symbol(f"{f.__name__}_{a}", real=True) for f in (sp.sin, sp.cos)}
+        lines.append(f"{indent}{', '.join(map(str, pair.values()))} = sine_and_cosine({a})")
+        results = [e.xreplace(pair) for e in results]
     shared, reduced = sp.cse(
-        [e.xreplace(renamed) for e in results],
+        results,
         symbols=sp.numbered_symbols("c_", real=True),
         order="none",
     )
@@ -124,6 +130,10 @@ def _body(
     else:
         lines.append(f"{indent}return ({', '.join(texts)},)" if texts else f"{indent}return (0.0,)")
     return "\n".join(lines)
+
+
+def _has(expressions: Sequence[sp.Expr], part: sp.Expr) -> bool:
+    return any(e.has(part) for e in expressions)
 
 
 def _name(s: sp.Symbol) -> str:
