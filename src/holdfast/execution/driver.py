@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numba import njit
 
-compiled = njit(cache=True, error_model="numpy", nogil=True)
+compiled = njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
 
 TWO_PI = 2.0 * math.pi
 DIVERGED_AT = 1e9

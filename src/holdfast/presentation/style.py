@@ -46,8 +46,6 @@ _SETTINGS: Any = {
     "lines.linewidth": 1.1,
     "figure.dpi": 100,
     "savefig.dpi": 200,
-    "savefig.bbox": "tight",
-    "savefig.pad_inches": 0.05,
     "svg.fonttype": "none",
     "svg.hashsalt": "holdfast",
     "mathtext.fontset": "dejavusans",
@@ -65,11 +63,18 @@ def write(figure: Figure, folder: Path, name: str) -> list[Path]:
     """Write the figure as PNG and SVG, each atomically, and close it."""
     written = []
     try:
+        with look():
+            figure.draw_without_rendering()  # lay it out once, not once for each format
+            figure.set_layout_engine("none")
+            box = figure.get_tightbbox()
+            # equal axes can push a title over the edge of the page: then the page grows
+            fits = box.x0 >= 0 and box.y0 >= 0 and (box.max <= figure.get_size_inches()).all()
+            everything = None if fits else box.padded(0.05)
         for ending in ("png", "svg"):
             path = folder / f"{name}.{ending}"
             metadata = {"Date": None} if ending == "svg" else {}
             with look(), atomic_file(path) as partial:
-                figure.savefig(partial, format=ending, metadata=metadata)
+                figure.savefig(partial, format=ending, metadata=metadata, bbox_inches=everything)
             written.append(path)
     finally:
         plt.close(figure)
