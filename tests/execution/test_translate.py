@@ -160,3 +160,53 @@ def test_an_unwritable_user_cache_is_replaced_for_this_process(tmp_path, monkeyp
     replaced = cache_directory()
     assert replaced.is_dir()
     assert cache_directory() == replaced
+
+
+def test_no_declared_name_collides_with_one_of_the_printer():
+    """Every name the printer makes up, declared by a user as a parameter."""
+    names = [
+        "q",
+        "p",
+        "u",
+        "d",
+        "mode",
+        "table",
+        "c_0",
+        "psi_sin",
+        "psi_cos",
+        "levels",
+        "math",
+        "compiled",
+        "wrap_",
+        "rates",
+        "law",
+        "x_",
+        "np",
+    ]
+    psi = hf.symbol("psi")
+    total = sum((hf.symbol(n) for n in names), start=sp.sin(psi) + sp.cos(psi) + sp.tan(psi) ** 2)
+    system = hf.System(
+        "names",
+        (hf.Quantity("psi", "rad", angle=True),),
+        (hf.Quantity("u0", "rad/s"),),
+        {"psi": total + hf.symbol("u0")},
+        parameters=tuple(hf.Parameter(n, value=1.0 + i) for i, n in enumerate(names)),
+    )
+    law = hf.Law("zero", system.states, {"u0": sp.tan(psi) ** 2 - sp.tan(psi) ** 2 * sp.S.One})
+    start = 0.3
+    end = (
+        hf.simulate(
+            system,
+            law,
+            starts=[[start]],
+            horizon=1e-3,
+            sample_time=1e-3,
+            substeps=1,
+            record_every=1e-3,
+        )
+        .dataset["state"]
+        .values[0, -1, 0]
+    )
+    slope = sum(1.0 + i for i in range(len(names)))
+    expected = slope + np.sin(start) + np.cos(start) + np.tan(start) ** 2
+    assert (end - start) / 1e-3 == pytest.approx(expected, rel=1e-2)

@@ -115,7 +115,7 @@ def _body(
     results = [e.xreplace(renamed) for e in results]
     turning = {a for a in renamed.values() if all(_has(results, f(a)) for f in (sp.sin, sp.cos))}
     for a in sorted(turning, key=str):
-        pair = {f(a): sp.Symbol(f"{f.__name__}_{a}", real=True) for f in (sp.sin, sp.cos)}
+        pair = {f(a): sp.Symbol(f"{a}{f.__name__}", real=True) for f in (sp.sin, sp.cos)}
         lines.append(f"{indent}{', '.join(map(str, pair.values()))} = sine_and_cosine({a})")
         results = [e.xreplace(pair) for e in results]
     shared, reduced = sp.cse(
@@ -137,7 +137,7 @@ def _has(expressions: Sequence[sp.Expr], part: sp.Expr) -> bool:
 
 
 def _name(s: sp.Symbol) -> str:
-    """The name in the source: suffixed, so that no symbol collides with an argument."""
+    """The name in the source: it ends in '_', as no argument and no name made here does."""
     return s.name if s in (TIME, TIME_IN_MODE) else f"{s.name}_"
 
 

@@ -12,6 +12,8 @@ from holdfast.errors import HoldfastError
 if TYPE_CHECKING:
     import pint
 
+MAX_LENGTH = 80
+
 _TEXT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?\Z")
 
 
@@ -38,7 +40,7 @@ def to_si(value: object, unit: str) -> float:
         )
     if isinstance(value, (int, float)):
         return _finite(float(value), value)
-    match = _TEXT.match(value)
+    match = _TEXT.match(value) if len(value) <= MAX_LENGTH else None
     if match is None:
         raise UnitError(
             f"got {value!r}", expected=f'a number in {unit}, or text such as "1.5 {unit}"'
