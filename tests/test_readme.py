@@ -21,10 +21,12 @@ def test_twelve_lines_of_python_do_what_the_main_command_does():
     with contextlib.redirect_stdout(printed):
         exec(code, scope)
     expected = hf.load_scenario("inspection").run()
-    assert scope["result"].outcomes == expected.outcomes
-    ours, theirs = (r.dataset["state"].values[:, -1] for r in (scope["result"], expected))
-    assert np.abs(ours - theirs).max() < 1e-2  # 60 degrees is rounded in the README
-    assert printed.getvalue().startswith(f"{expected.viable} ")
+    ours, theirs = scope["result"].dataset, expected.dataset.isel(run=slice(3, None))
+    starts, ends = ([d["state"].values[:, k] for d in (ours, theirs)] for k in (0, -1))
+    assert np.abs(starts[0] - starts[1]).max() < 1e-3  # 60 degrees is rounded in the README
+    assert np.abs(ends[0] - ends[1]).max() < 2e-2
+    assert np.array_equal(ours["outcome"].values, theirs["outcome"].values)
+    assert printed.getvalue().startswith(f"{scope['result'].viable} ")
 
 
 def test_fraction_in_the_readme_is_the_measured_one():

@@ -5,7 +5,7 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.execution import driver
+from holdfast.execution import primitives as driver
 
 
 @pytest.mark.parametrize(

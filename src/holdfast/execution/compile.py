@@ -16,6 +16,8 @@ import platformdirs
 
 from holdfast.errors import OutputError
 
+MARK = "# -- joined from here on"
+
 CACHE_VARIABLE = "HOLDFAST_CACHE_DIR"
 """Environment variable that moves the cache."""
 
@@ -53,8 +55,9 @@ def compile_closed_loop(source: str) -> ModuleType:
     The file is named by the digest of its text, so a changed definition is a new file and
     an unchanged one is loaded, with Numba's machine code beside it.
     """
-    driver = (resources.files("holdfast.execution") / "driver.py").read_text("utf-8")
-    text = f"{driver}\n\n# -- generated ---\n\n{source}"
+    room = resources.files("holdfast.execution")
+    primitives, driver = ((room / n).read_text("utf-8") for n in ("primitives.py", "driver.py"))
+    text = f"{primitives}\n\n{driver.partition(MARK)[2]}\n\n{source}"
     name = "loop_" + hashlib.sha256(text.encode()).hexdigest()[:24]
     if name in sys.modules:
         return sys.modules[name]

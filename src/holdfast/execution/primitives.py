@@ -1,0 +1,148 @@
+"""What compiled code is made of: branches, turns, sines, random numbers.
+
+`compile.py` puts this file in front of `driver.py` and of the generated functions, so that one
+text is all there is to compile and to cache.
+"""
+
+# mypy: ignore-errors
+
+import math
+
+import numpy as np
+from numba import njit
+
+compiled = njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+
+TWO_PI = 2.0 * math.pi
+
+
+# -- helpers that the printer uses ------------------------------------------------------
+
+
+@compiled
+def wrap(x):
+    """x in (-pi, pi]."""
+    return x - TWO_PI * math.ceil((x - math.pi) / TWO_PI)
+
+
+# what is not a number stays so through every branch: a comparison with it must not hide it
+
+
+@compiled
+def least(a, b):
+    """The smaller of two; not a number if either is not."""
+    if a != a:
+        return a
+    return a if a < b else b
+
+
+@compiled
+def greatest(a, b):
+    """The larger of two; not a number if either is not."""
+    if a != a:
+        return a
+    return a if a > b else b
+
+
+@compiled
+def sgn(x):
+    """+1 for x >= 0, else -1."""
+    return 1.0 if x >= 0.0 else (-1.0 if x < 0.0 else x)
+
+
+@compiled
+def select(x, a, b):
+    """a for x >= 0, else b."""
+    return a if x >= 0.0 else (b if x < 0.0 else x)
+
+
+@compiled
+def length(x, y):
+    """sqrt(x^2 + y^2)."""
+    return math.sqrt(x * x + y * y)
+
+
+@compiled
+def sign(x):
+    """The sign with sign(0) = 0, the derivative of the magnitude."""
+    return 1.0 if x > 0.0 else (-1.0 if x < 0.0 else 0.0 * x)
+
+
+@compiled
+def sine_and_cosine(x):
+    """Both at once, in half the time of two library calls; error below 3e-16.
+
+    The argument is brought to [-pi/4, pi/4] by subtracting a multiple of pi/2 in three parts
+    (Cody and Waite); the polynomials are those of S. Moshier's Cephes library. Beyond 1e5
+    quarter turns, and for what is not a number, the library functions are used.
+    """
+    turns = np.rint(x * 0.6366197723675814)
+    if not abs(turns) < 1e5:
+        return math.sin(x), math.cos(x)
+    y = x - turns * 1.5707963267341256
+    y = y - turns * 6.077100506303966e-11
+    y = y - turns * 2.0222662487959506e-21
+    z = y * y
+    s = 1.58962301576546568060e-10
+    s = s * z - 2.50507477628578072866e-8
+    s = s * z + 2.75573136213857245213e-6
+    s = s * z - 1.98412698295895385996e-4
+    s = s * z + 8.33333333332211858878e-3
+    s = s * z - 1.66666666666666307295e-1
+    s = y + y * z * s
+    c = -1.13585365213876817300e-11
+    c = c * z + 2.08757008419747316778e-9
+    c = c * z - 2.75573141792967388112e-7
+    c = c * z + 2.48015872888517045348e-5
+    c = c * z - 1.38888888888730564116e-3
+    c = c * z + 4.16666666666665929218e-2
+    c = 1.0 - 0.5 * z + z * z * c
+    quarter = int(turns) & 3
+    if quarter == 0:
+        return s, c
+    if quarter == 1:
+        return c, -s
+    if quarter == 2:
+        return -s, -c
+    return -c, s
+
+
+# -- counter-based random numbers -------------------------------------------------------
+
+
+@compiled
+def philox(c0, c1, c2, c3, k0, k1):
+    """Philox4x32-10 (J. Salmon et al., SC'11): four 32-bit words from a counter and a key."""
+    mask = np.uint64(0xFFFFFFFF)
+    half = np.uint64(32)
+    x0, x1, x2, x3 = np.uint64(c0), np.uint64(c1), np.uint64(c2), np.uint64(c3)
+    a, b = np.uint64(k0), np.uint64(k1)
+    for _ in range(10):
+        first = np.uint64(0xD2511F53) * x0
+        second = np.uint64(0xCD9E8D57) * x2
+        x0, x1, x2, x3 = (
+            (second >> half) ^ x1 ^ a,
+            second & mask,
+            (first >> half) ^ x3 ^ b,
+            first & mask,
+        )
+        a = (a + np.uint64(0x9E3779B9)) & mask
+        b = (b + np.uint64(0xBB67AE85)) & mask
+    return x0, x1, x2, x3
+
+
+@compiled
+def two_uniforms(seed, run, step, channel, stream):
+    """Two numbers in (0, 1) that depend on these five integers alone."""
+    w = philox(
+        step & 0xFFFFFFFF,
+        run & 0xFFFFFFFF,
+        channel,
+        stream,
+        seed & 0xFFFFFFFF,
+        (seed >> 32) & 0xFFFFFFFF,
+    )
+    scale = 1.0 / 9007199254740992.0
+    first = ((w[0] >> np.uint64(5)) * 67108864.0 + (w[1] >> np.uint64(6)) + 0.5) * scale
+    second = ((w[2] >> np.uint64(5)) * 67108864.0 + (w[3] >> np.uint64(6)) + 0.5) * scale
+    return first, second
