@@ -79,7 +79,7 @@ def run_command(
 
     loaded = load_scenario(scenario, overrides, runs, seed)
     folder = out if out is not None else Path("runs") / loaded.name
-    _prepare(folder)
+    _check_writable(folder)
     result = _simulated(loaded)
     files = _written(loaded, result, folder, figures=not no_figures)
     from holdfast.presentation.text import summary_text
@@ -91,18 +91,15 @@ def run_command(
         sys.exit(NOT_ANSWERED)
 
 
-def _prepare(folder: Path) -> None:
-    """Find out before the work whether the folder can be written."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
+def _check_writable(folder: Path) -> None:
+    """Find out before the work whether the folder can be made and written."""
+    place = folder.absolute()
+    while not place.exists() and place != place.parent:
+        place = place.parent
+    if not place.is_dir() or not os.access(place, os.W_OK | os.X_OK):
         raise OutputError(
-            f"the folder {folder} cannot be made ({error.strerror})",
+            f"the folder {folder} cannot be written ({place} is no folder, or not yours)",
             remedy="choose another with --out",
-        ) from None
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise OutputError(
-            f"the folder {folder} cannot be written", remedy="choose another with --out"
         )
 
 
@@ -128,6 +125,7 @@ def _simulated(scenario: Scenario) -> Result:
 def _written(scenario: Scenario, result: Result, folder: Path, *, figures: bool) -> list[Path]:
     from holdfast.analysis.result import atomic_file
 
+    folder.mkdir(parents=True, exist_ok=True)
     files = [result.save(folder / "result.nc")]
     if figures:
         from holdfast.presentation import style
@@ -136,8 +134,9 @@ def _written(scenario: Scenario, result: Result, folder: Path, *, figures: bool)
 
         chosen = scenario.figures
         run = min(chosen.history, result.dataset.sizes["run"] - 1)
-        plane = paths_figure(result, chosen.plane, chosen.highlight, chosen.cones, run)
-        files += style.write(plane, folder, "paths")
+        if scenario.plane is not None:
+            plane = paths_figure(result, scenario.plane, chosen.highlight, chosen.cones, run)
+            files += style.write(plane, folder, "paths")
         files += style.write(histories_figure(result, run), folder, "histories")
     path = folder / "summary.json"
     with atomic_file(path) as partial:
@@ -193,4 +192,8 @@ def _show_warning(
     file: object = None,
     line: str | None = None,
 ) -> None:
-    click.echo(f"holdfast: warning: {message}", err=True)
+    text = f"holdfast: warning: {message}"
+    if "tqdm" in sys.modules:  # keep clear of the progress bar
+        sys.modules["tqdm"].tqdm.write(text, file=sys.stderr)
+    else:
+        click.echo(text, err=True)

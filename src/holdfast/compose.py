@@ -7,15 +7,14 @@ an entry of its own. Every refusal names the file and the key.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any
 
-import pydantic
 import sympy as sp
 
-from holdfast.errors import HoldfastError, ScenarioError, suggestion
+from holdfast.checking import at, validated
+from holdfast.errors import ScenarioError, suggestion
 from holdfast.maths import laws, regions, scene, systems
 from holdfast.maths.bounds import Box
 from holdfast.maths.expression import parse_condition, parse_expression
@@ -32,69 +31,11 @@ from holdfast.schema import (
     OutputsSpec,
     ParameterSpec,
     RegionSpec,
-    Section,
     ShapeSpec,
     SystemSpec,
 )
 
 Names = dict[str, sp.Expr]
-S = TypeVar("S", bound=Section)
-
-
-@contextmanager
-def at(file: str, key: str) -> Iterator[None]:
-    """Say the file and the key in front of every refusal inside."""
-    try:
-        yield
-    except ScenarioError as error:
-        if str(error).startswith(f"{file}: "):
-            raise
-        raise _placed(file, key, error) from None
-    except HoldfastError as error:
-        raise _placed(file, key, error) from None
-
-
-def _placed(file: str, key: str, error: HoldfastError) -> ScenarioError:
-    return ScenarioError(
-        f"{file}: {key}: {error.cause}", expected=error.expected, remedy=error.remedy
-    )
-
-
-def validated(model: type[S], data: object, file: str, prefix: str = "") -> S:
-    """`data` as `model`; `ScenarioError` with the first thing that is wrong."""
-    try:
-        return model.model_validate(data)
-    except pydantic.ValidationError as error:
-        # among the alternatives of a union the most specific complaint is the deepest one
-        first = max(error.errors(), key=lambda e: (e["type"] == "extra_forbidden", len(e["loc"])))
-        raise _complaint(model, first, file, prefix) from None
-
-
-def _complaint(model: type[Section], error: Any, file: str, prefix: str) -> ScenarioError:
-    path = [str(part) for part in error["loc"]]
-    key = ".".join([prefix, *path] if prefix else path) or "the file"
-    if error["type"] == "extra_forbidden":
-        known = _known_keys(model, error["loc"])
-        return ScenarioError(f"{file}: {key}: unknown key", remedy=suggestion(path[-1], known))
-    if error["type"] == "missing":
-        return ScenarioError(f"{file}: {key}: missing key", remedy="add it")
-    shown = repr(error["input"])
-    return ScenarioError(
-        f"{file}: {key}: got {shown if len(shown) < 80 else shown[:77] + '...'}",
-        expected=error["msg"].replace("Input should be ", ""),
-    )
-
-
-def _known_keys(model: type[Section], path: Sequence[Any]) -> list[str]:
-    current: Any = model
-    for part in path[:-1]:
-        fields = getattr(current, "model_fields", {})
-        if part in fields:
-            current = fields[part].annotation
-        nested = [a for a in getattr(current, "__args__", ()) if hasattr(a, "model_fields")]
-        if not hasattr(current, "model_fields") and nested:
-            current = nested[0]
-    return list(getattr(current, "model_fields", {}))
 
 
 @dataclass
@@ -120,7 +61,7 @@ class Composer:
         """
         by_name = {function.__name__: function for function in catalogue}
         name = table["name"]
-        if name not in by_name:
+        if not isinstance(name, str) or name not in by_name:
             raise ScenarioError(
                 f"{self.file}: {key}.name: unknown name {name!r}",
                 remedy=suggestion(str(name), by_name),
@@ -275,6 +216,11 @@ class Composer:
         """[law]: a catalogue entry or one written by expressions."""
         if "outputs" not in table and "modes" not in table:
             self._need_name(table, "law", "outputs")
+            if any(f.__name__ == table["name"] and wants_law(f) for f in laws.ALL):
+                raise ScenarioError(
+                    f"{self.file}: law.name: '{table['name']}' is built on a convergent law",
+                    remedy="name that law here, and this one under [redesign]",
+                )
             built: Law = self.entry(laws.ALL, table, "law", (system,))
             return built
         spec = validated(LawSpec, table, self.file, "law")
@@ -382,6 +328,9 @@ class Composer:
             )
 
     def _shape(self, spec: ShapeSpec, names: Names, key: str) -> scene.Shape:
+        fixed = spec.kind != "cone"  # what stands still cannot depend on the state
+        if fixed:
+            names = {n: e for n, e in names.items() if n in self.known or n == "pi"}
         needed = {
             "segment": ("start", "end"),
             "cone": ("apex", "heading", "half_angle", "range"),
@@ -404,6 +353,11 @@ class Composer:
             "circle": scene.Circle,
         }[spec.kind]
         return shape(spec.role, *values)
+
+
+def wants_law(function: Callable[..., Any]) -> bool:
+    """Whether a catalogue law is built on a convergent law, not on the system alone."""
+    return next(iter(inspect.signature(function).parameters)) == "law"
 
 
 def accepted_parameters(function: Callable[..., Any], parameters: Mapping[str, Any]) -> list[str]:

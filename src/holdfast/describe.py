@@ -12,6 +12,7 @@ from sympy.printing.pretty.pretty import PrettyPrinter
 from sympy.printing.pretty.pretty_symbology import greek_unicode
 from sympy.printing.pretty.stringpict import prettyForm
 
+from holdfast.compose import wants_law
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.maths import laws, regions, systems
 from holdfast.maths.bounds import Ball, Bounds, Box, LinearImage
@@ -26,12 +27,10 @@ from holdfast.scenario import load_scenario, read_text, scenario_names
 
 def example(function: Callable[..., Any]) -> Any:
     """The catalogue entry with its standard parameters."""
-    first = next(iter(inspect.signature(function).parameters.values()), None)
-    if first is not None and first.name == "system":
-        return function(systems.marine_vehicle())
-    if first is not None and first.name == "law":
-        return function(laws.steer_marine(systems.marine_vehicle()))
-    return function()
+    if function not in laws.ALL:
+        return function()
+    vehicle = systems.marine_vehicle()
+    return function(laws.steer_marine(vehicle) if wants_law(function) else vehicle)
 
 
 def catalogue_lines() -> Iterable[str]:

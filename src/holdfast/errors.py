@@ -12,8 +12,9 @@ from collections.abc import Iterable
 class HoldfastError(Exception):
     """A refusal: the cause, what was expected, and what to do about it."""
 
-    def __init__(self, cause: str, *, expected: str = "", remedy: str = "") -> None:
+    def __init__(self, cause: str, *, expected: str = "", remedy: str = "", key: str = "") -> None:
         self.cause = cause
+        self.key = key  # the table of a scenario file it is about, where that is known
         self.expected = expected
         self.remedy = remedy
         parts = [cause]

@@ -13,7 +13,8 @@ import sympy as sp
 
 from holdfast.analysis.result import Result
 from holdfast.analysis.simulate import Starts, simulate
-from holdfast.compose import Composer, accepted_parameters, at, validated
+from holdfast.checking import at, validated
+from holdfast.compose import Composer, accepted_parameters, wants_law
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.execution.closed_loop import Progress
 from holdfast.maths import laws
@@ -48,6 +49,7 @@ class Scenario:
     disturbance: Mapping[str, sp.Expr]
     plant: Mapping[str, float]
     reference: Mapping[str, float]
+    plane: tuple[str, str] | None
     figures: FiguresSpec
     start_outside: bool
 
@@ -92,10 +94,10 @@ def read_text(name: str) -> tuple[str, str]:
             remedy=suggestion(name, scenario_names()) + " (a file of your own ends in .toml)",
         )
     try:
-        return name, Path(name).read_text("utf-8")
+        return name, Path(name).read_text("utf-8-sig")
     except OSError as error:
         raise ScenarioError(f"{name}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
+    except ValueError:
         raise ScenarioError(f"{name}: is no text file in UTF-8") from None
 
 
@@ -110,7 +112,7 @@ def load_scenario(
     shown, text = read_text(name)
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise ScenarioError(f"{shown}: not a TOML file: {error}") from None
     changes = list(overrides)
     if seed is not None:
@@ -127,7 +129,8 @@ def load_scenario(
         starts = spec.starts.model_copy(update={"states": given, "random": runs - len(given)})
         spec = spec.model_copy(update={"starts": starts})
         text += f"# runs: {runs}\n"
-    return _composed(Path(shown).stem, shown, text, spec)
+    name = Path(shown).name.removesuffix(".toml").strip(".") or "scenario"
+    return _composed(name, shown, text, spec)
 
 
 def _override(data: dict[str, Any], change: str) -> None:
@@ -136,9 +139,12 @@ def _override(data: dict[str, Any], change: str) -> None:
     if not separator or not all(path):
         raise ScenarioError(f"--set {change}", expected="key=value, such as law.k1=0.2")
     try:
-        parsed: Any = tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
-        parsed = value.strip()
+        table = tomllib.loads(f"value = {value}")
+    except (ValueError, RecursionError):
+        table = {"value": value.strip()}
+    if len(table) != 1:
+        raise ScenarioError(f"--set {key}: more than one value")
+    parsed: Any = table["value"]
     table = data
     for part in path[:-1]:
         table = table.setdefault(part, {})
@@ -163,10 +169,14 @@ def _composed(name: str, file: str, text: str, spec: ScenarioSpec) -> Scenario:
     goal = composer.region(spec.goal, "goal") if spec.goal is not None else None
     values = {p.symbol: p.value for p in composer.known.values()}
     names = {n: e for n, e in composer.scope().items() if n not in system.state_names}
+    timeless = {n: e for n, e in names.items() if n != "t"}
 
     def number(expression: object, key: str) -> float:
         with at(file, key):
-            return float(parse_expression(expression, names).subs(values))
+            value = parse_expression(expression, timeless).subs(values)
+            if not (value.is_real and value.is_finite):
+                raise ScenarioError(f"{value} is no number", expected="a value from parameters")
+            return float(value)
 
     units = {q.name: q.unit for q in system.states}
     return Scenario(
@@ -195,9 +205,22 @@ def _composed(name: str, file: str, text: str, spec: ScenarioSpec) -> Scenario:
             _known(file, f"reference.{k}", k, units): number(v, f"reference.{k}")
             for k, v in spec.reference.items()
         },
+        plane=_plane(file, spec.figures.plane, system),
         figures=spec.figures,
         start_outside=spec.starts.outside,
     )
+
+
+def _plane(file: str, wanted: tuple[str, str] | None, system: System) -> tuple[str, str] | None:
+    """The two states that the paths are drawn in; None for a system with one state."""
+    if wanted is not None:
+        for name in wanted:
+            _known(file, "figures.plane", name, system.state_names)
+        return wanted
+    names = system.state_names
+    if {"x", "y"} <= set(names):
+        return ("x", "y")
+    return (names[0], names[1]) if len(names) > 1 else None
 
 
 def _parsed(file: str, key: str, value: object, names: Mapping[str, sp.Expr]) -> sp.Expr:
@@ -276,7 +299,7 @@ def _redesigned(
                 f"{file}: redesign: unknown law '{name}'", remedy=suggestion(name, catalogue)
             )
         with at(file, "redesign"):
-            leading = _leading(catalogue[name], law, system)
+            leading = (law,) if wants_law(catalogue[name]) else (system,)
             standard = catalogue[name](*leading)
             takes = accepted_parameters(catalogue[name], {p.name: p for p in standard.parameters})
         mine = {k: v for k, v in spec.parameters.items() if k in takes}
@@ -303,9 +326,3 @@ def _redesigned(
         return redesign(
             law, region, viable=viable, layers=spec.layers, hold=hold, hold_when=hold_when
         )
-
-
-def _leading(function: Any, law: Law, system: System) -> tuple[object, ...]:
-    """The first argument a catalogue law wants: the convergent law, or the system."""
-    first = next(iter(function.__code__.co_varnames))
-    return (law,) if first == "law" else (system,)

@@ -10,7 +10,8 @@ Value = float | str
 """A number in SI units, or text with a unit such as "30 deg"."""
 
 Expression = str | float
-Name = Annotated[str, StringConstraints(min_length=1)]
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,60}$")]
+Text = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x08\x0b-\x1f\x7f]*$", max_length=2000)]
 
 
 # TOML has arrays only, which strict checking would refuse for a tuple
@@ -29,17 +30,17 @@ class Section(BaseModel):
 class Header(Section):
     """[scenario]"""
 
-    title: str
+    title: Text
     kind: Literal["closed-loop"] = "closed-loop"
-    description: str = ""
-    source: str = ""
+    description: Text = ""
+    source: Text = ""
 
 
 class QuantitySpec(Section):
     """A state: its unit, and whether it is an angle."""
 
     unit: str = "1"
-    description: str = ""
+    description: Text = ""
     angle: bool = False
 
 
@@ -47,7 +48,7 @@ class BoundedSpec(Section):
     """An input or disturbance: its unit and its bounds (numbers or expressions)."""
 
     unit: str = "1"
-    description: str = ""
+    description: Text = ""
     bounds: Pair | None = None
 
 
@@ -56,8 +57,8 @@ class ParameterSpec(Section):
 
     value: Value
     unit: str = "1"
-    description: str = ""
-    source: str = ""
+    description: Text = ""
+    source: Text = ""
     assumed: bool = False
 
 
@@ -75,8 +76,8 @@ class SystemSpec(Section):
     """[system], written by expressions."""
 
     name: Name = "system"
-    description: str = ""
-    source: str = ""
+    description: Text = ""
+    source: Text = ""
     states: dict[Name, QuantitySpec]
     inputs: dict[Name, BoundedSpec]
     disturbances: dict[Name, BoundedSpec] = Field(default_factory=dict)
@@ -104,8 +105,8 @@ class LawSpec(Section):
     """[law], written by expressions: one law, or modes with transitions."""
 
     name: Name = "law"
-    description: str = ""
-    source: str = ""
+    description: Text = ""
+    source: Text = ""
     reads: list[Name] | None = None
     parameters: Parameters = Field(default_factory=dict)
     definitions: dict[Name, Expression] = Field(default_factory=dict)
@@ -121,14 +122,14 @@ class InequalitySpec(Section):
 
     expression: Expression
     unit: str = "1"
-    description: str = ""
+    description: Text = ""
 
 
 class ShapeSpec(Section):
     """What to draw: a segment, a cone (field of view) or a circle."""
 
     kind: Literal["segment", "cone", "circle"]
-    role: str
+    role: Name
     start: Pair | None = None
     end: Pair | None = None
     apex: Pair | None = None
@@ -143,8 +144,8 @@ class RegionSpec(Section):
     """[region] or [goal], written by expressions."""
 
     name: Name = "region"
-    description: str = ""
-    source: str = ""
+    description: Text = ""
+    source: Text = ""
     parameters: Parameters = Field(default_factory=dict)
     definitions: dict[Name, Expression] = Field(default_factory=dict)
     constraints: dict[Name, InequalitySpec | Expression]
@@ -165,7 +166,7 @@ class StartsSpec(Section):
     """[starts]: given states, then random ones from a box."""
 
     states: list[dict[Name, Value]] = Field(default_factory=list)
-    random: int = Field(0, ge=0)
+    random: Annotated[int, Field(ge=0)] = 0
     box: dict[Name, Interval] = Field(default_factory=dict)
     outside: bool = False
 
@@ -195,10 +196,10 @@ class NoiseSpec(Section):
 class FiguresSpec(Section):
     """[figures]: the plane of the paths, the run of the histories, the runs drawn bold."""
 
-    plane: Plane = ("x", "y")
-    history: int = 0
-    highlight: int = 3
-    cones: int = 4
+    plane: Plane | None = None
+    history: Annotated[int, Field(ge=0)] = 0
+    highlight: Annotated[int, Field(ge=0, le=100)] = 3
+    cones: Annotated[int, Field(ge=0, le=100)] = 4
 
 
 class ScenarioSpec(Section):
@@ -217,4 +218,4 @@ class ScenarioSpec(Section):
     noise: NoiseSpec = Field(default_factory=NoiseSpec)
     disturbance: dict[Name, Expression] = Field(default_factory=dict)
     plant: dict[Name, Value] = Field(default_factory=dict)
-    figures: FiguresSpec = Field(default_factory=FiguresSpec)
+    figures: FiguresSpec = FiguresSpec()

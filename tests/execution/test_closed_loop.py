@@ -6,7 +6,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import GainWarning, SimulationError
-from holdfast.maths.functions import greatest, least, select, sgn, wrap
+from holdfast.maths.functions import greatest, least, magnitude, select, sgn, wrap
 from tests.conftest import constant_law
 
 X, V = hf.symbol("x"), hf.symbol("v")
@@ -352,3 +352,89 @@ def test_progress_ends_at_one(double_integrator):
     )
     assert seen[-1] == 1.0
     assert seen == sorted(seen)
+
+
+def test_a_kink_above_the_limit_is_found_like_a_peak():
+    """c = 0.006 - |x - 0.51| with x' = 1 touches +0.006 in the middle of a step."""
+    system = hf.System(
+        "line", (hf.Quantity("x", "m"),), (hf.Quantity("a", "m/s"),), {"x": hf.symbol("a")}
+    )
+    law = hf.Law("go", system.states, {"a": sp.Float(1.0)})
+    for kink in (-magnitude(X - 0.51), least(X - 0.51, 0.51 - X)):
+        region = hf.Region("kink", system.states, (hf.Inequality("c", 0.006 + kink),))
+        data = run(system, law, [0.0], region=region, horizon=1.0, sample_time=0.1, substeps=1)
+        assert data["outcome"].values[0] == hf.Outcome.LEFT
+        assert data["worst_constraint"].values[0, 0] == pytest.approx(0.006, abs=1e-7)
+        assert data["exit_time"].values[0] == pytest.approx(0.504, abs=1e-7)
+
+
+def test_names_of_states_do_not_change_what_is_found():
+    found = []
+    for name in ("z", "qdot_0", "qdot0", "c_0"):
+        z, a = hf.symbol(name), hf.symbol("a")
+        system = hf.System(
+            "s", (hf.Quantity(name, "m"),), (hf.Quantity("a", "m/s"),), {name: 1 - 2 * z + a}
+        )
+        region = hf.Region("r", system.states, (hf.Inequality("c", z * (1 - z) - 0.2),))
+        law = hf.Law("none", system.states, {"a": sp.S.Zero})
+        data = run(system, law, [0.0], region=region, sample_time=0.5, substeps=1, record_every=0.5)
+        found.append((data["outcome"].values[0], data["exit_time"].values[0]))
+    assert len(set(found)) == 1
+
+
+def test_a_run_that_left_and_then_diverged_keeps_when_and_why_it_left(wall, double_integrator):
+    system = hf.System(
+        "grow",
+        double_integrator.states,
+        double_integrator.inputs,
+        {"x": V, "v": 50 * X**3 + hf.symbol("a")},
+    )
+    law = hf.Law("none", system.states, {"a": sp.S.Zero})
+    data = run(system, law, [0.9, 1.0], region=wall)
+    assert data["outcome"].values[0] == hf.Outcome.DIVERGED
+    assert data["exit_constraint"].values[0] == 0
+    assert 0 < data["exit_time"].values[0] < 0.1
+
+
+def test_an_input_that_is_not_a_number_at_the_last_sample_is_an_outcome(double_integrator):
+    law = hf.Law("late", double_integrator.states, {"a": sp.sqrt(1.99 - hf.TIME)})
+    data = run(double_integrator, law, [0, 0], horizon=2.0)
+    assert data["outcome"].values[0] == hf.Outcome.DIVERGED
+
+
+def test_redundant_thrusters_are_recorded_as_they_were_driven():
+    """Three thrusters, two inputs: the wanted (2.4, 1.6) drives them to (0, 0.8, 1)."""
+    a, b = hf.symbol("a"), hf.symbol("b")
+    system = hf.System(
+        "three",
+        (hf.Quantity("x", "m"), hf.Quantity("y", "m")),
+        (hf.Quantity("a", "m/s"), hf.Quantity("b", "m/s")),
+        {"x": a, "y": b},
+        input_bounds=hf.LinearImage(
+            sp.Matrix([[1, 1, 1], [-1, 0, 1]]), hf.Box((-1,) * 3, (1,) * 3)
+        ),
+    )
+    law = hf.Law("push", system.states, {"a": sp.Float(2.4), "b": sp.Float(1.6)})
+    data = run(system, law, [0, 0], horizon=0.2)
+    assert data["actuator"].values[0, 0] == pytest.approx([0.0, 0.8, 1.0])
+    assert data["input"].values[0, 0] == pytest.approx([1.8, 1.0])
+
+
+def test_allocation_is_the_controllers_belief_and_the_effect_is_the_plants(vehicle):
+    law = hf.Law("turn", vehicle.states, {"tau_u": sp.S.Zero, "tau_r": sp.Float(0.1)})
+    data = run(vehicle, law, np.zeros(6), horizon=0.2, plant={"thruster_arm": 0.05})
+    assert data["actuator"].values[0, 0] == pytest.approx([-0.5, 0.5])
+    assert data["input"].values[0, 0] == pytest.approx([0.0, 0.05])
+
+
+def test_noise_with_continuous_control_is_refused(double_integrator):
+    law = constant_law(double_integrator, 0.0)
+    with pytest.raises(SimulationError, match="measurement noise with continuous control"):
+        run(double_integrator, law, [0, 0], continuous=True, noise_normal={"x": 0.1})
+
+
+def test_gain_limit_below_lambda_two_does_not_warn_of_a_bound_that_does_not_bind(vehicle):
+    """lambda = 1.1: the second denominator is negative, only |Yv|/m22 = 0.513 remains."""
+    law = hf.laws.steer_marine(vehicle, lam=1.1)
+    values = {p.symbol: p.value for p in law.parameters}
+    assert float(law.conditions[0].limit.subs(values)) == pytest.approx(5.87 / 11.45)

@@ -124,6 +124,7 @@ def test_smooth_closed_loop_agrees_with_an_independent_integrator(vehicle, stepp
         "sgn": lambda x: 1.0 if x >= 0 else -1.0,
         "wrap": lambda x: x - 2 * np.pi * np.ceil((x - np.pi) / (2 * np.pi)),
         "select": lambda x, a, b: a if x >= 0 else b,
+        "magnitude": abs,
         "least": min,
         "greatest": max,
         "angle": lambda y, x, guard: np.arctan2(y, x),

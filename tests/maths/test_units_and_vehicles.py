@@ -67,7 +67,7 @@ system = "marine_vehicle"
 [parameters]
 """ + "\n".join(
     f'{name} = {{ value = 1.0, unit = "{unit}", source = "s" }}'
-    for name, (unit, _) in PARAMETERS.items()
+    for name, (unit, _, _) in PARAMETERS.items()
 )
 
 

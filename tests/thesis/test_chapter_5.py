@@ -226,6 +226,7 @@ def numpy_functions():
         "sgn": lambda x: np.where(np.asarray(x) >= 0, 1.0, -1.0),
         "wrap": lambda x: x - 2 * np.pi * np.ceil((x - np.pi) / (2 * np.pi)),
         "select": lambda x, a, b: np.where(np.asarray(x) >= 0, a, b),
+        "magnitude": np.abs,
         "least": np.minimum,
         "greatest": np.maximum,
         "angle": lambda y, x, guard: np.arctan2(y, x),

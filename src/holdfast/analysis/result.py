@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +14,8 @@ import numpy as np
 import xarray as xr
 
 from holdfast.errors import OutputError
-from holdfast.execution.closed_loop import Outcome, Settings, Trajectories
+from holdfast.execution.closed_loop import Outcome, Trajectories
+from holdfast.execution.settings import Settings
 from holdfast.execution.translate import ClosedLoopProgram
 
 if TYPE_CHECKING:
@@ -77,9 +79,10 @@ class Result:
             if bool(self.dataset["state_is_angle"].sel(state_name=name)):
                 final = (final + np.pi) % (2 * np.pi) - np.pi
             size = np.abs(final[np.isfinite(final)])
+            # a run that diverged has no final state: then there is no worst one either
             errors[name] = {
                 "median": float(np.median(size)) if size.size else None,
-                "worst": float(size.max()) if size.size else None,
+                "worst": float(size.max()) if size.size == final.size else None,
             }
         return errors
 
@@ -128,12 +131,19 @@ class atomic_file:
         self.partial = Path(name)
         return self.partial
 
-    def __exit__(self, kind: object, error: object, trace: object) -> None:
+    def __exit__(self, kind: object, problem: object, trace: object) -> None:
         if kind is not None:
             self.partial.unlink(missing_ok=True)
             return
         self.partial.chmod(0o666 & ~_umask())
-        os.replace(self.partial, self.path)
+        try:
+            os.replace(self.partial, self.path)
+        except OSError as error:
+            self.partial.unlink(missing_ok=True)
+            raise OutputError(
+                f"{self.path} cannot be written ({error.strerror})",
+                remedy="choose another folder with --out",
+            ) from None
 
 
 def _umask() -> int:
@@ -152,11 +162,12 @@ def to_dataset(
     s, names = trajectories, [c[0] for c in program.constraints]
     exits = [NO_CONSTRAINT, *range(len(names))]
 
-    def meanings(values: list[int], words: list[str], text: str) -> dict[str, Any]:
-        kind = np.int16 if len(values) != len(Outcome) or text != "how the run ended" else np.int8
+    def meanings(
+        array: np.ndarray[Any, Any], values: Sequence[int], words: Sequence[str], text: str
+    ) -> dict[str, Any]:
         return {
             "long_name": text,
-            "flag_values": np.array(values, dtype=kind),
+            "flag_values": np.array(values, dtype=array.dtype),
             "flag_meanings": " ".join(w.replace(" ", "_") for w in words),
         }
 
@@ -171,7 +182,7 @@ def to_dataset(
         "mode": (
             ("run", "time"),
             s.mode,
-            meanings(list(range(len(program.modes))), list(program.modes), "mode of the law"),
+            meanings(s.mode, range(len(program.modes)), program.modes, "mode of the law"),
         ),
         "signal": (("run", "time", "signal"), s.signal, {"long_name": "signal of the law"}),
         "constraint": (
@@ -182,7 +193,7 @@ def to_dataset(
         "outcome": (
             ("run",),
             s.outcome,
-            meanings([int(o) for o in Outcome], [o.label for o in Outcome], "how the run ended"),
+            meanings(s.outcome, list(Outcome), [o.label for o in Outcome], "how the run ended"),
         ),
         "exit_time": (
             ("run",),
@@ -192,7 +203,7 @@ def to_dataset(
         "exit_constraint": (
             ("run",),
             s.exit_constraint,
-            meanings(exits, ["none", *names], "first constraint violated"),
+            meanings(s.exit_constraint, exits, ["none", *names], "first constraint violated"),
         ),
         "goal_time": (
             ("run",),
@@ -211,6 +222,7 @@ def to_dataset(
             {"long_name": "largest magnitude", "units": program.actuator_unit},
         ),
         "switches": (("run",), s.switches, {"long_name": "changes of mode"}),
+        "rejected_steps": (("run",), s.rejected, {"long_name": "adaptive steps refused"}),
         "state_is_angle": (("state",), np.array([q.angle for q in program.states], dtype=np.int8)),
     }
     coordinates = {
@@ -244,14 +256,15 @@ def indexed(dataset: xr.Dataset) -> xr.Dataset:
 
 
 def load(path: str | Path) -> Result:
-    """A saved result: its dataset, checked to be one of ours; `OutputError` if it is not."""
+    """A saved result, without the shapes to draw; `OutputError` if it is not one of ours."""
     try:
         dataset = xr.load_dataset(path, engine="netcdf4")
     except (OSError, ValueError) as error:
         raise OutputError(f"{path} cannot be read as NetCDF ({error})") from None
     if "holdfast_version" not in dataset.attrs:
         raise OutputError(f"{path} was not written by holdfast")
-    return Result(indexed(dataset))
+    parameters, reference = (json.loads(dataset.attrs[n]) for n in ("parameters", "reference"))
+    return Result(indexed(dataset), parameters=parameters, reference=reference)
 
 
 def _labels(names: Any) -> np.ndarray[Any, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,10 +14,12 @@ import sympy as sp
 from holdfast._version import __version__
 from holdfast.analysis.result import Result, to_dataset
 from holdfast.errors import GainWarning, SimulationError, suggestion
-from holdfast.execution.closed_loop import Array, ClosedLoop, Progress, Settings
+from holdfast.execution.closed_loop import Array, ClosedLoop, Progress
+from holdfast.execution.settings import Settings
 from holdfast.execution.steppers import BY_NAME
 from holdfast.execution.translate import closed_loop_program
 from holdfast.maths.law import Law
+from holdfast.maths.quantity import symbol
 from holdfast.maths.region import Region
 from holdfast.maths.switching import Switching
 from holdfast.maths.system import System
@@ -68,20 +71,29 @@ def simulate(
     """
     if stepper not in BY_NAME:
         raise SimulationError(f"unknown stepper '{stepper}'", remedy=suggestion(stepper, BY_NAME))
-    try:
-        chosen = Settings(horizon=horizon, **settings)
-    except TypeError:
-        odd = sorted(set(settings) - set(Settings.__dataclass_fields__))
-        raise SimulationError(
-            f"unknown setting '{odd[0] if odd else settings}'",
-            remedy=suggestion(odd[0] if odd else "", Settings.__dataclass_fields__),
-        ) from None
+    for name in settings:
+        if name not in Settings.__dataclass_fields__:
+            raise SimulationError(
+                f"unknown setting '{name}'", remedy=suggestion(name, Settings.__dataclass_fields__)
+            )
+    chosen = Settings(horizon=horizon, **settings)
+    for name in reference or {}:
+        if name not in system.state_names:
+            raise SimulationError(f"reference of '{name}', which is no state", key="reference")
     given = {k: sp.sympify(v) for k, v in (disturbance or {}).items()}
     for name in given:
         if name not in system.disturbance_names:
             raise SimulationError(
                 f"system '{system.name}' has no disturbance '{name}'",
                 remedy=suggestion(name, system.disturbance_names),
+                key="disturbance",
+            )
+    for name in plant or {}:
+        if name not in (known := [p.name for p in system.parameters]):
+            raise SimulationError(
+                f"plant: system '{system.name}' has no parameter '{name}'",
+                remedy=suggestion(name, known),
+                key="plant",
             )
     program = closed_loop_program(
         system, law, region=region, goal=goal, disturbance=given, stepper=BY_NAME[stepper]
@@ -91,8 +103,16 @@ def simulate(
     for condition in program.conditions:
         if message := condition.violation(values):
             warnings.warn(message, GainWarning, stacklevel=2)
-    _check_disturbance(system, loop, chosen, values)
-    initial = _initial_states(system, loop, starts, chosen, start_outside)
+    real = values | {symbol(name): float(value) for name, value in (plant or {}).items()}
+    for parameters in (values, real):
+        if system.input_bounds is not None:
+            system.input_bounds.at(parameters)
+    _check_disturbance(system, loop, chosen, real)
+    try:
+        initial = _initial_states(system, loop, starts, chosen, start_outside)
+    except SimulationError as error:
+        error.key = "starts"
+        raise
     trajectories = loop.simulate(initial, chosen, plant=plant, progress=progress)
     scene = (*(region.scene if region else ()), *(goal.scene if goal else ()))
     return Result(
@@ -108,6 +128,9 @@ def simulate(
                 "goal": goal.name if goal else "",
                 "stepper": stepper,
                 "wall_time_s": trajectories.wall_time,
+                "parameters": json.dumps({p.name: p.value for p in program.parameters}),
+                "plant": json.dumps(dict(plant or {})),
+                "reference": json.dumps(dict(reference or {})),
                 **(attributes or {}),
             },
         ),
@@ -130,15 +153,17 @@ def _initial_states(
             for name in given:
                 if name not in names:
                     raise SimulationError(
-                        f"starts: '{name}' is no state of system '{system.name}'",
+                        f"'{name}' is no state of system '{system.name}'",
                         remedy=suggestion(name, names),
                     )
         fixed = np.array([[s.get(n, 0.0) for n in names] for s in starts.states], dtype=float)
         fixed = fixed.reshape(-1, len(names))
         if starts.random < 0:
-            raise SimulationError(f"starts: {starts.random} random starts", expected="0 or more")
+            raise SimulationError(f"{starts.random} random starts", expected="0 or more")
         parts = [fixed]
         if starts.random:
+            if not starts.box:
+                raise SimulationError(f"{starts.random} random starts need a box to be drawn from")
             low, high = (
                 np.array([starts.box.get(n, (0.0, 0.0))[i] for n in names], dtype=float)
                 for i in (0, 1)
@@ -146,7 +171,7 @@ def _initial_states(
             for name, a, b in zip(names, low, high, strict=True):
                 if not a <= b:
                     raise SimulationError(
-                        f"starts: the box of '{name}' is [{a:g}, {b:g}]", expected="lowest first"
+                        f"the box of '{name}' is [{a:g}, {b:g}]", expected="lowest first"
                     )
             parts.append(loop.sample(low, high, starts.random, settings.seed))
         initial = np.vstack(parts)
@@ -172,7 +197,7 @@ def _initial_states(
                 f"start {run} ({state}) lies outside the region: {name} = "
                 f"{values[run, j]:.4g} {unit}",
                 expected=f"at most {settings.tolerance:g}",
-                remedy="move the start, or allow it with start_outside = true",
+                remedy="move the start, or allow starts outside the region",
             )
     return initial
 
@@ -182,19 +207,26 @@ def _check_disturbance(
 ) -> None:
     if not system.disturbances:
         return
-    times = np.linspace(0.0, settings.horizon, 1001)
+    times = np.arange(4 * settings.samples + 1, dtype=np.float64) * (settings.sample_time / 4)
     samples = loop.disturbances(times)
     if not np.isfinite(samples).all():
-        raise SimulationError("a disturbance is not finite at some time of the run")
+        raise SimulationError(
+            "a disturbance is not finite at some time of the run", key="disturbance"
+        )
     if system.disturbance_bounds is None:
         return
-    distinct, first = np.unique(samples, axis=0, return_index=True)
-    for sample, index in zip(distinct, first, strict=True):
-        if not system.disturbance_bounds.contains([float(v) for v in sample], values):
+    bounds = system.disturbance_bounds.at(values)
+    # the extremes of each component and of the size decide for a box and for a ball
+    sizes = np.linalg.norm(samples, axis=1)
+    extremes = {int(sizes.argmax()), *samples.argmin(axis=0), *samples.argmax(axis=0)}
+    for index in sorted(extremes):
+        sample = samples[index]
+        if not bounds.contains([float(v) for v in sample]):
             shown = ", ".join(
                 f"{n} = {v:.4g}" for n, v in zip(system.disturbance_names, sample, strict=True)
             )
             raise SimulationError(
                 f"the disturbance leaves its bounds at t = {times[index]:.4g} s: {shown}",
                 remedy=f"reduce it, or raise the bound of system '{system.name}'",
+                key="disturbance",
             )

@@ -6,7 +6,7 @@ import os
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from types import ModuleType
 from typing import Any
@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from holdfast.errors import SimulationError
 from holdfast.execution.compile import compile_closed_loop
+from holdfast.execution.settings import Settings
 from holdfast.execution.steppers import Tableau
 from holdfast.execution.translate import ClosedLoopProgram
 
@@ -25,7 +26,7 @@ Progress = Callable[[float], None]
 
 
 class Outcome(IntEnum):
-    """How a trajectory ended; `sentence` says it in words."""
+    """How a trajectory ended."""
 
     STAYED = 0
     REACHED = 1
@@ -35,72 +36,6 @@ class Outcome(IntEnum):
     @property
     def label(self) -> str:
         return ("stayed", "reached goal", "left region", "diverged")[self]
-
-    @property
-    def sentence(self) -> str:
-        return (
-            "stayed in the region, goal not reached",
-            "reached the goal and stayed in the region",
-            "left the region",
-            "diverged or not a number",
-        )[self]
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How to simulate.
-
-    horizon: seconds simulated. sample_time: seconds between control samples; the input is
-    held in between unless `continuous`. substeps: Runge-Kutta steps in one sample time (fixed
-    steps) or tolerances `absolute` and `relative` (adaptive pair). record_every: seconds
-    between recorded samples. tolerance: c_j above this counts as leaving the region.
-    noise_uniform, noise_normal: half-width and standard deviation of the measurement noise
-    of each state. seed: of every random number. threads: 0 for one per core.
-    """
-
-    horizon: float
-    sample_time: float = 0.02
-    substeps: int = 2
-    record_every: float = 0.1
-    continuous: bool = False
-    absolute: float = 1e-9
-    relative: float = 1e-9
-    tolerance: float = 0.0
-    noise_uniform: Mapping[str, float] = field(default_factory=dict)
-    noise_normal: Mapping[str, float] = field(default_factory=dict)
-    seed: int = 0
-    threads: int = 0
-
-    def __post_init__(self) -> None:
-        for name in ("horizon", "sample_time", "record_every", "absolute", "relative"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise SimulationError(f"{name} is {value}", expected="a positive number")
-        if not (np.isfinite(self.tolerance) and self.tolerance >= 0):
-            raise SimulationError(f"tolerance is {self.tolerance}", expected="0 or more")
-        if int(self.substeps) != self.substeps or self.substeps < 1:
-            raise SimulationError(f"substeps is {self.substeps}", expected="a whole number >= 1")
-        for name, unit in (("horizon", self.sample_time), ("record_every", self.sample_time)):
-            ratio = getattr(self, name) / unit
-            if abs(ratio - round(ratio)) > 1e-6 or round(ratio) < 1:
-                raise SimulationError(
-                    f"{name} is {getattr(self, name):g} s, sample_time {unit:g} s",
-                    expected=f"{name} a whole multiple of sample_time",
-                )
-        if not 0 <= self.seed < 2**64:
-            raise SimulationError(f"seed is {self.seed}", expected="0 to 2^64 - 1")
-        for noise in (self.noise_uniform, self.noise_normal):
-            for state, size in noise.items():
-                if not (np.isfinite(size) and size >= 0):
-                    raise SimulationError(f"noise of '{state}' is {size}", expected="0 or more")
-
-    @property
-    def samples(self) -> int:
-        return round(self.horizon / self.sample_time)
-
-    @property
-    def stride(self) -> int:
-        return round(self.record_every / self.sample_time)
 
 
 @dataclass(frozen=True)
@@ -171,6 +106,7 @@ class ClosedLoop:
 
         Raises `SimulationError` when 100,000 draws find none for some run.
         """
+        _check_memory(8 * count * len(lower), f"{count} random starts")
         out = np.empty((count, len(lower)))
         failed = self.module.sample_starts(
             0,
@@ -210,7 +146,7 @@ class ClosedLoop:
         watch = len(program.constraints)
 
         columns = n + len(program.inputs) + len(program.actuators) + len(program.signals) + watch
-        _check_memory(8 * runs * rows * (columns + 1), runs, rows)
+        _check_memory(8 * runs * rows * (columns + 1), f"{runs} runs of {rows} samples")
 
         def blank(*shape: int) -> Array:
             return np.full((runs, *shape), np.nan)
@@ -220,7 +156,7 @@ class ClosedLoop:
         for row, given in enumerate((settings.noise_uniform, settings.noise_normal)):
             for name, size in given.items():
                 if name not in names:
-                    raise SimulationError(f"noise of '{name}', which is no state")
+                    raise SimulationError(f"noise of '{name}', which is no state", key="noise")
                 noise[row, names.index(name)] = size
         result = Trajectories(
             time=np.arange(rows, dtype=np.float64) * (stride * settings.sample_time),
@@ -296,15 +232,14 @@ class ClosedLoop:
         return replace(result, wall_time=time.perf_counter() - began)
 
 
-def _check_memory(needed: int, runs: int, rows: int) -> None:
-    """Refuse a record that would not fit, before anything is allocated."""
+def _check_memory(needed: int, what: str) -> None:
+    """Refuse what would not fit, before anything is allocated."""
     if not hasattr(os, "sysconf"):
         return
     total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if needed > 0.7 * total:
         raise SimulationError(
-            f"recording {runs} runs of {rows} samples takes {needed / 2**30:.3g} GiB, this "
-            f"machine has {total / 2**30:.3g}",
+            f"{what} take {needed / 2**30:.3g} GiB, this machine has {total / 2**30:.3g}",
             remedy="raise record_every, or simulate fewer runs at a time",
         )
 

@@ -18,7 +18,7 @@ DIVERGED_AT = 1e9
 STAYED, REACHED, LEFT, DIVERGED = 0, 1, 2, 3
 
 # purposes of random numbers, so that no two uses share a counter
-NOISE_STREAM, START_STREAM = 1, 2
+UNIFORM_STREAM, START_STREAM, NORMAL_STREAM = 1, 2, 3
 
 
 # -- the interface: replaced by the generated functions ---------------------------------
@@ -34,13 +34,18 @@ def disturbance(t, p):
     raise NotImplementedError
 
 
-def saturate(u, p):
-    """The admissible input taken in place of u."""
+def allocate(u, p):
+    """The actuator values that produce u, as the controller believes."""
     raise NotImplementedError
 
 
-def actuators(u, p):
-    """The actuator values that produce u."""
+def limit(a, p):
+    """The admissible actuator values taken in place of a."""
+    raise NotImplementedError
+
+
+def produce(a, p):
+    """The input that the actuators bring about."""
     raise NotImplementedError
 
 
@@ -91,15 +96,16 @@ def step(t, h, q, k0, u, mode, plant, gains, table, continuous):
 def field(t, q, u, mode, plant, gains, table, continuous):
     """qdot; with continuous control the input is the law's at this very state."""
     if continuous:
-        u = saturate(law(t, q, mode, gains, table), plant)
+        u = produce(limit(allocate(law(t, q, mode, gains, table), gains), plant), plant)
     return rates(t, q, u, disturbance(t, plant), plant)
 
 
 @compiled
-def finite(q):
+def below(values, bound):
+    """Whether every value is a number of magnitude below the bound."""
     good = True
-    for value in q:
-        good = good and abs(value) < DIVERGED_AT
+    for value in values:
+        good = good and abs(value) < bound
     return good
 
 
@@ -115,14 +121,34 @@ def hermite(s, h, a, da, b, db, scratch):
 
 
 @compiled
-def peak_fraction(h, c0, d0, c1, d1):
-    """Where in (0, 1) a value that rises at the start and falls at the end is largest."""
-    a = 3.0 * (2.0 * (c0 - c1) + h * (d0 + d1))
-    b = 2.0 * (3.0 * (c1 - c0) - h * (2.0 * d0 + d1))
-    c = h * d0
-    root = math.sqrt(max(b * b - 4.0 * a * c, 0.0))
-    s = 2.0 * c / (-b + root) if b < 0.0 else (-b - root) / (2.0 * a)
-    return s if 0.0 < s < 1.0 else 0.5
+def peak_fraction(j, h, q, k0, new, k1, plant, scratch):
+    """Where in (0, 1) c_j is largest on a step at whose start it rises and at whose end it falls.
+
+    By golden section along the interpolated state, so that a kink (the smaller of two
+    constraints, a magnitude) is found as well as a smooth peak.
+    """
+    ratio = 0.6180339887498949
+    lower, upper = 0.0, 1.0
+    left, right = 1.0 - ratio, ratio
+    c_left = constraints(hermite(left, h, q, k0, new, k1, scratch), plant)[j]
+    c_right = constraints(hermite(right, h, q, k0, new, k1, scratch), plant)[j]
+    for _ in range(40):
+        if c_left > c_right:
+            upper, right, c_right = right, left, c_left
+            left = upper - ratio * (upper - lower)
+            c_left = constraints(hermite(left, h, q, k0, new, k1, scratch), plant)[j]
+        else:
+            lower, left, c_left = left, right, c_right
+            right = lower + ratio * (upper - lower)
+            c_right = constraints(hermite(right, h, q, k0, new, k1, scratch), plant)[j]
+    return 0.5 * (lower + upper)
+
+
+@compiled
+def tangent_bound(h, c0, d0, c1, d1):
+    """Where the tangents at both ends of a step meet: c stays below it if it is concave."""
+    s = (c1 - c0 - h * d1) / (h * (d0 - d1))
+    return c0 + h * d0 * s
 
 
 @compiled
@@ -143,11 +169,21 @@ def measure(q, noise, seed, run, sample, scratch):
     """The state with measurement noise: uniform half-widths, then standard deviations."""
     for i in range(len(q)):
         scratch[i] = q[i]
-        if noise[0, i] > 0.0 or noise[1, i] > 0.0:
-            a, b = two_uniforms(seed, run, sample, i, NOISE_STREAM)
+        if noise[0, i] > 0.0:
+            a, _ = two_uniforms(seed, run, sample, i, UNIFORM_STREAM)
             scratch[i] += noise[0, i] * (2.0 * a - 1.0)
+        if noise[1, i] > 0.0:
+            a, b = two_uniforms(seed, run, sample, i, NORMAL_STREAM)
             scratch[i] += noise[1, i] * math.sqrt(-2.0 * math.log(a)) * math.cos(TWO_PI * b)
     return as_tuple(scratch)
+
+
+@compiled
+def end_of(run, t, outcome, exit_time):
+    """A run ends by diverging; one that had left the region keeps the time and the culprit."""
+    if outcome[run] != LEFT:
+        exit_time[run] = t
+    return DIVERGED
 
 
 @compiled
@@ -236,11 +272,15 @@ def simulate_runs(
             if mode != before:
                 switches[run] += 1
                 mode_since = t
-            u = saturate(law(t, seen, mode, gains, table), plant)
+            a = limit(allocate(law(t, seen, mode, gains, table), gains), plant)
+            u = produce(a, plant)
+            if not below(u, np.inf) or not below(a, np.inf):
+                outcome[run] = end_of(run, t, outcome, exit_time)
+                progress[0] += samples + 1 - k
+                break
             for i in range(m):
                 peak_input[run, i] = max(peak_input[run, i], abs(u[i]))
             if actuator_count > 0:
-                a = actuators(u, plant)
                 for i in range(actuator_count):
                     peak_actuator[run, i] = max(peak_actuator[run, i], abs(a[i]))
             if goal_level(q, plant) <= 0.0:
@@ -276,6 +316,7 @@ def simulate_runs(
                 d0 = constraint_rates(q, k0, plant)
             elapsed = 0.0
             index = 0
+            failed = False
             while True:
                 if adaptive:
                     left = sample_time - elapsed
@@ -296,15 +337,14 @@ def simulate_runs(
                         )
                         trial = h * factor
                         if trial < 1e-12 * sample_time:
-                            new = q
-                            outcome[run] = DIVERGED
+                            failed = True
                             break
                         continue
                     grown = h * min(5.0, 0.9 * max(size, 1e-10) ** (-1.0 / order))
                     if h >= trial or grown > trial:
                         trial = grown
-                if not finite(new):
-                    outcome[run] = DIVERGED
+                if not below(new, DIVERGED_AT):
+                    failed = True
                     break
                 if watch > 0 or not last_step:
                     k1 = field(t + elapsed + h, new, u, mode, plant, gains, table, continuous)
@@ -312,8 +352,8 @@ def simulate_runs(
                     k1 = k0
                 if watch > 0:
                     c1 = constraints(new, plant)
-                    if not finite(c1):
-                        outcome[run] = DIVERGED
+                    if not below(c1, np.inf):
+                        failed = True
                         break
                     d1 = constraint_rates(new, k1, plant)
                     earliest = 2.0
@@ -321,8 +361,12 @@ def simulate_runs(
                     for j in range(watch):
                         top = c1[j]
                         at = 1.0
-                        if d0[j] > 0.0 and d1[j] < 0.0:
-                            s_peak = peak_fraction(h, c0[j], d0[j], c1[j], d1[j])
+                        if (
+                            d0[j] > 0.0
+                            and d1[j] < 0.0
+                            and tangent_bound(h, c0[j], d0[j], c1[j], d1[j]) > worst[run, j]
+                        ):
+                            s_peak = peak_fraction(j, h, q, k0, new, k1, plant, scratch)
                             inner = constraints(hermite(s_peak, h, q, k0, new, k1, scratch), plant)[
                                 j
                             ]
@@ -349,9 +393,8 @@ def simulate_runs(
                 index += 1
                 if last_step:
                     break
-            if outcome[run] == DIVERGED:
-                exit_time[run] = t + elapsed
-                exit_constraint[run] = -1
+            if failed:
+                outcome[run] = end_of(run, t + elapsed, outcome, exit_time)
                 progress[0] += samples - k
                 break
         goal_time[run] = inside_since

@@ -22,6 +22,7 @@ from holdfast.maths.quantity import (
     Parameter,
     Quantity,
     merge_parameters,
+    symbol,
 )
 from holdfast.maths.region import Region
 from holdfast.maths.switching import Switching, as_switching
@@ -56,6 +57,9 @@ class Printer(PythonCodePrinter):
     def _print_length(self, e: sp.Expr) -> str:
         x, y = (self._print(arg) for arg in e.args[:2])
         return f"length({x}, {y})"
+
+    def _print_magnitude(self, e: sp.Expr) -> str:
+        return f"abs({self._print(e.args[0])})"
 
     def _print_sign(self, e: sp.Expr) -> str:
         return f"sign({self._print(e.args[0])})"
@@ -104,6 +108,7 @@ def _body(
     *,
     scalar: bool = False,
     indent: str = "    ",
+    give: str = "return",
 ) -> str:
     used: set[sp.Symbol] = set().union(*(e.free_symbols for e in results)) if results else set()
     lines = []
@@ -126,9 +131,9 @@ def _body(
     lines += [f"{indent}{s} = {_PRINTER.doprint(e)}" for s, e in shared]
     texts = [_PRINTER.doprint(e) for e in reduced]
     if scalar:
-        lines.append(f"{indent}return {texts[0]}")
+        lines.append(f"{indent}{give} {texts[0]}")
     else:
-        lines.append(f"{indent}return ({', '.join(texts)},)" if texts else f"{indent}return (0.0,)")
+        lines.append(f"{indent}{give} ({', '.join(texts or ['0.0'])},)")
     return "\n".join(lines)
 
 
@@ -156,8 +161,6 @@ class ClosedLoopProgram:
     signals: tuple[str, ...]
     constraints: tuple[tuple[str, str], ...]
     parameters: tuple[Parameter, ...]
-    adaptive: bool
-    has_goal: bool
     conditions: tuple[GainCondition, ...] = field(default=())
 
 
@@ -199,11 +202,13 @@ def closed_loop_program(
                 f"disturbance '{s.name}' uses '{sorted(map(str, unknown))[0]}'",
                 expected="an expression of t and declared parameters",
             )
-    saturated = system.input_bounds.saturate(u) if system.input_bounds else tuple(u)
-    image = system.input_bounds if isinstance(system.input_bounds, LinearImage) else None
+    bounds = system.input_bounds
+    image = bounds if isinstance(bounds, LinearImage) else None
+    limits = image.of if image else bounds
+    a = [symbol(n) for n in image.actuators] if image else u
     signals = list(switching.signals)
     c = [x.expression for x in region.inequalities] if region else []
-    qdot = [sp.Symbol(f"qdot_{i}", real=True) for i in range(len(q))]
+    qdot = [sp.Symbol(f"_qdot{i}", real=True) for i in range(len(q))]  # no user name begins so
     cdot = [sum((e.diff(s) * r for s, r in zip(q, qdot, strict=True)), sp.S.Zero) for e in c]
     state = {"q": q}
     functions = [
@@ -214,10 +219,11 @@ def closed_loop_program(
             list(system.rates.values()),
         ),
         function_source("disturbance", ("t", "p"), {"p": p}, still),
-        function_source("saturate", ("u", "p"), {"u": u, "p": p}, saturated),
         function_source(
-            "actuators", ("u", "p"), {"u": u, "p": p}, image.allocate(u) if image else ()
+            "allocate", ("u", "p"), {"u": u, "p": p}, image.allocate(u) if image else u
         ),
+        function_source("limit", ("a", "p"), {"a": a, "p": p}, limits.saturate(a) if limits else a),
+        function_source("produce", ("a", "p"), {"a": a, "p": p}, image.produce(a) if image else u),
         _law_source(switching, system.input_names, state, p),
         _guard_source(switching, state, p),
         function_source(
@@ -250,8 +256,6 @@ def closed_loop_program(
         signals=tuple(signals),
         constraints=tuple((x.name, x.unit) for x in region.inequalities) if region else (),
         parameters=parameters,
-        adaptive=stepper.adaptive,
-        has_goal=goal is not None,
         conditions=switching.conditions,
     )
 
@@ -301,9 +305,9 @@ def _guard_source(
         leaving = [x for x in switching.transitions if x.source == name]
         if not leaving:
             continue
-        guards = _body({**state, "p": p}, [x.when for x in leaving], indent="        ")
         lines.append(f"    if mode == {number}:")
-        lines.append(guards.replace("return ", "levels = "))
+        guards = [x.when for x in leaving]
+        lines.append(_body({**state, "p": p}, guards, indent="        ", give="levels ="))
         for i, transition in enumerate(leaving):
             lines.append(f"        if levels[{i}] >= 0.0:")
             lines.append(f"            return {numbers[transition.target]}")

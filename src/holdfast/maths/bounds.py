@@ -38,15 +38,13 @@ class Bounds(Protocol):
         """The admissible value taken in place of `values`, symbolically."""
         ...
 
-    def contains(
-        self, values: Sequence[float], parameters: Mapping[sp.Symbol, float], slack: float = 1e-9
-    ) -> bool:
-        """Whether the numbers lie in the set (within `slack`)."""
+    def at(self, parameters: Mapping[sp.Symbol, float]) -> Bounds:
+        """The set with numbers for its parameters; `DefinitionError` if it is none then."""
         ...
 
-
-def _number(expression: sp.Expr, parameters: Mapping[sp.Symbol, float]) -> float:
-    return float(expression.subs(parameters))
+    def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:
+        """Whether the numbers lie in a set without parameters (within `slack`)."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -84,11 +82,13 @@ class Box:
             result.append(value if unbounded else clip(value, low, high))
         return tuple(result)
 
-    def contains(
-        self, values: Sequence[float], parameters: Mapping[sp.Symbol, float], slack: float = 1e-9
-    ) -> bool:
+    def at(self, parameters: Mapping[sp.Symbol, float]) -> Box:
+        sides = [tuple(e.subs(parameters) for e in side) for side in (self.lower, self.upper)]
+        return Box(*sides)
+
+    def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:
         return all(
-            _number(low, parameters) - slack <= value <= _number(high, parameters) + slack
+            float(low) - slack <= value <= float(high) + slack
             for value, low, high in zip(values, self.lower, self.upper, strict=True)
         )
 
@@ -117,10 +117,11 @@ class Ball:
         scale = least(1, self.radius / (size + sp.Float(1e-300)))
         return tuple(scale * v for v in values)
 
-    def contains(
-        self, values: Sequence[float], parameters: Mapping[sp.Symbol, float], slack: float = 1e-9
-    ) -> bool:
-        return math.hypot(*values) <= _number(self.radius, parameters) + slack
+    def at(self, parameters: Mapping[sp.Symbol, float]) -> Ball:
+        return Ball(self.radius.subs(parameters), self.dimension)
+
+    def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:
+        return math.hypot(*values) <= float(self.radius) + slack
 
 
 @dataclass(frozen=True)
@@ -172,10 +173,15 @@ class LinearImage:
 
     def saturate(self, values: Sequence[sp.Expr]) -> tuple[sp.Expr, ...]:
         """M times the saturated allocation."""
-        return tuple(self.matrix * sp.Matrix(self.of.saturate(self.allocate(values))))
+        return self.produce(self.of.saturate(self.allocate(values)))
 
-    def contains(
-        self, values: Sequence[float], parameters: Mapping[sp.Symbol, float], slack: float = 1e-9
-    ) -> bool:
+    def produce(self, actuators: Sequence[sp.Expr]) -> tuple[sp.Expr, ...]:
+        """M a, what the actuators bring about."""
+        return tuple(self.matrix * sp.Matrix(actuators))
+
+    def at(self, parameters: Mapping[sp.Symbol, float]) -> LinearImage:
+        return LinearImage(self.matrix.subs(parameters), self.of.at(parameters), self.actuators)
+
+    def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:
         allocated = self.allocate([sp.Float(v) for v in values])
-        return self.of.contains([_number(a, parameters) for a in allocated], parameters, slack)
+        return self.of.contains([float(a) for a in allocated], slack)

@@ -10,71 +10,19 @@ from __future__ import annotations
 
 import ast
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import sympy as sp
 
 from holdfast.errors import ExpressionError, suggestion
-from holdfast.maths.functions import angle, clip, greatest, least, length, select, sgn, wrap
+from holdfast.maths.functions import greatest, least, select
+from holdfast.maths.vocabulary import FORBIDDEN, FUNCTIONS, NUMERIC, pairwise
 
 MAX_LENGTH = 2000
 MAX_DEPTH = 60
 MAX_EXPONENT = 64
-
-_EPS = sp.Float(1e-12)
-
-
-def _pairwise(function: Callable[..., sp.Expr]) -> Callable[..., sp.Expr]:
-    def fold(first: sp.Expr, *rest: sp.Expr) -> sp.Expr:
-        for value in rest:
-            first = function(first, value)
-        return first
-
-    return fold
-
-
-FUNCTIONS: dict[str, tuple[int, int, Callable[..., sp.Expr]]] = {
-    "sin": (1, 1, sp.sin),
-    "cos": (1, 1, sp.cos),
-    "tan": (1, 1, sp.tan),
-    "asin": (1, 1, sp.asin),
-    "acos": (1, 1, sp.acos),
-    "atan": (1, 1, sp.atan),
-    "sinh": (1, 1, sp.sinh),
-    "cosh": (1, 1, sp.cosh),
-    "tanh": (1, 1, sp.tanh),
-    "exp": (1, 1, sp.exp),
-    "log": (1, 1, sp.log),
-    "sqrt": (1, 1, sp.sqrt),
-    "abs": (1, 1, sp.Abs),
-    "sgn": (1, 1, sgn),
-    "wrap": (1, 1, wrap),
-    "atan2": (2, 2, lambda y, x: angle(y, x, _EPS)),
-    "hypot": (2, 2, lambda x, y: length(x, y, _EPS)),
-    "clip": (3, 3, clip),
-    "select": (3, 3, select),
-    "min": (2, 8, _pairwise(least)),
-    "max": (2, 8, _pairwise(greatest)),
-}
-"""Name -> (fewest arguments, most arguments, the function).
-
-`diff(expression, name)`, the partial derivative, is handled apart."""
-
-_FORBIDDEN = {
-    ast.Attribute: "attribute access",
-    ast.Subscript: "indexing",
-    ast.Lambda: "a lambda",
-    ast.List: "a list",
-    ast.Tuple: "a tuple",
-    ast.Dict: "a dictionary",
-    ast.Set: "a set",
-    ast.ListComp: "a comprehension",
-    ast.GeneratorExp: "a comprehension",
-    ast.JoinedStr: "a string",
-    ast.Starred: "an unpacked argument",
-    ast.NamedExpr: "an assignment",
-    ast.Await: "await",
-}
+MAX_SIZE = 5000
+MAX_TREE_DEPTH = 150
 
 
 def parse_expression(text: object, names: Mapping[str, sp.Expr]) -> sp.Expr:
@@ -105,6 +53,25 @@ def _finite(value: float, shown: str) -> sp.Expr:
     return sp.Float(value)
 
 
+def _extent(expression: sp.Expr) -> tuple[int, int]:
+    """(number of nodes, depth) of an expression as a tree, counted without unfolding it."""
+    known: dict[sp.Basic, tuple[int, int]] = {}
+    stack = [expression]
+    while stack:
+        node = stack[-1]
+        missing = [a for a in node.args if a not in known]
+        if missing:
+            stack += missing
+            continue
+        parts = [known[a] for a in node.args]
+        known[node] = (
+            1 + sum(size for size, _ in parts),
+            1 + max((depth for _, depth in parts), default=0),
+        )
+        stack.pop()
+    return known[expression]
+
+
 class _Translator:
     def __init__(self, text: str, names: Mapping[str, sp.Expr]) -> None:
         self.text = text.strip()
@@ -129,13 +96,29 @@ class _Translator:
         return ExpressionError(f"{what} in '{self._shown()}'", expected=expected, remedy=remedy)
 
     def expression(self) -> sp.Expr:
-        result = self._value(self.tree, 0)
-        if result.has(sp.zoo, sp.nan, sp.oo, -sp.oo, sp.I):
-            raise self._refuse("a value that is not a finite real number")
-        return result
+        return self._value(self.tree, 0)
 
     def condition(self) -> sp.Expr:
         return self._level(self.tree, 0)
+
+    def _checked(self, result: sp.Expr) -> sp.Expr:
+        """Refuse what has grown too large through definitions, and numbers out of range."""
+        if result.is_Number:
+            return self._number(float(result))
+        if result in (sp.zoo, sp.nan, sp.oo, -sp.oo) or result.is_real is False:
+            raise self._refuse("a value that is not a finite real number")
+        size, depth = _extent(result)
+        if size > MAX_SIZE or depth > MAX_TREE_DEPTH:
+            raise self._refuse(
+                "an expression that is too large once its definitions are put in",
+                expected=f"at most {MAX_SIZE} terms, nested at most {MAX_TREE_DEPTH} deep",
+            )
+        return result
+
+    def _number(self, value: float) -> sp.Expr:
+        if not math.isfinite(value):
+            raise self._refuse("a value that is not a finite real number")
+        return _finite(value, "of an operation")
 
     def _value(self, node: ast.expr, depth: int) -> sp.Expr:
         if depth > MAX_DEPTH:
@@ -151,26 +134,23 @@ class _Translator:
             case ast.Name(id=name):
                 return self._name(name)
             case ast.UnaryOp(op=ast.USub(), operand=operand):
-                return -self._value(operand, depth + 1)
+                return self._checked(-self._value(operand, depth + 1))
             case ast.UnaryOp(op=ast.UAdd(), operand=operand):
                 return self._value(operand, depth + 1)
             case ast.BinOp(left=left, op=operator, right=right):
-                return self._binary(
-                    operator, self._value(left, depth + 1), self._value(right, depth + 1)
-                )
+                a, b = self._value(left, depth + 1), self._value(right, depth + 1)
+                return self._checked(self._binary(operator, a, b))
             case ast.Call():
                 return self._call(node, depth)
             case ast.IfExp(test=test, body=body, orelse=orelse):
-                return select(
-                    self._level(test, depth + 1),
-                    self._value(body, depth + 1),
-                    self._value(orelse, depth + 1),
-                )
+                level = self._level(test, depth + 1)
+                branches = [self._value(part, depth + 1) for part in (body, orelse)]
+                return self._checked(select(level, *branches))
             case ast.Compare() | ast.BoolOp() | ast.UnaryOp(op=ast.Not()):
                 raise self._refuse(
                     "a condition where a value is wanted", remedy="write 'a if condition else b'"
                 )
-        what = _FORBIDDEN.get(type(node), f"the construct {type(node).__name__}")
+        what = FORBIDDEN.get(type(node), f"the construct {type(node).__name__}")
         raise self._refuse(
             f"{what} is not allowed", expected="arithmetic, declared names and listed functions"
         )
@@ -220,7 +200,7 @@ class _Translator:
                     raise self._refuse("a power out of range") from None
                 if isinstance(value, complex):
                     raise self._refuse("a root of a negative number")
-                return _finite(value, "of a power")
+                return self._number(value)
         return base**exponent
 
     def _call(self, node: ast.Call, depth: int) -> sp.Expr:
@@ -245,8 +225,14 @@ class _Translator:
         if name == "select":
             first = self._level(node.args[0], depth + 1)
             rest = node.args[1:]
-            return select(first, *(self._value(a, depth + 1) for a in rest))
-        return sp.sympify(function(*(self._value(a, depth + 1) for a in node.args)))
+            return self._checked(select(first, *(self._value(a, depth + 1) for a in rest)))
+        arguments = [self._value(a, depth + 1) for a in node.args]
+        if name in NUMERIC and arguments[0].is_number:
+            try:
+                return self._number(NUMERIC[name](float(arguments[0])))
+            except (OverflowError, ValueError):
+                raise self._refuse("a value that is not a finite real number") from None
+        return self._checked(sp.sympify(function(*arguments)))
 
     def _derivative(self, node: ast.Call, depth: int) -> sp.Expr:
         variable = node.args[1] if len(node.args) == 2 else None
@@ -257,7 +243,7 @@ class _Translator:
             raise self._refuse(
                 f"'diff' by the definition '{variable.id}'", expected="a state or parameter"
             )
-        return self._value(node.args[0], depth + 1).diff(by)
+        return self._checked(self._value(node.args[0], depth + 1).diff(by))
 
     def _level(self, node: ast.expr, depth: int) -> sp.Expr:
         if depth > MAX_DEPTH:
@@ -265,7 +251,7 @@ class _Translator:
         match node:
             case ast.BoolOp(op=operator, values=values):
                 fold = least if isinstance(operator, ast.And) else greatest
-                return _pairwise(fold)(*(self._level(v, depth + 1) for v in values))
+                return pairwise(fold)(*(self._level(v, depth + 1) for v in values))
             case ast.UnaryOp(op=ast.Not(), operand=operand):
                 return -self._level(operand, depth + 1)
             case ast.Compare(left=left, ops=operators, comparators=comparators):
@@ -279,5 +265,5 @@ class _Translator:
                     else:
                         raise self._refuse("a comparison other than < <= > >=")
                     left = right
-                return _pairwise(least)(*parts)
+                return pairwise(least)(*parts)
         return self._value(node, depth)

@@ -10,6 +10,7 @@ jump: the sign and the number of turns are frozen, as a sampled controller holds
 | wrap(x) | x modulo 2 pi in (-pi, pi] | 1 |
 | select(x, a, b) | a for x >= 0, else b | the derivative of the branch taken |
 | least(a, b), greatest(a, b) | min, max | that of the branch taken |
+| magnitude(x) | absolute value | sgn(x) |
 | clip(x, lo, hi) | saturation | that of the branch taken |
 | angle(y, x, guard) | atan2(y, x), and 0 at the origin | (x dy - y dx) / (x^2 + y^2 + guard) |
 | length(x, y, guard) | sqrt(x^2 + y^2) | (x dx + y dy) / sqrt(x^2 + y^2 + guard) |
@@ -158,9 +159,22 @@ class length(_RealFunction):
         return (x if argindex == 1 else y) / sp.sqrt(x**2 + y**2 + guard)
 
 
+class magnitude(_RealFunction):
+    """|x|, with the derivative sgn(x)."""
+
+    nargs = 1
+
+    @classmethod
+    def eval(cls, x: sp.Expr) -> Any:
+        value = _number(x)
+        if value is not None:
+            return x if value >= 0 else -x
+        return cls(-x) if x.could_extract_minus_sign() else None
+
+    def fdiff(self, argindex: int = 1) -> sp.Expr:
+        return sgn(self.args[0])
+
+
 def clip(x: sp.Expr, lower: sp.Expr, upper: sp.Expr) -> sp.Expr:
     """Saturation of x to [lower, upper]."""
     return least(greatest(x, lower), upper)
-
-
-OWN = (sgn, wrap, select, least, greatest, angle, length)

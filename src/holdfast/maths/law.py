@@ -14,6 +14,7 @@ from holdfast.maths.quantity import (
     Quantity,
     check_symbols,
     check_unique,
+    frozen,
     merge_parameters,
 )
 
@@ -59,8 +60,8 @@ class Law:
     def __post_init__(self) -> None:
         owner = f"law '{self.name}'"
         object.__setattr__(self, "parameters", merge_parameters(self.parameters))
-        object.__setattr__(self, "outputs", {k: sp.sympify(v) for k, v in self.outputs.items()})
-        object.__setattr__(self, "signals", {k: sp.sympify(v) for k, v in self.signals.items()})
+        object.__setattr__(self, "outputs", frozen(self.outputs))
+        object.__setattr__(self, "signals", frozen(self.signals))
         if not self.outputs:
             raise DefinitionError(f"{owner} has no outputs")
         check_unique((q.name for q in self.reads + self.parameters), owner)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
-from holdfast.maths.functions import least
+from holdfast.maths.functions import least, select
 
 
 def surge_gain_limit(
@@ -19,7 +19,9 @@ def surge_gain_limit(
 
     where a = k1 mu [1/s], m = m11/m22 and d = |Yv|/m22. It is stable exactly when
 
-        a < min( |Yv| / m22,  |Yv| (lambda - 1) / ((lambda - 2) m22 + lambda m11) ).
+        a < min( |Yv| / m22,  |Yv| (lambda - 1) / ((lambda - 2) m22 + lambda m11) ),
+
+    the second only where its denominator is positive.
 
     The thesis (Theorem 1, Lemma 2) claims convergence for every k1, mu > 0; without this
     condition v/rho does not vanish and the heading does not converge.
@@ -27,5 +29,6 @@ def surge_gain_limit(
     `sway_drag` is Yv (negative, N s/m), inertias in kg. Returns 1/s.
     """
     drag = -sway_drag
-    turning = drag * (exponent - 1) / ((exponent - 2) * sway_inertia + exponent * surge_inertia)
-    return least(drag / sway_inertia, turning)
+    weight = (exponent - 2) * sway_inertia + exponent * surge_inertia
+    sideways = drag / sway_inertia
+    return select(-weight, sideways, least(sideways, drag * (exponent - 1) / weight))

@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import sympy as sp
 
@@ -83,11 +84,12 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Parameter(Quantity):
-    """A quantity with a value, its source, and whether the value is only assumed."""
+    """A quantity with a value (above a limit), its source, and whether it is only assumed."""
 
     value: float = math.nan
     source: str = ""
     assumed: bool = False
+    above: float = -math.inf
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -98,6 +100,10 @@ class Parameter(Quantity):
         if not math.isfinite(self.value):
             raise DefinitionError(
                 f"parameter '{self.name}' has the value {self.value}", expected="a finite number"
+            )
+        if not self.value > self.above:
+            raise DefinitionError(
+                f"parameter '{self.name}' is {self.value:g}", expected=f"above {self.above:g}"
             )
 
 
@@ -118,6 +124,11 @@ def merge_parameters(*groups: Iterable[Parameter]) -> tuple[Parameter, ...]:
                     remedy="give both the same value or rename one",
                 )
     return tuple(merged.values())
+
+
+def frozen(expressions: Mapping[str, object]) -> Mapping[str, sp.Expr]:
+    """A mapping of expressions that cannot be changed."""
+    return MappingProxyType({name: sp.sympify(e) for name, e in expressions.items()})
 
 
 def check_unique(names: Iterable[str], owner: str) -> None:

@@ -15,6 +15,7 @@ without that latch the blend has spurious equilibria (E12).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import sympy as sp
@@ -43,7 +44,7 @@ def switching_signals(
                 f"layer for '{name}', which is no inequality of region '{region.name}'",
                 remedy=suggestion(name, region.inequality_names),
             )
-        if not inner < outer < 0:
+        if not -math.inf < inner < outer < 0:
             raise DefinitionError(
                 f"layer of '{name}' is [{inner:g}, {outer:g}]",
                 expected="[cmax, cmin], "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import sympy as sp
 
@@ -15,6 +16,7 @@ from holdfast.maths.quantity import (
     Parameter,
     Quantity,
     check_symbols,
+    frozen,
     merge_parameters,
 )
 
@@ -58,10 +60,11 @@ class Switching:
         if not self.modes:
             raise DefinitionError(f"{owner} has no modes")
         object.__setattr__(self, "initial", self.initial or next(iter(self.modes)))
-        object.__setattr__(self, "signals", {k: sp.sympify(v) for k, v in self.signals.items()})
+        object.__setattr__(self, "signals", frozen(self.signals))
+        object.__setattr__(self, "modes", MappingProxyType(dict(self.modes)))
         outputs = next(iter(self.modes.values())).output_names
         for name, law in self.modes.items():
-            if law.output_names != outputs:
+            if set(law.output_names) != set(outputs):
                 raise DefinitionError(
                     f"mode '{name}' of {owner} gives {', '.join(law.output_names)}",
                     expected="the same outputs in every mode: " + ", ".join(outputs),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from holdfast.maths.quantity import (
     Quantity,
     check_symbols,
     check_unique,
+    frozen,
     merge_parameters,
 )
 
@@ -32,9 +34,7 @@ class PfaffianRow:
     rhs: sp.Expr = sp.S.Zero
 
     def __post_init__(self) -> None:
-        object.__setattr__(
-            self, "coefficients", {k: sp.sympify(v) for k, v in self.coefficients.items()}
-        )
+        object.__setattr__(self, "coefficients", frozen(self.coefficients))
         object.__setattr__(self, "rhs", sp.sympify(self.rhs))
 
 
@@ -73,7 +73,7 @@ class System:
                 + ("no rate" if odd[0] in names else "a rate but is no state"),
                 expected="one rate for every state: " + ", ".join(names),
             )
-        object.__setattr__(self, "rates", {n: sp.sympify(self.rates[n]) for n in names})
+        object.__setattr__(self, "rates", frozen({n: self.rates[n] for n in names}))
         symbols = [q.symbol for q in quantities] + [TIME]
         check_symbols({f"the rate of '{n}'": e for n, e in self.rates.items()}, symbols, owner)
         for what, bounds, members in (
@@ -106,9 +106,11 @@ class System:
             raise DefinitionError(f"{what} of {owner} names '{unknown[0]}', which is no state")
         check_symbols({what: sp.Add(row.rhs, *row.coefficients.values())}, symbols, owner)
         residual = sum((c * self.rates[n] for n, c in row.coefficients.items()), start=-row.rhs)
-        if not _vanishes(residual):
+        if not _vanishes(residual, {p.symbol: sp.Float(p.value) for p in self.parameters}):
+            shown = sp.sstr(residual)
             raise DefinitionError(
-                f"the rates of {owner} leave {what}: A qdot - b = {sp.sstr(sp.simplify(residual))}",
+                f"the rates of {owner} leave {what}: A qdot - b = "
+                f"{shown if len(shown) < 200 else shown[:197] + '...'}",
                 expected="A qdot = b for every state, input and disturbance",
                 remedy="correct the row or the rates",
             )
@@ -125,6 +127,16 @@ class System:
     def disturbance_names(self) -> tuple[str, ...]:
         return tuple(q.name for q in self.disturbances)
 
+    def quantities(self, names: tuple[str, ...], owner: str) -> tuple[Quantity, ...]:
+        """The states and parameters of these names; `DefinitionError` if one is missing."""
+        known = {q.name: q for q in self.states + self.parameters}
+        for name in names:
+            if name not in known:
+                raise DefinitionError(
+                    f"{owner} needs '{name}', which system '{self.name}' does not have"
+                )
+        return tuple(known[name] for name in names)
+
     def derivative(self, expression: sp.Expr) -> sp.Expr:
         """d/dt of an expression of the states along the rates (its Lie derivative)."""
         terms = [expression.diff(q.symbol) * self.rates[q.name] for q in self.states]
@@ -137,15 +149,23 @@ class System:
         return {name: rate.subs(still) for name, rate in self.rates.items()}
 
 
-def _vanishes(expression: sp.Expr, points: int = 6) -> bool:
-    """Whether an expression is zero: by expansion, else at random points of its symbols."""
-    if sp.expand(expression) == 0:
-        return True
+def _vanishes(expression: sp.Expr, parameters: Mapping[sp.Symbol, float]) -> bool:
+    """Whether an expression is zero, at random points of its symbols and the parameters' values.
+
+    Points where it is not a number are passed over; with too few others it counts as not zero.
+    """
     generator = random.Random(0)
-    terms = sp.Add.make_args(expression)
-    for _ in range(points):
-        values = {s: generator.uniform(0.3, 1.7) for s in expression.free_symbols}
-        numbers = [complex(sp.N(term.subs(values))) for term in terms]
+    terms = sp.Add.make_args(expression.xreplace(parameters))
+    free = sorted(set().union(*(t.free_symbols for t in terms)), key=str)
+    tested = 0
+    for _ in range(40):
+        values = {s: sp.Float(generator.uniform(-1.7, 1.7)) for s in free}
+        numbers = [complex(sp.N(term.xreplace(values))) for term in terms]
+        if not all(math.isfinite(n.real) and n.imag == 0 for n in numbers):
+            continue
         if abs(sum(numbers)) > 1e-9 * max(1.0, *(abs(n) for n in numbers)):
             return False
-    return True
+        tested += 1
+        if tested == 8:
+            return True
+    return False

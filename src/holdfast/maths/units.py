@@ -17,6 +17,9 @@ MAX_LENGTH = 80
 _TEXT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?\Z")
 
 
+_PART = re.compile(r"1|[A-Za-z%°µμΩ_]+(\^[-+]?\d{1,2})?")
+
+
 class UnitError(HoldfastError):
     """A value whose unit does not fit, or that is no value at all."""
 
@@ -36,14 +39,17 @@ def to_si(value: object, unit: str) -> float:
     """
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
         raise UnitError(
-            f"got {value!r}", expected=f'a number in {unit}, or text such as "1.5 {unit}"'
+            f"got {_shown(value)}", expected=f'a number in {unit}, or text such as "1.5 {unit}"'
         )
     if isinstance(value, (int, float)):
-        return _finite(float(value), value)
+        try:
+            return _finite(float(value), value)
+        except OverflowError:
+            raise UnitError("got a number out of range", expected="a finite number") from None
     match = _TEXT.match(value) if len(value) <= MAX_LENGTH else None
     if match is None:
         raise UnitError(
-            f"got {value!r}", expected=f'a number in {unit}, or text such as "1.5 {unit}"'
+            f"got {_shown(value)}", expected=f'a number in {unit}, or text such as "1.5 {unit}"'
         )
     number, given = float(match[1]), (match[2] or unit).strip()
     return _finite(number if given == unit else convert(number, given, unit), value)
@@ -61,12 +67,23 @@ def convert(number: float, given: str, unit: str) -> float:
     except pint.DimensionalityError:
         raise UnitError(f"the unit '{given}' does not fit", expected=f"'{unit}'") from None
     except Exception:
-        raise UnitError(f"'{given}' is no unit", expected=f"'{unit}'") from None
+        raise UnitError(f"'{given[:40]}' is no unit", expected=f"'{unit}'") from None
     return float(converted.magnitude)
 
 
 def _pint_text(unit: str) -> str:
+    """The unit if it is made of names, * / and small powers alone: nothing else reaches pint."""
+    if len(unit) > MAX_LENGTH:
+        raise ValueError(unit)
+    for part in re.split(r"[\s*/]+", unit.strip().replace("**", "^")):
+        if not _PART.fullmatch(part):
+            raise ValueError(unit)
     return "dimensionless" if unit == "1" else unit
+
+
+def _shown(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= MAX_LENGTH else text[: MAX_LENGTH - 3] + "..."
 
 
 def _finite(number: float, shown: object) -> float:
@@ -87,4 +104,6 @@ def check_unit(unit: str) -> None:
         try:
             _registry().Unit(_pint_text(unit))
         except Exception:
-            raise UnitError(f"'{unit}' is no unit", expected='an SI unit such as "m/s"') from None
+            raise UnitError(
+                f"'{unit[:40]}' is no unit", expected='an SI unit such as "m/s"'
+            ) from None

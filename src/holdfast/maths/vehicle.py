@@ -30,17 +30,22 @@ def vehicle_names() -> tuple[str, ...]:
     return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
 
 
-def load_vehicle(name: str, units: Mapping[str, tuple[str, str]]) -> Vehicle:
+def load_vehicle(
+    name: str, units: Mapping[str, tuple[str, str, float]], system: str = "marine_vehicle"
+) -> Vehicle:
     """The vehicle of that name, or of that file when the name ends in .toml.
 
-    `units` maps every parameter the system needs to (unit, meaning). Raises `ScenarioError`
+    `units` maps every parameter the system needs to (unit, meaning,
+    exclusive lower limit), `system` is what the file must be for. Raises `ScenarioError`
     for an unknown vehicle, a missing or unknown parameter, a wrong unit or a missing source.
     """
+    if not isinstance(name, str):
+        raise ScenarioError(f"the vehicle is {name!r}", expected="a name or a file")
     if name.endswith(".toml"):
         shown = name
         try:
-            text = Path(name).read_text("utf-8")
-        except (OSError, UnicodeDecodeError) as error:
+            text = Path(name).read_text("utf-8-sig")
+        except (OSError, ValueError) as error:
             raise ScenarioError(f"vehicle file {name} cannot be read ({error})") from None
     else:
         if name not in vehicle_names():
@@ -51,7 +56,7 @@ def load_vehicle(name: str, units: Mapping[str, tuple[str, str]]) -> Vehicle:
         text = (resources.files("holdfast.vehicles") / f"{name}.toml").read_text("utf-8")
     try:
         data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise ScenarioError(f"{shown}: not a TOML file ({error})") from None
     for key in sorted(set(data) - {"title", "system", "note", "parameters"}):
         raise ScenarioError(
@@ -60,6 +65,8 @@ def load_vehicle(name: str, units: Mapping[str, tuple[str, str]]) -> Vehicle:
     for key in ("title", "system", "parameters"):
         if key not in data:
             raise ScenarioError(f"{shown}: missing key '{key}'")
+    if data["system"] != system:
+        raise ScenarioError(f"{shown}: is for system {data['system']!r}", expected=f"'{system}'")
     given = data["parameters"]
     if not isinstance(given, dict):
         raise ScenarioError(f"{shown}: parameters is {given!r}", expected="a table")
@@ -69,10 +76,10 @@ def load_vehicle(name: str, units: Mapping[str, tuple[str, str]]) -> Vehicle:
                 f"{shown}: unknown parameter '{key}'", remedy=suggestion(key, units)
             )
     parameters = {}
-    for key, (unit, meaning) in units.items():
+    for key, (unit, meaning, above) in units.items():
         if key not in given:
             raise ScenarioError(f"{shown}: missing parameter '{key}' ({meaning}, {unit})")
-        parameters[key] = _parameter(shown, key, given[key], unit, meaning)
+        parameters[key] = _parameter(shown, key, given[key], unit, meaning, above)
     return Vehicle(
         Path(name).stem,
         str(data["title"]),
@@ -82,7 +89,9 @@ def load_vehicle(name: str, units: Mapping[str, tuple[str, str]]) -> Vehicle:
     )
 
 
-def _parameter(shown: str, key: str, entry: object, unit: str, meaning: str) -> Parameter:
+def _parameter(
+    shown: str, key: str, entry: object, unit: str, meaning: str, above: float
+) -> Parameter:
     where = f"{shown}: parameters.{key}"
     if not isinstance(entry, dict):
         raise ScenarioError(
@@ -99,13 +108,17 @@ def _parameter(shown: str, key: str, entry: object, unit: str, meaning: str) -> 
         value = convert(to_si(entry["value"], str(entry["unit"])), str(entry["unit"]), unit)
     except HoldfastError as error:
         raise ScenarioError(f"{where}: {error}") from None
+    assumed = entry.get("assumed", False)
+    if not isinstance(assumed, bool):
+        raise ScenarioError(f"{where}.assumed is {assumed!r}", expected="true or false")
     return Parameter(
         key,
         unit,
         meaning,
         value=value,
         source=str(entry["source"]),
-        assumed=bool(entry.get("assumed", False)),
+        assumed=assumed,
+        above=above,
     )
 
 

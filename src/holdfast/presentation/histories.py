@@ -42,6 +42,7 @@ def histories_figure(result: Result, run: int = 0) -> Figure:
     time = data["time"].values
     mode = data["mode"].values[run]
     rows = -(-len(panels) // 2)
+    end = _settled(time, data["state"].values[run])
     with style.look():
         figure, axes = plt.subplots(
             rows,
@@ -76,12 +77,13 @@ def histories_figure(result: Result, run: int = 0) -> Figure:
                 edgecolor="none",
             )
             axis.margins(x=0.0, y=0.1)
-            axis.set_xlim(time[0], _settled(time, data["state"].values[run]))
+            axis.set_xlim(time[0], end)
         for axis in flat[len(panels) :]:
             axis.set_visible(False)
         for column in axes.T:
             last = [a for a in column if a.get_visible()][-1]
-            last.set_xlabel("time [s]")
+            rest = f" (at rest until {time[-1]:g} s)" if end < time[-1] else ""
+            last.set_xlabel(f"time [s]{rest}")
             last.tick_params(labelbottom=True)
         if len(shades) > 1:
             figure.legend(

@@ -75,7 +75,7 @@ def paths_figure(
             _draw_ensemble(panels[0], data, xy)
         _draw_highlights(panels[-1], result, xy, bold)
         if cones > 0 and cone_run < runs:
-            _draw_cones(panels[-1], result, cone_run, names, cones)
+            _draw_cones(panels[-1], result, xy[cone_run], cone_run, names, cones)
         units = data["state_unit"].values
         for axis in panels:
             axis.set_aspect("equal")
@@ -218,7 +218,9 @@ def _values(result: Result) -> dict[sp.Symbol, float]:
 
 
 def _evaluated(expressions: Any, values: Mapping[sp.Symbol, float]) -> list[float]:
-    return [float(sp.sympify(e).subs(values)) for e in expressions]
+    """Numbers; not a number where an expression has no real value."""
+    results = [complex(sp.N(sp.sympify(e).subs(values))) for e in expressions]
+    return [z.real if z.imag == 0 else np.nan for z in results]
 
 
 def _draw_fixed(axis: Axes, result: Result) -> None:
@@ -234,21 +236,24 @@ def _draw_fixed(axis: Axes, result: Result) -> None:
             axis.plot([], [], label=shape.role, **drawn)
 
 
-def _draw_cones(axis: Axes, result: Result, run: int, names: list[str], count: int) -> None:
+def _draw_cones(
+    axis: Axes, result: Result, path: Array, run: int, names: list[str], count: int
+) -> None:
     """Fields of view at instants evenly spaced along the path of one run."""
     states = result.dataset["state"].values[run]
-    states = states[np.isfinite(states).all(axis=1)]
+    good = np.isfinite(states).all(axis=1)
+    states, path = states[good], path[good]
     base = _values(result)
     for cone in (shape for shape in result.scene if isinstance(shape, Cone)):
         apexes = [symbol(n) for n in names]
-        moved = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(states[:, :2], axis=0).T))])
+        moved = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
         instants = np.searchsorted(moved, np.linspace(0.0, 0.999 * moved[-1], count))
         for number, k in enumerate(np.unique(instants)):
             values = base | dict(zip(apexes, map(float, states[k]), strict=True))
             x, y, heading, half, reach = _evaluated(
                 (*cone.apex, cone.heading, cone.half_angle, cone.range), values
             )
-            if not (np.isfinite(reach) and reach > 0):
+            if not (np.isfinite([x, y, heading, half]).all() and 0 < reach < np.inf):
                 continue
             low, high = np.degrees(heading - half), np.degrees(heading + half)
             axis.add_patch(

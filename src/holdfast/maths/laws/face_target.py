@@ -34,19 +34,18 @@ def face_target(
     x1 = x + s["distance"] * sp.cos(bearing)
     y1 = y + s["distance"] * sp.sin(bearing)
     ahead = sgn(x1 * sp.cos(psi) + y1 * sp.sin(psi))
-    known = {q.name: q for q in system.states}
     return Law(
         name="face_target",
-        reads=tuple(known[n] for n in ("x", "y", "psi")),
+        reads=system.quantities(("x", "y", "psi"), "face_target"),
         outputs={
             "u": -s["k1"] * ahead * sp.tanh(s["mu"] * length(x1, y1, GUARD**2)),
             "r": -s["kv"] * wrap(psi - bearing),
         },
         parameters=(
-            Parameter("distance", "m", "distance to keep from the target", value=distance),
-            Parameter("k1", "m/s", "top surge speed", value=k1),
-            Parameter("mu", "1/m", "steepness of the speed near the goal", value=mu),
-            Parameter("kv", "1/s", "heading gain", value=kv),
+            Parameter("distance", "m", "distance to the target", value=distance, above=0.0),
+            Parameter("k1", "m/s", "top surge speed", value=k1, above=0),
+            Parameter("mu", "1/m", "steepness of the speed near the goal", value=mu, above=0),
+            Parameter("kv", "1/s", "heading gain", value=kv, above=0),
         ),
         description="face the target and go to a circle around it",
         source="thesis (5.28) with the sign of E3, section 5.4.3",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
+from holdfast.maths.functions import magnitude
 from holdfast.maths.law import Law
 from holdfast.maths.quantity import Parameter, symbol
 
@@ -24,14 +25,14 @@ def move_ahead(law: Law, *, creep: float = 0.02) -> Law:
 
 
 def _straight(law: Law, name: str, direction: int, creep: float, description: str) -> Law:
-    speed = sp.Abs(law.outputs["u"]) + symbol("creep")
+    speed = magnitude(law.outputs["u"]) + symbol("creep")
     return Law(
         name=name,
         reads=law.reads,
         outputs={"u": direction * speed, "r": sp.S.Zero},
         parameters=(
             *law.parameters,
-            Parameter("creep", "m/s", "speed beyond that of the convergent law", value=creep),
+            Parameter("creep", "m/s", "speed beyond the convergent one", value=creep, above=0.0),
         ),
         description=description,
         source="thesis section 5.4.3, correction E4",

@@ -43,20 +43,21 @@ def steer_marine(
     surge = -s["k1"] * sgn(x1 * cos + y1 * sin) * sp.tanh(s["mu"] * length(x1, y1, GUARD**2))
     position_rate = {"x": surge * cos - v * sin, "y": surge * sin + v * cos}
     turn = phi.diff(x) * position_rate["x"] + phi.diff(y) * position_rate["y"]
-    known = {q.name: q for q in system.states}
-    plant = {p.name: p for p in system.parameters}
+    needed = ("mass", "Xudot", "Yvdot", "Yv")
+    plant = tuple(p for p in system.parameters if p.name in needed)
+    system.quantities(needed, "steer_marine")
     return Law(
         name="steer_marine",
-        reads=tuple(known[n] for n in ("x", "y", "psi", "v")),
+        reads=system.quantities(("x", "y", "psi", "v"), "steer_marine"),
         outputs={"u": surge, "r": -s["k2"] * wrap(psi - phi) + turn},
         parameters=(
             Parameter("goal_x", "m", "goal position", value=goal_x),
             Parameter("goal_y", "m", "goal position", value=goal_y),
-            Parameter("k1", "m/s", "top surge speed", value=k1),
-            Parameter("mu", "1/m", "steepness of the speed near the goal", value=mu),
-            Parameter("k2", "1/s", "heading gain", value=k2),
-            Parameter("lam", "1", "exponent lambda of the dipolar field", value=lam),
-            *(plant[n] for n in ("mass", "Xudot", "Yvdot", "Yv")),
+            Parameter("k1", "m/s", "top surge speed", value=k1, above=0),
+            Parameter("mu", "1/m", "steepness of the speed near the goal", value=mu, above=0),
+            Parameter("k2", "1/s", "heading gain", value=k2, above=0),
+            Parameter("lam", "1", "exponent lambda of the dipolar field", value=lam, above=1),
+            *plant,
         ),
         conditions=(
             GainCondition(

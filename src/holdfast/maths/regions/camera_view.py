@@ -49,10 +49,12 @@ def camera_view(
             Inequality("too_far", -x - far * sp.cos(psi), "m", "range at most Lmax"),
         ),
         parameters=(
-            Parameter("half_angle", "rad", "half angle of view alpha", value=half_angle),
-            Parameter("target_half_width", "m", "half-width yT", value=target_half_width),
-            Parameter("range_min", "m", "least laser range Lmin", value=range_min),
-            Parameter("range_max", "m", "largest laser range Lmax", value=range_max),
+            Parameter("half_angle", "rad", "half angle of view alpha", value=half_angle, above=0),
+            Parameter(
+                "target_half_width", "m", "half-width yT", value=target_half_width, above=0.0
+            ),
+            Parameter("range_min", "m", "least laser range Lmin", value=range_min, above=0),
+            Parameter("range_max", "m", "largest laser range Lmax", value=range_max, above=0),
         ),
         scene=(
             Segment("wall", (sp.S.Zero, -10 * far), (sp.S.Zero, 10 * far)),

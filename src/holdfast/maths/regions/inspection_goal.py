@@ -5,7 +5,7 @@ from __future__ import annotations
 import sympy as sp
 
 from holdfast.maths.dipole import GUARD
-from holdfast.maths.functions import angle, greatest, least, length, wrap
+from holdfast.maths.functions import angle, greatest, least, length, magnitude, wrap
 from holdfast.maths.quantity import Parameter, Quantity, symbol
 from holdfast.maths.region import Inequality, Region
 from holdfast.maths.scene import Circle
@@ -32,11 +32,11 @@ def inspection_goal(
     guard = GUARD**2
     pose = greatest(
         length(x - s["goal_x"], y - s["goal_y"], guard) / s["goal_radius"],
-        sp.Abs(wrap(psi)) / s["goal_angle"],
+        magnitude(wrap(psi)) / s["goal_angle"],
     )
     circle = greatest(
-        sp.Abs(length(x, y, guard) - s["distance"]) / s["goal_radius"],
-        sp.Abs(wrap(psi - angle(-y, -x, guard))) / s["goal_angle"],
+        magnitude(length(x, y, guard) - s["distance"]) / s["goal_radius"],
+        magnitude(wrap(psi - angle(-y, -x, guard))) / s["goal_angle"],
     )
     return Region(
         name="inspection_goal",
@@ -45,9 +45,11 @@ def inspection_goal(
         parameters=(
             Parameter("goal_x", "m", "goal position", value=goal_x),
             Parameter("goal_y", "m", "goal position", value=goal_y),
-            Parameter("distance", "m", "distance to keep from the target", value=distance),
-            Parameter("goal_radius", "m", "how near counts as there", value=goal_radius),
-            Parameter("goal_angle", "rad", "how well aligned counts as there", value=goal_angle),
+            Parameter("distance", "m", "distance to the target", value=distance, above=0.0),
+            Parameter("goal_radius", "m", "how near counts as there", value=goal_radius, above=0),
+            Parameter(
+                "goal_angle", "rad", "how aligned counts as there", value=goal_angle, above=0.0
+            ),
         ),
         scene=(Circle("goals", (sp.S.Zero, sp.S.Zero), s["distance"]),),
         description="at the inspection pose, or facing the target from the wanted distance",

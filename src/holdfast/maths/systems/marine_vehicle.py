@@ -2,30 +2,35 @@
 
 from __future__ import annotations
 
+import math
+
 import sympy as sp
 
 from holdfast.maths.bounds import Ball, Box, LinearImage
+from holdfast.maths.functions import magnitude
 from holdfast.maths.quantity import Quantity, symbol
 from holdfast.maths.system import PfaffianRow, System
 from holdfast.maths.vehicle import load_vehicle, overridden
 
-PARAMETERS: dict[str, tuple[str, str]] = {
-    "mass": ("kg", "rigid-body mass m"),
-    "Iz": ("kg m^2", "yaw moment of inertia"),
-    "Xudot": ("kg", "surge added mass (negative)"),
-    "Yvdot": ("kg", "sway added mass (negative)"),
-    "Nrdot": ("kg m^2", "yaw added inertia (negative)"),
-    "Xu": ("N s/m", "linear surge drag (negative)"),
-    "Yv": ("N s/m", "linear sway drag (negative)"),
-    "Nr": ("N m s", "linear yaw drag (negative)"),
-    "Xuu": ("N s^2/m^2", "quadratic surge drag (negative)"),
-    "Yvv": ("N s^2/m^2", "quadratic sway drag (negative)"),
-    "Nrr": ("N m s^2", "quadratic yaw drag (negative)"),
-    "thrust_limit": ("N", "largest force of one thruster, either way"),
-    "thruster_arm": ("m", "distance of each thruster from the centre line"),
-    "current_limit": ("m/s", "largest speed of the current"),
+_ANY, _POSITIVE = -math.inf, 0.0
+
+PARAMETERS: dict[str, tuple[str, str, float]] = {
+    "mass": ("kg", "rigid-body mass m", _POSITIVE),
+    "Iz": ("kg m^2", "yaw moment of inertia", _POSITIVE),
+    "Xudot": ("kg", "surge added mass (negative)", _ANY),
+    "Yvdot": ("kg", "sway added mass (negative)", _ANY),
+    "Nrdot": ("kg m^2", "yaw added inertia (negative)", _ANY),
+    "Xu": ("N s/m", "linear surge drag (negative)", _ANY),
+    "Yv": ("N s/m", "linear sway drag (negative)", _ANY),
+    "Nr": ("N m s", "linear yaw drag (negative)", _ANY),
+    "Xuu": ("N s^2/m^2", "quadratic surge drag (negative)", _ANY),
+    "Yvv": ("N s^2/m^2", "quadratic sway drag (negative)", _ANY),
+    "Nrr": ("N m s^2", "quadratic yaw drag (negative)", _ANY),
+    "thrust_limit": ("N", "largest force of one thruster, either way", _POSITIVE),
+    "thruster_arm": ("m", "distance of each thruster from the centre line", _POSITIVE),
+    "current_limit": ("m/s", "largest speed of the current", _ANY),
 }
-"""Name -> (unit, meaning) of every parameter, in SI units."""
+"""Name -> (unit, meaning, exclusive lower limit) of every parameter, in SI units."""
 
 
 def marine_vehicle(vehicle: str = "videoray_pro_iii", **overrides: float) -> System:
@@ -79,9 +84,9 @@ def marine_vehicle(vehicle: str = "videoray_pro_iii", **overrides: float) -> Sys
             "x": u * cos - v * sin + vx,
             "y": u * sin + v * cos + vy,
             "psi": r,
-            "u": (m22 * v * r + p["Xu"] * u + p["Xuu"] * sp.Abs(u) * u + tau_u) / m11,
-            "v": (-m11 * u * r + p["Yv"] * v + p["Yvv"] * sp.Abs(v) * v) / m22,
-            "r": ((m11 - m22) * u * v + p["Nr"] * r + p["Nrr"] * sp.Abs(r) * r + tau_r) / m33,
+            "u": (m22 * v * r + p["Xu"] * u + p["Xuu"] * magnitude(u) * u + tau_u) / m11,
+            "v": (-m11 * u * r + p["Yv"] * v + p["Yvv"] * magnitude(v) * v) / m22,
+            "r": ((m11 - m22) * u * v + p["Nr"] * r + p["Nrr"] * magnitude(r) * r + tau_r) / m33,
         },
         parameters=tuple(parameters[n] for n in PARAMETERS),
         input_bounds=LinearImage(

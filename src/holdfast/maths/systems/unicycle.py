@@ -27,8 +27,8 @@ def unicycle(speed_limit: float = 1.0, turn_limit: float = 2.0) -> System:
         inputs=(Quantity("v", "m/s", "speed"), Quantity("r", "rad/s", "turn rate")),
         rates={"x": v * sp.cos(psi), "y": v * sp.sin(psi), "psi": r},
         parameters=(
-            Parameter("speed_limit", "m/s", "largest speed, either way", value=speed_limit),
-            Parameter("turn_limit", "rad/s", "largest turn rate, either way", value=turn_limit),
+            Parameter("speed_limit", "m/s", "largest speed", value=speed_limit, above=0.0),
+            Parameter("turn_limit", "rad/s", "largest turn rate", value=turn_limit, above=0.0),
         ),
         input_bounds=Box((-fast, -turn), (fast, turn)),
         pfaffian=(PfaffianRow({"x": -sp.sin(psi), "y": sp.cos(psi)}),),

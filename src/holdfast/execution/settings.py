@@ -1,0 +1,85 @@
+"""How to simulate: times, steps, noise, seed; checked when built."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from holdfast.errors import SimulationError
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to simulate.
+
+    horizon: seconds simulated. sample_time: seconds between control samples; the input is
+    held in between unless `continuous`. substeps: Runge-Kutta steps in one sample time (fixed
+    steps) or tolerances `absolute` and `relative` (adaptive pair). record_every: seconds
+    between recorded samples. tolerance: c_j above this counts as leaving the region.
+    noise_uniform, noise_normal: half-width and standard deviation of the measurement noise
+    of each state. seed: of every random number. threads: 0 for one per core.
+    """
+
+    horizon: float
+    sample_time: float = 0.02
+    substeps: int = 2
+    record_every: float = 0.1
+    continuous: bool = False
+    absolute: float = 1e-9
+    relative: float = 1e-9
+    tolerance: float = 0.0
+    noise_uniform: Mapping[str, float] = field(default_factory=dict)
+    noise_normal: Mapping[str, float] = field(default_factory=dict)
+    seed: int = 0
+    threads: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("horizon", "sample_time", "record_every", "absolute", "relative"):
+            value = getattr(self, name)
+            if not (_is_number(value) and value > 0):
+                raise SimulationError(f"{name} is {value!r}", expected="a positive number")
+        if not (_is_number(self.tolerance) and self.tolerance >= 0):
+            raise SimulationError(f"tolerance is {self.tolerance!r}", expected="0 or more")
+        for name, least in (("substeps", 1), ("threads", 0)):
+            value = getattr(self, name)
+            if not (isinstance(value, int) and value >= least):
+                raise SimulationError(f"{name} is {value!r}", expected=f"a whole number >= {least}")
+        for name, unit in (
+            ("horizon", "sample_time"),
+            ("record_every", "sample_time"),
+            ("horizon", "record_every"),
+        ):
+            ratio = getattr(self, name) / getattr(self, unit)
+            if abs(ratio - round(ratio)) > 1e-6 or round(ratio) < 1:
+                raise SimulationError(
+                    f"{name} is {getattr(self, name):g} s, {unit} {getattr(self, unit):g} s",
+                    expected=f"{name} a whole multiple of {unit}",
+                )
+        if not (isinstance(self.seed, int) and 0 <= self.seed < 2**64):
+            raise SimulationError(f"seed is {self.seed!r}", expected="0 to 2^64 - 1")
+        for noise in (self.noise_uniform, self.noise_normal):
+            for state, size in noise.items():
+                if not (_is_number(size) and size >= 0):
+                    raise SimulationError(
+                        f"noise of '{state}' is {size!r}", expected="0 or more", key="noise"
+                    )
+            if self.continuous and any(noise.values()):
+                raise SimulationError(
+                    "measurement noise with continuous control",
+                    remedy="sample the control: white noise has no continuous meaning here",
+                    key="noise",
+                )
+
+    @property
+    def samples(self) -> int:
+        return round(self.horizon / self.sample_time)
+
+    @property
+    def stride(self) -> int:
+        return round(self.record_every / self.sample_time)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and bool(np.isfinite(value))

@@ -1,0 +1,160 @@
+"""Scenario files from strangers: nothing hangs, nothing crashes, nothing is silently wrong."""
+
+import pytest
+
+import holdfast as hf
+from holdfast.errors import HoldfastError
+from holdfast.maths.units import check_unit, to_si
+from holdfast.scenario import load_scenario, read_text
+
+
+def attacked(tmp_path, name, *replacements):
+    text = read_text(name)[1]
+    for old, new in replacements:
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    path = tmp_path / "attack.toml"
+    path.write_text(text)
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    "unit",
+    [
+        "m**9**9**9**9",
+        "9**9**9 m",
+        "m**(9**9**9)",
+        "m^999",
+        "a" * 100_000,
+        "m" + "*m" * 5000,
+        "(" * 50,
+        "__import__('os')",
+        "m; x",
+        "",
+        " ",
+    ],
+)
+def test_a_unit_that_is_an_expression_is_refused_at_once(unit):
+    with pytest.raises(HoldfastError):
+        check_unit(unit)
+    with pytest.raises(HoldfastError):
+        to_si(f"1 {unit} x", "m")
+
+
+def test_units_with_small_powers_are_still_units():
+    assert to_si("3 kg*m**2", "kg m^2") == 3
+    assert to_si("1 km/h", "m/s") == pytest.approx(1 / 3.6)
+
+
+@pytest.mark.parametrize(
+    "definitions",
+    [
+        [f'd{i} = "sin(d{i - 1})*cos(d{i - 1}) + d{i - 1}"' for i in range(1, 41)],
+        [f'd{i} = "sin(d{i - 1}) + 1"' for i in range(1, 401)],
+        [f'd{i} = "diff(d{i - 1}*sin(d{i - 1}), x)"' for i in range(1, 30)],
+    ],
+    ids=["doubling", "chain", "derivatives"],
+)
+def test_definitions_that_grow_without_bound_are_refused(tmp_path, definitions):
+    lines = "\n".join(['d0 = "x*y + x"', *definitions])
+    file = attacked(
+        tmp_path, "wheeled_camera", ("[law.definitions]", f"[law.definitions]\n{lines}")
+    )
+    with pytest.raises(HoldfastError, match="too large once its definitions are put in"):
+        load_scenario(file)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "sgn(sin(exp(10**12)))*x",
+        "x*abs(exp(exp(exp(exp(exp(9))))))",
+        "1e300*1e300*x",
+        "acos(2)**2",
+        "x**acos(2)",
+        "exp(1000)",
+        "x*(1e308*10)",
+    ],
+)
+def test_numbers_out_of_range_are_refused_wherever_they_arise(text):
+    with pytest.raises(HoldfastError):
+        hf.parse_expression(text, {"x": hf.symbol("x")})
+
+
+def test_a_large_power_of_a_sum_is_not_expanded(tmp_path):
+    file = attacked(
+        tmp_path,
+        "wheeled_camera",
+        ('x = "v*cos(psi)"', 'x = "v*cos(psi) + (x+y+psi+v+1)**60*(x-1)**60"'),
+    )
+    with pytest.raises(HoldfastError, match="leave Pfaffian row 1"):
+        load_scenario(file)
+
+
+BAD_VALUES = [
+    ("inspection", "system.vehicle=5", "expected a name or a file"),
+    ("inspection", "system.vehicle='a\\u0000.toml'", ""),
+    ("inspection", "system.name=['a']", "system.name: unknown name"),
+    ("inspection", "law.name=[1]", "law.name"),
+    ("inspection", "law.name='back_off'", "is built on a convergent law"),
+    ("inspection", "law.k1=" + "9" * 400, "out of range"),
+    ("inspection", "law.k1=" + "9" * 5000, ""),
+    ("inspection", "law.k1=-0.16", "parameter 'k1' is -0.16; expected above 0"),
+    ("inspection", "law.lam=0.5", "parameter 'lam' is 0.5; expected above 1"),
+    ("inspection", "system.thrust_limit=-5", "above 0"),
+    ("inspection", "system.thruster_arm=0", "above 0"),
+    ("inspection", "system.current_limit=-1", "radius >= 0"),
+    ("inspection", "system.mass=-50", "above 0"),
+    ("inspection", "law.k1=0.2\nfoo=3", "more than one value"),
+    ("inspection", "reference.x='t'", "unknown name 't'"),
+    ("inspection", "reference.x='1/(goal_x+0.5)'", "is no number"),
+    ("inspection", "redesign.layers.too_far=[-inf, -0.1]", "cmax < cmin < 0"),
+    ("inspection", "figures.plane=['x','q']", "figures.plane: unknown name"),
+    ("inspection", "figures.history=-1", "figures.history: got -1"),
+    ("inspection", "figures.cones=100000000", "figures.cones: got 100000000"),
+    ("inspection", "run.record_every=0.7", "horizon a whole multiple of record_every"),
+    ("inspection", "run.stepper='rk5'", "did you mean 'rk4'"),
+    ("inspection", "plant.k1=0.3", "plant.k1: unknown name"),
+    (
+        "inspection",
+        "disturbance.Vx='0.9*sin(2*pi*50*t)'",
+        "disturbance: the disturbance leaves its bounds",
+    ),
+    ("wheeled_camera", "noise.normal.x=0.1\nx=1", "more than one value"),
+    ("wheeled_camera", "system.parameters.v_max=-1", "empty interval"),
+    ("wheeled_camera", "starts.box={}", "need a box"),
+    (
+        "wheeled_camera",
+        "region.scene=[{kind='circle', role='r', centre=[0,0], radius='x'}]",
+        "unknown name 'x'",
+    ),
+    ("wheeled_camera", "region.constraints={'$wall{'={expression='x'}}", "constraints"),
+]
+
+
+@pytest.mark.parametrize(("name", "change", "complaint"), BAD_VALUES, ids=range(len(BAD_VALUES)))
+def test_odd_value_is_refused_and_names_its_key(name, change, complaint):
+    with pytest.raises(HoldfastError) as caught:
+        load_scenario(name, [change]).run()
+    assert complaint in str(caught.value)
+    assert "constrained" not in str(caught.value)
+
+
+def test_a_law_on_a_system_it_is_not_for_says_what_is_missing():
+    with pytest.raises(
+        HoldfastError, match="steer_marine needs 'mass', which system 'unicycle' does not have"
+    ):
+        hf.laws.steer_marine(hf.systems.unicycle())
+
+
+def test_absolute_values_can_be_differentiated_twice():
+    x = hf.symbol("x")
+    once = hf.parse_expression("diff(abs(x), x)", {"x": x})
+    assert [float(once.subs(x, v)) for v in (-2, 0, 2)] == [-1, 1, 1]
+    assert hf.parse_expression("diff(diff(x*abs(x), x), x)", {"x": x}).subs(x, -2) == -2
+
+
+def test_definitions_are_frozen():
+    law = hf.laws.steer_marine(hf.systems.marine_vehicle())
+    with pytest.raises(TypeError):
+        law.outputs["u"] = 0
