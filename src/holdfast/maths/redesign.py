@@ -10,7 +10,8 @@ down, E2). With sigma = min_j sigma_j, attained at j*, the velocities are
     w = sigma w_convergent + (1 - sigma) w_viable,j*                      (5.27), (5.29)
 
 and, once near the goal set while a viable law is active, the `hold` law takes over for good:
-without that latch the blend has spurious equilibria (E12).
+without that latch the blend has spurious equilibria (E12). From then on no constraint is served
+any more; that the goal set lies well inside the region is the designer's to see.
 """
 
 from __future__ import annotations

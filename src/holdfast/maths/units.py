@@ -59,6 +59,8 @@ def convert(number: float, given: str, unit: str) -> float:
     """`number` in the unit `given`, expressed in `unit`; `UnitError` if they do not fit."""
     if given == unit:
         return number
+    if (given, unit) == ("deg", "rad"):  # the common case, without loading the unit library
+        return math.radians(number)
     import pint
 
     try:

@@ -67,16 +67,20 @@ def histories_figure(result: Result, run: int = 0) -> Figure:
                 axis.axhline(0.0, color=style.BLACK, linewidth=0.6)
             axis.set_title(panel.title, loc="left", fontsize=8, pad=3)
             axis.set_ylabel(f"[{panel.unit}]" if panel.unit != "1" else "")
+            axis.margins(x=0.0, y=0.1)
+            crowded = len(panel.names) > 2
+            if crowded:  # no corner is free: make room above the curves
+                low, high = axis.get_ylim()
+                axis.set_ylim(low, high + 0.45 * (high - low))
             axis.legend(
-                loc="best",
-                ncols=min(2, len(panel.names)),
+                loc="upper center" if crowded else "best",
+                ncols=2,
                 handlelength=1.8,
                 borderaxespad=0.2,
                 frameon=True,
                 framealpha=0.8,
                 edgecolor="none",
             )
-            axis.margins(x=0.0, y=0.1)
             axis.set_xlim(time[0], end)
         for axis in flat[len(panels) :]:
             axis.set_visible(False)

@@ -66,10 +66,12 @@ def write(figure: Figure, folder: Path, name: str) -> list[Path]:
         with look():
             figure.draw_without_rendering()  # lay it out once, not once for each format
             figure.set_layout_engine("none")
-            box = figure.get_tightbbox()
-            # equal axes can push a title over the edge of the page: then the page grows
-            fits = box.x0 >= 0 and box.y0 >= 0 and (box.max <= figure.get_size_inches()).all()
-            everything = None if fits else box.padded(0.05)
+            everything = None
+            if any(axis.get_aspect() != "auto" for axis in figure.axes):
+                # equal axes can push a title over the edge of the page: then the page grows
+                box = figure.get_tightbbox()
+                inside = box.x0 >= 0 and box.y0 >= 0 and (box.max <= figure.get_size_inches()).all()
+                everything = None if inside else box.padded(0.05)
         for ending in ("png", "svg"):
             path = folder / f"{name}.{ending}"
             metadata = {"Date": None} if ending == "svg" else {}
