@@ -35,7 +35,11 @@ def test_file_holds_the_promised_variables_with_these_axes(saved):
         assert [str(s) for s in data["state_name"].values] == ["x", "y", "psi", "u", "v", "r"]
         assert [str(s) for s in data["state_unit"].values][2] == "rad"
         assert data["outcome"].attrs["flag_meanings"].split()[1] == "reached_goal"
-        assert data.attrs["seed"] == "1"
+        assert data.attrs["seed"] == 1
+        assert data["state"].attrs["names"] == "x, y, psi, u, v, r"
+        assert data["state"].attrs["units"] == "m, m, rad, m/s, m/s, rad/s"
+        assert data["constraint"].attrs["units"] == "rad, rad, m, m"
+        assert '"k1": 0.16' in data.attrs["parameters"]
         assert data.attrs["holdfast_version"] == hf.__version__
         assert 'name = "steer_marine"' in data.attrs["scenario_text"]
 

@@ -19,6 +19,7 @@ from holdfast.execution.settings import Settings
 from holdfast.execution.translate import ClosedLoopProgram
 
 if TYPE_CHECKING:
+    from holdfast.maths.quantity import Quantity
     from holdfast.maths.scene import Shape
 
 NO_CONSTRAINT = -1
@@ -171,9 +172,16 @@ def to_dataset(
             "flag_meanings": " ".join(w.replace(" ", "_") for w in words),
         }
 
+    def named(text: str, names: Sequence[str], units: Sequence[str]) -> dict[str, str]:
+        return {"long_name": text, "names": ", ".join(names), "units": ", ".join(units)}
+
     variables: dict[str, Any] = {
-        "state": (("run", "time", "state"), s.state, {"long_name": "state"}),
-        "input": (("run", "time", "input"), s.input, {"long_name": "input after saturation"}),
+        "state": (("run", "time", "state"), s.state, named("state", *_columns(program.states))),
+        "input": (
+            ("run", "time", "input"),
+            s.input,
+            named("input after saturation", *_columns(program.inputs)),
+        ),
         "actuator": (
             ("run", "time", "actuator"),
             s.actuator,
@@ -184,11 +192,15 @@ def to_dataset(
             s.mode,
             meanings(s.mode, range(len(program.modes)), program.modes, "mode of the law"),
         ),
-        "signal": (("run", "time", "signal"), s.signal, {"long_name": "signal of the law"}),
+        "signal": (
+            ("run", "time", "signal"),
+            s.signal,
+            {"long_name": "signal of the law", "names": ", ".join(program.signals)},
+        ),
         "constraint": (
             ("run", "time", "constraint"),
             s.constraint,
-            {"long_name": "constraint, safe where <= 0"},
+            named("constraint, safe where <= 0", names, [c[1] for c in program.constraints]),
         ),
         "outcome": (
             ("run",),
@@ -243,9 +255,13 @@ def to_dataset(
         "Conventions": "CF-1.11",
         "sample_time_s": settings.sample_time,
         "tolerance": settings.tolerance,
-        "seed": str(settings.seed),
+        "seed": settings.seed if settings.seed < 2**63 else str(settings.seed),
     }
     return indexed(xr.Dataset(variables, coordinates, {**fixed, **attributes}))
+
+
+def _columns(quantities: Sequence[Quantity]) -> tuple[list[str], list[str]]:
+    return [q.name for q in quantities], [q.unit for q in quantities]
 
 
 def indexed(dataset: xr.Dataset) -> xr.Dataset:

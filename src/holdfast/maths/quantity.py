@@ -12,6 +12,7 @@ from types import MappingProxyType
 import sympy as sp
 
 from holdfast.errors import DefinitionError
+from holdfast.maths.vocabulary import FUNCTIONS
 
 TIME = sp.Symbol("t", real=True)
 """Time in seconds, the one symbol that every expression may use undeclared."""
@@ -20,35 +21,7 @@ TIME_IN_MODE = sp.Symbol("time_in_mode", real=True)
 """Seconds since the last change of mode; only guards of a `Switching` may use it."""
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
-_RESERVED = frozenset(
-    (
-        "t",
-        "time_in_mode",
-        "pi",
-        "sin",
-        "cos",
-        "tan",
-        "asin",
-        "acos",
-        "atan",
-        "atan2",
-        "sinh",
-        "cosh",
-        "tanh",
-        "exp",
-        "log",
-        "sqrt",
-        "abs",
-        "sgn",
-        "wrap",
-        "clip",
-        "select",
-        "min",
-        "max",
-        "hypot",
-        "diff",
-    )
-)
+_RESERVED = frozenset(("t", "time_in_mode", "pi", "diff", *FUNCTIONS))
 
 
 def symbol(name: str) -> sp.Symbol:
