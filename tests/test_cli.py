@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 import xarray as xr
@@ -319,3 +320,43 @@ def test_interruption_exits_130_and_leaves_no_partial_file(tmp_path):
     assert "interrupted" in errors
     assert "Traceback" not in errors
     assert not out.exists()
+
+
+ONE_STATE = """
+[scenario]
+title = "decay"
+[system]
+states = { T = { unit = "m" } }
+inputs = { h = { unit = "m/s" } }
+rates = { T = "h - T" }
+[law]
+outputs = { h = "0" }
+[starts]
+states = [{ T = 1 }]
+[run]
+horizon = 1
+"""
+
+
+@pytest.mark.parametrize("states", [1, 2])
+def test_systems_without_a_position_in_the_plane_run_and_are_drawn(tmp_path, states):
+    if states == 1:
+        text = ONE_STATE
+    else:
+        page = (Path(__file__).parent.parent / "docs" / "scenarios.md").read_text("utf-8")
+        text = re.findall(r"```toml\n(.*?)```", page, re.S)[0]
+    (tmp_path / "mine.toml").write_text(text)
+    answer = holdfast("run", "mine.toml", cwd=tmp_path)
+    assert answer.returncode == 0, answer.stderr
+    written = {p.name for p in (tmp_path / "runs" / "mine").iterdir()}
+    assert {"result.nc", "summary.json", "histories.png"} <= written
+    assert ("paths.png" in written) == (states == 2)
+
+
+def test_results_where_a_file_cannot_be_replaced_are_refused_in_one_line(tmp_path):
+    (tmp_path / "result.nc").mkdir()
+    answer = holdfast("run", "inspection", *FAST, "--out", str(tmp_path))
+    assert answer.returncode == 2
+    assert "result.nc cannot be written" in answer.stderr
+    assert "Traceback" not in answer.stderr
+    assert [p.name for p in tmp_path.iterdir()] == ["result.nc"]

@@ -78,7 +78,8 @@ def paths_figure(
             _draw_cones(panels[-1], result, xy[cone_run], cone_run, names, cones)
         units = data["state_unit"].values
         for axis in panels:
-            axis.set_aspect("equal")
+            if units[columns[0]] == units[columns[1]]:
+                axis.set_aspect("equal")
             axis.set_xlim(limits[0])
             axis.set_ylim(limits[1])
             axis.set_xlabel(f"{style.label(plane[0])} [{units[columns[0]]}]")
