@@ -139,28 +139,24 @@ def _override(data: dict[str, Any], change: str) -> None:
     if not separator or not all(path):
         raise ScenarioError(f"--set {change}", expected="key=value, such as law.k1=0.2")
     try:
-        table = tomllib.loads(f"value = {value}")
+        parsed = tomllib.loads(f"value = {value}")
     except (ValueError, RecursionError):
-        table = {"value": value.strip()}
-    if len(table) != 1:
+        parsed = {"value": value.strip()}
+    if len(parsed) != 1:
         raise ScenarioError(f"--set {key}: more than one value")
-    parsed: Any = table["value"]
     table = data
     for part in path[:-1]:
         table = table.setdefault(part, {})
         if not isinstance(table, dict):
             raise ScenarioError(f"--set {change}: '{part}' is no table")
-    table[path[-1]] = parsed
+    table[path[-1]] = parsed["value"]
 
 
 def _composed(name: str, file: str, text: str, spec: ScenarioSpec) -> Scenario:
     composer = Composer(file)
     system = composer.system(spec.system)
-    region_first = spec.region is not None and "constraints" in spec.region
-    region = composer.region(spec.region, "region") if spec.region and region_first else None
-    law: Law | Switching = composer.law(spec.law, system)
-    if spec.region is not None and not region_first:
-        region = composer.region(spec.region, "region")
+    region = composer.region(spec.region, "region") if spec.region is not None else None
+    law: Law | Switching = composer.law(spec.law, system)  # may use the region's parameters
     if spec.redesign is not None:
         law = _redesigned(composer, spec.redesign, law, region, system)
     if spec.tracking is not None:
