@@ -6,13 +6,18 @@ an entry of its own. Every refusal names the file and the key.
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import sympy as sp
 
+from holdfast.catalogue import (
+    accepted_parameters,
+    leading_argument,
+    structural_arguments,
+    wants_law,
+)
 from holdfast.checking import at, validated
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.maths import laws, regions, scene, systems
@@ -44,7 +49,11 @@ class Composer:
 
     file: str
     known: dict[str, Parameter] = field(default_factory=dict)
-    states: tuple[Quantity, ...] = ()
+    system_built: System | None = None
+
+    @property
+    def states(self) -> tuple[Quantity, ...]:
+        return self.system_built.states if self.system_built else ()
 
     # -- catalogue entries --------------------------------------------------------------
 
@@ -57,7 +66,9 @@ class Composer:
     ) -> Any:
         """The catalogue entry that the table names, built with the table's parameters.
 
-        A parameter that is not given but already declared elsewhere keeps that value.
+        Arguments that are no numbers with units (a vehicle, a dimension, a list of poles) go
+        to it as they are. A parameter that is not given but already declared elsewhere keeps
+        that value.
         """
         by_name = {function.__name__: function for function in catalogue}
         name = table["name"]
@@ -69,8 +80,9 @@ class Composer:
         function = by_name[name]
         given = {k: v for k, v in table.items() if k != "name"}
         with at(self.file, key):
-            texts = {k: given.pop(k) for k in ("vehicle",) if k in given}
-            standard = function(*leading, **texts)
+            structural = structural_arguments(function, len(leading))
+            structure = {k: given.pop(k) for k in structural if k in given}
+            standard = function(*leading, **structure)
             units = {p.name: p.unit for p in standard.parameters}
             accepted = accepted_parameters(function, units)
         values: dict[str, float] = {}
@@ -78,7 +90,7 @@ class Composer:
             if parameter not in accepted:
                 raise ScenarioError(
                     f"{self.file}: {key}.{parameter}: '{name}' has no such parameter",
-                    remedy=suggestion(parameter, [*accepted, *texts]),
+                    remedy=suggestion(parameter, [*accepted, *structural]),
                 )
             with at(self.file, f"{key}.{parameter}"):
                 values[parameter] = to_si(value, units[parameter])
@@ -86,7 +98,7 @@ class Composer:
             if parameter in self.known and parameter not in values:
                 values[parameter] = self.known[parameter].value
         with at(self.file, key):
-            built = function(*leading, **texts, **values)
+            built = function(*leading, **structure, **values)
         self.declare(built.parameters)
         return built
 
@@ -105,7 +117,7 @@ class Composer:
             spec = validated(SystemSpec, table, self.file, "system")
             with at(self.file, "system"):
                 built = self._system(spec)
-        self.states = built.states
+        self.system_built = built
         self.declare(built.parameters)
         return built
 
@@ -294,7 +306,11 @@ class Composer:
         """[region] or [goal]: a catalogue entry or one written by expressions."""
         if "constraints" not in table:
             self._need_name(table, key, "constraints")
-            built: Region = self.entry(regions.ALL, table, key)
+            of_system = any(
+                f.__name__ == table["name"] and leading_argument(f) == "system" for f in regions.ALL
+            )
+            leading = (self.system_built,) if of_system else ()
+            built: Region = self.entry(regions.ALL, table, key, leading)
             return built
         spec = validated(RegionSpec, {"name": key, **table}, self.file, key)
         self.declare(self._parameters(spec.parameters, key))
@@ -353,20 +369,3 @@ class Composer:
             "circle": scene.Circle,
         }[spec.kind]
         return shape(spec.role, *values)
-
-
-def wants_law(function: Callable[..., Any]) -> bool:
-    """Whether a catalogue law is built on a convergent law, not on the system alone."""
-    return next(iter(inspect.signature(function).parameters)) == "law"
-
-
-def accepted_parameters(function: Callable[..., Any], parameters: Mapping[str, Any]) -> list[str]:
-    """The names of the parameters a catalogue function takes.
-
-    Its numeric keyword arguments, or all of the `parameters` of what it builds where it
-    takes any keyword.
-    """
-    signature = inspect.signature(function).parameters.values()
-    if any(p.kind is inspect.Parameter.VAR_KEYWORD for p in signature):
-        return list(parameters)
-    return [p.name for p in signature if p.name in parameters]

@@ -12,31 +12,23 @@ from sympy.printing.pretty.pretty import PrettyPrinter
 from sympy.printing.pretty.pretty_symbology import greek_unicode
 from sympy.printing.pretty.stringpict import prettyForm
 
-from holdfast.compose import wants_law
+from holdfast.catalogue import KINDS, example
 from holdfast.errors import ScenarioError, suggestion
-from holdfast.maths import laws, regions, systems
 from holdfast.maths.bounds import Ball, Bounds, Box, LinearImage
-from holdfast.maths.law import Law
+from holdfast.maths.law import GainCondition, Law
 from holdfast.maths.quantity import Parameter, Quantity
 from holdfast.maths.region import Region
+from holdfast.maths.switching import Switching
 from holdfast.maths.system import System
 from holdfast.maths.systems.marine_vehicle import PARAMETERS
 from holdfast.maths.vehicle import load_vehicle, vehicle_names
 from holdfast.scenario import load_scenario, read_text, scenario_names
 
 
-def example(function: Callable[..., Any]) -> Any:
-    """The catalogue entry with its standard parameters."""
-    if function not in laws.ALL:
-        return function()
-    vehicle = systems.marine_vehicle()
-    return function(laws.steer_marine(vehicle) if wants_law(function) else vehicle)
-
-
 def catalogue_lines() -> Iterable[str]:
     """One line for each entry, by kind."""
     rows: list[tuple[str, str, str]] = []
-    for kind, catalogue in (("system", systems.ALL), ("law", laws.ALL), ("region", regions.ALL)):
+    for kind, catalogue in KINDS.items():
         for function in catalogue:
             rows.append((kind, function.__name__, example(function).description))
     for name in vehicle_names():
@@ -49,7 +41,7 @@ def catalogue_lines() -> Iterable[str]:
 
 def describe(name: str) -> str:
     """Everything about one entry. Raises `ScenarioError` for an unknown name."""
-    for catalogue in (systems.ALL, laws.ALL, regions.ALL):
+    for catalogue in KINDS.values():
         for function in catalogue:
             if function.__name__ == name:
                 return "\n".join(_entry(function))
@@ -58,7 +50,7 @@ def describe(name: str) -> str:
     if name in scenario_names() or name.endswith(".toml"):
         load_scenario(name)
         return read_text(name)[1].rstrip()
-    known = [f.__name__ for c in (systems.ALL, laws.ALL, regions.ALL) for f in c]
+    known = [f.__name__ for c in KINDS.values() for f in c]
     raise ScenarioError(
         f"nothing is called '{name}'",
         remedy=suggestion(name, [*known, *vehicle_names(), *scenario_names()]),
@@ -67,13 +59,15 @@ def describe(name: str) -> str:
 
 def _entry(function: Callable[..., Any]) -> list[str]:
     entry = example(function)
-    kind = type(entry).__name__.lower()
+    kind = next(kind for kind, entries in KINDS.items() if function in entries)
     lines = [f"{kind} {function.__name__}", f"  {entry.description}", f"  source: {entry.source}"]
     lines += ["", *("  " + x if x else "" for x in inspect.getdoc(function).splitlines()[1:])]  # type: ignore[union-attr]
     if isinstance(entry, System):
         lines += _system(entry)
     elif isinstance(entry, Law):
         lines += _law(entry)
+    elif isinstance(entry, Switching):
+        lines += _switching(entry)
     elif isinstance(entry, Region):
         lines += _region(entry)
     lines += _parameters(entry.parameters)
@@ -159,7 +153,12 @@ def _bounds(bounds: Bounds | None) -> list[str]:
 def _law(law: Law) -> list[str]:
     lines = ["", "  reads: " + ", ".join(q.name for q in law.reads), "", "  outputs"]
     lines += _equations(law.outputs.items())
-    for condition in law.conditions:
+    return lines + _conditions(law.conditions)
+
+
+def _conditions(conditions: Sequence[GainCondition]) -> list[str]:
+    lines: list[str] = []
+    for condition in conditions:
         lines += [
             "",
             "  converges only if",
@@ -167,6 +166,17 @@ def _law(law: Law) -> list[str]:
             f"    otherwise {condition.consequence} ({condition.source})",
         ]
     return lines
+
+
+def _switching(law: Switching) -> list[str]:
+    lines = ["", "  reads: " + ", ".join(q.name for q in law.reads)]
+    for mode, inner in law.modes.items():
+        lines += ["", f"  mode {mode}{' (first)' if mode == law.initial else ''}"]
+        lines += _equations(inner.outputs.items())
+    lines += ["", "  changes of mode, as soon as"]
+    for change in law.transitions:
+        lines += _equations([(f"{change.source} -> {change.target}", change.when)], "when 0 <=")
+    return lines + _conditions(law.conditions)
 
 
 def _region(region: Region) -> list[str]:

@@ -13,8 +13,9 @@ import sympy as sp
 
 from holdfast.analysis.result import Result
 from holdfast.analysis.simulate import Starts, simulate
+from holdfast.catalogue import accepted_parameters, wants_law
 from holdfast.checking import at, validated
-from holdfast.compose import Composer, accepted_parameters, wants_law
+from holdfast.compose import Composer
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.execution.closed_loop import Progress
 from holdfast.maths import laws
@@ -238,6 +239,9 @@ def _si(file: str, key: str, value: object, units: Mapping[str, str], name: str)
 
 def _starts(spec: ScenarioSpec, units: Mapping[str, str], file: str) -> Starts:
     given = spec.starts
+    box = dict(given.box)
+    if given.every is not None:
+        box = dict.fromkeys(units, given.every) | box
     return Starts(
         states=[
             {k: _si(file, f"starts.states.{i}.{k}", v, units, k) for k, v in state.items()}
@@ -249,7 +253,7 @@ def _starts(spec: ScenarioSpec, units: Mapping[str, str], file: str) -> Starts:
                 _si(file, f"starts.box.{k}", low, units, k),
                 _si(file, f"starts.box.{k}", high, units, k),
             )
-            for k, (low, high) in given.box.items()
+            for k, (low, high) in box.items()
         },
     )
 

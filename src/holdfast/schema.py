@@ -163,11 +163,12 @@ class RedesignSpec(Section):
 
 
 class StartsSpec(Section):
-    """[starts]: given states, then random ones from a box."""
+    """[starts]: given states, then random ones from a box; `every` for states not in it."""
 
     states: list[dict[Name, Value]] = Field(default_factory=list)
     random: Annotated[int, Field(ge=0)] = 0
     box: dict[Name, Interval] = Field(default_factory=dict)
+    every: Interval | None = None
     outside: bool = False
 
 

@@ -91,7 +91,7 @@ def test_tracked_velocities_approach_the_commanded_ones_exponentially(vehicle):
         ({"u": X, "r": X}, {"u": 1}, "gain for 'r' is missing"),
         ({"u": X, "r": X}, {"u": 1, "r": 0}, "expected > 0"),
         ({"x": X, "y": X}, {"x": 1, "y": 1}, "cannot be solved"),
-        ({"u": X, "r": hf.symbol("u")}, {"u": 1, "r": 1}, "which the inputs drive directly"),
+        ({"u": hf.symbol("r"), "r": hf.symbol("u")}, {"u": 1, "r": 1}, "in a circle: u -> r -> u"),
     ],
 )
 def test_velocities_that_cannot_be_tracked_are_refused(vehicle, outputs, gains, complaint):
@@ -99,3 +99,21 @@ def test_velocities_that_cannot_be_tracked_are_refused(vehicle, outputs, gains, 
     with pytest.raises(DefinitionError) as caught:
         hf.track_velocity(vehicle, law, gains)
     assert complaint in str(caught.value)
+
+
+def test_velocity_may_depend_on_another_one_that_is_tracked():
+    """Its rate is then the one given to that other velocity, so that tracking is exact."""
+    a, b, u, r = (hf.symbol(n) for n in ("a", "b", "u", "r"))
+    states = tuple(hf.Quantity(n) for n in ("x", "u", "r"))
+    system = hf.System("s", states, (hf.Quantity("a"), hf.Quantity("b")), {"x": u, "u": a, "r": b})
+    law = hf.Law("law", states, {"u": -X, "r": u * X})
+    tracked = hf.track_velocity(system, law, {"u": 2.0, "r": 3.0})
+    closed = {a: tracked.outputs["a"], b: tracked.outputs["b"]}
+    gains = {hf.symbol("k_u"): 2, hf.symbol("k_r"): 3}
+    for name, k in (("u", 2), ("r", 3)):
+        error = hf.symbol(name) - law.outputs[name]
+        rate = system.derivative(error).subs(closed).subs(gains)
+        assert sp.simplify(rate + k * error) == 0
+    pushed = hf.System("s", states, (hf.Quantity("a"),), {"x": u, "u": a, "r": a})
+    with pytest.raises(DefinitionError, match="which the inputs drive directly"):
+        hf.track_velocity(pushed, hf.Law("law", states, {"u": r}), {"u": 1.0})

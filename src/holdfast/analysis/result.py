@@ -54,6 +54,14 @@ class Result:
         values = self.dataset["outcome"].values
         return int(np.isin(values, (Outcome.STAYED, Outcome.REACHED)).sum())
 
+    @property
+    def success_fraction(self) -> float | None:
+        """The share of runs that reached the goal without leaving the region; None: no goal."""
+        runs = int(self.dataset.sizes["run"])
+        if not self.dataset.attrs.get("goal") or not runs:
+            return None
+        return self.outcomes[Outcome.REACHED.label] / runs
+
     def summary(self) -> dict[str, Any]:
         """The statistics of summary.json; NaN appears as None."""
         data = self.dataset
@@ -66,6 +74,7 @@ class Result:
             "runs": int(data.sizes["run"]),
             "viable": self.viable,
             "outcomes": self.outcomes,
+            "success_fraction": self.success_fraction,
             "worst_constraint": _by_name(worst) if worst is not None else {},
             "final_error": self._final_error(),
             "peak_input": _by_name(data["peak_input"].max("run")),

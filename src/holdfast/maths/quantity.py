@@ -104,6 +104,15 @@ def frozen(expressions: Mapping[str, object]) -> Mapping[str, sp.Expr]:
     return MappingProxyType({name: sp.sympify(e) for name, e in expressions.items()})
 
 
+def whole_number(value: object, what: str, least: int, most: int) -> int:
+    """`value` if it is a whole number from `least` to `most`, else `DefinitionError`."""
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+        raise DefinitionError(
+            f"{what} is {value!r}", expected=f"a whole number from {least} to {most}"
+        )
+    return value
+
+
 def check_unique(names: Iterable[str], owner: str) -> None:
     """Refuse a name that is declared twice."""
     seen: set[str] = set()

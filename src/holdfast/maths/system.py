@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import sympy as sp
 
@@ -147,6 +148,26 @@ class System:
         """The rates with every disturbance zero, as a law that does not know them sees them."""
         still = {d.symbol: 0 for d in self.disturbances}
         return {name: rate.subs(still) for name, rate in self.rates.items()}
+
+
+def check_rates(law: str, system: System, wanted: Callable[..., System], *given: Any) -> None:
+    """Refuse a system whose undisturbed rates are not those of `wanted`(*given).
+
+    Names count: a law is written in the names of the states and inputs it was made for.
+    """
+    try:
+        model = wanted(*given)
+    except DefinitionError:
+        model = wanted()
+    same = system.state_names == model.state_names and system.input_names == model.input_names
+    if same:
+        rates = system.undisturbed_rates
+        same = all(sp.expand(rates[n] - r) == 0 for n, r in model.undisturbed_rates.items())
+    if not same:
+        raise DefinitionError(
+            f"law '{law}' is not made for system '{system.name}'",
+            expected=f"the states, inputs and rates of '{wanted.__name__}'",
+        )
 
 
 def _vanishes(expression: sp.Expr, parameters: Mapping[sp.Symbol, float]) -> bool:

@@ -31,11 +31,13 @@ def track_velocity(
 
     `gains` maps each velocity (a state that `law` outputs) to its k > 0 in 1/s. The inputs
     are solved from the system's own rates, and d/dt gamma is derived along them, with every
-    disturbance taken as zero: the law does not know it. A `Switching` is treated mode by mode.
+    disturbance taken as zero: the law does not know it. Where one gamma depends on another
+    tracked velocity w', the rate that w' is given takes the place of dw'/dt. A `Switching` is
+    treated mode by mode.
 
     Raises `DefinitionError` when the law's outputs are not states, their number differs from
-    that of the inputs, the inputs cannot be solved for, or gamma itself depends on a state
-    that the inputs drive directly (then d/dt gamma would need the answer).
+    that of the inputs, the inputs cannot be solved for, or d/dt gamma would need the answer:
+    gamma depends on an input-driven state that is not tracked, or on itself in a circle.
     """
     if isinstance(law, Switching):
         return law.map_laws(
@@ -77,24 +79,11 @@ def track_velocity(
             + ", ".join(velocities),
             expected="rates affine in the inputs with a regular matrix",
         )
-    wanted = []
-    for name, gain in zip(velocities, tracking, strict=True):
-        gamma = law.outputs[name]
-        feedforward = gamma.diff(TIME)
-        for state in system.states:
-            slope = gamma.diff(state.symbol)
-            if slope == 0:
-                continue
-            if rates[state.name].free_symbols & set(inputs):
-                raise DefinitionError(
-                    f"output '{name}' of law '{law.name}' depends on '{state.name}', which the "
-                    "inputs drive directly",
-                    expected="velocities that depend on slower states only",
-                )
-            feedforward += slope * rates[state.name]
-        error = system.states[system.state_names.index(name)].symbol - gamma
-        wanted.append(-gain.symbol * error + feedforward - rates[name].subs(zero))
-    solved = effect.inv() * sp.Matrix(wanted)
+    wanted = _wanted_rates(
+        system, law, {n: g.symbol for n, g in zip(velocities, tracking, strict=True)}
+    )
+    driven = [wanted[n] - rates[n].subs(zero) for n in velocities]
+    solved = effect.inv() * sp.Matrix(driven)
     return Law(
         name=f"{law.name}, velocities tracked",
         reads=system.states,
@@ -105,3 +94,43 @@ def track_velocity(
         description=law.description,
         source="; ".join(filter(None, (law.source, "thesis (5.21), (5.22)"))),
     )
+
+
+def _wanted_rates(system: System, law: Law, gains: Mapping[str, sp.Symbol]) -> dict[str, sp.Expr]:
+    """wdot = -k (w - gamma) + d/dt gamma of each tracked velocity, in terms of the states."""
+    rates = system.undisturbed_rates
+    inputs = {q.symbol for q in system.inputs}
+    wanted: dict[str, sp.Expr] = {}
+    under_way: list[str] = []
+
+    def rate(name: str, output: str) -> sp.Expr:
+        if name in gains:
+            if name in under_way:
+                raise DefinitionError(
+                    f"outputs of law '{law.name}' depend on each other in a circle: "
+                    + " -> ".join([*under_way, name]),
+                    expected="velocities that depend on slower states, or on one another in order",
+                )
+            return track(name)
+        if rates[name].free_symbols & inputs:
+            raise DefinitionError(
+                f"output '{output}' of law '{law.name}' depends on '{name}', which the "
+                "inputs drive directly",
+                expected="velocities that depend on slower states only",
+            )
+        return rates[name]
+
+    def track(name: str) -> sp.Expr:
+        if name not in wanted:
+            under_way.append(name)
+            gamma = law.outputs[name]
+            slopes = {q: gamma.diff(q.symbol) for q in system.states}
+            feedforward = gamma.diff(TIME) + sp.Add(
+                *(slope * rate(q.name, name) for q, slope in slopes.items() if slope != 0)
+            )
+            error = system.states[system.state_names.index(name)].symbol - gamma
+            wanted[name] = -gains[name] * error + feedforward
+            under_way.pop()
+        return wanted[name]
+
+    return {name: track(name) for name in gains}

@@ -1,9 +1,38 @@
 """The catalogue of laws: one verb, one file; membership in `ALL` enrols it in the tests."""
 
+from holdfast.maths.laws.dock_marine import dock_marine, project_marine
 from holdfast.maths.laws.face_target import face_target
 from holdfast.maths.laws.keep_range import back_off, move_ahead
+from holdfast.maths.laws.steer_chained import steer_chained
+from holdfast.maths.laws.steer_integrator import follow_integrator, steer_integrator
 from holdfast.maths.laws.steer_marine import steer_marine
+from holdfast.maths.laws.steer_unicycle import align_unicycle, steer_unicycle
 
-ALL = (steer_marine, face_target, back_off, move_ahead)
+ALL = (
+    steer_marine,
+    face_target,
+    back_off,
+    move_ahead,
+    steer_unicycle,
+    align_unicycle,
+    steer_integrator,
+    follow_integrator,
+    steer_chained,
+    dock_marine,
+    project_marine,
+)
 
-__all__ = ["ALL", "back_off", "face_target", "move_ahead", "steer_marine"]
+__all__ = [
+    "ALL",
+    "align_unicycle",
+    "back_off",
+    "dock_marine",
+    "face_target",
+    "follow_integrator",
+    "move_ahead",
+    "project_marine",
+    "steer_chained",
+    "steer_integrator",
+    "steer_marine",
+    "steer_unicycle",
+]

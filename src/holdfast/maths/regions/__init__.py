@@ -2,7 +2,8 @@
 
 from holdfast.maths.regions.camera_view import camera_view
 from holdfast.maths.regions.inspection_goal import inspection_goal
+from holdfast.maths.regions.near_origin import near_origin
 
-ALL = (camera_view, inspection_goal)
+ALL = (camera_view, inspection_goal, near_origin)
 
-__all__ = ["ALL", "camera_view", "inspection_goal"]
+__all__ = ["ALL", "camera_view", "inspection_goal", "near_origin"]

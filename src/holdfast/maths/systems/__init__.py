@@ -1,8 +1,29 @@
 """The catalogue of systems: one noun, one file; membership in `ALL` enrols it in the tests."""
 
+from holdfast.maths.systems.car import car, front_axle_car
+from holdfast.maths.systems.chained_form import chained_form
 from holdfast.maths.systems.marine_vehicle import marine_vehicle
+from holdfast.maths.systems.nonholonomic_integrator import nonholonomic_integrator
+from holdfast.maths.systems.tractor_trailer import tractor_trailer
 from holdfast.maths.systems.unicycle import unicycle
 
-ALL = (marine_vehicle, unicycle)
+ALL = (
+    marine_vehicle,
+    unicycle,
+    nonholonomic_integrator,
+    chained_form,
+    car,
+    front_axle_car,
+    tractor_trailer,
+)
 
-__all__ = ["ALL", "marine_vehicle", "unicycle"]
+__all__ = [
+    "ALL",
+    "car",
+    "chained_form",
+    "front_axle_car",
+    "marine_vehicle",
+    "nonholonomic_integrator",
+    "tractor_trailer",
+    "unicycle",
+]
