@@ -13,7 +13,7 @@ def test_every_scenario_loads_and_says_what_it_is(name):
     scenario = load_scenario(name)
     assert scenario.title
     assert scenario.source
-    assert scenario.region is not None
+    assert scenario.region is not None or scenario.goal is not None
 
 
 @pytest.mark.parametrize("name", scenario_names())
@@ -152,3 +152,59 @@ def test_runs_takes_the_given_states_first():
     assert len(scenario.starts.states) == 2
     assert scenario.starts.random == 0
     assert load_scenario("inspection", runs=10).starts.random == 7
+
+
+CHAPTERS_2_AND_4 = [n for n in scenario_names() if n.startswith(("ch2-", "ch4-"))]
+
+
+@pytest.mark.parametrize("name", CHAPTERS_2_AND_4)
+def test_steering_scenario_brings_every_start_to_the_origin(name):
+    """500 random starts and the given ones; none leaves the region where its law is regular."""
+    result = load_scenario(name).run()
+    assert result.dataset.sizes["run"] >= 500
+    assert result.summary()["success_fraction"] == 1.0
+    assert result.outcomes["left region"] == result.outcomes["diverged"] == 0
+
+
+@pytest.mark.parametrize("n", [3, 4, 6, 7])
+def test_chained_form_of_any_dimension_is_one_override_away(n):
+    result = load_scenario("ch4-chained-n", [f"system.n={n}"], runs=50).run()
+    assert result.dataset.sizes["state"] == n
+    assert result.success_fraction == 1.0
+
+
+def test_second_trailer_is_one_override_away():
+    result = load_scenario("ch4-trailer", ["system.trailers=2"], runs=100).run()
+    assert result.dataset.sizes["state"] == 5
+    assert result.success_fraction == 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "complaint"),
+    [
+        ("ch4-unicycle", "law.lam=1", "'lam' is 1; expected above 1"),
+        (
+            "ch4-chained-n",
+            "system.n=2",
+            "n of the chained form is 2; expected a whole number from 3",
+        ),
+        ("ch4-chained-n", "system.n=4.0", "n of the chained form is 4.0"),
+        ("ch4-chained-n", "law.poles=[-1, -2]", "2 poles for 5 states; expected 4"),
+        ("ch4-chained-n", "law.poles=1.0", "the pole 1.+ expected a negative real part"),
+        ("ch4-chained-n", 'law.poles="fast"', "the poles are 'fast'"),
+        ("ch4-chained-4", "law.gains=[200, 200, 200]", "eigenvalues 1.005.+ that does not decide"),
+        ("ch4-chained-4", "law.gains=[1, 2]", "the gains are .+ expected 3 numbers"),
+        ("ch4-chained-4", "system.n=5", "expected 4 numbers, k2 to k5"),
+        ("ch4-integrator", "law.k1=0.5", "expected k1 > k2"),
+        ("ch2-integrator", "law.k=2", "expected k > 2 k1"),
+        ("ch4-marine", "law.k1=0.5", "side-slips into the origin"),
+        ("ch4-car", 'system.name="front_axle_car"', "no chained coordinates found .+ moved by the"),
+        ("ch4-car", 'law.name="steer_unicycle"', "no such parameter|not made for system 'car'"),
+        ("ch4-trailer", "system.trailers=9", "expected a whole number from 1 to 3"),
+        ("ch4-chained-n", 'law.escape="run"', "expected 'steer' or 'coast'"),
+        ("ch2-unicycle", 'law.output="x"', "expected 'h' or 'angle'"),
+    ],
+)
+def test_bad_gains_and_dimensions_are_refused_with_the_reason(name, change, complaint):
+    with pytest.raises(ScenarioError, match=complaint):
+        load_scenario(name, [change])

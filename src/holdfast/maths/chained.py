@@ -94,6 +94,15 @@ def gains_for_poles(k1: float, poles: Sequence[Pole]) -> tuple[float, ...]:
     return tuple(gains)
 
 
+def polynomial(roots: Sequence[complex]) -> tuple[float, ...]:
+    """The coefficients of prod (s - root) after the leading one, by falling power."""
+    coefficients = [1.0 + 0.0j]
+    for root in roots:
+        shifted = [-root * c for c in coefficients]
+        coefficients = [a + b for a, b in zip([*coefficients, 0.0j], [0.0j, *shifted], strict=True)]
+    return tuple(c.real for c in coefficients[1:])
+
+
 def _as_pole(value: object) -> complex:
     if isinstance(value, Sequence) and not isinstance(value, str) and len(value) == 2:
         parts = list(value)
@@ -165,6 +174,7 @@ def steer_in_chained_coordinates(
     threshold: float,
     escape_speed: float,
     escape_time: float,
+    escape: str,
     stop: float,
     parameters: Sequence[Parameter] = (),
     description: str = "",
@@ -173,14 +183,18 @@ def steer_in_chained_coordinates(
     """The law of this module in coordinates z(q), as a `Switching` with three modes.
 
     `inputs` maps each input of the system to its coefficients (a, b): u = a v1 + b v2.
-    escape: where |z1| < `threshold` at the start, v1 = escape_speed sgn(z1) and v2 = 0 for
-    `escape_time`, since the feedback divides by z1. steer: the feedback. stop: inputs zero
-    once |z1| <= `stop`: flooring the division instead leaves an error for ever.
+    escape: where |z1| < `threshold` at the start, v1 = escape_speed sgn(z1) for `escape_time`,
+    since the feedback divides by z1; meanwhile v2 brings the chain z2 ... zn, which is linear
+    at constant v1, to zero with the poles of M (`escape` = "steer"), or is zero as in the
+    thesis ("coast"). steer: the feedback. stop: inputs zero once |z1| <= `stop`: flooring the
+    division instead leaves an error for ever.
 
     `poles` is one number for all or a list; `gains` (k2, ..., kn) replaces them. Raises
     `DefinitionError` when both or neither are given or the gains do not stabilise.
     """
     n = len(z)
+    if escape not in ("steer", "coast"):
+        raise DefinitionError(f"escape of '{name}' is {escape!r}", expected="'steer' or 'coast'")
     if gains is not None:
         chosen = checked_gains(k1, gains, n)
     elif poles is None:
@@ -193,6 +207,10 @@ def steer_in_chained_coordinates(
             )
         chosen = gains_for_poles(k1, listed)
     k = [symbol(f"k{j}") for j in range(1, n + 1)]
+    e = [symbol(f"e{j}") for j in range(2, n + 1)]
+    decay = polynomial(
+        eigenvalues(closed_loop_matrix(sp.Rational(k1), list(map(sp.Rational, chosen))))
+    )
     fast, least_size, tiny = (symbol(s) for s in ("escape_speed", "threshold", "stop"))
 
     def law(mode: str, v1: sp.Expr, v2: sp.Expr) -> Law:
@@ -206,6 +224,11 @@ def steer_in_chained_coordinates(
                     Parameter(f"k{j}", "1/s", f"gain of z{j}", value=g)
                     for j, g in enumerate(chosen, start=2)
                 ),
+                *(
+                    Parameter(s.name, f"1/s^{j}", f"gain of z{j + 1} while escaping", value=g)
+                    for j, (s, g) in enumerate(zip(e, decay, strict=True), start=1)
+                    if escape == "steer"
+                ),
                 Parameter("threshold", "1", "least |z1| to start from", value=threshold, above=0),
                 Parameter(
                     "escape_speed", "1/s", "v1 while escaping", value=escape_speed, above=0.0
@@ -216,13 +239,14 @@ def steer_in_chained_coordinates(
             ),
         )
 
-    size = magnitude(z[0])
+    size, away = magnitude(z[0]), fast * sgn(z[0])
     zero = sp.S.Zero
+    straighten = -sp.Add(*(g * c / away**j for j, (g, c) in enumerate(zip(e, z[1:], strict=True))))
     return Switching(
         name=name,
         modes={
             STEER: law(STEER, -k[0] * z[0], chained_feedback(z, k[1:])),
-            ESCAPE: law(ESCAPE, fast * sgn(z[0]), zero),
+            ESCAPE: law(ESCAPE, away, straighten if escape == "steer" else zero),
             STOP: law(STOP, zero, zero),
         },
         transitions=(

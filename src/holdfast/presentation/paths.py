@@ -82,7 +82,7 @@ def paths_figure(
                 axis.set_aspect("equal")
             axis.set_xlim(limits[0])
             axis.set_ylim(limits[1])
-            axis.set_xlabel(f"{style.label(plane[0])} [{units[columns[0]]}]")
+            axis.set_xlabel(style.axis_label(plane[0], str(units[columns[0]])))
         entries: dict[str, Artist] = {}
         for axis in panels:
             entries |= {str(h.get_label()): h for h in axis.get_legend_handles_labels()[0]}
@@ -93,7 +93,7 @@ def paths_figure(
             handlelength=1.6,
             columnspacing=1.4,
         )
-        panels[0].set_ylabel(f"{style.label(plane[1])} [{units[columns[1]]}]")
+        panels[0].set_ylabel(style.axis_label(plane[1], str(units[columns[1]])))
     return figure
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -84,10 +85,17 @@ def write(figure: Figure, folder: Path, name: str) -> list[Path]:
 
 
 def label(symbol: str) -> str:
-    """A state or parameter name as mathematics: psi -> the Greek letter, tau_u -> subscript."""
+    """A state or parameter name as mathematics: psi -> the Greek letter, tau_u, x1 -> subscript."""
     greek = {"psi", "theta", "phi", "alpha", "beta", "tau", "sigma", "mu", "lam", "delta"}
     head, _, tail = symbol.partition("_")
+    if not tail and (numbered := re.fullmatch(r"([A-Za-z]+)(\d+)", symbol)):
+        head, tail = numbered.groups()
     shown = f"\\{'lambda' if head == 'lam' else head}" if head in greek else head
     if len(head) > 2 and head not in greek:
         return symbol.replace("_", " ")
     return f"${shown}_{{\\mathrm{{{tail.replace('_', ' ')}}}}}$" if tail else f"${shown}$"
+
+
+def axis_label(symbol: str, unit: str) -> str:
+    """The name with its unit; without one where there is none."""
+    return label(symbol) if unit == "1" else f"{label(symbol)} [{unit}]"

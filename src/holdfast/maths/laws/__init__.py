@@ -2,7 +2,9 @@
 
 from holdfast.maths.laws.dock_marine import dock_marine, project_marine
 from holdfast.maths.laws.face_target import face_target
+from holdfast.maths.laws.follow_field import follow_field
 from holdfast.maths.laws.keep_range import back_off, move_ahead
+from holdfast.maths.laws.steer_by_chained_form import steer_by_chained_form
 from holdfast.maths.laws.steer_chained import steer_chained
 from holdfast.maths.laws.steer_integrator import follow_integrator, steer_integrator
 from holdfast.maths.laws.steer_marine import steer_marine
@@ -18,6 +20,8 @@ ALL = (
     steer_integrator,
     follow_integrator,
     steer_chained,
+    steer_by_chained_form,
+    follow_field,
     dock_marine,
     project_marine,
 )
@@ -28,9 +32,11 @@ __all__ = [
     "back_off",
     "dock_marine",
     "face_target",
+    "follow_field",
     "follow_integrator",
     "move_ahead",
     "project_marine",
+    "steer_by_chained_form",
     "steer_chained",
     "steer_integrator",
     "steer_marine",

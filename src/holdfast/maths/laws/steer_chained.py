@@ -18,9 +18,10 @@ def steer_chained(
     k1: float = 1.0,
     poles: Pole | Sequence[Pole] | None = -2.0,
     gains: Sequence[float] | None = None,
-    threshold: float = 0.5,
+    threshold: float = 0.9,
     escape_speed: float = 3.0,
     escape_time: float = 1.0,
+    escape: str = "steer",
     stop: float = 1e-9,
 ) -> Switching:
     """Steer a chained form of any dimension to the origin.
@@ -31,7 +32,8 @@ def steer_chained(
     xj / x1^(j-2) obey an exactly linear closed loop, whose poles [1/s] are `poles`: one number
     for all, or a list of n - 1 (a complex one as a pair [re, im]). `gains` (k2, ..., kn)
     replaces them and is refused unless that loop is stable. From |x1| < `threshold` the law
-    first drives x1 away at `escape_speed` for `escape_time` [s]; it stops at |x1| <= `stop`.
+    first drives x1 away at `escape_speed` for `escape_time` [s] while it steers the other states
+    to zero (`escape` = "steer"; "coast" is the thesis's u2 = 0); it stops at |x1| <= `stop`.
     """
     n = len(system.states)
     check_rates("steer_chained", system, chained_form, n)
@@ -47,6 +49,7 @@ def steer_chained(
         threshold=threshold,
         escape_speed=escape_speed,
         escape_time=escape_time,
+        escape=escape,
         stop=stop,
         description="go to the origin of a chained form of any dimension",
         source="thesis (4.29), (4.30), with the exact gain condition",

@@ -1,0 +1,175 @@
+"""Search for chained coordinates: z1 and zn among the states, the others by differentiation.
+
+    z_(j-1) = L_g1 z_j / L_g1 z1,   j = n ... 3,   while L_g2 z_j = 0;   L_g2 z1 = 0
+
+with g1, g2 a basis of the motions. Then z1' = v1, z2' = v2, zj' = z(j-1) v1 for the inputs
+v1 = L_g1 z1 u1 and v2 = L_g1 z2 u1 + L_g2 z2 u2, and the exact linear closed loop of
+`chained` applies. Coordinates that are no states themselves would need the solution of
+partial differential equations, which is not attempted.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import sympy as sp
+
+from holdfast.maths.numbers import Sampler, rank, value_at
+from holdfast.maths.pfaffian import Structure
+from holdfast.maths.quantity import Quantity
+
+_LARGEST = 20_000
+"""Operations in one expression beyond which a pair of coordinates is given up."""
+
+
+@dataclass(frozen=True)
+class ChainedForm:
+    """Chained coordinates z(q) and what turns their inputs into the system's.
+
+    coordinates: (z1, ..., zn). coefficients: each input u_i = a v1 + b v2 as (a, b).
+    divisors: what must not vanish; the law is local to where they keep their sign.
+    """
+
+    coordinates: tuple[sp.Expr, ...]
+    coefficients: tuple[tuple[sp.Expr, sp.Expr], ...]
+    divisors: tuple[sp.Expr, ...]
+
+
+@dataclass(frozen=True)
+class Search:
+    """The outcome: a chained form, or why there is none; and how many pairs were tried."""
+
+    found: ChainedForm | None
+    reason: str
+    tried: int
+    pairs: int
+    seconds: float
+
+
+def find_chained_form(
+    found: Structure,
+    *,
+    limit: float = 60.0,
+    progress: Callable[[float], None] | None = None,
+) -> Search:
+    """Try every pair (z1, zn) of states as ends of a chain, for at most `limit` seconds."""
+    began = time.monotonic()
+
+    def ended(form: ChainedForm | None, reason: str, tried: int, pairs: int) -> Search:
+        return Search(form, reason, tried, pairs, time.monotonic() - began)
+
+    n = len(found.coordinates)
+    if not found.catastatic or any(f != 0 for f in found.drift):
+        return ended(None, "a chained form has no drift, this system has", 0, 0)
+    if not found.kinematic or len(found.directions) != 2:
+        count = len(found.inputs) or "other"
+        return ended(None, f"a chained form has two inputs, this system {count}", 0, 0)
+    states = found.coordinates
+    pairs = [(a, b) for a in states for b in states if a != b]
+    refusals: dict[str, list[str]] = {}
+    for number, (first, last) in enumerate(pairs):
+        if time.monotonic() - began > limit:
+            return ended(
+                None,
+                f"stopped after {limit:g} s with {number} of {len(pairs)} pairs tried",
+                number,
+                len(pairs),
+            )
+        if progress is not None:
+            progress(number / len(pairs))
+        result = _chain(found, first, last, n, began + limit)
+        if isinstance(result, ChainedForm):
+            return ended(result, "", number + 1, len(pairs))
+        refusals.setdefault(result, []).append(f"({first.name}, {last.name})")
+    reasons = "; ".join(f"{r}: {', '.join(p)}" for r, p in refusals.items())
+    return ended(
+        None,
+        f"no pair of states begins and ends a chain ({reasons}); other coordinates would need "
+        "the solution of partial differential equations",
+        len(pairs),
+        len(pairs),
+    )
+
+
+def _chain(
+    found: Structure, first: Quantity, last: Quantity, n: int, deadline: float
+) -> ChainedForm | str:
+    q, sampler = found.symbols, found.sampler()
+    origin = dict.fromkeys(q, sp.S.Zero) | sampler.fixed
+    (ga, gb) = (sp.Matrix(g) for g in found.directions)
+    i = found.coordinates.index(first)
+    one, zero = sp.S.One, sp.S.Zero
+    if gb[i] == 0:
+        g1, g2, mix = ga, gb, ((one, zero), (zero, one))
+    elif ga[i] == 0:
+        g1, g2, mix = gb, ga, ((zero, one), (one, zero))
+    else:
+        g1, g2 = ga, (ga[i] * gb - gb[i] * ga).applyfunc(_plain)
+        mix = ((one, zero), (-gb[i], ga[i]))
+
+    def along(g: sp.Matrix, z: sp.Expr) -> sp.Expr:
+        return sp.Add(*(z.diff(s) * e for s, e in zip(q, g, strict=True)))
+
+    speed = _plain(along(g1, first.symbol))
+    if not abs(value_at(speed, origin)) > 1e-9:
+        return "the first does not move at the origin"
+    chain = [last.symbol]
+    while True:
+        across = along(g2, chain[0])
+        if len(chain) == n - 1:
+            break
+        if not sampler.vanishes(across):
+            return "a coordinate of the chain is moved by the second input too early"
+        z = _plain(along(g1, chain[0]) / speed)
+        if time.monotonic() > deadline:
+            return "out of time"
+        if sp.count_ops(z) > _LARGEST:
+            return "an expression of the chain grows too large"
+        if not abs(value_at(z, origin)) < 1e-9:
+            return "a coordinate of the chain is not zero at the origin"
+        chain.insert(0, z)
+    across = _plain(across)
+    if not abs(value_at(across, origin)) > 1e-9:
+        return "the second input does not move the chain at the origin"
+    z = (first.symbol, *chain)
+    if not _regular(z, q, sampler):
+        return "the coordinates are dependent at the origin"
+    ahead = along(g1, z[1])
+    # u on (g1, g2): u1 = v1 / speed, u2 = (v2 - ahead u1) / across
+    first_input = (one / speed, zero)
+    second = (-ahead / (speed * across), one / across)
+    coefficients = tuple(
+        (
+            mix[0][k] * first_input[0] + mix[1][k] * second[0],
+            mix[0][k] * first_input[1] + mix[1][k] * second[1],
+        )
+        for k in (0, 1)
+    )
+    divisors = tuple(dict.fromkeys(d for d in (speed, across) if d.free_symbols & set(q)))
+    return ChainedForm(z, coefficients, divisors)
+
+
+def _regular(z: tuple[sp.Expr, ...], q: list[sp.Symbol], sampler: Sampler) -> bool:
+    origin = dict.fromkeys(q, sp.S.Zero) | sampler.fixed
+    return rank([[value_at(e.diff(s), origin) for s in q] for e in z]) == len(q)
+
+
+def _plain(expression: sp.Expr) -> sp.Expr:
+    """A little simplification in bounded time: sin / cos to tan, tan^2 + 1 to 1 / cos^2."""
+    swaps: dict[sp.Expr, sp.Expr] = {}
+    for a in {f.args[0] for f in expression.atoms(sp.tan)}:
+        swaps |= {sp.tan(a) ** 2 + 1: sp.cos(a) ** -2, -(sp.tan(a) ** 2) - 1: -(sp.cos(a) ** -2)}
+    return sp.powsimp(expression.xreplace(swaps).replace(sp.Mul, _tangents))
+
+
+def _tangents(*factors: sp.Expr) -> sp.Expr:
+    product = sp.Mul(*factors)
+    powers = product.as_powers_dict()
+    for base in [b for b in powers if isinstance(b, sp.sin)]:
+        inner, up = base.args[0], powers[base]
+        down = sp.sympify(powers.get(sp.cos(inner), 0))
+        if up == 1 and down.is_number and down < 0:
+            product = product / sp.sin(inner) * sp.cos(inner) * sp.tan(inner)
+    return product

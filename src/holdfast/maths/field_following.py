@@ -1,0 +1,152 @@
+"""The law that follows the reference field, where the uniform logic alone gives it.
+
+One leaf direction g(t) in a plane, one transverse state t, no drift: then the misalignment
+s between g and F is a scalar that t moves, and
+
+    s = atan2(g x F, g . F)
+    u = -k1 sgn(g . x) |x| / |g|             along g
+    dt/dt = (-k s - ds/dx . g u) / (ds/dt)   hence sdot = -k s
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import sympy as sp
+
+from holdfast.errors import DefinitionError
+from holdfast.maths.functions import angle, length, select, sgn, wrap
+from holdfast.maths.numbers import value_at
+from holdfast.maths.pfaffian import Structure, signed_minors
+from holdfast.maths.quantity import symbol
+from holdfast.maths.system import System
+
+_TINY = sp.Float(1e-60)
+SPEED, SIDE = symbol("motion_along"), symbol("motion_across")
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """The pieces of the field-following law.
+
+    direction: g on the leaf, with p . g(0) > 0. error: s. slope: ds/dt of the transverse
+    state. turns: whether g can point every way; if not, s is known up to half a turn and the
+    law is local.
+    """
+
+    direction: sp.ImmutableMatrix
+    error: sp.Expr
+    slope: sp.Expr
+    turns: bool
+
+
+def alignment(found: Structure) -> Alignment | str:
+    """The pieces of the law, or the sentence that says what is missing."""
+    kappa, transverse = found.matrix.rows, found.transverse
+    if not found.catastatic:
+        shown = ", ".join(str(b) for b in found.rhs if b != 0)
+        return (
+            f"the constraint is acatastatic: b = {shown} moves the system across F whatever its "
+            "inputs do; that b vanishes at the origin has to be secured apart"
+        )
+    if any(f != 0 for f in found.drift):
+        return "the system drifts with its inputs at zero"
+    if not transverse:
+        return (
+            f"there is no transverse state: {kappa} equation{'s' * (kappa > 1)} h = 0 "
+            f"for {len(found.directions)} inputs; which consistency errors to bring to zero first "
+            "is a choice that A does not make (for the nonholonomic integrator x3, then x2)"
+        )
+    deficient = [
+        i for i, h in enumerate(found.output) if not h.has(*(t.symbol for t in transverse))
+    ]
+    if deficient:
+        numbers = ", ".join(f"h{i + 1}" for i in deficient)
+        has = "contains" if len(deficient) == 1 else "contain"
+        return (
+            f"relative-degree deficit: {numbers} {has} no transverse state, so no input turns "
+            "the system along F as it stands; alignment h -> 0 along F is not available"
+        )
+    if len(transverse) != kappa or len(found.leaf) != 2:
+        return (
+            f"{len(found.leaf)} leafwise and {len(transverse)} transverse states for {kappa} "
+            "constraints: the misalignment with F is no single angle (needed: 2, 1 and 1)"
+        )
+    g = signed_minors(found.leaf_matrix)
+    at = dict.fromkeys(found.symbols, sp.S.Zero) | found.sampler().fixed
+    ahead = value_at(sp.Add(*(p * e for p, e in zip(found.moment, g, strict=True))), at)
+    if ahead == 0:
+        return "the direction g(0) is normal to p"
+    g = sp.ImmutableMatrix(g * (1 if ahead > 0 else -1))
+    f = found.field
+    error = angle(g[0] * f[1] - g[1] * f[0], g[0] * f[0] + g[1] * f[1], _TINY)
+    t = transverse[0]
+    # the turn of g itself: s = angle(F) - angle(g), and F does not contain t
+    slope = -(g[0] * g[1].diff(t.symbol) - g[1] * g[0].diff(t.symbol)) / (g[0] ** 2 + g[1] ** 2)
+    slope = sp.trigsimp(sp.simplify(slope))
+    if found.sampler().vanishes(slope):
+        return f"{t.name} does not turn the direction g: dh/dt is singular"
+    return Alignment(g, error, slope, _turns(found, g))
+
+
+def _turns(found: Structure, g: sp.Matrix) -> bool:
+    """Whether g points every way as the transverse state runs through its range."""
+    t, fixed = found.transverse[0], found.sampler().fixed
+    reach = [math.pi * i / 180 for i in range(-180, 181)] if t.angle else _wide()
+    still = dict.fromkeys(found.symbols, sp.S.Zero) | fixed
+    angles = []
+    for value in reach:
+        at = still | {t.symbol: sp.Float(value)}
+        x, y = (value_at(e, at) for e in g)
+        if math.hypot(x, y) > 0:
+            angles.append(math.atan2(y, x))
+    turned = 0.0
+    for a, b in pairwise(angles):
+        turned += math.remainder(b - a, 2 * math.pi)
+    return abs(turned) > 2 * math.pi - 0.1
+
+
+def _wide() -> list[float]:
+    grid = [10 ** (0.1 * i) for i in range(-30, 61)]
+    return [-v for v in reversed(grid)] + [0.0, *grid]
+
+
+def law_outputs(system: System, found: Structure, pieces: Alignment) -> dict[str, sp.Expr]:
+    """The inputs of `system`, from the speed along g and the rate of the transverse state."""
+    g, t = pieces.direction, found.transverse[0]
+    x = [q.symbol for q in found.leaf]
+    rho = length(x[0], x[1], _TINY)
+    along = sp.Add(*(a * b for a, b in zip(g, x, strict=True)))
+    size = sp.sqrt(sp.trigsimp(g[0] ** 2 + g[1] ** 2))
+    forward = -symbol("k1") * sgn(along) * rho / size
+    drift = sp.Add(*(pieces.error.diff(a) * b for a, b in zip(x, g, strict=True)))
+    turn = (-symbol("k") * pieces.error - drift * forward) / pieces.slope
+    outside = rho - symbol("freeze")
+    # the system's own inputs for one unit of either motion
+    motions = {t.name: SIDE} | {q.name: e * SPEED for q, e in zip(found.leaf, g, strict=True)}
+    own = {
+        name: sp.Add(*(sp.simplify(e.coeff(m)) * m for m in (SPEED, SIDE)))
+        for name, e in in_inputs(system, found, motions).items()
+    }
+    chosen = {
+        SPEED: select(outside, forward, sp.S.Zero),
+        SIDE: select(outside, turn, -symbol("k") * (wrap(t.symbol) if t.angle else t.symbol)),
+    }
+    return {name: e.subs(chosen) for name, e in own.items()}
+
+
+def in_inputs(system: System, found: Structure, rates: Mapping[str, sp.Expr]) -> dict[str, sp.Expr]:
+    """The inputs that give the coordinates these rates, which the constraint allows."""
+    if not found.kinematic:
+        raise DefinitionError(
+            f"the inputs of system '{system.name}' do not move its coordinates directly",
+            remedy="use velocities as inputs (promote), and track them (track_velocity)",
+        )
+    effect = sp.Matrix.hstack(*(sp.Matrix(d) for d in found.directions))
+    wanted = sp.Matrix([rates[q.name] for q in found.coordinates])
+    normal = (effect.T * effect).applyfunc(sp.trigsimp)
+    solved = (normal.inv() * (effect.T * wanted)).applyfunc(sp.trigsimp)
+    return {u.name: sp.expand(e) for u, e in zip(found.inputs, solved, strict=True)}

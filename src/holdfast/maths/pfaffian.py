@@ -1,0 +1,355 @@
+"""The uniform logic of the thesis: from the constraint A(q) q' = b(q) to what F must be.
+
+    zero columns of A -> transverse states t, the others leafwise states x, N of them
+    p in ker A(0) on the leafwise columns -> F = lambda (p . x) x - p |x|^2      (4.6)
+    h = A F                                                                      (4.4)
+
+Everything here is derived from A alone; chapter 4 of the thesis, introduction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import sympy as sp
+
+from holdfast.errors import DefinitionError
+from holdfast.maths.dipole import dipolar_field
+from holdfast.maths.numbers import Sampler
+from holdfast.maths.quantity import Parameter, Quantity, symbol
+from holdfast.maths.system import PfaffianRow, System
+
+LAMBDA = symbol("lam")
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What A(q) q' = b says, before any law.
+
+    coordinates: the generalised coordinates q. matrix: A, shape (kappa, n). rhs: b, shape
+    (kappa,). leaf, transverse: the states with nonzero and with zero columns. admissible: a
+    basis of ker A(0) on the leafwise columns. moment: p. field, output: F and h. directions:
+    vector fields that span the motions A allows, as columns of length n. drift: the part of
+    q' that no input moves.
+    """
+
+    coordinates: tuple[Quantity, ...]
+    matrix: sp.ImmutableMatrix
+    rhs: tuple[sp.Expr, ...]
+    leaf: tuple[Quantity, ...]
+    transverse: tuple[Quantity, ...]
+    admissible: tuple[sp.ImmutableMatrix, ...]
+    moment: tuple[sp.Expr, ...]
+    field: tuple[sp.Expr, ...]
+    output: tuple[sp.Expr, ...]
+    directions: tuple[sp.ImmutableMatrix, ...]
+    inputs: tuple[Quantity, ...]
+    drift: tuple[sp.Expr, ...]
+    parameters: tuple[Parameter, ...]
+
+    @property
+    def symbols(self) -> list[sp.Symbol]:
+        return [q.symbol for q in self.coordinates]
+
+    @property
+    def leaf_matrix(self) -> sp.Matrix:
+        """A on the leafwise columns, shape (kappa, N)."""
+        return _columns(self.matrix, self.coordinates, self.leaf)
+
+    @property
+    def catastatic(self) -> bool:
+        return all(b == 0 for b in self.rhs)
+
+    @property
+    def kinematic(self) -> bool:
+        """Whether the system's own inputs move the coordinates, one direction each."""
+        return bool(self.inputs)
+
+    @property
+    def output_rate(self) -> sp.Matrix:
+        """d h / d t per unit of each direction, shape (kappa, number of directions)."""
+        slopes = sp.Matrix([[h.diff(s) for s in self.symbols] for h in self.output])
+        return slopes * sp.Matrix.hstack(*(sp.Matrix(g) for g in self.directions))
+
+    def sampler(self) -> Sampler:
+        """Evaluates expressions of this structure at random points."""
+        return Sampler({p.symbol: p.value for p in self.parameters} | {LAMBDA: 3.0})
+
+
+def structure(system: System, moment: Sequence[float] | None = None) -> Structure:
+    """The structure of the system's Pfaffian constraint, thesis chapter 4.
+
+    `moment` is p, one number for each leafwise state; needed where ker A(0) has more than one
+    dimension (its first basis vector is taken otherwise). Where the system declares no
+    Pfaffian row, A is derived as what annihilates its input directions.
+
+    Raises `DefinitionError` for a system without a constraint, one whose A is not a number
+    or loses rank at the origin, p = 0, p of the wrong dimension, and A(0) p != 0.
+    """
+    coordinates, matrix, rhs = constraint(system)
+    columns = [matrix.col(j) for j in range(matrix.cols)]
+    moving = [any(e != 0 for e in c) for c in columns]
+    leaf = tuple(q for q, m in zip(coordinates, moving, strict=True) if m)
+    transverse = tuple(q for q, m in zip(coordinates, moving, strict=True) if not m)
+    on_leaf = _columns(matrix, coordinates, leaf)
+    here = _at_origin(system, coordinates, on_leaf)
+    admissible = tuple(_tidy(v) for v in here.nullspace())
+    if not admissible:
+        raise DefinitionError(
+            f"system '{system.name}': A(0) leaves no direction p with A(0) p = 0",
+            expected="fewer constraints than leafwise states",
+        )
+    p = _moment(system, here, leaf, admissible, moment)
+    field = tuple(sp.factor(f) for f in dipolar_field([q.symbol for q in leaf], LAMBDA, p))
+    directions, inputs, drift = _motions(system, coordinates, matrix, leaf)
+    return Structure(
+        coordinates=coordinates,
+        matrix=sp.ImmutableMatrix(matrix),
+        rhs=rhs,
+        leaf=leaf,
+        transverse=transverse,
+        admissible=admissible,
+        moment=p,
+        field=field,
+        output=tuple(on_leaf * sp.Matrix(field)),
+        directions=directions,
+        inputs=inputs,
+        drift=drift,
+        parameters=system.parameters,
+    )
+
+
+def constraint(system: System) -> tuple[tuple[Quantity, ...], sp.Matrix, tuple[sp.Expr, ...]]:
+    """(q, A, b) of a system: its coordinates and the rows of A(q) q' = b.
+
+    The coordinates are all states of a system without drift, else those that A names.
+    """
+    states = {q.name: q for q in system.states}
+    undriven = [r.subs({u.symbol: 0 for u in system.inputs}) for r in system.rates.values()]
+    rows = system.pfaffian or _annihilators(system)
+    if not rows:
+        raise DefinitionError(
+            f"system '{system.name}' has no Pfaffian constraint",
+            expected="a row of A(q) qdot = b, or fewer inputs than states without drift",
+            remedy="declare the row (pfaffian)",
+        )
+    named = set().union(*(row.coefficients for row in rows))
+    named |= {str(s) for row in rows for e in row.coefficients.values() for s in e.free_symbols}
+    chosen = (
+        states if all(r == 0 for r in undriven) else {n: states[n] for n in states if n in named}
+    )
+    coordinates = tuple(chosen.values())
+    matrix = sp.Matrix([[row.coefficients.get(n, sp.S.Zero) for n in chosen] for row in rows])
+    return coordinates, matrix, tuple(row.rhs for row in rows)
+
+
+def kinematic_system(
+    name: str,
+    states: tuple[Quantity, ...],
+    rows: tuple[PfaffianRow, ...],
+    parameters: tuple[Parameter, ...] = (),
+    description: str = "",
+    source: str = "",
+) -> System:
+    """The system q' = sum_i g_i(q) w_i of all motions that A(q) q' = 0 allows.
+
+    For a constraint that is all one knows. Inputs w1, w2, ...: along the leaf first, then one
+    for each transverse state. Raises `DefinitionError` for rows with b != 0 or rows that are
+    dependent at the origin.
+    """
+    if any(row.rhs != 0 for row in rows):
+        raise DefinitionError(
+            f"system '{name}': the motions of A qdot = b with b != 0 are not fixed by A alone",
+            remedy="write the rates",
+        )
+    names = [q.name for q in states]
+    matrix = sp.Matrix([[row.coefficients.get(n, sp.S.Zero) for n in names] for row in rows])
+    leaf = tuple(q for j, q in enumerate(states) if any(e != 0 for e in matrix.col(j)))
+    directions = _kernel(name, states, matrix, leaf, parameters)
+    inputs = tuple(Quantity(f"w{i}", "1/s", f"motion {i}") for i in range(1, len(directions) + 1))
+    return System(
+        name=name,
+        states=states,
+        inputs=inputs,
+        rates={
+            q.name: sp.Add(*(w.symbol * g[j] for w, g in zip(inputs, directions, strict=True)))
+            for j, q in enumerate(states)
+        },
+        parameters=parameters,
+        pfaffian=rows,
+        description=description,
+        source=source,
+    )
+
+
+def signed_minors(matrix: sp.Matrix) -> sp.Matrix:
+    """The kernel of a (k, k + 1) matrix by its signed maximal minors: smooth where A is.
+
+    A null space by elimination divides by an entry of A and turns its sign over where that
+    entry vanishes, as (cot(theta), 1) does for the unicycle.
+    """
+    rows, columns = list(range(matrix.rows)), list(range(matrix.cols))
+    minors = [matrix.extract(rows, [i for i in columns if i != j]).det() for j in columns]
+    return sp.Matrix([(-1) ** j * minor for j, minor in enumerate(minors)])
+
+
+def _columns(
+    matrix: sp.Matrix, coordinates: tuple[Quantity, ...], wanted: tuple[Quantity, ...]
+) -> sp.Matrix:
+    return matrix.extract(
+        list(range(matrix.rows)), [i for i, q in enumerate(coordinates) if q in wanted]
+    )
+
+
+def _at_origin(system: System, coordinates: tuple[Quantity, ...], matrix: sp.Matrix) -> sp.Matrix:
+    here = matrix.subs({q.symbol: 0 for q in coordinates})
+    values = {p.symbol: sp.nsimplify(p.value) for p in system.parameters}
+    number = here.subs(values)
+    if number.free_symbols or any(not e.is_finite for e in number):
+        raise DefinitionError(
+            f"system '{system.name}': A at the origin is {here.tolist()}", expected="numbers"
+        )
+    if number.rank() < matrix.rows:
+        raise DefinitionError(
+            f"system '{system.name}': A at the origin is {here.tolist()}, of rank {number.rank()}",
+            expected=f"rank {matrix.rows}, one for each constraint",
+            remedy="shift or change the coordinates, or leave out a dependent row",
+        )
+    return here
+
+
+def _tidy(vector: sp.Matrix) -> sp.ImmutableMatrix:
+    """A null vector with its first nonzero entry 1."""
+    first = next(e for e in vector if e != 0)
+    return sp.ImmutableMatrix([sp.simplify(e / first) for e in vector])
+
+
+def _moment(
+    system: System,
+    here: sp.Matrix,
+    leaf: tuple[Quantity, ...],
+    admissible: tuple[sp.ImmutableMatrix, ...],
+    given: Sequence[float] | None,
+) -> tuple[sp.Expr, ...]:
+    if given is None:
+        return tuple(admissible[0])
+    names = ", ".join(q.name for q in leaf)
+    if len(given) != len(leaf):
+        raise DefinitionError(
+            f"the moment p has {len(given)} components",
+            expected=f"{len(leaf)}, one for each of {names}",
+        )
+    p = tuple(sp.nsimplify(value) for value in given)
+    if all(value == 0 for value in p):
+        raise DefinitionError("the moment p is zero", expected="a direction")
+    values = {q.symbol: sp.nsimplify(q.value) for q in system.parameters}
+    residual = [sp.simplify(e) for e in (here * sp.Matrix(p)).subs(values)]
+    if any(e != 0 for e in residual):
+        allowed = " and ".join(str(tuple(v)) for v in admissible)
+        raise DefinitionError(
+            f"the moment p = {p} has A(0) p = {tuple(residual)}",
+            expected=f"A(0) p = 0: a combination of {allowed} in {names}",
+        )
+    return p
+
+
+def _motions(
+    system: System,
+    coordinates: tuple[Quantity, ...],
+    matrix: sp.Matrix,
+    leaf: tuple[Quantity, ...],
+) -> tuple[tuple[sp.ImmutableMatrix, ...], tuple[Quantity, ...], tuple[sp.Expr, ...]]:
+    """The system's own input directions if they span ker A, else a basis of ker A."""
+    rates = sp.Matrix([system.rates[q.name] for q in coordinates])
+    inputs = [u for u in system.inputs if any(e != 0 for e in rates.diff(u.symbol))]
+    drift = tuple(rates.subs({u.symbol: 0 for u in system.inputs}))
+    if len(inputs) == matrix.cols - matrix.rows:
+        own = tuple(sp.ImmutableMatrix(rates.diff(u.symbol)) for u in inputs)
+        return own, tuple(inputs), drift
+    return _kernel(system.name, coordinates, matrix, leaf, system.parameters), (), drift
+
+
+def _kernel(
+    name: str,
+    coordinates: tuple[Quantity, ...],
+    matrix: sp.Matrix,
+    leaf: tuple[Quantity, ...],
+    parameters: tuple[Parameter, ...],
+) -> tuple[sp.ImmutableMatrix, ...]:
+    """A basis of ker A, regular near the origin: the leaf's directions, then the transverse."""
+    on_leaf = _columns(matrix, coordinates, leaf)
+    if on_leaf.cols == on_leaf.rows + 1:
+        inner = [signed_minors(on_leaf)]
+    else:
+        inner = _eliminated(name, coordinates, on_leaf, parameters)
+    place = {q: i for i, q in enumerate(leaf)}
+    directions = [
+        sp.ImmutableMatrix([v[place[q]] if q in place else 0 for q in coordinates]) for v in inner
+    ]
+    directions += [
+        sp.ImmutableMatrix([int(q == t) for q in coordinates]) for t in coordinates if t not in leaf
+    ]
+    return tuple(directions)
+
+
+def _eliminated(
+    name: str,
+    coordinates: tuple[Quantity, ...],
+    on_leaf: sp.Matrix,
+    parameters: tuple[Parameter, ...],
+) -> list[sp.Matrix]:
+    rows = list(range(on_leaf.rows))
+    values = {p.symbol: sp.nsimplify(p.value) for p in parameters}
+    origin = on_leaf.subs({q.symbol: 0 for q in coordinates}).subs(values)
+    for pivots in combinations(reversed(range(on_leaf.cols)), on_leaf.rows):
+        chosen = sorted(pivots)
+        if origin.extract(rows, chosen).det() == 0:
+            continue
+        inverse = on_leaf.extract(rows, chosen).inv()
+        free = [j for j in range(on_leaf.cols) if j not in chosen]
+        basis = []
+        for j in free:
+            vector = sp.zeros(on_leaf.cols, 1)
+            vector[j] = 1
+            for i, e in zip(chosen, -inverse * on_leaf.col(j), strict=True):
+                vector[i] = sp.simplify(e)
+            basis.append(vector)
+        return basis
+    raise DefinitionError(
+        f"system '{name}': A at the origin is {origin.tolist()}",
+        expected=f"rank {on_leaf.rows}, one for each constraint",
+        remedy="leave out a dependent row",
+    )
+
+
+def _annihilators(system: System) -> tuple[PfaffianRow, ...]:
+    """Rows that every rate without drift satisfies: the left kernel of the input directions."""
+    inputs = [u.symbol for u in system.inputs]
+    rates = sp.Matrix(list(system.rates.values()))
+    effect = rates.jacobian(inputs) if inputs else sp.Matrix()
+    if not inputs or effect.free_symbols & set(inputs) or any(rates.subs(dict.fromkeys(inputs, 0))):
+        return ()
+    origin = effect.subs({q.symbol: 0 for q in system.states})
+    names = list(system.state_names)
+    for chosen in combinations(range(effect.rows), effect.cols):
+        columns = list(range(effect.cols))
+        if origin.extract(list(chosen), columns).det() == 0:
+            continue
+        inverse = effect.extract(list(chosen), columns).inv()
+        rows = []
+        for i in (i for i in range(effect.rows) if i not in chosen):
+            weights = effect.row(i) * inverse
+            rows.append(
+                PfaffianRow(
+                    {names[i]: sp.S.One}
+                    | {
+                        names[j]: -sp.simplify(w)
+                        for j, w in zip(chosen, weights, strict=True)
+                        if sp.simplify(w) != 0
+                    }
+                )
+            )
+        return tuple(rows)
+    return ()
