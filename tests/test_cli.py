@@ -184,7 +184,7 @@ def test_bad_file_gets_one_clear_message_and_writes_nothing(
     edit, complaint, tmp_path, capsys, monkeypatch
 ):
     from holdfast import cli
-    from holdfast.scenario import read_text
+    from holdfast.sources import read_text
 
     (tmp_path / "mine.toml").write_text(edit(read_text("inspection")[1]))
     monkeypatch.chdir(tmp_path)

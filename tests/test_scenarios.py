@@ -5,7 +5,8 @@ import pytest
 
 import holdfast as hf
 from holdfast.errors import ScenarioError
-from holdfast.scenario import load_scenario, scenario_names
+from holdfast.scenario import load_scenario
+from holdfast.sources import scenario_names
 
 
 @pytest.mark.parametrize("name", scenario_names())

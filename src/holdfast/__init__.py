@@ -17,12 +17,18 @@ from holdfast._version import __version__
 if TYPE_CHECKING:
     from holdfast.analysis.result import Result, load
     from holdfast.analysis.simulate import Starts, simulate
+    from holdfast.derivation import Derivation, explain
     from holdfast.errors import GainWarning, HoldfastError
     from holdfast.execution.closed_loop import Outcome
-    from holdfast.maths import laws, regions, systems
+    from holdfast.maths import fields, laws, regions, systems
     from holdfast.maths.bounds import Ball, Box, LinearImage
+    from holdfast.maths.critical_points import classify, winding_number
     from holdfast.maths.expression import parse_condition, parse_expression
+    from holdfast.maths.field import Field
+    from holdfast.maths.field_facts import field_facts
+    from holdfast.maths.flow_lines import exact_flow, flow_line
     from holdfast.maths.law import GainCondition, Law
+    from holdfast.maths.planes import plane_by_plane
     from holdfast.maths.quantity import TIME, TIME_IN_MODE, Parameter, Quantity, symbol
     from holdfast.maths.redesign import redesign
     from holdfast.maths.reduction import promote
@@ -31,6 +37,8 @@ if TYPE_CHECKING:
     from holdfast.maths.system import PfaffianRow, System
     from holdfast.maths.tangency import outward_rates
     from holdfast.maths.velocity_tracking import track_velocity
+    from holdfast.maths.zeros import critical_points
+    from holdfast.presentation.flow_lines import flow_lines_figure
     from holdfast.presentation.histories import histories_figure
     from holdfast.presentation.paths import paths_figure
     from holdfast.scenario import Scenario, load_scenario
@@ -38,12 +46,18 @@ if TYPE_CHECKING:
 _HOME = {
     "analysis.result": ("Result", "load"),
     "analysis.simulate": ("Starts", "simulate"),
+    "derivation": ("Derivation", "explain"),
     "errors": ("GainWarning", "HoldfastError"),
     "execution.closed_loop": ("Outcome",),
-    "maths": ("laws", "regions", "systems"),
+    "maths": ("fields", "laws", "regions", "systems"),
     "maths.bounds": ("Ball", "Box", "LinearImage"),
+    "maths.critical_points": ("classify", "winding_number"),
     "maths.expression": ("parse_condition", "parse_expression"),
+    "maths.field": ("Field",),
+    "maths.field_facts": ("field_facts",),
+    "maths.flow_lines": ("exact_flow", "flow_line"),
     "maths.law": ("GainCondition", "Law"),
+    "maths.planes": ("plane_by_plane",),
     "maths.quantity": ("TIME", "TIME_IN_MODE", "Parameter", "Quantity", "symbol"),
     "maths.redesign": ("redesign",),
     "maths.reduction": ("promote",),
@@ -52,6 +66,8 @@ _HOME = {
     "maths.system": ("PfaffianRow", "System"),
     "maths.tangency": ("outward_rates",),
     "maths.velocity_tracking": ("track_velocity",),
+    "maths.zeros": ("critical_points",),
+    "presentation.flow_lines": ("flow_lines_figure",),
     "presentation.histories": ("histories_figure",),
     "presentation.paths": ("paths_figure",),
     "scenario": ("Scenario", "load_scenario"),
@@ -63,6 +79,8 @@ __all__ = [
     "TIME_IN_MODE",
     "Ball",
     "Box",
+    "Derivation",
+    "Field",
     "GainCondition",
     "GainWarning",
     "HoldfastError",
@@ -81,6 +99,14 @@ __all__ = [
     "System",
     "Transition",
     "__version__",
+    "classify",
+    "critical_points",
+    "exact_flow",
+    "explain",
+    "field_facts",
+    "fields",
+    "flow_line",
+    "flow_lines_figure",
     "histories_figure",
     "laws",
     "load",
@@ -89,6 +115,7 @@ __all__ = [
     "parse_condition",
     "parse_expression",
     "paths_figure",
+    "plane_by_plane",
     "promote",
     "redesign",
     "regions",
@@ -96,6 +123,7 @@ __all__ = [
     "symbol",
     "systems",
     "track_velocity",
+    "winding_number",
 ]
 
 

@@ -7,12 +7,13 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from holdfast.errors import DefinitionError, HoldfastError
-from holdfast.maths import laws, regions, systems
+from holdfast.maths import fields, laws, regions, systems
 
 KINDS: dict[str, tuple[Callable[..., Any], ...]] = {
     "system": systems.ALL,
     "law": laws.ALL,
     "region": regions.ALL,
+    "field": fields.ALL,
 }
 
 

@@ -1,18 +1,21 @@
-"""The command line: list, show, run. Heavy imports wait until a command needs them."""
+"""The command line: list, show, explain, run. Heavy imports wait until a command needs them."""
 
 from __future__ import annotations
 
 import json
 import os
+import signal
 import sys
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import click
 
 from holdfast._version import __version__
-from holdfast.errors import GainWarning, HoldfastError, OutputError
+from holdfast.errors import GainWarning, HoldfastError, OutputError, ScenarioError
 
 if TYPE_CHECKING:
     from holdfast.analysis.result import Result
@@ -42,11 +45,144 @@ def list_command() -> None:
 
 @cli.command("show")
 @click.argument("name")
-def show_command(name: str) -> None:
-    """Show what NAME is: equations, parameters with units, source."""
+@click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="An argument of a system or field, such as lam=2 (repeatable).",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="Also write the figure of a field, its flow lines, to this folder.",
+)
+def show_command(name: str, overrides: tuple[str, ...], out: Path | None) -> None:
+    """Show what NAME is: equations, parameters with units, source; of a field what is known."""
     from holdfast.describe import describe
 
-    click.echo(describe(name))
+    if out is not None:
+        from holdfast.maths import fields
+        from holdfast.sources import load_field
+
+        if name not in [f.__name__ for f in fields.ALL]:
+            raise ScenarioError(f"'{name}' has no figure", expected="a field with --out")
+        _check_writable(out)
+        field = load_field(name, overrides)
+    click.echo(describe(name, overrides))
+    if out is not None:
+        from holdfast.presentation import style
+        from holdfast.presentation.flow_lines import flow_lines_figure
+
+        out.mkdir(parents=True, exist_ok=True)
+        written = style.write(flow_lines_figure(field), out, name)
+        click.echo(f"\n  files in {out}: " + ", ".join(f.name for f in written))
+
+
+@cli.command("explain")
+@click.argument("system")
+@click.option(
+    "--moment", metavar="P1,P2,...", help="The moment p, where the system leaves a choice."
+)
+@click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Override a value, such as trailers=2 (repeatable).",
+)
+@click.option(
+    "--limit",
+    type=click.FloatRange(min=0.1),
+    default=60.0,
+    show_default=True,
+    help="Seconds the derivation may take.",
+)
+@click.option("--latex", is_flag=True, help="Print a LaTeX document instead of text.")
+@click.option(
+    "--markdown",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write a Markdown page with formulas to this file.",
+)
+def explain_command(
+    system: str,
+    moment: str | None,
+    overrides: tuple[str, ...],
+    limit: float,
+    latex: bool,
+    markdown: Path | None,
+) -> None:
+    """Derive what the constraint of SYSTEM says, up to its steering law where there is one.
+
+    SYSTEM is a system of the catalogue, a scenario, or a TOML file with a table [system]: rates
+    with or without Pfaffian rows, or the rows alone.
+    """
+    from tqdm import tqdm
+
+    from holdfast.derivation import explain
+    from holdfast.sources import load_system
+
+    if markdown is not None:
+        _check_writable(markdown.parent)
+    loaded = load_system(system, overrides)
+    with (
+        tqdm(
+            total=100,
+            desc=f"{system}, searching",
+            unit="%",
+            leave=False,
+            delay=2.0,
+            file=sys.stderr,
+            bar_format=_BAR,
+        ) as bar,
+        _at_most(limit, f"the derivation for '{system}'"),
+    ):
+        derived = explain(
+            loaded,
+            _numbers(moment) if moment is not None else None,
+            limit=0.8 * limit,
+            progress=lambda fraction: bar.update(100 * fraction - bar.n),
+        )
+    if markdown is not None:
+        from holdfast.analysis.result import atomic_file
+
+        markdown.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_file(markdown) as partial:
+            partial.write_text(derived.markdown(), "utf-8")
+        click.echo(f"written: {markdown}")
+    if latex or markdown is None:
+        click.echo(derived.latex() if latex else derived.text())
+
+
+_BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise ScenarioError(f"--moment {text}", expected="numbers, such as 1,0,0") from None
+
+
+@contextmanager
+def _at_most(seconds: float, what: str) -> Iterator[None]:
+    """Refuse what takes longer, wherever it is; on systems without alarms it may take longer."""
+    if not hasattr(signal, "setitimer"):
+        yield
+        return
+
+    def ring(number: int, frame: object) -> NoReturn:
+        raise ScenarioError(
+            f"{what} took longer than {seconds:g} s", remedy="allow more with --limit"
+        )
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
 
 
 @cli.command("run")
@@ -112,7 +248,7 @@ def _simulated(scenario: Scenario) -> Result:
         unit="%",
         leave=False,
         file=sys.stderr,
-        bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}",
+        bar_format=_BAR,
     ) as bar:
 
         def progress(fraction: float) -> None:

@@ -23,6 +23,7 @@ from holdfast.errors import ScenarioError, suggestion
 from holdfast.maths import laws, regions, scene, systems
 from holdfast.maths.bounds import Box
 from holdfast.maths.expression import parse_condition, parse_expression
+from holdfast.maths.kernel import kinematic_system
 from holdfast.maths.law import Law
 from holdfast.maths.quantity import TIME, TIME_IN_MODE, Parameter, Quantity, symbol
 from holdfast.maths.region import Inequality, Region
@@ -191,6 +192,10 @@ class Composer:
             key = f"system.pfaffian.{number}"
             rhs = self._parsed({"rhs": row.rhs}, names, key)["rhs"]
             rows.append(PfaffianRow(self._parsed(row.row, names, f"{key}.row"), rhs))
+        if rows and not spec.rates and not spec.inputs:
+            return kinematic_system(
+                spec.name, states, tuple(rows), parameters, spec.description, spec.source
+            )
         return System(
             name=spec.name,
             states=states,

@@ -7,14 +7,12 @@ import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-import sympy as sp
-from sympy.printing.pretty.pretty import PrettyPrinter
-from sympy.printing.pretty.pretty_symbology import greek_unicode
-from sympy.printing.pretty.stringpict import prettyForm
-
 from holdfast.catalogue import KINDS, example
 from holdfast.errors import ScenarioError, suggestion
+from holdfast.mathematics import equations
 from holdfast.maths.bounds import Ball, Bounds, Box, LinearImage
+from holdfast.maths.field import Field
+from holdfast.maths.field_facts import field_facts
 from holdfast.maths.law import GainCondition, Law
 from holdfast.maths.quantity import Parameter, Quantity
 from holdfast.maths.region import Region
@@ -22,7 +20,8 @@ from holdfast.maths.switching import Switching
 from holdfast.maths.system import System
 from holdfast.maths.systems.marine_vehicle import PARAMETERS
 from holdfast.maths.vehicle import load_vehicle, vehicle_names
-from holdfast.scenario import load_scenario, read_text, scenario_names
+from holdfast.scenario import load_scenario
+from holdfast.sources import load_field, load_system, read_text, scenario_names
 
 
 def catalogue_lines() -> Iterable[str]:
@@ -39,12 +38,22 @@ def catalogue_lines() -> Iterable[str]:
     return [f"{kind:<9} {name:<{width}}  {text}" for kind, name, text in rows]
 
 
-def describe(name: str) -> str:
-    """Everything about one entry. Raises `ScenarioError` for an unknown name."""
-    for catalogue in KINDS.values():
+def describe(name: str, overrides: Sequence[str] = ()) -> str:
+    """Everything about one entry; `overrides` are arguments of a system or field ("lam=2").
+
+    Raises `ScenarioError` for an unknown name, or overrides of what takes none.
+    """
+    load = {"system": load_system, "field": load_field}
+    for kind, catalogue in KINDS.items():
         for function in catalogue:
-            if function.__name__ == name:
-                return "\n".join(_entry(function))
+            if function.__name__ != name:
+                continue
+            if not overrides:
+                return "\n".join(_entry(kind, function, example(function)))
+            if kind in load:
+                return "\n".join(_entry(kind, function, load[kind](name, overrides)))
+    if overrides:
+        raise ScenarioError(f"'{name}' takes no --set here", expected="a system or a field")
     if name in vehicle_names():
         return "\n".join(_vehicle(name))
     if name in scenario_names() or name.endswith(".toml"):
@@ -57,9 +66,7 @@ def describe(name: str) -> str:
     )
 
 
-def _entry(function: Callable[..., Any]) -> list[str]:
-    entry = example(function)
-    kind = next(kind for kind, entries in KINDS.items() if function in entries)
+def _entry(kind: str, function: Callable[..., Any], entry: Any) -> list[str]:
     lines = [f"{kind} {function.__name__}", f"  {entry.description}", f"  source: {entry.source}"]
     lines += ["", *("  " + x if x else "" for x in inspect.getdoc(function).splitlines()[1:])]  # type: ignore[union-attr]
     if isinstance(entry, System):
@@ -70,48 +77,10 @@ def _entry(function: Callable[..., Any]) -> list[str]:
         lines += _switching(entry)
     elif isinstance(entry, Region):
         lines += _region(entry)
+    elif isinstance(entry, Field):
+        lines += _field(entry)
     lines += _parameters(entry.parameters)
     return lines
-
-
-WIDTH = 100
-
-
-def _equations(pairs: Iterable[tuple[str, sp.Expr]], relation: str = "=") -> list[str]:
-    """Equations set in two dimensions; long ones are split by naming their parts."""
-    given = dict(pairs)
-    if max(_width(e) for e in given.values()) > WIDTH:
-        shared, reduced = sp.cse(
-            list(given.values()), symbols=sp.numbered_symbols("w", start=1), order="none"
-        )
-        given = {str(s): e for s, e in shared} | dict(zip(given, reduced, strict=True))
-    lines = []
-    for left, expression in given.items():
-        rows = _pretty(expression)
-        if max(len(row) for row in rows) > WIDTH:
-            rows = textwrap.wrap(sp.sstr(expression), WIDTH, break_long_words=False)
-        head = f"    {left} {relation} "
-        middle = len(rows) // 2
-        lines += [
-            (head if i == middle else " " * len(head)) + row.rstrip() for i, row in enumerate(rows)
-        ]
-    return lines
-
-
-class _Printer(PrettyPrinter):
-    """Names as they are written in a scenario, Greek letters excepted."""
-
-    def _print_Symbol(self, e: sp.Symbol) -> prettyForm:  # noqa: N802
-        return prettyForm(greek_unicode.get(e.name, e.name))
-
-
-def _pretty(expression: sp.Expr) -> list[str]:
-    text: str = _Printer({"use_unicode": True, "wrap_line": False}).doprint(expression)
-    return text.splitlines()
-
-
-def _width(expression: sp.Expr) -> int:
-    return max(len(row) for row in _pretty(expression))
 
 
 def _quantities(title: str, quantities: Sequence[Quantity]) -> list[str]:
@@ -127,7 +96,7 @@ def _system(system: System) -> list[str]:
     lines = _quantities("states", system.states) + _quantities("inputs", system.inputs)
     lines += _bounds(system.input_bounds)
     lines += _quantities("disturbances", system.disturbances) + _bounds(system.disturbance_bounds)
-    lines += ["", "  rates", *_equations((f"d{n}/dt", e) for n, e in system.rates.items())]
+    lines += ["", "  rates", *equations((f"d{n}/dt", e) for n, e in system.rates.items())]
     if system.pfaffian:
         lines += ["", "  Pfaffian constraints A(q) qdot = b"]
         for row in system.pfaffian:
@@ -152,8 +121,20 @@ def _bounds(bounds: Bounds | None) -> list[str]:
 
 def _law(law: Law) -> list[str]:
     lines = ["", "  reads: " + ", ".join(q.name for q in law.reads), "", "  outputs"]
-    lines += _equations(law.outputs.items())
+    lines += equations(law.outputs.items())
     return lines + _conditions(law.conditions)
+
+
+def _field(field: Field) -> list[str]:
+    named = zip(field.coordinates, field.components, strict=True)
+    factor = [] if field.factor == 1 else [("factor", field.factor)]
+    lines = ["", f"  components [{field.unit}]{', times the factor' if factor else ''}"]
+    lines += equations([*((f"F_{q.name}", e) for q, e in named), *factor])
+    lines += ["", "  what is known of it"]
+    for fact in field_facts(field):
+        indent = "    " + " " * (len(fact) - len(fact.lstrip()))
+        lines += textwrap.wrap(fact, 98, initial_indent=indent, subsequent_indent=indent + "  ")
+    return lines
 
 
 def _conditions(conditions: Sequence[GainCondition]) -> list[str]:
@@ -162,7 +143,7 @@ def _conditions(conditions: Sequence[GainCondition]) -> list[str]:
         lines += [
             "",
             "  converges only if",
-            *_equations([(str(condition.value), condition.limit)], "<"),
+            *equations([(str(condition.value), condition.limit)], "<"),
             f"    otherwise {condition.consequence} ({condition.source})",
         ]
     return lines
@@ -172,16 +153,16 @@ def _switching(law: Switching) -> list[str]:
     lines = ["", "  reads: " + ", ".join(q.name for q in law.reads)]
     for mode, inner in law.modes.items():
         lines += ["", f"  mode {mode}{' (first)' if mode == law.initial else ''}"]
-        lines += _equations(inner.outputs.items())
+        lines += equations(inner.outputs.items())
     lines += ["", "  changes of mode, as soon as"]
     for change in law.transitions:
-        lines += _equations([(f"{change.source} -> {change.target}", change.when)], "when 0 <=")
+        lines += equations([(f"{change.source} -> {change.target}", change.when)], "when 0 <=")
     return lines + _conditions(law.conditions)
 
 
 def _region(region: Region) -> list[str]:
     lines = ["", "  inequalities, safe where <= 0"]
-    lines += _equations((c.name, c.expression) for c in region.inequalities)
+    lines += equations((c.name, c.expression) for c in region.inequalities)
     lines += ["", *(f"    {c.name} [{c.unit}]: {c.description}" for c in region.inequalities)]
     return lines
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +26,7 @@ from holdfast.maths.system import System
 from holdfast.maths.units import to_si
 from holdfast.maths.velocity_tracking import track_velocity
 from holdfast.schema import FiguresSpec, OutputsSpec, RedesignSpec, RunSpec, ScenarioSpec
+from holdfast.sources import read_tables
 
 
 @dataclass(frozen=True)
@@ -78,30 +77,6 @@ class Scenario:
             )
 
 
-def scenario_names() -> tuple[str, ...]:
-    """The scenarios shipped with the package."""
-    files = resources.files("holdfast.scenarios").iterdir()
-    return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
-
-
-def read_text(name: str) -> tuple[str, str]:
-    """(name or path to show, text) of a shipped scenario or of a TOML file."""
-    if name in scenario_names():
-        file = resources.files("holdfast.scenarios") / f"{name}.toml"
-        return f"{name}.toml", file.read_text("utf-8")
-    if not name.endswith(".toml"):
-        raise ScenarioError(
-            f"unknown scenario '{name}'",
-            remedy=suggestion(name, scenario_names()) + " (a file of your own ends in .toml)",
-        )
-    try:
-        return name, Path(name).read_text("utf-8-sig")
-    except OSError as error:
-        raise ScenarioError(f"{name}: cannot be read ({error.strerror})") from None
-    except ValueError:
-        raise ScenarioError(f"{name}: is no text file in UTF-8") from None
-
-
 def load_scenario(
     name: str, overrides: Iterable[str] = (), runs: int | None = None, seed: int | None = None
 ) -> Scenario:
@@ -110,18 +85,8 @@ def load_scenario(
     `runs` sets how many starts are used: the given states first, then random ones. Raises
     `ScenarioError` naming the file, the key, what was got and what is allowed.
     """
-    shown, text = read_text(name)
-    try:
-        data = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise ScenarioError(f"{shown}: not a TOML file: {error}") from None
-    changes = list(overrides)
-    if seed is not None:
-        changes.append(f"run.seed={seed}")
-    for change in changes:
-        _override(data, change)
-    if changes:
-        text += "\n# overrides: " + "; ".join(changes) + "\n"
+    changes = [*overrides, *([f"run.seed={seed}"] if seed is not None else [])]
+    shown, text, data = read_tables(name, changes)
     spec = validated(ScenarioSpec, data, shown)
     if runs is not None:
         if runs < 1:
@@ -132,25 +97,6 @@ def load_scenario(
         text += f"# runs: {runs}\n"
     name = Path(shown).name.removesuffix(".toml").strip(".") or "scenario"
     return _composed(name, shown, text, spec)
-
-
-def _override(data: dict[str, Any], change: str) -> None:
-    key, separator, value = change.partition("=")
-    path = key.strip().split(".")
-    if not separator or not all(path):
-        raise ScenarioError(f"--set {change}", expected="key=value, such as law.k1=0.2")
-    try:
-        parsed = tomllib.loads(f"value = {value}")
-    except (ValueError, RecursionError):
-        parsed = {"value": value.strip()}
-    if len(parsed) != 1:
-        raise ScenarioError(f"--set {key}: more than one value")
-    table = data
-    for part in path[:-1]:
-        table = table.setdefault(part, {})
-        if not isinstance(table, dict):
-            raise ScenarioError(f"--set {change}: '{part}' is no table")
-    table[path[-1]] = parsed["value"]
 
 
 def _composed(name: str, file: str, text: str, spec: ScenarioSpec) -> Scenario:

@@ -73,16 +73,16 @@ class PfaffianSpec(Section):
 
 
 class SystemSpec(Section):
-    """[system], written by expressions."""
+    """[system], written by expressions: rates, or Pfaffian rows alone (all they allow)."""
 
     name: Name = "system"
     description: Text = ""
     source: Text = ""
     states: dict[Name, QuantitySpec]
-    inputs: dict[Name, BoundedSpec]
+    inputs: dict[Name, BoundedSpec] = Field(default_factory=dict)
     disturbances: dict[Name, BoundedSpec] = Field(default_factory=dict)
     parameters: Parameters = Field(default_factory=dict)
-    rates: dict[Name, Expression]
+    rates: dict[Name, Expression] = Field(default_factory=dict)
     pfaffian: list[PfaffianSpec] = Field(default_factory=list)
 
 

@@ -10,12 +10,14 @@ from holdfast.describe import describe
 from holdfast.execution.compile import compile_closed_loop
 from holdfast.execution.steppers import RK4
 from holdfast.execution.translate import closed_loop_program
+from holdfast.maths.planes import meridian
 from holdfast.maths.vehicle import vehicle_names
 
 VEHICLES = [hf.systems.marine_vehicle(name) for name in vehicle_names()]
 SYSTEMS = [example(function) for function in hf.systems.ALL] + VEHICLES
 LAWS = [example(function) for function in hf.laws.ALL]
 REGIONS = [example(function) for function in hf.regions.ALL]
+FIELDS = [function() for function in hf.fields.ALL]
 
 
 def named(entry):
@@ -27,7 +29,7 @@ def point(quantities, parameters, generator, size=1.0):
     return values | {q.symbol: float(generator.uniform(-size, size)) for q in quantities}
 
 
-@pytest.mark.parametrize("entry", [*SYSTEMS, *LAWS, *REGIONS], ids=named)
+@pytest.mark.parametrize("entry", [*SYSTEMS, *LAWS, *REGIONS, *FIELDS], ids=named)
 def test_every_entry_is_described_with_its_source(entry):
     assert entry.description
     assert "thesis" in entry.source
@@ -37,7 +39,9 @@ def test_every_entry_is_described_with_its_source(entry):
 
 
 @pytest.mark.parametrize(
-    "function", [*hf.systems.ALL, *hf.laws.ALL, *hf.regions.ALL], ids=lambda f: f.__name__
+    "function",
+    [*hf.systems.ALL, *hf.laws.ALL, *hf.regions.ALL, *hf.fields.ALL],
+    ids=lambda f: f.__name__,
 )
 def test_every_entry_can_be_shown(function):
     text = describe(function.__name__)
@@ -138,3 +142,25 @@ def test_kinetic_energy_of_a_hull_never_grows_without_thrust(system):
             m * at[hf.symbol(n)] * float(system.rates[n].subs(at)) for n, m in inertia.items()
         )
         assert power <= 1e-12
+
+
+@pytest.mark.parametrize("field", FIELDS, ids=named)
+def test_index_of_every_field_by_its_sectors_is_the_one_counted_on_a_circle(field):
+    """Bendixson's 1 + (e - h) / 2 against the turns of F; in N > 2 in a plane through p."""
+    planar = field if field.dimension == 2 else meridian(field)
+    found = hf.critical_points(planar)
+    for point, critical in zip(found.points, found.critical_points, strict=True):
+        centre = [float(c) for c in point]
+        assert hf.winding_number(planar, 0.05, centre) == critical.index
+        assert critical.index == 1 + (critical.count("elliptic") - critical.count("hyperbolic")) / 2
+
+
+@pytest.mark.parametrize("field", [f for f in FIELDS if f.potential is not None], ids=named)
+def test_field_with_a_potential_is_its_negative_gradient(field):
+    generator = np.random.default_rng(6)
+    values = field.values
+    for _ in range(10):
+        at = values | {s: sp.Float(generator.uniform(0.2, 1.0)) for s in field.symbols}
+        for s, component in zip(field.symbols, field.vector, strict=True):
+            slope = float(sp.N(-field.potential.diff(s).xreplace(at)))
+            assert float(sp.N(component.xreplace(at))) == pytest.approx(slope, rel=1e-9)

@@ -19,6 +19,7 @@ import sympy as sp
 from holdfast.maths.numbers import Sampler, rank, value_at
 from holdfast.maths.pfaffian import Structure
 from holdfast.maths.quantity import Quantity
+from holdfast.maths.trigonometry import plain
 
 _LARGEST = 20_000
 """Operations in one expression beyond which a pair of coordinates is given up."""
@@ -106,13 +107,13 @@ def _chain(
     elif ga[i] == 0:
         g1, g2, mix = gb, ga, ((zero, one), (one, zero))
     else:
-        g1, g2 = ga, (ga[i] * gb - gb[i] * ga).applyfunc(_plain)
+        g1, g2 = ga, (ga[i] * gb - gb[i] * ga).applyfunc(plain)
         mix = ((one, zero), (-gb[i], ga[i]))
 
     def along(g: sp.Matrix, z: sp.Expr) -> sp.Expr:
         return sp.Add(*(z.diff(s) * e for s, e in zip(q, g, strict=True)))
 
-    speed = _plain(along(g1, first.symbol))
+    speed = plain(along(g1, first.symbol))
     if not abs(value_at(speed, origin)) > 1e-9:
         return "the first does not move at the origin"
     chain = [last.symbol]
@@ -122,7 +123,7 @@ def _chain(
             break
         if not sampler.vanishes(across):
             return "a coordinate of the chain is moved by the second input too early"
-        z = _plain(along(g1, chain[0]) / speed)
+        z = plain(along(g1, chain[0]) / speed)
         if time.monotonic() > deadline:
             return "out of time"
         if sp.count_ops(z) > _LARGEST:
@@ -130,7 +131,7 @@ def _chain(
         if not abs(value_at(z, origin)) < 1e-9:
             return "a coordinate of the chain is not zero at the origin"
         chain.insert(0, z)
-    across = _plain(across)
+    across = plain(across)
     if not abs(value_at(across, origin)) > 1e-9:
         return "the second input does not move the chain at the origin"
     z = (first.symbol, *chain)
@@ -147,7 +148,7 @@ def _chain(
         )
         for k in (0, 1)
     )
-    divisors = tuple(dict.fromkeys(d for d in (speed, across) if d.free_symbols & set(q)))
+    divisors = _divisors((speed, across), set(q))
     return ChainedForm(z, coefficients, divisors)
 
 
@@ -156,20 +157,13 @@ def _regular(z: tuple[sp.Expr, ...], q: list[sp.Symbol], sampler: Sampler) -> bo
     return rank([[value_at(e.diff(s), origin) for s in q] for e in z]) == len(q)
 
 
-def _plain(expression: sp.Expr) -> sp.Expr:
-    """A little simplification in bounded time: sin / cos to tan, tan^2 + 1 to 1 / cos^2."""
-    swaps: dict[sp.Expr, sp.Expr] = {}
-    for a in {f.args[0] for f in expression.atoms(sp.tan)}:
-        swaps |= {sp.tan(a) ** 2 + 1: sp.cos(a) ** -2, -(sp.tan(a) ** 2) - 1: -(sp.cos(a) ** -2)}
-    return sp.powsimp(expression.xreplace(swaps).replace(sp.Mul, _tangents))
-
-
-def _tangents(*factors: sp.Expr) -> sp.Expr:
-    product = sp.Mul(*factors)
-    powers = product.as_powers_dict()
-    for base in [b for b in powers if isinstance(b, sp.sin)]:
-        inner, up = base.args[0], powers[base]
-        down = sp.sympify(powers.get(sp.cos(inner), 0))
-        if up == 1 and down.is_number and down < 0:
-            product = product / sp.sin(inner) * sp.cos(inner) * sp.tan(inner)
-    return product
+def _divisors(expressions: tuple[sp.Expr, ...], states: set[sp.Symbol]) -> tuple[sp.Expr, ...]:
+    """The factors, above and below, of what is divided by: none of them may vanish."""
+    found: dict[sp.Expr, None] = {}
+    for expression in expressions:
+        for part in sp.fraction(expression):
+            for factor in sp.Mul.make_args(part):
+                base = factor.as_base_exp()[0]
+                if base.free_symbols & states:
+                    found[base] = None
+    return tuple(found)

@@ -19,8 +19,9 @@ import sympy as sp
 
 from holdfast.errors import DefinitionError
 from holdfast.maths.functions import angle, length, select, sgn, wrap
+from holdfast.maths.kernel import signed_minors
 from holdfast.maths.numbers import value_at
-from holdfast.maths.pfaffian import Structure, signed_minors
+from holdfast.maths.pfaffian import Structure
 from holdfast.maths.quantity import symbol
 from holdfast.maths.system import System
 

@@ -34,6 +34,15 @@ class _RealFunction(sp.Function):
     def _eval_is_real(self) -> bool:
         return True
 
+    def _latex(self, printer: Any, exp: str | None = None) -> str:
+        """As it is read in a formula; `exp` is an exponent."""
+        arguments = [printer._print(a) for a in self.args]
+        text = self._formula(*arguments)
+        return text if exp is None else f"\\left({text}\\right)^{{{exp}}}"
+
+    def _formula(self, *arguments: str) -> str:
+        return f"\\operatorname{{{type(self).__name__}}}\\left({', '.join(arguments)}\\right)"
+
     @classmethod
     def _numbers(cls, *values: sp.Expr) -> list[float] | None:
         numbers = [_number(v) for v in values]
@@ -77,6 +86,11 @@ class select(_RealFunction):
 
     nargs = 3
 
+    def _formula(self, *arguments: str) -> str:
+        x, a, b = arguments
+        cases = f"{a} & {x} \\geq 0 \\\\ {b} & \\text{{otherwise}}"
+        return f"\\begin{{cases}} {cases} \\end{{cases}}"
+
     @classmethod
     def eval(cls, x: sp.Expr, a: sp.Expr, b: sp.Expr) -> Any:
         if a == b:
@@ -94,6 +108,9 @@ class least(_RealFunction):
 
     nargs = 2
 
+    def _formula(self, *arguments: str) -> str:
+        return f"\\min\\left({', '.join(arguments)}\\right)"
+
     @classmethod
     def eval(cls, a: sp.Expr, b: sp.Expr) -> Any:
         if a == b:
@@ -110,6 +127,9 @@ class greatest(_RealFunction):
     """The larger of two values."""
 
     nargs = 2
+
+    def _formula(self, *arguments: str) -> str:
+        return f"\\max\\left({', '.join(arguments)}\\right)"
 
     @classmethod
     def eval(cls, a: sp.Expr, b: sp.Expr) -> Any:
@@ -130,6 +150,9 @@ class angle(_RealFunction):
 
     nargs = 3
 
+    def _formula(self, *arguments: str) -> str:
+        return f"\\operatorname{{atan2}}\\left({arguments[0]}, {arguments[1]}\\right)"
+
     @classmethod
     def eval(cls, y: sp.Expr, x: sp.Expr, guard: sp.Expr) -> Any:
         numbers = cls._numbers(y, x, guard)
@@ -147,6 +170,9 @@ class length(_RealFunction):
 
     nargs = 3
 
+    def _formula(self, *arguments: str) -> str:
+        return f"\\left\\Vert ({arguments[0]}, {arguments[1]}) \\right\\Vert"
+
     @classmethod
     def eval(cls, x: sp.Expr, y: sp.Expr, guard: sp.Expr) -> Any:
         numbers = cls._numbers(x, y, guard)
@@ -163,6 +189,9 @@ class magnitude(_RealFunction):
     """|x|, with the derivative sgn(x)."""
 
     nargs = 1
+
+    def _formula(self, *arguments: str) -> str:
+        return f"\\left|{arguments[0]}\\right|"
 
     @classmethod
     def eval(cls, x: sp.Expr) -> Any:

@@ -10,6 +10,7 @@ import sympy as sp
 
 from holdfast.maths.numbers import Sampler, rank, value_at
 from holdfast.maths.pfaffian import Structure
+from holdfast.maths.trigonometry import plain
 
 
 @dataclass(frozen=True)
@@ -44,11 +45,8 @@ def growth(found: Structure) -> Growth:
     symbols, sampler = found.symbols, found.sampler()
     n = len(symbols)
     points = [sampler.point(symbols), dict.fromkeys(symbols, sp.S.Zero) | sampler.fixed]
-    names = [u.name for u in found.inputs] or [f"g{i + 1}" for i in range(len(found.directions))]
-    kept = [
-        (f"g({n})" if found.inputs else n, sp.Matrix(g))
-        for n, g in zip(names, found.directions, strict=True)
-    ]
+    names = [f"g_{n}" for n in found.direction_names]
+    kept = [(n, sp.Matrix(g)) for n, g in zip(names, found.directions, strict=True)]
     values: list[list[list[float]]] = [[], []]
     for _, g in kept:
         for store, at in zip(values, points, strict=True):
@@ -58,7 +56,7 @@ def growth(found: Structure) -> Growth:
     for _ in range(n):
         fresh = []
         for (left, f), (right, g) in _pairs(kept, new, first=len(vector) == 1):
-            found_bracket = bracket(f, g, symbols)
+            found_bracket = bracket(f, g, symbols).applyfunc(plain)
             numbers = [[value_at(e, at) for e in found_bracket] for at in points]
             grown = [rank([*store, row]) for store, row in zip(values, numbers, strict=True)]
             if grown == ranks:

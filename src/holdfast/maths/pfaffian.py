@@ -11,15 +11,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import sympy as sp
 
 from holdfast.errors import DefinitionError
 from holdfast.maths.dipole import dipolar_field
+from holdfast.maths.kernel import annihilators, columns_of, kernel
 from holdfast.maths.numbers import Sampler
-from holdfast.maths.quantity import Parameter, Quantity, symbol
-from holdfast.maths.system import PfaffianRow, System
+from holdfast.maths.quantity import Parameter, Quantity, given_number, symbol
+from holdfast.maths.system import System
 
 LAMBDA = symbol("lam")
 
@@ -56,7 +56,7 @@ class Structure:
     @property
     def leaf_matrix(self) -> sp.Matrix:
         """A on the leafwise columns, shape (kappa, N)."""
-        return _columns(self.matrix, self.coordinates, self.leaf)
+        return columns_of(self.matrix, self.coordinates, self.leaf)
 
     @property
     def catastatic(self) -> bool:
@@ -66,6 +66,11 @@ class Structure:
     def kinematic(self) -> bool:
         """Whether the system's own inputs move the coordinates, one direction each."""
         return bool(self.inputs)
+
+    @property
+    def direction_names(self) -> list[str]:
+        """A name for each direction: its input's, or its number."""
+        return [u.name for u in self.inputs] or [str(i + 1) for i in range(len(self.directions))]
 
     @property
     def output_rate(self) -> sp.Matrix:
@@ -93,7 +98,7 @@ def structure(system: System, moment: Sequence[float] | None = None) -> Structur
     moving = [any(e != 0 for e in c) for c in columns]
     leaf = tuple(q for q, m in zip(coordinates, moving, strict=True) if m)
     transverse = tuple(q for q, m in zip(coordinates, moving, strict=True) if not m)
-    on_leaf = _columns(matrix, coordinates, leaf)
+    on_leaf = columns_of(matrix, coordinates, leaf)
     here = _at_origin(system, coordinates, on_leaf)
     admissible = tuple(_tidy(v) for v in here.nullspace())
     if not admissible:
@@ -128,7 +133,7 @@ def constraint(system: System) -> tuple[tuple[Quantity, ...], sp.Matrix, tuple[s
     """
     states = {q.name: q for q in system.states}
     undriven = [r.subs({u.symbol: 0 for u in system.inputs}) for r in system.rates.values()]
-    rows = system.pfaffian or _annihilators(system)
+    rows = system.pfaffian or annihilators(system)
     if not rows:
         raise DefinitionError(
             f"system '{system.name}' has no Pfaffian constraint",
@@ -143,64 +148,6 @@ def constraint(system: System) -> tuple[tuple[Quantity, ...], sp.Matrix, tuple[s
     coordinates = tuple(chosen.values())
     matrix = sp.Matrix([[row.coefficients.get(n, sp.S.Zero) for n in chosen] for row in rows])
     return coordinates, matrix, tuple(row.rhs for row in rows)
-
-
-def kinematic_system(
-    name: str,
-    states: tuple[Quantity, ...],
-    rows: tuple[PfaffianRow, ...],
-    parameters: tuple[Parameter, ...] = (),
-    description: str = "",
-    source: str = "",
-) -> System:
-    """The system q' = sum_i g_i(q) w_i of all motions that A(q) q' = 0 allows.
-
-    For a constraint that is all one knows. Inputs w1, w2, ...: along the leaf first, then one
-    for each transverse state. Raises `DefinitionError` for rows with b != 0 or rows that are
-    dependent at the origin.
-    """
-    if any(row.rhs != 0 for row in rows):
-        raise DefinitionError(
-            f"system '{name}': the motions of A qdot = b with b != 0 are not fixed by A alone",
-            remedy="write the rates",
-        )
-    names = [q.name for q in states]
-    matrix = sp.Matrix([[row.coefficients.get(n, sp.S.Zero) for n in names] for row in rows])
-    leaf = tuple(q for j, q in enumerate(states) if any(e != 0 for e in matrix.col(j)))
-    directions = _kernel(name, states, matrix, leaf, parameters)
-    inputs = tuple(Quantity(f"w{i}", "1/s", f"motion {i}") for i in range(1, len(directions) + 1))
-    return System(
-        name=name,
-        states=states,
-        inputs=inputs,
-        rates={
-            q.name: sp.Add(*(w.symbol * g[j] for w, g in zip(inputs, directions, strict=True)))
-            for j, q in enumerate(states)
-        },
-        parameters=parameters,
-        pfaffian=rows,
-        description=description,
-        source=source,
-    )
-
-
-def signed_minors(matrix: sp.Matrix) -> sp.Matrix:
-    """The kernel of a (k, k + 1) matrix by its signed maximal minors: smooth where A is.
-
-    A null space by elimination divides by an entry of A and turns its sign over where that
-    entry vanishes, as (cot(theta), 1) does for the unicycle.
-    """
-    rows, columns = list(range(matrix.rows)), list(range(matrix.cols))
-    minors = [matrix.extract(rows, [i for i in columns if i != j]).det() for j in columns]
-    return sp.Matrix([(-1) ** j * minor for j, minor in enumerate(minors)])
-
-
-def _columns(
-    matrix: sp.Matrix, coordinates: tuple[Quantity, ...], wanted: tuple[Quantity, ...]
-) -> sp.Matrix:
-    return matrix.extract(
-        list(range(matrix.rows)), [i for i, q in enumerate(coordinates) if q in wanted]
-    )
 
 
 def _at_origin(system: System, coordinates: tuple[Quantity, ...], matrix: sp.Matrix) -> sp.Matrix:
@@ -236,12 +183,13 @@ def _moment(
     if given is None:
         return tuple(admissible[0])
     names = ", ".join(q.name for q in leaf)
-    if len(given) != len(leaf):
+    listed = list(given) if isinstance(given, (list, tuple)) else []
+    if len(listed) != len(leaf):
         raise DefinitionError(
-            f"the moment p has {len(given)} components",
+            f"the moment p = {given!r} has {len(listed)} components",
             expected=f"{len(leaf)}, one for each of {names}",
         )
-    p = tuple(sp.nsimplify(value) for value in given)
+    p = tuple(sp.nsimplify(given_number(v, "the moment p", given)) for v in listed)
     if all(value == 0 for value in p):
         raise DefinitionError("the moment p is zero", expected="a direction")
     values = {q.symbol: sp.nsimplify(q.value) for q in system.parameters}
@@ -268,88 +216,4 @@ def _motions(
     if len(inputs) == matrix.cols - matrix.rows:
         own = tuple(sp.ImmutableMatrix(rates.diff(u.symbol)) for u in inputs)
         return own, tuple(inputs), drift
-    return _kernel(system.name, coordinates, matrix, leaf, system.parameters), (), drift
-
-
-def _kernel(
-    name: str,
-    coordinates: tuple[Quantity, ...],
-    matrix: sp.Matrix,
-    leaf: tuple[Quantity, ...],
-    parameters: tuple[Parameter, ...],
-) -> tuple[sp.ImmutableMatrix, ...]:
-    """A basis of ker A, regular near the origin: the leaf's directions, then the transverse."""
-    on_leaf = _columns(matrix, coordinates, leaf)
-    if on_leaf.cols == on_leaf.rows + 1:
-        inner = [signed_minors(on_leaf)]
-    else:
-        inner = _eliminated(name, coordinates, on_leaf, parameters)
-    place = {q: i for i, q in enumerate(leaf)}
-    directions = [
-        sp.ImmutableMatrix([v[place[q]] if q in place else 0 for q in coordinates]) for v in inner
-    ]
-    directions += [
-        sp.ImmutableMatrix([int(q == t) for q in coordinates]) for t in coordinates if t not in leaf
-    ]
-    return tuple(directions)
-
-
-def _eliminated(
-    name: str,
-    coordinates: tuple[Quantity, ...],
-    on_leaf: sp.Matrix,
-    parameters: tuple[Parameter, ...],
-) -> list[sp.Matrix]:
-    rows = list(range(on_leaf.rows))
-    values = {p.symbol: sp.nsimplify(p.value) for p in parameters}
-    origin = on_leaf.subs({q.symbol: 0 for q in coordinates}).subs(values)
-    for pivots in combinations(reversed(range(on_leaf.cols)), on_leaf.rows):
-        chosen = sorted(pivots)
-        if origin.extract(rows, chosen).det() == 0:
-            continue
-        inverse = on_leaf.extract(rows, chosen).inv()
-        free = [j for j in range(on_leaf.cols) if j not in chosen]
-        basis = []
-        for j in free:
-            vector = sp.zeros(on_leaf.cols, 1)
-            vector[j] = 1
-            for i, e in zip(chosen, -inverse * on_leaf.col(j), strict=True):
-                vector[i] = sp.simplify(e)
-            basis.append(vector)
-        return basis
-    raise DefinitionError(
-        f"system '{name}': A at the origin is {origin.tolist()}",
-        expected=f"rank {on_leaf.rows}, one for each constraint",
-        remedy="leave out a dependent row",
-    )
-
-
-def _annihilators(system: System) -> tuple[PfaffianRow, ...]:
-    """Rows that every rate without drift satisfies: the left kernel of the input directions."""
-    inputs = [u.symbol for u in system.inputs]
-    rates = sp.Matrix(list(system.rates.values()))
-    effect = rates.jacobian(inputs) if inputs else sp.Matrix()
-    if not inputs or effect.free_symbols & set(inputs) or any(rates.subs(dict.fromkeys(inputs, 0))):
-        return ()
-    origin = effect.subs({q.symbol: 0 for q in system.states})
-    names = list(system.state_names)
-    for chosen in combinations(range(effect.rows), effect.cols):
-        columns = list(range(effect.cols))
-        if origin.extract(list(chosen), columns).det() == 0:
-            continue
-        inverse = effect.extract(list(chosen), columns).inv()
-        rows = []
-        for i in (i for i in range(effect.rows) if i not in chosen):
-            weights = effect.row(i) * inverse
-            rows.append(
-                PfaffianRow(
-                    {names[i]: sp.S.One}
-                    | {
-                        names[j]: -sp.simplify(w)
-                        for j, w in zip(chosen, weights, strict=True)
-                        if sp.simplify(w) != 0
-                    }
-                )
-            )
-        return tuple(rows)
-    return ()
+    return kernel(system.name, coordinates, matrix, leaf, system.parameters), (), drift

@@ -113,6 +113,14 @@ def whole_number(value: object, what: str, least: int, most: int) -> int:
     return value
 
 
+def given_number(value: object, what: str, of: object) -> sp.Expr:
+    """A finite real number as an expression; text is never read as one (`DefinitionError`)."""
+    number = sp.sympify(value) if isinstance(value, (int, float, sp.Expr)) else sp.nan
+    if isinstance(value, bool) or not (number.is_real and number.is_finite):
+        raise DefinitionError(f"{what} is {of!r}", expected="finite numbers")
+    return number
+
+
 def check_unique(names: Iterable[str], owner: str) -> None:
     """Refuse a name that is declared twice."""
     seen: set[str] = set()

@@ -23,7 +23,6 @@ def steer_by_chained_form(
     escape_time: float = 1.0,
     escape: str = "steer",
     stop: float = 1e-9,
-    search_limit: int = 60,
 ) -> Switching:
     """Steer a system to the origin through chained coordinates z(q), found by search.
 
@@ -32,12 +31,12 @@ def steer_by_chained_form(
     with z1 and zn two of the states and z_(j-1) = L_g1 z_j / L_g1 z1 (`chained_search`), and
     gains as in `steer_chained`. Local: to the states where the transformation is regular
     (for cars and trailers, angles between bodies and to the x axis below 90 deg), which the
-    closed loop does not leave. `search_limit` bounds the search [s].
+    closed loop does not leave.
 
     Raises `DefinitionError` when no pair of states begins and ends a chain, with the reason.
     """
     found = structure(system)
-    search = find_chained_form(found, limit=search_limit)
+    search = find_chained_form(found)
     if search.found is None:
         raise DefinitionError(
             f"no chained coordinates found for system '{system.name}': {search.reason}"

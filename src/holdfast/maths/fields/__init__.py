@@ -1,0 +1,10 @@
+"""The catalogue of reference fields; membership in `ALL` enrols an entry in the tests."""
+
+from holdfast.maths.fields.charge_pair import charge_pair
+from holdfast.maths.fields.dipolar import dipolar
+from holdfast.maths.fields.dipole_like import dipole_like
+from holdfast.maths.fields.electric_dipole import electric_dipole
+
+ALL = (dipolar, dipole_like, electric_dipole, charge_pair)
+
+__all__ = ["ALL", "charge_pair", "dipolar", "dipole_like", "electric_dipole"]

@@ -1,0 +1,117 @@
+"""Where the tables of a scenario come from: a shipped file or one of the user's, with overrides."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from holdfast.compose import Composer
+from holdfast.errors import ScenarioError, suggestion
+from holdfast.maths import fields, systems
+from holdfast.maths.field import Field
+from holdfast.maths.system import System
+
+
+def scenario_names() -> tuple[str, ...]:
+    """The scenarios shipped with the package."""
+    files = resources.files("holdfast.scenarios").iterdir()
+    return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
+
+
+def read_text(name: str) -> tuple[str, str]:
+    """(name or path to show, text) of a shipped scenario or of a TOML file."""
+    if name in scenario_names():
+        file = resources.files("holdfast.scenarios") / f"{name}.toml"
+        return f"{name}.toml", file.read_text("utf-8")
+    if not name.endswith(".toml"):
+        raise ScenarioError(
+            f"unknown scenario '{name}'",
+            remedy=suggestion(name, scenario_names()) + " (a file of your own ends in .toml)",
+        )
+    try:
+        return name, Path(name).read_text("utf-8-sig")
+    except OSError as error:
+        raise ScenarioError(f"{name}: cannot be read ({error.strerror})") from None
+    except ValueError:
+        raise ScenarioError(f"{name}: is no text file in UTF-8") from None
+
+
+def read_tables(name: str, overrides: Iterable[str] = ()) -> tuple[str, str, dict[str, Any]]:
+    """(name to show, text, tables) of a scenario, with `key=value` overrides applied."""
+    shown, text = read_text(name)
+    try:
+        data = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ScenarioError(f"{shown}: not a TOML file: {error}") from None
+    changes = list(overrides)
+    for change in changes:
+        _override(data, change)
+    if changes:
+        text += "\n# overrides: " + "; ".join(changes) + "\n"
+    return shown, text, data
+
+
+def load_system(name: str, overrides: Iterable[str] = ()) -> System:
+    """The system of that name in the catalogue, or of the scenario or TOML file of that name.
+
+    Of a file the table [system] alone is read. Overrides are those of the arguments of the
+    catalogue's function ("trailers=2"), or of the file's keys ("system.trailers=2").
+    """
+    catalogue = [f.__name__ for f in systems.ALL]
+    if name in catalogue:
+        shown, data = name, {"system": catalogue_table(name, overrides, "system")}
+    else:
+        try:
+            shown, _, data = read_tables(name, overrides)
+        except ScenarioError as error:
+            if not str(error).startswith("unknown scenario"):
+                raise
+            raise ScenarioError(
+                f"no system, scenario or file is called '{name}'",
+                remedy=suggestion(name, [*catalogue, *scenario_names()])
+                + " (a file of your own ends in .toml)",
+            ) from None
+    table = data.get("system")
+    if not isinstance(table, Mapping):
+        raise ScenarioError(f"{shown}: no table [system]")
+    return Composer(shown).system(table)
+
+
+def load_field(name: str, overrides: Iterable[str] = ()) -> Field:
+    """The field of that name in the catalogue, with arguments ("lam=2", "moment=[0, 1]")."""
+    table = catalogue_table(name, overrides, "field")
+    built: Field = Composer(name).entry(fields.ALL, table, "field")
+    return built
+
+
+def catalogue_table(name: str, overrides: Iterable[str], kind: str) -> dict[str, Any]:
+    """{ name, arguments } as a scenario's table would be."""
+    data: dict[str, Any] = {kind: {"name": name}}
+    for change in overrides:
+        key, _, rest = change.partition("=")
+        bare = key.strip().removeprefix(f"{kind}.")
+        _override(data, f"{kind}.{bare}={rest}" if "=" in change else change)
+    table: dict[str, Any] = data[kind]
+    return table
+
+
+def _override(data: dict[str, Any], change: str) -> None:
+    key, separator, value = change.partition("=")
+    path = key.strip().split(".")
+    if not separator or not all(path):
+        raise ScenarioError(f"--set {change}", expected="key=value, such as law.k1=0.2")
+    try:
+        parsed = tomllib.loads(f"value = {value}")
+    except (ValueError, RecursionError):
+        parsed = {"value": value.strip()}
+    if len(parsed) != 1:
+        raise ScenarioError(f"--set {key}: more than one value")
+    table = data
+    for part in path[:-1]:
+        table = table.setdefault(part, {})
+        if not isinstance(table, dict):
+            raise ScenarioError(f"--set {change}: '{part}' is no table")
+    table[path[-1]] = parsed["value"]
