@@ -5,7 +5,8 @@ import pytest
 import holdfast as hf
 from holdfast.errors import HoldfastError
 from holdfast.maths.units import check_unit, to_si
-from holdfast.scenario import load_scenario, read_text
+from holdfast.scenario import load_scenario
+from holdfast.sources import read_text
 
 
 def attacked(tmp_path, name, *replacements):

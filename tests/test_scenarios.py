@@ -128,7 +128,7 @@ horizon = 30
     ],
 )
 def test_mistake_in_a_users_own_definition_names_the_key(tmp_path, old, new, complaint):
-    from holdfast.scenario import read_text
+    from holdfast.sources import read_text
 
     text = read_text("wheeled_camera")[1]
     assert old in text

@@ -147,3 +147,23 @@ def test_smooth_closed_loop_agrees_with_an_independent_integrator(vehicle, stepp
         max_step=0.05,
     )
     assert np.abs(ours - theirs.y.T).max() < 1e-7
+
+
+def test_motion_too_fast_for_its_tolerance_is_an_outcome_and_not_an_endless_run():
+    """A spin of 1e9 rad/s: a million steps within one sample, then 'diverged', with the time."""
+    x, y, w = (hf.symbol(n) for n in ("x", "y", "w"))
+    spin = hf.System(
+        "spin", (hf.Quantity("x"), hf.Quantity("y")), (hf.Quantity("w"),), {"x": -w * y, "y": w * x}
+    )
+    fast = hf.Law("fast", spin.states, {"w": 1e9})
+    data = hf.simulate(
+        spin,
+        fast,
+        starts=[[1.0, 0.0]],
+        horizon=1.0,
+        sample_time=1.0,
+        record_every=1.0,
+        stepper="dormand-prince",
+    ).dataset
+    assert data["outcome"].values[0] == hf.Outcome.DIVERGED
+    assert 0 < data["exit_time"].values[0] < 1

@@ -14,6 +14,7 @@ from holdfast.execution.primitives import *  # noqa: F403
 # -- joined from here on
 
 DIVERGED_AT = 1e9
+MOST_STEPS = 1_000_000  # adaptive steps within one control sample
 
 STAYED, REACHED, LEFT, DIVERGED = 0, 1, 2, 3
 
@@ -316,9 +317,15 @@ def simulate_runs(
                 d0 = constraint_rates(q, k0, plant)
             elapsed = 0.0
             index = 0
+            stiff_at = rejected[run] + 4096
             failed = False
             while True:
                 if adaptive:
+                    if index + rejected[run] > stiff_at:  # also where an interruption is heard
+                        failed = stop[0] != 0 or index > MOST_STEPS
+                        if failed:
+                            break
+                        stiff_at += 4096
                     left = sample_time - elapsed
                     h = min(trial, left)
                     last_step = h >= left * (1.0 - 1e-12)

@@ -74,9 +74,9 @@ def gains_for_poles(k1: float, poles: Sequence[Pole]) -> tuple[float, ...]:
         raise DefinitionError(f"{len(values)} poles", expected="one for each state but x1")
     for z in values:
         if values.count(z) != values.count(z.conjugate()):
-            raise DefinitionError(f"the pole {z:g} comes without its conjugate")
+            raise DefinitionError(f"the pole {_listed([z])} comes without its conjugate")
         if not z.real < 0:
-            raise DefinitionError(f"the pole {z:g}", expected="a negative real part")
+            raise DefinitionError(f"the pole {_listed([z])}", expected="a negative real part")
     s = sp.Symbol("s")
     exact = [sp.Rational(z.real) + sp.I * sp.Rational(z.imag) for z in values]
     n, rate = len(values) + 1, sp.Rational(k1)

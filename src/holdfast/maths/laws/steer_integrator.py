@@ -7,7 +7,7 @@ import math
 import sympy as sp
 
 from holdfast.errors import DefinitionError
-from holdfast.maths.functions import least, length, magnitude
+from holdfast.maths.functions import greatest, least, length, magnitude, select, sgn
 from holdfast.maths.law import GainCondition, Law
 from holdfast.maths.quantity import TIME_IN_MODE, Parameter, symbol
 from holdfast.maths.switching import Switching, Transition
@@ -24,8 +24,10 @@ def steer_integrator(
     k1: float = 2.5,
     k2: float = 1.0,
     escape_gain: float = 2.0,
+    escape_least: float = 0.05,
     escape_time: float = 0.5,
     input_limit: float = 5.0,
+    rest: float = 1e-6,
 ) -> Switching:
     """Steer the nonholonomic integrator to the origin along the consistency errors x3, x2.
 
@@ -34,8 +36,9 @@ def steer_integrator(
     with rho^2 = x1^2 + x2^2. Then x3 and rho decay exactly as exp(-k1 t) and exp(-k2 t), so
     the inputs stay bounded only for k1 > k2 (refused otherwise) and the spin k1 x3 / rho^2
     only for k1 > 2 k2 (warned). Where the inputs would pass `input_limit`, as on x1 = x2 = 0,
-    u1 = u2 = -escape_gain x3 is held for `escape_time` [s] first: test the size of the input,
-    never x1 = x2 = 0.
+    u1 = u2 = -escape_gain sgn(x3) max(|x3|, escape_least) is held for `escape_time` [s] first:
+    test the size of the input, never x1 = x2 = 0, and go a least way, or the spin that follows
+    grows as 1 / |x3|. There |x3| <= `rest` counts as zero and is left alone.
     """
     check_rates("steer_integrator", system, nonholonomic_integrator)
     if not k1 > k2:
@@ -45,20 +48,29 @@ def steer_integrator(
         )
     x1, x2, x3 = (symbol(n) for n in ("x1", "x2", "x3"))
     s = {n: symbol(n) for n in ("k1", "k2", "escape_gain", "escape_time", "input_limit")}
+    s |= {n: symbol(n) for n in ("escape_least", "rest")}
     squared = x1**2 + x2**2 + _TINY
     spin = s["k1"] * x3 / squared
-    escape = -s["escape_gain"] * x3
+    escape = -s["escape_gain"] * sgn(x3) * greatest(magnitude(x3), s["escape_least"])
     excess = s["k1"] * magnitude(x3) - s["input_limit"] * length(x1, x2, _TINY)
     return _switching(
         "steer_integrator",
         system,
-        steer={"u1": -s["k2"] * x1 + spin * x2, "u2": -s["k2"] * x2 - spin * x1},
+        steer={
+            "u1": -s["k2"] * x1 + select(-excess, spin * x2, sp.S.Zero),
+            "u2": -s["k2"] * x2 - select(-excess, spin * x1, sp.S.Zero),
+        },
         escape={"u1": escape, "u2": escape},
         excess=excess,
+        rest=magnitude(x3) - s["rest"],
         parameters=(
             Parameter("k1", "1/s", "decay rate of x3", value=k1, above=0),
             Parameter("k2", "1/s", "decay rate of x1 and x2", value=k2, above=0),
             Parameter("escape_gain", "1/s", "gain while escaping", value=escape_gain, above=0),
+            Parameter(
+                "escape_least", "1", "least |x3| to escape by", value=escape_least, above=0.0
+            ),
+            Parameter("rest", "1", "|x3| that counts as zero", value=rest, above=0.0),
             *_escape(escape_time, input_limit),
         ),
         condition=GainCondition(
@@ -133,12 +145,16 @@ def _switching(
     steer: dict[str, sp.Expr],
     escape: dict[str, sp.Expr],
     excess: sp.Expr,
+    rest: sp.Expr = sp.S.One,
     parameters: tuple[Parameter, ...],
     condition: GainCondition,
     description: str,
     source: str,
 ) -> Switching:
-    """Two modes; `excess` >= 0 where the steering input would be too large."""
+    """Two modes; `excess` >= 0 where the steering input would be too large.
+
+    No escape where `rest` < 0.
+    """
 
     def law(mode: str, outputs: dict[str, sp.Expr]) -> Law:
         return Law(mode, system.states, outputs, parameters, conditions=(condition,))
@@ -147,7 +163,10 @@ def _switching(
     return Switching(
         name=name,
         modes={STEER: law(STEER, steer), ESCAPE: law(ESCAPE, escape)},
-        transitions=(Transition(STEER, ESCAPE, excess), Transition(ESCAPE, STEER, done)),
+        transitions=(
+            Transition(STEER, ESCAPE, least(excess, rest)),
+            Transition(ESCAPE, STEER, done),
+        ),
         description=description,
         source=source,
     )
