@@ -14,7 +14,7 @@ import holdfast as hf
 from holdfast.errors import DefinitionError
 from holdfast.maths.chained import chained_feedback
 from holdfast.maths.dipole import dipolar_field
-from holdfast.maths.functions import angle, greatest, magnitude, sgn, wrap
+from holdfast.maths.functions import angle, greatest, magnitude, select, sgn, wrap
 from tests.thesis.closed_loops import solved, with_gains
 
 X, Y, PSI = (hf.symbol(n) for n in ("x", "y", "psi"))
@@ -278,7 +278,7 @@ def test_escape_goes_a_least_way_so_that_the_spin_after_it_stays_bounded(integra
     after = data["mode"].values == 0
     assert spin[after & moved].max() < 30
     assert data["peak_input"].values.max() < 5
-    assert (np.abs(x3[:, -1]) < 1e-6).all()
+    assert (np.abs(x3[:, -1]) < 2e-6).all()
     assert (radius[0] == 0).all(), "below `rest` x3 counts as zero"
 
 
