@@ -118,7 +118,9 @@ def _body(
                 lines.append(f"{indent}{_name(s)} = {argument}[{i}]")
     renamed = {s: sp.Symbol(_name(s), real=True) for s in used}
     results = [e.xreplace(renamed) for e in results]
-    turning = {a for a in renamed.values() if all(_has(results, f(a)) for f in (sp.sin, sp.cos))}
+    turning = set(renamed.values()).intersection(
+        *({call.args[0] for e in results for call in e.atoms(f)} for f in (sp.sin, sp.cos))
+    )
     for a in sorted(turning, key=str):
         pair = {f(a): sp.Symbol(f"{a}{f.__name__}", real=True) for f in (sp.sin, sp.cos)}
         lines.append(f"{indent}{', '.join(map(str, pair.values()))} = sine_and_cosine({a})")
@@ -135,10 +137,6 @@ def _body(
     else:
         lines.append(f"{indent}{give} ({', '.join(texts or ['0.0'])},)")
     return "\n".join(lines)
-
-
-def _has(expressions: Sequence[sp.Expr], part: sp.Expr) -> bool:
-    return any(e.has(part) for e in expressions)
 
 
 def _name(s: sp.Symbol) -> str:
