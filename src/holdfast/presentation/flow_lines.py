@@ -222,9 +222,10 @@ def _spatial(field: Field, reach: float, planes: int) -> Figure:
         figure = plt.figure(figsize=(style.WIDTH * 0.75, 5.4), layout="constrained")
         axis: Axes3D = figure.add_subplot(projection="3d")
         entries = []
+        colours = [c for c in style.LINES if c != style.RED]  # red is p
         for number in range(planes):
             turn = sp.pi * number / planes
-            colour = style.LINES[number % len(style.LINES)]
+            colour = colours[number % len(colours)]
             for side in (1, -1):
                 start = [
                     sp.Float(side * float(sp.cos(turn) * a + sp.sin(turn) * b))
