@@ -167,11 +167,20 @@ def test_steering_scenario_brings_every_start_to_the_origin(name):
     assert result.outcomes["left region"] == result.outcomes["diverged"] == 0
 
 
-@pytest.mark.parametrize("n", [3, 4, 6, 7])
+@pytest.mark.parametrize("n", [3, 4, 6, 8])
 def test_chained_form_of_any_dimension_is_one_override_away(n):
     result = load_scenario("ch4-chained-n", [f"system.n={n}"], runs=50).run()
     assert result.dataset.sizes["state"] == n
     assert result.success_fraction == 1.0
+
+
+def test_chained_form_of_ten_states_needs_a_large_x1_and_steps_of_a_millisecond():
+    far = [f"law.{k}" for k in ("threshold=10", "escape_speed=5", "escape_time=4")]
+    changes = ["system.n=10", "run.sample_time=0.001", *far]
+    assert load_scenario("ch4-chained-n", changes, runs=40).run().success_fraction == 1.0
+    held_longer = load_scenario("ch4-chained-n", [*changes, "run.sample_time=0.01"], runs=40).run()
+    assert held_longer.success_fraction < 0.5
+    assert held_longer.outcomes["diverged"] > 0
 
 
 def test_second_trailer_is_one_override_away():

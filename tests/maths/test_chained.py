@@ -224,7 +224,7 @@ def test_wrong_number_of_gains_is_refused(gains):
         ([-1.0, float("nan")], "expected a number or a pair"),
         ([-1.0], "1 poles"),
         ([-1.0, -2.0, -3.0], "3 poles for 3 states; expected 2, or one number for all"),
-        (None, "neither poles nor gains"),
+        ("fast", "the poles are .fast."),
     ],
 )
 def test_poles_that_cannot_be_placed_are_refused(poles, complaint):

@@ -30,6 +30,9 @@ ESCAPE, STEER, STOP = "escape", "steer", "stop"
 
 Pole = float | complex | Sequence[float]
 
+POLE = -2.0
+"""Where all poles of M are unless a law is told otherwise [1/s]."""
+
 
 def closed_loop_matrix(k1: sp.Expr, gains: Sequence[sp.Expr], *, frozen: bool = False) -> sp.Matrix:
     """M of the module's first lines, for gains (k2, ..., kn); with `frozen`, the matrix the
@@ -189,17 +192,18 @@ def steer_in_chained_coordinates(
     thesis ("coast"). steer: the feedback. stop: inputs zero once |z1| <= `stop`: flooring the
     division instead leaves an error for ever.
 
-    `poles` is one number for all or a list; `gains` (k2, ..., kn) replaces them. Raises
-    `DefinitionError` when both or neither are given or the gains do not stabilise.
+    `poles` is one number for all or a list, by default `POLE`; or `gains` are (k2, ..., kn).
+    Raises `DefinitionError` when both are given or the gains do not stabilise.
     """
     n = len(z)
     if escape not in ("steer", "coast"):
         raise DefinitionError(f"escape of '{name}' is {escape!r}", expected="'steer' or 'coast'")
+    if gains is not None and poles is not None:
+        raise DefinitionError(f"law '{name}' has both poles and gains", expected="one of them")
     if gains is not None:
         chosen = checked_gains(k1, gains, n)
-    elif poles is None:
-        raise DefinitionError(f"law '{name}' has neither poles nor gains")
     else:
+        poles = POLE if poles is None else poles
         listed = [poles] * (n - 1) if isinstance(poles, (int, float)) else list(_poles(poles))
         if len(listed) != n - 1:
             raise DefinitionError(

@@ -16,7 +16,7 @@ def steer_by_chained_form(
     system: System,
     *,
     k1: float = 1.0,
-    poles: Pole | Sequence[Pole] | None = -2.0,
+    poles: Pole | Sequence[Pole] | None = None,
     gains: Sequence[float] | None = None,
     threshold: float = 0.9,
     escape_speed: float = 3.0,
