@@ -180,7 +180,6 @@ def test_chained_form_of_ten_states_needs_a_large_x1_and_steps_of_a_millisecond(
     assert load_scenario("ch4-chained-n", changes, runs=40).run().success_fraction == 1.0
     held_longer = load_scenario("ch4-chained-n", [*changes, "run.sample_time=0.01"], runs=40).run()
     assert held_longer.success_fraction < 0.5
-    assert held_longer.outcomes["diverged"] > 0
 
 
 def test_second_trailer_is_one_override_away():

@@ -31,9 +31,10 @@ def steer_chained(
     Thesis (4.29) for n = 3 (where k3 = k1 + k2) and (4.30) for n = 4. The ratios
     xj / x1^(j-2) obey an exactly linear closed loop, whose poles [1/s] are `poles`: one number
     for all (-2 by default), or a list of n - 1 (a complex one as a pair [re, im]). Or give the
-    `gains` (k2, ..., kn), which are refused unless that loop is stable. From |x1| < `threshold` the law
-    first drives x1 away at `escape_speed` for `escape_time` [s] while it steers the other states
-    to zero (`escape` = "steer"; "coast" is the thesis's u2 = 0); it stops at |x1| <= `stop`.
+    `gains` (k2, ..., kn), which are refused unless that loop is stable. From |x1| <
+    `threshold` the law first drives x1 away at `escape_speed` for `escape_time` [s] while it
+    steers the other states to zero (`escape` = "steer"; "coast" is the thesis's u2 = 0); it
+    stops at |x1| <= `stop`.
     """
     n = len(system.states)
     check_rates("steer_chained", system, chained_form, n)
