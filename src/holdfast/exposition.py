@@ -246,8 +246,10 @@ def _following(system: System, found: Structure, aligned: Alignment | str) -> St
     ]
     body.append(
         "g can point every way, so the law is global but for x = 0."
-        if aligned.turns
+        if aligned.everywhere
         else "g cannot turn round: s is known up to half a turn only, and the law is local."
+        if aligned.regular
+        else f"The law is local: it divides by ∂s/∂{t.name}, which does not keep its sign."
     )
     return Step(title, tuple(body))
 
@@ -308,7 +310,7 @@ def _bounded(name: str, expression: sp.Expr) -> str | Equation:
 def _verdict(system: System, found: Structure, aligned: Alignment | str, search: Search) -> Step:
     derived = not isinstance(aligned, str)
     body: list[str | Equation] = []
-    if derived and isinstance(aligned, Alignment) and aligned.turns:
+    if isinstance(aligned, Alignment) and aligned.everywhere:
         body.append("Use the law `follow_field`: it is global.")
     elif search.found is not None:
         body.append("Use the law `steer_by_chained_form`.")

@@ -286,6 +286,19 @@ def test_field_following_of_the_chained_form_is_local():
     assert reached[near].mean() > 0.85
 
 
+def test_law_that_would_divide_by_zero_is_refused_at_the_origin_and_called_local_elsewhere():
+    cubed = rows_only(POSE, hf.PfaffianRow({"x": -sp.sin(PSI**3), "y": sp.cos(PSI**3)}))
+    with pytest.raises(DefinitionError, match="does not turn the direction g at the origin"):
+        hf.laws.follow_field(cubed)
+    bent = PSI + 2 * PSI**2
+    pieces = alignment(
+        structure(rows_only(POSE, hf.PfaffianRow({"x": -sp.sin(bent), "y": sp.cos(bent)})))
+    )
+    assert not pieces.regular
+    assert not pieces.everywhere
+    assert alignment(structure(hf.systems.unicycle())).everywhere
+
+
 @pytest.mark.parametrize(
     ("system", "reason"),
     [

@@ -35,13 +35,20 @@ class Alignment:
 
     direction: g on the leaf, with p . g(0) > 0. error: s. slope: ds/dt of the transverse
     state. turns: whether g can point every way; if not, s is known up to half a turn and the
-    law is local.
+    law is local. regular: whether ds/dt keeps its sign as the transverse state runs through its
+    range; if not, the law divides by zero on the way and is local too.
     """
 
     direction: sp.ImmutableMatrix
     error: sp.Expr
     slope: sp.Expr
     turns: bool
+    regular: bool
+
+    @property
+    def everywhere(self) -> bool:
+        """Whether the law holds everywhere but at x = 0."""
+        return self.turns and self.regular
 
 
 def alignment(found: Structure) -> Alignment | str:
@@ -90,24 +97,27 @@ def alignment(found: Structure) -> Alignment | str:
     slope = sp.trigsimp(sp.simplify(slope))
     if found.sampler().vanishes(slope):
         return f"{t.name} does not turn the direction g: dh/dt is singular"
-    return Alignment(g, error, slope, _turns(found, g))
+    if not abs(value_at(slope, at)) > 1e-9:
+        return f"{t.name} does not turn the direction g at the origin: dh/dt is singular there"
+    turned, regular = _range(found, g, slope)
+    return Alignment(g, error, slope, abs(turned) > 2 * math.pi - 0.1, regular)
 
 
-def _turns(found: Structure, g: sp.Matrix) -> bool:
-    """Whether g points every way as the transverse state runs through its range."""
-    t, fixed = found.transverse[0], found.sampler().fixed
+def _range(found: Structure, g: sp.Matrix, slope: sp.Expr) -> tuple[float, bool]:
+    """How far g turns as the transverse state runs through its range, at x = 0, and whether
+    ds/dt keeps its sign on the way."""
+    t = found.transverse[0]
     reach = [math.pi * i / 180 for i in range(-180, 181)] if t.angle else _wide()
-    still = dict.fromkeys(found.symbols, sp.S.Zero) | fixed
-    angles = []
+    still = dict.fromkeys(found.symbols, sp.S.Zero) | found.sampler().fixed
+    angles, slopes = [], []
     for value in reach:
         at = still | {t.symbol: sp.Float(value)}
         x, y = (value_at(e, at) for e in g)
         if math.hypot(x, y) > 0:
             angles.append(math.atan2(y, x))
-    turned = 0.0
-    for a, b in pairwise(angles):
-        turned += math.remainder(b - a, 2 * math.pi)
-    return abs(turned) > 2 * math.pi - 0.1
+            slopes.append(value_at(slope, at))
+    turned = math.fsum(math.remainder(b - a, 2 * math.pi) for a, b in pairwise(angles))
+    return turned, all(v > 0 for v in slopes) or all(v < 0 for v in slopes)
 
 
 def _wide() -> list[float]:
