@@ -55,6 +55,41 @@ def test_advice_names_a_law_that_can_be_used(system, advice):
     assert advice in " ".join(hf.explain(system).text().split())
 
 
+@pytest.mark.parametrize("system", SYSTEMS, ids=lambda s: s.description)
+def test_laws_that_are_named_can_be_simulated(system):
+    text = " ".join(hf.explain(system).text().split())
+    listed = re.search(r"made for this system: ([\w, ]+)\.", text)
+    named = re.findall(r"Use the law `(\w+)`", text) + (listed[1].split(", ") if listed else [])
+    for name in named:
+        law = getattr(hf.laws, name)(system)
+        if set(law.output_names) != set(system.input_names):
+            law = hf.track_velocity(system, law, dict.fromkeys(law.output_names, 5.0))
+        start = [[0.9] * len(system.states)]
+        result = hf.simulate(system, law, starts=start, horizon=0.1, record_every=0.1)
+        assert result.outcomes["stayed"] == 1
+    assert "face_target" not in text or system.name == "marine_vehicle"
+
+
+def test_description_from_a_file_cannot_command_tex(tmp_path):
+    path = tmp_path / "sled.toml"
+    path.write_text(
+        ROWS_ALONE.replace("[system]", '[system]\ndescription = "\\\\input{/etc/x} $x$ ~"')
+    )
+    shown = hf.explain(load_system(str(path))).latex()
+    assert "\\textbackslash{}input\\{/etc/x\\} \\$x\\$ \\textasciitilde{}" in shown
+
+
+def test_letters_of_the_derivation_avoid_those_of_the_system(tmp_path):
+    path = tmp_path / "chain.toml"
+    path.write_text(
+        "[system]\nstates = { z1 = {}, z2 = {}, w3 = {} }\ninputs = { v1 = {}, v2 = {} }\n"
+        'rates = { z1 = "v1", z2 = "v2", w3 = "z2*v1" }\n'
+    )
+    text = " ".join(hf.explain(load_system(str(path))).text().split())
+    assert "zeta1' = nu1" in text
+    assert "zeta1 = z1" in text
+
+
 def test_relative_degree_counts_how_often_an_output_is_differentiated():
     text = hf.explain(hf.systems.tractor_trailer(2)).text()
     assert "h_1: 2, h_2: 2, h_3: 1" in text
@@ -143,6 +178,9 @@ HOLONOMIC = ROWS_ALONE.replace('"-sin(psi)", y = "cos(psi)"', '"1 + x", y = "y"'
         (["unicycle", "--moment", "1,0,0"], "3 components; expected 2"),
         (["tractor_trailer", "--set", "trailers=3", "--limit", "0.1"], "longer than 0.1 s; allow"),
         (["unicycle", "--limit", "-1"], "Invalid value"),
+        (["unicycle", "--limit", "inf"], "Invalid value"),
+        (["unicycle", "--limit", "nan"], "nan is no number"),
+        (["unicycle", "--markdown", "/proc/none/page.md"], "choose another with --markdown"),
         (["holonomic.toml"], "1 of its 1 constraints can be integrated (row 1 on its own)"),
         (["empty.toml"], "no table [system]"),
         (["free.toml"], "no Pfaffian constraint"),

@@ -207,6 +207,7 @@ def test_second_trailer_is_one_override_away():
         ("ch4-integrator", "law.k1=0.5", "expected k1 > k2"),
         ("ch2-integrator", "law.k=2", "expected k > 2 k1"),
         ("ch4-marine", "law.k1=0.5", "side-slips into the origin"),
+        ("ch4-chained-4", "law.poles=-1", "both poles and gains; expected one of them"),
         ("ch4-car", 'system.name="front_axle_car"', "no chained coordinates found .+ moved by the"),
         ("ch4-car", 'law.name="steer_unicycle"', "no such parameter|not made for system 'car'"),
         ("ch4-trailer", "system.trailers=9", "expected a whole number from 1 to 3"),
@@ -217,3 +218,9 @@ def test_second_trailer_is_one_override_away():
 def test_bad_gains_and_dimensions_are_refused_with_the_reason(name, change, complaint):
     with pytest.raises(ScenarioError, match=complaint):
         load_scenario(name, [change])
+
+
+def test_key_with_nothing_after_the_sign_is_taken_away():
+    poles = load_scenario("ch4-chained-4", ["law.gains=", "law.poles=-1.5"])
+    values = {p.name: p.value for p in poles.law.parameters}
+    assert (values["k2"], values["k3"]) == (7.5, 27.25)

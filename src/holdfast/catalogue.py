@@ -8,6 +8,7 @@ from typing import Any
 
 from holdfast.errors import DefinitionError, HoldfastError
 from holdfast.maths import fields, laws, regions, systems
+from holdfast.maths.system import System
 
 KINDS: dict[str, tuple[Callable[..., Any], ...]] = {
     "system": systems.ALL,
@@ -61,3 +62,15 @@ def accepted_parameters(function: Callable[..., Any], parameters: Mapping[str, A
     if any(p.kind is inspect.Parameter.VAR_KEYWORD for p in signature):
         return list(parameters)
     return [p.name for p in signature if p.name in parameters]
+
+
+def is_made_for(function: Callable[..., Any], system: System) -> bool:
+    """Whether the law can be built and gives inputs, or velocities for the inputs to track."""
+    if leading_argument(function) != "system":
+        return False
+    try:
+        outputs = set(function(system).output_names)
+    except DefinitionError:
+        return False
+    tracked = outputs <= set(system.state_names) and len(outputs) == len(system.inputs)
+    return tracked or outputs == set(system.input_names)

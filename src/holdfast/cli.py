@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import sys
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -22,6 +19,12 @@ if TYPE_CHECKING:
     from holdfast.scenario import Scenario
 
 ANSWERED, NOT_ANSWERED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+
+def _a_number(context: click.Context, parameter: click.Parameter, value: float) -> float:
+    if value != value:
+        raise click.BadParameter("nan is no number of seconds")
+    return value
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -69,12 +72,16 @@ def show_command(name: str, overrides: tuple[str, ...], out: Path | None) -> Non
             raise ScenarioError(f"'{name}' has no figure", expected="a field with --out")
         _check_writable(out)
         field = load_field(name, overrides)
-    click.echo(describe(name, overrides))
+    from holdfast.patience import bounded
+
+    with bounded(f"showing '{name}'", 60.0, "ask for less: fewer dimensions, simpler values"):
+        text = describe(name, overrides)
+    click.echo(text)
     if out is not None:
         from holdfast.presentation import style
         from holdfast.presentation.flow_lines import flow_lines_figure
 
-        out.mkdir(parents=True, exist_ok=True)
+        _make(out)
         written = style.write(flow_lines_figure(field), out, name)
         click.echo(f"\n  files in {out}: " + ", ".join(f.name for f in written))
 
@@ -93,7 +100,8 @@ def show_command(name: str, overrides: tuple[str, ...], out: Path | None) -> Non
 )
 @click.option(
     "--limit",
-    type=click.FloatRange(min=0.1),
+    type=click.FloatRange(min=0.1, max=86_400.0),
+    callback=_a_number,
     default=60.0,
     show_default=True,
     help="Seconds the derivation may take.",
@@ -117,44 +125,30 @@ def explain_command(
     SYSTEM is a system of the catalogue, a scenario, or a TOML file with a table [system]: rates
     with or without Pfaffian rows, or the rows alone.
     """
-    from tqdm import tqdm
-
     from holdfast.derivation import explain
+    from holdfast.patience import bounded
     from holdfast.sources import load_system
 
     if markdown is not None:
-        _check_writable(markdown.parent)
-    loaded = load_system(system, overrides)
-    with (
-        tqdm(
-            total=100,
-            desc=f"{system}, searching",
-            unit="%",
-            leave=False,
-            delay=2.0,
-            file=sys.stderr,
-            bar_format=_BAR,
-        ) as bar,
-        _at_most(limit, f"the derivation for '{system}'"),
-    ):
+        _check_writable(markdown.parent, "--markdown")
+    remedy = "allow more with --limit"
+    with bounded(f"the derivation for '{system}'", limit, remedy) as progress:
         derived = explain(
-            loaded,
+            load_system(system, overrides),
             _numbers(moment) if moment is not None else None,
             limit=0.8 * limit,
-            progress=lambda fraction: bar.update(100 * fraction - bar.n),
+            progress=progress,
         )
+        text = derived.latex() if latex else derived.text()
     if markdown is not None:
         from holdfast.analysis.result import atomic_file
 
-        markdown.parent.mkdir(parents=True, exist_ok=True)
+        _make(markdown.parent, "--markdown")
         with atomic_file(markdown) as partial:
             partial.write_text(derived.markdown(), "utf-8")
         click.echo(f"written: {markdown}")
     if latex or markdown is None:
-        click.echo(derived.latex() if latex else derived.text())
-
-
-_BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
+        click.echo(text)
 
 
 def _numbers(text: str) -> list[float]:
@@ -162,27 +156,6 @@ def _numbers(text: str) -> list[float]:
         return [float(part) for part in text.split(",")]
     except ValueError:
         raise ScenarioError(f"--moment {text}", expected="numbers, such as 1,0,0") from None
-
-
-@contextmanager
-def _at_most(seconds: float, what: str) -> Iterator[None]:
-    """Refuse what takes longer, wherever it is; on systems without alarms it may take longer."""
-    if not hasattr(signal, "setitimer"):
-        yield
-        return
-
-    def ring(number: int, frame: object) -> NoReturn:
-        raise ScenarioError(
-            f"{what} took longer than {seconds:g} s", remedy="allow more with --limit"
-        )
-
-    before = signal.signal(signal.SIGALRM, ring)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
 
 
 @cli.command("run")
@@ -227,7 +200,7 @@ def run_command(
         sys.exit(NOT_ANSWERED)
 
 
-def _check_writable(folder: Path) -> None:
+def _check_writable(folder: Path, option: str = "--out") -> None:
     """Find out before the work whether the folder can be made and written."""
     place = folder.absolute()
     while not place.exists() and place != place.parent:
@@ -235,12 +208,24 @@ def _check_writable(folder: Path) -> None:
     if not place.is_dir() or not os.access(place, os.W_OK | os.X_OK):
         raise OutputError(
             f"the folder {folder} cannot be written ({place} is no folder, or not yours)",
-            remedy="choose another with --out",
+            remedy=f"choose another with {option}",
         )
+
+
+def _make(folder: Path, option: str = "--out") -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"the folder {folder} cannot be made ({error.strerror})",
+            remedy=f"choose another with {option}",
+        ) from None
 
 
 def _simulated(scenario: Scenario) -> Result:
     from tqdm import tqdm
+
+    from holdfast.patience import BAR
 
     with tqdm(
         total=100,
@@ -248,7 +233,7 @@ def _simulated(scenario: Scenario) -> Result:
         unit="%",
         leave=False,
         file=sys.stderr,
-        bar_format=_BAR,
+        bar_format=BAR,
     ) as bar:
 
         def progress(fraction: float) -> None:
@@ -261,7 +246,7 @@ def _simulated(scenario: Scenario) -> Result:
 def _written(scenario: Scenario, result: Result, folder: Path, *, figures: bool) -> list[Path]:
     from holdfast.analysis.result import atomic_file
 
-    folder.mkdir(parents=True, exist_ok=True)
+    _make(folder)
     files = [result.save(folder / "result.nc")]
     if figures:
         from holdfast.presentation import style

@@ -52,6 +52,7 @@ class Derivation:
         """A LaTeX document (needs amsmath)."""
         lines = [
             "\\documentclass{article}",
+            "\\usepackage[T1]{fontenc}",
             "\\usepackage{amsmath}",
             "\\begin{document}",
             f"\\section*{{{_escaped(self.title)}}}",
@@ -89,10 +90,17 @@ def _latex_left(name: str) -> str:
     return name if not name[0].isalpha() or "(" in name else latex_name(name)
 
 
+_TEX = {c: f"\\{c}" for c in "_&%#${}"} | {
+    "\\": "\\textbackslash{}",
+    "^": "\\textasciicircum{}",
+    "~": "\\textasciitilde{}",
+    "∂": "$\\partial$",
+}
+
+
 def _escaped(text: str) -> str:
-    for plain, safe in (("_", "\\_"), ("^", "\\^{}"), ("&", "\\&"), ("%", "\\%"), ("#", "\\#")):
-        text = text.replace(plain, safe)
-    return text
+    """Text that TeX takes as text: a description may come from a stranger's file."""
+    return "".join(_TEX.get(c, c) for c in text)
 
 
 def _wrapped(text: str) -> list[str]:

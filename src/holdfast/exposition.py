@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import sympy as sp
 
-from holdfast.catalogue import leading_argument
-from holdfast.errors import DefinitionError
+from holdfast.catalogue import is_made_for
 from holdfast.maths import laws
 from holdfast.maths.chained import chained_feedback, closed_loop_matrix, gains_for_poles
 from holdfast.maths.chained_search import ChainedForm, Search
 from holdfast.maths.field_following import SIDE, SPEED, Alignment, in_inputs
 from holdfast.maths.lie_algebra import Growth
-from holdfast.maths.numbers import rank, value_at
-from holdfast.maths.pfaffian import Structure
+from holdfast.maths.numbers import value_at
+from holdfast.maths.pfaffian import Structure, inputs_at_rest, relative_degrees
 from holdfast.maths.quantity import Quantity, symbol
 from holdfast.maths.system import System
 
@@ -99,10 +99,11 @@ def _states(found: Structure) -> Step:
 
 def _nonholonomy(found: Structure, grown: Growth) -> Step:
     n = len(found.coordinates)
+    least = "" if grown.origin == n else "at least "
     body: list[str | Equation] = [
         "Brackets of the allowed motions, order by order, span "
         + ", ".join(map(str, grown.vector))
-        + f" of {n} dimensions (at the origin {grown.origin})."
+        + f" of {n} dimensions (at the origin {least}{grown.origin})."
     ]
     for number, (name, g) in enumerate(grown.brackets, start=1):
         if number > 3 or sp.count_ops(g) > 60:
@@ -136,18 +137,10 @@ def _equilibria(found: Structure) -> Step:
         body.append("Acatastatic: q' = 0 asks for b(q) = 0, that is, rest is possible only where")
         body += [Equation("0", b) for b in found.rhs if b != 0]
     if found.kinematic:
-        held = in_inputs_of_rest(found)
+        held = inputs_at_rest(found)
         body.append("and it rests there under the inputs")
         body += [Equation(u.name, e) for u, e in zip(found.inputs, held, strict=True)]
     return Step("Catastatic or acatastatic; equilibria", tuple(body))
-
-
-def in_inputs_of_rest(found: Structure) -> tuple[sp.Expr, ...]:
-    """The inputs that hold the system where it can rest: -(G^T G)^-1 G^T f."""
-    effect = sp.Matrix.hstack(*(sp.Matrix(d) for d in found.directions))
-    normal = (effect.T * effect).applyfunc(sp.trigsimp)
-    held = -normal.inv() * effect.T * sp.Matrix(found.drift)
-    return tuple(sp.trigsimp(sp.expand(e)) for e in held)
 
 
 def _field(found: Structure, *, chosen: bool) -> Step:
@@ -185,8 +178,10 @@ def _field(found: Structure, *, chosen: bool) -> Step:
 def _output(found: Structure) -> Step:
     body: list[str | Equation] = ["The output to bring to zero is h = A F:"]
     body += [Equation(f"h_{i}", h) for i, h in enumerate(found.output, start=1)]
-    at = found.sampler().point(found.symbols, 1)
-    rank_found = rank([[value_at(e, at) for e in row] for row in found.output_rate.tolist()])
+    sampler = found.sampler()
+    at = sampler.generic_point(found.symbols, [*found.output_rate], "dh/dt")
+    rates = [[value_at(e, at) for e in row] for row in found.output_rate.tolist()]
+    rank_found = sampler.rank(rates)
     body.append(
         f"dh/dt per unit of the {len(found.directions)} motions has rank {rank_found} for "
         f"{len(found.output)} output{'s' * (len(found.output) > 1)}."
@@ -198,25 +193,6 @@ def _output(found: Structure) -> Step:
         )
         body.append(f"Relative degree with respect to the rate of {t.name}: {degrees}.")
     return Step("The output", tuple(body))
-
-
-def relative_degrees(found: Structure, t: Quantity) -> tuple[int, ...]:
-    """How often each output is differentiated before the rate of t appears; 0: never."""
-    moved = {
-        q.symbol: set().union(*(g[i].free_symbols for g in found.directions))
-        for i, q in enumerate(found.coordinates)
-    }
-    degrees = []
-    for h in found.output:
-        reached, degree = set(h.free_symbols) & set(moved), 1
-        while t.symbol not in reached:
-            larger = reached | set().union(*(moved[s] & set(moved) for s in reached))
-            if larger == reached:
-                degree = 0
-                break
-            reached, degree = larger, degree + 1
-        degrees.append(degree)
-    return tuple(degrees)
 
 
 def _following(system: System, found: Structure, aligned: Alignment | str) -> Step:
@@ -261,40 +237,59 @@ def _chain(found: Structure, search: Search) -> Step:
         return Step(title, (f"Not derived: {search.reason}{tried}.",))
     form = search.found
     n = len(form.coordinates)
-    z = [symbol(f"z{i}") for i in range(1, n + 1)]
-    gains = [symbol(f"k{i}") for i in range(2, n + 1)]
+    zs, vs, ks = (_unused(c, found) for c in (("z", "zeta"), ("v", "nu"), ("k", "kappa")))
+    z = [symbol(f"{zs}{i}") for i in range(1, n + 1)]
+    v1, v2 = symbol(f"{vs}1"), symbol(f"{vs}2")
+    k1, *gains = (symbol(f"{ks}{i}") for i in range(1, n + 1))
     values = gains_for_poles(1.0, [-2.0] * (n - 1))
     placed = ", ".join(f"{k} = {v:g}" for k, v in zip(gains, values, strict=True))
+    between = f"{zs}3/{zs}1, ..., " if n > 3 else ""
+    ratios = f"({zs}2, {between}{zs}{n}/{zs}1{f'^{n - 2}' if n > 3 else ''})"
+    tried = f"{search.tried} of {search.pairs} pairs tried"
     body: list[str | Equation] = [
-        f"Derived ({search.tried} of {search.pairs} pairs tried): with z1 and z{n} two of the "
-        "states and the others by differentiation,",
-        *(_bounded(f"z{i}", e) for i, e in enumerate(form.coordinates, start=1)),
-        "the system is the chained form z1' = v1, z2' = v2, zj' = z(j-1) v1. There the law",
-        Equation("v1", -symbol("k1") * z[0]),
-        Equation("v2", chained_feedback(z, gains)),
-        f"makes y = (z2, z3/z1, ..., z{n}/z1^{n - 2}) obey y' = M y exactly, with constant"
-        if n > 3
-        else "makes y = (z2, z3/z1) obey y' = M y exactly, with constant",
-        Equation("M", closed_loop_matrix(symbol("k1"), gains)),
-        f"whose {n - 1} poles may be placed anywhere in the left half-plane: with k1 = 1 1/s and "
+        f"Derived ({tried}): with {zs}1 and {zs}{n} two of the states and the others by "
+        "differentiation,",
+        *(_bounded(str(s), e) for s, e in zip(z, form.coordinates, strict=True)),
+        f"the system is the chained form {zs}1' = {vs}1, {zs}2' = {vs}2, {zs}j' = {zs}(j-1) {vs}1. "
+        "There the law",
+        Equation(str(v1), -k1 * z[0]),
+        Equation(str(v2), chained_feedback(z, gains)),
+        f"makes y = {ratios} obey y' = M y exactly, with constant",
+        Equation("M", closed_loop_matrix(k1, gains)),
+        f"whose {n - 1} poles may be placed anywhere in the left half-plane: with {k1} = 1 1/s and "
         f"all of them at -2 1/s, {placed}. In the inputs of the system:",
         *(
-            _bounded(u.name, a * symbol("v1") + b * symbol("v2"))
+            _bounded(u.name, a * v1 + b * v2)
             for u, (a, b) in zip(found.inputs, form.coefficients, strict=True)
         ),
         _domain(form),
-        "From z1 = 0, where it divides by zero, the law escapes first, at a speed and for a time "
-        "that are the designer's choice.",
+        f"From {zs}1 = 0, where it divides by zero, the law escapes first, at a speed and for a "
+        "time that are the designer's choice.",
     ]
     return Step(title, tuple(body))
 
 
+def _unused(choices: tuple[str, str], found: Structure) -> str:
+    """The first letter that, with a number, names no quantity of the system."""
+    names = {
+        str(s) for s in found.matrix.free_symbols.union(*(g.free_symbols for g in found.directions))
+    }
+    names |= {q.name for q in (*found.coordinates, *found.inputs, *found.parameters)}
+    taken = any(re.fullmatch(choices[0] + r"\d+", name) for name in names)
+    return choices[1] if taken else choices[0]
+
+
 def _domain(form: ChainedForm) -> str:
-    if not form.divisors:
+    if not form.divisors and not form.positive:
         return "The transformation is regular everywhere."
-    shown = [str(d) for d in form.divisors]
-    listed = ", ".join(s if len(s) < 60 else "the last divisor of the inputs" for s in shown)
-    return f"The law is local: it needs nonzero {listed}."
+    needs = []
+    for what, expressions in (("nonzero", form.divisors), ("positive", form.positive)):
+        shown = dict.fromkeys(
+            str(e) if len(str(e)) < 60 else "what else the inputs divide by" for e in expressions
+        )
+        if shown:
+            needs.append(f"{what} {', '.join(shown)}")
+    return f"The law is local: it needs {'; and '.join(needs)}."
 
 
 _SHOWN_OPERATIONS = 250
@@ -318,7 +313,9 @@ def _verdict(system: System, found: Structure, aligned: Alignment | str, search:
         body.append("Use the law `follow_field`, from starts near the p axis.")
     else:
         body.append("No law is derived; the reasons are in the two steps before.")
-    made = [f.__name__ for f in laws.ALL if _is_made_for(f, system)]
+    derivable = (laws.follow_field, laws.steer_by_chained_form)
+    others = (f for f in laws.ALL if f not in derivable)
+    made = [f.__name__ for f in others if is_made_for(f, system)]
     if made:
         body.append(f"Laws of the catalogue that are made for this system: {', '.join(made)}.")
     left = ["gains, and when to stop near the origin"]
@@ -326,13 +323,3 @@ def _verdict(system: System, found: Structure, aligned: Alignment | str, search:
         left.insert(0, "p")
     body.append(f"Left to the designer: {'; '.join(left)}.")
     return Step("What to use", tuple(body))
-
-
-def _is_made_for(law: Callable[..., object], system: System) -> bool:
-    if law in (laws.follow_field, laws.steer_by_chained_form) or leading_argument(law) != "system":
-        return False
-    try:
-        law(system)
-    except DefinitionError:
-        return False
-    return True

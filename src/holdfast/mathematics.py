@@ -18,18 +18,21 @@ WIDTH = 100
 def equations(pairs: Iterable[tuple[str, sp.Expr]], relation: str = "=") -> list[str]:
     """Equations set in two dimensions; long ones are split by naming their parts."""
     given = dict(pairs)
+    used = {str(s) for e in given.values() for s in e.free_symbols} | set(given)
+    letter = next(c for c in ("w", "part", "piece") if not any(n.startswith(c) for n in used))
     if max(width(e) for e in given.values()) > WIDTH:
         shared, reduced = sp.cse(
-            list(given.values()), symbols=sp.numbered_symbols("w", start=1), order="none"
+            list(given.values()), symbols=sp.numbered_symbols(letter, start=1), order="none"
         )
         given = {str(s): e for s, e in shared} | dict(zip(given, reduced, strict=True))
     lines = []
     for left, expression in given.items():
         rows = pretty(expression)
+        middle = len(rows) // 2
         if max(len(row) for row in rows) > WIDTH:
             rows = textwrap.wrap(sp.sstr(expression), WIDTH, break_long_words=False)
+            middle = 0
         head = f"    {left} {relation} "
-        middle = len(rows) // 2
         lines += [
             (head if i == middle else " " * len(head)) + row.rstrip() for i, row in enumerate(rows)
         ]

@@ -101,6 +101,7 @@ def catalogue_table(name: str, overrides: Iterable[str], kind: str) -> dict[str,
 def _override(data: dict[str, Any], change: str) -> None:
     key, separator, value = change.partition("=")
     path = key.strip().split(".")
+    # nothing after the sign takes the key away
     if not separator or not all(path):
         raise ScenarioError(f"--set {change}", expected="key=value, such as law.k1=0.2")
     try:
@@ -114,4 +115,7 @@ def _override(data: dict[str, Any], change: str) -> None:
         table = table.setdefault(part, {})
         if not isinstance(table, dict):
             raise ScenarioError(f"--set {change}: '{part}' is no table")
-    table[path[-1]] = parsed["value"]
+    if value.strip():
+        table[path[-1]] = parsed["value"]
+    else:
+        table.pop(path[-1], None)

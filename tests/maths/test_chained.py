@@ -232,6 +232,22 @@ def test_poles_that_cannot_be_placed_are_refused(poles, complaint):
         hf.laws.steer_chained(hf.systems.chained_form(3), poles=poles)
 
 
+def test_poles_that_double_precision_cannot_place_are_refused():
+    """n = 10, all poles at -0.1: the rounded gains have an eigenvalue of +0.03."""
+    with pytest.raises(DefinitionError, match="cannot be placed in double precision"):
+        hf.laws.steer_chained(hf.systems.chained_form(10), poles=-0.1)
+
+
+def test_poles_slower_than_x1_are_warned_of():
+    law = hf.laws.steer_chained(hf.systems.chained_form(3), poles=-0.05)
+    (condition,) = law.conditions
+    assert "the law stops, before" in condition.violation(
+        {p.symbol: p.value for p in law.parameters}
+    )
+    usual = hf.laws.steer_chained(hf.systems.chained_form(3))
+    assert usual.conditions[0].violation({p.symbol: p.value for p in usual.parameters}) is None
+
+
 @pytest.mark.parametrize("k1", [0.0, -1.0, float("nan"), float("inf")])
 def test_decay_rate_of_x1_must_be_positive(k1):
     with pytest.raises(DefinitionError, match="expected k1 > 0"):

@@ -38,6 +38,12 @@ def kinds(point):
     return [sector.kind for sector in point.sectors]
 
 
+@pytest.mark.parametrize("value", ["no", 3, None])
+def test_choice_of_the_exponential_is_a_yes_or_a_no(value):
+    with pytest.raises(DefinitionError, match="expected true or false"):
+        fields.dipole_like(exponential=value)
+
+
 @pytest.mark.parametrize("function", fields.ALL, ids=lambda f: f.__name__)
 def test_every_field_is_described_with_its_source_and_facts(function):
     field = function()

@@ -128,18 +128,16 @@ def test_motions_follow_from_the_rows_alone():
 
 
 def test_rows_follow_from_the_rates_alone():
-    """A unicycle without a declared row: what annihilates its input directions."""
+    """A unicycle without a declared row: what annihilates its input directions, smoothly."""
     v, r = hf.symbol("v"), hf.symbol("r")
-    system = hf.System(
-        "bare",
-        POSE,
-        (hf.Quantity("v"), hf.Quantity("r")),
-        {"x": v * sp.cos(PSI), "y": v * sp.sin(PSI), "psi": r},
-    )
+    system = given({"x": v * sp.cos(PSI), "y": v * sp.sin(PSI), "psi": r})
     found = structure(system)
     assert names(found.leaf) == ["x", "y"]
-    assert found.sampler().vanishes(found.matrix[0, 0] / found.matrix[0, 1] + sp.tan(PSI))
+    assert found.sampler().vanishes(
+        found.matrix[0, 0] * sp.cos(PSI) + found.matrix[0, 1] * sp.sin(PSI)
+    )
     assert growth(found).vector == (2, 3)
+    assert alignment(found).everywhere
 
 
 def test_signed_minors_turn_smoothly_where_elimination_flips():
@@ -204,6 +202,86 @@ def test_dependent_rows_are_refused():
 def test_system_without_a_constraint_is_refused(double_integrator):
     with pytest.raises(DefinitionError, match="no Pfaffian constraint"):
         structure(double_integrator)
+
+
+@pytest.mark.parametrize("size", [1e-10, 1e-3, 1e10])
+def test_verdict_does_not_depend_on_the_scale_of_the_coordinates(size):
+    """z' + c y x' = 0 is nonholonomic for every c; short trailers are like long ones."""
+    states = tuple(hf.Quantity(n) for n in ("x", "y", "z"))
+    c = sp.Rational(size)
+    system = rows_only(states, hf.PfaffianRow({"x": c * Y, "z": 1}))
+    assert growth(structure(system)).vector == (2, 3)
+    assert growth(structure(hf.systems.car(wheelbase=size))).vector == (2, 3, 4)
+    assert find_chained_form(structure(hf.systems.car(wheelbase=size))).found is not None
+
+
+def test_short_trailers_are_nonholonomic_too():
+    system = hf.systems.tractor_trailer(2, length_1=1e-3, length_2=1e-3)
+    assert growth(structure(system)).vector == (2, 3, 4, 5)
+
+
+def test_dimension_at_the_origin_may_take_longer_brackets():
+    """z' = x^3 y': three brackets more with d/dx are needed where x = 0."""
+    states = tuple(hf.Quantity(n) for n in ("x", "y", "z"))
+    result = growth(structure(rows_only(states, hf.PfaffianRow({"y": -(X**3), "z": 1}))))
+    assert result.vector == (2, 3)
+    assert result.origin == 3
+
+
+def test_zero_column_in_disguise_is_a_zero_column():
+    disguise = sp.sin(PSI) ** 2 + sp.cos(PSI) ** 2 - 1
+    row = hf.PfaffianRow({**NO_SLIP.coefficients, "psi": disguise})
+    assert names(structure(rows_only(POSE, row)).transverse) == ["psi"]
+
+
+def given(rates, rows=(), **more):
+    quantities = {n: hf.Quantity(n) for n in ("v", "r")}
+    return hf.System("given", POSE, tuple(quantities.values()), rates, pfaffian=tuple(rows), **more)
+
+
+@pytest.mark.parametrize(
+    ("system", "complaint"),
+    [
+        (
+            lambda: rows_only(POSE, hf.PfaffianRow({"x": -hf.TIME, "y": sp.S.One})),
+            "A depends on 't'",
+        ),
+        (
+            lambda: rows_only(
+                POSE,
+                hf.PfaffianRow(
+                    {"x": -hf.parse_expression("abs(psi)", {"psi": PSI}), "y": sp.S.One}
+                ),
+            ),
+            "A contains abs; expected smooth",
+        ),
+        (
+            lambda: given(
+                {
+                    "x": hf.symbol("v") ** 3 * sp.cos(PSI),
+                    "y": hf.symbol("v") ** 3 * sp.sin(PSI),
+                    "psi": hf.symbol("r"),
+                },
+                [NO_SLIP],
+            ),
+            "not affine in its inputs",
+        ),
+        (
+            lambda: rows_only(
+                (hf.Quantity("x"), hf.Quantity("y"), hf.Quantity("lam")),
+                hf.PfaffianRow({"x": -hf.symbol("lam"), "y": 1}),
+            ),
+            "calls a quantity 'lam'",
+        ),
+        (
+            lambda: rows_only(POSE, hf.PfaffianRow({"q": sp.S.One})),
+            "names 'q', which is no state",
+        ),
+    ],
+)
+def test_what_the_logic_cannot_judge_is_refused(system, complaint):
+    with pytest.raises(DefinitionError, match=complaint):
+        structure(system())
 
 
 def test_integrability_agrees_with_an_exact_form():
@@ -337,7 +415,7 @@ def test_found_coordinates_are_exactly_in_chained_form(system):
     states = [q.symbol for q in system.states]
     for number in range(5):
         # wherever a divisor has shrunk, rounding is measured and not the identity
-        at = Sampler({p.symbol: p.value for p in system.parameters}, 0.5).point(
+        at = Sampler({p.symbol: p.value for p in system.parameters}, reach=0.5).point(
             [*states, *v], number
         )
         u = {s: sp.Float(value_at(e, at)) for s, e in inputs.items()}
@@ -398,4 +476,5 @@ def test_vanishing_is_not_claimed_where_nothing_is_a_number():
     a = hf.symbol("a")
     assert not Sampler({}).vanishes(sp.log(-(a**2) - 1))
     assert Sampler({}).vanishes(sp.sin(a) ** 2 + sp.cos(a) ** 2 - 1)
-    assert not Sampler({}).vanishes(1e-6 * a)
+    for size in (sp.Float(1e-6), sp.Rational(1, 10**20)):
+        assert not Sampler({}).vanishes(size * a)

@@ -22,7 +22,7 @@ import sympy as sp
 
 from holdfast.errors import DefinitionError
 from holdfast.maths.functions import least, magnitude, sgn
-from holdfast.maths.law import Law
+from holdfast.maths.law import GainCondition, Law
 from holdfast.maths.quantity import TIME, TIME_IN_MODE, Parameter, Quantity, symbol
 from holdfast.maths.switching import Switching, Transition
 
@@ -70,8 +70,7 @@ def gains_for_poles(k1: float, poles: Sequence[Pole]) -> tuple[float, ...]:
     conjugate. Raises `DefinitionError` for fewer than two poles, poles without their
     conjugates or not in the left half-plane, or k1 <= 0.
     """
-    if not (math.isfinite(k1) and k1 > 0):
-        raise DefinitionError(f"k1 is {k1}", expected="k1 > 0")
+    _check_rate(k1)
     values = [_as_pole(p) for p in poles]
     if len(values) < 2:
         raise DefinitionError(f"{len(values)} poles", expected="one for each state but x1")
@@ -106,6 +105,11 @@ def polynomial(roots: Sequence[complex]) -> tuple[float, ...]:
     return tuple(c.real for c in coefficients[1:])
 
 
+def _check_rate(k1: object) -> None:
+    if not (isinstance(k1, (int, float)) and math.isfinite(k1) and k1 > 0):
+        raise DefinitionError(f"k1 is {k1}", expected="k1 > 0")
+
+
 def _as_pole(value: object) -> complex:
     if isinstance(value, Sequence) and not isinstance(value, str) and len(value) == 2:
         parts = list(value)
@@ -133,8 +137,7 @@ def checked_gains(k1: float, gains: Sequence[float], n: int) -> tuple[float, ...
     ]
     if len(numbers) != n - 1 or len(listed) != n - 1:
         raise DefinitionError(f"the gains are {gains!r}", expected=f"{n - 1} numbers, k2 to k{n}")
-    if not (math.isfinite(k1) and k1 > 0):
-        raise DefinitionError(f"k1 is {k1}", expected="k1 > 0")
+    _check_rate(k1)
     rational = [sp.Rational(g) for g in numbers]
     true = eigenvalues(closed_loop_matrix(sp.Rational(k1), rational))
     if true[0].real < 0:
@@ -149,7 +152,7 @@ def checked_gains(k1: float, gains: Sequence[float], n: int) -> tuple[float, ...
         f"with k1 = {k1:g} and gains ({', '.join(f'{g:g}' for g in numbers)}) the closed loop "
         f"has the eigenvalues {_listed(true)}{note}",
         expected="all in the left half-plane",
-        remedy="give poles instead of gains",
+        remedy="give poles instead of gains (--set law.gains= takes them away)",
     )
 
 
@@ -209,12 +212,11 @@ def steer_in_chained_coordinates(
             raise DefinitionError(
                 f"{len(listed)} poles for {n} states", expected=f"{n - 1}, or one number for all"
             )
-        chosen = gains_for_poles(k1, listed)
+        chosen = _rounded_gains(k1, gains_for_poles(k1, listed), n)
     k = [symbol(f"k{j}") for j in range(1, n + 1)]
     e = [symbol(f"e{j}") for j in range(2, n + 1)]
-    decay = polynomial(
-        eigenvalues(closed_loop_matrix(sp.Rational(k1), list(map(sp.Rational, chosen))))
-    )
+    true = eigenvalues(closed_loop_matrix(sp.Rational(k1), list(map(sp.Rational, chosen))))
+    decay = polynomial(true)
     fast, least_size, tiny = (symbol(s) for s in ("escape_speed", "threshold", "stop"))
 
     def law(mode: str, v1: sp.Expr, v2: sp.Expr) -> Law:
@@ -239,7 +241,16 @@ def steer_in_chained_coordinates(
                 ),
                 Parameter("escape_time", "s", "time of escaping", value=escape_time, above=0.0),
                 Parameter("stop", "1", "|z1| that counts as arrived", value=stop, above=0.0),
+                Parameter("slowest", "1/s", "slowest decay of M", value=-true[0].real, above=0.0),
                 *parameters,
+            ),
+            conditions=(
+                GainCondition(
+                    k[0],
+                    3 * symbol("slowest"),
+                    "z1 arrives, and the law stops, before the other states have",
+                    "exact linear closed loop",
+                ),
             ),
         )
 
@@ -262,6 +273,17 @@ def steer_in_chained_coordinates(
         description=description,
         source=source,
     )
+
+
+def _rounded_gains(k1: float, gains: tuple[float, ...], n: int) -> tuple[float, ...]:
+    """The gains, if rounding them to double precision leaves the loop stable."""
+    try:
+        return checked_gains(k1, gains, n)
+    except DefinitionError as error:
+        raise DefinitionError(
+            f"the poles cannot be placed in double precision: {error.cause}",
+            remedy=f"faster poles (several times k1 = {k1:g}), or fewer states",
+        ) from None
 
 
 def _poles(value: object) -> Sequence[Pole]:

@@ -4,8 +4,8 @@
 
 with g1, g2 a basis of the motions. Then z1' = v1, z2' = v2, zj' = z(j-1) v1 for the inputs
 v1 = L_g1 z1 u1 and v2 = L_g1 z2 u1 + L_g2 z2 u2, and the exact linear closed loop of
-`chained` applies. Coordinates that are no states themselves would need the solution of
-partial differential equations, which is not attempted.
+`chained` applies. Only states are tried as ends: combinations of states, and coordinates that
+solve partial differential equations, are not.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import mpmath
 import sympy as sp
 
-from holdfast.maths.numbers import Sampler, rank, value_at
+from holdfast.maths.numbers import Sampler, value_at
 from holdfast.maths.pfaffian import Structure
 from holdfast.maths.quantity import Quantity
 from holdfast.maths.trigonometry import plain
@@ -30,12 +31,14 @@ class ChainedForm:
     """Chained coordinates z(q) and what turns their inputs into the system's.
 
     coordinates: (z1, ..., zn). coefficients: each input u_i = a v1 + b v2 as (a, b).
-    divisors: what must not vanish; the law is local to where they keep their sign.
+    divisors: what must not vanish, and positive: what must stay positive; the law is local to
+    where they do.
     """
 
     coordinates: tuple[sp.Expr, ...]
     coefficients: tuple[tuple[sp.Expr, sp.Expr], ...]
     divisors: tuple[sp.Expr, ...]
+    positive: tuple[sp.Expr, ...]
 
 
 @dataclass(frozen=True)
@@ -87,8 +90,8 @@ def find_chained_form(
     reasons = "; ".join(f"{r}: {', '.join(p)}" for r, p in refusals.items())
     return ended(
         None,
-        f"no pair of states begins and ends a chain ({reasons}); other coordinates would need "
-        "the solution of partial differential equations",
+        f"no pair of states begins and ends a chain ({reasons}); combinations of states, and "
+        "coordinates that solve partial differential equations, are not tried",
         len(pairs),
         len(pairs),
     )
@@ -98,7 +101,7 @@ def _chain(
     found: Structure, first: Quantity, last: Quantity, n: int, deadline: float
 ) -> ChainedForm | str:
     q, sampler = found.symbols, found.sampler()
-    origin = dict.fromkeys(q, sp.S.Zero) | sampler.fixed
+    origin = sampler.origin(q)
     (ga, gb) = (sp.Matrix(g) for g in found.directions)
     i = found.coordinates.index(first)
     one, zero = sp.S.One, sp.S.Zero
@@ -114,7 +117,7 @@ def _chain(
         return sp.Add(*(z.diff(s) * e for s, e in zip(q, g, strict=True)))
 
     speed = plain(along(g1, first.symbol))
-    if not abs(value_at(speed, origin)) > 1e-9:
+    if not sampler.nonzero(speed, origin):
         return "the first does not move at the origin"
     chain = [last.symbol]
     while True:
@@ -128,11 +131,11 @@ def _chain(
             return "out of time"
         if sp.count_ops(z) > _LARGEST:
             return "an expression of the chain grows too large"
-        if not abs(value_at(z, origin)) < 1e-9:
+        if not mpmath.isfinite(value_at(z, origin)) or sampler.nonzero(z, origin):
             return "a coordinate of the chain is not zero at the origin"
         chain.insert(0, z)
     across = plain(across)
-    if not abs(value_at(across, origin)) > 1e-9:
+    if not sampler.nonzero(across, origin):
         return "the second input does not move the chain at the origin"
     z = (first.symbol, *chain)
     if not _regular(z, q, sampler):
@@ -148,22 +151,38 @@ def _chain(
         )
         for k in (0, 1)
     )
-    divisors = _divisors((speed, across), set(q))
-    return ChainedForm(z, coefficients, divisors)
+    shown = (*z, *(e for pair in coefficients for e in pair), speed, across)
+    divisors, positive = _domain(shown, set(q))
+    return ChainedForm(z, coefficients, divisors, positive)
 
 
 def _regular(z: tuple[sp.Expr, ...], q: list[sp.Symbol], sampler: Sampler) -> bool:
-    origin = dict.fromkeys(q, sp.S.Zero) | sampler.fixed
-    return rank([[value_at(e.diff(s), origin) for s in q] for e in z]) == len(q)
+    origin = sampler.origin(q)
+    slopes = [[value_at(e.diff(s), origin) for s in q] for e in z]
+    finite = all(mpmath.isfinite(v) for row in slopes for v in row)
+    return finite and sampler.rank(slopes) == len(q)
 
 
-def _divisors(expressions: tuple[sp.Expr, ...], states: set[sp.Symbol]) -> tuple[sp.Expr, ...]:
-    """The factors, above and below, of what is divided by: none of them may vanish."""
-    found: dict[sp.Expr, None] = {}
-    for expression in expressions:
-        for part in sp.fraction(expression):
-            for factor in sp.Mul.make_args(part):
-                base = factor.as_base_exp()[0]
-                if base.free_symbols & states:
-                    found[base] = None
-    return tuple(found)
+def _domain(
+    expressions: tuple[sp.Expr, ...], states: set[sp.Symbol]
+) -> tuple[tuple[sp.Expr, ...], tuple[sp.Expr, ...]]:
+    """What must not vanish, and what must be positive, for the expressions to be regular."""
+    nonzero: dict[sp.Expr, None] = {}
+    positive: dict[sp.Expr, None] = {}
+    for e in expressions:
+        for tangent in e.atoms(sp.tan):
+            nonzero[sp.cos(tangent.args[0])] = None
+        for power in e.atoms(sp.Pow):
+            if not power.exp.is_Integer:
+                positive[power.base] = None
+            elif power.exp < 0:
+                nonzero |= dict.fromkeys(f.as_base_exp()[0] for f in sp.Mul.make_args(power.base))
+        for function in e.atoms(sp.log):
+            positive[function.args[0]] = None
+    speed_and_slope = expressions[-2:]  # these are divided by themselves
+    for e in speed_and_slope:
+        nonzero |= dict.fromkeys(f.as_base_exp()[0] for f in sp.Mul.make_args(sp.numer(e)))
+    return (
+        tuple(e for e in nonzero if e.free_symbols & states),
+        tuple(e for e in positive if e.free_symbols & states),
+    )

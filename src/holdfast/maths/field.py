@@ -116,7 +116,7 @@ class Field:
     @property
     def values(self) -> dict[sp.Symbol, sp.Expr]:
         """The parameters' values, exact: 0.1 is 1/10."""
-        return {p.symbol: sp.nsimplify(p.value, rational=True) for p in self.parameters}
+        return {p.symbol: sp.Rational(str(p.value)) for p in self.parameters}
 
     @property
     def any_values(self) -> dict[sp.Symbol, sp.Expr]:

@@ -70,9 +70,10 @@ def _power(exponent: sp.Expr) -> str:
 
 
 def _planes(field: Field) -> list[str]:
-    planes = plane_by_plane(field)
+    planes = plane_by_plane(field, 3 if field.dimension == 3 else 1)
     point = planes.points[0]
-    count = f"{len(planes.points)} planes tried"
+    tried = len(planes.points)
+    count = f"{tried} plane{'s' if tried > 1 else ''} tried"
     facts = [
         "each plane through p is invariant"
         + (f" and shows the same picture, by algebra ({count})" if planes.exact else f" ({count})")

@@ -84,20 +84,21 @@ def alignment(found: Structure) -> Alignment | str:
             "constraints: the misalignment with F is no single angle (needed: 2, 1 and 1)"
         )
     g = signed_minors(found.leaf_matrix)
-    at = dict.fromkeys(found.symbols, sp.S.Zero) | found.sampler().fixed
-    ahead = value_at(sp.Add(*(p * e for p, e in zip(found.moment, g, strict=True))), at)
-    if ahead == 0:
-        return "the direction g(0) is normal to p"
-    g = sp.ImmutableMatrix(g * (1 if ahead > 0 else -1))
+    sampler = found.sampler()
+    at = sampler.origin(found.symbols)
+    along = sp.Add(*(p * e for p, e in zip(found.moment, g, strict=True)))
+    if not sampler.nonzero(along, at):
+        return "the direction g(0) is normal to p, or no number"
+    g = sp.ImmutableMatrix(g * (1 if value_at(along, at) > 0 else -1))
     f = found.field
     error = angle(g[0] * f[1] - g[1] * f[0], g[0] * f[0] + g[1] * f[1], _TINY)
     t = transverse[0]
     # the turn of g itself: s = angle(F) - angle(g), and F does not contain t
     slope = -(g[0] * g[1].diff(t.symbol) - g[1] * g[0].diff(t.symbol)) / (g[0] ** 2 + g[1] ** 2)
     slope = sp.trigsimp(sp.simplify(slope))
-    if found.sampler().vanishes(slope):
+    if sampler.vanishes(slope):
         return f"{t.name} does not turn the direction g: dh/dt is singular"
-    if not abs(value_at(slope, at)) > 1e-9:
+    if not sampler.nonzero(slope, at):
         return f"{t.name} does not turn the direction g at the origin: dh/dt is singular there"
     turned, regular = _range(found, g, slope)
     return Alignment(g, error, slope, abs(turned) > 2 * math.pi - 0.1, regular)
@@ -105,17 +106,20 @@ def alignment(found: Structure) -> Alignment | str:
 
 def _range(found: Structure, g: sp.Matrix, slope: sp.Expr) -> tuple[float, bool]:
     """How far g turns as the transverse state runs through its range, at x = 0, and whether
-    ds/dt keeps its sign on the way."""
-    t = found.transverse[0]
-    reach = [math.pi * i / 180 for i in range(-180, 181)] if t.angle else _wide()
-    still = dict.fromkeys(found.symbols, sp.S.Zero) | found.sampler().fixed
-    angles, slopes = [], []
-    for value in reach:
-        at = still | {t.symbol: sp.Float(value)}
-        x, y = (value_at(e, at) for e in g)
-        if math.hypot(x, y) > 0:
-            angles.append(math.atan2(y, x))
-            slopes.append(value_at(slope, at))
+    ds/dt keeps its sign on the way, there and at a few other x."""
+    t, sampler = found.transverse[0], found.sampler()
+    reach = [math.pi * i / 90 for i in range(-90, 91)] if t.angle else _wide()
+    points = [sampler.origin(found.symbols), *(sampler.point(found.symbols, i) for i in (0, 1))]
+    points = points if slope.free_symbols & {q.symbol for q in found.leaf} else points[:1]
+    angles: list[float] = []
+    slopes: list[float] = []
+    for number, place in enumerate(points):
+        for value in reach:
+            at = place | {t.symbol: sp.Float(value)}
+            slopes.append(float(value_at(slope, at)))
+            x, y = (float(value_at(e, at)) for e in g)
+            if number == 0 and math.hypot(x, y) > 0:
+                angles.append(math.atan2(y, x))
     turned = math.fsum(math.remainder(b - a, 2 * math.pi) for a, b in pairwise(angles))
     return turned, all(v > 0 for v in slopes) or all(v < 0 for v in slopes)
 

@@ -6,7 +6,7 @@ from itertools import combinations
 
 import sympy as sp
 
-from holdfast.errors import DefinitionError
+from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.quantity import Parameter, Quantity
 from holdfast.maths.system import PfaffianRow, System
 
@@ -31,6 +31,13 @@ def kinematic_system(
             remedy="write the rates",
         )
     names = [q.name for q in states]
+    for row in rows:
+        for state in row.coefficients:
+            if state not in names:
+                raise DefinitionError(
+                    f"a Pfaffian row of system '{name}' names '{state}', which is no state",
+                    remedy=suggestion(state, names),
+                )
     matrix = sp.Matrix([[row.coefficients.get(n, sp.S.Zero) for n in names] for row in rows])
     leaf = tuple(q for j, q in enumerate(states) if any(e != 0 for e in matrix.col(j)))
     directions = kernel(name, states, matrix, leaf, parameters)
@@ -132,6 +139,9 @@ def annihilators(system: System) -> tuple[PfaffianRow, ...]:
         return ()
     origin = effect.subs({q.symbol: 0 for q in system.states})
     names = list(system.state_names)
+    if effect.rows == effect.cols + 1:  # one row: its signed minors are smooth wherever it is
+        row = signed_minors(effect.T)
+        return (PfaffianRow({n: e for n, e in zip(names, row, strict=True) if e != 0}),)
     for chosen in combinations(range(effect.rows), effect.cols):
         columns = list(range(effect.cols))
         if origin.extract(list(chosen), columns).det() == 0:

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
+import mpmath
 import sympy as sp
 
-from holdfast.maths.numbers import Sampler, rank, value_at
+from holdfast.maths.numbers import Sampler, value_at
 from holdfast.maths.pfaffian import Structure
 from holdfast.maths.trigonometry import plain
 
@@ -18,7 +19,8 @@ class Growth:
     """How the dimension of span{g_i, [g_i, g_j], ...} grows with the order of the brackets.
 
     vector: the dimensions at a generic point, order by order, until they no longer grow.
-    origin: the dimension reached at the origin. brackets: (name, field) of the new directions.
+    origin: the dimension found at the origin, at least. brackets: (name, field) of the new
+    directions.
     integrable: how many of the constraints can be integrated (0: completely nonholonomic).
     integrable_rows: the numbers, from 1, of rows that are integrable each on its own.
     """
@@ -44,43 +46,72 @@ def growth(found: Structure) -> Growth:
     """
     symbols, sampler = found.symbols, found.sampler()
     n = len(symbols)
-    points = [sampler.point(symbols), dict.fromkeys(symbols, sp.S.Zero) | sampler.fixed]
-    names = [f"g_{n}" for n in found.direction_names]
-    kept = [(n, sp.Matrix(g)) for n, g in zip(names, found.directions, strict=True)]
-    values: list[list[list[float]]] = [[], []]
+    names = [f"g_{name}" for name in found.direction_names]
+    kept = [(name, sp.Matrix(g)) for name, g in zip(names, found.directions, strict=True)]
+    entries = [e for _, g in kept for e in g]
+    place = sampler.generic_point(symbols, entries, "the motion that the constraint allows")
+    generic, origin = _Span(sampler, place), _Span(sampler, sampler.origin(symbols))
     for _, g in kept:
-        for store, at in zip(values, points, strict=True):
-            store.append([value_at(e, at) for e in g])
-    ranks = [rank(store) for store in values]
-    vector, new, brackets = [ranks[0]], kept, []
-    for _ in range(n):
-        fresh = []
-        for (left, f), (right, g) in _pairs(kept, new, first=len(vector) == 1):
-            found_bracket = bracket(f, g, symbols).applyfunc(plain)
-            numbers = [[value_at(e, at) for e in found_bracket] for at in points]
-            grown = [rank([*store, row]) for store, row in zip(values, numbers, strict=True)]
-            if grown == ranks:
-                continue
-            ranks = grown
-            for store, row in zip(values, numbers, strict=True):
-                store.append(row)
-            fresh.append((f"[{left}, {right}]", found_bracket))
-        if not fresh:
+        generic.take(g)
+        origin.take(g)
+    vector, new, brackets = [generic.rank], kept, []
+    for order in range(2, n + _FURTHER + 1):
+        fresh, shown = [], []
+        for (left, f), (right, g) in _pairs(kept, new, first=order == 2)[:_MOST]:
+            made = bracket(f, g, symbols).applyfunc(plain)
+            if any(e != 0 for e in made):
+                named = (f"[{left}, {right}]", made)
+                fresh.append(named)
+                grows = generic.take(made)
+                if origin.take(made) or grows:
+                    shown.append(named)
+        brackets += shown
+        if generic.rank > vector[-1]:
+            vector.append(generic.rank)
+        elif origin.rank == generic.rank or not fresh:
             break
-        vector.append(ranks[0])
-        brackets += fresh
-        new = fresh
-        if ranks[0] == n and ranks[1] == n:
-            break
+        if generic.rank == n:
+            if origin.rank == n:
+                break
+            new = fresh
+        else:
+            new = [named for named in fresh if named in shown] or fresh
     return Growth(
         vector=tuple(vector),
-        origin=ranks[1],
+        origin=origin.rank,
         brackets=tuple((name, sp.ImmutableMatrix(g)) for name, g in brackets),
-        integrable=n - ranks[0],
+        integrable=n - generic.rank,
         integrable_rows=tuple(
             i + 1 for i in range(found.matrix.rows) if _row_integrable(found, i, sampler)
         ),
     )
+
+
+_FURTHER = 1
+"""Orders beyond n that are tried for the dimension at the origin."""
+
+_MOST = 60
+"""Brackets of one order."""
+
+
+class _Span:
+    """The span of vector fields at one point."""
+
+    def __init__(self, sampler: Sampler, at: dict[sp.Symbol, sp.Expr]) -> None:
+        self.sampler, self.at, self.rank = sampler, at, 0
+        self.rows: list[list[mpmath.mpf]] = []
+
+    def take(self, vector: sp.Matrix) -> bool:
+        """Whether the vector is a new direction; then it is kept."""
+        row = [value_at(e, self.at) for e in vector]
+        if not all(map(mpmath.isfinite, row)):
+            return False
+        grown = self.sampler.rank([*self.rows, row])
+        if grown == self.rank:
+            return False
+        self.rows.append(row)
+        self.rank = grown
+        return True
 
 
 Named = tuple[str, sp.Matrix]

@@ -16,12 +16,23 @@ import sympy as sp
 
 from holdfast.errors import DefinitionError
 from holdfast.maths.dipole import dipolar_field
+from holdfast.maths.functions import greatest, least, magnitude, select, sgn
 from holdfast.maths.kernel import annihilators, columns_of, kernel
 from holdfast.maths.numbers import Sampler
 from holdfast.maths.quantity import Parameter, Quantity, given_number, symbol
 from holdfast.maths.system import System
 
 LAMBDA = symbol("lam")
+RESERVED = ("lam", "motion_along", "motion_across")
+KINKS = {
+    sgn: "sgn",
+    select: "a choice by a condition",
+    least: "min",
+    greatest: "max",
+    magnitude: "abs",
+    sp.Abs: "abs",
+    sp.sign: "sgn",
+}
 
 
 @dataclass(frozen=True)
@@ -80,7 +91,8 @@ class Structure:
 
     def sampler(self) -> Sampler:
         """Evaluates expressions of this structure at random points."""
-        return Sampler({p.symbol: p.value for p in self.parameters} | {LAMBDA: 3.0})
+        values = {p.symbol: p.value for p in self.parameters}
+        return Sampler(values | {LAMBDA: 3.0}, [self.matrix, *self.directions])
 
 
 def structure(system: System, moment: Sequence[float] | None = None) -> Structure:
@@ -93,7 +105,11 @@ def structure(system: System, moment: Sequence[float] | None = None) -> Structur
     Raises `DefinitionError` for a system without a constraint, one whose A is not a number
     or loses rank at the origin, p = 0, p of the wrong dimension, and A(0) p != 0.
     """
+    _check_names(system)
     coordinates, matrix, rhs = constraint(system)
+    sampler = Sampler({p.symbol: p.value for p in system.parameters}, [matrix])
+    matrix = matrix.applyfunc(lambda e: sp.S.Zero if sampler.vanishes(e) else e)
+    rhs = tuple(sp.S.Zero if sampler.vanishes(e) else e for e in rhs)
     columns = [matrix.col(j) for j in range(matrix.cols)]
     moving = [any(e != 0 for e in c) for c in columns]
     leaf = tuple(q for q, m in zip(coordinates, moving, strict=True) if m)
@@ -126,6 +142,33 @@ def structure(system: System, moment: Sequence[float] | None = None) -> Structur
     )
 
 
+def relative_degrees(found: Structure, t: Quantity) -> tuple[int, ...]:
+    """How often each output is differentiated before the rate of t appears; 0: never."""
+    moved = {
+        q.symbol: set().union(*(g[i].free_symbols for g in found.directions))
+        for i, q in enumerate(found.coordinates)
+    }
+    degrees = []
+    for h in found.output:
+        reached, degree = set(h.free_symbols) & set(moved), 1
+        while t.symbol not in reached:
+            larger = reached | set().union(*(moved[s] & set(moved) for s in reached))
+            if larger == reached:
+                degree = 0
+                break
+            reached, degree = larger, degree + 1
+        degrees.append(degree)
+    return tuple(degrees)
+
+
+def inputs_at_rest(found: Structure) -> tuple[sp.Expr, ...]:
+    """The inputs that hold the system where it can rest: -(G^T G)^-1 G^T f."""
+    effect = sp.Matrix.hstack(*(sp.Matrix(d) for d in found.directions))
+    normal = (effect.T * effect).applyfunc(sp.trigsimp)
+    held = -normal.inv() * effect.T * sp.Matrix(found.drift)
+    return tuple(sp.trigsimp(sp.expand(e)) for e in held)
+
+
 def constraint(system: System) -> tuple[tuple[Quantity, ...], sp.Matrix, tuple[sp.Expr, ...]]:
     """(q, A, b) of a system: its coordinates and the rows of A(q) q' = b.
 
@@ -147,7 +190,38 @@ def constraint(system: System) -> tuple[tuple[Quantity, ...], sp.Matrix, tuple[s
     )
     coordinates = tuple(chosen.values())
     matrix = sp.Matrix([[row.coefficients.get(n, sp.S.Zero) for n in chosen] for row in rows])
+    _check_symbols(system, matrix, coordinates)
     return coordinates, matrix, tuple(row.rhs for row in rows)
+
+
+def _check_names(system: System) -> None:
+    """Refuse names that the law's own symbols have."""
+    for q in (*system.states, *system.inputs, *system.disturbances, *system.parameters):
+        if q.name in RESERVED:
+            raise DefinitionError(
+                f"system '{system.name}' calls a quantity '{q.name}'",
+                expected=f"a name other than {', '.join(RESERVED)}, which the derived law uses",
+                remedy="rename it",
+            )
+
+
+def _check_symbols(system: System, matrix: sp.Matrix, coordinates: tuple[Quantity, ...]) -> None:
+    """Refuse an A that is no smooth function of the coordinates alone."""
+    known = {q.symbol for q in (*coordinates, *system.parameters)}
+    odd = sorted(str(s) for s in matrix.free_symbols - known)
+    if odd:
+        raise DefinitionError(
+            f"system '{system.name}': A depends on '{odd[0]}'",
+            expected="a function of the coordinates "
+            + ", ".join(q.name for q in coordinates)
+            + " and parameters",
+            remedy="what else moves the system belongs into b (rhs)",
+        )
+    kinks = [name for function, name in KINKS.items() if matrix.has(function)]
+    if kinks:
+        raise DefinitionError(
+            f"system '{system.name}': A contains {kinks[0]}", expected="smooth functions"
+        )
 
 
 def _at_origin(system: System, coordinates: tuple[Quantity, ...], matrix: sp.Matrix) -> sp.Matrix:
@@ -212,8 +286,21 @@ def _motions(
     """The system's own input directions if they span ker A, else a basis of ker A."""
     rates = sp.Matrix([system.rates[q.name] for q in coordinates])
     inputs = [u for u in system.inputs if any(e != 0 for e in rates.diff(u.symbol))]
-    drift = tuple(rates.subs({u.symbol: 0 for u in system.inputs}))
+    sampler = Sampler({p.symbol: p.value for p in system.parameters}, [rates])
+    driven = {u.symbol for u in inputs}
+    effect = [rates.diff(u.symbol) for u in inputs]
+    if any(g.free_symbols & driven for g in effect):
+        raise DefinitionError(
+            f"the rates of system '{system.name}' are not affine in its inputs",
+            expected="q' = f(q) + sum of g_i(q) u_i",
+        )
+    drift = tuple(
+        sp.S.Zero if sampler.vanishes(e) else e for e in rates.subs(dict.fromkeys(driven, 0))
+    )
+    known = {q.symbol for q in (*coordinates, *system.parameters)}
+    if any(g.free_symbols - known or g.has(*KINKS) for g in effect):
+        inputs = []  # not directions of the coordinates alone
     if len(inputs) == matrix.cols - matrix.rows:
-        own = tuple(sp.ImmutableMatrix(rates.diff(u.symbol)) for u in inputs)
+        own = tuple(map(sp.ImmutableMatrix, effect))
         return own, tuple(inputs), drift
     return kernel(system.name, coordinates, matrix, leaf, system.parameters), (), drift

@@ -184,7 +184,7 @@ def _vanishes(expression: sp.Expr, parameters: Mapping[sp.Symbol, float]) -> boo
         numbers = [complex(sp.N(term.xreplace(values))) for term in terms]
         if not all(math.isfinite(n.real) and n.imag == 0 for n in numbers):
             continue
-        if abs(sum(numbers)) > 1e-9 * max(1.0, *(abs(n) for n in numbers)):
+        if abs(sum(numbers)) > max(1e-14, 1e-9 * max(abs(n) for n in numbers)):
             return False
         tested += 1
         if tested == 8:

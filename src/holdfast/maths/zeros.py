@@ -39,6 +39,14 @@ class Zeros:
         return self.exact and len(self.points) == 1
 
 
+_MERGED = 1e-5
+"""Zeros closer than this part of the box count as one."""
+
+
+def _span(box: Sequence[tuple[float, float]]) -> float:
+    return max(b - a for a, b in box)
+
+
 def critical_points(
     field: Field, box: Sequence[tuple[float, float]] = ((-2.0, 2.0), (-2.0, 2.0))
 ) -> Zeros:
@@ -64,7 +72,10 @@ def critical_points(
         found = [tuple(sp.Float(v) for v in point) for point in _by_newton(field, box)]
         intervals = " x ".join(f"[{a:g}, {b:g}]" for a, b in box)
         exact = False
-        method = f"Newton's method from {GRID**2} points of {intervals}; others are not excluded"
+        method = (
+            f"Newton's method from {GRID**2} points of {intervals}; others are not excluded, and "
+            f"zeros closer than {_MERGED * _span(box):.2g} count as one"
+        )
     elif field.moment:
         p, e = frame(field)
         found = [
@@ -181,7 +192,7 @@ def _by_newton(field: Field, box: Sequence[tuple[float, float]]) -> list[tuple[f
             continue
         if zero is None or not (x0 <= zero[0] <= x1 and y0 <= zero[1] <= y1):
             continue
-        if all(math.dist(zero, other) > 1e-5 * size for other in zeros):
+        if all(math.dist(zero, other) > _MERGED * size for other in zeros):
             zeros.append(zero)
     return zeros
 

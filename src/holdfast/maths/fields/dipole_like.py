@@ -28,6 +28,10 @@ def dipole_like(
             f"dipole-like field: lambda = {lam:g}",
             expected="lambda >= 1, else it vanishes elsewhere than at the origin",
         )
+    if not isinstance(exponential, bool):
+        raise DefinitionError(
+            f"exponential of dipole_like is {exponential!r}", expected="true or false"
+        )
     p = exact_moment(moment)
     names = coordinate_names(len(p))
     q = [symbol(n) for n in names]

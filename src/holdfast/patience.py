@@ -1,0 +1,63 @@
+"""Work that may take long: a bar after two seconds, an end after the time allowed."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import NoReturn
+
+from holdfast.errors import ScenarioError
+
+BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
+_SILENT, _TICK = 2.0, 0.5
+
+
+@contextmanager
+def bounded(what: str, seconds: float, remedy: str) -> Iterator[Callable[[float], None]]:
+    """Gives a function to tell the finished fraction to; the bar moves on without it too.
+
+    After `seconds` the work is refused with `ScenarioError`, wherever it is; on systems
+    without alarms it may take longer.
+    """
+    from tqdm import tqdm
+
+    with tqdm(
+        total=100, desc=what, unit="%", leave=False, delay=_SILENT, file=sys.stderr, bar_format=BAR
+    ) as bar:
+        done = threading.Event()
+
+        def tick() -> None:
+            if not done.wait(_SILENT):
+                bar.refresh()
+            while not done.wait(_TICK):
+                bar.refresh()
+
+        ticker = threading.Thread(target=tick, daemon=True)
+        ticker.start()
+        try:
+            with _alarm(seconds, f"{what} took longer than {seconds:g} s", remedy):
+                yield lambda fraction: bar.update(100 * fraction - bar.n)
+        finally:
+            done.set()
+            ticker.join()
+
+
+@contextmanager
+def _alarm(seconds: float, complaint: str, remedy: str) -> Iterator[None]:
+    if not hasattr(signal, "setitimer"):
+        yield
+        return
+
+    def ring(number: int, frame: object) -> NoReturn:
+        raise ScenarioError(complaint, remedy=remedy)
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
