@@ -14,6 +14,7 @@ import sympy as sp
 import holdfast as hf
 from holdfast.errors import DefinitionError
 from holdfast.maths.functions import magnitude
+from holdfast.maths.lyapunov import docking_metric
 from tests.thesis.closed_loops import solved, with_gains
 
 TOTALS = {"mass": 1.0, "Xudot": -0.94, "Yvdot": -5.05, "Iz": 0.0059, "Nrdot": -0.0059}
@@ -67,8 +68,13 @@ def around(angle):
 
 X, Y, PSI, U, V, R = (hf.symbol(n) for n in ("x", "y", "psi", "u", "v", "r"))
 FIELD = sp.Matrix([X**2 - Y**2, 2 * X * Y])
-METRIC = (X**2 + Y**2) ** 2 / X**2 / 2
+METRIC = docking_metric(X, Y, sp.S.Zero)
 """(4.36) without s: cos(arctan(y / x))^2 = x^2 / (x^2 + y^2)."""
+
+
+def test_metric_is_the_printed_one():
+    printed = (X**2 + Y**2) / sp.cos(sp.atan(Y / X)) ** 2 / 2
+    assert sp.simplify(METRIC - printed) == 0
 
 
 def test_gradient_of_the_metric_is_along_the_field():

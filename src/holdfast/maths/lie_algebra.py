@@ -65,6 +65,8 @@ def growth(found: Structure) -> Growth:
                 grows = generic.take(made)
                 if origin.take(made) or grows:
                     shown.append(named)
+                if generic.rank == origin.rank == n:
+                    break
         brackets += shown
         if generic.rank > vector[-1]:
             vector.append(generic.rank)

@@ -1,10 +1,10 @@
-"""Gain conditions: for which gains a law converges."""
+"""Lyapunov-like functions, and gain conditions: for which gains a law converges."""
 
 from __future__ import annotations
 
 import sympy as sp
 
-from holdfast.maths.functions import least, select
+from holdfast.maths.functions import least, select, wrap
 
 
 def surge_gain_limit(
@@ -32,3 +32,13 @@ def surge_gain_limit(
     weight = (exponent - 2) * sway_inertia + exponent * surge_inertia
     sideways = drag / sway_inertia
     return select(-weight, sideways, least(sideways, drag * (exponent - 1) / weight))
+
+
+def docking_metric(x: sp.Expr, y: sp.Expr, misalignment: sp.Expr) -> sp.Expr:
+    """V_mu = rho^2 / (2 cos^2(arctan(y / x))) + s^2 / 2 = rho^4 / (2 x^2) + s^2 / 2  (4.36)
+
+    in which the thesis measures the approach of `project_marine`: its gradient in (x, y) is
+    (rho^2 / x^3) F, along the field F = (x^2 - y^2, 2 x y). Infinite on x = 0, where a run may
+    see it rise at first. x, y in m, the misalignment s = psi - phi in rad (wrapped here).
+    """
+    return (x**2 + y**2) ** 2 / (2 * x**2) + wrap(misalignment) ** 2 / 2
