@@ -82,7 +82,9 @@ class _Latex(LatexPrinter):
 
 def latex(expression: sp.Basic) -> str:
     """The expression as LaTeX."""
-    text: str = _Latex({"mat_delim": "(", "fold_short_frac": False}).doprint(expression)
+    text: str = _Latex({"mat_delim": "(", "fold_short_frac": False, "mul_symbol": r" \, "}).doprint(
+        expression
+    )
     return text
 
 
