@@ -167,6 +167,12 @@ def test_steering_scenario_brings_every_start_to_the_origin(name):
     assert result.outcomes["left region"] == result.outcomes["diverged"] == 0
 
 
+def test_station_is_held_in_a_known_current_from_every_start():
+    result = load_scenario("ch3-known-current").run()
+    assert result.dataset.sizes["run"] == 501
+    assert result.success_fraction == 1.0
+
+
 @pytest.mark.parametrize("n", [3, 4, 6, 8])
 def test_chained_form_of_any_dimension_is_one_override_away(n):
     result = load_scenario("ch4-chained-n", [f"system.n={n}"], runs=50).run()

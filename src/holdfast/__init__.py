@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from holdfast.maths.redesign import redesign
     from holdfast.maths.reduction import promote
     from holdfast.maths.region import Inequality, Region
+    from holdfast.maths.station_keeping import StationKeepingLimits, station_keeping_limits
     from holdfast.maths.switching import Switching, Transition
     from holdfast.maths.system import PfaffianRow, System
     from holdfast.maths.tangency import outward_rates
@@ -62,6 +63,7 @@ _HOME = {
     "maths.redesign": ("redesign",),
     "maths.reduction": ("promote",),
     "maths.region": ("Inequality", "Region"),
+    "maths.station_keeping": ("StationKeepingLimits", "station_keeping_limits"),
     "maths.switching": ("Switching", "Transition"),
     "maths.system": ("PfaffianRow", "System"),
     "maths.tangency": ("outward_rates",),
@@ -95,6 +97,7 @@ __all__ = [
     "Result",
     "Scenario",
     "Starts",
+    "StationKeepingLimits",
     "Switching",
     "System",
     "Transition",
@@ -120,6 +123,7 @@ __all__ = [
     "redesign",
     "regions",
     "simulate",
+    "station_keeping_limits",
     "symbol",
     "systems",
     "track_velocity",

@@ -2,6 +2,7 @@
 
 from holdfast.maths.systems.car import car, front_axle_car
 from holdfast.maths.systems.chained_form import chained_form
+from holdfast.maths.systems.drifting_unicycle import drifting_unicycle
 from holdfast.maths.systems.marine_vehicle import marine_vehicle
 from holdfast.maths.systems.nonholonomic_integrator import nonholonomic_integrator
 from holdfast.maths.systems.tractor_trailer import tractor_trailer
@@ -10,6 +11,7 @@ from holdfast.maths.systems.unicycle import unicycle
 ALL = (
     marine_vehicle,
     unicycle,
+    drifting_unicycle,
     nonholonomic_integrator,
     chained_form,
     car,
@@ -21,6 +23,7 @@ __all__ = [
     "ALL",
     "car",
     "chained_form",
+    "drifting_unicycle",
     "front_axle_car",
     "marine_vehicle",
     "nonholonomic_integrator",

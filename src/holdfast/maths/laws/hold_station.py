@@ -1,0 +1,124 @@
+"""Hold station in a known current: three laws and the supervisor that switches among them."""
+
+from __future__ import annotations
+
+import math
+
+import sympy as sp
+
+from holdfast.errors import DefinitionError
+from holdfast.maths.functions import angle, greatest, least, length, sgn, wrap
+from holdfast.maths.law import GainCondition, Law
+from holdfast.maths.quantity import TIME, Parameter, symbol
+from holdfast.maths.station_keeping import station_keeping_limits
+from holdfast.maths.switching import Switching, Transition
+from holdfast.maths.system import System, check_rates
+from holdfast.maths.systems.drifting_unicycle import drifting_unicycle
+
+APPROACH, PUSH, TURN = "approach", "push", "turn"
+_TINY = sp.Float(1e-60)
+
+
+def hold_station(
+    system: System,
+    *,
+    current_x: float = -0.1,
+    current_y: float = 0.2,
+    r0: float = 0.1,
+    r1: float = 0.13,
+    k1: float = 1.5,
+    k2: float = 5.0,
+    k3: float = 1.5,
+    k4: float = 5.0,
+    k5: float = 5.0,
+    lam: float = 3.0,
+) -> Switching:
+    """Keep a unicycle-like vehicle within a ball of the origin in a known current v.
+
+        approach: u = -k1 sgn(r . h) |r| - sgn(vx) |v|,  r = -k2 wrap(psi - phi) + d/dt phi  (3.5)
+        push:     u = -k3 sgn(vx) |v|,                   r = -k4 wrap(psi - phi_p)           (3.8)
+        turn:     u = 0,                                 r = -k5 wrap(psi)                   (3.9)
+
+    h = (cos psi, sin psi); phi is the direction of the field F = lambda (p . r) r -
+    p (1 - exp(-|r|^2)) (3.4) with p = v sgn(vx), phi_p that of p; d/dt phi is taken with the
+    current. The second term of (3.5a) is identically this feedforward.
+
+    Inside |r| <= r0 the vehicle turns home while the current brings it nearer (r . v < 0) and
+    pushes against the current otherwise; outside |r| > r1 >= r0 it approaches again. The
+    thesis has r1 = r0, which leaves no hysteresis, and no rule for leaving the ball downstream
+    while pushing: that one goes back to approaching. The ball is held within about 0.03/k2 m.
+
+    `current_x`, `current_y` [m/s] are the current the law believes in. Raises
+    `DefinitionError` for r1 < r0, k3 <= 1 (the current would win) or no current at all.
+    """
+    check_rates("hold_station", system, drifting_unicycle)
+    if not r1 >= r0:
+        raise DefinitionError(f"r1 = {r1:g} is below r0 = {r0:g}", expected="r1 >= r0")
+    if not k3 > 1:
+        raise DefinitionError(
+            f"k3 = {k3:g}: pushing does not overcome the current", expected="k3 > 1"
+        )
+    if math.hypot(current_x, current_y) == 0:
+        raise DefinitionError("the current is zero", remedy="without a current, steer_unicycle")
+    x, y, psi = (symbol(n) for n in ("x", "y", "psi"))
+    s = {n: symbol(n) for n in ("current_x", "current_y", "r0", "r1", "lam")}
+    k = {n: symbol(n) for n in ("k1", "k2", "k3", "k4", "k5")}
+    vx, vy = s["current_x"], s["current_y"]
+    speed, side = sp.sqrt(vx**2 + vy**2), sgn(vx)
+    p = (side * vx, side * vy)
+    rho = length(x, y, _TINY)
+    along = p[0] * x + p[1] * y
+    decay = 1 - sp.exp(-(x**2) - y**2)
+    field = [s["lam"] * along * a - b * decay for a, b in ((x, p[0]), (y, p[1]))]
+    phi = angle(field[1], field[0], _TINY)
+    ahead = sgn(x * sp.cos(psi) + y * sp.sin(psi))
+    surge = -k["k1"] * ahead * rho - side * speed
+    rates = (surge * sp.cos(psi) + vx, surge * sp.sin(psi) + vy)
+    turn = phi.diff(x) * rates[0] + phi.diff(y) * rates[1]
+    parameters = (
+        Parameter("current_x", "m/s", "current the law believes in", value=current_x),
+        Parameter("current_y", "m/s", "current the law believes in", value=current_y),
+        Parameter("r0", "m", "radius of the ball to enter", value=r0, above=0.0),
+        Parameter("r1", "m", "radius beyond which it approaches again", value=r1, above=0.0),
+        Parameter("k1", "1/s", "gain of the distance", value=k1, above=0),
+        Parameter("k2", "1/s", "heading gain while approaching", value=k2, above=0),
+        Parameter("k3", "1", "speed while pushing over that of the current", value=k3, above=1),
+        Parameter("k4", "1/s", "heading gain while pushing", value=k4, above=0),
+        Parameter("k5", "1/s", "heading gain while turning home", value=k5, above=0),
+        Parameter("lam", "1", "exponent lambda of the field", value=lam, above=1),
+    )
+
+    limits = station_keeping_limits(math.hypot(current_x, current_y), lam, k1=k1, r0=r0, k2=k2)
+    condition = GainCondition(
+        value=sp.Float(limits.least_k1),
+        limit=k["k1"],
+        consequence=f"entering the ball is not proved; with k1 = {k1:g} it is from "
+        f"r0 = {limits.least_r0:.4g} m on",
+        source="(3.7), supremum over all directions",
+    )
+
+    def law(mode: str, u: sp.Expr, r: sp.Expr) -> Law:
+        return Law(mode, system.states, {"u": u, "r": r}, parameters, conditions=(condition,))
+
+    upstream = angle(p[1], p[0], _TINY)
+    outward = x * vx + y * vy  # r . v
+    inside, outside = s["r0"] - rho, rho - s["r1"]
+    inward = -outward - sp.Float(math.ulp(0.0))
+    return Switching(
+        name="hold_station",
+        modes={
+            APPROACH: law(APPROACH, surge, -k["k2"] * wrap(psi - phi) + turn),
+            PUSH: law(PUSH, -k["k3"] * side * speed, -k["k4"] * wrap(psi - upstream)),
+            TURN: law(TURN, sp.S.Zero, -k["k5"] * wrap(psi)),
+        },
+        transitions=(
+            Transition(APPROACH, TURN, least(inside, greatest(inward, -TIME))),
+            Transition(APPROACH, PUSH, least(inside, outward)),
+            Transition(PUSH, TURN, least(outside, inward)),
+            Transition(PUSH, APPROACH, least(outside, outward)),
+            Transition(TURN, APPROACH, least(outside, outward)),
+        ),
+        initial=APPROACH,
+        description="hold station in a known current, by three laws that take turns",
+        source="thesis (3.4), (3.5), (3.8), (3.9) and the logic of section 3.2, completed",
+    )
