@@ -167,8 +167,9 @@ def test_steering_scenario_brings_every_start_to_the_origin(name):
     assert result.outcomes["left region"] == result.outcomes["diverged"] == 0
 
 
-def test_station_is_held_in_a_known_current_from_every_start():
-    result = load_scenario("ch3-known-current").run()
+@pytest.mark.parametrize("name", ["ch3-known-current", "ch3-unknown-current"])
+def test_station_is_held_in_the_current_from_every_start(name):
+    result = load_scenario(name).run()
     assert result.dataset.sizes["run"] == 501
     assert result.success_fraction == 1.0
 

@@ -1,4 +1,4 @@
-"""Chapter 3: station keeping in a known current, the claims that hold and those that do not.
+"""Chapter 3: station keeping in a current, the claims that hold and those that do not.
 
 The thesis gives no gains; those here are the ones of the reference numbers.
 """
@@ -197,6 +197,94 @@ def test_heading_gain_beyond_the_sample_rate_does_not_converge(system):
     assert hf.station_keeping_limits(SPEED, k2=20.0).longest_sample_time == pytest.approx(0.025)
 
 
+# -- only a bound of the current is known
+
+TRUE = {"Vx": -0.1, "Vy": 0.2}
+
+
+def blind(system, **changes):
+    return hf.laws.hold_station_unknown(system, **({"current_bound": SPEED} | changes))
+
+
+def reading(law, u, **values):
+    """The law with another reading of (3.5a) while approaching, and other radii."""
+    approach = law.modes["approach"]
+    x, y, psi, _ = names = [hf.symbol(n) for n in ("x", "y", "psi", "lam")]
+    phi = hf.parse_expression(
+        "atan2(lam*x*y, lam*x**2 - 1 + exp(-x**2 - y**2))", {str(n): n for n in names}
+    )
+    turn = phi.diff(x) * sp.cos(psi) + phi.diff(y) * sp.sin(psi)  # of the field, per metre
+    feedback = {"u": u, "r": approach.outputs["r"] + (u - approach.outputs["u"]) * turn}
+    modes = {**law.modes, "approach": replace(approach, outputs=feedback)}
+    modes = {
+        name: replace(
+            m, parameters=tuple(replace(p, value=values.get(p.name, p.value)) for p in m.parameters)
+        )
+        for name, m in modes.items()
+    }
+    return replace(law, modes=modes)
+
+
+def test_unknown_current_is_held_with_an_exit_radius(system):
+    """r1 = 0.15: in at 1.40 s, tail 0.1500, 148 switches in 60 s; 200 of 200 starts."""
+    data = run(system, blind(system), [[-1, -1, 0]], ts=2e-4, record_every=0.01, disturbance=TRUE)
+    rho, t = distance(data)[0], data["time"].values
+    assert t[np.argmax(rho <= 0.1)] == pytest.approx(1.40, abs=0.011)
+    assert rho[t > 30].max() == pytest.approx(0.1500, abs=3e-4)
+    assert data["switches"].values[0] == 148
+    many = run(system, blind(system), poses(200), disturbance=TRUE)
+    rho, t = distance(many), many["time"].values
+    assert (rho <= 0.1).any(axis=1).all()
+    assert rho[:, t > 30].max() < 0.152
+
+
+def test_equal_radii_leave_no_hysteresis(system):
+    """With r1 = r0 the law slides on |r| = r0: its switches are as many as the samples allow."""
+    law = blind(system)
+    sliding = reading(law, law.modes["approach"].outputs["u"], r1=0.1)
+    counts = [
+        run(system, sliding, [[-1, -1, 0]], ts=ts, horizon=20.0, disturbance=TRUE)[
+            "switches"
+        ].values[0]
+        for ts in (1e-3, 5e-4)
+    ]
+    assert counts[0] > 2000
+    assert counts[1] > 1.7 * counts[0]
+
+
+def test_reading_with_the_side_of_the_field_holds_a_ball_three_times_as_large(system):
+    """-sgn(p . r) |v|max with r1 = r0: in at 1.40 s, tail 0.3085, 150 switches."""
+    law = blind(system)
+    x, y, psi = (hf.symbol(n) for n in ("x", "y", "psi"))
+    ahead = hf.parse_expression(
+        "sgn(x*cos(psi) + y*sin(psi))*hypot(x, y)", {"x": x, "y": y, "psi": psi}
+    )
+    side = hf.parse_expression("sgn(x)", {"x": x})
+    u = -hf.symbol("k1") * ahead - side * hf.symbol("current_bound")
+    data = run(
+        system, reading(law, u, r1=0.1), [[-1, -1, 0]], ts=1e-4, record_every=0.01, disturbance=TRUE
+    )
+    assert distance(data)[0, data["time"].values > 30].max() == pytest.approx(0.3085, abs=1e-3)
+    assert data["switches"].values[0] == pytest.approx(150, abs=1)
+
+
+@pytest.mark.parametrize(("share", "radius"), [(1.0, 2.0), (0.0, 1.0)])
+def test_literal_readings_come_to_rest_outside_the_ball(system, share, radius):
+    """(3.11) does not follow: 'u1 = -|v|' rests at 2 |v| / k1 = .298 m, without the second term
+    at |v| / k1 = .149 m; few of the starts enter (reference 2 and 40 of 300)."""
+    law = blind(system)
+    x, y, psi = (hf.symbol(n) for n in ("x", "y", "psi"))
+    names = {"x": x, "y": y, "psi": psi}
+    ahead = hf.parse_expression("sgn(x*cos(psi) + y*sin(psi))*hypot(x, y)", names)
+    side = hf.parse_expression("sgn(x)", names)  # sgn(p . r), and sgn(r . v) := -1
+    u = -hf.symbol("k1") * ahead + share * side * hf.symbol("current_bound")
+    data = run(system, reading(law, u, r1=0.1), poses(300), disturbance=TRUE)
+    rho = distance(data)
+    assert (rho <= 0.1).any(axis=1).mean() < 0.3
+    stuck = rho[~(rho <= 0.1).any(axis=1), -1]
+    assert np.median(stuck) == pytest.approx(radius * SPEED / 1.5, rel=0.03)
+
+
 @pytest.mark.parametrize(
     ("changes", "complaint"),
     [
@@ -209,3 +297,16 @@ def test_heading_gain_beyond_the_sample_rate_does_not_converge(system):
 def test_parameters_that_cannot_hold_are_refused(system, changes, complaint):
     with pytest.raises(DefinitionError, match=complaint):
         hf.laws.hold_station(system, **changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"r1": 0.1}, "slide on the boundary"),
+        ({"k3": 1.0}, "k3 = 1"),
+        ({"current_bound": 0}, "above 0"),
+    ],
+)
+def test_parameters_that_cannot_hold_blindly_are_refused(system, changes, complaint):
+    with pytest.raises(DefinitionError, match=complaint):
+        hf.laws.hold_station_unknown(system, **changes)

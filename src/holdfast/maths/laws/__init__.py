@@ -3,7 +3,7 @@
 from holdfast.maths.laws.dock_marine import dock_marine, project_marine
 from holdfast.maths.laws.face_target import face_target
 from holdfast.maths.laws.follow_field import follow_field
-from holdfast.maths.laws.hold_station import hold_station
+from holdfast.maths.laws.hold_station import hold_station, hold_station_unknown
 from holdfast.maths.laws.keep_range import back_off, move_ahead
 from holdfast.maths.laws.steer_by_chained_form import steer_by_chained_form
 from holdfast.maths.laws.steer_chained import steer_chained
@@ -26,6 +26,7 @@ ALL = (
     dock_marine,
     project_marine,
     hold_station,
+    hold_station_unknown,
 )
 
 __all__ = [
@@ -37,6 +38,7 @@ __all__ = [
     "follow_field",
     "follow_integrator",
     "hold_station",
+    "hold_station_unknown",
     "move_ahead",
     "project_marine",
     "steer_by_chained_form",

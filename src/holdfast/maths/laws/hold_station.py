@@ -1,4 +1,4 @@
-"""Hold station in a known current: three laws and the supervisor that switches among them."""
+"""Hold station in a current, known or bounded: laws and the supervisors that switch them."""
 
 from __future__ import annotations
 
@@ -121,4 +121,87 @@ def hold_station(
         initial=APPROACH,
         description="hold station in a known current, by three laws that take turns",
         source="thesis (3.4), (3.5), (3.8), (3.9) and the logic of section 3.2, completed",
+    )
+
+
+AHEAD, ASTERN = "hold_ahead", "hold_astern"
+
+
+def hold_station_unknown(
+    system: System,
+    *,
+    current_bound: float = 0.25,
+    r0: float = 0.1,
+    r1: float = 0.15,
+    k1: float = 1.5,
+    k2: float = 5.0,
+    k3: float = 1.5,
+    k4: float = 5.0,
+    lam: float = 3.0,
+) -> Switching:
+    """Keep a unicycle-like vehicle within a ball of the origin, knowing a bound of the current.
+
+        approach: u = -sgn(r . h) (k1 |r| + current_bound),  r = -k2 wrap(psi - phi) + d/dt phi
+        hold:     u = -sgn(x_in) k3 current_bound,           r = -k4 psi
+
+    phi is the direction of the nominal field F = lambda x r - (1, 0) (1 - exp(-|r|^2)) (3.3),
+    its rate taken without the current; x_in the side on which |r| <= r0 was entered. It
+    approaches again outside |r| >= r1. With r1 = r0, as in the thesis, there is no hysteresis
+    and this law slides on the boundary; its other readings of sgn(r . v) stay away from the
+    ball (3.11 does not follow from its proof).
+
+    Lengths in m, `current_bound` in m/s, k1, k2, k4 in 1/s. Raises `DefinitionError` for r1 <=
+    r0 or k3 <= 1.
+    """
+    check_rates("hold_station_unknown", system, drifting_unicycle)
+    if not r1 > r0:
+        raise DefinitionError(
+            f"r1 = {r1:g} is not above r0 = {r0:g}: the law would slide on the boundary",
+            expected="r1 > r0",
+        )
+    if not k3 > 1:
+        raise DefinitionError(
+            f"k3 = {k3:g}: pushing does not overcome the current", expected="k3 > 1"
+        )
+    x, y, psi = (symbol(n) for n in ("x", "y", "psi"))
+    s = {n: symbol(n) for n in ("current_bound", "r0", "r1", "lam")}
+    k = {n: symbol(n) for n in ("k1", "k2", "k3", "k4")}
+    rho = length(x, y, _TINY)
+    decay = 1 - sp.exp(-(x**2) - y**2)
+    phi = angle(s["lam"] * x * y, s["lam"] * x**2 - decay, _TINY)
+    ahead = sgn(x * sp.cos(psi) + y * sp.sin(psi))
+    surge = -ahead * (k["k1"] * rho + s["current_bound"])
+    turn = surge * (phi.diff(x) * sp.cos(psi) + phi.diff(y) * sp.sin(psi))
+    parameters = (
+        Parameter("current_bound", "m/s", "largest current", value=current_bound, above=0.0),
+        Parameter("r0", "m", "radius of the ball to enter", value=r0, above=0.0),
+        Parameter("r1", "m", "radius beyond which it approaches again", value=r1, above=0.0),
+        Parameter("k1", "1/s", "gain of the distance", value=k1, above=0),
+        Parameter("k2", "1/s", "heading gain while approaching", value=k2, above=0),
+        Parameter("k3", "1", "speed while holding over the bound", value=k3, above=1),
+        Parameter("k4", "1/s", "heading gain while holding", value=k4, above=0),
+        Parameter("lam", "1", "exponent lambda of the field", value=lam, above=1),
+    )
+
+    def law(mode: str, u: sp.Expr, r: sp.Expr) -> Law:
+        return Law(mode, system.states, {"u": u, "r": r}, parameters)
+
+    hold = k["k3"] * s["current_bound"]
+    inside, outside = s["r0"] - rho, rho - s["r1"]
+    return Switching(
+        name="hold_station_unknown",
+        modes={
+            APPROACH: law(APPROACH, surge, -k["k2"] * wrap(psi - phi) + turn),
+            AHEAD: law(AHEAD, hold, -k["k4"] * wrap(psi)),
+            ASTERN: law(ASTERN, -hold, -k["k4"] * wrap(psi)),
+        },
+        transitions=(
+            Transition(APPROACH, ASTERN, least(inside, x)),
+            Transition(APPROACH, AHEAD, inside),
+            Transition(AHEAD, APPROACH, outside),
+            Transition(ASTERN, APPROACH, outside),
+        ),
+        initial=APPROACH,
+        description="hold station in a current of which only a bound is known",
+        source="thesis (3.3), section 3.3.4, in the reading that works, with an exit radius",
     )
