@@ -227,6 +227,14 @@ def test_bad_gains_and_dimensions_are_refused_with_the_reason(name, change, comp
         load_scenario(name, [change])
 
 
+def test_gains_are_judged_with_the_k1_that_is_given_beside_them():
+    """k2 = 0.3 is right for k1 = 0.1 and wrong for the standard k1 = 1."""
+    right = ["law.k1=0.1", "law.gains=[0.3, 0.4]"]
+    assert load_scenario("ch4-chained-3", right).law.conditions
+    with pytest.raises(ScenarioError, match="with k1 = 1 and gains"):
+        load_scenario("ch4-chained-3", ["law.k1=1", right[1]])
+
+
 def test_key_with_nothing_after_the_sign_is_taken_away():
     poles = load_scenario("ch4-chained-4", ["law.gains=", "law.poles=-1.5"])
     values = {p.name: p.value for p in poles.law.parameters}

@@ -46,10 +46,12 @@ def wants_law(function: Callable[..., Any]) -> bool:
     return leading_argument(function) == "law"
 
 
-def structural_arguments(function: Callable[..., Any], leading: int) -> list[str]:
-    """The arguments after the first `leading` ones that are no numbers with units."""
-    arguments = list(inspect.signature(function).parameters.values())[leading:]
-    return [a.name for a in arguments if a.annotation != "float" and a.kind is not a.VAR_KEYWORD]
+def arguments(function: Callable[..., Any], leading: int) -> tuple[list[str], list[str]]:
+    """The arguments after the first `leading` ones: those that are no numbers, and the numbers."""
+    named = list(inspect.signature(function).parameters.values())[leading:]
+    named = [a for a in named if a.kind is not a.VAR_KEYWORD]
+    numeric = [a.name for a in named if a.annotation == "float"]
+    return [a.name for a in named if a.name not in numeric], numeric
 
 
 def accepted_parameters(function: Callable[..., Any], parameters: Mapping[str, Any]) -> list[str]:

@@ -12,12 +12,7 @@ from typing import Any
 
 import sympy as sp
 
-from holdfast.catalogue import (
-    accepted_parameters,
-    leading_argument,
-    structural_arguments,
-    wants_law,
-)
+from holdfast.catalogue import accepted_parameters, arguments, leading_argument, wants_law
 from holdfast.checking import at, validated
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.maths import laws, regions, scene, systems
@@ -63,13 +58,13 @@ class Composer:
         catalogue: Sequence[Callable[..., Any]],
         table: Mapping[str, Any],
         key: str,
-        leading: Sequence[object] = (),
+        leading: Sequence[object] | None = None,
     ) -> Any:
         """The catalogue entry that the table names, built with the table's parameters.
 
-        Arguments that are no numbers with units (a vehicle, a dimension, a list of poles) go
-        to it as they are. A parameter that is not given but already declared elsewhere keeps
-        that value.
+        Arguments that are no numbers (a vehicle, a dimension, a list of poles) go to it as they
+        are. A parameter declared elsewhere keeps that value unless it is given. `leading` is
+        what it is built on, by default the system where it asks for it.
         """
         by_name = {function.__name__: function for function in catalogue}
         name = table["name"]
@@ -80,10 +75,18 @@ class Composer:
             )
         function = by_name[name]
         given = {k: v for k, v in table.items() if k != "name"}
+        if leading is None:
+            leading = (self.system_built,) if leading_argument(function) == "system" else ()
+        structural, numeric = arguments(function, len(leading))
+        structure = {k: given.pop(k) for k in structural if k in given}
+        # what has no unit to convert goes in at once: gains may be right only for their k1
+        plain = {k: self.known[k].value for k in numeric if k in self.known}
+        for parameter, value in given.items():
+            if parameter in numeric and type(value) in (int, float):
+                with at(self.file, f"{key}.{parameter}"):
+                    plain[parameter] = to_si(value, "1")
         with at(self.file, key):
-            structural = structural_arguments(function, len(leading))
-            structure = {k: given.pop(k) for k in structural if k in given}
-            standard = function(*leading, **structure)
+            standard = function(*leading, **structure, **plain)
             units = {p.name: p.unit for p in standard.parameters}
             accepted = accepted_parameters(function, units)
         values: dict[str, float] = {}
@@ -98,8 +101,10 @@ class Composer:
         for parameter in accepted:
             if parameter in self.known and parameter not in values:
                 values[parameter] = self.known[parameter].value
-        with at(self.file, key):
-            built = function(*leading, **structure, **values)
+        built = standard
+        if values != plain:
+            with at(self.file, key):
+                built = function(*leading, **structure, **values)
         self.declare(built.parameters)
         return built
 
@@ -229,7 +234,7 @@ class Composer:
         names: Names = {q.name: q.symbol for q in self.states}
         return names | {p: symbol(p) for p in self.known} | {"t": TIME}
 
-    def law(self, table: Mapping[str, Any], system: System) -> Law | Switching:
+    def law(self, table: Mapping[str, Any]) -> Law | Switching:
         """[law]: a catalogue entry or one written by expressions."""
         if "outputs" not in table and "modes" not in table:
             self._need_name(table, "law", "outputs")
@@ -238,7 +243,7 @@ class Composer:
                     f"{self.file}: law.name: '{table['name']}' is built on a convergent law",
                     remedy="name that law here, and this one under [redesign]",
                 )
-            built: Law = self.entry(laws.ALL, table, "law", (system,))
+            built: Law = self.entry(laws.ALL, table, "law")
             return built
         spec = validated(LawSpec, table, self.file, "law")
         self.declare(self._parameters(spec.parameters, "law"))
@@ -311,11 +316,7 @@ class Composer:
         """[region] or [goal]: a catalogue entry or one written by expressions."""
         if "constraints" not in table:
             self._need_name(table, key, "constraints")
-            of_system = any(
-                f.__name__ == table["name"] and leading_argument(f) == "system" for f in regions.ALL
-            )
-            leading = (self.system_built,) if of_system else ()
-            built: Region = self.entry(regions.ALL, table, key, leading)
+            built: Region = self.entry(regions.ALL, table, key)
             return built
         spec = validated(RegionSpec, {"name": key, **table}, self.file, key)
         self.declare(self._parameters(spec.parameters, key))

@@ -10,9 +10,9 @@ import sympy as sp
 
 from holdfast.catalogue import is_made_for
 from holdfast.maths import laws
-from holdfast.maths.chained import chained_feedback, closed_loop_matrix, gains_for_poles
+from holdfast.maths.chained import POLE, chained_feedback, closed_loop_matrix, gains_for_poles
 from holdfast.maths.chained_search import ChainedForm, Search
-from holdfast.maths.field_following import SIDE, SPEED, Alignment, in_inputs
+from holdfast.maths.field_following import Alignment, own_inputs
 from holdfast.maths.lie_algebra import Growth
 from holdfast.maths.numbers import value_at
 from holdfast.maths.pfaffian import Structure, inputs_at_rest, relative_degrees
@@ -212,14 +212,7 @@ def _following(system: System, found: Structure, aligned: Alignment | str) -> St
         f"{t.name} at the rate motion_across = (-k s - (ds/dx . g) motion_along) / (ds/d{t.name}), "
         "hence s' = -k s. In the inputs of the system:",
     ]
-    motions = {t.name: SIDE} | {
-        q.name: e * SPEED for q, e in zip(found.leaf, aligned.direction, strict=True)
-    }
-    own = in_inputs(system, found, motions)
-    body += [
-        Equation(n, sp.Add(*(sp.simplify(e.coeff(m)) * m for m in (SPEED, SIDE))))
-        for n, e in own.items()
-    ]
+    body += [Equation(n, e) for n, e in own_inputs(system, found, aligned).items()]
     body.append(
         "g can point every way, so the law is global but for x = 0."
         if aligned.everywhere
@@ -241,7 +234,7 @@ def _chain(found: Structure, search: Search) -> Step:
     z = [symbol(f"{zs}{i}") for i in range(1, n + 1)]
     v1, v2 = symbol(f"{vs}1"), symbol(f"{vs}2")
     k1, *gains = (symbol(f"{ks}{i}") for i in range(1, n + 1))
-    values = gains_for_poles(1.0, [-2.0] * (n - 1))
+    values = gains_for_poles(1.0, [POLE] * (n - 1))
     placed = ", ".join(f"{k} = {v:g}" for k, v in zip(gains, values, strict=True))
     between = f"{zs}3/{zs}1, ..., " if n > 3 else ""
     ratios = f"({zs}2, {between}{zs}{n}/{zs}1{f'^{n - 2}' if n > 3 else ''})"
@@ -257,7 +250,7 @@ def _chain(found: Structure, search: Search) -> Step:
         f"makes y = {ratios} obey y' = M y exactly, with constant",
         Equation("M", closed_loop_matrix(k1, gains)),
         f"whose {n - 1} poles may be placed anywhere in the left half-plane: with {k1} = 1 1/s and "
-        f"all of them at -2 1/s, {placed}. In the inputs of the system:",
+        f"all of them at {POLE:g} 1/s, {placed}. In the inputs of the system:",
         *(
             _bounded(u.name, a * v1 + b * v2)
             for u, (a, b) in zip(found.inputs, form.coefficients, strict=True)

@@ -19,11 +19,9 @@ def equations(pairs: Iterable[tuple[str, sp.Expr]], relation: str = "=") -> list
     """Equations set in two dimensions; long ones are split by naming their parts."""
     given = dict(pairs)
     used = {str(s) for e in given.values() for s in e.free_symbols} | set(given)
-    letter = next(c for c in ("w", "part", "piece") if not any(n.startswith(c) for n in used))
+    free = (s for s in sp.numbered_symbols("w", start=1) if s.name not in used)
     if max(width(e) for e in given.values()) > WIDTH:
-        shared, reduced = sp.cse(
-            list(given.values()), symbols=sp.numbered_symbols(letter, start=1), order="none"
-        )
+        shared, reduced = sp.cse(list(given.values()), symbols=free, order="none")
         given = {str(s): e for s, e in shared} | dict(zip(given, reduced, strict=True))
     lines = []
     for left, expression in given.items():

@@ -103,7 +103,7 @@ def _composed(name: str, file: str, text: str, spec: ScenarioSpec) -> Scenario:
     composer = Composer(file)
     system = composer.system(spec.system)
     region = composer.region(spec.region, "region") if spec.region is not None else None
-    law: Law | Switching = composer.law(spec.law, system)  # may use the region's parameters
+    law: Law | Switching = composer.law(spec.law)  # may use the region's parameters
     if spec.redesign is not None:
         law = _redesigned(composer, spec.redesign, law, region, system)
     if spec.tracking is not None:

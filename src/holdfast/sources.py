@@ -101,7 +101,6 @@ def catalogue_table(name: str, overrides: Iterable[str], kind: str) -> dict[str,
 def _override(data: dict[str, Any], change: str) -> None:
     key, separator, value = change.partition("=")
     path = key.strip().split(".")
-    # nothing after the sign takes the key away
     if not separator or not all(path):
         raise ScenarioError(f"--set {change}", expected="key=value, such as law.k1=0.2")
     try:
@@ -117,5 +116,5 @@ def _override(data: dict[str, Any], change: str) -> None:
             raise ScenarioError(f"--set {change}: '{part}' is no table")
     if value.strip():
         table[path[-1]] = parsed["value"]
-    else:
+    else:  # nothing after the sign takes the key away
         table.pop(path[-1], None)

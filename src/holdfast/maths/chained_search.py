@@ -167,22 +167,18 @@ def _domain(
     expressions: tuple[sp.Expr, ...], states: set[sp.Symbol]
 ) -> tuple[tuple[sp.Expr, ...], tuple[sp.Expr, ...]]:
     """What must not vanish, and what must be positive, for the expressions to be regular."""
-    nonzero: dict[sp.Expr, None] = {}
-    positive: dict[sp.Expr, None] = {}
+    nonzero: set[sp.Expr] = set()
+    positive: set[sp.Expr] = set()
     for e in expressions:
         for tangent in e.atoms(sp.tan):
-            nonzero[sp.cos(tangent.args[0])] = None
+            nonzero.add(sp.cos(tangent.args[0]))
         for power in e.atoms(sp.Pow):
             if not power.exp.is_Integer:
-                positive[power.base] = None
+                positive.add(power.base)
             elif power.exp < 0:
-                nonzero |= dict.fromkeys(f.as_base_exp()[0] for f in sp.Mul.make_args(power.base))
+                nonzero |= {f.as_base_exp()[0] for f in sp.Mul.make_args(power.base)}
         for function in e.atoms(sp.log):
-            positive[function.args[0]] = None
-    speed_and_slope = expressions[-2:]  # these are divided by themselves
-    for e in speed_and_slope:
-        nonzero |= dict.fromkeys(f.as_base_exp()[0] for f in sp.Mul.make_args(sp.numer(e)))
-    return (
-        tuple(e for e in nonzero if e.free_symbols & states),
-        tuple(e for e in positive if e.free_symbols & states),
-    )
+            positive.add(function.args[0])
+    ordered = (sorted(found, key=sp.default_sort_key) for found in (nonzero, positive))
+    divisors, bases = (tuple(e for e in found if e.free_symbols & states) for found in ordered)
+    return divisors, bases

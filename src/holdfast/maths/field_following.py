@@ -11,7 +11,6 @@ s between g and F is a scalar that t moves, and
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -140,28 +139,24 @@ def law_outputs(system: System, found: Structure, pieces: Alignment) -> dict[str
     drift = sp.Add(*(pieces.error.diff(a) * b for a, b in zip(x, g, strict=True)))
     turn = (-symbol("k") * pieces.error - drift * forward) / pieces.slope
     outside = rho - symbol("freeze")
-    # the system's own inputs for one unit of either motion
-    motions = {t.name: SIDE} | {q.name: e * SPEED for q, e in zip(found.leaf, g, strict=True)}
-    own = {
-        name: sp.Add(*(sp.simplify(e.coeff(m)) * m for m in (SPEED, SIDE)))
-        for name, e in in_inputs(system, found, motions).items()
-    }
     chosen = {
         SPEED: select(outside, forward, sp.S.Zero),
         SIDE: select(outside, turn, -symbol("k") * (wrap(t.symbol) if t.angle else t.symbol)),
     }
-    return {name: e.subs(chosen) for name, e in own.items()}
+    return {name: e.subs(chosen) for name, e in own_inputs(system, found, pieces).items()}
 
 
-def in_inputs(system: System, found: Structure, rates: Mapping[str, sp.Expr]) -> dict[str, sp.Expr]:
-    """The inputs that give the coordinates these rates, which the constraint allows."""
+def own_inputs(system: System, found: Structure, pieces: Alignment) -> dict[str, sp.Expr]:
+    """The inputs of `system` for the motions `SPEED` along g and `SIDE` of the transverse state."""
     if not found.kinematic:
         raise DefinitionError(
             f"the inputs of system '{system.name}' do not move its coordinates directly",
             remedy="use velocities as inputs (promote), and track them (track_velocity)",
         )
-    effect = sp.Matrix.hstack(*(sp.Matrix(d) for d in found.directions))
-    wanted = sp.Matrix([rates[q.name] for q in found.coordinates])
-    normal = (effect.T * effect).applyfunc(sp.trigsimp)
-    solved = (normal.inv() * (effect.T * wanted)).applyfunc(sp.trigsimp)
-    return {u.name: sp.expand(e) for u, e in zip(found.inputs, solved, strict=True)}
+    rates = {found.transverse[0].name: SIDE}
+    rates |= {q.name: e * SPEED for q, e in zip(found.leaf, pieces.direction, strict=True)}
+    solved = found.speeds(sp.Matrix([rates[q.name] for q in found.coordinates]))
+    return {
+        u.name: sp.Add(*(sp.simplify(sp.expand(e).coeff(m)) * m for m in (SPEED, SIDE)))
+        for u, e in zip(found.inputs, solved, strict=True)
+    }

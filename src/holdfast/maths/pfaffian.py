@@ -87,7 +87,18 @@ class Structure:
     def output_rate(self) -> sp.Matrix:
         """d h / d t per unit of each direction, shape (kappa, number of directions)."""
         slopes = sp.Matrix([[h.diff(s) for s in self.symbols] for h in self.output])
-        return slopes * sp.Matrix.hstack(*(sp.Matrix(g) for g in self.directions))
+        return slopes * self.effect
+
+    @property
+    def effect(self) -> sp.Matrix:
+        """G, the directions side by side, shape (n, number of directions)."""
+        return sp.Matrix.hstack(*(sp.Matrix(g) for g in self.directions))
+
+    def speeds(self, rates: sp.Matrix) -> list[sp.Expr]:
+        """The speeds along the directions that give these rates: (G^T G)^-1 G^T rates."""
+        effect = self.effect
+        normal = (effect.T * effect).applyfunc(sp.trigsimp)
+        return [sp.trigsimp(sp.expand(e)) for e in normal.inv() * effect.T * rates]
 
     def sampler(self) -> Sampler:
         """Evaluates expressions of this structure at random points."""
@@ -162,11 +173,8 @@ def relative_degrees(found: Structure, t: Quantity) -> tuple[int, ...]:
 
 
 def inputs_at_rest(found: Structure) -> tuple[sp.Expr, ...]:
-    """The inputs that hold the system where it can rest: -(G^T G)^-1 G^T f."""
-    effect = sp.Matrix.hstack(*(sp.Matrix(d) for d in found.directions))
-    normal = (effect.T * effect).applyfunc(sp.trigsimp)
-    held = -normal.inv() * effect.T * sp.Matrix(found.drift)
-    return tuple(sp.trigsimp(sp.expand(e)) for e in held)
+    """The inputs that hold the system where it can rest, against its drift."""
+    return tuple(found.speeds(-sp.Matrix(found.drift)))
 
 
 def constraint(system: System) -> tuple[tuple[Quantity, ...], sp.Matrix, tuple[sp.Expr, ...]]:
