@@ -23,6 +23,10 @@ closer than this the gradient fades to zero instead. Results do not depend on th
 between 1e-6 and 0.03 m."""
 
 
+UNSEEN = sp.Float(1e-60)
+"""A guard that only keeps divisions defined, for laws that do not use what is guarded there."""
+
+
 def dipolar_field(
     position: Sequence[sp.Expr], exponent: sp.Expr, moment: Sequence[float]
 ) -> tuple[sp.Expr, ...]:
@@ -49,9 +53,24 @@ def dipolar_field(
     return tuple(exponent * along * r - q * squared for r, q in zip(position, p, strict=True))
 
 
-def field_angle(field: Sequence[sp.Expr]) -> sp.Expr:
+def dipole_like_field(
+    position: Sequence[sp.Expr],
+    exponent: sp.Expr,
+    moment: Sequence[sp.Expr],
+    *,
+    exponential: bool = True,
+) -> tuple[sp.Expr, ...]:
+    """F(r) = lambda (p . r) r - p (1 - exp(-|r|^2)), (2.7); without the last term F1 of it."""
+    along = sp.Add(*(a * b for a, b in zip(moment, position, strict=True)))
+    squared = sp.Add(*(a**2 for a in position))
+    decay = 1 - sp.exp(-squared) if exponential else sp.S.One
+    return tuple(exponent * along * r - p * decay for r, p in zip(position, moment, strict=True))
+
+
+def field_angle(field: Sequence[sp.Expr], guard: sp.Expr = GUARD**4) -> sp.Expr:
     """phi = atan2(F_y, F_x) of a planar field, with its gradient guarded at the zero of F.
 
-    |F|^2 is of order rho^4 near the zero, hence the guard GUARD^4.
+    |F|^2 is of order rho^4 near the zero, hence the guard GUARD^4; a law that does not use phi
+    there takes `UNSEEN`.
     """
-    return angle(field[1], field[0], GUARD**4)
+    return angle(field[1], field[0], guard)

@@ -17,6 +17,7 @@ from itertools import pairwise
 import sympy as sp
 
 from holdfast.errors import DefinitionError
+from holdfast.maths.dipole import UNSEEN
 from holdfast.maths.functions import angle, length, select, sgn, wrap
 from holdfast.maths.kernel import signed_minors
 from holdfast.maths.numbers import value_at
@@ -24,7 +25,6 @@ from holdfast.maths.pfaffian import Structure
 from holdfast.maths.quantity import symbol
 from holdfast.maths.system import System
 
-_TINY = sp.Float(1e-60)
 SPEED, SIDE = symbol("motion_along"), symbol("motion_across")
 
 
@@ -90,7 +90,7 @@ def alignment(found: Structure) -> Alignment | str:
         return "the direction g(0) is normal to p, or no number"
     g = sp.ImmutableMatrix(g * (1 if value_at(along, at) > 0 else -1))
     f = found.field
-    error = angle(g[0] * f[1] - g[1] * f[0], g[0] * f[0] + g[1] * f[1], _TINY)
+    error = angle(g[0] * f[1] - g[1] * f[0], g[0] * f[0] + g[1] * f[1], UNSEEN)
     t = transverse[0]
     # the turn of g itself: s = angle(F) - angle(g), and F does not contain t
     slope = -(g[0] * g[1].diff(t.symbol) - g[1] * g[0].diff(t.symbol)) / (g[0] ** 2 + g[1] ** 2)
@@ -132,7 +132,7 @@ def law_outputs(system: System, found: Structure, pieces: Alignment) -> dict[str
     """The inputs of `system`, from the speed along g and the rate of the transverse state."""
     g, t = pieces.direction, found.transverse[0]
     x = [q.symbol for q in found.leaf]
-    rho = length(x[0], x[1], _TINY)
+    rho = length(x[0], x[1], UNSEEN)
     along = sp.Add(*(a * b for a, b in zip(g, x, strict=True)))
     size = sp.sqrt(sp.trigsimp(g[0] ** 2 + g[1] ** 2))
     forward = -symbol("k1") * sgn(along) * rho / size

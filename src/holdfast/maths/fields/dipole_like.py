@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import sympy as sp
-
 from holdfast.errors import DefinitionError
+from holdfast.maths.dipole import dipole_like_field
 from holdfast.maths.field import Field, coordinate_names, exact_moment
 from holdfast.maths.quantity import Parameter, Quantity, symbol
 
@@ -35,9 +34,6 @@ def dipole_like(
     p = exact_moment(moment)
     names = coordinate_names(len(p))
     q = [symbol(n) for n in names]
-    along = sp.Add(*(a * b for a, b in zip(p, q, strict=True)))
-    squared = sp.Add(*(a**2 for a in q))
-    decay = 1 - sp.exp(-squared) if exponential else sp.S.One
     defects = (
         "not every line returns: integrated both ways from 300 random points of [-2, 2]^2 "
         "(lam = 3, p = (1, 0)), 225 lie on lines with one end at infinity; without the "
@@ -49,7 +45,7 @@ def dipole_like(
     return Field(
         name="dipole_like" if exponential else "dipole_like_without_exponential",
         coordinates=tuple(Quantity(n, "1", "generalized coordinate") for n in names),
-        components=tuple(symbol("lam") * along * a - b * decay for a, b in zip(q, p, strict=True)),
+        components=dipole_like_field(q, symbol("lam"), p, exponential=exponential),
         moment=p,
         parameters=(
             Parameter("lam", "1", "lambda: growth of the field far away", value=lam, above=0),

@@ -5,14 +5,12 @@ from __future__ import annotations
 import sympy as sp
 
 from holdfast.errors import DefinitionError
-from holdfast.maths.dipole import dipolar_field
-from holdfast.maths.functions import angle, least, length, select, sgn, wrap
+from holdfast.maths.dipole import UNSEEN, dipolar_field, field_angle
+from holdfast.maths.functions import least, length, select, sgn, wrap
 from holdfast.maths.law import GainCondition, Law
 from holdfast.maths.quantity import Parameter, symbol
 from holdfast.maths.system import System
 from holdfast.maths.systems.marine_vehicle import surge_inertia, sway_inertia
-
-_TINY = sp.Float(1e-60)
 
 
 def dock_marine(system: System, *, k1: float = 0.2, k2: float = 2.0, freeze: float = 0.01) -> Law:
@@ -29,7 +27,7 @@ def dock_marine(system: System, *, k1: float = 0.2, k2: float = 2.0, freeze: flo
     into the origin in finite time. Raises `DefinitionError` for gains outside.
     """
     x, y, psi, phi, turn, parameters = _approach("dock_marine", system, k1, k2, freeze)
-    rho = length(x, y, _TINY)
+    rho = length(x, y, UNSEEN)
     k = symbol("k1")
     drag = -symbol("Yv")
     condition = GainCondition(
@@ -73,7 +71,7 @@ def project_marine(
     )
     field = dipolar_field((x, y), sp.Integer(2), (1, 0))
     along = field[0] * sp.cos(psi) + field[1] * sp.sin(psi)
-    rho = length(x, y, _TINY)
+    rho = length(x, y, UNSEEN)
     return Law(
         name="project_marine",
         reads=system.quantities(("x", "y", "psi", "u", "v"), "project_marine"),
@@ -92,7 +90,7 @@ def _approach(
 ) -> tuple[sp.Symbol, sp.Symbol, sp.Symbol, sp.Expr, sp.Expr, tuple[Parameter, ...]]:
     x, y, psi, u, v = (symbol(n) for n in ("x", "y", "psi", "u", "v"))
     field = dipolar_field((x, y), sp.Integer(2), (1, 0))
-    phi = angle(field[1], field[0], _TINY)
+    phi = field_angle(field, UNSEEN)
     rates = (u * sp.cos(psi) - v * sp.sin(psi), u * sp.sin(psi) + v * sp.cos(psi))
     turn = -symbol("k2") * wrap(psi - phi) + phi.diff(x) * rates[0] + phi.diff(y) * rates[1]
     needed = ("mass", "Xudot", "Yvdot", "Yv")

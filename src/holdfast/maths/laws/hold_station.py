@@ -7,6 +7,7 @@ import math
 import sympy as sp
 
 from holdfast.errors import DefinitionError
+from holdfast.maths.dipole import UNSEEN, dipole_like_field, field_angle
 from holdfast.maths.functions import angle, greatest, least, length, sgn, wrap
 from holdfast.maths.law import GainCondition, Law
 from holdfast.maths.quantity import TIME, Parameter, symbol
@@ -16,7 +17,6 @@ from holdfast.maths.system import System, check_rates
 from holdfast.maths.systems.drifting_unicycle import drifting_unicycle
 
 APPROACH, PUSH, TURN = "approach", "push", "turn"
-_TINY = sp.Float(1e-60)
 
 
 def hold_station(
@@ -54,10 +54,7 @@ def hold_station(
     check_rates("hold_station", system, drifting_unicycle)
     if not r1 >= r0:
         raise DefinitionError(f"r1 = {r1:g} is below r0 = {r0:g}", expected="r1 >= r0")
-    if not k3 > 1:
-        raise DefinitionError(
-            f"k3 = {k3:g}: pushing does not overcome the current", expected="k3 > 1"
-        )
+    _check_push(k3)
     if math.hypot(current_x, current_y) == 0:
         raise DefinitionError("the current is zero", remedy="without a current, steer_unicycle")
     x, y, psi = (symbol(n) for n in ("x", "y", "psi"))
@@ -66,11 +63,8 @@ def hold_station(
     vx, vy = s["current_x"], s["current_y"]
     speed, side = sp.sqrt(vx**2 + vy**2), sgn(vx)
     p = (side * vx, side * vy)
-    rho = length(x, y, _TINY)
-    along = p[0] * x + p[1] * y
-    decay = 1 - sp.exp(-(x**2) - y**2)
-    field = [s["lam"] * along * a - b * decay for a, b in ((x, p[0]), (y, p[1]))]
-    phi = angle(field[1], field[0], _TINY)
+    rho = length(x, y, UNSEEN)
+    phi = field_angle(dipole_like_field((x, y), s["lam"], p), UNSEEN)
     ahead = sgn(x * sp.cos(psi) + y * sp.sin(psi))
     surge = -k["k1"] * ahead * rho - side * speed
     rates = (surge * sp.cos(psi) + vx, surge * sp.sin(psi) + vy)
@@ -100,7 +94,7 @@ def hold_station(
     def law(mode: str, u: sp.Expr, r: sp.Expr) -> Law:
         return Law(mode, system.states, {"u": u, "r": r}, parameters, conditions=(condition,))
 
-    upstream = angle(p[1], p[0], _TINY)
+    upstream = angle(p[1], p[0], UNSEEN)
     outward = x * vx + y * vy  # r . v
     inside, outside = s["r0"] - rho, rho - s["r1"]
     inward = -outward - sp.Float(math.ulp(0.0))
@@ -122,6 +116,13 @@ def hold_station(
         description="hold station in a known current, by three laws that take turns",
         source="thesis (3.4), (3.5), (3.8), (3.9) and the logic of section 3.2, completed",
     )
+
+
+def _check_push(k3: float) -> None:
+    if not k3 > 1:
+        raise DefinitionError(
+            f"k3 = {k3:g}: pushing does not overcome the current", expected="k3 > 1"
+        )
 
 
 AHEAD, ASTERN = "hold_ahead", "hold_astern"
@@ -159,16 +160,12 @@ def hold_station_unknown(
             f"r1 = {r1:g} is not above r0 = {r0:g}: the law would slide on the boundary",
             expected="r1 > r0",
         )
-    if not k3 > 1:
-        raise DefinitionError(
-            f"k3 = {k3:g}: pushing does not overcome the current", expected="k3 > 1"
-        )
+    _check_push(k3)
     x, y, psi = (symbol(n) for n in ("x", "y", "psi"))
     s = {n: symbol(n) for n in ("current_bound", "r0", "r1", "lam")}
     k = {n: symbol(n) for n in ("k1", "k2", "k3", "k4")}
-    rho = length(x, y, _TINY)
-    decay = 1 - sp.exp(-(x**2) - y**2)
-    phi = angle(s["lam"] * x * y, s["lam"] * x**2 - decay, _TINY)
+    rho = length(x, y, UNSEEN)
+    phi = field_angle(dipole_like_field((x, y), s["lam"], (sp.S.One, sp.S.Zero)), UNSEEN)
     ahead = sgn(x * sp.cos(psi) + y * sp.sin(psi))
     surge = -ahead * (k["k1"] * rho + s["current_bound"])
     turn = surge * (phi.diff(x) * sp.cos(psi) + phi.diff(y) * sp.sin(psi))

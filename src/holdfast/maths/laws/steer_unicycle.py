@@ -5,15 +5,12 @@ from __future__ import annotations
 import sympy as sp
 
 from holdfast.errors import DefinitionError
-from holdfast.maths.dipole import dipolar_field
-from holdfast.maths.functions import angle, least, length, magnitude, select, sgn, wrap
+from holdfast.maths.dipole import UNSEEN, dipolar_field, field_angle
+from holdfast.maths.functions import least, length, magnitude, select, sgn, wrap
 from holdfast.maths.law import Law
 from holdfast.maths.quantity import Parameter, symbol
 from holdfast.maths.system import System, check_rates
 from holdfast.maths.systems.unicycle import unicycle
-
-_TINY = sp.Float(1e-60)
-"""Keeps divisions defined where the law is frozen anyway; without effect elsewhere."""
 
 
 def steer_unicycle(
@@ -32,10 +29,10 @@ def steer_unicycle(
     """
     x, y, psi = _pose("steer_unicycle", system)
     s = {n: symbol(n) for n in ("k1", "k", "lam", "freeze", "speed_limit", "turn_limit")}
-    rho = length(x, y, _TINY)
+    rho = length(x, y, UNSEEN)
     forward = -_towards(x, y, psi) * least(s["k1"] * rho, s["speed_limit"])
     field = dipolar_field((x, y), s["lam"], (1, 0))
-    phi = angle(field[1], field[0], _TINY)
+    phi = field_angle(field, UNSEEN)
     turn = forward * (phi.diff(x) * sp.cos(psi) + phi.diff(y) * sp.sin(psi))
     slower = least(1, sp.Rational(4, 5) * s["turn_limit"] / (magnitude(turn) + sp.Float(1e-12)))
     outside = rho - s["freeze"]
@@ -88,12 +85,12 @@ def align_unicycle(
             )
     x, y, psi = _pose("align_unicycle", system)
     s = {n: symbol(n) for n in ("k", "epsilon", "freeze")}
-    rho = length(x, y, _TINY)
+    rho = length(x, y, UNSEEN)
     speed = sp.tanh(rho)
     forward = speed if travel == "forward" else -_towards(x, y, psi) * speed
-    squared = x**2 + y**2 + _TINY
+    squared = x**2 + y**2 + UNSEEN
     field = ((2 * x**2 - y**2) / squared, 3 * x * y / squared)
-    heading = angle(field[1], field[0], _TINY)
+    heading = field_angle(field, UNSEEN)
     error = wrap(psi - heading)
 
     def rate(e: sp.Expr) -> sp.Expr:
