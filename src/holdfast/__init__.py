@@ -17,6 +17,7 @@ from holdfast._version import __version__
 if TYPE_CHECKING:
     from holdfast.analysis.result import Result, load
     from holdfast.analysis.simulate import Starts, simulate
+    from holdfast.analysis.station_statistics import station_statistics
     from holdfast.derivation import Derivation, explain
     from holdfast.errors import GainWarning, HoldfastError
     from holdfast.execution.closed_loop import Outcome
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from holdfast.maths.flow_lines import exact_flow, flow_line
     from holdfast.maths.law import GainCondition, Law
     from holdfast.maths.planes import plane_by_plane
-    from holdfast.maths.quantity import TIME, TIME_IN_MODE, Parameter, Quantity, symbol
+    from holdfast.maths.quantity import SAMPLE_TIME, TIME, TIME_IN_MODE, Parameter, Quantity, symbol
     from holdfast.maths.redesign import redesign
     from holdfast.maths.reduction import promote
     from holdfast.maths.region import Inequality, Region
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from holdfast.maths.switching import Switching, Transition
     from holdfast.maths.system import PfaffianRow, System
     from holdfast.maths.tangency import outward_rates
+    from holdfast.maths.varied import Varied
     from holdfast.maths.velocity_tracking import track_velocity
     from holdfast.maths.zeros import critical_points
     from holdfast.presentation.flow_lines import flow_lines_figure
@@ -47,6 +49,7 @@ if TYPE_CHECKING:
 _HOME = {
     "analysis.result": ("Result", "load"),
     "analysis.simulate": ("Starts", "simulate"),
+    "analysis.station_statistics": ("station_statistics",),
     "derivation": ("Derivation", "explain"),
     "errors": ("GainWarning", "HoldfastError"),
     "execution.closed_loop": ("Outcome",),
@@ -59,7 +62,7 @@ _HOME = {
     "maths.flow_lines": ("exact_flow", "flow_line"),
     "maths.law": ("GainCondition", "Law"),
     "maths.planes": ("plane_by_plane",),
-    "maths.quantity": ("TIME", "TIME_IN_MODE", "Parameter", "Quantity", "symbol"),
+    "maths.quantity": ("SAMPLE_TIME", "TIME", "TIME_IN_MODE", "Parameter", "Quantity", "symbol"),
     "maths.redesign": ("redesign",),
     "maths.reduction": ("promote",),
     "maths.region": ("Inequality", "Region"),
@@ -67,6 +70,7 @@ _HOME = {
     "maths.switching": ("Switching", "Transition"),
     "maths.system": ("PfaffianRow", "System"),
     "maths.tangency": ("outward_rates",),
+    "maths.varied": ("Varied",),
     "maths.velocity_tracking": ("track_velocity",),
     "maths.zeros": ("critical_points",),
     "presentation.flow_lines": ("flow_lines_figure",),
@@ -77,6 +81,7 @@ _HOME = {
 _WHERE = {name: home for home, names in _HOME.items() for name in names}
 
 __all__ = [
+    "SAMPLE_TIME",
     "TIME",
     "TIME_IN_MODE",
     "Ball",
@@ -101,6 +106,7 @@ __all__ = [
     "Switching",
     "System",
     "Transition",
+    "Varied",
     "__version__",
     "classify",
     "critical_points",
@@ -124,6 +130,7 @@ __all__ = [
     "regions",
     "simulate",
     "station_keeping_limits",
+    "station_statistics",
     "symbol",
     "systems",
     "track_velocity",

@@ -50,7 +50,7 @@ def arguments(function: Callable[..., Any], leading: int) -> tuple[list[str], li
     """The arguments after the first `leading` ones: those that are no numbers, and the numbers."""
     named = list(inspect.signature(function).parameters.values())[leading:]
     named = [a for a in named if a.kind is not a.VAR_KEYWORD]
-    numeric = [a.name for a in named if a.annotation == "float"]
+    numeric = [a.name for a in named if a.annotation in ("float", "float | None")]
     return [a.name for a in named if a.name not in numeric], numeric
 
 

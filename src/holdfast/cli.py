@@ -33,7 +33,7 @@ def _a_number(context: click.Context, parameter: click.Parameter, value: float) 
 def cli(debug: bool) -> None:
     """Viability control of nonholonomic systems.
 
-    Exit status: 0 answered, 1 a run diverged, 2 bad input, 130 interrupted.
+    Exit status: 0 answered, 1 a run diverged or chattered, 2 bad input, 130 interrupted.
     """
 
 
@@ -194,9 +194,17 @@ def run_command(
     from holdfast.presentation.text import summary_text
 
     click.echo(summary_text(result, files))
-    diverged = result.outcomes["diverged"]
+    diverged, chattered = (result.outcomes[n] for n in ("diverged", "chattered"))
     if diverged:
         click.echo(f"holdfast: {diverged} runs diverged; their results end there", err=True)
+    if chattered:
+        limit = loaded.settings["switch_limit"]
+        click.echo(
+            f"holdfast: {chattered} runs chattered: more than {limit} changes of mode within a "
+            "second; what they do depends on the sample time",
+            err=True,
+        )
+    if diverged or chattered:
         sys.exit(NOT_ANSWERED)
 
 

@@ -23,9 +23,18 @@ from holdfast.maths.redesign import redesign
 from holdfast.maths.region import Region
 from holdfast.maths.switching import Switching
 from holdfast.maths.system import System
-from holdfast.maths.units import to_si
+from holdfast.maths.units import check_unit, to_si
+from holdfast.maths.varied import Varied
 from holdfast.maths.velocity_tracking import track_velocity
-from holdfast.schema import FiguresSpec, OutputsSpec, RedesignSpec, RunSpec, ScenarioSpec
+from holdfast.schema import (
+    DrawSpec,
+    FiguresSpec,
+    OutputsSpec,
+    RedesignSpec,
+    RunSpec,
+    ScenarioSpec,
+    VariedSpec,
+)
 from holdfast.sources import read_tables
 
 
@@ -48,6 +57,7 @@ class Scenario:
     settings: Mapping[str, Any]
     disturbance: Mapping[str, sp.Expr]
     plant: Mapping[str, float]
+    varied: Varied
     reference: Mapping[str, float]
     plane: tuple[str, str] | None
     figures: FiguresSpec
@@ -64,6 +74,7 @@ class Scenario:
                 goal=self.goal,
                 disturbance=self.disturbance,
                 plant=self.plant,
+                varied=self.varied,
                 reference=self.reference,
                 start_outside=self.start_outside,
                 attributes={
@@ -102,6 +113,7 @@ def load_scenario(
 def _composed(name: str, file: str, text: str, spec: ScenarioSpec) -> Scenario:
     composer = Composer(file)
     system = composer.system(spec.system)
+    draws, units = _draws(composer, spec.varied)
     region = composer.region(spec.region, "region") if spec.region is not None else None
     law: Law | Switching = composer.law(spec.law)  # may use the region's parameters
     if spec.redesign is not None:
@@ -121,6 +133,16 @@ def _composed(name: str, file: str, text: str, spec: ScenarioSpec) -> Scenario:
                 raise ScenarioError(f"{value} is no number", expected="a value from parameters")
             return float(value)
 
+    def expressions(table: Mapping[str, object], key: str) -> dict[str, sp.Expr]:
+        return {k: _parsed(file, f"{key}.{k}", v, timeless) for k, v in table.items()}
+
+    with at(file, "varied"):
+        varied = Varied(
+            draws,
+            expressions(spec.varied.values, "varied.values"),
+            expressions(spec.varied.plant, "varied.plant"),
+            units,
+        )
     units = {q.name: q.unit for q in system.states}
     return Scenario(
         name=name,
@@ -144,6 +166,7 @@ def _composed(name: str, file: str, text: str, spec: ScenarioSpec) -> Scenario:
             key: _si(file, f"plant.{key}", value, {p.name: p.unit for p in system.parameters}, key)
             for key, value in spec.plant.items()
         },
+        varied=varied,
         reference={
             _known(file, f"reference.{k}", k, units): number(v, f"reference.{k}")
             for k, v in spec.reference.items()
@@ -152,6 +175,22 @@ def _composed(name: str, file: str, text: str, spec: ScenarioSpec) -> Scenario:
         figures=spec.figures,
         start_outside=spec.starts.outside,
     )
+
+
+def _draws(
+    composer: Composer, spec: VariedSpec
+) -> tuple[dict[str, tuple[float, float]], dict[str, str]]:
+    """The ranges in SI units, and the units of the names that are new; these are declared."""
+    ranges, units = {}, {}
+    for name, given in spec.draws.items():
+        draw = given if isinstance(given, DrawSpec) else DrawSpec(range=given)
+        with at(composer.file, f"varied.draws.{name}"):
+            units[name] = composer.known[name].unit if name in composer.known else draw.unit
+            check_unit(units[name])
+            low, high = draw.range
+            ranges[name] = (to_si(low, units[name]), to_si(high, units[name]))
+            composer.declare(Varied({name: ranges[name]}, units=units).new_parameters({}))
+    return ranges, units
 
 
 def _plane(file: str, wanted: tuple[str, str] | None, system: System) -> tuple[str, str] | None:
@@ -208,7 +247,15 @@ def _settings(spec: ScenarioSpec, units: Mapping[str, str], file: str) -> dict[s
     run: RunSpec = spec.run
     times = dict.fromkeys(("horizon", "sample_time", "record_every"), "s")
     settings: dict[str, Any] = {n: _si(file, f"run.{n}", getattr(run, n), times, n) for n in times}
-    for name in ("substeps", "stepper", "absolute", "relative", "tolerance", "seed"):
+    for name in (
+        "substeps",
+        "stepper",
+        "absolute",
+        "relative",
+        "tolerance",
+        "switch_limit",
+        "seed",
+    ):
         settings[name] = getattr(run, name)
     settings["continuous"] = run.control == "continuous"
     for kind in ("uniform", "normal"):

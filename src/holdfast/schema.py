@@ -184,6 +184,7 @@ class RunSpec(Section):
     absolute: float = 1e-9
     relative: float = 1e-9
     tolerance: float = 0.0
+    switch_limit: int = 10
     seed: int = 0
 
 
@@ -192,6 +193,21 @@ class NoiseSpec(Section):
 
     uniform: dict[Name, Value] = Field(default_factory=dict)
     normal: dict[Name, Value] = Field(default_factory=dict)
+
+
+class DrawSpec(Section):
+    """{ range = ["-180 deg", "180 deg"], unit = "rad" }"""
+
+    range: Interval
+    unit: str = "1"
+
+
+class VariedSpec(Section):
+    """[varied]: what every run draws anew, and what follows from it."""
+
+    draws: dict[Name, DrawSpec | Interval] = Field(default_factory=dict)
+    values: dict[Name, Expression] = Field(default_factory=dict)
+    plant: dict[Name, Expression] = Field(default_factory=dict)
 
 
 class FiguresSpec(Section):
@@ -219,4 +235,5 @@ class ScenarioSpec(Section):
     noise: NoiseSpec = Field(default_factory=NoiseSpec)
     disturbance: dict[Name, Expression] = Field(default_factory=dict)
     plant: dict[Name, Value] = Field(default_factory=dict)
+    varied: VariedSpec = VariedSpec()
     figures: FiguresSpec = FiguresSpec()

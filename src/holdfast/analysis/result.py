@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from holdfast.maths.scene import Shape
 
 NO_CONSTRAINT = -1
-NAMED_AXES = ("state", "input", "actuator", "signal", "constraint")
+NAMED_AXES = ("state", "input", "actuator", "signal", "constraint", "varied")
 
 
 @dataclass(frozen=True)
@@ -45,14 +45,21 @@ class Result:
         counts = np.bincount(self.dataset["outcome"].values, minlength=len(Outcome))
         return {
             o.label: int(counts[o])
-            for o in (Outcome.REACHED, Outcome.STAYED, Outcome.LEFT, Outcome.DIVERGED)
+            for o in (
+                Outcome.REACHED,
+                Outcome.STAYED,
+                Outcome.CHATTERED,
+                Outcome.LEFT,
+                Outcome.DIVERGED,
+            )
         }
 
     @property
     def viable(self) -> int:
         """How many runs never left the region."""
         values = self.dataset["outcome"].values
-        return int(np.isin(values, (Outcome.STAYED, Outcome.REACHED)).sum())
+        kept = (Outcome.STAYED, Outcome.REACHED, Outcome.CHATTERED)
+        return int(np.isin(values, kept).sum())
 
     @property
     def success_fraction(self) -> float | None:
@@ -76,10 +83,34 @@ class Result:
             "outcomes": self.outcomes,
             "success_fraction": self.success_fraction,
             "worst_constraint": _by_name(worst) if worst is not None else {},
+            "in_goal_since": self._goal_times(),
+            "switching": self._switching(),
             "final_error": self._final_error(),
             "peak_input": _by_name(data["peak_input"].max("run")),
             "peak_actuator": _by_name(data["peak_actuator"].max("run")),
             "wall_time_s": round(float(data.attrs["wall_time_s"]), 3),
+        }
+
+    def _goal_times(self) -> dict[str, float | None]:
+        """Since when the runs that end in the goal are in it [s]."""
+        since = self.dataset["goal_time"].values
+        since = since[np.isfinite(since)]
+        return {
+            "median": float(np.median(since)) if since.size else None,
+            "worst": float(since.max()) if since.size else None,
+        }
+
+    def _switching(self) -> dict[str, float | None]:
+        """Changes of mode a minute and the shortest time in one mode [s]; {} for one mode."""
+        data = self.dataset
+        if len(str(data["mode"].attrs["flag_meanings"]).split()) < 2 or not data.sizes["run"]:
+            return {}
+        rate = data["switches"].values * (60.0 / float(data["time"].values[-1]))
+        shortest = float(data["shortest_dwell"].values.min())
+        return {
+            "median_per_minute": float(np.median(rate)),
+            "worst_per_minute": float(rate.max()),
+            "shortest_dwell": shortest if np.isfinite(shortest) else None,
         }
 
     def _final_error(self) -> dict[str, dict[str, float | None]]:
@@ -219,7 +250,7 @@ def to_dataset(
         "exit_time": (
             ("run",),
             s.exit_time,
-            {"units": "s", "long_name": "time of leaving the region or of diverging"},
+            {"units": "s", "long_name": "time of leaving the region, chattering or diverging"},
         ),
         "exit_constraint": (
             ("run",),
@@ -243,6 +274,12 @@ def to_dataset(
             {"long_name": "largest magnitude", "units": program.actuator_unit},
         ),
         "switches": (("run",), s.switches, {"long_name": "changes of mode"}),
+        "shortest_dwell": (
+            ("run",),
+            s.shortest_dwell,
+            {"units": "s", "long_name": "shortest time between two changes of mode"},
+        ),
+        "varied": (("run", "varied"), s.varied, {"long_name": "what differs from run to run"}),
         "rejected_steps": (("run",), s.rejected, {"long_name": "adaptive steps refused"}),
         "state_is_angle": (("state",), np.array([q.angle for q in program.states], dtype=np.int8)),
     }
@@ -259,6 +296,7 @@ def to_dataset(
         "input_unit": ("input", _labels([q.unit for q in program.inputs])),
         "input_description": ("input", _labels([q.description or q.name for q in program.inputs])),
         "constraint_unit": ("constraint", _labels([c[1] for c in program.constraints])),
+        "varied_name": ("varied", _labels(program.varied.labels)),
     }
     fixed = {
         "Conventions": "CF-1.11",
@@ -276,6 +314,8 @@ def _columns(quantities: Sequence[Quantity]) -> tuple[list[str], list[str]]:
 def indexed(dataset: xr.Dataset) -> xr.Dataset:
     """The dataset with `.sel(state_name="x")` and the like."""
     for axis in NAMED_AXES:
+        if f"{axis}_name" not in dataset:  # a result of an older version
+            continue
         dataset = dataset.set_xindex(f"{axis}_name")
     return dataset
 

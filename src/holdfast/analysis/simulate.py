@@ -17,12 +17,13 @@ from holdfast.errors import GainWarning, SimulationError, suggestion
 from holdfast.execution.closed_loop import Array, ClosedLoop, Progress
 from holdfast.execution.settings import Settings
 from holdfast.execution.steppers import BY_NAME
-from holdfast.execution.translate import closed_loop_program
+from holdfast.execution.translate import ClosedLoopProgram, closed_loop_program
 from holdfast.maths.law import Law
-from holdfast.maths.quantity import symbol
+from holdfast.maths.quantity import SAMPLE_TIME, TIME, symbol
 from holdfast.maths.region import Region
 from holdfast.maths.switching import Switching
 from holdfast.maths.system import System
+from holdfast.maths.varied import Varied
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,7 @@ def simulate(
     stepper: str = "rk4",
     disturbance: Mapping[str, float | sp.Expr] | None = None,
     plant: Mapping[str, float] | None = None,
+    varied: Varied | None = None,
     reference: Mapping[str, float] | None = None,
     start_outside: bool = False,
     attributes: Mapping[str, Any] | None = None,
@@ -61,7 +63,8 @@ def simulate(
     watch; a run that violates one is marked as having left, and when. goal: where a run must
     be at the end to have reached it. horizon: seconds. stepper: "rk4", "bogacki-shampine" or
     "dormand-prince". disturbance: name -> number or expression of t. plant: parameters of the
-    simulated vehicle that its law does not know of. reference: the state to end at, for
+    simulated vehicle that its law does not know of. varied: what differs from run to run.
+    reference: the state to end at, for
     error statistics. start_outside: allow starts outside the region. The other settings are
     those of `Settings` (sample_time, substeps, record_every, continuous, tolerance,
     noise_uniform, noise_normal, seed, threads, absolute, relative).
@@ -96,24 +99,31 @@ def simulate(
                 key="plant",
             )
     program = closed_loop_program(
-        system, law, region=region, goal=goal, disturbance=given, stepper=BY_NAME[stepper]
+        system,
+        law,
+        region=region,
+        goal=goal,
+        disturbance=given,
+        stepper=BY_NAME[stepper],
+        varied=varied,
     )
     loop = ClosedLoop(program, BY_NAME[stepper])
     values = {p.symbol: p.value for p in program.parameters}
-    for condition in program.conditions:
-        if message := condition.violation(values):
-            warnings.warn(message, GainWarning, stacklevel=2)
     real = values | {symbol(name): float(value) for name, value in (plant or {}).items()}
     for parameters in (values, real):
         if system.input_bounds is not None:
             system.input_bounds.at(parameters)
-    _check_disturbance(system, loop, chosen, real)
     try:
         initial = _initial_states(system, loop, starts, chosen, start_outside)
     except SimulationError as error:
         error.key = "starts"
         raise
-    trajectories = loop.simulate(initial, chosen, plant=plant, progress=progress)
+    own = loop.varied(len(initial), chosen.seed)
+    _check_varied(program, own)
+    _check_disturbance(system, loop, chosen, real, given, own)
+    seconds = {SAMPLE_TIME: 0.0 if chosen.continuous else chosen.sample_time}
+    _warn_of_gains(program, values | seconds, own)
+    trajectories = loop.simulate(initial, chosen, plant=plant, varied=own, progress=progress)
     scene = (*(region.scene if region else ()), *(goal.scene if goal else ()))
     return Result(
         dataset=to_dataset(
@@ -203,30 +213,76 @@ def _initial_states(
 
 
 def _check_disturbance(
-    system: System, loop: ClosedLoop, settings: Settings, values: Mapping[sp.Symbol, float]
+    system: System,
+    loop: ClosedLoop,
+    settings: Settings,
+    values: Mapping[sp.Symbol, float],
+    given: Mapping[str, sp.Expr],
+    own: Array,
 ) -> None:
+    """Refuse a disturbance that is not finite, or leaves its bounds, in any run."""
     if not system.disturbances:
         return
-    times = np.arange(4 * settings.samples + 1, dtype=np.float64) * (settings.sample_time / 4)
-    samples = loop.disturbances(times)
-    if not np.isfinite(samples).all():
-        raise SimulationError(
-            "a disturbance is not finite at some time of the run", key="disturbance"
-        )
+    used = set().union(*(e.free_symbols for e in given.values()))
+    steps = 4 * settings.samples + 1 if TIME in used else 1
+    times = np.arange(steps, dtype=np.float64) * (settings.sample_time / 4)
+    names = [*loop.program.varied.names, *loop.program.varied.plant]
+    rows = own if used & {symbol(n) for n in names} else own[:1]
+    worst: list[tuple[int, float, Array]] = []
+    for run, row in enumerate(rows):
+        samples = loop.disturbances(times, dict(zip(names, row, strict=True)))
+        if not np.isfinite(samples).all():
+            raise SimulationError(
+                f"a disturbance is not finite at some time of run {run}", key="disturbance"
+            )
+        worst += [(run, times[i], samples[i]) for i in _extremes(samples)]
     if system.disturbance_bounds is None:
         return
     bounds = system.disturbance_bounds.at(values)
-    # the extremes of each component and of the size decide for a box and for a ball
-    sizes = np.linalg.norm(samples, axis=1)
-    extremes = {int(sizes.argmax()), *samples.argmin(axis=0), *samples.argmax(axis=0)}
-    for index in sorted(extremes):
-        sample = samples[index]
+    for index in _extremes(np.array([w[2] for w in worst])):
+        run, time, sample = worst[index]
         if not bounds.contains([float(v) for v in sample]):
             shown = ", ".join(
                 f"{n} = {v:.4g}" for n, v in zip(system.disturbance_names, sample, strict=True)
             )
+            at = f"t = {time:.4g} s" + (f" of run {run}" if len(rows) > 1 else "")
             raise SimulationError(
-                f"the disturbance leaves its bounds at t = {times[index]:.4g} s: {shown}",
+                f"the disturbance leaves its bounds at {at}: {shown}",
                 remedy=f"reduce it, or raise the bound of system '{system.name}'",
                 key="disturbance",
             )
+
+
+def _extremes(samples: Array) -> list[int]:
+    """The rows that decide for a box and for a ball: extreme components, extreme size."""
+    sizes = np.linalg.norm(samples, axis=1)
+    return sorted({int(sizes.argmax()), *samples.argmin(axis=0), *samples.argmax(axis=0)})
+
+
+def _check_varied(program: ClosedLoopProgram, own: Array) -> None:
+    """Refuse a value of some run that its parameter may not have."""
+    limits = {p.name: p.above for p in program.parameters}
+    names = [*program.varied.names, *program.varied.plant]
+    for j, name in enumerate(names):
+        bad = np.flatnonzero(~(np.isfinite(own[:, j]) & (own[:, j] > limits[name])))
+        if bad.size:
+            raise SimulationError(
+                f"varied: '{name}' is {own[bad[0], j]:g} in run {bad[0]}",
+                expected=f"above {limits[name]:g}",
+                key="varied",
+            )
+
+
+def _warn_of_gains(
+    program: ClosedLoopProgram, values: Mapping[sp.Symbol, float], own: Array
+) -> None:
+    """One warning for each condition that the gains violate, in some run at least."""
+    names = [symbol(n) for n in program.varied.names]
+    for condition in program.conditions:
+        involved = (condition.value + condition.limit).free_symbols & set(names)
+        rows = own if involved else own[:1]
+        found = [condition.violation({**values, **dict(zip(names, r, strict=False))}) for r in rows]
+        violated = [message for message in found if message]
+        if violated:
+            count = f" (in {len(violated)} of {len(rows)} runs)" if len(rows) > 1 else ""
+            warnings.warn(violated[0] + count, GainWarning, stacklevel=3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from enum import IntEnum
@@ -32,10 +32,11 @@ class Outcome(IntEnum):
     REACHED = 1
     LEFT = 2
     DIVERGED = 3
+    CHATTERED = 4
 
     @property
     def label(self) -> str:
-        return ("stayed", "reached goal", "left region", "diverged")[self]
+        return ("stayed", "reached goal", "left region", "diverged", "chattered")[self]
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,10 @@ class Trajectories:
     state, input, actuator, signal, constraint: (run, time, ...); mode: (run, time).
     outcome, exit_time [s], exit_constraint (-1: none), goal_time [s] (since when the run is
     in the goal at its end), worst (run, constraint): the largest c_j over all of time,
-    peak_input, peak_actuator: the largest magnitudes, switches: changes of mode, rejected:
-    adaptive steps refused, wall_time: seconds of simulation, without compilation.
+    peak_input, peak_actuator: the largest magnitudes, switches: changes of mode,
+    shortest_dwell [s]: between two of them (infinite where there are not two), rejected:
+    adaptive steps refused, varied (run, name): what the run had values of its own for,
+    wall_time: seconds of simulation, without compilation.
     """
 
     time: Array
@@ -64,7 +67,9 @@ class Trajectories:
     peak_input: Array
     peak_actuator: Array
     switches: npt.NDArray[np.int64]
+    shortest_dwell: Array
     rejected: npt.NDArray[np.int64]
+    varied: Array
     wall_time: float = 0.0
 
 
@@ -94,12 +99,26 @@ class ClosedLoop:
             )
         return out
 
-    def disturbances(self, times: Array) -> Array:
+    def disturbances(self, times: Array, overrides: Mapping[str, float] | None = None) -> Array:
         """d(t), shape (time, disturbance)."""
         out = np.zeros((len(times), len(self.program.disturbances)))
         if out.size:
-            self.module.evaluate_disturbance(times, self.parameter_array(), out)
+            self.module.evaluate_disturbance(times, self.parameter_array(overrides), out)
         return out
+
+    def varied(self, runs: int, seed: int) -> Array:
+        """What every run has values of its own for: draws, values, values of the plant."""
+        chosen = self.program.varied
+        draws = np.empty((runs, len(chosen.draws)))
+        low, high = (np.array([r[i] for r in chosen.draws.values()]) for i in (0, 1))
+        self.module.draw_varied(low, high, np.uint64(seed), draws)
+        out = np.empty((runs, len(chosen.values) + len(chosen.plant)))
+        self.module.evaluate_varied(self.parameter_array(), self._columns(chosen.draws), draws, out)
+        return np.hstack([draws, out])
+
+    def _columns(self, names: Iterable[str]) -> npt.NDArray[np.int64]:
+        order = [p.name for p in self.program.parameters]
+        return np.array([order.index(n) for n in names], dtype=np.int64)
 
     def sample(self, lower: Array, upper: Array, count: int, seed: int) -> Array:
         """`count` uniform states of a box that satisfy every inequality.
@@ -132,9 +151,12 @@ class ClosedLoop:
         settings: Settings,
         *,
         plant: Mapping[str, float] | None = None,
+        varied: Array | None = None,
         progress: Progress | None = None,
     ) -> Trajectories:
         """Simulate every start; `plant` replaces parameters of the vehicle but not of its law.
+
+        `varied` are the values of `varied()`, by default those.
 
         A run's result depends on the seed and its index alone, never on the threads. On
         KeyboardInterrupt the workers stop within one control sample.
@@ -147,6 +169,12 @@ class ClosedLoop:
 
         columns = n + len(program.inputs) + len(program.actuators) + len(program.signals) + watch
         _check_memory(8 * runs * rows * (columns + 1), f"{runs} runs of {rows} samples")
+
+        if varied is None:
+            varied = self.varied(runs, settings.seed)
+        shared = len(program.varied.names)
+        columns_plant = self._columns((*program.varied.names, *program.varied.plant))
+        own_gains = np.ascontiguousarray(varied[:, :shared])
 
         def blank(*shape: int) -> Array:
             return np.full((runs, *shape), np.nan)
@@ -174,7 +202,9 @@ class ClosedLoop:
             peak_input=np.zeros((runs, len(program.inputs))),
             peak_actuator=np.zeros((runs, len(program.actuators))),
             switches=np.zeros(runs, dtype=np.int64),
+            shortest_dwell=np.full(runs, np.inf),
             rejected=np.zeros(runs, dtype=np.int64),
+            varied=varied,
         )
         stop = np.zeros(1, dtype=np.int64)
         threads = settings.threads or available_cores()
@@ -190,6 +220,10 @@ class ClosedLoop:
                 np.ascontiguousarray(starts),
                 plant_values,
                 law_values,
+                columns_plant,
+                columns_plant[:shared],
+                varied,
+                own_gains,
                 np.zeros(1),
                 noise,
                 np.uint64(settings.seed),
@@ -204,6 +238,7 @@ class ClosedLoop:
                 settings.relative,
                 settings.tolerance,
                 program.initial_mode,
+                settings.switch_limit,
                 watch,
                 len(program.signals),
                 len(program.actuators),
@@ -221,6 +256,7 @@ class ClosedLoop:
                 result.peak_input,
                 result.peak_actuator,
                 result.switches,
+                result.shortest_dwell,
                 result.rejected,
                 stop,
                 counter,

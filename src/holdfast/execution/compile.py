@@ -56,8 +56,10 @@ def compile_closed_loop(source: str) -> ModuleType:
     an unchanged one is loaded, with Numba's machine code beside it.
     """
     room = resources.files("holdfast.execution")
-    primitives, driver = ((room / n).read_text("utf-8") for n in ("primitives.py", "driver.py"))
-    text = f"{primitives}\n\n{driver.partition(MARK)[2]}\n\n{source}"
+    primitives, *joined = (
+        (room / n).read_text("utf-8") for n in ("primitives.py", "driver.py", "batch.py")
+    )
+    text = "\n\n".join([primitives, *(part.partition(MARK)[2] for part in joined), source])
     name = "loop_" + hashlib.sha256(text.encode()).hexdigest()[:24]
     if name in sys.modules:
         return sys.modules[name]

@@ -14,12 +14,13 @@ from holdfast.execution.primitives import *  # noqa: F403
 # -- joined from here on
 
 DIVERGED_AT = 1e9
+ONE_SECOND = 1.0 - 1e-9
 MOST_STEPS = 1_000_000  # adaptive steps within one control sample
 
-STAYED, REACHED, LEFT, DIVERGED = 0, 1, 2, 3
+STAYED, REACHED, LEFT, DIVERGED, CHATTERED = 0, 1, 2, 3, 4
 
 # purposes of random numbers, so that no two uses share a counter
-UNIFORM_STREAM, START_STREAM, NORMAL_STREAM = 1, 2, 3
+UNIFORM_STREAM, START_STREAM, NORMAL_STREAM, VARIED_STREAM = 1, 2, 3, 4
 
 
 # -- the interface: replaced by the generated functions ---------------------------------
@@ -77,6 +78,11 @@ def constraint_rates(q, qdot, p):
 
 def goal_level(q, p):
     """<= 0 in the goal."""
+    raise NotImplementedError
+
+
+def varied(p):
+    """The values that follow from what was drawn for a run."""
     raise NotImplementedError
 
 
@@ -203,6 +209,10 @@ def simulate_runs(
     starts,
     plant,
     gains,
+    varied_plant,
+    varied_gains,
+    own_plant,
+    own_gains,
     table,
     noise,
     seed,
@@ -217,6 +227,7 @@ def simulate_runs(
     relative,
     tolerance,
     initial_mode,
+    switch_limit,
     watch,
     signal_count,
     actuator_count,
@@ -234,11 +245,16 @@ def simulate_runs(
     peak_input,
     peak_actuator,
     switches,
+    shortest_dwell,
     rejected,
     stop,
     progress,
 ):
     """Simulate the runs first..last-1; every output array is indexed by run.
+
+    `varied_plant` are columns of `plant` that every run has values of its own for, in its row
+    of `own_plant`; the same of `gains`. A run chatters from the time on at which its mode
+    changed more than `switch_limit` times within a second.
 
     `watch` is the number of inequalities; c_j > `tolerance` counts as leaving, located in
     time inside the step in which it happens. `stop[0]` set from outside ends the call early;
@@ -248,7 +264,14 @@ def simulate_runs(
     m = input_out.shape[2]
     scratch = np.empty(n)
     noisy = noise.max() > 0.0
+    plant, gains = plant.copy(), gains.copy()
+    recent = np.empty(switch_limit)  # when the mode last changed, in turn
     for run in range(first, last):
+        for j in range(len(varied_plant)):
+            plant[varied_plant[j]] = own_plant[run, j]
+        for j in range(len(varied_gains)):
+            gains[varied_gains[j]] = own_gains[run, j]
+        recent[:] = -np.inf
         q = as_tuple(starts[run])
         mode = initial_mode
         mode_since = 0.0
@@ -271,6 +294,13 @@ def simulate_runs(
             before = mode
             mode = next_mode(t, seen, mode, t - mode_since, gains)
             if mode != before:
+                if switches[run] > 0:
+                    shortest_dwell[run] = min(shortest_dwell[run], t - mode_since)
+                place = switches[run] % switch_limit
+                if t - recent[place] < ONE_SECOND and outcome[run] == STAYED:
+                    outcome[run] = CHATTERED
+                    exit_time[run] = t
+                recent[place] = t
                 switches[run] += 1
                 mode_since = t
             a = limit(allocate(law(t, seen, mode, gains, table), gains), plant)
@@ -409,47 +439,3 @@ def simulate_runs(
             outcome[run] = REACHED
         if outcome[run] == DIVERGED:
             goal_time[run] = np.nan
-
-
-@compiled
-def sample_starts(first, last, lower, upper, plant, seed, watch, attempts, out):
-    """Uniform states of the box that satisfy every inequality, by rejection.
-
-    Run i draws from its own counter, so it gets the same start in any batch. Returns the
-    first run that found none in `attempts` draws, or -1.
-    """
-    n = len(lower)
-    for run in range(first, last):
-        found = False
-        for attempt in range(attempts):
-            for i in range(n):
-                a, _ = two_uniforms(seed, run, attempt, i, START_STREAM)
-                out[run, i] = lower[i] + a * (upper[i] - lower[i])
-            found = True
-            if watch > 0:
-                c = constraints(as_tuple(out[run]), plant)
-                for j in range(watch):
-                    found = found and c[j] <= 0.0
-            if found:
-                break
-        if not found:
-            return run
-    return -1
-
-
-@compiled
-def evaluate_constraints(states, plant, watch, out):
-    """c_j of every given state."""
-    for run in range(states.shape[0]):
-        c = constraints(as_tuple(states[run]), plant)
-        for j in range(watch):
-            out[run, j] = c[j]
-
-
-@compiled
-def evaluate_disturbance(times, plant, out):
-    """d(t) at every given time."""
-    for i in range(len(times)):
-        d = disturbance(times[i], plant)
-        for j in range(out.shape[1]):
-            out[i, j] = d[j]

@@ -19,7 +19,8 @@ class Settings:
     steps) or tolerances `absolute` and `relative` (adaptive pair). record_every: seconds
     between recorded samples. tolerance: c_j above this counts as leaving the region.
     noise_uniform, noise_normal: half-width and standard deviation of the measurement noise
-    of each state. seed: of every random number. threads: 0 for one per core.
+    of each state. switch_limit: changes of mode within one second beyond which a run counts
+    as chattering. seed: of every random number. threads: 0 for one per core.
     """
 
     horizon: float
@@ -32,6 +33,7 @@ class Settings:
     tolerance: float = 0.0
     noise_uniform: Mapping[str, float] = field(default_factory=dict)
     noise_normal: Mapping[str, float] = field(default_factory=dict)
+    switch_limit: int = 10
     seed: int = 0
     threads: int = 0
 
@@ -42,7 +44,7 @@ class Settings:
                 raise SimulationError(f"{name} is {value!r}", expected="a positive number")
         if not (_is_number(self.tolerance) and self.tolerance >= 0):
             raise SimulationError(f"tolerance is {self.tolerance!r}", expected="0 or more")
-        for name, least in (("substeps", 1), ("threads", 0)):
+        for name, least in (("substeps", 1), ("switch_limit", 1), ("threads", 0)):
             value = getattr(self, name)
             if not (isinstance(value, int) and value >= least):
                 raise SimulationError(f"{name} is {value!r}", expected=f"a whole number >= {least}")

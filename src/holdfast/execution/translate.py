@@ -1,4 +1,4 @@
-"""SymPy to source text: the only printer. Common subexpressions are shared.
+"""A system under a law to the source text of its closed loop.
 
 The text defines the functions that `driver.py` leaves open; each takes the state and the
 inputs as tuples and the parameters as arrays, so that a sweep over gains compiles once.
@@ -7,18 +7,17 @@ inputs as tuples and the parameters as arrays, so that a sweep over gains compil
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import sympy as sp
-from sympy.printing.pycode import PythonCodePrinter
 
 from holdfast.errors import SimulationError
+from holdfast.execution.printer import body, function_source
 from holdfast.execution.steppers import Tableau, stepper_source
 from holdfast.maths.bounds import LinearImage
 from holdfast.maths.law import GainCondition, Law
 from holdfast.maths.quantity import (
     TIME,
-    TIME_IN_MODE,
     Parameter,
     Quantity,
     merge_parameters,
@@ -28,120 +27,7 @@ from holdfast.maths.region import Region
 from holdfast.maths.switching import Switching, as_switching
 from holdfast.maths.system import System
 from holdfast.maths.tangency import check_reads
-
-
-class Printer(PythonCodePrinter):
-    """Numba-compilable text for every expression holdfast can build."""
-
-    def _print_sgn(self, e: sp.Expr) -> str:
-        return f"sgn({self._print(e.args[0])})"
-
-    def _print_wrap(self, e: sp.Expr) -> str:
-        return f"wrap({self._print(e.args[0])})"
-
-    def _print_select(self, e: sp.Expr) -> str:
-        x, a, b = (self._print(arg) for arg in e.args)
-        return f"select({x}, {a}, {b})"
-
-    def _print_least(self, e: sp.Expr) -> str:
-        a, b = (self._print(arg) for arg in e.args)
-        return f"least({a}, {b})"
-
-    def _print_greatest(self, e: sp.Expr) -> str:
-        a, b = (self._print(arg) for arg in e.args)
-        return f"greatest({a}, {b})"
-
-    def _print_angle(self, e: sp.Expr) -> str:
-        return f"math.atan2({self._print(e.args[0])}, {self._print(e.args[1])})"
-
-    def _print_length(self, e: sp.Expr) -> str:
-        x, y = (self._print(arg) for arg in e.args[:2])
-        return f"length({x}, {y})"
-
-    def _print_magnitude(self, e: sp.Expr) -> str:
-        return f"abs({self._print(e.args[0])})"
-
-    def _print_sign(self, e: sp.Expr) -> str:
-        return f"sign({self._print(e.args[0])})"
-
-    def _print_Integer(self, e: sp.Expr) -> str:  # noqa: N802
-        return f"{int(e)}.0"
-
-    def _print_Rational(self, e: sp.Expr) -> str:  # noqa: N802
-        return repr(float(e))
-
-    def _print_Float(self, e: sp.Expr) -> str:  # noqa: N802
-        return repr(float(e))
-
-    def _print_Pow(self, e: sp.Expr, rational: bool = False) -> str:  # noqa: N802
-        base, exponent = e.as_base_exp()
-        text = f"({self._print(base)})"
-        if exponent.is_Integer and 1 <= abs(int(exponent)) <= 8:
-            power = " * ".join([text] * abs(int(exponent)))
-            return f"({power})" if exponent > 0 else f"(1.0 / ({power}))"
-        if exponent == sp.Rational(1, 2):
-            return f"math.sqrt({text})"
-        if exponent == sp.Rational(-1, 2):
-            return f"(1.0 / math.sqrt({text}))"
-        return f"({text} ** ({self._print(exponent)}))"
-
-
-_PRINTER = Printer({"fully_qualified_modules": True})
-
-
-def function_source(
-    name: str,
-    arguments: Sequence[str],
-    unpack: Mapping[str, Sequence[sp.Symbol]],
-    results: Sequence[sp.Expr],
-    *,
-    scalar: bool = False,
-) -> str:
-    """Source of one function; `unpack` maps an argument to the symbols it holds, in order."""
-    head = f"@compiled\ndef {name}({', '.join(arguments)}):"
-    return head + "\n" + _body(unpack, results, scalar=scalar)
-
-
-def _body(
-    unpack: Mapping[str, Sequence[sp.Symbol]],
-    results: Sequence[sp.Expr],
-    *,
-    scalar: bool = False,
-    indent: str = "    ",
-    give: str = "return",
-) -> str:
-    used: set[sp.Symbol] = set().union(*(e.free_symbols for e in results)) if results else set()
-    lines = []
-    for argument, symbols in unpack.items():
-        for i, s in enumerate(symbols):
-            if s in used:
-                lines.append(f"{indent}{_name(s)} = {argument}[{i}]")
-    renamed = {s: sp.Symbol(_name(s), real=True) for s in used}
-    results = [e.xreplace(renamed) for e in results]
-    turning = set(renamed.values()).intersection(
-        *({call.args[0] for e in results for call in e.atoms(f)} for f in (sp.sin, sp.cos))
-    )
-    for a in sorted(turning, key=str):
-        pair = {f(a): sp.Symbol(f"{a}{f.__name__}", real=True) for f in (sp.sin, sp.cos)}
-        lines.append(f"{indent}{', '.join(map(str, pair.values()))} = sine_and_cosine({a})")
-        results = [e.xreplace(pair) for e in results]
-    shared, reduced = sp.cse(
-        results,
-        symbols=sp.numbered_symbols("c_", real=True),
-        order="none",
-    )
-    lines += [f"{indent}{s} = {_PRINTER.doprint(e)}" for s, e in shared]
-    texts = [_PRINTER.doprint(e) for e in reduced]
-    if scalar:
-        lines.append(f"{indent}{give} {texts[0]}")
-    else:
-        lines.append(f"{indent}{give} ({', '.join(texts or ['0.0'])},)")
-    return "\n".join(lines)
-
-
-def _name(s: sp.Symbol) -> str:
-    """The name in the source: it ends in '_', as no argument and no name made here does."""
-    return s.name if s in (TIME, TIME_IN_MODE) else f"{s.name}_"
+from holdfast.maths.varied import Varied
 
 
 @dataclass(frozen=True)
@@ -160,6 +46,7 @@ class ClosedLoopProgram:
     constraints: tuple[tuple[str, str], ...]
     parameters: tuple[Parameter, ...]
     conditions: tuple[GainCondition, ...] = field(default=())
+    varied: Varied = field(default_factory=Varied)
 
 
 def closed_loop_program(
@@ -170,12 +57,13 @@ def closed_loop_program(
     goal: Region | None,
     disturbance: Mapping[str, sp.Expr],
     stepper: Tableau,
+    varied: Varied | None = None,
 ) -> ClosedLoopProgram:
     """The program that simulates `system` under `law`, watching `region` and `goal`.
 
     `disturbance` gives each disturbance as an expression of time and parameters (those not
-    named are zero). Raises `SimulationError` when the law does not give the system's inputs
-    or reads what the system does not have.
+    named are zero), `varied` what differs from run to run. Raises `SimulationError` when the
+    law does not give the system's inputs or reads what the system does not have.
     """
     switching = as_switching(law)
     _check_fit(system, switching)
@@ -188,6 +76,11 @@ def closed_loop_program(
         region.parameters if region else (),
         goal.parameters if goal else (),
     )
+    varied = varied or Varied()
+    parameters += varied.new_parameters({q.name: q for q in parameters})
+    varied.check({q.name: q for q in parameters}, {q.name: q for q in system.parameters})
+    if region is not None:
+        _check_still(region, varied)
     p = [q.symbol for q in parameters]
     q = [s.symbol for s in system.states]
     u = [s.symbol for s in system.inputs]
@@ -200,6 +93,8 @@ def closed_loop_program(
                 f"disturbance '{s.name}' uses '{sorted(map(str, unknown))[0]}'",
                 expected="an expression of t and declared parameters",
             )
+    known = dict(zip(d, still, strict=True))
+    switching = _measured(replace(switching, extra_parameters=parameters), known)
     bounds = system.input_bounds
     image = bounds if isinstance(bounds, LinearImage) else None
     limits = image.of if image else bounds
@@ -238,6 +133,9 @@ def closed_loop_program(
             [goal.worst if goal else sp.S.One],
             scalar=True,
         ),
+        function_source(
+            "varied", ("p",), {"p": p}, [*varied.values.values(), *varied.plant.values()]
+        ),
         _load_source(len(q)),
         stepper_source(stepper, len(q)),
     ]
@@ -255,7 +153,16 @@ def closed_loop_program(
         constraints=tuple((x.name, x.unit) for x in region.inequalities) if region else (),
         parameters=parameters,
         conditions=switching.conditions,
+        varied=varied,
     )
+
+
+def _check_still(region: Region, varied: Varied) -> None:
+    """Refuse to vary what the region is made of: starts are drawn in one and the same region."""
+    used = set().union(*(x.expression.free_symbols for x in region.inequalities))
+    for name in (*varied.names, *varied.plant):
+        if symbol(name) in used:
+            raise SimulationError(f"'{name}' is varied, and the region depends on it", key="varied")
 
 
 def _check_fit(system: System, switching: Switching) -> None:
@@ -271,11 +178,38 @@ def _check_fit(system: System, switching: Switching) -> None:
             else "",
         )
     for quantity in switching.reads:
-        if quantity.name not in system.state_names:
+        if quantity.name not in (*system.state_names, *system.disturbance_names):
             raise SimulationError(
                 f"law '{switching.name}' reads '{quantity.name}', which is no state of system "
-                f"'{system.name}'"
+                f"'{system.name}', nor a disturbance of it"
             )
+
+
+def _measured(switching: Switching, known: Mapping[sp.Symbol, sp.Expr]) -> Switching:
+    """The switching with the disturbances that it reads written out: it measures them."""
+    read = {q.symbol: known[q.symbol] for q in switching.reads if q.symbol in known}
+    if not read:
+        return switching
+    names = {s.name for s in read}
+
+    def change(law: Law) -> Law:
+        return replace(
+            law,
+            reads=tuple(q for q in law.reads if q.name not in names),
+            outputs={k: e.subs(read, simultaneous=True) for k, e in law.outputs.items()},
+            signals={k: e.subs(read, simultaneous=True) for k, e in law.signals.items()},
+            parameters=merge_parameters(law.parameters, switching.extra_parameters),
+        )
+
+    modes = {name: change(law) for name, law in switching.modes.items()}
+    return replace(
+        switching,
+        modes=modes,
+        transitions=tuple(
+            replace(x, when=x.when.subs(read, simultaneous=True)) for x in switching.transitions
+        ),
+        signals={k: e.subs(read, simultaneous=True) for k, e in switching.signals.items()},
+    )
 
 
 def _law_source(
@@ -290,7 +224,7 @@ def _law_source(
         if not last:
             lines.append(f"    if mode == {number}:")
         results = [mode.outputs[n] for n in inputs]
-        lines.append(_body({**state, "p": p}, results, indent="    " if last else "        "))
+        lines.append(body({**state, "p": p}, results, indent="    " if last else "        "))
     return "\n".join(lines)
 
 
@@ -305,7 +239,7 @@ def _guard_source(
             continue
         lines.append(f"    if mode == {number}:")
         guards = [x.when for x in leaving]
-        lines.append(_body({**state, "p": p}, guards, indent="        ", give="levels ="))
+        lines.append(body({**state, "p": p}, guards, indent="        ", give="levels ="))
         for i, transition in enumerate(leaving):
             lines.append(f"        if levels[{i}] >= 0.0:")
             lines.append(f"            return {numbers[transition.target]}")

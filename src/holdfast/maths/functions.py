@@ -1,7 +1,7 @@
 """The symbolic functions that SymPy lacks or defines otherwise than control laws need.
 
 Each has the value, the derivative and the convention at its kink that the laws assume;
-`execution/translate.py` prints each of them. A derivative never differentiates through a
+`execution/printer.py` prints each of them. A derivative never differentiates through a
 jump: the sign and the number of turns are frozen, as a sampled controller holds them.
 
 | function | value | derivative |

@@ -21,21 +21,27 @@ from holdfast.maths.quantity import (
 
 @dataclass(frozen=True)
 class GainCondition:
-    """A stability condition value < limit on the gains, and what happens without it."""
+    """A stability condition value < limit on the gains, and what happens without it.
+
+    Beside parameters it may use `SAMPLE_TIME`. `closed`: the limit itself is allowed.
+    """
 
     value: sp.Expr
     limit: sp.Expr
     consequence: str
     source: str
+    closed: bool = False
 
     def violation(self, parameters: Mapping[sp.Symbol, float]) -> str | None:
         """A sentence with both numbers when the condition fails, else None."""
         value = float(self.value.subs(parameters))
         limit = float(self.limit.subs(parameters))
-        if value < limit:
+        if value < limit or (self.closed and value <= limit * (1.0 + 1e-12)):
             return None
+        shown = f"{limit:.4g}" if self.limit.is_number else f"{limit:.4g} = {self.limit}"
         return (
-            f"{self.value} = {value:.4g} is not below its limit {limit:.4g} = {self.limit}: "
+            f"{self.value} = {value:.4g} is {'above' if self.closed else 'not below'} "
+            f"its limit {shown}: "
             f"{self.consequence} ({self.source})"
         )
 
@@ -44,8 +50,9 @@ class GainCondition:
 class Law:
     """u_i = outputs[i](t, q; p).
 
-    `reads` are the quantities the law may use, all of them measured; an output or signal
-    with any other symbol is refused. `signals` are named expressions worth recording.
+    `reads` are the quantities the law may use, all of them measured: states, and disturbances
+    that it is told at every instant; an output or signal with any other symbol is refused.
+    `signals` are named expressions worth recording.
     """
 
     name: str

@@ -20,8 +20,11 @@ TIME = sp.Symbol("t", real=True)
 TIME_IN_MODE = sp.Symbol("time_in_mode", real=True)
 """Seconds since the last change of mode; only guards of a `Switching` may use it."""
 
+SAMPLE_TIME = sp.Symbol("sample_time", real=True)
+"""Seconds between control samples, 0 with continuous control; only gain conditions use it."""
+
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
-_RESERVED = frozenset(("t", "time_in_mode", "pi", "diff", *FUNCTIONS))
+_RESERVED = frozenset(("t", "time_in_mode", "sample_time", "pi", "diff", *FUNCTIONS))
 
 
 def symbol(name: str) -> sp.Symbol:

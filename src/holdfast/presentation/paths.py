@@ -30,6 +30,7 @@ _OUTCOME_COLOURS = {
     Outcome.STAYED: style.SKY,
     Outcome.LEFT: style.RED,
     Outcome.DIVERGED: style.BLACK,
+    Outcome.CHATTERED: style.PURPLE,
 }
 _MAX_POINTS = 160
 _SHOWN_RUNS = 300

@@ -21,8 +21,20 @@ def summary_text(result: Result, files: Sequence[Path] = ()) -> str:
         lines.append(f"  viable         {_share(result.viable, runs)}")
     if data.attrs.get("goal"):
         lines.append(f"  reached goal   {_share(summary['outcomes']['reached goal'], runs)}")
+    if summary["outcomes"]["chattered"]:
+        lines.append(f"  chattered      {_share(summary['outcomes']['chattered'], runs)}")
     if summary["outcomes"]["diverged"]:
         lines.append(f"  diverged       {_share(summary['outcomes']['diverged'], runs)}")
+    since = summary["in_goal_since"]
+    if since["worst"] is not None:
+        lines.append(
+            f"  there since    {since['median']:.3g} s (median), {since['worst']:.3g} s (worst)"
+        )
+    if switching := summary["switching"]:
+        median, worst = switching["median_per_minute"], switching["worst_per_minute"]
+        lines.append(f"  mode changes   {median:.3g} a minute (median), {worst:.3g} (worst)")
+        if (shortest := switching["shortest_dwell"]) is not None:
+            lines.append(f"  shortest dwell {shortest:.3g} s")
     if constraints:
         units = _units(data, "constraint")
         exits = [int((data["exit_constraint"].values == j).sum()) for j in range(len(constraints))]

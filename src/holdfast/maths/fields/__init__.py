@@ -2,9 +2,17 @@
 
 from holdfast.maths.fields.charge_pair import charge_pair
 from holdfast.maths.fields.dipolar import dipolar
+from holdfast.maths.fields.dipole_in_current import dipole_in_current
 from holdfast.maths.fields.dipole_like import dipole_like
 from holdfast.maths.fields.electric_dipole import electric_dipole
 
-ALL = (dipolar, dipole_like, electric_dipole, charge_pair)
+ALL = (dipolar, dipole_like, dipole_in_current, electric_dipole, charge_pair)
 
-__all__ = ["ALL", "charge_pair", "dipolar", "dipole_like", "electric_dipole"]
+__all__ = [
+    "ALL",
+    "charge_pair",
+    "dipolar",
+    "dipole_in_current",
+    "dipole_like",
+    "electric_dipole",
+]

@@ -10,6 +10,7 @@ from holdfast.maths.laws.steer_chained import steer_chained
 from holdfast.maths.laws.steer_integrator import follow_integrator, steer_integrator
 from holdfast.maths.laws.steer_marine import steer_marine
 from holdfast.maths.laws.steer_unicycle import align_unicycle, steer_unicycle
+from holdfast.maths.laws.weathervane import weathervane
 
 ALL = (
     steer_marine,
@@ -27,6 +28,7 @@ ALL = (
     project_marine,
     hold_station,
     hold_station_unknown,
+    weathervane,
 )
 
 __all__ = [
@@ -46,4 +48,5 @@ __all__ = [
     "steer_integrator",
     "steer_marine",
     "steer_unicycle",
+    "weathervane",
 ]

@@ -10,11 +10,11 @@ from holdfast.errors import DefinitionError
 from holdfast.maths.dipole import UNSEEN, dipole_like_field, field_angle
 from holdfast.maths.functions import angle, greatest, least, length, sgn, wrap
 from holdfast.maths.law import GainCondition, Law
-from holdfast.maths.quantity import TIME, Parameter, symbol
+from holdfast.maths.quantity import SAMPLE_TIME, TIME, Parameter, symbol
 from holdfast.maths.station_keeping import station_keeping_limits
+from holdfast.maths.surge_and_turn import surge_and_turn
 from holdfast.maths.switching import Switching, Transition
-from holdfast.maths.system import System, check_rates
-from holdfast.maths.systems.drifting_unicycle import drifting_unicycle
+from holdfast.maths.system import System
 
 APPROACH, PUSH, TURN = "approach", "push", "turn"
 
@@ -22,6 +22,7 @@ APPROACH, PUSH, TURN = "approach", "push", "turn"
 def hold_station(
     system: System,
     *,
+    measured: bool = False,
     current_x: float = -0.1,
     current_y: float = 0.2,
     r0: float = 0.1,
@@ -32,6 +33,8 @@ def hold_station(
     k4: float = 5.0,
     k5: float = 5.0,
     lam: float = 3.0,
+    speed_limit: float | None = None,
+    turn_limit: float | None = None,
 ) -> Switching:
     """Keep a unicycle-like vehicle within a ball of the origin in a known current v.
 
@@ -48,30 +51,43 @@ def hold_station(
     thesis has r1 = r0, which leaves no hysteresis, and no rule for leaving the ball downstream
     while pushing: that one goes back to approaching. The ball is held within about 0.03/k2 m.
 
-    `current_x`, `current_y` [m/s] are the current the law believes in. Raises
-    `DefinitionError` for r1 < r0, k3 <= 1 (the current would win) or no current at all.
+    Both inputs stay within `speed_limit` [m/s] and `turn_limit` [rad/s], which are the system's
+    where it has them, else must be given; while approaching, the vehicle goes slower where the
+    field turns faster than 0.8 turn_limit. For the full marine vehicle u and r are velocities
+    to track, and d/dt phi is that of the ground track, sway included.
+
+    `current_x`, `current_y` [m/s] are the current the law believes in; with `measured` it reads
+    the true one at every instant instead, which may vary slowly. Raises `DefinitionError` for
+    r1 < r0, k3 <= 1 (the current would win) or no current at all.
     """
-    check_rates("hold_station", system, drifting_unicycle)
+    vehicle = surge_and_turn("hold_station", system, speed_limit, turn_limit)
     if not r1 >= r0:
         raise DefinitionError(f"r1 = {r1:g} is below r0 = {r0:g}", expected="r1 >= r0")
     _check_push(k3)
-    if math.hypot(current_x, current_y) == 0:
+    if not isinstance(measured, bool):
+        raise DefinitionError(f"measured of hold_station is {measured!r}", expected="true or false")
+    if not measured and math.hypot(current_x, current_y) == 0:
         raise DefinitionError("the current is zero", remedy="without a current, steer_unicycle")
     x, y, psi = (symbol(n) for n in ("x", "y", "psi"))
     s = {n: symbol(n) for n in ("current_x", "current_y", "r0", "r1", "lam")}
     k = {n: symbol(n) for n in ("k1", "k2", "k3", "k4", "k5")}
-    vx, vy = s["current_x"], s["current_y"]
+    told = tuple(q for q in system.disturbances if measured and q.name in ("Vx", "Vy"))
+    vx, vy = current = (
+        (symbol("Vx"), symbol("Vy")) if measured else (s["current_x"], s["current_y"])
+    )
     speed, side = sp.sqrt(vx**2 + vy**2), sgn(vx)
     p = (side * vx, side * vy)
     rho = length(x, y, UNSEEN)
     phi = field_angle(dipole_like_field((x, y), s["lam"], p), UNSEEN)
     ahead = sgn(x * sp.cos(psi) + y * sp.sin(psi))
-    surge = -k["k1"] * ahead * rho - side * speed
-    rates = (surge * sp.cos(psi) + vx, surge * sp.sin(psi) + vy)
-    turn = phi.diff(x) * rates[0] + phi.diff(y) * rates[1]
-    parameters = (
+    wanted = vehicle.within_speed(-k["k1"] * ahead * rho - side * speed)
+    surge, turn = vehicle.along(phi, wanted, current)
+    believed = (
         Parameter("current_x", "m/s", "current the law believes in", value=current_x),
         Parameter("current_y", "m/s", "current the law believes in", value=current_y),
+    )
+    parameters = (
+        *(() if measured else believed),
         Parameter("r0", "m", "radius of the ball to enter", value=r0, above=0.0),
         Parameter("r1", "m", "radius beyond which it approaches again", value=r1, above=0.0),
         Parameter("k1", "1/s", "gain of the distance", value=k1, above=0),
@@ -80,19 +96,24 @@ def hold_station(
         Parameter("k4", "1/s", "heading gain while pushing", value=k4, above=0),
         Parameter("k5", "1/s", "heading gain while turning home", value=k5, above=0),
         Parameter("lam", "1", "exponent lambda of the field", value=lam, above=1),
+        *vehicle.limits,
     )
-
-    limits = station_keeping_limits(math.hypot(current_x, current_y), lam, k1=k1, r0=r0, k2=k2)
-    condition = GainCondition(
-        value=sp.Float(limits.least_k1),
-        limit=k["k1"],
-        consequence=f"entering the ball is not proved; with k1 = {k1:g} it is from "
-        f"r0 = {limits.least_r0:.4g} m on",
-        source="(3.7), supremum over all directions",
-    )
+    conditions = _sampling("k2", "k4", "k5")
+    if not measured:
+        need = station_keeping_limits(1.0, lam, r0=r0).least_k1  # per m/s of current
+        limits = station_keeping_limits(math.hypot(current_x, current_y), lam, k1=k1, r0=r0)
+        entering = GainCondition(
+            value=sp.Float(need) * speed,
+            limit=k["k1"],
+            consequence=f"entering the ball is not proved; with k1 = {k1:g} it is from "
+            f"r0 = {limits.least_r0:.4g} m on",
+            source="(3.7), supremum over all directions",
+        )
+        conditions = (entering, *conditions)
 
     def law(mode: str, u: sp.Expr, r: sp.Expr) -> Law:
-        return Law(mode, system.states, {"u": u, "r": r}, parameters, conditions=(condition,))
+        outputs = {"u": vehicle.within_speed(u), "r": vehicle.within_turn(r)}
+        return Law(mode, (*vehicle.reads, *told), outputs, parameters, conditions=conditions)
 
     upstream = angle(p[1], p[0], UNSEEN)
     outward = x * vx + y * vy  # r . v
@@ -125,6 +146,20 @@ def _check_push(k3: float) -> None:
         )
 
 
+def _sampling(*gains: str) -> tuple[GainCondition, ...]:
+    """k Ts <= 0.5 of each heading gain: beyond it a held turn rate overshoots the field."""
+    return tuple(
+        GainCondition(
+            value=symbol(gain) * SAMPLE_TIME,
+            limit=sp.Rational(1, 2),
+            consequence="a turn rate held for a sample overshoots; at k Ts = 2 the ball is lost",
+            source="measured; hf.station_keeping_limits(...).longest_sample_time",
+            closed=True,
+        )
+        for gain in gains
+    )
+
+
 AHEAD, ASTERN = "hold_ahead", "hold_astern"
 
 
@@ -139,6 +174,8 @@ def hold_station_unknown(
     k3: float = 1.5,
     k4: float = 5.0,
     lam: float = 3.0,
+    speed_limit: float | None = None,
+    turn_limit: float | None = None,
 ) -> Switching:
     """Keep a unicycle-like vehicle within a ball of the origin, knowing a bound of the current.
 
@@ -151,10 +188,10 @@ def hold_station_unknown(
     and this law slides on the boundary; its other readings of sgn(r . v) stay away from the
     ball (3.11 does not follow from its proof).
 
-    Lengths in m, `current_bound` in m/s, k1, k2, k4 in 1/s. Raises `DefinitionError` for r1 <=
-    r0 or k3 <= 1.
+    Speeds are limited and scaled as in `hold_station`. Lengths in m, `current_bound` in m/s,
+    k1, k2, k4 in 1/s. Raises `DefinitionError` for r1 <= r0 or k3 <= 1.
     """
-    check_rates("hold_station_unknown", system, drifting_unicycle)
+    vehicle = surge_and_turn("hold_station_unknown", system, speed_limit, turn_limit)
     if not r1 > r0:
         raise DefinitionError(
             f"r1 = {r1:g} is not above r0 = {r0:g}: the law would slide on the boundary",
@@ -167,8 +204,8 @@ def hold_station_unknown(
     rho = length(x, y, UNSEEN)
     phi = field_angle(dipole_like_field((x, y), s["lam"], (sp.S.One, sp.S.Zero)), UNSEEN)
     ahead = sgn(x * sp.cos(psi) + y * sp.sin(psi))
-    surge = -ahead * (k["k1"] * rho + s["current_bound"])
-    turn = surge * (phi.diff(x) * sp.cos(psi) + phi.diff(y) * sp.sin(psi))
+    wanted = vehicle.within_speed(-ahead * (k["k1"] * rho + s["current_bound"]))
+    surge, turn = vehicle.along(phi, wanted, (sp.S.Zero, sp.S.Zero))
     parameters = (
         Parameter("current_bound", "m/s", "largest current", value=current_bound, above=0.0),
         Parameter("r0", "m", "radius of the ball to enter", value=r0, above=0.0),
@@ -178,10 +215,12 @@ def hold_station_unknown(
         Parameter("k3", "1", "speed while holding over the bound", value=k3, above=1),
         Parameter("k4", "1/s", "heading gain while holding", value=k4, above=0),
         Parameter("lam", "1", "exponent lambda of the field", value=lam, above=1),
+        *vehicle.limits,
     )
 
     def law(mode: str, u: sp.Expr, r: sp.Expr) -> Law:
-        return Law(mode, system.states, {"u": u, "r": r}, parameters)
+        outputs = {"u": vehicle.within_speed(u), "r": vehicle.within_turn(r)}
+        return Law(mode, vehicle.reads, outputs, parameters, conditions=_sampling("k2", "k4"))
 
     hold = k["k3"] * s["current_bound"]
     inside, outside = s["r0"] - rho, rho - s["r1"]

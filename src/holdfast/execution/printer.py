@@ -1,0 +1,125 @@
+"""SymPy to source text: the only printer. Common subexpressions are shared."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import sympy as sp
+from sympy.printing.pycode import PythonCodePrinter
+
+from holdfast.maths.quantity import TIME, TIME_IN_MODE
+
+
+class Printer(PythonCodePrinter):
+    """Numba-compilable text for every expression holdfast can build."""
+
+    def _print_sgn(self, e: sp.Expr) -> str:
+        return f"sgn({self._print(e.args[0])})"
+
+    def _print_wrap(self, e: sp.Expr) -> str:
+        return f"wrap({self._print(e.args[0])})"
+
+    def _print_select(self, e: sp.Expr) -> str:
+        x, a, b = (self._print(arg) for arg in e.args)
+        return f"select({x}, {a}, {b})"
+
+    def _print_least(self, e: sp.Expr) -> str:
+        a, b = (self._print(arg) for arg in e.args)
+        return f"least({a}, {b})"
+
+    def _print_greatest(self, e: sp.Expr) -> str:
+        a, b = (self._print(arg) for arg in e.args)
+        return f"greatest({a}, {b})"
+
+    def _print_angle(self, e: sp.Expr) -> str:
+        return f"math.atan2({self._print(e.args[0])}, {self._print(e.args[1])})"
+
+    def _print_length(self, e: sp.Expr) -> str:
+        x, y = (self._print(arg) for arg in e.args[:2])
+        return f"length({x}, {y})"
+
+    def _print_magnitude(self, e: sp.Expr) -> str:
+        return f"abs({self._print(e.args[0])})"
+
+    def _print_sign(self, e: sp.Expr) -> str:
+        return f"sign({self._print(e.args[0])})"
+
+    def _print_Integer(self, e: sp.Expr) -> str:  # noqa: N802
+        return f"{int(e)}.0"
+
+    def _print_Rational(self, e: sp.Expr) -> str:  # noqa: N802
+        return repr(float(e))
+
+    def _print_Float(self, e: sp.Expr) -> str:  # noqa: N802
+        return repr(float(e))
+
+    def _print_Pow(self, e: sp.Expr, rational: bool = False) -> str:  # noqa: N802
+        base, exponent = e.as_base_exp()
+        text = f"({self._print(base)})"
+        if exponent.is_Integer and 1 <= abs(int(exponent)) <= 8:
+            power = " * ".join([text] * abs(int(exponent)))
+            return f"({power})" if exponent > 0 else f"(1.0 / ({power}))"
+        if exponent == sp.Rational(1, 2):
+            return f"math.sqrt({text})"
+        if exponent == sp.Rational(-1, 2):
+            return f"(1.0 / math.sqrt({text}))"
+        return f"({text} ** ({self._print(exponent)}))"
+
+
+_PRINTER = Printer({"fully_qualified_modules": True})
+
+
+def function_source(
+    name: str,
+    arguments: Sequence[str],
+    unpack: Mapping[str, Sequence[sp.Symbol]],
+    results: Sequence[sp.Expr],
+    *,
+    scalar: bool = False,
+) -> str:
+    """Source of one function; `unpack` maps an argument to the symbols it holds, in order."""
+    head = f"@compiled\ndef {name}({', '.join(arguments)}):"
+    return head + "\n" + body(unpack, results, scalar=scalar)
+
+
+def body(
+    unpack: Mapping[str, Sequence[sp.Symbol]],
+    results: Sequence[sp.Expr],
+    *,
+    scalar: bool = False,
+    indent: str = "    ",
+    give: str = "return",
+) -> str:
+    """Its lines: unpacking, shared subexpressions, and what they are given to."""
+    used: set[sp.Symbol] = set().union(*(e.free_symbols for e in results)) if results else set()
+    lines = []
+    for argument, symbols in unpack.items():
+        for i, s in enumerate(symbols):
+            if s in used:
+                lines.append(f"{indent}{_name(s)} = {argument}[{i}]")
+    renamed = {s: sp.Symbol(_name(s), real=True) for s in used}
+    results = [e.xreplace(renamed) for e in results]
+    turning = set(renamed.values()).intersection(
+        *({call.args[0] for e in results for call in e.atoms(f)} for f in (sp.sin, sp.cos))
+    )
+    for a in sorted(turning, key=str):
+        pair = {f(a): sp.Symbol(f"{a}{f.__name__}", real=True) for f in (sp.sin, sp.cos)}
+        lines.append(f"{indent}{', '.join(map(str, pair.values()))} = sine_and_cosine({a})")
+        results = [e.xreplace(pair) for e in results]
+    shared, reduced = sp.cse(
+        results,
+        symbols=sp.numbered_symbols("c_", real=True),
+        order="none",
+    )
+    lines += [f"{indent}{s} = {_PRINTER.doprint(e)}" for s, e in shared]
+    texts = [_PRINTER.doprint(e) for e in reduced]
+    if scalar:
+        lines.append(f"{indent}{give} {texts[0]}")
+    else:
+        lines.append(f"{indent}{give} ({', '.join(texts or ['0.0'])},)")
+    return "\n".join(lines)
+
+
+def _name(s: sp.Symbol) -> str:
+    """The name in the source: it ends in '_', as no argument and no name made here does."""
+    return s.name if s in (TIME, TIME_IN_MODE) else f"{s.name}_"

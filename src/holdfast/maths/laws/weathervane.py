@@ -1,0 +1,59 @@
+"""Hold station with the heading left free: what the laws of chapter 3 are compared with."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from holdfast.maths.dipole import UNSEEN
+from holdfast.maths.functions import angle, least, length, wrap
+from holdfast.maths.law import Law
+from holdfast.maths.quantity import Parameter, symbol
+from holdfast.maths.surge_and_turn import surge_and_turn
+from holdfast.maths.system import System
+
+
+def weathervane(
+    system: System,
+    *,
+    current_x: float = -0.1,
+    current_y: float = 0.2,
+    k1: float = 0.5,
+    k2: float = 2.0,
+    speed_limit: float | None = None,
+    turn_limit: float | None = None,
+) -> Law:
+    """Hold the position at the origin in a known current V, whatever heading that takes.
+
+        w = -k1 r - V, at most speed_limit         the velocity through the water that is needed
+        u = w . h,   r = -k2 wrap(psi - phi) + d/dt phi,   phi the direction of w
+
+    The vehicle comes to rest at the origin with its bow into the current: an equilibrium of
+    (3.1), so no switching is needed, but psi = 0 is given up. It goes slower where w turns faster
+    than 0.8 turn_limit, and the limits are those of `hold_station`. k1, k2 in 1/s; `current_x`,
+    `current_y` [m/s] are the current the law believes in.
+    """
+    vehicle = surge_and_turn("weathervane", system, speed_limit, turn_limit)
+    x, y, psi = (symbol(n) for n in ("x", "y", "psi"))
+    current = (symbol("current_x"), symbol("current_y"))
+    needed = [-symbol("k1") * r - v for r, v in zip((x, y), current, strict=True)]
+    phi = angle(needed[1], needed[0], UNSEEN)
+    size = length(needed[0], needed[1], UNSEEN)
+    wanted = least(size, symbol("speed_limit")) * sp.cos(psi - phi)
+    surge, turn = vehicle.along(phi, wanted, current)
+    return Law(
+        name="weathervane",
+        reads=vehicle.reads,
+        outputs={
+            "u": surge,
+            "r": vehicle.within_turn(-symbol("k2") * wrap(psi - phi) + turn),
+        },
+        parameters=(
+            Parameter("current_x", "m/s", "current the law believes in", value=current_x),
+            Parameter("current_y", "m/s", "current the law believes in", value=current_y),
+            Parameter("k1", "1/s", "gain of the distance", value=k1, above=0),
+            Parameter("k2", "1/s", "heading gain", value=k2, above=0),
+            *vehicle.limits,
+        ),
+        description="hold station in a known current, bow into it: the heading is left free",
+        source="weathervaning, the usual alternative to the laws of thesis chapter 3",
+    )
