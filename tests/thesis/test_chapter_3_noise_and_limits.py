@@ -166,7 +166,6 @@ def test_slow_turn_needs_the_speed_to_be_scaled(limit, reference, tail):
     system = hf.systems.drifting_unicycle(turn_limit=limit)
     law = hold(system)
     merely_cut = int(held(run(cut(law), poses(500), 0.005, system))["entered"].sum())
-    print(limit, merely_cut)
     scaled = held(run(law, poses(500), 0.005, system))
     assert bool(scaled["entered"].all())
     assert float(scaled["tail_radius"].max()) < tail

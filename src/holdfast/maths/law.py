@@ -52,7 +52,8 @@ class Law:
 
     `reads` are the quantities the law may use, all of them measured: states, and disturbances
     that it is told at every instant; an output or signal with any other symbol is refused.
-    `signals` are named expressions worth recording.
+    `signals` are named expressions worth recording. `believed`: what the law takes disturbances
+    for, by name, where it needs the rates of the states; those left out are zero to it.
     """
 
     name: str
@@ -61,6 +62,7 @@ class Law:
     parameters: tuple[Parameter, ...] = ()
     signals: Mapping[str, sp.Expr] = field(default_factory=dict)
     conditions: tuple[GainCondition, ...] = ()
+    believed: Mapping[str, sp.Expr] = field(default_factory=dict)
     description: str = ""
     source: str = ""
 
@@ -69,12 +71,14 @@ class Law:
         object.__setattr__(self, "parameters", merge_parameters(self.parameters))
         object.__setattr__(self, "outputs", frozen(self.outputs))
         object.__setattr__(self, "signals", frozen(self.signals))
+        object.__setattr__(self, "believed", frozen(self.believed))
         if not self.outputs:
             raise DefinitionError(f"{owner} has no outputs")
         check_unique((q.name for q in self.reads + self.parameters), owner)
         allowed = [q.symbol for q in self.reads + self.parameters] + [TIME]
         check_symbols({f"output '{k}'": e for k, e in self.outputs.items()}, allowed, owner)
         check_symbols({f"signal '{k}'": e for k, e in self.signals.items()}, allowed, owner)
+        check_symbols({f"belief of '{k}'": e for k, e in self.believed.items()}, allowed, owner)
 
     @property
     def output_names(self) -> tuple[str, ...]:

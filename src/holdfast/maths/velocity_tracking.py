@@ -9,7 +9,7 @@ import sympy as sp
 
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.law import Law
-from holdfast.maths.quantity import TIME, Parameter, Quantity, merge_parameters
+from holdfast.maths.quantity import TIME, Parameter, merge_parameters
 from holdfast.maths.switching import Switching
 from holdfast.maths.system import System
 
@@ -30,10 +30,9 @@ def track_velocity(
         wdot = -k (w - gamma) + d/dt gamma          (5.21), (5.22)
 
     `gains` maps each velocity (a state that `law` outputs) to its k > 0 in 1/s. The inputs
-    are solved from the system's own rates, and d/dt gamma is derived along them; a disturbance
-    that the law does not read is taken as zero there, for it does not know it. Where one gamma
-    depends on another tracked velocity w', the rate that w' is given takes the place of dw'/dt.
-    A `Switching` is treated mode by mode.
+    are solved from the system's own rates, and d/dt gamma is derived along them, with
+    the disturbances that the law believes in. Where one gamma depends on another tracked velocity
+    w', the rate that w' is given takes the place of dw'/dt. A `Switching` is treated mode by mode.
 
     Raises `DefinitionError` when the law's outputs are not states, their number differs from
     that of the inputs, the inputs cannot be solved for, or d/dt gamma would need the answer:
@@ -69,7 +68,7 @@ def track_velocity(
         Parameter(f"k_{n}", "1/s", f"tracking gain of {n}", value=float(gains[n]))
         for n in velocities
     )
-    rates = _known_rates(system, law)
+    rates = _believed_rates(system, law)
     inputs = [q.symbol for q in system.inputs]
     zero = dict.fromkeys(inputs, 0)
     effect = sp.Matrix([[rates[n].diff(u) for u in inputs] for n in velocities])
@@ -86,7 +85,7 @@ def track_velocity(
     solved = effect.inv() * sp.Matrix(driven)
     return Law(
         name=f"{law.name}, velocities tracked",
-        reads=(*system.states, *_read_disturbances(system, law)),
+        reads=(*system.states, *(d for d in system.disturbances if d in law.reads)),
         outputs=dict(zip(system.input_names, solved, strict=True)),
         parameters=merge_parameters(law.parameters, tracking, system.parameters),
         signals=law.signals,
@@ -96,21 +95,15 @@ def track_velocity(
     )
 
 
-def _read_disturbances(system: System, law: Law) -> tuple[Quantity, ...]:
-    names = {q.name for q in law.reads}
-    return tuple(d for d in system.disturbances if d.name in names)
-
-
-def _known_rates(system: System, law: Law) -> dict[str, sp.Expr]:
-    """The rates with the disturbances that the law does not read set to zero."""
-    read = _read_disturbances(system, law)
-    still = {d.symbol: 0 for d in system.disturbances if d not in read}
-    return {name: rate.subs(still) for name, rate in system.rates.items()}
+def _believed_rates(system: System, law: Law) -> dict[str, sp.Expr]:
+    """The rates with what the law takes the disturbances for: zero, unless it knows better."""
+    still = {d.symbol: law.believed.get(d.name, sp.S.Zero) for d in system.disturbances}
+    return {n: rate.subs(still, simultaneous=True) for n, rate in system.rates.items()}
 
 
 def _wanted_rates(system: System, law: Law, gains: Mapping[str, sp.Symbol]) -> dict[str, sp.Expr]:
     """wdot = -k (w - gamma) + d/dt gamma of each tracked velocity, in terms of the states."""
-    rates = _known_rates(system, law)
+    rates = _believed_rates(system, law)
     inputs = {q.symbol for q in system.inputs}
     wanted: dict[str, sp.Expr] = {}
     under_way: list[str] = []

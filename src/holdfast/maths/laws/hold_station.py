@@ -82,12 +82,12 @@ def hold_station(
     ahead = sgn(x * sp.cos(psi) + y * sp.sin(psi))
     wanted = vehicle.within_speed(-k["k1"] * ahead * rho - side * speed)
     surge, turn = vehicle.along(phi, wanted, current)
-    believed = (
+    constant = (
         Parameter("current_x", "m/s", "current the law believes in", value=current_x),
         Parameter("current_y", "m/s", "current the law believes in", value=current_y),
     )
     parameters = (
-        *(() if measured else believed),
+        *(() if measured else constant),
         Parameter("r0", "m", "radius of the ball to enter", value=r0, above=0.0),
         Parameter("r1", "m", "radius beyond which it approaches again", value=r1, above=0.0),
         Parameter("k1", "1/s", "gain of the distance", value=k1, above=0),
@@ -113,7 +113,9 @@ def hold_station(
 
     def law(mode: str, u: sp.Expr, r: sp.Expr) -> Law:
         outputs = {"u": vehicle.within_speed(u), "r": vehicle.within_turn(r)}
-        return Law(mode, (*vehicle.reads, *told), outputs, parameters, conditions=conditions)
+        believed = dict(zip(("Vx", "Vy"), current, strict=True))
+        reads = (*vehicle.reads, *told)
+        return Law(mode, reads, outputs, parameters, conditions=conditions, believed=believed)
 
     upstream = angle(p[1], p[0], UNSEEN)
     outward = x * vx + y * vy  # r . v

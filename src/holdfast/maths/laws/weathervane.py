@@ -54,6 +54,7 @@ def weathervane(
             Parameter("k2", "1/s", "heading gain", value=k2, above=0),
             *vehicle.limits,
         ),
+        believed=dict(zip(("Vx", "Vy"), current, strict=True)),
         description="hold station in a known current, bow into it: the heading is left free",
         source="weathervaning, the usual alternative to the laws of thesis chapter 3",
     )

@@ -1,0 +1,62 @@
+"""Chapter 3 on the full vehicle, and every scenario of the chapter from 500 random starts."""
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.scenario import load_scenario
+from holdfast.sources import scenario_names
+
+CHAPTER = [name for name in scenario_names() if name.startswith("ch3-")]
+
+
+@pytest.mark.parametrize("name", CHAPTER)
+def test_every_start_of_every_scenario_is_held(name):
+    result = load_scenario(name).run()
+    assert result.dataset.sizes["run"] >= 500
+    assert result.success_fraction == 1.0
+    assert result.outcomes["chattered"] == 0
+
+
+def test_vehicle_with_5_n_thrusters_enters_the_ball_and_stays_near_it():
+    """500 of 500 in currents of any direction up to 0.5 m/s, which is what a search found
+    possible up to 0.6 m/s."""
+    result = load_scenario("ch3-dynamic").run()
+    found = hf.station_statistics(result, 0.1, settled=60.0)
+    assert bool(found["entered"].all())
+    assert float(found["tail_radius"].max()) < 0.36
+    assert max(result.summary()["peak_actuator"].values()) <= 5.0 + 1e-9
+    slow = result.dataset["varied"].sel(varied_name="speed").values < 0.05
+    assert float(found["tail_radius"][slow].max()) < 0.2
+    assert float(found["heading_share"][slow].mean()) > 0.25, "it does come back to heading 0"
+
+
+def test_current_faster_than_the_speed_limit_is_not_held():
+    fast = "varied.draws.speed={range = [0.7, 0.8], unit = 'm/s'}"
+    result = load_scenario("ch3-dynamic", [fast, "system.current_limit=0.8"], runs=60).run()
+    assert result.success_fraction < 0.1
+
+
+def test_vehicle_that_goes_too_fast_slips_past_the_station():
+    """speed_limit 0.8 m/s: the sway loses some starts even in slow currents."""
+    changes = ["law.speed_limit=0.9", "varied.draws.speed={range = [0.3, 0.5], unit = 'm/s'}"]
+    result = load_scenario("ch3-dynamic", changes, runs=100).run()
+    assert result.success_fraction < 0.9
+
+
+def test_heading_left_free_holds_the_position_and_gives_up_the_heading():
+    """Weathervaning comes to rest at the origin, bow into the current."""
+    vehicle = hf.systems.marine_vehicle(thrust_limit=5.0)
+    law = hf.laws.weathervane(vehicle, k1=0.25, k2=1.0, speed_limit=0.6, turn_limit=1.0)
+    starts = hf.Starts(random=50, box={"x": (-1, 1), "y": (-1, 1), "psi": (-np.pi, np.pi)})
+    data = hf.simulate(
+        vehicle,
+        hf.track_velocity(vehicle, law, {"u": 5.0, "r": 5.0}),
+        starts=starts,
+        horizon=120.0,
+        disturbance={"Vx": hf.symbol("current_x"), "Vy": hf.symbol("current_y")},
+    ).dataset
+    x, y, psi = (data["state"].values[:, -1, i] for i in range(3))
+    upstream = np.arctan2(-0.2, 0.1)
+    assert np.abs((psi - upstream + np.pi) % (2 * np.pi) - np.pi).max() < 0.02
+    assert np.hypot(x, y).max() < 0.02
