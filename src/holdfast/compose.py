@@ -247,9 +247,10 @@ class Composer:
             return built
         spec = validated(LawSpec, table, self.file, "law")
         self.declare(self._parameters(spec.parameters, "law"))
-        names = self._with_definitions(spec.definitions, self.scope(), "law")
-        signals = self._parsed(spec.signals, names, "law.signals")
         reads = self._reads(spec.reads)
+        scope = self.scope() | {q.name: q.symbol for q in reads}  # a disturbance that it measures
+        names = self._with_definitions(spec.definitions, scope, "law")
+        signals = self._parsed(spec.signals, names, "law.signals")
         if (spec.outputs is None) == (spec.modes is None):
             raise ScenarioError(f"{self.file}: law: give either outputs or modes")
         with at(self.file, "law"):
@@ -286,11 +287,12 @@ class Composer:
     def _reads(self, wanted: list[str] | None) -> tuple[Quantity, ...]:
         if wanted is None:
             return self.states
-        known = {q.name: q for q in self.states}
+        felt = self.system_built.disturbances if self.system_built else ()
+        known = {q.name: q for q in (*self.states, *felt)}
         for name in wanted:
             if name not in known:
                 raise ScenarioError(
-                    f"{self.file}: law.reads: '{name}' is no state",
+                    f"{self.file}: law.reads: '{name}' is neither state nor disturbance",
                     remedy=suggestion(name, known),
                 )
         return tuple(known[name] for name in wanted)

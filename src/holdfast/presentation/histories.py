@@ -134,7 +134,7 @@ def _shade(axes: list[Axes], time: Array, mode: npt.NDArray[np.int16], data: obj
 def _panels(result: Result, run: int) -> list[_Panel]:
     data = result.dataset
     panels = []
-    states = data["state"].values[run]
+    states = _near_zero(data["state"].values[run], data["state_is_angle"].values)
     names = [style.label(str(n)) for n in data["state_name"].values]
     panels += _by_unit("state", [str(u) for u in data["state_unit"].values], names, states)
     if data.sizes["actuator"]:
@@ -160,6 +160,15 @@ def _panels(result: Result, run: int) -> list[_Panel]:
         labels = [_signal_label(str(n)) for n in data["signal_name"].values]
         panels.append(_Panel("switching signals", "1", labels, data["signal"].values[run]))
     return panels
+
+
+def _near_zero(states: Array, angles: npt.NDArray[np.int8]) -> Array:
+    """The states with every angle less its full turns, as counted at the end."""
+    late = states[len(states) // 2 :]
+    late = late[np.isfinite(late).all(axis=1)]
+    turns = np.round(np.median(late, axis=0) / (2 * np.pi)) if len(late) else 0.0
+    shifted: Array = states - 2 * np.pi * np.where(angles == 1, turns, 0.0)
+    return shifted
 
 
 def _signal_label(name: str) -> str:

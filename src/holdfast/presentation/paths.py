@@ -200,7 +200,7 @@ def _draw_highlights(axis: Axes, result: Result, xy: Array, runs: list[int]) -> 
         zorder=4,
         label="start",
     )
-    axis.set_title("reference starts, by mode" if len(runs) > 1 else "path, by mode")
+    axis.set_title(f"first {len(runs)} starts, by mode" if len(runs) > 1 else "path, by mode")
 
 
 def _mode_colour(mode: int) -> str:
