@@ -279,7 +279,7 @@ def test_a_diverging_run_exits_1_and_says_so(tmp_path):
         cwd=tmp_path,
     )
     assert answer.returncode == 1
-    assert "runs diverged" in answer.stderr
+    assert "diverged, with results" in answer.stderr
     summary = json.loads((tmp_path / "runs/wheeled_camera/summary.json").read_text())
     assert summary["outcomes"]["diverged"] >= 1
 

@@ -74,13 +74,19 @@ def _complaint(
     )
 
 
+def _alternatives(annotation: Any) -> list[Any]:
+    """What a dict, list, union or annotated type is made of, down to the bottom."""
+    parts = getattr(annotation, "__args__", ())
+    return [*parts, *(a for part in parts for a in _alternatives(part))]
+
+
 def _known_keys(model: type[Section], path: Sequence[Any]) -> list[str]:
     current: Any = model
     for part in path[:-1]:
         fields = getattr(current, "model_fields", {})
         if part in fields:
             current = fields[part].annotation
-        nested = [a for a in getattr(current, "__args__", ()) if hasattr(a, "model_fields")]
+        nested = [a for a in _alternatives(current) if hasattr(a, "model_fields")]
         if not hasattr(current, "model_fields") and nested:
             current = nested[0]
     return list(getattr(current, "model_fields", {}))

@@ -196,16 +196,20 @@ def run_command(
     click.echo(summary_text(result, files))
     diverged, chattered = (result.outcomes[n] for n in ("diverged", "chattered"))
     if diverged:
-        click.echo(f"holdfast: {diverged} runs diverged; their results end there", err=True)
+        click.echo(f"holdfast: {_runs(diverged)} diverged, with results up to there", err=True)
     if chattered:
         limit = loaded.settings["switch_limit"]
         click.echo(
-            f"holdfast: {chattered} runs chattered: more than {limit} changes of mode within a "
-            "second; what they do depends on the sample time",
+            f"holdfast: {_runs(chattered)} chattered: more than {limit} changes of mode within a "
+            "second; what happens then depends on the sample time",
             err=True,
         )
     if diverged or chattered:
         sys.exit(NOT_ANSWERED)
+
+
+def _runs(count: int) -> str:
+    return f"{count} run" + ("s" if count != 1 else "")
 
 
 def _check_writable(folder: Path, option: str = "--out") -> None:

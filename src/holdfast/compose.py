@@ -6,14 +6,15 @@ an entry of its own. Every refusal names the file and the key.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import sympy as sp
 
-from holdfast.catalogue import accepted_parameters, arguments, leading_argument, wants_law
+from holdfast.catalogue import wants_law
 from holdfast.checking import at, validated
+from holdfast.entries import catalogue_entry
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.maths import laws, regions, scene, systems
 from holdfast.maths.bounds import Box
@@ -45,6 +46,7 @@ class Composer:
 
     file: str
     known: dict[str, Parameter] = field(default_factory=dict)
+    drawn: dict[str, Parameter] = field(default_factory=dict)
     system_built: System | None = None
 
     @property
@@ -60,55 +62,14 @@ class Composer:
         key: str,
         leading: Sequence[object] | None = None,
     ) -> Any:
-        """The catalogue entry that the table names, built with the table's parameters.
-
-        Arguments that are no numbers (a vehicle, a dimension, a list of poles) go to it as they
-        are. A parameter declared elsewhere keeps that value unless it is given. `leading` is
-        what it is built on, by default the system where it asks for it.
-        """
-        by_name = {function.__name__: function for function in catalogue}
-        name = table["name"]
-        if not isinstance(name, str) or name not in by_name:
-            raise ScenarioError(
-                f"{self.file}: {key}.name: unknown name {name!r}",
-                remedy=suggestion(str(name), by_name),
-            )
-        function = by_name[name]
-        given = {k: v for k, v in table.items() if k != "name"}
-        if leading is None:
-            leading = (self.system_built,) if leading_argument(function) == "system" else ()
-        structural, numeric = arguments(function, len(leading))
-        structure = {k: given.pop(k) for k in structural if k in given}
-        # what has no unit to convert goes in at once: gains may be right only for their k1
-        plain = {k: self.known[k].value for k in numeric if k in self.known}
-        for parameter, value in given.items():
-            if parameter in numeric and type(value) in (int, float):
-                with at(self.file, f"{key}.{parameter}"):
-                    plain[parameter] = to_si(value, "1")
-        with at(self.file, key):
-            standard = function(*leading, **structure, **plain)
-            units = {p.name: p.unit for p in standard.parameters}
-            accepted = accepted_parameters(function, units)
-        values: dict[str, float] = {}
-        for parameter, value in given.items():
-            if parameter not in accepted:
-                raise ScenarioError(
-                    f"{self.file}: {key}.{parameter}: '{name}' has no such parameter",
-                    remedy=suggestion(parameter, [*accepted, *structural]),
-                )
-            with at(self.file, f"{key}.{parameter}"):
-                values[parameter] = to_si(value, units[parameter])
-        for parameter in accepted:
-            if parameter in self.known and parameter not in values:
-                values[parameter] = self.known[parameter].value
-        built = standard
-        if values != plain:
-            with at(self.file, key):
-                built = function(*leading, **structure, **values)
+        """The catalogue entry that the table names; its parameters are declared."""
+        built = catalogue_entry(
+            self.file, self.known, catalogue, table, key, self.system_built, leading
+        )
         self.declare(built.parameters)
         return built
 
-    def declare(self, parameters: Sequence[Parameter]) -> None:
+    def declare(self, parameters: Iterable[Parameter]) -> None:
         for parameter in parameters:
             self.known.setdefault(parameter.name, parameter)
 
@@ -246,7 +207,7 @@ class Composer:
             built: Law = self.entry(laws.ALL, table, "law")
             return built
         spec = validated(LawSpec, table, self.file, "law")
-        self.declare(self._parameters(spec.parameters, "law"))
+        self.declare((*self._parameters(spec.parameters, "law"), *self.drawn.values()))
         reads = self._reads(spec.reads)
         scope = self.scope() | {q.name: q.symbol for q in reads}  # a disturbance that it measures
         names = self._with_definitions(spec.definitions, scope, "law")
@@ -322,6 +283,8 @@ class Composer:
             return built
         spec = validated(RegionSpec, {"name": key, **table}, self.file, key)
         self.declare(self._parameters(spec.parameters, key))
+        if key == "goal":
+            self.declare(self.drawn.values())
         names = self._with_definitions(spec.definitions, self.scope(), key)
         inequalities = []
         for name, given in spec.constraints.items():

@@ -19,6 +19,7 @@ from holdfast.execution.closed_loop import Progress
 from holdfast.maths import laws
 from holdfast.maths.expression import parse_condition, parse_expression
 from holdfast.maths.law import Law
+from holdfast.maths.quantity import Parameter
 from holdfast.maths.redesign import redesign
 from holdfast.maths.region import Region
 from holdfast.maths.switching import Switching
@@ -27,7 +28,6 @@ from holdfast.maths.units import check_unit, to_si
 from holdfast.maths.varied import Varied
 from holdfast.maths.velocity_tracking import track_velocity
 from holdfast.schema import (
-    DrawSpec,
     FiguresSpec,
     OutputsSpec,
     RedesignSpec,
@@ -113,7 +113,7 @@ def load_scenario(
 def _composed(name: str, file: str, text: str, spec: ScenarioSpec) -> Scenario:
     composer = Composer(file)
     system = composer.system(spec.system)
-    draws, units = _draws(composer, spec.varied)
+    composer.drawn = _drawn(composer, system, spec.varied)
     region = composer.region(spec.region, "region") if spec.region is not None else None
     law: Law | Switching = composer.law(spec.law)  # may use the region's parameters
     if spec.redesign is not None:
@@ -122,6 +122,7 @@ def _composed(name: str, file: str, text: str, spec: ScenarioSpec) -> Scenario:
         with at(file, "tracking"):
             law = track_velocity(system, law, spec.tracking)
     goal = composer.region(spec.goal, "goal") if spec.goal is not None else None
+    draws = _draws(composer, spec.varied)
     values = {p.symbol: p.value for p in composer.known.values()}
     names = {n: e for n, e in composer.scope().items() if n not in system.state_names}
     timeless = {n: e for n, e in names.items() if n != "t"}
@@ -141,7 +142,7 @@ def _composed(name: str, file: str, text: str, spec: ScenarioSpec) -> Scenario:
             draws,
             expressions(spec.varied.values, "varied.values"),
             expressions(spec.varied.plant, "varied.plant"),
-            units,
+            {name: composer.known[name].unit for name in draws},
         )
     units = {q.name: q.unit for q in system.states}
     return Scenario(
@@ -177,20 +178,33 @@ def _composed(name: str, file: str, text: str, spec: ScenarioSpec) -> Scenario:
     )
 
 
-def _draws(
-    composer: Composer, spec: VariedSpec
-) -> tuple[dict[str, tuple[float, float]], dict[str, str]]:
-    """The ranges in SI units, and the units of the names that are new; these are declared."""
-    ranges, units = {}, {}
-    for name, given in spec.draws.items():
-        draw = given if isinstance(given, DrawSpec) else DrawSpec(range=given)
+def _drawn(composer: Composer, system: System, spec: VariedSpec) -> dict[str, Parameter]:
+    """The drawn names as parameters, for laws and goals that are written out and use them."""
+    moving = {q.name for q in (*system.states, *system.inputs, *system.disturbances)}
+    found = {}
+    for name, draw in spec.ranges.items():
         with at(composer.file, f"varied.draws.{name}"):
-            units[name] = composer.known[name].unit if name in composer.known else draw.unit
-            check_unit(units[name])
+            if name in moving:
+                raise ScenarioError(
+                    f"'{name}' is a state, an input or a disturbance", expected="a parameter"
+                )
+            check_unit(draw.unit or "1")
+            found[name] = Parameter(name, draw.unit or "1", "drawn for every run", value=0.0)
+    return found
+
+
+def _draws(composer: Composer, spec: VariedSpec) -> dict[str, tuple[float, float]]:
+    """The ranges in SI units; the names that are new by now are declared."""
+    ranges = {}
+    for name, draw in spec.ranges.items():
+        with at(composer.file, f"varied.draws.{name}"):
+            unit = composer.known.get(name, composer.drawn[name]).unit
+            if draw.unit is not None and draw.unit != unit:
+                raise ScenarioError(f"'{name}' has the unit {unit}", expected=f"unit = '{unit}'")
             low, high = draw.range
-            ranges[name] = (to_si(low, units[name]), to_si(high, units[name]))
-            composer.declare(Varied({name: ranges[name]}, units=units).new_parameters({}))
-    return ranges, units
+            ranges[name] = (to_si(low, unit), to_si(high, unit))
+            composer.declare((composer.drawn[name],))
+    return ranges
 
 
 def _plane(file: str, wanted: tuple[str, str] | None, system: System) -> tuple[str, str] | None:

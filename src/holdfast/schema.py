@@ -199,7 +199,7 @@ class DrawSpec(Section):
     """{ range = ["-180 deg", "180 deg"], unit = "rad" }"""
 
     range: Interval
-    unit: str = "1"
+    unit: str | None = None
 
 
 class VariedSpec(Section):
@@ -208,6 +208,14 @@ class VariedSpec(Section):
     draws: dict[Name, DrawSpec | Interval] = Field(default_factory=dict)
     values: dict[Name, Expression] = Field(default_factory=dict)
     plant: dict[Name, Expression] = Field(default_factory=dict)
+
+    @property
+    def ranges(self) -> dict[str, DrawSpec]:
+        """Every draw as a range, with a unit where one is given."""
+        return {
+            name: given if isinstance(given, DrawSpec) else DrawSpec(range=given)
+            for name, given in self.draws.items()
+        }
 
 
 class FiguresSpec(Section):

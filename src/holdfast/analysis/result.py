@@ -103,8 +103,9 @@ class Result:
     def _switching(self) -> dict[str, float | None]:
         """Changes of mode a minute and the shortest time in one mode [s]; {} for one mode."""
         data = self.dataset
-        if len(str(data["mode"].attrs["flag_meanings"]).split()) < 2 or not data.sizes["run"]:
-            return {}
+        modes = str(data["mode"].attrs["flag_meanings"]).split()
+        if len(modes) < 2 or not data.sizes["run"] or "shortest_dwell" not in data:
+            return {}  # one mode, or a result of an older version
         rate = data["switches"].values * (60.0 / float(data["time"].values[-1]))
         shortest = float(data["shortest_dwell"].values.min())
         return {

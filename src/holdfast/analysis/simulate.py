@@ -18,6 +18,7 @@ from holdfast.execution.closed_loop import Array, ClosedLoop, Progress
 from holdfast.execution.settings import Settings
 from holdfast.execution.steppers import BY_NAME
 from holdfast.execution.translate import ClosedLoopProgram, closed_loop_program
+from holdfast.maths.bounds import Bounds
 from holdfast.maths.law import Law
 from holdfast.maths.quantity import SAMPLE_TIME, TIME, symbol
 from holdfast.maths.region import Region
@@ -98,6 +99,12 @@ def simulate(
                 remedy=suggestion(name, known),
                 key="plant",
             )
+        if varied is not None and name in varied.names:
+            raise SimulationError(
+                f"'{name}' of the plant is varied, and given a number too",
+                remedy="vary it under [varied.plant], or leave one of them out",
+                key="plant",
+            )
     program = closed_loop_program(
         system,
         law,
@@ -120,7 +127,7 @@ def simulate(
         raise
     own = loop.varied(len(initial), chosen.seed)
     _check_varied(program, own)
-    _check_disturbance(system, loop, chosen, real, given, own)
+    _check_disturbance(system, loop, chosen, dict(plant or {}), given, own)
     seconds = {SAMPLE_TIME: 0.0 if chosen.continuous else chosen.sample_time}
     _warn_of_gains(program, values | seconds, own)
     trajectories = loop.simulate(initial, chosen, plant=plant, varied=own, progress=progress)
@@ -216,7 +223,7 @@ def _check_disturbance(
     system: System,
     loop: ClosedLoop,
     settings: Settings,
-    values: Mapping[sp.Symbol, float],
+    plant: Mapping[str, float],
     given: Mapping[str, sp.Expr],
     own: Array,
 ) -> None:
@@ -226,22 +233,16 @@ def _check_disturbance(
     used = set().union(*(e.free_symbols for e in given.values()))
     steps = 4 * settings.samples + 1 if TIME in used else 1
     times = np.arange(steps, dtype=np.float64) * (settings.sample_time / 4)
+    bounds = system.disturbance_bounds
     names = [*loop.program.varied.names, *loop.program.varied.plant]
-    rows = own if used & {symbol(n) for n in names} else own[:1]
+    varied = {symbol(n) for n in names}
+    bound_varies = bounds is not None and bool(bounds.free_symbols & varied)
+    rows = own if used & varied or bound_varies else own[:1]
+    values = {p.symbol: p.value for p in loop.program.parameters}
     worst: list[tuple[int, float, Array]] = []
-    for run, row in enumerate(rows):
-        samples = loop.disturbances(times, dict(zip(names, row, strict=True)))
-        if not np.isfinite(samples).all():
-            raise SimulationError(
-                f"a disturbance is not finite at some time of run {run}", key="disturbance"
-            )
-        worst += [(run, times[i], samples[i]) for i in _extremes(samples)]
-    if system.disturbance_bounds is None:
-        return
-    bounds = system.disturbance_bounds.at(values)
-    for index in _extremes(np.array([w[2] for w in worst])):
-        run, time, sample = worst[index]
-        if not bounds.contains([float(v) for v in sample]):
+
+    def check(run: int, time: float, sample: Array, bound: Bounds) -> None:
+        if not bound.contains([float(v) for v in sample]):
             shown = ", ".join(
                 f"{n} = {v:.4g}" for n, v in zip(system.disturbance_names, sample, strict=True)
             )
@@ -251,6 +252,24 @@ def _check_disturbance(
                 remedy=f"reduce it, or raise the bound of system '{system.name}'",
                 key="disturbance",
             )
+
+    for run, row in enumerate(rows):
+        real = {**plant, **dict(zip(names, row, strict=True))}
+        samples = loop.disturbances(times, real)
+        if not np.isfinite(samples).all():
+            raise SimulationError(
+                f"a disturbance is not finite at some time of run {run}", key="disturbance"
+            )
+        extremes = [(run, times[i], samples[i]) for i in _extremes(samples)]
+        if bounds is not None and (bound_varies or run == 0):
+            bound = bounds.at(values | {symbol(n): v for n, v in real.items()})
+        if bound_varies:
+            for where in extremes:
+                check(*where, bound)
+        worst += extremes
+    if bounds is not None and not bound_varies:
+        for index in _extremes(np.array([w[2] for w in worst])):
+            check(*worst[index], bound)
 
 
 def _extremes(samples: Array) -> list[int]:
@@ -267,8 +286,10 @@ def _check_varied(program: ClosedLoopProgram, own: Array) -> None:
         bad = np.flatnonzero(~(np.isfinite(own[:, j]) & (own[:, j] > limits[name])))
         if bad.size:
             raise SimulationError(
-                f"varied: '{name}' is {own[bad[0], j]:g} in run {bad[0]}",
-                expected=f"above {limits[name]:g}",
+                f"'{program.varied.labels[j]}' is {own[bad[0], j]:g} in run {bad[0]}",
+                expected=f"above {limits[name]:g}"
+                if np.isfinite(limits[name])
+                else "a finite number",
                 key="varied",
             )
 

@@ -24,8 +24,12 @@ def station_statistics(
     switches_per_minute, mean_dwell [s], shortest_dwell [s] (infinite for fewer than two changes
     of mode). A run that diverged has an infinite tail.
 
-    Raises `SimulationError` where there are no x, y, psi, or no samples after `settled`.
+    Raises `SimulationError` for a radius or heading that is not positive, where there are no
+    x, y, psi, or no samples after `settled`.
     """
+    for what, value in (("radius", radius), ("heading", heading)):
+        if not (np.isfinite(value) and value > 0):
+            raise SimulationError(f"the {what} is {value}", expected="above 0")
     data = result.dataset
     names = [str(n) for n in data["state_name"].values]
     missing = [n for n in ("x", "y", "psi") if n not in names]

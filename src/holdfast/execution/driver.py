@@ -86,6 +86,11 @@ def varied(p):
     raise NotImplementedError
 
 
+def felt(t, p):
+    """The disturbances that the law measures, as they are."""
+    raise NotImplementedError
+
+
 def as_tuple(values):
     """The first entries of an array as the state tuple."""
     raise NotImplementedError
@@ -103,7 +108,8 @@ def step(t, h, q, k0, u, mode, plant, gains, table, continuous):
 def field(t, q, u, mode, plant, gains, table, continuous):
     """qdot; with continuous control the input is the law's at this very state."""
     if continuous:
-        u = produce(limit(allocate(law(t, q, mode, gains, table), gains), plant), plant)
+        seen = q + felt(t, plant)
+        u = produce(limit(allocate(law(t, seen, mode, gains, table), gains), plant), plant)
     return rates(t, q, u, disturbance(t, plant), plant)
 
 
@@ -291,6 +297,7 @@ def simulate_runs(
                 return
             t = k * sample_time
             seen = measure(q, noise, seed, run, k, scratch) if noisy else q
+            seen = seen + felt(t, plant)
             before = mode
             mode = next_mode(t, seen, mode, t - mode_since, gains)
             if mode != before:

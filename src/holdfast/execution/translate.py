@@ -7,7 +7,7 @@ inputs as tuples and the parameters as arrays, so that a sweep over gains compil
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import sympy as sp
 
@@ -77,6 +77,12 @@ def closed_loop_program(
         goal.parameters if goal else (),
     )
     varied = varied or Varied()
+    for quantity in (*system.states, *system.inputs, *system.disturbances):
+        if quantity.name in varied.draws:
+            raise SimulationError(
+                f"'{quantity.name}' is a state, an input or a disturbance, not a parameter",
+                key="varied",
+            )
     parameters += varied.new_parameters({q.name: q for q in parameters})
     varied.check({q.name: q for q in parameters}, {q.name: q for q in system.parameters})
     if region is not None:
@@ -93,8 +99,9 @@ def closed_loop_program(
                 f"disturbance '{s.name}' uses '{sorted(map(str, unknown))[0]}'",
                 expected="an expression of t and declared parameters",
             )
-    known = dict(zip(d, still, strict=True))
-    switching = _measured(replace(switching, extra_parameters=parameters), known)
+    told = [(s.symbol, e) for s, e in zip(system.disturbances, still, strict=True)]
+    told = [(s, e) for s, e in told if s in {r.symbol for r in switching.reads}]
+    seen = {"q": [*q, *(s for s, _ in told)]}
     bounds = system.input_bounds
     image = bounds if isinstance(bounds, LinearImage) else None
     limits = image.of if image else bounds
@@ -117,10 +124,11 @@ def closed_loop_program(
         ),
         function_source("limit", ("a", "p"), {"a": a, "p": p}, limits.saturate(a) if limits else a),
         function_source("produce", ("a", "p"), {"a": a, "p": p}, image.produce(a) if image else u),
-        _law_source(switching, system.input_names, state, p),
-        _guard_source(switching, state, p),
+        function_source("felt", ("t", "p"), {"p": p}, [e for _, e in told]),
+        _law_source(switching, system.input_names, seen, p),
+        _guard_source(switching, seen, p),
         function_source(
-            "signals", ("t", "q", "p"), {**state, "p": p}, [switching.signals[n] for n in signals]
+            "signals", ("t", "q", "p"), {**seen, "p": p}, [switching.signals[n] for n in signals]
         ),
         function_source("constraints", ("q", "p"), {**state, "p": p}, c),
         function_source(
@@ -133,9 +141,7 @@ def closed_loop_program(
             [goal.worst if goal else sp.S.One],
             scalar=True,
         ),
-        function_source(
-            "varied", ("p",), {"p": p}, [*varied.values.values(), *varied.plant.values()]
-        ),
+        function_source("varied", ("p",), {"p": p}, list(varied.expressions)),
         _load_source(len(q)),
         stepper_source(stepper, len(q)),
     ]
@@ -183,33 +189,6 @@ def _check_fit(system: System, switching: Switching) -> None:
                 f"law '{switching.name}' reads '{quantity.name}', which is no state of system "
                 f"'{system.name}', nor a disturbance of it"
             )
-
-
-def _measured(switching: Switching, known: Mapping[sp.Symbol, sp.Expr]) -> Switching:
-    """The switching with the disturbances that it reads written out: it measures them."""
-    read = {q.symbol: known[q.symbol] for q in switching.reads if q.symbol in known}
-    if not read:
-        return switching
-    names = {s.name for s in read}
-
-    def change(law: Law) -> Law:
-        return replace(
-            law,
-            reads=tuple(q for q in law.reads if q.name not in names),
-            outputs={k: e.subs(read, simultaneous=True) for k, e in law.outputs.items()},
-            signals={k: e.subs(read, simultaneous=True) for k, e in law.signals.items()},
-            parameters=merge_parameters(law.parameters, switching.extra_parameters),
-        )
-
-    modes = {name: change(law) for name, law in switching.modes.items()}
-    return replace(
-        switching,
-        modes=modes,
-        transitions=tuple(
-            replace(x, when=x.when.subs(read, simultaneous=True)) for x in switching.transitions
-        ),
-        signals={k: e.subs(read, simultaneous=True) for k, e in switching.signals.items()},
-    )
 
 
 def _law_source(

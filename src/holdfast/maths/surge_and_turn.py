@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import sympy as sp
@@ -79,17 +80,15 @@ def surge_and_turn(
     """
     names = {q.name for q in system.states + system.inputs}
     cos, sin = sp.cos(symbol("psi")), sp.sin(symbol("psi"))
-    effects = {
-        "x": {"u": cos, "Vx": 1, "Vy": 0},
-        "y": {"u": sin, "Vx": 0, "Vy": 1},
-        "psi": {"r": 1, "Vx": 0, "Vy": 0},
-    }
+    moved = {"x": symbol("u") * cos + symbol("Vx"), "y": symbol("u") * sin + symbol("Vy")}
     fits = {"x", "y", "psi", "u", "r"} <= names and {"Vx", "Vy"} <= set(system.disturbance_names)
-    if not fits or any(
-        sp.expand(system.rates[n].diff(symbol(of)) - wanted) != 0
-        for n, effect in effects.items()
-        for of, wanted in effect.items()
-    ):
+    if fits:  # what else moves the position depends on states that are no inputs, nor u
+        rest = [sp.expand(system.rates[n] - own) for n, own in moved.items()]
+        driven = [*system.inputs, *system.disturbances]
+        barred = {q.symbol for q in driven} | {symbol("u")}
+        fits = not any(e.free_symbols & barred for e in rest)
+        fits = fits and sp.expand(system.rates["psi"] - symbol("r")) == 0
+    if not fits:
         raise DefinitionError(
             f"law '{law}' is not made for system '{system.name}'",
             expected="x' = u cos(psi) + ..., y' = u sin(psi) + ..., psi' = r, and a current "
@@ -103,6 +102,8 @@ def surge_and_turn(
         ("speed_limit", "m/s", speed_limit, "largest surge it asks for"),
         ("turn_limit", "rad/s", turn_limit, "largest turn rate it asks for"),
     ):
+        if value is not None and not math.isfinite(value):
+            raise DefinitionError(f"{name} of law '{law}' is {value}", expected="a finite number")
         if value is None and name not in own:
             raise DefinitionError(
                 f"law '{law}' needs {name} [{unit}]: system '{system.name}' has none of its own",

@@ -55,6 +55,26 @@ def to_si(value: object, unit: str) -> float:
     return _finite(number if given == unit else convert(number, given, unit), value)
 
 
+def in_base_units(value: object) -> float:
+    """The number that `value` stands for, text in the base units of its own unit: "30 cm" is 0.3.
+
+    For where the wanted unit is known only later; `UnitError` for what is no value.
+    """
+    match = _TEXT.match(value) if isinstance(value, str) and len(value) <= MAX_LENGTH else None
+    if match is None or not match[2]:
+        return to_si(value, "1")
+    given = match[2].strip()
+    if given in _COMMON:
+        return float(match[1])
+    if given == "deg":
+        return math.radians(float(match[1]))
+    try:
+        quantity = _registry().Quantity(float(match[1]), _registry().Unit(_pint_text(given)))
+        return float(quantity.to_base_units().magnitude)
+    except Exception:
+        raise UnitError(f"'{given[:40]}' is no unit", expected="a unit such as 'm/s'") from None
+
+
 def convert(number: float, given: str, unit: str) -> float:
     """`number` in the unit `given`, expressed in `unit`; `UnitError` if they do not fit."""
     if given == unit:

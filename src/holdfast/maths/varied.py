@@ -17,14 +17,17 @@ class Varied:
     """Parameters that every run has values of its own for.
 
     draws: name -> (lowest, highest), uniform and independent; a name that is not yet a
-    parameter becomes one. values: parameter -> expression of the draws and the other
-    parameters; law and plant both get it. plant: the same for the simulated vehicle alone,
-    whose law keeps the nominal value. units: of the new names, "1" where not given.
+    parameter becomes one. values: parameter -> expression of the draws, of values before it and
+    of other parameters; law and plant both get it. plant: the same for the simulated vehicle
+    alone, whose law keeps the nominal value. units: of the new names, "1" where not given.
 
     A current of unknown direction: draws = {"direction": (-pi, pi)}, and the disturbance
     Vx = 0.2 cos(direction). A law that is told the current: values = {"current_x": ...}.
 
-    Raises `DefinitionError` for a range that is none, or a parameter that is varied twice.
+    What a catalogue function checks when it is called (r1 >= r0) is not checked again.
+
+    Raises `DefinitionError` for a range that is none, a parameter that is varied twice, or a
+    value that uses one after it.
     """
 
     draws: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -33,16 +36,33 @@ class Varied:
     units: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name, (low, high) in self.draws.items():
+        for name, given in self.draws.items():
+            if len(given) != 2:
+                raise DefinitionError(
+                    f"'{name}' is drawn from {given!r}",
+                    expected="a lowest and a highest number",
+                    key=f"varied.draws.{name}",
+                )
+            low, high = given
             if not (math.isfinite(low) and math.isfinite(high) and low <= high):
                 raise DefinitionError(
-                    f"'{name}' is drawn from [{low:g}, {high:g}]", expected="lowest first"
+                    f"'{name}' is drawn from [{low:g}, {high:g}]",
+                    expected="two finite numbers, lowest first",
+                    key=f"varied.draws.{name}",
                 )
         twice = set(self.draws) & set(self.values)
         if twice:
             raise DefinitionError(f"'{min(twice)}' is both drawn and given a value")
         object.__setattr__(self, "values", frozen(self.values))
         object.__setattr__(self, "plant", frozen(self.plant))
+        later = set(self.values)
+        for name, expression in self.values.items():
+            later.discard(name)
+            ahead = expression.free_symbols & {symbol(n) for n in later}
+            if ahead:
+                raise DefinitionError(
+                    f"the value of '{name}' uses '{min(map(str, ahead))}', which comes after it"
+                )
 
     def __bool__(self) -> bool:
         return bool(self.draws or self.values or self.plant)
@@ -66,16 +86,29 @@ class Varied:
             for name, expression in table.items():
                 if name not in names:
                     raise DefinitionError(
-                        f"varied {what}: there is no parameter '{name}'"
+                        f"there is no parameter '{name}'"
                         + (" of the system" if what == "plant" else ""),
                         remedy=suggestion(name, names),
+                        key=f"varied.{what}.{name}",
                     )
                 unknown = expression.free_symbols - {symbol(n) for n in parameters}
                 if unknown:
                     raise DefinitionError(
-                        f"varied {what}: '{name}' uses '{min(map(str, unknown))}'",
+                        f"'{name}' uses '{min(map(str, unknown))}'",
                         expected="an expression of parameters and draws",
+                        key=f"varied.{what}.{name}",
                     )
+
+    @property
+    def expressions(self) -> tuple[sp.Expr, ...]:
+        """Of the values, then of the plant, with every value of the run written out."""
+        known: dict[sp.Symbol, sp.Expr] = {}
+        for name, expression in self.values.items():
+            known[symbol(name)] = expression.subs(known, simultaneous=True)
+        return (
+            *known.values(),
+            *(e.subs(known, simultaneous=True) for e in self.plant.values()),
+        )
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -96,8 +96,17 @@ def track_velocity(
 
 
 def _believed_rates(system: System, law: Law) -> dict[str, sp.Expr]:
-    """The rates with what the law takes the disturbances for: zero, unless it knows better."""
-    still = {d.symbol: law.believed.get(d.name, sp.S.Zero) for d in system.disturbances}
+    """The rates with the disturbances that the law reads or believes in, the others zero."""
+    for name in law.believed:
+        if name not in system.disturbance_names:
+            raise DefinitionError(
+                f"law '{law.name}' believes something of '{name}', which is no disturbance",
+                remedy=suggestion(name, system.disturbance_names),
+            )
+    read = {q.name: q.symbol for q in law.reads}
+    still = {
+        d.symbol: law.believed.get(d.name, read.get(d.name, sp.S.Zero)) for d in system.disturbances
+    }
     return {n: rate.subs(still, simultaneous=True) for n, rate in system.rates.items()}
 
 
