@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 import holdfast as hf
 from holdfast.errors import OutputError, SimulationError
 from holdfast.execution.compile import cache_directory, compile_closed_loop
-from holdfast.execution.steppers import RK4
 from holdfast.execution.printer import function_source
+from holdfast.execution.steppers import RK4
 from holdfast.execution.translate import closed_loop_program
 from holdfast.maths.functions import angle, greatest, least, length, select, sgn, wrap
 
