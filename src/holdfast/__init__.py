@@ -15,9 +15,11 @@ from typing import TYPE_CHECKING, Any
 from holdfast._version import __version__
 
 if TYPE_CHECKING:
+    from holdfast.analysis.boundary import Boundary, contingent_cone, regulation_map
     from holdfast.analysis.result import Result, load
     from holdfast.analysis.simulate import Starts, simulate
     from holdfast.analysis.station_statistics import station_statistics
+    from holdfast.analysis.viability_domain import check_viability
     from holdfast.derivation import Derivation, explain
     from holdfast.errors import GainWarning, HoldfastError
     from holdfast.execution.closed_loop import Outcome
@@ -40,6 +42,7 @@ if TYPE_CHECKING:
     from holdfast.maths.tangency import outward_rates
     from holdfast.maths.varied import Varied
     from holdfast.maths.velocity_tracking import track_velocity
+    from holdfast.maths.viability import viability_conditions
     from holdfast.maths.zeros import critical_points
     from holdfast.presentation.flow_lines import flow_lines_figure
     from holdfast.presentation.histories import histories_figure
@@ -47,9 +50,11 @@ if TYPE_CHECKING:
     from holdfast.scenario import Scenario, load_scenario
 
 _HOME = {
+    "analysis.boundary": ("Boundary", "contingent_cone", "regulation_map"),
     "analysis.result": ("Result", "load"),
     "analysis.simulate": ("Starts", "simulate"),
     "analysis.station_statistics": ("station_statistics",),
+    "analysis.viability_domain": ("check_viability",),
     "derivation": ("Derivation", "explain"),
     "errors": ("GainWarning", "HoldfastError"),
     "execution.closed_loop": ("Outcome",),
@@ -72,6 +77,7 @@ _HOME = {
     "maths.tangency": ("outward_rates",),
     "maths.varied": ("Varied",),
     "maths.velocity_tracking": ("track_velocity",),
+    "maths.viability": ("viability_conditions",),
     "maths.zeros": ("critical_points",),
     "presentation.flow_lines": ("flow_lines_figure",),
     "presentation.histories": ("histories_figure",),
@@ -85,6 +91,7 @@ __all__ = [
     "TIME",
     "TIME_IN_MODE",
     "Ball",
+    "Boundary",
     "Box",
     "Derivation",
     "Field",
@@ -108,7 +115,9 @@ __all__ = [
     "Transition",
     "Varied",
     "__version__",
+    "check_viability",
     "classify",
+    "contingent_cone",
     "critical_points",
     "exact_flow",
     "explain",
@@ -128,12 +137,14 @@ __all__ = [
     "promote",
     "redesign",
     "regions",
+    "regulation_map",
     "simulate",
     "station_keeping_limits",
     "station_statistics",
     "symbol",
     "systems",
     "track_velocity",
+    "viability_conditions",
     "winding_number",
 ]
 

@@ -334,9 +334,6 @@ class Composer:
                     if isinstance(given, tuple)
                     else parse_expression(given, names)
                 )
-        shape: Callable[..., scene.Shape] = {
-            "segment": scene.Segment,
-            "cone": scene.Cone,
-            "circle": scene.Circle,
-        }[spec.kind]
+        kinds = {"segment": scene.Segment, "cone": scene.Cone, "circle": scene.Circle}
+        shape: Callable[..., scene.Shape] = kinds[spec.kind]
         return shape(spec.role, *values)

@@ -50,17 +50,27 @@ def _temporary() -> Path:
 
 
 def compile_closed_loop(source: str) -> ModuleType:
-    """The module of one closed loop: the driver with the generated `source` in its place.
+    """The module of one closed loop: the driver with the generated `source` in its place."""
+    driver, batch = (_text(n).partition(MARK)[2] for n in ("driver.py", "batch.py"))
+    return _module("loop", "\n\n".join([_text("primitives.py"), driver, batch, source]))
+
+
+def compile_functions(source: str) -> ModuleType:
+    """The module of functions that stand alone, with the primitives that they use."""
+    return _module("functions", "\n\n".join([_text("primitives.py"), source]))
+
+
+def _text(name: str) -> str:
+    return (resources.files("holdfast.execution") / name).read_text("utf-8")
+
+
+def _module(kind: str, text: str) -> ModuleType:
+    """The module with this text.
 
     The file is named by the digest of its text, so a changed definition is a new file and
     an unchanged one is loaded, with Numba's machine code beside it.
     """
-    room = resources.files("holdfast.execution")
-    primitives, *joined = (
-        (room / n).read_text("utf-8") for n in ("primitives.py", "driver.py", "batch.py")
-    )
-    text = "\n\n".join([primitives, *(part.partition(MARK)[2] for part in joined), source])
-    name = "loop_" + hashlib.sha256(text.encode()).hexdigest()[:24]
+    name = f"{kind}_" + hashlib.sha256(text.encode()).hexdigest()[:24]
     if name in sys.modules:
         return sys.modules[name]
     path = cache_directory() / f"{name}.py"

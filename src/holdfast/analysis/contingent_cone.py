@@ -1,0 +1,53 @@
+"""Which velocities keep a state inside a region: a polyhedral cone with its generators."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ContingentCone:
+    """T_K(q) = { v : normals v <= 0 }: the velocities along which q does not leave the region.
+
+    `normals` are the gradients of the active pieces (none: every velocity). Every such v is
+    a combination of the rows of `rays` with weights >= 0 and of those of `lines` with any.
+    """
+
+    state: Array
+    normals: Array
+    active: tuple[str, ...]
+    rays: Array
+    lines: Array
+
+    def contains(self, velocity: Sequence[float], slack: float = 1e-9) -> bool:
+        """Whether the velocity points along or into the region."""
+        return bool((self.normals @ np.asarray(velocity, dtype=float) <= slack).all())
+
+
+def generators(normals: Array) -> tuple[Array, Array]:
+    """Rays and lines of { v : normals v <= 0 }, each of length 1."""
+    n = normals.shape[1]
+    if not len(normals):
+        return np.zeros((0, n)), np.eye(n)
+    unit = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    _, sizes, right = np.linalg.svd(unit)
+    rank = int((sizes > 1e-10).sum())
+    span, lines = right[:rank], right[rank:]
+    rays: list[Array] = []
+    for rows in itertools.combinations(range(len(unit)), rank - 1):
+        inside = unit[list(rows)] @ span.T
+        _, s, v = np.linalg.svd(inside) if len(rows) else (None, np.zeros(0), np.eye(rank))
+        if (s > 1e-10).sum() < rank - 1:
+            continue
+        for ray in (v[-1] @ span, -v[-1] @ span):
+            along = (unit @ ray <= 1e-10).all()
+            if along and not any(np.allclose(ray, r, atol=1e-9) for r in rays):
+                rays.append(ray)
+    return np.array(rays).reshape(-1, n), lines
