@@ -218,10 +218,12 @@ def draw_tails(panels: dict[str, list[list[Point]]], folder: Path) -> None:
             axis.axhline(R0, color=style.GREY, linewidth=0.8, zorder=0)
         gain, radius, sampling = axes
         gain.set(xscale="log", xticks=[1, 2, 5, 10, 20], xlabel="gains $k_2 = k_4 = k_5$ [1/s]")
-        gain.set(ylim=(0.09, TOP), ylabel="largest distance after 30 s [m]")
-        radius.set(xlabel="exit radius $r_1$ [m]")
+        gain.set(yscale="log", ylim=(0.096, TOP), ylabel="largest distance after 30 s [m]")
+        gain.set_yticks([0.1, 0.12, 0.15, 0.2, 0.25, 0.3])
+        gain.yaxis.set_major_formatter("{x:g}")
+        radius.set(xscale="log", xticks=[0.1, 0.15, 0.2, 0.3], xlabel="exit radius $r_1$ [m]")
         sampling.set(xscale="log", xticks=[1, 10, 100], xlabel="sample time $T_s$ [ms]")
-        for axis in (gain, sampling):
+        for axis in axes:
             axis.xaxis.set_major_formatter("{x:g}")
             axis.minorticks_off()
         titles = ("$r_1 = r_0$", "$k_2$ = 5 1/s, $T_s$ = 10 ms", "$r_1 = r_0$")
@@ -229,7 +231,7 @@ def draw_tails(panels: dict[str, list[list[Point]]], folder: Path) -> None:
             axis.legend(title=title, loc="upper left", alignment="left")
         shares = [(100 * p["chattered"], p["r1"]) for p in panels["r1"][1] if p["chattered"] > 0]
         text = ["chattering with noise:", *(f"{s:.2g} % at $r_1$ = {r:g}" for s, r in shares)]
-        radius.text(0.305, 0.105, "\n".join(text), ha="right", fontsize=7)
+        radius.text(0.31, 0.103, "\n".join(text), ha="right", fontsize=7)
         dot = {"color": style.BLACK, "linestyle": "", "markersize": 4}
         key = {
             "median and 99 % band": Line2D([], [], color=style.BLACK),
@@ -255,7 +257,7 @@ def draw_line(axis: Any, line: list[Point], name: str, colour: str) -> None:
     y = np.where(kept, middle, np.nan)
     axis.fill_between(x, low, high, where=kept, color=colour, alpha=0.15, linewidth=0)
     axis.plot(x, y, color=colour, label=label)
-    axis.plot(x[~kept], np.full((~kept).sum(), TOP - 0.006), "^", color=colour)
+    axis.plot(x[~kept], np.full((~kept).sum(), 0.97 * TOP), "^", color=colour)
     coarse = np.array([p["k2"] * p["sample_time"] > 0.5 + 1e-9 for p in line])
     for these, face in ((coarse, "white"), (~coarse, colour)):
         axis.plot(x[these], y[these], "o", color=colour, markerfacecolor=face, markersize=3.5)
@@ -287,12 +289,11 @@ def marine(bar: Any, counts: Counts) -> Iterator[Point]:
             late = result.dataset.sel(time=slice(60.0, None))
             thrust = np.abs(late["actuator"].values).sum(axis=2).mean(axis=1)
             share = own["heading_share"].values
-            low, high = np.percentile(share, [25, 75])
             yield {
                 "law": name, "speed": speed, "runs": counts.marine,
                 "entered": int(own["entered"].sum()),
                 "tail": np.percentile(own["tail_radius"], BAND).round(5).tolist(),
-                "heading_share": np.round([low, share.mean(), high], 5).tolist(),
+                "heading_share": np.round([np.median(share), share.mean()], 5).tolist(),
                 "thrust": np.percentile(thrust, BAND).round(5).tolist(),
                 "switches": float(own["switches_per_minute"].median()),
             }  # fmt: skip
@@ -302,7 +303,7 @@ def draw_marine(rows: list[Point], folder: Path) -> None:
     """Tail, share of time with the wanted heading, and thrust, against the current's speed."""
     panels = {
         "tail": ("largest distance after 60 s [m]", "median, 99 % of runs"),
-        "heading_share": ("share of time with |ψ| < 0.1 rad", "mean, middle half of runs"),
+        "heading_share": ("share of time with |ψ| < 0.1 rad", "solid: mean, dashed: median"),
         "thrust": ("mean thrust $|F_p| + |F_s|$ [N]", "median, 99 % of runs"),
     }
     with style.look():
@@ -312,8 +313,11 @@ def draw_marine(rows: list[Point], folder: Path) -> None:
             own = [row for row in rows if row["law"] == name]
             x = [row["speed"] for row in own]
             for axis, key in zip(axes, panels, strict=True):
-                low, middle, high = np.transpose([row[key] for row in own])
-                axis.fill_between(x, low, high, color=colour, alpha=0.15, linewidth=0)
+                low, middle, *high = np.transpose([row[key] for row in own])
+                if high:
+                    axis.fill_between(x, low, *high, color=colour, alpha=0.15, linewidth=0)
+                else:
+                    axis.plot(x, low, "--", color=colour)
                 axis.plot(x, middle, "o-", color=colour, markersize=3, label=name)
         for axis, (label, shown) in zip(axes, panels.values(), strict=True):
             axis.set(xlabel="speed of the current [m/s]", ylabel=label, xlim=(0, 0.62))

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from holdfast.presentation.flow_lines import flow_lines_figure
     from holdfast.presentation.histories import histories_figure
     from holdfast.presentation.paths import paths_figure
+    from holdfast.presentation.regulation_map import regulation_map_figure
     from holdfast.scenario import Scenario, load_scenario
 
 _HOME = {
@@ -82,6 +83,7 @@ _HOME = {
     "presentation.flow_lines": ("flow_lines_figure",),
     "presentation.histories": ("histories_figure",),
     "presentation.paths": ("paths_figure",),
+    "presentation.regulation_map": ("regulation_map_figure",),
     "scenario": ("Scenario", "load_scenario"),
 }
 _WHERE = {name: home for home, names in _HOME.items() for name in names}
@@ -138,6 +140,7 @@ __all__ = [
     "redesign",
     "regions",
     "regulation_map",
+    "regulation_map_figure",
     "simulate",
     "station_keeping_limits",
     "station_statistics",

@@ -103,9 +103,43 @@ def test_union_of_two_cones_is_refused_and_each_side_of_it_answered():
     """min(x, y) <= 0: at the origin a velocity may leave by either, which is no convex cone."""
     either = hf.parse_expression("min(x, y)", {"x": X, "y": Y})
     boundary = Boundary(point(), region(either))
-    with pytest.raises(SimulationError, match="cone is a union of two"):
+    with pytest.raises(SimulationError, match="no intersection of half-spaces"):
         boundary.contingent_cone([0.0, 0.0])
     assert boundary.contingent_cone([0.0, 1.0]).contains([-1.0, 5.0])
+
+
+@pytest.mark.parametrize(
+    ("expression", "at", "refused"),
+    [
+        ("k*max(x, y)", (0.0, 0.0), False),
+        ("k*abs(x) + abs(y) - 1", (0.0, 1.0), False),
+        ("exp(max(x, y)) - 1", (0.0, 0.0), True),
+        ("y - abs(x)", (0.0, 0.0), True),
+        ("-max(x, y)", (0.0, 0.0), True),
+        ("1 - max(abs(x), abs(y))", (1.0, 1.0), True),
+        ("x if x > 0 else -y", (0.0, 0.0), True),
+    ],
+)
+def test_kink_is_split_where_it_is_convex_and_refused_at_its_edge_elsewhere(
+    expression, at, refused
+):
+    """A positive parameter before a kink is no obstacle; a concave kink is a union of cones."""
+    k = hf.Parameter("k", "1", value=2.0, above=0.0)
+    names = {"x": X, "y": Y, "k": k.symbol}
+    kinked = hf.Inequality("c", hf.parse_expression(expression, names), "m")
+    boundary = Boundary(point(), hf.Region("room", point().states, (kinked,), (k,)))
+    if refused:
+        with pytest.raises(SimulationError, match="no intersection of half-spaces"):
+            boundary.contingent_cone(at)
+    else:
+        assert len(boundary.contingent_cone(at).normals) == 2
+
+
+def test_cusp_is_said_not_to_qualify():
+    """y + x^2 <= 0 and y >= 0 leave one point; the linearised cone has a line in it."""
+    cusp = Boundary(point(), region(Y + X**2, -Y)).contingent_cone([0.0, 0.0])
+    assert not cusp.qualified
+    assert Boundary(point(), region(X - 1, Y - 1)).contingent_cone([1.0, 1.0]).qualified
 
 
 def test_generators_span_exactly_the_cone_of_random_gradients():
@@ -171,6 +205,46 @@ def test_worst_disturbance_counts_where_the_first_derivative_decides():
     assert still == pytest.approx(0, abs=1e-12)
     assert worst == pytest.approx(-0.25)
     assert given == pytest.approx(-0.1 / math.sqrt(2))
+
+
+def carried(x, disturbance, bounds):
+    """x' = `x`, v' = a, with one disturbance d."""
+    return hf.System(
+        "carried",
+        (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")),
+        (hf.Quantity("a", "m/s^2"),),
+        {"x": x, "v": A},
+        disturbances=(hf.Quantity("w", "m/s"),),
+        input_bounds=hf.Box((-5,), (5,)),
+        disturbance_bounds=bounds,
+    )
+
+
+def test_worst_disturbance_that_is_no_closed_form_is_refused_and_a_given_one_exact():
+    """Before the inputs (x' = v + w), not affine (w^2), times the input (a (1 + w))."""
+    ball = hf.Ball(2, 1)
+    for rates in (V + W, A + W**2, A * (1 + W)):
+        boundary = Boundary(carried(rates, W, ball), WALL)
+        with pytest.raises(SimulationError, match="worst disturbance of 'wall' is not known"):
+            boundary.regulation_map([1.0, -0.2], disturbance="worst")
+    drifting = Boundary(carried(V + W, W, ball), WALL)
+    assert drifting.regulation_map([1.0, -0.2], disturbance={"w": 0.5}).hopeless == ("wall",)
+    squared = Boundary(carried(A + W**2, W, ball), WALL)
+    found = squared.regulation_map([1.0, -0.2], disturbance={"w": 1.0})
+    assert max(found.vertices.ravel()) == pytest.approx(-1.0)
+
+
+def test_one_force_of_two_thrusters_has_the_sum_of_their_bounds():
+    single = hf.System(
+        "sled",
+        (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")),
+        (hf.Quantity("a", "N"),),
+        {"x": V, "v": A},
+        input_bounds=hf.LinearImage(sp.ImmutableMatrix([[1, 1]]), hf.Box((-1, -2), (1, 2))),
+    )
+    assert Boundary(single, WALL).regulation_map([0.0, 0.0]).vertices.ravel() == pytest.approx(
+        [-3, 3]
+    )
 
 
 # -- the thesis's region and vehicle
@@ -254,7 +328,7 @@ def test_least_violation_is_that_of_an_independent_search(view):
     boxed = replace(found, normals=rows, offsets=limits)
     u, rate = boxed.least_violation()
     grid = np.stack(np.meshgrid(*[np.linspace(-0.3, 0.3, 601)] * 2), axis=-1).reshape(-1, 2)
-    scaled = boxed.normals[:2] / np.linalg.norm(boxed.normals[:2], axis=1, keepdims=True)
+    scaled = boxed.normals[:2]
     assert rate == pytest.approx((grid @ scaled.T).max(axis=1).min(), abs=2e-3)
     assert (scaled @ u).max() == pytest.approx(rate, abs=1e-9)
 
@@ -290,6 +364,15 @@ def test_least_violation_is_that_of_an_independent_search(view):
             lambda: check_viability(Boundary(point(), region(X - 1)), {"x": (2, 3)}),
             "no state of the region's boundary",
         ),
+        (lambda: Boundary(point(), region(X - 1), tolerance=math.nan), "tolerance is nan"),
+        (
+            lambda: regulation_map(cart(), WALL, [1.0, 0.0], disturbance={"w": 5.0}),
+            "finite, within its bounds",
+        ),
+        (lambda: regulation_map(cart(), WALL, [1.0, 0.0], gains=(1.0, -1.0)), "gains is"),
+        (lambda: regulation_map(cart(), WALL, "ab"), "finite numbers for x, v"),
+        (lambda: contingent_cone(cart(), WALL, [1.0, 0.0]).contains([1.0]), "2 numbers"),
+        (lambda: check_viability(Boundary(cart(), WALL), {"x": (0, 2)}, count=-1), "count is -1"),
     ],
 )
 def test_questions_without_an_answer_are_refused(make, complaint):

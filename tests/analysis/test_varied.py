@@ -668,3 +668,23 @@ horizon = 1
         varied=scenario.varied,
     )
     assert {p.name: p.unit for p in program.parameters}["k1"] == "1/s"
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        (["varied.draws.port=[0, 0]"], "'port' is a state, an input, an actuator"),
+        (["varied.draws.speeed=[0, 1]"], "nothing depends on it; did you mean"),
+        (["plant.mass=6", "varied.plant.mass='mass*1.5'"], "varied, and given a number too"),
+    ],
+)
+def test_scenario_that_varies_what_it_may_not_is_refused(changes, complaint):
+    with pytest.raises(ScenarioError, match=complaint):
+        hf.load_scenario("ch3-dynamic", changes, runs=2).run()
+
+
+def test_limit_of_switches_may_be_any_number(tmp_path):
+    scenario = hf.load_scenario(
+        "ch3-noise", ["run.switch_limit=1000000000000", "run.horizon=1"], runs=2
+    )
+    assert scenario.run().outcomes["chattered"] == 0

@@ -112,7 +112,7 @@ def test_every_direction_of_the_current_is_held(system):
         law = hf.laws.hold_station(system, r1=0.1, current_x=vx, current_y=vy)
         data = run(system, law, poses(5, seed=1))
         tails.append(distance(data)[:, data["time"].values > 30].max())
-    assert max(tails) < 0.13
+    assert 0.11 < max(tails) < 0.13, "beyond the 0.03/k2 of the thesis's current"
 
 
 def test_rule_for_leaving_downstream_while_pushing_is_missing(system):

@@ -160,19 +160,17 @@ def cut(law):
     return replace(law, modes={**law.modes, "approach": replace(approach, outputs=outputs)})
 
 
-@pytest.mark.parametrize(("limit", "reference", "tail"), [(3.0, 470, 0.155), (1.0, 65, 0.21)])
+@pytest.mark.parametrize(("limit", "reference", "tail"), [(1.0, 65, 0.21), (0.5, 0, 0.19)])
 def test_slow_turn_needs_the_speed_to_be_scaled(limit, reference, tail):
-    """|u2| <= 3: 470 of 500 in the reference (RK4 on the unsampled law), <= 1: 65; scaled 500."""
+    """|u2| <= 1: 65 of 500 in the reference when merely cut; scaled 500, down to 0.5. (|u2| <= 3:
+    470 in the reference, on the law in continuous time; under our sampled control 500.)"""
     system = hf.systems.drifting_unicycle(turn_limit=limit)
     law = hold(system)
     merely_cut = int(held(run(cut(law), poses(500), 0.005, system))["entered"].sum())
     scaled = held(run(law, poses(500), 0.005, system))
     assert bool(scaled["entered"].all())
     assert float(scaled["tail_radius"].max()) < tail
-    if limit == 1.0:
-        assert merely_cut == pytest.approx(reference, abs=25)
-    else:
-        assert merely_cut >= reference - 25
+    assert merely_cut == pytest.approx(reference, abs=10) or (merely_cut < 70 and limit < 1)
 
 
 @pytest.mark.parametrize(("limit", "entered"), [(3.0, 484), (1.0, 278)])

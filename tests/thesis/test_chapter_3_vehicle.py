@@ -51,6 +51,18 @@ def test_vehicle_with_5_n_thrusters_enters_the_ball_and_stays_near_it():
     assert float(found["heading_share"][slow].mean()) > 0.25, "it does come back to heading 0"
 
 
+def test_station_is_held_without_any_current_too():
+    """A measured current of zero leaves no direction for the field: the nominal one is taken."""
+    none = "varied.draws.speed={range = [0.0, 0.0], unit = 'm/s'}"
+    for name in ("ch3-dynamic", "ch3-veering-current"):
+        assert load_scenario(name, [none], runs=100).run().success_fraction == 1.0
+
+
+def test_speed_limit_below_what_pushing_needs_is_warned_of():
+    with pytest.warns(hf.GainWarning, match="not fast enough to push"):
+        load_scenario("ch3-known-current", ["system.speed_limit=0.2"], runs=2).run()
+
+
 def test_current_faster_than_the_speed_limit_is_not_held():
     fast = "varied.draws.speed={range = [0.7, 0.8], unit = 'm/s'}"
     result = load_scenario("ch3-dynamic", [fast, "system.current_limit=0.8"], runs=60).run()

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.analysis.contingent_cone import ContingentCone, generators
+from holdfast.analysis.contingent_cone import ContingentCone, generators, qualified
 from holdfast.analysis.regulation_map import RegulationMap, input_half_spaces
 from holdfast.errors import DefinitionError, SimulationError, suggestion
 from holdfast.execution.evaluate import Evaluator
@@ -37,6 +38,8 @@ class Boundary:
         parameters: Mapping[str, float] | None = None,
         tolerance: float = 1e-6,
     ) -> None:
+        if not (isinstance(tolerance, (int, float)) and 0 < tolerance < np.inf):
+            raise DefinitionError(f"tolerance is {tolerance!r}", expected="a number above 0")
         self.system, self.region, self.tolerance = system, region, tolerance
         self.conditions: tuple[ViabilityCondition, ...] = viability_conditions(system, region)
         known = merge_parameters(system.parameters, region.parameters)
@@ -44,6 +47,8 @@ class Boundary:
         for name in self.given:
             if name not in (names := [p.name for p in known]):
                 raise DefinitionError(f"no parameter '{name}'", remedy=suggestion(name, names))
+        for p in known:  # as strict as where the parameter was declared
+            replace(p, value=self.given.get(p.name, p.value))
         self._values = {p.symbol: self.given.get(p.name, p.value) for p in known}
         n, m, w = len(system.states), len(system.inputs), len(system.disturbances)
         self._cut = np.cumsum([1, n, 1, m, w, 1])
@@ -67,7 +72,10 @@ class Boundary:
         return np.split(table, self._cut[:-1], axis=2), out
 
     def _at(self, state: Sequence[float], disturbance: Array) -> tuple[list[Array], list[int]]:
-        point = np.asarray(state, dtype=np.float64)
+        try:
+            point = np.asarray(state, dtype=np.float64)
+        except (TypeError, ValueError):
+            point = np.zeros(0)
         if point.shape != (len(self.system.states),) or not np.isfinite(point).all():
             raise SimulationError(
                 f"the state is {state!r}",
@@ -82,8 +90,8 @@ class Boundary:
         for j in active:
             if any(abs(out[0, k]) <= self.tolerance for k in self._ties[j]):
                 raise SimulationError(
-                    f"'{self.conditions[j].name}' is the smaller of two equal values here: its "
-                    "cone is a union of two",
+                    f"'{self.conditions[j].name}' has a kink here that is no intersection of "
+                    "half-spaces: its cone may be a union",
                     remedy="ask at a state beside this one",
                 )
             if np.linalg.norm(parts[1][j]) <= 1e-12:
@@ -111,13 +119,14 @@ class Boundary:
         return tuple(dict.fromkeys(self.conditions[j].name for j in bad))
 
     def contingent_cone(self, state: Sequence[float]) -> ContingentCone:
-        """T_K(q) at a state of the region; the zero cone's like for one outside is refused."""
+        """T_K(q) at a state of the region; `SimulationError` outside it."""
         parts, active = self._at(state, np.zeros(len(self.system.disturbances)))
         self._refuse_outside(state)
         normals = parts[1][active].reshape(-1, len(self.system.states))
         rays, lines = generators(normals)
+        fine = qualified(normals)
         names = tuple(self.conditions[j].name for j in active)
-        return ContingentCone(np.asarray(state, dtype=float), normals, names, rays, lines)
+        return ContingentCone(np.asarray(state, dtype=float), normals, names, rays, lines, fine)
 
     def _refuse_outside(self, state: Sequence[float]) -> None:
         if bad := self.outside(state):
@@ -136,14 +145,21 @@ class Boundary:
         """R_K at a state: every active condition with d^k c / dt^k <= 0, within the bounds.
 
         disturbance: "none", values by name, or "worst": the largest outward rate over the
-        disturbance's bounds counts (first derivatives only). Where the second derivative
-        decides, dc/dt < 0 leaves the input free and dc/dt > 0 is hopeless. With `gains` =
-        (k1, k2) in 1/s the conditions hold in the whole region, not on its boundary alone:
+        disturbance's bounds counts (where it enters affinely, and not before the inputs). Where
+        the second derivative decides, dc/dt < 0 leaves the input free and dc/dt > 0 is hopeless.
+        With `gains` = (k1, k2) in 1/s the conditions hold in the whole region, not on its
+        boundary alone:
 
             dc/dt + k1 c <= 0,    d2c/dt2 + (k1 + k2) dc/dt + k1 k2 c <= 0
 
         Raises `SimulationError` for a state outside the region.
         """
+        if gains is not None and not (
+            isinstance(gains, Sequence)
+            and len(gains) == 2
+            and all(isinstance(k, (int, float)) and 0 < k < np.inf for k in gains)
+        ):
+            raise SimulationError(f"gains is {gains!r}", expected="two numbers above 0, in 1/s")
         given = self._disturbance(disturbance)
         parts, active = self._at(state, given)
         self._refuse_outside(state)
@@ -152,13 +168,13 @@ class Boundary:
         for j in range(len(self.conditions)) if gains else active:
             c = self.conditions[j]
             speed = float(rate[j, 0])
+            if disturbance == "worst" and not c.affine:
+                raise SimulationError(
+                    f"the worst disturbance of '{c.name}' is not known: it is not affine, or "
+                    "enters before the inputs do",
+                    remedy="give the disturbance by name",
+                )
             if c.relative_degree == 2:
-                if disturbance == "worst" and np.any(carried[j] != 0):
-                    raise SimulationError(
-                        f"the worst disturbance of '{c.name}', which inputs reach only through its "
-                        "second derivative, is not known",
-                        remedy="give the disturbance by name",
-                    )
                 if gains:
                     k1, k2 = gains
                     rest = (k1 + k2) * speed + k1 * k2 * float(value[j, 0])
@@ -169,10 +185,11 @@ class Boundary:
                     continue
                 else:
                     rest = 0.0
-                rest += float(drift[j, 0])
             else:
-                rest = float(drift[j, 0]) + (gains[0] * float(value[j, 0]) if gains else 0.0)
-                rest += self._carried(carried[j], disturbance, given)
+                rest = gains[0] * float(value[j, 0]) if gains else 0.0
+            rest += float(drift[j, 0])
+            if disturbance == "worst":
+                rest += self._worst(carried[j])
             rows.append(effect[j])
             offsets.append(-rest)
             names.append(c.name)
@@ -200,35 +217,60 @@ class Boundary:
         for name in disturbance:
             if name not in names:
                 raise SimulationError(f"no disturbance '{name}'", remedy=suggestion(name, names))
-        return np.array([float(disturbance.get(n, 0.0)) for n in names])
-
-    def _carried(self, row: Array, kind: Mapping[str, float] | str, given: Array) -> float:
-        """The largest (or the given) contribution of the disturbance to an outward rate."""
+        values = np.array([float(disturbance.get(n, 0.0)) for n in names])
         bounds = self.system.disturbance_bounds
-        if kind != "worst" or bounds is None:
-            return float(row @ given)
+        if not np.isfinite(values).all() or (
+            bounds is not None and not bounds.at(self._values).contains(list(values))
+        ):
+            raise SimulationError(
+                f"the disturbance is {dict(disturbance)}", expected="finite, within its bounds"
+            )
+        return values
+
+    def _worst(self, row: Array) -> float:
+        """The largest contribution of the disturbance to an outward rate: the support function."""
+        bounds = self.system.disturbance_bounds
+        if bounds is None or not np.any(row):
+            return 0.0
         fixed = bounds.at(self._values)
         if isinstance(fixed, LinearImage):
             row, fixed = np.asarray(fixed.matrix.T, dtype=float) @ row, fixed.of
         if isinstance(fixed, Ball):
             return float(np.linalg.norm(row)) * float(fixed.radius)
         assert isinstance(fixed, Box)
-        sides = np.array(
-            [[float(a), float(b)] for a, b in zip(fixed.lower, fixed.upper, strict=True)]
-        )
-        return float(np.maximum(row * sides[:, 0], row * sides[:, 1]).sum())
+        sides = zip(row, fixed.lower, fixed.upper, strict=True)
+        largest = sum(max(c * float(a), c * float(b)) for c, a, b in sides if c)
+        if not np.isfinite(largest):
+            raise SimulationError("a disturbance that matters here has no bounds")
+        return float(largest)
 
 
 def regulation_map(
-    system: System, region: Region, state: Sequence[float], **options: Any
+    system: System,
+    region: Region,
+    state: Sequence[float],
+    *,
+    parameters: Mapping[str, float] | None = None,
+    tolerance: float = 1e-6,
+    disturbance: Mapping[str, float] | str = "none",
+    gains: tuple[float, float] | None = None,
 ) -> RegulationMap:
-    """The inputs that keep `state` inside `region`: see `Boundary.regulation_map`.
+    """The inputs that keep `state` inside `region`: see `Boundary` and its `regulation_map`.
 
     For many states build one `Boundary` and ask it.
     """
-    return Boundary(system, region).regulation_map(state, **options)
+    boundary = Boundary(system, region, parameters=parameters, tolerance=tolerance)
+    return boundary.regulation_map(state, disturbance=disturbance, gains=gains)
 
 
-def contingent_cone(system: System, region: Region, state: Sequence[float]) -> ContingentCone:
+def contingent_cone(
+    system: System,
+    region: Region,
+    state: Sequence[float],
+    *,
+    parameters: Mapping[str, float] | None = None,
+    tolerance: float = 1e-6,
+) -> ContingentCone:
     """The velocities that keep `state` inside `region`: see `Boundary.contingent_cone`."""
-    return Boundary(system, region).contingent_cone(state)
+    boundary = Boundary(system, region, parameters=parameters, tolerance=tolerance)
+    return boundary.contingent_cone(state)

@@ -8,6 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import linprog
+
+from holdfast.errors import SimulationError
 
 Array = npt.NDArray[np.float64]
 
@@ -15,6 +18,10 @@ Array = npt.NDArray[np.float64]
 @dataclass(frozen=True)
 class ContingentCone:
     """T_K(q) = { v : normals v <= 0 }: the velocities along which q does not leave the region.
+
+    That is the linearised cone. It is the contingent cone where some v has normals v < 0 (the
+    constraint qualification of Mangasarian and Fromovitz, `qualified`); where none has, as at a
+    cusp, the contingent cone may be smaller.
 
     `normals` are the gradients of the active pieces (none: every velocity). Every such v is
     a combination of the rows of `rays` with weights >= 0 and of those of `lines` with any.
@@ -25,10 +32,16 @@ class ContingentCone:
     active: tuple[str, ...]
     rays: Array
     lines: Array
+    qualified: bool = True
 
     def contains(self, velocity: Sequence[float], slack: float = 1e-9) -> bool:
         """Whether the velocity points along or into the region."""
-        return bool((self.normals @ np.asarray(velocity, dtype=float) <= slack).all())
+        v = np.asarray(velocity, dtype=np.float64)
+        if v.shape != self.state.shape or not np.isfinite(v).all():
+            raise SimulationError(
+                f"the velocity is {velocity!r}", expected=f"{len(self.state)} numbers"
+            )
+        return bool((self.normals @ v <= slack).all())
 
 
 def generators(normals: Array) -> tuple[Array, Array]:
@@ -51,3 +64,18 @@ def generators(normals: Array) -> tuple[Array, Array]:
             if along and not any(np.allclose(ray, r, atol=1e-9) for r in rays):
                 rays.append(ray)
     return np.array(rays).reshape(-1, n), lines
+
+
+def qualified(normals: Array) -> bool:
+    """Whether some velocity has normals v < 0: all active gradients point into one half-space."""
+    if not len(normals):
+        return True
+    unit = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    n = unit.shape[1]
+    found = linprog(
+        [*np.zeros(n), -1.0],
+        A_ub=np.hstack([unit, np.ones((len(unit), 1))]),
+        b_ub=np.zeros(len(unit)),
+        bounds=[(-1, 1)] * n + [(None, 1)],
+    )
+    return bool(-found.fun > 1e-9)

@@ -44,27 +44,26 @@ class RegulationMap:
 
     def contains(self, u: Sequence[float] | npt.NDArray[Any], slack: float = 1e-9) -> bool:
         """Whether the input is admissible and keeps the state inside."""
-        return not self.hopeless and bool(
-            (self.normals @ np.asarray(u) <= self.offsets + slack).all()
-        )
+        point = np.asarray(u, dtype=np.float64)
+        if point.shape != (len(self.inputs),) or not np.isfinite(point).all():
+            raise SimulationError(f"the input is {u!r}", expected=f"{len(self.inputs)} numbers")
+        return not self.hopeless and bool((self.normals @ point <= self.offsets + slack).all())
 
     def least_violation(self) -> tuple[Array, float]:
         """The input in U whose worst outward rate is least, and that rate (below 0: inward).
 
-        Rates are divided by the length of their normal, so that they are comparable; where no
-        state is active the rate is minus infinity.
+        A rate is d^k c / dt^k in the constraint's own unit; where no condition is active it is
+        minus infinity. Raises `SimulationError` where the bounds admit no input.
         """
         active, m = len(self.conditions), len(self.inputs)
         if not active:
             return self._any_input(), -math.inf
-        size = np.linalg.norm(self.normals[:active], axis=1)
-        scale = np.where(size > 1e-12, size, 1.0)[:, None]
-        upper = np.hstack([self.normals[:active] / scale, -np.ones((active, 1))])
+        upper = np.hstack([self.normals[:active], -np.ones((active, 1))])
         bounds = np.hstack([self.normals[active:], np.zeros((len(self.offsets) - active, 1))])
         found = linprog(
             [*np.zeros(m), 1.0],
             A_ub=np.vstack([upper, bounds]),
-            b_ub=np.concatenate([self.offsets[:active] / scale[:, 0], self.offsets[active:]]),
+            b_ub=self.offsets,
             bounds=[(None, None)] * m + [(-1e6, None)],
         )
         if found.status != 0:
@@ -78,6 +77,8 @@ class RegulationMap:
             b_ub=self.offsets if len(self.offsets) else None,
             bounds=[(None, None)] * len(self.inputs),
         )
+        if found.x is None:
+            raise SimulationError(f"the bounds of the inputs admit none ({found.message})")
         return np.asarray(found.x)
 
     @property
@@ -100,6 +101,8 @@ class RegulationMap:
                 point = np.linalg.solve(matrix, self.offsets[list(rows)])
                 if self.contains(point, 1e-9 * (1.0 + float(np.abs(point).max()))):
                     found.append(point)
+        if not found and self.empty:
+            return np.zeros((0, m))
         self._refuse_unbounded()
         corners = np.array(found).reshape(-1, m)
         corners = corners[np.sort(np.unique(np.round(corners, 9), axis=0, return_index=True)[1])]
@@ -138,8 +141,16 @@ def input_half_spaces(system: System, values: Mapping[Any, float]) -> tuple[Arra
         if bounds.matrix.is_square:
             rows, limits = _box_rows(bounds.of)
             return rows @ np.linalg.inv(matrix), limits
-        corners = itertools.product(*zip(bounds.of.lower, bounds.of.upper, strict=True))
-        hull = ConvexHull(np.array([matrix @ np.array(c, dtype=float) for c in corners]))
+        sides = np.array([bounds.of.lower, bounds.of.upper], dtype=float)
+        if not np.isfinite(sides).all() or (sides[0] >= sides[1]).any():
+            raise DefinitionError(
+                f"the actuators of system '{system.name}' have no bounds, or no room between them",
+                expected="finite bounds, lower below upper",
+            )
+        images = np.array([matrix @ np.array(c) for c in itertools.product(*sides.T)])
+        if m == 1:
+            return np.array([[1.0], [-1.0]]), np.array([images.max(), -images.min()])
+        hull = ConvexHull(images)
         return hull.equations[:, :-1], -hull.equations[:, -1]
     raise DefinitionError(
         f"the inputs of system '{system.name}' are bounded by a ball, which is no polytope",

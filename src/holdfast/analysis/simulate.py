@@ -99,7 +99,7 @@ def simulate(
                 remedy=suggestion(name, known),
                 key="plant",
             )
-        if varied is not None and name in varied.names:
+        if varied is not None and name in (*varied.names, *varied.plant):
             raise SimulationError(
                 f"'{name}' of the plant is varied, and given a number too",
                 remedy="vary it under [varied.plant], or leave one of them out",

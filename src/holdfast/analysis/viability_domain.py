@@ -23,7 +23,10 @@ class ViabilityCheck:
     turned, so that below 0 no input keeps the state inside (minus infinity: an inequality is
     being crossed and only its second derivative feels the input). `active`: the inequalities
     there. `worst` is the state of the least margin, `viable` whether every margin is >= 0.
-    A sample proves that a region is not a viability domain, never that it is one.
+    A sample proves that a region is not a viability domain, never that it is one. Margins are
+    in the units of the constraints' derivatives. Where inputs are felt in the second derivative
+    only, random states have dc/dt < 0 (any input will do) or dc/dt > 0 (none will): the share
+    is then that of the states that are not yet leaving.
     """
 
     states: Array
@@ -61,9 +64,13 @@ def check_viability(
     box holds no state of the region, or none of its rays leaves the region within the box.
     """
     names = boundary.system.state_names
-    for name in box:
+    if not (isinstance(count, int) and count >= 1):
+        raise SimulationError(f"count is {count!r}", expected="a whole number, at least 1")
+    for name, sides in box.items():
         if name not in names:
             raise SimulationError(f"'{name}' is no state", remedy=suggestion(name, names))
+        if len(sides) != 2:
+            raise SimulationError(f"the box of '{name}' is {sides!r}", expected="lowest, highest")
     low, high = (np.array([box.get(n, (0.0, 0.0))[i] for n in names], float) for i in (0, 1))
     if not (np.isfinite([low, high]).all() and (low <= high).all()):
         raise SimulationError("the box is not finite", expected="lowest first, finite numbers")
@@ -88,6 +95,11 @@ def check_viability(
     for i, state in enumerate(states):
         answer = boundary.regulation_map(state, disturbance=disturbance)
         margins[i] = -math.inf if answer.hopeless else -answer.least_violation()[1]
+        if not (answer.conditions or answer.hopeless) and not boundary.active_set(state):
+            raise SimulationError(
+                "a sampled state of the boundary has nothing active",
+                remedy="raise the tolerance of the boundary",
+            )
         active.append((*answer.conditions, *answer.hopeless))
     return ViabilityCheck(states, margins, tuple(active))
 

@@ -238,7 +238,7 @@ class ClosedLoop:
                 settings.relative,
                 settings.tolerance,
                 program.initial_mode,
-                settings.switch_limit,
+                min(settings.switch_limit, samples + 2),  # never more than it can count
                 watch,
                 len(program.signals),
                 len(program.actuators),

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import sympy as sp
 
-from holdfast.errors import SimulationError
+from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.printer import body, function_source
 from holdfast.execution.steppers import Tableau, stepper_source
 from holdfast.maths.bounds import LinearImage
@@ -77,11 +77,13 @@ def closed_loop_program(
         goal.parameters if goal else (),
     )
     varied = varied or Varied()
-    for quantity in (*system.states, *system.inputs, *system.disturbances):
-        if quantity.name in varied.draws:
+    image = system.input_bounds if isinstance(system.input_bounds, LinearImage) else None
+    moving = (*system.states, *system.inputs, *system.disturbances)
+    for name in (*(s.name for s in moving), *(image.actuators if image else ())):
+        if name in varied.draws or name in [q.name for q in parameters]:
             raise SimulationError(
-                f"'{quantity.name}' is a state, an input or a disturbance, not a parameter",
-                key="varied",
+                f"'{name}' is a state, an input, an actuator or a disturbance, not a parameter",
+                key="varied" if name in varied.draws else "",
             )
     parameters += varied.new_parameters({q.name: q for q in parameters})
     varied.check({q.name: q for q in parameters}, {q.name: q for q in system.parameters})
@@ -102,9 +104,22 @@ def closed_loop_program(
     told = [(s.symbol, e) for s, e in zip(system.disturbances, still, strict=True)]
     told = [(s, e) for s, e in told if s in {r.symbol for r in switching.reads}]
     seen = {"q": [*q, *(s for s, _ in told)]}
-    bounds = system.input_bounds
-    image = bounds if isinstance(bounds, LinearImage) else None
-    limits = image.of if image else bounds
+    used = [*still, *varied.values.values(), *varied.plant.values()]
+    used += [goal.worst] if goal else []
+    used += [e for mode in switching.modes.values() for e in mode.outputs.values()]
+    used += [*(x.when for x in switching.transitions), *switching.signals.values()]
+    used += [*system.rates.values()]
+    symbols = set().union(*(e.free_symbols for e in used))
+    for bounds in (system.input_bounds, system.disturbance_bounds):
+        symbols |= bounds.free_symbols if bounds else set()
+    for name in varied.draws:
+        if symbol(name) not in symbols:
+            raise SimulationError(
+                f"'{name}' is drawn, and nothing depends on it",
+                remedy=suggestion(name, sorted(map(str, symbols & set(p)))),
+                key=f"varied.draws.{name}",
+            )
+    limits = image.of if image else system.input_bounds
     a = [symbol(n) for n in image.actuators] if image else u
     signals = list(switching.signals)
     c = [x.expression for x in region.inequalities] if region else []

@@ -15,7 +15,8 @@ class StationKeepingLimits:
     least_k1: for the radius r0, (3.7) holds for every direction of the current and every
     |r| >= r0 exactly when k1 is above this [1/s]. least_r0: for the gain k1, the smallest such
     radius [m]; 0 where any will do. longest_sample_time: k2 times it is 0.5 [s]. excess: about
-    how far the vehicle leaves the ball, 0.03 / k2 [m] (measured, thesis: 'arbitrarily small').
+    how far the vehicle leaves the ball, 0.03 / k2 [m]: measured in the current of the thesis with
+    r1 = r0, up to five times that in other directions (the thesis says 'arbitrarily small').
     """
 
     least_k1: float
@@ -36,8 +37,8 @@ def station_keeping_limits(
     m. Raises `DefinitionError` for a speed, gain or radius that is not positive, or lam < 2.
     """
     for name, value in (("speed_bound", speed_bound), ("k1", k1), ("r0", r0), ("k2", k2)):
-        if not (math.isfinite(value) and value > 0):
-            raise DefinitionError(f"{name} is {value}", expected="above 0")
+        if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
+            raise DefinitionError(f"{name} is {value!r}", expected="a number above 0")
     if not (math.isfinite(lam) and lam >= 2):
         raise DefinitionError(f"lam is {lam}", expected="2 or more")
     return StationKeepingLimits(

@@ -7,13 +7,13 @@ Where no input appears in d/dt c_j, the second derivative takes its place.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import sympy as sp
 
 from holdfast.errors import DefinitionError
-from holdfast.maths.functions import greatest, least, magnitude
+from holdfast.maths.functions import greatest, least, magnitude, select, sgn
 from holdfast.maths.region import Region
 from holdfast.maths.system import System
 from holdfast.maths.tangency import check_reads
@@ -27,11 +27,12 @@ class ViabilityCondition:
 
         d^k c / dt^k = effect . u + carried . d + drift,   k = relative_degree (1 or 2)
 
-    `rate` is dc/dt where k = 2 (no input is in it), `gradient` dc/dq, one entry for each state.
-    For k = 2, `carried` and `drift` are for a disturbance that does not change, and dc/dt and
-    `drift` may depend on it. `by_input` is the relative degree with respect to each input, 0
-    for an input that appears in neither derivative. `ties` vanish where c is the smaller of
-    two values that are equal: there its cone is a union, and nothing is said.
+    `rate` is dc/dt without the inputs, `gradient` dc/dq, one entry for each state. For k = 2 the
+    second derivative is that under a disturbance that does not change. `drift` contains the
+    disturbance; `carried` are its coefficients where it enters affinely and, for k = 2, does not
+    enter dc/dt: only then (`affine`) has the worst disturbance a closed form. `by_input` is the
+    relative degree with respect to each input, 0 for an input that appears in neither derivative.
+    `ties` vanish where c has a kink that is no intersection of half-spaces: nothing is said there.
     """
 
     name: str
@@ -41,6 +42,7 @@ class ViabilityCondition:
     effect: tuple[sp.Expr, ...]
     carried: tuple[sp.Expr, ...]
     drift: sp.Expr
+    affine: bool
     relative_degree: int
     by_input: tuple[int, ...]
     ties: tuple[sp.Expr, ...]
@@ -54,19 +56,20 @@ def viability_conditions(system: System, region: Region) -> tuple[ViabilityCondi
     first nor the second derivative contains an input (relative degree above 2).
     """
     check_reads(system, region)
+    values = {p.symbol: p.value for p in (*system.parameters, *region.parameters)}
     return tuple(
         _condition(system, inequality.name, piece)
         for inequality in region.inequalities
-        for piece in _pieces(inequality.expression, inequality.name)
+        for piece in _pieces(inequality.expression, inequality.name, values)
     )
 
 
-def _pieces(expression: sp.Expr, name: str) -> list[sp.Expr]:
+def _pieces(expression: sp.Expr, name: str, values: Mapping[sp.Symbol, float]) -> list[sp.Expr]:
     """Smooth expressions whose largest is `expression`, as far as its kinks are convex."""
     waiting, done = [expression], []
     while waiting:
         current = waiting.pop(0)
-        branches = next(_branches(current), None)
+        branches = next(_branches(current, values), None)
         if branches is None:
             done.append(current)
         else:
@@ -79,11 +82,13 @@ def _pieces(expression: sp.Expr, name: str) -> list[sp.Expr]:
     return done
 
 
-def _branches(expression: sp.Expr) -> Iterator[tuple[sp.Expr, sp.Expr]]:
+def _branches(
+    expression: sp.Expr, values: Mapping[sp.Symbol, float]
+) -> Iterator[tuple[sp.Expr, sp.Expr]]:
     """The two expressions whose larger one is `expression`, for a kink that it increases with."""
     for kink in sorted(expression.atoms(greatest, magnitude), key=sp.default_sort_key):
         inner = sp.Dummy(real=True)
-        slope = expression.xreplace({kink: inner}).diff(inner)
+        slope = expression.xreplace({kink: inner}).diff(inner).subs(values)
         if slope.is_number and slope > 0:
             a = kink.args[0]
             b = kink.args[1] if isinstance(kink, greatest) else -a
@@ -112,8 +117,8 @@ def _condition(system: System, name: str, value: sp.Expr) -> ViabilityCondition:
         )
     drift = driven.subs(still)
     carried = tuple(drift.diff(d) for d in disturbances)
-    if degree == 1:
-        drift = drift.subs(dict.fromkeys(disturbances, 0))
+    mixed = [*effect, *carried, *((rate,) if degree == 2 else ())]
+    affine = not any(e.free_symbols & set(disturbances) for e in mixed)
     by_input = tuple(
         1 if a != 0 else (2 if degree == 2 and sp.simplify(b) != 0 else 0)
         for a, b in zip(first, effect, strict=True)
@@ -126,7 +131,13 @@ def _condition(system: System, name: str, value: sp.Expr) -> ViabilityCondition:
         effect=effect,
         carried=carried,
         drift=drift,
+        affine=affine,
         relative_degree=degree,
         by_input=by_input,
-        ties=tuple(k.args[0] - k.args[1] for k in value.atoms(least)),
+        ties=tuple(
+            k.args[0] - k.args[1] if isinstance(k, (least, greatest)) else k.args[0]
+            for k in sorted(
+                value.atoms(least, greatest, magnitude, select, sgn), key=sp.default_sort_key
+            )
+        ),
     )

@@ -8,7 +8,7 @@ import sympy as sp
 
 from holdfast.errors import DefinitionError
 from holdfast.maths.dipole import UNSEEN, dipole_like_field, field_angle
-from holdfast.maths.functions import angle, greatest, least, length, sgn, wrap
+from holdfast.maths.functions import angle, greatest, least, length, select, sgn, wrap
 from holdfast.maths.law import GainCondition, Law
 from holdfast.maths.quantity import SAMPLE_TIME, TIME, Parameter, symbol
 from holdfast.maths.station_keeping import station_keeping_limits
@@ -49,7 +49,8 @@ def hold_station(
     Inside |r| <= r0 the vehicle turns home while the current brings it nearer (r . v < 0) and
     pushes against the current otherwise; outside |r| > r1 >= r0 it approaches again. The
     thesis has r1 = r0, which leaves no hysteresis, and no rule for leaving the ball downstream
-    while pushing: that one goes back to approaching. The ball is held within about 0.03/k2 m.
+    while pushing: that one goes back to approaching. The ball is left by about 0.03/k2 m
+    in the current of the thesis, by up to five times that in others.
 
     Both inputs stay within `speed_limit` [m/s] and `turn_limit` [rad/s], which are the system's
     where it has them, else must be given; while approaching, the vehicle goes slower where the
@@ -58,7 +59,7 @@ def hold_station(
 
     `current_x`, `current_y` [m/s] are the current the law believes in; with `measured` it reads
     the true one at every instant instead, which may vary slowly. Raises `DefinitionError` for
-    r1 < r0, k3 <= 1 (the current would win) or no current at all.
+    r1 < r0, k3 <= 1 (the current would win) or a current that is believed to be zero.
     """
     vehicle = surge_and_turn("hold_station", system, speed_limit, turn_limit)
     if not r1 >= r0:
@@ -76,7 +77,8 @@ def hold_station(
         (symbol("Vx"), symbol("Vy")) if measured else (s["current_x"], s["current_y"])
     )
     speed, side = sp.sqrt(vx**2 + vy**2), sgn(vx)
-    p = (side * vx, side * vy)
+    none = sp.Float(1e-9) - speed  # without a current, the nominal field
+    p = (select(none, sp.S.One, side * vx), select(none, sp.S.Zero, side * vy))
     rho = length(x, y, UNSEEN)
     phi = field_angle(dipole_like_field((x, y), s["lam"], p), UNSEEN)
     ahead = sgn(x * sp.cos(psi) + y * sp.sin(psi))
@@ -109,7 +111,7 @@ def hold_station(
             f"r0 = {limits.least_r0:.4g} m on",
             source="(3.7), supremum over all directions",
         )
-        conditions = (entering, *conditions)
+        conditions = (entering, _outruns(k["k3"] * speed), *conditions)
 
     def law(mode: str, u: sp.Expr, r: sp.Expr) -> Law:
         outputs = {"u": vehicle.within_speed(u), "r": vehicle.within_turn(r)}
@@ -146,6 +148,17 @@ def _check_push(k3: float) -> None:
         raise DefinitionError(
             f"k3 = {k3:g}: pushing does not overcome the current", expected="k3 > 1"
         )
+
+
+def _outruns(push: sp.Expr) -> GainCondition:
+    """The speed that pushing asks for is within the limit."""
+    return GainCondition(
+        value=push,
+        limit=symbol("speed_limit"),
+        consequence="the vehicle is not fast enough to push against the current",
+        source="k3 > 1 of (3.8), within the speed limit",
+        closed=True,
+    )
 
 
 def _sampling(*gains: str) -> tuple[GainCondition, ...]:
@@ -220,9 +233,11 @@ def hold_station_unknown(
         *vehicle.limits,
     )
 
+    conditions = (_outruns(k["k3"] * s["current_bound"]), *_sampling("k2", "k4"))
+
     def law(mode: str, u: sp.Expr, r: sp.Expr) -> Law:
         outputs = {"u": vehicle.within_speed(u), "r": vehicle.within_turn(r)}
-        return Law(mode, vehicle.reads, outputs, parameters, conditions=_sampling("k2", "k4"))
+        return Law(mode, vehicle.reads, outputs, parameters, conditions=conditions)
 
     hold = k["k3"] * s["current_bound"]
     inside, outside = s["r0"] - rho, rho - s["r1"]

@@ -6,8 +6,8 @@ import sympy as sp
 
 from holdfast.maths.dipole import UNSEEN
 from holdfast.maths.functions import angle, least, length, wrap
-from holdfast.maths.law import Law
-from holdfast.maths.quantity import Parameter, symbol
+from holdfast.maths.law import GainCondition, Law
+from holdfast.maths.quantity import SAMPLE_TIME, Parameter, symbol
 from holdfast.maths.surge_and_turn import surge_and_turn
 from holdfast.maths.system import System
 
@@ -53,6 +53,21 @@ def weathervane(
             Parameter("k1", "1/s", "gain of the distance", value=k1, above=0),
             Parameter("k2", "1/s", "heading gain", value=k2, above=0),
             *vehicle.limits,
+        ),
+        conditions=(
+            GainCondition(
+                value=sp.sqrt(current[0] ** 2 + current[1] ** 2),
+                limit=symbol("speed_limit"),
+                consequence="the vehicle is not fast enough to stand against the current",
+                source="equilibrium of (3.1)",
+            ),
+            GainCondition(
+                value=symbol("k2") * SAMPLE_TIME,
+                limit=sp.Rational(1, 2),
+                consequence="a turn rate held for a sample overshoots",
+                source="measured, as for hold_station",
+                closed=True,
+            ),
         ),
         believed=dict(zip(("Vx", "Vy"), current, strict=True)),
         description="hold station in a known current, bow into it: the heading is left free",
