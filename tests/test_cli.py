@@ -322,6 +322,21 @@ def test_interruption_exits_130_and_leaves_no_partial_file(tmp_path):
     assert not out.exists()
 
 
+def test_an_interruption_that_a_library_swallows_is_remembered():
+    code = (
+        "import os, signal\n"
+        "from holdfast.patience import heed, listen\n"
+        "listen()\n"
+        "heed()\n"
+        "try: os.kill(os.getpid(), signal.SIGINT)\n"
+        "except KeyboardInterrupt: pass\n"
+        "try: heed()\n"
+        "except KeyboardInterrupt: print('heard')\n"
+    )
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert answer.stdout == "heard\n"
+
+
 ONE_STATE = """
 [scenario]
 title = "decay"

@@ -13,6 +13,7 @@ import click
 
 from holdfast._version import __version__
 from holdfast.errors import GainWarning, HoldfastError, OutputError, ScenarioError
+from holdfast.patience import listen
 
 if TYPE_CHECKING:
     from holdfast.analysis.result import Result
@@ -237,7 +238,7 @@ def _make(folder: Path, option: str = "--out") -> None:
 def _simulated(scenario: Scenario) -> Result:
     from tqdm import tqdm
 
-    from holdfast.patience import BAR
+    from holdfast.patience import BAR, heed
 
     with tqdm(
         total=100,
@@ -249,10 +250,13 @@ def _simulated(scenario: Scenario) -> Result:
     ) as bar:
 
         def progress(fraction: float) -> None:
+            heed()
             bar.set_description_str(scenario.name, refresh=False)
             bar.update(100 * fraction - bar.n)
 
-        return scenario.run(progress)
+        result = scenario.run(progress)
+        heed()
+        return result
 
 
 def _written(scenario: Scenario, result: Result, folder: Path, *, figures: bool) -> list[Path]:
@@ -279,6 +283,7 @@ def _written(scenario: Scenario, result: Result, folder: Path, *, figures: bool)
 
 def main() -> NoReturn:
     """Run the command line and exit; every refusal is one message on standard error."""
+    listen()
     debug = "--debug" in sys.argv[1:]
     warnings.showwarning = _show_warning
     warnings.simplefilter("always", GainWarning)

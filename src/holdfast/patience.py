@@ -1,4 +1,4 @@
-"""Work that may take long: a bar after two seconds, an end after the time allowed."""
+"""Work that may take long: a bar after two seconds, an end after the time allowed or when told."""
 
 from __future__ import annotations
 
@@ -13,6 +13,33 @@ from holdfast.errors import ScenarioError
 
 BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
 _SILENT, _TICK = 2.0, 0.5
+_told_to_stop = threading.Event()
+
+
+def listen() -> None:
+    """Remember an interruption, also where the code that it hits loses it.
+
+    Libraries that load machine code run callbacks from C, where an exception is only reported.
+    """
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _stop)
+        sys.unraisablehook = _report_lost
+
+
+def _stop(number: int, frame: object) -> NoReturn:
+    _told_to_stop.set()
+    raise KeyboardInterrupt
+
+
+def _report_lost(lost: sys.UnraisableHookArgs) -> None:
+    if lost.exc_type is not KeyboardInterrupt:  # that one is remembered
+        sys.__unraisablehook__(lost)
+
+
+def heed() -> None:
+    """Raise the interruption that was lost, if there was one."""
+    if _told_to_stop.is_set():
+        raise KeyboardInterrupt
 
 
 @contextmanager
@@ -35,11 +62,15 @@ def bounded(what: str, seconds: float, remedy: str) -> Iterator[Callable[[float]
             while not done.wait(_TICK):
                 bar.refresh()
 
+        def tell(fraction: float) -> None:
+            heed()
+            bar.update(100 * fraction - bar.n)
+
         ticker = threading.Thread(target=tick, daemon=True)
         ticker.start()
         try:
             with _alarm(seconds, f"{what} took longer than {seconds:g} s", remedy):
-                yield lambda fraction: bar.update(100 * fraction - bar.n)
+                yield tell
         finally:
             done.set()
             ticker.join()
