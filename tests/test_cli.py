@@ -247,7 +247,7 @@ def test_debug_shows_the_traceback():
 
 
 def test_gains_beyond_their_limit_warn_and_name_the_limit(tmp_path):
-    answer = holdfast("run", "inspection", *FAST, "--set", "law.k1=0.4", cwd=tmp_path)
+    answer = holdfast("run", "ch5-viable-goal-set", *FAST, "--set", "law.k1=0.4", cwd=tmp_path)
     assert answer.returncode == 0
     assert re.search(r"warning: k1\*mu = 0\.6 is not below its limit 0\.3508", answer.stderr)
 

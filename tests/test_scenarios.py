@@ -25,9 +25,18 @@ def test_every_scenario_runs_and_stays_on_its_constraint(name):
     assert np.isfinite(result.dataset["state"].values).all()
 
 
-def test_inspection_reports_the_true_fraction_of_viable_starts():
-    """203 starts at 5 N: the corrected blending keeps most, not all (reference .977, .942)."""
+def test_inspection_keeps_the_view_from_every_start_and_brings_each_to_the_pose():
+    """203 starts at 5 N, two constraints active at one of them; at most two cusps on the way."""
     result = load_scenario("inspection").run()
+    assert result.dataset.sizes["run"] == 203
+    assert result.viable == result.outcomes["reached goal"] == 203
+    assert result.dataset["infeasible"].values.max() == 0
+    assert result.dataset["switches"].values.max() <= 6
+
+
+def test_blending_reports_the_true_fraction_of_viable_starts():
+    """203 starts at 5 N: the corrected blending keeps most, not all (reference .977, .942)."""
+    result = load_scenario("ch5-viable-goal-set").run()
     assert result.dataset.sizes["run"] == 203
     assert 0.94 <= result.viable / 203 < 1.0
     assert result.outcomes["diverged"] == 0
@@ -141,7 +150,9 @@ def test_mistake_in_a_users_own_definition_names_the_key(tmp_path, old, new, com
 
 
 def test_overrides_reach_parameters_that_laws_share():
-    scenario = load_scenario("inspection", ["law.k1=0.12", "redesign.parameters.distance=0.6"])
+    scenario = load_scenario(
+        "ch5-viable-goal-set", ["law.k1=0.12", "redesign.parameters.distance=0.6"]
+    )
     values = {p.name: p.value for p in scenario.law.parameters}
     assert values["k1"] == 0.12
     assert values["distance"] == 0.6

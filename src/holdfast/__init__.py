@@ -30,12 +30,14 @@ if TYPE_CHECKING:
     from holdfast.maths.field import Field
     from holdfast.maths.field_facts import field_facts
     from holdfast.maths.flow_lines import exact_flow, flow_line
-    from holdfast.maths.law import GainCondition, Law
+    from holdfast.maths.law import GainCondition, Law, Safeguard
+    from holdfast.maths.memory import Memory
     from holdfast.maths.planes import plane_by_plane
     from holdfast.maths.quantity import SAMPLE_TIME, TIME, TIME_IN_MODE, Parameter, Quantity, symbol
     from holdfast.maths.redesign import redesign
     from holdfast.maths.reduction import promote
     from holdfast.maths.region import Inequality, Region
+    from holdfast.maths.safeguard import safeguard
     from holdfast.maths.station_keeping import StationKeepingLimits, station_keeping_limits
     from holdfast.maths.switching import Switching, Transition
     from holdfast.maths.system import PfaffianRow, System
@@ -66,12 +68,14 @@ _HOME = {
     "maths.field": ("Field",),
     "maths.field_facts": ("field_facts",),
     "maths.flow_lines": ("exact_flow", "flow_line"),
-    "maths.law": ("GainCondition", "Law"),
+    "maths.law": ("GainCondition", "Law", "Safeguard"),
+    "maths.memory": ("Memory",),
     "maths.planes": ("plane_by_plane",),
     "maths.quantity": ("SAMPLE_TIME", "TIME", "TIME_IN_MODE", "Parameter", "Quantity", "symbol"),
     "maths.redesign": ("redesign",),
     "maths.reduction": ("promote",),
     "maths.region": ("Inequality", "Region"),
+    "maths.safeguard": ("safeguard",),
     "maths.station_keeping": ("StationKeepingLimits", "station_keeping_limits"),
     "maths.switching": ("Switching", "Transition"),
     "maths.system": ("PfaffianRow", "System"),
@@ -103,12 +107,14 @@ __all__ = [
     "Inequality",
     "Law",
     "LinearImage",
+    "Memory",
     "Outcome",
     "Parameter",
     "PfaffianRow",
     "Quantity",
     "Region",
     "Result",
+    "Safeguard",
     "Scenario",
     "Starts",
     "StationKeepingLimits",
@@ -141,6 +147,7 @@ __all__ = [
     "regions",
     "regulation_map",
     "regulation_map_figure",
+    "safeguard",
     "simulate",
     "station_keeping_limits",
     "station_statistics",

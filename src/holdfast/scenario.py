@@ -11,26 +11,21 @@ import sympy as sp
 
 from holdfast.analysis.result import Result
 from holdfast.analysis.simulate import Starts, simulate
-from holdfast.catalogue import accepted_parameters, wants_law
 from holdfast.checking import at, validated
 from holdfast.compose import Composer
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.execution.closed_loop import Progress
-from holdfast.maths import laws
-from holdfast.maths.expression import parse_condition, parse_expression
+from holdfast.law_chain import composed_law
+from holdfast.maths.expression import parse_expression
 from holdfast.maths.law import Law
 from holdfast.maths.quantity import Parameter
-from holdfast.maths.redesign import redesign
 from holdfast.maths.region import Region
 from holdfast.maths.switching import Switching
 from holdfast.maths.system import System
 from holdfast.maths.units import check_unit, to_si
 from holdfast.maths.varied import Varied
-from holdfast.maths.velocity_tracking import track_velocity
 from holdfast.schema import (
     FiguresSpec,
-    OutputsSpec,
-    RedesignSpec,
     RunSpec,
     ScenarioSpec,
     VariedSpec,
@@ -115,12 +110,7 @@ def _composed(name: str, file: str, text: str, spec: ScenarioSpec) -> Scenario:
     system = composer.system(spec.system)
     composer.drawn = _drawn(composer, system, spec.varied)
     region = composer.region(spec.region, "region") if spec.region is not None else None
-    law: Law | Switching = composer.law(spec.law)  # may use the region's parameters
-    if spec.redesign is not None:
-        law = _redesigned(composer, spec.redesign, law, region, system)
-    if spec.tracking is not None:
-        with at(file, "tracking"):
-            law = track_velocity(system, law, spec.tracking)
+    law = composed_law(composer, spec, system, region)  # may use the region's parameters
     goal = composer.region(spec.goal, "goal") if spec.goal is not None else None
     draws = _draws(composer, spec.varied)
     values = {p.symbol: p.value for p in composer.known.values()}
@@ -259,7 +249,7 @@ def _starts(spec: ScenarioSpec, units: Mapping[str, str], file: str) -> Starts:
 
 def _settings(spec: ScenarioSpec, units: Mapping[str, str], file: str) -> dict[str, Any]:
     run: RunSpec = spec.run
-    times = dict.fromkeys(("horizon", "sample_time", "record_every"), "s")
+    times = dict.fromkeys(("horizon", "sample_time", "record_every", "delay"), "s")
     settings: dict[str, Any] = {n: _si(file, f"run.{n}", getattr(run, n), times, n) for n in times}
     for name in (
         "substeps",
@@ -278,58 +268,3 @@ def _settings(spec: ScenarioSpec, units: Mapping[str, str], file: str) -> dict[s
             for k, v in getattr(spec.noise, kind).items()
         }
     return settings
-
-
-def _redesigned(
-    composer: Composer,
-    spec: RedesignSpec,
-    law: Law | Switching,
-    region: Region | None,
-    system: System,
-) -> Switching:
-    file = composer.file
-    if region is None:
-        raise ScenarioError(f"{file}: redesign: needs a [region]")
-    if isinstance(law, Switching):
-        raise ScenarioError(
-            f"{file}: redesign: the law has modes already", expected="a law without modes"
-        )
-    wanted = [*spec.viable.values(), *([spec.hold] if spec.hold else [])]
-    catalogue: dict[str, Any] = {function.__name__: function for function in laws.ALL}
-    built: dict[str, Law] = {}
-    unused = set(spec.parameters)
-    for name in [w for w in wanted if isinstance(w, str)]:
-        if name in built:
-            continue
-        if name not in catalogue:
-            raise ScenarioError(
-                f"{file}: redesign: unknown law '{name}'", remedy=suggestion(name, catalogue)
-            )
-        with at(file, "redesign"):
-            leading = (law,) if wants_law(catalogue[name]) else (system,)
-            standard = catalogue[name](*leading)
-            takes = accepted_parameters(catalogue[name], {p.name: p for p in standard.parameters})
-        mine = {k: v for k, v in spec.parameters.items() if k in takes}
-        unused -= set(mine)
-        table = {"name": name, **mine}
-        built[name] = composer.entry(laws.ALL, table, "redesign.parameters", leading)
-    if unused:
-        odd = sorted(unused)[0]
-        raise ScenarioError(f"{file}: redesign.parameters.{odd}: no viable law has it")
-
-    def of(given: str | OutputsSpec, key: str) -> Law:
-        if isinstance(given, str):
-            return built[given]
-        with at(file, key):
-            return composer.outputs_law(key, given, key, composer.scope())
-
-    viable = {k: of(v, f"redesign.viable.{k}") for k, v in spec.viable.items()}
-    hold = of(spec.hold, "redesign.hold") if spec.hold else None
-    hold_when = None
-    if spec.hold_when is not None:
-        with at(file, "redesign.hold_when"):
-            hold_when = parse_condition(spec.hold_when, composer.scope())
-    with at(file, "redesign"):
-        return redesign(
-            law, region, viable=viable, layers=spec.layers, hold=hold, hold_when=hold_when
-        )

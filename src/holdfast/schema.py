@@ -162,6 +162,15 @@ class RedesignSpec(Section):
     parameters: dict[Name, Any] = Field(default_factory=dict)
 
 
+class SafeguardSpec(Section):
+    """[safeguard]: the inputs are changed no more than the viability of [region] asks."""
+
+    gains: Layer = (1.0, 4.0)
+    margins: dict[Name, Value] = Field(default_factory=dict)
+    scales: dict[Name, float] = Field(default_factory=dict)
+    measured: bool = False
+
+
 class StartsSpec(Section):
     """[starts]: given states, then random ones from a box; `every` for states not in it."""
 
@@ -185,6 +194,7 @@ class RunSpec(Section):
     relative: float = 1e-9
     tolerance: float = 0.0
     switch_limit: int = 10
+    delay: Value = 0.0
     seed: int = 0
 
 
@@ -236,6 +246,7 @@ class ScenarioSpec(Section):
     region: dict[str, Any] | None = None
     redesign: RedesignSpec | None = None
     tracking: dict[Name, float] | None = None
+    safeguard: SafeguardSpec | None = None
     goal: dict[str, Any] | None = None
     reference: dict[Name, Expression] = Field(default_factory=dict)
     starts: StartsSpec

@@ -14,7 +14,7 @@ from holdfast.errors import OutputError
 
 @pytest.fixture(scope="module")
 def result():
-    scenario = hf.load_scenario("inspection", ["run.horizon=20"], runs=8)
+    scenario = hf.load_scenario("ch5-viable-goal-set", ["run.horizon=20"], runs=8)
     return scenario.run()
 
 
@@ -66,7 +66,7 @@ def test_summary_says_what_the_arrays_say(result):
     assert summary["runs"] == 8
     assert sum(summary["outcomes"].values()) == 8
     assert summary["kind"] == "closed-loop"
-    assert summary["scenario"] == "inspection"
+    assert summary["scenario"] == "ch5-viable-goal-set"
     worst = data["constraint"].values.max(axis=(0, 1))
     for value, recorded in zip(summary["worst_constraint"].values(), worst, strict=True):
         assert value >= recorded - 1e-12  # the recorded samples may miss the peak, never exceed it

@@ -9,7 +9,7 @@ from holdfast.presentation import style
 from holdfast.presentation.text import summary_text
 
 
-@pytest.fixture(scope="module", params=["inspection", "wheeled_camera"])
+@pytest.fixture(scope="module", params=["inspection", "ch5-viable-goal-set", "wheeled_camera"])
 def result(request):
     return hf.load_scenario(request.param, ["run.horizon=20"], runs=12).run()
 

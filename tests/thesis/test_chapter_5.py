@@ -32,7 +32,7 @@ def simulated(scenario, poses, law=None, **changes):
 
 @pytest.fixture(scope="module")
 def scenario():
-    return hf.load_scenario("inspection", [ARM])
+    return hf.load_scenario("ch5-viable-goal-set", [ARM])
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +93,7 @@ def test_redesign_with_latch_saves_that_start_and_ends_in_the_goal_set(scenario)
 
 def test_without_the_latch_the_blend_stops_at_a_spurious_equilibrium():
     """E12: it comes to rest near (-0.502, -0.063), neither at the goal pose nor in G."""
-    scenario = hf.load_scenario("inspection", [ARM, "redesign.hold_when=x > 1"])
+    scenario = hf.load_scenario("ch5-viable-goal-set", [ARM, "redesign.hold_when=x > 1"])
     data = simulated(scenario, TWO_ACTIVE)
     end = data["state"].values[0, -1]
     assert end[:2] == pytest.approx([-0.502, -0.063], abs=3e-3)
@@ -106,7 +106,7 @@ def test_without_the_latch_the_blend_stops_at_a_spurious_equilibrium():
 def test_redesign_steps_in_for_a_while_and_hands_back():
     """Fig. 5.9 with layers (-.08, -.02): c2 max -.069, sigma2 down to .82, ends at the pose."""
     layers = [f"redesign.layers.edge_{e}=[-0.08, -0.02]" for e in ("low", "high")]
-    scenario = hf.load_scenario("inspection", [ARM, *layers])
+    scenario = hf.load_scenario("ch5-viable-goal-set", [ARM, *layers])
     data = simulated(scenario, NEAR)
     sigma = data["signal"].sel(signal_name="sigma_edge_high").values[0]
     active = data["time"].values[sigma < 1]

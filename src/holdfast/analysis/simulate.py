@@ -12,7 +12,8 @@ import numpy as np
 import sympy as sp
 
 from holdfast._version import __version__
-from holdfast.analysis.result import Result, to_dataset
+from holdfast.analysis.dataset import to_dataset
+from holdfast.analysis.result import Result
 from holdfast.errors import GainWarning, SimulationError, suggestion
 from holdfast.execution.closed_loop import Array, ClosedLoop, Progress
 from holdfast.execution.settings import Settings

@@ -47,7 +47,8 @@ class Trajectories:
     outcome, exit_time [s], exit_constraint (-1: none), goal_time [s] (since when the run is
     in the goal at its end), worst (run, constraint): the largest c_j over all of time,
     peak_input, peak_actuator: the largest magnitudes, switches: changes of mode,
-    shortest_dwell [s]: between two of them (infinite where there are not two), rejected:
+    shortest_dwell [s]: between two of them (infinite where there are not two), infeasible: control
+    samples at which the safeguard found no admissible input, slack: the most it needed, rejected:
     adaptive steps refused, varied (run, name): what the run had values of its own for,
     wall_time: seconds of simulation, without compilation.
     """
@@ -68,6 +69,8 @@ class Trajectories:
     peak_actuator: Array
     switches: npt.NDArray[np.int64]
     shortest_dwell: Array
+    infeasible: npt.NDArray[np.int64]
+    slack: Array
     rejected: npt.NDArray[np.int64]
     varied: Array
     wall_time: float = 0.0
@@ -170,6 +173,10 @@ class ClosedLoop:
         columns = n + len(program.inputs) + len(program.actuators) + len(program.signals) + watch
         _check_memory(8 * runs * rows * (columns + 1), f"{runs} runs of {rows} samples")
 
+        if program.remembers and settings.continuous:
+            raise SimulationError(
+                "the law remembers, and the control is continuous", remedy="sample the control"
+            )
         if varied is None:
             varied = self.varied(runs, settings.seed)
         shared = len(program.varied.names)
@@ -203,6 +210,8 @@ class ClosedLoop:
             peak_actuator=np.zeros((runs, len(program.actuators))),
             switches=np.zeros(runs, dtype=np.int64),
             shortest_dwell=np.full(runs, np.inf),
+            infeasible=np.zeros(runs, dtype=np.int64),
+            slack=np.zeros(runs),
             rejected=np.zeros(runs, dtype=np.int64),
             varied=varied,
         )
@@ -239,6 +248,7 @@ class ClosedLoop:
                 settings.tolerance,
                 program.initial_mode,
                 min(settings.switch_limit, samples + 2),  # never more than it can count
+                settings.delay_samples,
                 watch,
                 len(program.signals),
                 len(program.actuators),
@@ -257,6 +267,8 @@ class ClosedLoop:
                 result.peak_actuator,
                 result.switches,
                 result.shortest_dwell,
+                result.infeasible,
+                result.slack,
                 result.rejected,
                 stop,
                 counter,

@@ -51,13 +51,15 @@ def _temporary() -> Path:
 
 def compile_closed_loop(source: str) -> ModuleType:
     """The module of one closed loop: the driver with the generated `source` in its place."""
-    driver, batch = (_text(n).partition(MARK)[2] for n in ("driver.py", "batch.py"))
-    return _module("loop", "\n\n".join([_text("primitives.py"), driver, batch, source]))
+    files = ("nearest.py", "driver.py", "crossings.py", "batch.py")
+    joined = (_text(n).partition(MARK)[2] for n in files)
+    return _module("loop", "\n\n".join([_text("primitives.py"), *joined, source]))
 
 
 def compile_functions(source: str) -> ModuleType:
     """The module of functions that stand alone, with the primitives that they use."""
-    return _module("functions", "\n\n".join([_text("primitives.py"), source]))
+    nearest = _text("nearest.py").partition(MARK)[2]
+    return _module("functions", "\n\n".join([_text("primitives.py"), nearest, source]))
 
 
 def _text(name: str) -> str:

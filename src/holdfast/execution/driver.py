@@ -52,7 +52,7 @@ def produce(a, p):
 
 
 def law(t, q, mode, p, table):
-    """The commanded input in a mode."""
+    """The commanded input in a mode, and the slack that its safeguard needed."""
     raise NotImplementedError
 
 
@@ -91,6 +91,16 @@ def felt(t, p):
     raise NotImplementedError
 
 
+def first_memory(q, p):
+    """What the controller remembers at first."""
+    raise NotImplementedError
+
+
+def next_memory(t, q, u, p, sample_time):
+    """What it remembers at the next sample."""
+    raise NotImplementedError
+
+
 def as_tuple(values):
     """The first entries of an array as the state tuple."""
     raise NotImplementedError
@@ -109,6 +119,7 @@ def field(t, q, u, mode, plant, gains, table, continuous):
     """qdot; with continuous control the input is the law's at this very state."""
     if continuous:
         seen = q + felt(t, plant)
+        seen = seen + first_memory(seen, gains)  # of the right length: nothing is remembered
         u = produce(limit(allocate(law(t, seen, mode, gains, table), gains), plant), plant)
     return rates(t, q, u, disturbance(t, plant), plant)
 
@@ -120,61 +131,6 @@ def below(values, bound):
     for value in values:
         good = good and abs(value) < bound
     return good
-
-
-@compiled
-def hermite(s, h, a, da, b, db, scratch):
-    """The state at the fraction s of a step, from both ends and their rates."""
-    s2 = s * s
-    w = 3.0 * s2 - 2.0 * s2 * s
-    for i in range(len(a)):
-        rise = (s - 2.0 * s2 + s2 * s) * da[i] + (s2 * s - s2) * db[i]
-        scratch[i] = (1.0 - w) * a[i] + w * b[i] + h * rise
-    return as_tuple(scratch)
-
-
-@compiled
-def peak_fraction(j, h, q, k0, new, k1, plant, scratch):
-    """Where in (0, 1) c_j is largest on a step at whose start it rises and at whose end it falls.
-
-    By golden section along the interpolated state, so that a kink (the smaller of two
-    constraints, a magnitude) is found as well as a smooth peak.
-    """
-    ratio = 0.6180339887498949
-    lower, upper = 0.0, 1.0
-    left, right = 1.0 - ratio, ratio
-    c_left = constraints(hermite(left, h, q, k0, new, k1, scratch), plant)[j]
-    c_right = constraints(hermite(right, h, q, k0, new, k1, scratch), plant)[j]
-    for _ in range(40):
-        if c_left > c_right:
-            upper, right, c_right = right, left, c_left
-            left = upper - ratio * (upper - lower)
-            c_left = constraints(hermite(left, h, q, k0, new, k1, scratch), plant)[j]
-        else:
-            lower, left, c_left = left, right, c_right
-            right = lower + ratio * (upper - lower)
-            c_right = constraints(hermite(right, h, q, k0, new, k1, scratch), plant)[j]
-    return 0.5 * (lower + upper)
-
-
-@compiled
-def tangent_bound(h, c0, d0, c1, d1):
-    """Where the tangents at both ends of a step meet: c stays below it if it is concave."""
-    s = (c1 - c0 - h * d1) / (h * (d0 - d1))
-    return c0 + h * d0 * s
-
-
-@compiled
-def crossing_fraction(j, level, upper, h, q, k0, new, k1, plant, scratch):
-    """The fraction of a step at which c_j first exceeds `level`, by bisection."""
-    lower = 0.0
-    for _ in range(50):
-        middle = 0.5 * (lower + upper)
-        if constraints(hermite(middle, h, q, k0, new, k1, scratch), plant)[j] > level:
-            upper = middle
-        else:
-            lower = middle
-    return upper
 
 
 @compiled
@@ -234,6 +190,7 @@ def simulate_runs(
     tolerance,
     initial_mode,
     switch_limit,
+    delay,
     watch,
     signal_count,
     actuator_count,
@@ -252,6 +209,8 @@ def simulate_runs(
     peak_actuator,
     switches,
     shortest_dwell,
+    infeasible,
+    slack,
     rejected,
     stop,
     progress,
@@ -260,7 +219,8 @@ def simulate_runs(
 
     `varied_plant` are columns of `plant` that every run has values of its own for, in its row
     of `own_plant`; the same of `gains`. A run chatters from the time on at which its mode
-    changed more than `switch_limit` times within a second.
+    changed more than `switch_limit` times within a second. The law sees what was measured
+    `delay` samples ago. `infeasible` counts the samples at which its safeguard needed slack.
 
     `watch` is the number of inequalities; c_j > `tolerance` counts as leaving, located in
     time inside the step in which it happens. `stop[0]` set from outside ends the call early;
@@ -269,6 +229,7 @@ def simulate_runs(
     n = starts.shape[1]
     m = input_out.shape[2]
     scratch = np.empty(n)
+    past = np.empty((delay + 1, n))  # the states of the last samples, in turn
     noisy = noise.max() > 0.0
     plant, gains = plant.copy(), gains.copy()
     recent = np.empty(switch_limit)  # when the mode last changed, in turn
@@ -296,8 +257,15 @@ def simulate_runs(
             if stop[0] != 0:
                 return
             t = k * sample_time
-            seen = measure(q, noise, seed, run, k, scratch) if noisy else q
-            seen = seen + felt(t, plant)
+            back = k - min(delay, k)
+            for i in range(n):
+                past[k % (delay + 1), i] = q[i]
+            then = as_tuple(past[back % (delay + 1)])
+            seen = measure(then, noise, seed, run, back, scratch) if noisy else then
+            seen = seen + felt(back * sample_time, plant)
+            if k == 0:
+                memory = first_memory(seen, gains)
+            seen = seen + memory
             before = mode
             mode = next_mode(t, seen, mode, t - mode_since, gains)
             if mode != before:
@@ -310,7 +278,13 @@ def simulate_runs(
                 recent[place] = t
                 switches[run] += 1
                 mode_since = t
-            a = limit(allocate(law(t, seen, mode, gains, table), gains), plant)
+            command = law(t, seen, mode, gains, table)
+            if command[m] > 0.0:
+                infeasible[run] += 1
+                slack[run] = max(slack[run], command[m])
+            asked = allocate(command, gains)
+            memory = next_memory(t, seen, produce(limit(asked, gains), gains), gains, sample_time)
+            a = limit(asked, plant)
             u = produce(a, plant)
             if not below(u, np.inf) or not below(a, np.inf):
                 outcome[run] = end_of(run, t, outcome, exit_time)

@@ -20,7 +20,8 @@ class Settings:
     between recorded samples. tolerance: c_j above this counts as leaving the region.
     noise_uniform, noise_normal: half-width and standard deviation of the measurement noise
     of each state. switch_limit: changes of mode within one second beyond which a run counts
-    as chattering. seed: of every random number. threads: 0 for one per core.
+    as chattering. delay: seconds by which the law sees everything late. seed: of every random
+    number. threads: 0 for one per core.
     """
 
     horizon: float
@@ -34,6 +35,7 @@ class Settings:
     noise_uniform: Mapping[str, float] = field(default_factory=dict)
     noise_normal: Mapping[str, float] = field(default_factory=dict)
     switch_limit: int = 10
+    delay: float = 0.0
     seed: int = 0
     threads: int = 0
 
@@ -44,6 +46,12 @@ class Settings:
                 raise SimulationError(f"{name} is {value!r}", expected="a positive number")
         if not (_is_number(self.tolerance) and self.tolerance >= 0):
             raise SimulationError(f"tolerance is {self.tolerance!r}", expected="0 or more")
+        if not (_is_number(self.delay) and 0 <= self.delay <= self.horizon):
+            raise SimulationError(f"delay is {self.delay!r}", expected="0 s up to the horizon")
+        if self.continuous and self.delay:
+            raise SimulationError(
+                "a delay with continuous control", remedy="sample the control", key="delay"
+            )
         for name, least in (("substeps", 1), ("switch_limit", 1), ("threads", 0)):
             value = getattr(self, name)
             if not (isinstance(value, int) and value >= least):
@@ -52,9 +60,11 @@ class Settings:
             ("horizon", "sample_time"),
             ("record_every", "sample_time"),
             ("horizon", "record_every"),
+            ("delay", "sample_time"),
         ):
             ratio = getattr(self, name) / getattr(self, unit)
-            if abs(ratio - round(ratio)) > 1e-6 or round(ratio) < 1:
+            least = 0 if name == "delay" else 1
+            if abs(ratio - round(ratio)) > 1e-6 or round(ratio) < least:
                 raise SimulationError(
                     f"{name} is {getattr(self, name):g} s, {unit} {getattr(self, unit):g} s",
                     expected=f"{name} a whole multiple of {unit}",
@@ -77,6 +87,10 @@ class Settings:
     @property
     def samples(self) -> int:
         return round(self.horizon / self.sample_time)
+
+    @property
+    def delay_samples(self) -> int:
+        return round(self.delay / self.sample_time)
 
     @property
     def stride(self) -> int:

@@ -47,6 +47,8 @@ class ClosedLoopProgram:
     parameters: tuple[Parameter, ...]
     conditions: tuple[GainCondition, ...] = field(default=())
     varied: Varied = field(default_factory=Varied)
+    safeguarded: bool = False
+    remembers: bool = False
 
 
 def closed_loop_program(
@@ -89,6 +91,8 @@ def closed_loop_program(
     varied.check({q.name: q for q in parameters}, {q.name: q for q in system.parameters})
     if region is not None:
         _check_still(region, varied)
+    memory = switching.memory
+    kept = memory.quantities if memory else ()
     p = [q.symbol for q in parameters]
     q = [s.symbol for s in system.states]
     u = [s.symbol for s in system.inputs]
@@ -102,11 +106,15 @@ def closed_loop_program(
                 expected="an expression of t and declared parameters",
             )
     told = [(s.symbol, e) for s, e in zip(system.disturbances, still, strict=True)]
-    told = [(s, e) for s, e in told if s in {r.symbol for r in switching.reads}]
-    seen = {"q": [*q, *(s for s, _ in told)]}
+    measured = {r.symbol for r in (*switching.reads, *(memory.reads if memory else ()))}
+    told = [(s, e) for s, e in told if s in measured]
+    # what the law sees: states, disturbances that it is told (or one zero), what it remembers
+    seen = {"q": [*q, *([s for s, _ in told] or [sp.Dummy()]), *(s.symbol for s in kept)]}
     used = [*still, *varied.values.values(), *varied.plant.values()]
     used += [goal.worst] if goal else []
-    used += [e for mode in switching.modes.values() for e in mode.outputs.values()]
+    for mode in switching.modes.values():
+        used += [*mode.outputs.values(), *(mode.safeguard.expressions if mode.safeguard else ())]
+    used += [*memory.initial.values(), *memory.following.values()] if memory else []
     used += [*(x.when for x in switching.transitions), *switching.signals.values()]
     used += [*system.rates.values()]
     symbols = set().union(*(e.free_symbols for e in used))
@@ -140,6 +148,18 @@ def closed_loop_program(
         function_source("limit", ("a", "p"), {"a": a, "p": p}, limits.saturate(a) if limits else a),
         function_source("produce", ("a", "p"), {"a": a, "p": p}, image.produce(a) if image else u),
         function_source("felt", ("t", "p"), {"p": p}, [e for _, e in told]),
+        function_source(
+            "first_memory",
+            ("q", "p"),
+            {"q": seen["q"], "p": p},
+            [memory.initial[z.name] for z in kept] if memory else [],
+        ),
+        function_source(
+            "next_memory",
+            ("t", "q", "u", "p", "sample_time"),
+            {**seen, "u": u, "p": p},
+            [memory.following[z.name] for z in kept] if memory else [],
+        ),
         _law_source(switching, system.input_names, seen, p),
         _guard_source(switching, seen, p),
         function_source(
@@ -175,6 +195,8 @@ def closed_loop_program(
         parameters=parameters,
         conditions=switching.conditions,
         varied=varied,
+        safeguarded=any(mode.safeguard for mode in switching.modes.values()),
+        remembers=memory is not None,
     )
 
 
@@ -198,8 +220,12 @@ def _check_fit(system: System, switching: Switching) -> None:
             if velocities
             else "",
         )
-    for quantity in switching.reads:
-        if quantity.name not in (*system.state_names, *system.disturbance_names):
+    kept = [z.name for z in switching.memory.quantities] if switching.memory else []
+    for name in kept:
+        if name in (*system.state_names, *system.input_names, *system.disturbance_names):
+            raise SimulationError(f"'{name}' of system '{system.name}' is remembered too")
+    for quantity in (*switching.reads, *(switching.memory.reads if switching.memory else ())):
+        if quantity.name not in (*system.state_names, *system.disturbance_names, *kept):
             raise SimulationError(
                 f"law '{switching.name}' reads '{quantity.name}', which is no state of system "
                 f"'{system.name}', nor a disturbance of it"
@@ -217,8 +243,23 @@ def _law_source(
         last = number == len(switching.modes) - 1
         if not last:
             lines.append(f"    if mode == {number}:")
+        indent = "    " if last else "        "
         results = [mode.outputs[n] for n in inputs]
-        lines.append(body({**state, "p": p}, results, indent="    " if last else "        "))
+        if mode.safeguard is None:
+            results.append(sp.S.Zero)  # no slack
+            lines.append(body({**state, "p": p}, results, indent=indent))
+            continue
+        guard, m = mode.safeguard, len(inputs)
+        for j, offset in enumerate(guard.offsets):
+            results += [*(guard.normals[n][j] for n in inputs), offset]
+        results += [guard.scales[n] for n in inputs]
+        lines.append(body({**state, "p": p}, results, indent=indent, give="asked ="))
+        end = len(results) - m
+        lines.append(
+            f"{indent}given = keep_within(asked[:{m}], asked[{end}:], asked[{m}:{end}], "
+            f"{guard.hard})"
+        )
+        lines.append(f"{indent}return ({', '.join(f'given[{i}]' for i in range(m + 1))},)")
     return "\n".join(lines)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import sympy as sp
 
@@ -47,6 +48,39 @@ class GainCondition:
 
 
 @dataclass(frozen=True)
+class Safeguard:
+    """Half-spaces sum_i normals[i][j] u_i <= offsets[j] that the inputs are kept in.
+
+    What a law asks for is replaced by the nearest input of them, in units of `scales`. Where
+    there is none, those after the first `hard` are all relaxed by the same least amount.
+    """
+
+    normals: Mapping[str, tuple[sp.Expr, ...]]
+    offsets: tuple[sp.Expr, ...]
+    hard: int
+    scales: Mapping[str, sp.Expr]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "normals", MappingProxyType(dict(self.normals)))
+        object.__setattr__(self, "scales", frozen(self.scales))
+
+    @property
+    def expressions(self) -> tuple[sp.Expr, ...]:
+        """Every expression of it."""
+        entries = (e for row in self.normals.values() for e in row)
+        return (*entries, *self.offsets, *self.scales.values())
+
+    def subs(self, values: Mapping[sp.Symbol, sp.Expr]) -> Safeguard:
+        """The same with symbols replaced."""
+        return Safeguard(
+            {n: tuple(e.xreplace(values) for e in row) for n, row in self.normals.items()},
+            tuple(e.xreplace(values) for e in self.offsets),
+            self.hard,
+            {n: e.xreplace(values) for n, e in self.scales.items()},
+        )
+
+
+@dataclass(frozen=True)
 class Law:
     """u_i = outputs[i](t, q; p).
 
@@ -54,6 +88,7 @@ class Law:
     that it is told at every instant; an output or signal with any other symbol is refused.
     `signals` are named expressions worth recording. `believed`: what the law takes disturbances
     for, by name, where it needs the rates of the states; those left out are zero to it.
+    `safeguard`: the half-spaces that the outputs are kept in.
     """
 
     name: str
@@ -63,6 +98,7 @@ class Law:
     signals: Mapping[str, sp.Expr] = field(default_factory=dict)
     conditions: tuple[GainCondition, ...] = ()
     believed: Mapping[str, sp.Expr] = field(default_factory=dict)
+    safeguard: Safeguard | None = None
     description: str = ""
     source: str = ""
 
@@ -79,6 +115,12 @@ class Law:
         check_symbols({f"output '{k}'": e for k, e in self.outputs.items()}, allowed, owner)
         check_symbols({f"signal '{k}'": e for k, e in self.signals.items()}, allowed, owner)
         check_symbols({f"belief of '{k}'": e for k, e in self.believed.items()}, allowed, owner)
+        if self.safeguard is not None:
+            check_symbols(
+                {f"safeguard {i}": e for i, e in enumerate(self.safeguard.expressions)},
+                allowed,
+                owner,
+            )
 
     @property
     def output_names(self) -> tuple[str, ...]:

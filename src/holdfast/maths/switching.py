@@ -10,6 +10,7 @@ import sympy as sp
 
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.law import GainCondition, Law
+from holdfast.maths.memory import Memory
 from holdfast.maths.quantity import (
     TIME,
     TIME_IN_MODE,
@@ -43,7 +44,8 @@ class Switching:
 
     At every control sample the transitions out of the current mode are tried in the order
     written; the first whose guard holds is taken, at most one a sample, before the law is
-    evaluated. `signals` are recorded whatever the mode.
+    evaluated. `signals` are recorded whatever the mode. `memory`: what is remembered from one
+    sample to the next; every mode may read it.
     """
 
     name: str
@@ -52,6 +54,7 @@ class Switching:
     initial: str = ""
     signals: Mapping[str, sp.Expr] = field(default_factory=dict)
     extra_parameters: tuple[Parameter, ...] = ()
+    memory: Memory | None = None
     description: str = ""
     source: str = ""
 
@@ -98,7 +101,8 @@ class Switching:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         groups = [law.parameters for law in self.modes.values()]
-        return merge_parameters(*groups, self.extra_parameters)
+        remembering = self.memory.parameters if self.memory else ()
+        return merge_parameters(*groups, self.extra_parameters, remembering)
 
     @property
     def conditions(self) -> tuple[GainCondition, ...]:
@@ -114,6 +118,7 @@ class Switching:
             initial=self.initial,
             signals=self.signals,
             extra_parameters=self.extra_parameters,
+            memory=self.memory,
             description=self.description,
             source=self.source,
         )

@@ -42,6 +42,11 @@ def track_velocity(
         return law.map_laws(
             lambda mode: track_velocity(system, mode, gains), f"{law.name}, velocities tracked"
         )
+    if law.safeguard is not None:
+        raise DefinitionError(
+            f"law '{law.name}' has a safeguard, which is on its velocities",
+            remedy="track the velocities first, then safeguard the inputs",
+        )
     velocities = law.output_names
     for name in velocities:
         if name not in system.state_names:
@@ -95,8 +100,8 @@ def track_velocity(
     )
 
 
-def _believed_rates(system: System, law: Law) -> dict[str, sp.Expr]:
-    """The rates with the disturbances that the law reads or believes in, the others zero."""
+def believed_disturbances(system: System, law: Law) -> dict[sp.Symbol, sp.Expr]:
+    """What the law takes each disturbance for: what it believes or reads, else zero."""
     for name in law.believed:
         if name not in system.disturbance_names:
             raise DefinitionError(
@@ -104,9 +109,14 @@ def _believed_rates(system: System, law: Law) -> dict[str, sp.Expr]:
                 remedy=suggestion(name, system.disturbance_names),
             )
     read = {q.name: q.symbol for q in law.reads}
-    still = {
+    return {
         d.symbol: law.believed.get(d.name, read.get(d.name, sp.S.Zero)) for d in system.disturbances
     }
+
+
+def _believed_rates(system: System, law: Law) -> dict[str, sp.Expr]:
+    """The rates with the disturbances that the law reads or believes in, the others zero."""
+    still = believed_disturbances(system, law)
     return {n: rate.subs(still, simultaneous=True) for n, rate in system.rates.items()}
 
 

@@ -35,6 +35,17 @@ def summary_text(result: Result, files: Sequence[Path] = ()) -> str:
         lines.append(f"  mode changes   {median:.3g} a minute (median), {worst:.3g} (worst)")
         if (shortest := switching["shortest_dwell"]) is not None:
             lines.append(f"  shortest dwell {shortest:.3g} s")
+    if guard := summary["safeguard"]:
+        relaxed = guard["runs_relaxed"]
+        lines.append(
+            "  safeguard      "
+            + (
+                f"no admissible input at {guard['samples_relaxed']} samples of {relaxed} "
+                f"run{'s' if relaxed != 1 else ''}: relaxed by up to {guard['largest_slack']:.3g}"
+                if relaxed
+                else "an admissible input at every sample"
+            )
+        )
     if constraints:
         units = _units(data, "constraint")
         exits = [int((data["exit_constraint"].values == j).sum()) for j in range(len(constraints))]

@@ -4,6 +4,7 @@ from holdfast.maths.laws.dock_marine import dock_marine, project_marine
 from holdfast.maths.laws.face_target import face_target
 from holdfast.maths.laws.follow_field import follow_field
 from holdfast.maths.laws.hold_station import hold_station, hold_station_unknown
+from holdfast.maths.laws.inspect_target import inspect_target
 from holdfast.maths.laws.keep_range import back_off, move_ahead
 from holdfast.maths.laws.steer_by_chained_form import steer_by_chained_form
 from holdfast.maths.laws.steer_chained import steer_chained
@@ -29,6 +30,7 @@ ALL = (
     hold_station,
     hold_station_unknown,
     weathervane,
+    inspect_target,
 )
 
 __all__ = [
@@ -41,6 +43,7 @@ __all__ = [
     "follow_integrator",
     "hold_station",
     "hold_station_unknown",
+    "inspect_target",
     "move_ahead",
     "project_marine",
     "steer_by_chained_form",

@@ -3,7 +3,8 @@
 from holdfast.maths.regions.camera_view import camera_view
 from holdfast.maths.regions.inspection_goal import inspection_goal
 from holdfast.maths.regions.near_origin import near_origin
+from holdfast.maths.regions.near_pose import near_pose
 
-ALL = (camera_view, inspection_goal, near_origin)
+ALL = (camera_view, inspection_goal, near_origin, near_pose)
 
-__all__ = ["ALL", "camera_view", "inspection_goal", "near_origin"]
+__all__ = ["ALL", "camera_view", "inspection_goal", "near_origin", "near_pose"]

@@ -1,0 +1,122 @@
+"""[law], [redesign], [tracking], [safeguard]: from tables to the law that runs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from holdfast.catalogue import accepted_parameters, wants_law
+from holdfast.checking import at
+from holdfast.compose import Composer
+from holdfast.errors import ScenarioError, suggestion
+from holdfast.maths import laws
+from holdfast.maths.expression import parse_condition
+from holdfast.maths.law import Law
+from holdfast.maths.redesign import redesign
+from holdfast.maths.region import Region
+from holdfast.maths.safeguard import safeguard
+from holdfast.maths.switching import Switching
+from holdfast.maths.system import System
+from holdfast.maths.units import to_si
+from holdfast.maths.velocity_tracking import track_velocity
+from holdfast.schema import OutputsSpec, RedesignSpec, SafeguardSpec, ScenarioSpec
+
+
+def composed_law(
+    composer: Composer, spec: ScenarioSpec, system: System, region: Region | None
+) -> Law | Switching:
+    """The law, redesigned, tracked and safeguarded as far as the scenario says so."""
+    law: Law | Switching = composer.law(spec.law)
+    if spec.redesign is not None:
+        law = _redesigned(composer, spec.redesign, law, region, system)
+    if spec.tracking is not None:
+        with at(composer.file, "tracking"):
+            law = track_velocity(system, law, spec.tracking)
+    if spec.safeguard is not None:
+        law = _safeguarded(composer, spec.safeguard, law, region, system)
+    return law
+
+
+def _safeguarded(
+    composer: Composer,
+    spec: SafeguardSpec,
+    law: Law | Switching,
+    region: Region | None,
+    system: System,
+) -> Law | Switching:
+    file = composer.file
+    if region is None:
+        raise ScenarioError(f"{file}: safeguard: needs a [region]")
+    units = {c.name: c.unit for c in region.inequalities}
+    margins = {}
+    for name, value in spec.margins.items():
+        with at(file, f"safeguard.margins.{name}"):
+            if name not in units:
+                raise ScenarioError("unknown name", remedy=suggestion(name, units))
+            margins[name] = to_si(value, units[name])
+    with at(file, "safeguard"):
+        guarded: Law | Switching = safeguard(
+            system,
+            law,
+            region,
+            gains=spec.gains,
+            margins=margins,
+            scales=spec.scales,
+            measured=spec.measured,
+        )
+    composer.declare(guarded.parameters)
+    return guarded
+
+
+def _redesigned(
+    composer: Composer,
+    spec: RedesignSpec,
+    law: Law | Switching,
+    region: Region | None,
+    system: System,
+) -> Switching:
+    file = composer.file
+    if region is None:
+        raise ScenarioError(f"{file}: redesign: needs a [region]")
+    if isinstance(law, Switching):
+        raise ScenarioError(
+            f"{file}: redesign: the law has modes already", expected="a law without modes"
+        )
+    wanted = [*spec.viable.values(), *([spec.hold] if spec.hold else [])]
+    catalogue: dict[str, Any] = {function.__name__: function for function in laws.ALL}
+    built: dict[str, Law] = {}
+    unused = set(spec.parameters)
+    for name in [w for w in wanted if isinstance(w, str)]:
+        if name in built:
+            continue
+        if name not in catalogue:
+            raise ScenarioError(
+                f"{file}: redesign: unknown law '{name}'", remedy=suggestion(name, catalogue)
+            )
+        with at(file, "redesign"):
+            leading = (law,) if wants_law(catalogue[name]) else (system,)
+            standard = catalogue[name](*leading)
+            takes = accepted_parameters(catalogue[name], {p.name: p for p in standard.parameters})
+        mine = {k: v for k, v in spec.parameters.items() if k in takes}
+        unused -= set(mine)
+        table = {"name": name, **mine}
+        built[name] = composer.entry(laws.ALL, table, "redesign.parameters", leading)
+    if unused:
+        odd = sorted(unused)[0]
+        raise ScenarioError(f"{file}: redesign.parameters.{odd}: no viable law has it")
+
+    def of(given: str | OutputsSpec, key: str) -> Law:
+        if isinstance(given, str):
+            return built[given]
+        with at(file, key):
+            return composer.outputs_law(key, given, key, composer.scope())
+
+    viable = {k: of(v, f"redesign.viable.{k}") for k, v in spec.viable.items()}
+    hold = of(spec.hold, "redesign.hold") if spec.hold else None
+    hold_when = None
+    if spec.hold_when is not None:
+        with at(file, "redesign.hold_when"):
+            hold_when = parse_condition(spec.hold_when, composer.scope())
+    with at(file, "redesign"):
+        return redesign(
+            law, region, viable=viable, layers=spec.layers, hold=hold, hold_when=hold_when
+        )

@@ -1,0 +1,132 @@
+"""Go to an inspection pose in front of a target by legs that keep the target in view."""
+
+from __future__ import annotations
+
+import math
+
+import sympy as sp
+
+from holdfast.errors import DefinitionError
+from holdfast.maths.dipole import GUARD
+from holdfast.maths.functions import angle, clip, greatest, least, length, magnitude, wrap
+from holdfast.maths.law import Law
+from holdfast.maths.quantity import Parameter, symbol
+from holdfast.maths.switching import Switching, Transition
+from holdfast.maths.system import System
+
+AHEAD, BACK = "ahead", "back"
+
+
+def inspect_target(
+    system: System,
+    *,
+    distance: float = 0.5,
+    k1: float = 0.16,
+    mu: float = 1.5,
+    kv: float = 1.5,
+    exponent: float = 1.5,
+    half_angle: float = 0.5235987755982988,
+    target_half_width: float = 0.10,
+    range_max: float = 2.0,
+    leg_margin: float = 0.02,
+    far_margin: float = 0.04,
+    turn_first: float = 0.25,
+    creep: float = 0.25,
+    swing: float = 0.03,
+    settle: float = 0.03,
+) -> Switching:
+    """Go to the pose (-distance, 0, 0) before a target at the origin that must stay in view.
+
+    In the log-polar coordinates s = ln(R / distance), beta = atan2(-y, -x) (the bearing of the
+    target) a vehicle whose heading is beta + delta moves along d beta / d s = tan(delta), ahead
+    or back, whatever its speed. The view allows |delta| <= leg(R) = alpha - half the angle of the
+    target - leg_margin, so that a single leg home suffices where |beta| <= tan(leg) |s|:
+
+        ahead: delta = clip(atan(n beta s / (s^2 + 0.02^2)), +-leg), u = k1 tanh(mu (R - distance))
+        back:  delta = -leg clip(beta / 0.1, +-1),                   u = -k1
+        r = -kv wrap(psi - beta - delta)
+
+    n = `exponent` > 1: the way home ends as beta ~ s^n, tangent to the goal's heading, as the
+    lines of the dipolar field with lambda = n / (n - 1) do. Ahead it goes as far as it can; where
+    the leg ends before the target (s < 0.1) with the bearing off by more than `settle` [rad] and
+    what the rest of the leg can mend, it backs up until one leg home suffices, or to within
+    `far_margin` [m] of the largest range `range_max`. `swing` [rad] is what turning from one leg
+    to the other loses. Where the heading is off by more than `turn_first` [rad] the vehicle slows
+    down, to the share `creep` of its speed at last.
+
+    One leg, or two more, is the shortest way but for the turning; it deadlocks nowhere in the
+    view. It does not keep the view by itself: `safeguard` it. Outputs: surge u [m/s], yaw rate
+    r [rad/s].
+
+    Raises `DefinitionError` for exponent <= 1, or a target that fills the view at `distance`.
+    """
+    values = {
+        "distance": (distance, "m", "distance of the pose from the target"),
+        "k1": (k1, "m/s", "top surge speed"),
+        "mu": (mu, "1/m", "steepness of the speed near the goal"),
+        "kv": (kv, "1/s", "heading gain"),
+        "exponent": (exponent, "1", "exponent n of the way home"),
+        "half_angle": (half_angle, "rad", "half angle of view alpha"),
+        "target_half_width": (target_half_width, "m", "half-width yT"),
+        "range_max": (range_max, "m", "largest laser range Lmax"),
+        "leg_margin": (leg_margin, "rad", "how far the legs keep from the edge of the view"),
+        "far_margin": (far_margin, "m", "how far backing up keeps from the largest range"),
+        "turn_first": (turn_first, "rad", "heading error from which on it slows down"),
+        "creep": (creep, "1", "least share of the speed"),
+        "swing": (swing, "rad", "bearing lost in turning to the other leg"),
+        "settle": (settle, "rad", "bearing that is good enough at the pose"),
+    }
+    if not exponent > 1:
+        raise DefinitionError(f"exponent is {exponent:g}", expected="above 1")
+    if not half_angle - math.atan2(target_half_width, distance) > leg_margin:
+        raise DefinitionError(
+            f"the target leaves no room in the view at {distance:g} m",
+            expected="half_angle above that of the target and leg_margin",
+        )
+    positive = ("distance", "k1", "mu", "kv", "half_angle", "range_max", "turn_first")
+    parameters = tuple(
+        Parameter(name, unit, text, value=value, above=0 if name in positive else -math.inf)
+        for name, (value, unit, text) in values.items()
+    )
+    s = {name: symbol(name) for name in values}
+    x, y, psi = (symbol(name) for name in ("x", "y", "psi"))
+    guard = GUARD**2
+    radius, bearing = length(x, y, guard), angle(-y, -x, guard)
+    width, start = s["target_half_width"], s["distance"]
+    depth = sp.log(radius / start)
+    ends = (angle(-width - y, -x, guard), angle(width - y, -x, guard))
+    half = greatest(*(magnitude(wrap(bearing - end)) for end in ends))
+    leg = greatest(s["half_angle"] - half - s["leg_margin"], sp.S.Zero)
+    side = clip(bearing / sp.Rational(1, 10), -sp.S.One, sp.S.One)
+    near = sp.Rational(1, 50) ** 2
+    home = clip(sp.atan(s["exponent"] * bearing * depth / (depth**2 + near)), -leg, leg)
+
+    def law(name: str, offset: sp.Expr, speed: sp.Expr) -> Law:
+        error = wrap(psi - bearing - offset)
+        share = sp.Rational(3, 2) - magnitude(error) / s["turn_first"]
+        surge = s["k1"] * speed * clip(share, s["creep"], sp.S.One)
+        reads = system.quantities(("x", "y", "psi"), "inspect_target")
+        return Law(name, reads, {"u": surge, "r": -s["kv"] * error}, parameters)
+
+    # the leg in the middle of the way home stands for all of it
+    middle = sp.atan(width / sp.sqrt(radius * start))
+    usual = greatest(s["half_angle"] - middle - s["leg_margin"], sp.S.Zero)
+    reach = sp.tan(usual) * magnitude(depth)
+    suffices = greatest(reach - s["swing"], s["settle"] / 2) - magnitude(bearing)
+    too_little = magnitude(bearing) - sp.Rational(13, 10) * reach - s["settle"]
+    too_far = s["far_margin"] - x - s["range_max"] * sp.cos(psi)
+    at_end = sp.Rational(1, 10)
+    return Switching(
+        name="inspect_target",
+        modes={
+            AHEAD: law(AHEAD, home, sp.tanh(s["mu"] * (radius - start))),
+            BACK: law(BACK, -side * leg, -sp.S.One),
+        },
+        transitions=(
+            Transition(AHEAD, BACK, least(too_little, at_end - depth)),
+            Transition(BACK, AHEAD, greatest(suffices, least(too_far, depth - 2 * at_end))),
+        ),
+        initial=AHEAD,
+        description="go to an inspection pose by legs that keep the target in view",
+        source="own; kinematics of thesis (5.14) in log-polar coordinates about the target",
+    )
