@@ -16,10 +16,13 @@ from holdfast._version import __version__
 
 if TYPE_CHECKING:
     from holdfast.analysis.boundary import Boundary, contingent_cone, regulation_map
+    from holdfast.analysis.comparison import Comparison
     from holdfast.analysis.result import Result, load
-    from holdfast.analysis.simulate import Starts, simulate
+    from holdfast.analysis.simulate import simulate
+    from holdfast.analysis.starts import Starts
     from holdfast.analysis.station_statistics import station_statistics
     from holdfast.analysis.viability_domain import check_viability
+    from holdfast.comparing import compare
     from holdfast.derivation import Derivation, explain
     from holdfast.errors import GainWarning, HoldfastError
     from holdfast.execution.closed_loop import Outcome
@@ -31,7 +34,9 @@ if TYPE_CHECKING:
     from holdfast.maths.field_facts import field_facts
     from holdfast.maths.flow_lines import exact_flow, flow_line
     from holdfast.maths.law import GainCondition, Law, Safeguard
+    from holdfast.maths.lyapunov import ultimate_bound
     from holdfast.maths.memory import Memory
+    from holdfast.maths.observer import observe
     from holdfast.maths.planes import plane_by_plane
     from holdfast.maths.quantity import SAMPLE_TIME, TIME, TIME_IN_MODE, Parameter, Quantity, symbol
     from holdfast.maths.redesign import redesign
@@ -46,6 +51,7 @@ if TYPE_CHECKING:
     from holdfast.maths.velocity_tracking import track_velocity
     from holdfast.maths.viability import viability_conditions
     from holdfast.maths.zeros import critical_points
+    from holdfast.presentation.comparison import comparison_figure
     from holdfast.presentation.flow_lines import flow_lines_figure
     from holdfast.presentation.histories import histories_figure
     from holdfast.presentation.paths import paths_figure
@@ -54,10 +60,13 @@ if TYPE_CHECKING:
 
 _HOME = {
     "analysis.boundary": ("Boundary", "contingent_cone", "regulation_map"),
+    "analysis.comparison": ("Comparison",),
     "analysis.result": ("Result", "load"),
-    "analysis.simulate": ("Starts", "simulate"),
+    "analysis.simulate": ("simulate",),
+    "analysis.starts": ("Starts",),
     "analysis.station_statistics": ("station_statistics",),
     "analysis.viability_domain": ("check_viability",),
+    "comparing": ("compare",),
     "derivation": ("Derivation", "explain"),
     "errors": ("GainWarning", "HoldfastError"),
     "execution.closed_loop": ("Outcome",),
@@ -69,7 +78,9 @@ _HOME = {
     "maths.field_facts": ("field_facts",),
     "maths.flow_lines": ("exact_flow", "flow_line"),
     "maths.law": ("GainCondition", "Law", "Safeguard"),
+    "maths.lyapunov": ("ultimate_bound",),
     "maths.memory": ("Memory",),
+    "maths.observer": ("observe",),
     "maths.planes": ("plane_by_plane",),
     "maths.quantity": ("SAMPLE_TIME", "TIME", "TIME_IN_MODE", "Parameter", "Quantity", "symbol"),
     "maths.redesign": ("redesign",),
@@ -84,6 +95,7 @@ _HOME = {
     "maths.velocity_tracking": ("track_velocity",),
     "maths.viability": ("viability_conditions",),
     "maths.zeros": ("critical_points",),
+    "presentation.comparison": ("comparison_figure",),
     "presentation.flow_lines": ("flow_lines_figure",),
     "presentation.histories": ("histories_figure",),
     "presentation.paths": ("paths_figure",),
@@ -99,6 +111,7 @@ __all__ = [
     "Ball",
     "Boundary",
     "Box",
+    "Comparison",
     "Derivation",
     "Field",
     "GainCondition",
@@ -125,6 +138,8 @@ __all__ = [
     "__version__",
     "check_viability",
     "classify",
+    "compare",
+    "comparison_figure",
     "contingent_cone",
     "critical_points",
     "exact_flow",
@@ -137,6 +152,7 @@ __all__ = [
     "laws",
     "load",
     "load_scenario",
+    "observe",
     "outward_rates",
     "parse_condition",
     "parse_expression",
@@ -154,6 +170,7 @@ __all__ = [
     "symbol",
     "systems",
     "track_velocity",
+    "ultimate_bound",
     "viability_conditions",
     "winding_number",
 ]

@@ -1,19 +1,20 @@
-"""The command line: list, show, explain, run. Heavy imports wait until a command needs them."""
+"""The command line. Heavy imports wait until a command needs them."""
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 import click
 
 from holdfast._version import __version__
-from holdfast.errors import GainWarning, HoldfastError, OutputError, ScenarioError
-from holdfast.patience import listen
+from holdfast.errors import GainWarning, HoldfastError, ScenarioError
+from holdfast.output import check_writable, make_folder, written
+from holdfast.patience import bar, listen
 
 if TYPE_CHECKING:
     from holdfast.analysis.result import Result
@@ -71,7 +72,7 @@ def show_command(name: str, overrides: tuple[str, ...], out: Path | None) -> Non
 
         if name not in [f.__name__ for f in fields.ALL]:
             raise ScenarioError(f"'{name}' has no figure", expected="a field with --out")
-        _check_writable(out)
+        check_writable(out)
         field = load_field(name, overrides)
     from holdfast.patience import bounded
 
@@ -82,7 +83,7 @@ def show_command(name: str, overrides: tuple[str, ...], out: Path | None) -> Non
         from holdfast.presentation import style
         from holdfast.presentation.flow_lines import flow_lines_figure
 
-        _make(out)
+        make_folder(out)
         written = style.write(flow_lines_figure(field), out, name)
         click.echo(f"\n  files in {out}: " + ", ".join(f.name for f in written))
 
@@ -131,7 +132,7 @@ def explain_command(
     from holdfast.sources import load_system
 
     if markdown is not None:
-        _check_writable(markdown.parent, "--markdown")
+        check_writable(markdown.parent, "--markdown")
     remedy = "allow more with --limit"
     with bounded(f"the derivation for '{system}'", limit, remedy) as progress:
         derived = explain(
@@ -144,7 +145,7 @@ def explain_command(
     if markdown is not None:
         from holdfast.analysis.result import atomic_file
 
-        _make(markdown.parent, "--markdown")
+        make_folder(markdown.parent, "--markdown")
         with atomic_file(markdown) as partial:
             partial.write_text(derived.markdown(), "utf-8")
         click.echo(f"written: {markdown}")
@@ -159,23 +160,34 @@ def _numbers(text: str) -> list[float]:
         raise ScenarioError(f"--moment {text}", expected="numbers, such as 1,0,0") from None
 
 
+def _simulation_options(command: Callable[..., None]) -> Callable[..., None]:
+    """What every command that simulates takes."""
+    for option in (
+        click.option("--no-figures", is_flag=True, help="Write the data only."),
+        click.option("--seed", type=int, help="Seed of every random number."),
+        click.option(
+            "--runs", type=int, help="How many starts: the given states, then random ones."
+        ),
+        click.option(
+            "--set",
+            "overrides",
+            multiple=True,
+            metavar="KEY=VALUE",
+            help="Override a value, such as law.k1=0.2 (repeatable).",
+        ),
+        click.option(
+            "--out",
+            type=click.Path(path_type=Path),
+            help="Folder for the results [default: runs/SCENARIO].",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
 @cli.command("run")
 @click.argument("scenario")
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    help="Folder for the results [default: runs/SCENARIO].",
-)
-@click.option(
-    "--set",
-    "overrides",
-    multiple=True,
-    metavar="KEY=VALUE",
-    help="Override a value, such as law.k1=0.2 (repeatable).",
-)
-@click.option("--runs", type=int, help="How many starts: the given states, then random ones.")
-@click.option("--seed", type=int, help="Seed of every random number.")
-@click.option("--no-figures", is_flag=True, help="Write the data only.")
+@_simulation_options
 def run_command(
     scenario: str,
     out: Path | None,
@@ -189,9 +201,9 @@ def run_command(
 
     loaded = load_scenario(scenario, overrides, runs, seed)
     folder = out if out is not None else Path("runs") / loaded.name
-    _check_writable(folder)
+    check_writable(folder)
     result = _simulated(loaded)
-    files = _written(loaded, result, folder, figures=not no_figures)
+    files = written(loaded, result, folder, figures=not no_figures)
     from holdfast.presentation.text import summary_text
 
     click.echo(summary_text(result, files))
@@ -213,72 +225,55 @@ def _runs(count: int) -> str:
     return f"{count} run" + ("s" if count != 1 else "")
 
 
-def _check_writable(folder: Path, option: str = "--out") -> None:
-    """Find out before the work whether the folder can be made and written."""
-    place = folder.absolute()
-    while not place.exists() and place != place.parent:
-        place = place.parent
-    if not place.is_dir() or not os.access(place, os.W_OK | os.X_OK):
-        raise OutputError(
-            f"the folder {folder} cannot be written ({place} is no folder, or not yours)",
-            remedy=f"choose another with {option}",
+@cli.command("compare")
+@click.argument("scenario")
+@click.option("--laws", help="Laws to compare, such as inspection,convergent [default: all].")
+@click.option("--cases", help="Cases to compare them in [default: all of the scenario].")
+@_simulation_options
+def compare_command(
+    scenario: str,
+    laws: str | None,
+    cases: str | None,
+    out: Path | None,
+    overrides: tuple[str, ...],
+    runs: int | None,
+    seed: int | None,
+    no_figures: bool,
+) -> None:
+    """Compare the laws of SCENARIO: how many starts each of them rescues, in every case.
+
+    A law is a name in its table [compare.laws], its own name, or another scenario, whose law is
+    taken. All of them run from the same starts.
+    """
+    from holdfast.comparing import compare
+    from holdfast.output import write_comparison
+    from holdfast.presentation.comparison import comparison_text
+    from holdfast.sources import scenario_title
+
+    folder = out if out is not None else Path("runs") / scenario_title(scenario)
+    check_writable(folder)
+    with bar("preparing") as tell:
+        found = compare(
+            scenario,
+            _listed(laws),
+            _listed(cases),
+            overrides=overrides,
+            runs=runs,
+            seed=seed,
+            progress=tell,
         )
+    files = write_comparison(found, folder, figures=not no_figures)
+    click.echo(comparison_text(found))
+    click.echo(f"  files in {folder}: " + ", ".join(f.name for f in files))
 
 
-def _make(folder: Path, option: str = "--out") -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(
-            f"the folder {folder} cannot be made ({error.strerror})",
-            remedy=f"choose another with {option}",
-        ) from None
+def _listed(text: str | None) -> list[str] | None:
+    return None if text is None else [part.strip() for part in text.split(",")]
 
 
 def _simulated(scenario: Scenario) -> Result:
-    from tqdm import tqdm
-
-    from holdfast.patience import BAR, heed
-
-    with tqdm(
-        total=100,
-        desc=f"{scenario.name}, preparing",
-        unit="%",
-        leave=False,
-        file=sys.stderr,
-        bar_format=BAR,
-    ) as bar:
-
-        def progress(fraction: float) -> None:
-            heed()
-            bar.set_description_str(scenario.name, refresh=False)
-            bar.update(100 * fraction - bar.n)
-
-        result = scenario.run(progress)
-        heed()
-        return result
-
-
-def _written(scenario: Scenario, result: Result, folder: Path, *, figures: bool) -> list[Path]:
-    from holdfast.analysis.result import atomic_file
-
-    _make(folder)
-    files = [result.save(folder / "result.nc")]
-    if figures:
-        from holdfast.presentation import style
-        from holdfast.presentation.histories import histories_figure
-        from holdfast.presentation.paths import paths_figure
-
-        chosen = scenario.figures
-        run = min(chosen.history, result.dataset.sizes["run"] - 1)
-        if scenario.plane is not None:
-            plane = paths_figure(result, scenario.plane, chosen.highlight, chosen.cones, run)
-            files += style.write(plane, folder, "paths")
-        files += style.write(histories_figure(result, run), folder, "histories")
-    path = folder / "summary.json"
-    with atomic_file(path) as partial:
-        partial.write_text(json.dumps(result.summary(), indent=2) + "\n", "utf-8")
-    return [*files, path]
+    with bar(f"{scenario.name}, preparing") as tell:
+        return scenario.run(lambda fraction: tell(scenario.name, fraction))
 
 
 def main() -> NoReturn:

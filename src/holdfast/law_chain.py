@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
-from holdfast.catalogue import accepted_parameters, wants_law
+from holdfast.catalogue import accepted_parameters, arguments, wants_law
 from holdfast.checking import at
 from holdfast.compose import Composer
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.maths import laws
-from holdfast.maths.expression import parse_condition
+from holdfast.maths.expression import parse_condition, parse_expression
 from holdfast.maths.law import Law
+from holdfast.maths.observer import observe
+from holdfast.maths.quantity import merge_parameters
 from holdfast.maths.redesign import redesign
 from holdfast.maths.region import Region
 from holdfast.maths.safeguard import safeguard
@@ -33,6 +36,12 @@ def composed_law(
             law = track_velocity(system, law, spec.tracking)
     if spec.safeguard is not None:
         law = _safeguarded(composer, spec.safeguard, law, region, system)
+    if spec.observer is not None:
+        with at(composer.file, "observer"):
+            law = observe(
+                system, law, measured=spec.observer.measured, bandwidth=spec.observer.bandwidth
+            )
+        composer.declare(law.parameters)
     return law
 
 
@@ -46,6 +55,8 @@ def _safeguarded(
     file = composer.file
     if region is None:
         raise ScenarioError(f"{file}: safeguard: needs a [region]")
+    if spec.constraints:
+        region = _extended(composer, region, spec)
     units = {c.name: c.unit for c in region.inequalities}
     margins = {}
     for name, value in spec.margins.items():
@@ -67,6 +78,18 @@ def _safeguarded(
     return guarded
 
 
+def _extended(composer: Composer, region: Region, spec: SafeguardSpec) -> Region:
+    """The region with the constraints that the safeguard alone keeps."""
+    more = composer.region({"constraints": spec.constraints}, "safeguard")
+    with at(composer.file, "safeguard.constraints"):
+        return replace(
+            region,
+            reads=tuple({q.name: q for q in (*region.reads, *more.reads)}.values()),
+            inequalities=(*region.inequalities, *more.inequalities),
+            parameters=merge_parameters(region.parameters, more.parameters),
+        )
+
+
 def _redesigned(
     composer: Composer,
     spec: RedesignSpec,
@@ -83,6 +106,17 @@ def _redesigned(
         )
     wanted = [*spec.viable.values(), *([spec.hold] if spec.hold else [])]
     catalogue: dict[str, Any] = {function.__name__: function for function in laws.ALL}
+    printable = [w for w in wanted if isinstance(w, str) and w in catalogue]
+    printable = [w for w in printable if "as_printed" in arguments(catalogue[w], 1)[0]]
+    printed = spec.as_printed
+    if isinstance(printed, bool):
+        printed = ["redesign", *printable] if printed else []
+    for name in printed:
+        if name not in (allowed := ["redesign", *printable]):
+            raise ScenarioError(
+                f"{file}: redesign.as_printed: '{name}' is no part of this redesign",
+                remedy=suggestion(name, allowed),
+            )
     built: dict[str, Law] = {}
     unused = set(spec.parameters)
     for name in [w for w in wanted if isinstance(w, str)]:
@@ -98,7 +132,7 @@ def _redesigned(
             takes = accepted_parameters(catalogue[name], {p.name: p for p in standard.parameters})
         mine = {k: v for k, v in spec.parameters.items() if k in takes}
         unused -= set(mine)
-        table = {"name": name, **mine}
+        table = {"name": name, **mine, **({"as_printed": True} if name in printed else {})}
         built[name] = composer.entry(laws.ALL, table, "redesign.parameters", leading)
     if unused:
         odd = sorted(unused)[0]
@@ -116,7 +150,24 @@ def _redesigned(
     if spec.hold_when is not None:
         with at(file, "redesign.hold_when"):
             hold_when = parse_condition(spec.hold_when, composer.scope())
+    goal = None
+    if spec.goal is not None:
+        goal = {}
+        values = {p.symbol: p.value for p in composer.known.values()}
+        for name, text in spec.goal.items():
+            with at(file, f"redesign.goal.{name}"):
+                number = parse_expression(text, composer.scope()).subs(values)
+                if not (number.is_number and number.is_real and number.is_finite):
+                    raise ScenarioError(f"{number} is no number", expected="one from parameters")
+                goal[name] = float(number)
     with at(file, "redesign"):
         return redesign(
-            law, region, viable=viable, layers=spec.layers, hold=hold, hold_when=hold_when
+            law,
+            region,
+            viable=viable,
+            layers=spec.layers,
+            hold=hold,
+            hold_when=hold_when,
+            goal=goal,
+            as_printed="redesign" in printed,
         )

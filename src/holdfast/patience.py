@@ -43,6 +43,24 @@ def heed() -> None:
 
 
 @contextmanager
+def bar(first: str) -> Iterator[Callable[[str, float], None]]:
+    """A bar, and the function that tells it what is worked on and the finished fraction."""
+    from tqdm import tqdm
+
+    with tqdm(
+        total=100, desc=first, unit="%", leave=False, file=sys.stderr, bar_format=BAR
+    ) as shown:
+
+        def tell(what: str, fraction: float) -> None:
+            heed()
+            shown.set_description_str(what, refresh=False)
+            shown.update(100 * fraction - shown.n)
+
+        yield tell
+    heed()
+
+
+@contextmanager
 def bounded(what: str, seconds: float, remedy: str) -> Iterator[Callable[[float], None]]:
     """Gives a function to tell the finished fraction to; the bar moves on without it too.
 

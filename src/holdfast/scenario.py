@@ -10,15 +10,18 @@ from typing import Any
 import sympy as sp
 
 from holdfast.analysis.result import Result
-from holdfast.analysis.simulate import Starts, simulate
+from holdfast.analysis.simulate import simulate
+from holdfast.analysis.starts import Starts
 from holdfast.checking import at, validated
 from holdfast.compose import Composer
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.execution.closed_loop import Progress
 from holdfast.law_chain import composed_law
+from holdfast.maths.bounds import Box
 from holdfast.maths.expression import parse_expression
 from holdfast.maths.law import Law
 from holdfast.maths.quantity import Parameter
+from holdfast.maths.reduction import promote
 from holdfast.maths.region import Region
 from holdfast.maths.switching import Switching
 from holdfast.maths.system import System
@@ -93,7 +96,11 @@ def load_scenario(
     """
     changes = [*overrides, *([f"run.seed={seed}"] if seed is not None else [])]
     shown, text, data = read_tables(name, changes)
-    spec = validated(ScenarioSpec, data, shown)
+    return composed(shown, text, validated(ScenarioSpec, data, shown), runs)
+
+
+def composed(shown: str, text: str, spec: ScenarioSpec, runs: int | None = None) -> Scenario:
+    """The scenario of tables that are checked already; `shown` is its name or file."""
     if runs is not None:
         if runs < 1:
             raise ScenarioError(f"--runs is {runs}", expected="at least 1")
@@ -107,7 +114,10 @@ def load_scenario(
 
 def _composed(name: str, file: str, text: str, spec: ScenarioSpec) -> Scenario:
     composer = Composer(file)
-    system = composer.system(spec.system)
+    table = {key: value for key, value in spec.system.items() if key != "promote"}
+    system = composer.system(table)
+    if "promote" in spec.system:
+        system = composer.system_built = _promoted(file, system, spec.system["promote"])
     composer.drawn = _drawn(composer, system, spec.varied)
     region = composer.region(spec.region, "region") if spec.region is not None else None
     law = composed_law(composer, spec, system, region)  # may use the region's parameters
@@ -166,6 +176,22 @@ def _composed(name: str, file: str, text: str, spec: ScenarioSpec) -> Scenario:
         figures=spec.figures,
         start_outside=spec.starts.outside,
     )
+
+
+def _promoted(file: str, system: System, given: object) -> System:
+    """The subsystem in which some states are the inputs, within the bounds given for each."""
+    units = {q.name: q.unit for q in system.states}
+    with at(file, "system.promote"):
+        if not isinstance(given, Mapping) or not given:
+            raise ScenarioError(f"got {given!r}", expected="{ state = [lowest, highest] }")
+        sides = []
+        for name, interval in given.items():
+            _known(file, "system.promote", name, units)
+            if not isinstance(interval, list) or len(interval) != 2:
+                raise ScenarioError(f"'{name}' has {interval!r}", expected="[lowest, highest]")
+            sides.append([to_si(side, units[name]) for side in interval])
+        low, high = zip(*sides, strict=True)
+        return promote(system, tuple(given), Box(low, high))
 
 
 def _drawn(composer: Composer, system: System, spec: VariedSpec) -> dict[str, Parameter]:
@@ -237,6 +263,7 @@ def _starts(spec: ScenarioSpec, units: Mapping[str, str], file: str) -> Starts:
             for i, state in enumerate(given.states)
         ],
         random=given.random,
+        active=[tuple(names) for names in given.active],
         box={
             k: (
                 _si(file, f"starts.box.{k}", low, units, k),

@@ -153,18 +153,28 @@ class RegionSpec(Section):
 
 
 class RedesignSpec(Section):
-    """[redesign]: a viable law and a layer for every constraint, and the law that holds."""
+    """[redesign]: a viable law and a layer for every constraint, and the law that holds.
+
+    `as_printed`: everything as the thesis prints it, or the parts named: "redesign" for (5.26),
+    else the name of a viable law.
+    """
 
     viable: dict[Name, Name | OutputsSpec]
     layers: dict[Name, Layer]
     hold: Name | OutputsSpec | None = None
     hold_when: str | None = None
+    goal: dict[Name, Expression] | None = None
+    as_printed: bool | list[Name] = False
     parameters: dict[Name, Any] = Field(default_factory=dict)
 
 
 class SafeguardSpec(Section):
-    """[safeguard]: the inputs are changed no more than the viability of [region] asks."""
+    """[safeguard]: the inputs are changed no more than the viability of [region] asks.
 
+    constraints: more of them that are kept, and not counted as leaving the region.
+    """
+
+    constraints: dict[Name, InequalitySpec | Expression] = Field(default_factory=dict)
     gains: Layer = (1.0, 4.0)
     margins: dict[Name, Value] = Field(default_factory=dict)
     scales: dict[Name, float] = Field(default_factory=dict)
@@ -172,12 +182,17 @@ class SafeguardSpec(Section):
 
 
 class StartsSpec(Section):
-    """[starts]: given states, then random ones from a box; `every` for states not in it."""
+    """[starts]: given states, then random ones from a box; `every` for states not in it.
+
+    active: lists of constraints; the random ones are moved to where those of a list, in turn, are
+    all active.
+    """
 
     states: list[dict[Name, Value]] = Field(default_factory=list)
     random: Annotated[int, Field(ge=0)] = 0
     box: dict[Name, Interval] = Field(default_factory=dict)
     every: Interval | None = None
+    active: list[list[Name]] = Field(default_factory=list)
     outside: bool = False
 
 
@@ -237,6 +252,31 @@ class FiguresSpec(Section):
     cones: Annotated[int, Field(ge=0, le=100)] = 4
 
 
+class ObserverSpec(Section):
+    """[observer]: the law is told these states alone and estimates all else that it reads."""
+
+    measured: list[Name] | None = None
+    bandwidth: float = 2.0
+
+
+class AlterationSpec(Section):
+    """What makes another law or another case of a scenario: tables left out, then tables given."""
+
+    model_config = ConfigDict(extra="allow", strict=True, frozen=True)
+
+    title: Text = ""
+    without: list[Name] = Field(default_factory=list)
+
+
+class CompareSpec(Section):
+    """[compare]: other laws and other cases, for `holdfast compare`."""
+
+    title: Text = ""
+    runs: Annotated[int, Field(ge=1)] | None = None
+    laws: dict[Name, AlterationSpec] = Field(default_factory=dict)
+    cases: dict[Text, AlterationSpec] = Field(default_factory=dict)
+
+
 class ScenarioSpec(Section):
     """A whole scenario file; catalogue entries stay tables of { name, parameters }."""
 
@@ -247,6 +287,7 @@ class ScenarioSpec(Section):
     redesign: RedesignSpec | None = None
     tracking: dict[Name, float] | None = None
     safeguard: SafeguardSpec | None = None
+    observer: ObserverSpec | None = None
     goal: dict[str, Any] | None = None
     reference: dict[Name, Expression] = Field(default_factory=dict)
     starts: StartsSpec
@@ -256,3 +297,4 @@ class ScenarioSpec(Section):
     plant: dict[Name, Value] = Field(default_factory=dict)
     varied: VariedSpec = VariedSpec()
     figures: FiguresSpec = FiguresSpec()
+    compare: CompareSpec = CompareSpec()

@@ -54,6 +54,11 @@ def read_tables(name: str, overrides: Iterable[str] = ()) -> tuple[str, str, dic
     return shown, text, data
 
 
+def scenario_title(name: str) -> str:
+    """The file's name without folder and ending."""
+    return Path(name).name.removesuffix(".toml")
+
+
 def load_system(name: str, overrides: Iterable[str] = ()) -> System:
     """The system of that name in the catalogue, or of the scenario or TOML file of that name.
 

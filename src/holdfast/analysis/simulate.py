@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ import sympy as sp
 from holdfast._version import __version__
 from holdfast.analysis.dataset import to_dataset
 from holdfast.analysis.result import Result
+from holdfast.analysis.starts import Starts, initial_states
 from holdfast.errors import GainWarning, SimulationError, suggestion
 from holdfast.execution.closed_loop import Array, ClosedLoop, Progress
 from holdfast.execution.settings import Settings
@@ -26,19 +26,6 @@ from holdfast.maths.region import Region
 from holdfast.maths.switching import Switching
 from holdfast.maths.system import System
 from holdfast.maths.varied import Varied
-
-
-@dataclass(frozen=True)
-class Starts:
-    """Initial states: `states`, each a mapping (states left out are 0), then `random` ones.
-
-    The random ones are uniform over the states of `box` (state -> (lowest, highest); states
-    left out are 0) that lie in the region.
-    """
-
-    states: Sequence[Mapping[str, float]] = ()
-    random: int = 0
-    box: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def simulate(
@@ -122,7 +109,7 @@ def simulate(
         if system.input_bounds is not None:
             system.input_bounds.at(parameters)
     try:
-        initial = _initial_states(system, loop, starts, chosen, start_outside)
+        initial = initial_states(system, region, loop, starts, chosen, start_outside)
     except SimulationError as error:
         error.key = "starts"
         raise
@@ -156,68 +143,6 @@ def simulate(
         parameters={p.name: p.value for p in program.parameters},
         reference=reference,
     )
-
-
-def _initial_states(
-    system: System,
-    loop: ClosedLoop,
-    starts: Starts | Sequence[Sequence[float]] | Array,
-    settings: Settings,
-    start_outside: bool,
-) -> Array:
-    names = system.state_names
-    if isinstance(starts, Starts):
-        for given in (*starts.states, starts.box):
-            for name in given:
-                if name not in names:
-                    raise SimulationError(
-                        f"'{name}' is no state of system '{system.name}'",
-                        remedy=suggestion(name, names),
-                    )
-        fixed = np.array([[s.get(n, 0.0) for n in names] for s in starts.states], dtype=float)
-        fixed = fixed.reshape(-1, len(names))
-        if starts.random < 0:
-            raise SimulationError(f"{starts.random} random starts", expected="0 or more")
-        parts = [fixed]
-        if starts.random:
-            if not starts.box:
-                raise SimulationError(f"{starts.random} random starts need a box to be drawn from")
-            low, high = (
-                np.array([starts.box.get(n, (0.0, 0.0))[i] for n in names], dtype=float)
-                for i in (0, 1)
-            )
-            for name, a, b in zip(names, low, high, strict=True):
-                if not a <= b:
-                    raise SimulationError(
-                        f"the box of '{name}' is [{a:g}, {b:g}]", expected="lowest first"
-                    )
-            parts.append(loop.sample(low, high, starts.random, settings.seed))
-        initial = np.vstack(parts)
-    else:
-        initial = np.array(starts, dtype=float)
-        if initial.ndim != 2 or initial.shape[1] != len(names):
-            raise SimulationError(
-                f"starts have the shape {initial.shape}",
-                expected=f"(runs, {len(names)}) for the states {', '.join(names)}",
-            )
-    if len(initial) == 0:
-        raise SimulationError("there are no runs", expected="at least one start")
-    if not np.isfinite(initial).all():
-        raise SimulationError("a start is not finite")
-    if not start_outside:
-        values = loop.constraints(initial)
-        bad = np.argwhere(~(values <= settings.tolerance))
-        if bad.size:
-            run, j = bad[0]
-            name, unit = loop.program.constraints[j]
-            state = ", ".join(f"{n}={v:g}" for n, v in zip(names, initial[run], strict=True))
-            raise SimulationError(
-                f"start {run} ({state}) lies outside the region: {name} = "
-                f"{values[run, j]:.4g} {unit}",
-                expected=f"at most {settings.tolerance:g}",
-                remedy="move the start, or allow starts outside the region",
-            )
-    return initial
 
 
 def _check_disturbance(

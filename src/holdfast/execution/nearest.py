@@ -17,9 +17,11 @@ from holdfast.execution.primitives import *  # noqa: F403
 
 CLOSE = 1e-10  # what counts as on a plane, relative to its distance
 PARALLEL = 1e-9  # the sine of the angle below which two planes are parallel
-STIFFNESS = 1e-6  # of the slack, against the distance: it is as small as it can be, nearly
+APART = 1e-8  # the gap, relative to their distance, above which two such planes exclude each other
+PULL = -1e6  # where the slack is wanted, in its own unit: so it is as small as it can be
+FAINT = 1e-6  # the size of a normal, against the largest, below which it does not set that unit
 
-recursive = njit(cache=True, error_model="numpy", nogil=True)
+apart = njit(cache=True, error_model="numpy", nogil=True)  # a call of its own, not inlined
 
 
 @compiled
@@ -35,7 +37,7 @@ def interval(rows, count, m, base, along):
             slope += rows[j, i] * along[i]
             offset -= rows[j, i] * base[i]
         if abs(slope) <= PARALLEL:
-            if offset < -CLOSE * (1.0 + abs(rows[j, m])):
+            if offset < -APART * (1.0 + abs(rows[j, m])):
                 return np.inf, -np.inf
         elif slope > 0.0:
             high = min(high, offset / slope)
@@ -55,7 +57,7 @@ def dot(a, b, m):
     return total
 
 
-@recursive
+@apart
 def span(normal, plane, m):
     """Fill `plane` with orthonormal columns that span the plane normal to a unit vector.
 
@@ -74,63 +76,120 @@ def span(normal, plane, m):
             plane[i, column] = (1.0 if i == k else 0.0) - 2.0 * normal[k] * w / size
 
 
-@recursive
-def nearest(rows, count, m, x):
-    """Move x in R^m to the nearest point with rows[j, :m] . x <= rows[j, m], j < count.
-
-    The normals have unit length. Returns whether there is such a point.
-    """
+@apart
+def nearest_in_plane(rows, count, m, x):
+    """`nearest` for one or two coordinates."""
     if m == 1:
         low, high = interval(rows, count, 1, (0.0,), (1.0,))
         x[0] = min(max(x[0], low), high)
         return low <= high
-    if m == 2:
-        given = (x[0], x[1])
-        for j in range(count):
-            n0, n1, offset = rows[j, 0], rows[j, 1], rows[j, 2]
-            if n0 * x[0] + n1 * x[1] - offset <= CLOSE * (1.0 + abs(offset)):
-                continue
-            height = n0 * given[0] + n1 * given[1] - offset
-            base = (given[0] - height * n0, given[1] - height * n1)
-            low, high = interval(rows, j, 2, base, (-n1, n0))
-            if low > high:
-                return False
-            s = min(max(0.0, low), high)
-            x[0], x[1] = base[0] - s * n1, base[1] + s * n0
-        return True
-    given = x.copy()
-    base, plane, inner, s = np.empty(m), np.empty((m, m - 1)), np.empty((count, m)), np.empty(m - 1)
+    given = (x[0], x[1])
     for j in range(count):
-        normal = rows[j]
-        offset = normal[m]
-        if dot(normal, x, m) - offset <= CLOSE * (1.0 + abs(offset)):
+        n0, n1, offset = rows[j, 0], rows[j, 1], rows[j, 2]
+        if n0 * x[0] + n1 * x[1] - offset <= CLOSE * (1.0 + abs(offset)):
             continue
-        height = dot(normal, given, m) - offset
-        for i in range(m):
-            base[i] = given[i] - height * normal[i]
-        span(normal, plane, m)
-        kept = 0
-        for before in range(j):
-            size = 0.0
-            for column in range(m - 1):
-                inner[kept, column] = dot(rows[before], plane[:, column], m)
-                size += inner[kept, column] ** 2
-            size = math.sqrt(size)
-            offset = rows[before, m] - dot(rows[before], base, m)
-            if size <= PARALLEL:
-                if offset < -CLOSE * (1.0 + abs(rows[before, m])):
-                    return False
-                continue
-            for column in range(m - 1):
-                inner[kept, column] /= size
-            inner[kept, m - 1] = offset / size
-            kept += 1
-        s[:] = 0.0
-        if not nearest(inner, kept, m - 1, s):
+        base = (offset * n0, offset * n1)
+        low, high = interval(rows, j, 2, base, (-n1, n0))
+        if low > high:
             return False
-        for i in range(m):
-            x[i] = base[i] + dot(plane[i], s, m - 1)
+        s = min(max(n0 * given[1] - n1 * given[0], low), high)
+        x[0], x[1] = base[0] - s * n1, base[1] + s * n0
     return True
+
+
+@apart
+def restrict(rows, count, m, normal, offset, base, plane, inner):
+    """The constraints on the plane base + plane s where `normal` has its `offset`, in terms of s.
+
+    Returns how many there are; -1 where one is parallel to the plane and excludes it.
+    """
+    for i in range(m):
+        base[i] = offset * normal[i]
+    span(normal, plane, m)
+    kept = 0
+    for j in range(count):
+        size = 0.0
+        for column in range(m - 1):
+            inner[kept, column] = dot(rows[j], plane[:, column], m)
+            size += inner[kept, column] ** 2
+        size = math.sqrt(size)
+        rest = rows[j, m] - dot(rows[j], base, m)
+        if size <= PARALLEL:
+            if rest < -APART * (1.0 + abs(rows[j, m])):
+                return -1
+            continue
+        for column in range(m - 1):
+            inner[kept, column] /= size
+        inner[kept, m - 1] = rest / size
+        kept += 1
+    return kept
+
+
+@apart
+def nearest(rows, count, m, x):
+    """Move x in R^m to the nearest point with rows[j, :m] . x <= rows[j, m], j < count.
+
+    The normals have unit length. Returns whether there is such a point. The problems of fewer
+    dimensions are solved floor by floor, without recursion: machine code that calls itself does
+    not survive Numba's cache.
+    """
+    if m <= 2:
+        return nearest_in_plane(rows, count, m, x)
+    tables = np.empty((m + 1, count, m + 1))  # the constraints of each floor
+    points, given, bases = np.empty((m + 1, m)), np.empty((m + 1, m)), np.empty((m + 1, m))
+    planes = np.empty((m + 1, m, m))
+    counts, met = np.zeros(m + 1, dtype=np.int64), np.zeros(m + 1, dtype=np.int64)
+    for j in range(count):
+        for i in range(m + 1):
+            tables[m, j, i] = rows[j, i]
+    for i in range(m):
+        points[m, i] = given[m, i] = x[i]
+    counts[m] = count
+    floor = m
+    while True:
+        table, point = tables[floor], points[floor]
+        if floor == 2:
+            if not nearest_in_plane(table, counts[2], 2, point):
+                return False
+        else:
+            j = met[floor]
+            while j < counts[floor]:
+                offset = table[j, floor]
+                if dot(table[j], point, floor) - offset > CLOSE * (1.0 + abs(offset)):
+                    break
+                j += 1
+            met[floor] = j + 1
+            if j < counts[floor]:
+                below, plane = floor - 1, planes[floor]
+                normal, base = table[j], bases[floor]
+                kept = restrict(table, j, floor, normal, offset, base, plane, tables[below])
+                if kept < 0:
+                    return False
+                for i in range(below):
+                    given[below, i] = points[below, i] = dot(given[floor], plane[:, i], floor)
+                counts[below], met[below] = kept, 0
+                floor = below
+                continue
+        if floor == m:
+            for i in range(m):
+                x[i] = point[i]
+            return True
+        floor += 1
+        for i in range(floor):
+            points[floor, i] = bases[floor, i] + dot(planes[floor, i], point, floor - 1)
+
+
+@compiled
+def unit_of_slack(constraints_, scales, m, hard):
+    """The size of the smallest normal that may be relaxed: no two of them then look parallel."""
+    least, most = np.inf, 0.0
+    for j in range(hard, len(constraints_) // (m + 1)):
+        size = 0.0
+        for i in range(m):
+            size += (constraints_[j * (m + 1) + i] * scales[i]) ** 2
+        if size > 0.0:
+            least, most = min(least, size), max(most, size)
+    return max(math.sqrt(least), FAINT * math.sqrt(most)) if most > 0.0 else 1.0
 
 
 @compiled
@@ -139,7 +198,12 @@ def fill(rows, constraints_, scales, m, hard, relaxed):
 
     Returns how many rows there are; -1 where one without inputs cannot be met.
     """
-    count = 0
+    count, unit = 0, 0.0
+    if relaxed:
+        unit = unit_of_slack(constraints_, scales, m, hard)
+        for i in range(m + 2):
+            rows[0, i] = -1.0 if i == m else 0.0  # the slack is 0 or more
+        count = 1
     for j in range(len(constraints_) // (m + 1)):
         first = j * (m + 1)
         size = 0.0
@@ -150,7 +214,7 @@ def fill(rows, constraints_, scales, m, hard, relaxed):
         offset = constraints_[first + m]
         last = m
         if relaxed:
-            rows[count, m] = 0.0 if j < hard else -STIFFNESS
+            rows[count, m] = 0.0 if j < hard else -unit
             size += rows[count, m] * rows[count, m]
             last = m + 1
         size = math.sqrt(size)
@@ -165,12 +229,12 @@ def fill(rows, constraints_, scales, m, hard, relaxed):
     return count
 
 
-@recursive
+@apart
 def solve(wanted, scales, constraints_, hard, result):
     """What `keep_within` does where the wanted input violates a constraint."""
     m = len(wanted)
     most = len(constraints_) // (m + 1)
-    rows = np.empty((most, m + 2))
+    rows = np.empty((most + 1, m + 2))
     x = np.empty(m)
     for i in range(m):
         x[i] = wanted[i] / scales[i]
@@ -182,21 +246,26 @@ def solve(wanted, scales, constraints_, hard, result):
             result[i] = x[i] * scales[i]
         return
     count = fill(rows, constraints_, scales, m, hard, True)
-    y = np.zeros(m + 1)
+    y = np.empty(m + 1)
+    reach = 1.0
     for i in range(m):
         y[i] = wanted[i] / scales[i]
-    if not nearest(rows, count, m + 1, y):
+        reach = max(reach, abs(y[i]))
+    y[m] = PULL * reach
+    if count < 0 or not nearest(rows, count, m + 1, y):
         result[m] = np.inf
         return
     for i in range(m):
         result[i] = y[i] * scales[i]
-    worst = 0.0
     for j in range(hard, most):
-        level = -constraints_[j * (m + 1) + m]
+        offset = constraints_[j * (m + 1) + m]
+        level, size = -offset, 0.0
         for i in range(m):
-            level += constraints_[j * (m + 1) + i] * result[i]
-        worst = max(worst, level)
-    result[m] = worst
+            entry = constraints_[j * (m + 1) + i]
+            level += entry * result[i]
+            size += (entry * scales[i]) ** 2
+        if level > CLOSE * (math.sqrt(size) + abs(offset)):  # else it is on its plane
+            result[m] = max(result[m], level)
 
 
 @compiled
@@ -214,7 +283,7 @@ def keep_within(wanted, scales, constraints_, hard):
         for i in range(m):
             level += constraints_[j * (m + 1) + i] * wanted[i]
         good = good and level <= 0.0
-        number = number and level == level
+        number = number and level < np.inf  # which what is not a number is not
     result = np.empty(m + 1)
     if not number:
         result[:] = np.nan

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
 
-from holdfast.maths.quantity import TIME, TIME_IN_MODE
+from holdfast.maths.quantity import SAMPLE_TIME, TIME, TIME_IN_MODE
 
 
 class Printer(PythonCodePrinter):
@@ -122,4 +122,4 @@ def body(
 
 def _name(s: sp.Symbol) -> str:
     """The name in the source: it ends in '_', as no argument and no name made here does."""
-    return s.name if s in (TIME, TIME_IN_MODE) else f"{s.name}_"
+    return s.name if s in (TIME, TIME_IN_MODE, SAMPLE_TIME) else f"{s.name}_"

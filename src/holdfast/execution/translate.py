@@ -253,13 +253,15 @@ def _law_source(
         for j, offset in enumerate(guard.offsets):
             results += [*(guard.normals[n][j] for n in inputs), offset]
         results += [guard.scales[n] for n in inputs]
-        lines.append(body({**state, "p": p}, results, indent=indent, give="asked ="))
+        # names of its own in each mode: Numba does not unify long tuples of different modes
+        asked, given = f"asked{number}", f"given{number}"
+        lines.append(body({**state, "p": p}, results, indent=indent, give=f"{asked} ="))
         end = len(results) - m
         lines.append(
-            f"{indent}given = keep_within(asked[:{m}], asked[{end}:], asked[{m}:{end}], "
+            f"{indent}{given} = keep_within({asked}[:{m}], {asked}[{end}:], {asked}[{m}:{end}], "
             f"{guard.hard})"
         )
-        lines.append(f"{indent}return ({', '.join(f'given[{i}]' for i in range(m + 1))},)")
+        lines.append(f"{indent}return ({', '.join(f'{given}[{i}]' for i in range(m + 1))},)")
     return "\n".join(lines)
 
 

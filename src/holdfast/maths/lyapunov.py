@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 import sympy as sp
 
+from holdfast.errors import DefinitionError
 from holdfast.maths.functions import least, select, wrap
 
 
@@ -32,6 +35,33 @@ def surge_gain_limit(
     weight = (exponent - 2) * sway_inertia + exponent * surge_inertia
     sideways = drag / sway_inertia
     return select(-weight, sideways, least(sideways, drag * (exponent - 1) / weight))
+
+
+def ultimate_bound(k1: float, mu: float, current: float) -> float:
+    """How far from its goal (5.31) leaves a vehicle in a current, in m: artanh(current/k1)/mu.
+
+    Thesis (5.35). In a constant current of any direction it is exact: the surge k1 tanh(mu rho)
+    that holds the vehicle against the current is that of rho. There are two such points, where
+    the field runs along the current and against it, and the vehicle ends at one of them, heading
+    so (Lemma 4, modulo pi). In a current that turns steadily the vehicle stays within, in one
+    that jumps it does not (measured: up to 1.4 times as far).
+
+    k1 [m/s] is the top surge speed, mu [1/m] the steepness, `current` [m/s] the speed of the
+    current or a bound of it. Raises `DefinitionError` for a current that the vehicle cannot
+    overcome, current >= k1, and for numbers below zero.
+    """
+    for name, value in (("k1", k1), ("mu", mu)):
+        if not 0 < value < math.inf:
+            raise DefinitionError(f"{name} is {value:g}", expected="a finite number above 0")
+    if not current >= 0:
+        raise DefinitionError(f"the current is {current:g} m/s", expected="a speed, 0 or more")
+    if current >= k1:
+        raise DefinitionError(
+            f"a current of {current:g} m/s carries away a vehicle whose surge is at most "
+            f"k1 = {k1:g} m/s: there is no bound",
+            expected="a current below k1",
+        )
+    return math.atanh(current / k1) / mu
 
 
 def docking_metric(x: sp.Expr, y: sp.Expr, misalignment: sp.Expr) -> sp.Expr:

@@ -14,6 +14,7 @@ from holdfast.maths.quantity import (
     Parameter,
     Quantity,
     check_symbols,
+    check_unique,
     frozen,
     merge_parameters,
 )
@@ -40,6 +41,8 @@ class Memory:
         object.__setattr__(self, "initial", frozen(self.initial))
         object.__setattr__(self, "following", frozen(self.following))
         names = {q.name for q in self.quantities}
+        everything = (*self.quantities, *self.reads, *self.inputs, *self.parameters)
+        check_unique((q.name for q in everything), "the memory")
         for what, table in (("first", self.initial), ("following", self.following)):
             if set(table) != names:
                 odd = min(names ^ set(table))

@@ -14,8 +14,9 @@ them, a c_j that starts with c_j <= 0 and dc_j/dt + k1 c_j <= 0 never crosses 0.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from numbers import Real
 from typing import Any, TypeVar, cast
 
 import sympy as sp
@@ -57,17 +58,26 @@ def safeguard(
     the system's inputs, a condition of relative degree above 2, inputs bounded by a ball or by
     more actuators than inputs, and names or numbers that cannot be used.
     """
-    if len(gains) != 2 or not all(0 < k < math.inf for k in gains):
-        raise DefinitionError(f"gains of the safeguard are {gains!r}", expected="two, above 0")
-    given = dict(margins or {})
+    pair = isinstance(gains, Sequence) and len(gains) == 2
+    if not (pair and all(_is_number(k) and k > 0 for k in gains)):
+        raise DefinitionError(
+            f"gains of the safeguard are {gains!r}", expected="two numbers above 0, in 1/s"
+        )
+    if not isinstance(measured, bool):
+        raise DefinitionError(
+            f"measured of the safeguard is {measured!r}", expected="true or false"
+        )
+    given = _table("margins", margins)
     for name, value in given.items():
         if name not in region.inequality_names:
             raise DefinitionError(
                 f"margin of '{name}', which is no inequality of region '{region.name}'",
-                remedy=suggestion(name, region.inequality_names),
+                remedy=suggestion(str(name), region.inequality_names),
             )
-        if not 0 <= value < math.inf:
-            raise DefinitionError(f"margin of '{name}' is {value!r}", expected="0 or more")
+        if not (_is_number(value) and value >= 0):
+            raise DefinitionError(
+                f"margin of '{name}' is {value!r}", expected="a number, 0 or more"
+            )
     parameters = (
         Parameter("kappa1", "1/s", "slower gain of the safeguard", value=float(gains[0]), above=0),
         Parameter("kappa2", "1/s", "faster gain of the safeguard", value=float(gains[1]), above=0),
@@ -81,14 +91,14 @@ def safeguard(
     )
     bounds = _bounds(system)
     conditions = [_condition(c, c.name in given) for c in viability_conditions(system, region)]
-    chosen = _scales(system, dict(scales or {}))
+    chosen = _scales(system, _table("scales", scales))
 
     def guarded(law: Law) -> Law:
         _check_fit(system, law)
         told = system.disturbances if measured else ()
         reads = {q.name: q for q in (*law.reads, *system.states, *told)}
         law = replace(law, reads=tuple(reads.values()))
-        still = believed_disturbances(system, law)
+        still = {} if measured else believed_disturbances(system, law)
         rows = [
             (tuple(e.subs(still, simultaneous=True) for e in n), b.subs(still, simultaneous=True))
             for n, b in (*bounds, *conditions)
@@ -165,10 +175,10 @@ def _scales(system: System, given: Mapping[str, float]) -> Mapping[str, sp.Expr]
         if name not in system.input_names:
             raise DefinitionError(
                 f"scale of '{name}', which is no input of system '{system.name}'",
-                remedy=suggestion(name, system.input_names),
+                remedy=suggestion(str(name), system.input_names),
             )
-        if not 0 < value < math.inf:
-            raise DefinitionError(f"scale of '{name}' is {value!r}", expected="above 0")
+        if not (_is_number(value) and value > 0):
+            raise DefinitionError(f"scale of '{name}' is {value!r}", expected="a number above 0")
     widths = dict.fromkeys(system.input_names, sp.oo)
     bounds = system.input_bounds
     if isinstance(bounds, (Box, LinearImage)):
@@ -182,6 +192,18 @@ def _scales(system: System, given: Mapping[str, float]) -> Mapping[str, sp.Expr]
     return {
         name: sp.Float(given[name])
         if name in given
-        else (w if w.is_finite is not False else sp.S.One)
+        else (w if w.is_finite is not False and w != 0 else sp.S.One)
         for name, w in widths.items()
     }
+
+
+def _table(what: str, given: object) -> dict[str, float]:
+    """`given` if it maps names to something, which is left to be checked."""
+    if given is not None and not isinstance(given, Mapping):
+        raise DefinitionError(f"{what} of the safeguard are {given!r}", expected="names to numbers")
+    return dict(given or {})
+
+
+def _is_number(value: object) -> bool:
+    """Whether it is a finite real number; true and false are none."""
+    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
+from holdfast.errors import DefinitionError
 from holdfast.maths.dipole import GUARD
 from holdfast.maths.functions import angle, length, sgn, wrap
 from holdfast.maths.law import Law
@@ -18,6 +19,7 @@ def face_target(
     k1: float = 0.16,
     mu: float = 1.5,
     kv: float = 1.5,
+    as_printed: bool = False,
 ) -> Law:
     """Face a target at the origin and go straight to the circle of radius `distance`.
 
@@ -26,13 +28,18 @@ def face_target(
 
     The viable law at the edges of the view, and the one that keeps the goal set
     G = { |(x, y)| = distance, psi = phi_t }. The thesis prints the goal point with the
-    other sign, which puts it behind the wall (E3). Outputs: surge u [m/s], yaw rate r [rad/s].
+    other sign, which puts it behind the wall (E3): so it is with `as_printed`. In a current the
+    law is (5.41), u and r relative to the water. Outputs: surge u [m/s], yaw rate r [rad/s].
     """
+    if not isinstance(as_printed, bool):
+        raise DefinitionError(
+            f"as_printed of face_target is {as_printed!r}", expected="true or false"
+        )
     x, y, psi = (symbol(n) for n in ("x", "y", "psi"))
     s = {n: symbol(n) for n in ("distance", "k1", "mu", "kv")}
     bearing = angle(-y, -x, GUARD**2)
-    x1 = x + s["distance"] * sp.cos(bearing)
-    y1 = y + s["distance"] * sp.sin(bearing)
+    away = -s["distance"] if as_printed else s["distance"]
+    x1, y1 = x + away * sp.cos(bearing), y + away * sp.sin(bearing)
     ahead = sgn(x1 * sp.cos(psi) + y1 * sp.sin(psi))
     return Law(
         name="face_target",
@@ -48,5 +55,6 @@ def face_target(
             Parameter("kv", "1/s", "heading gain", value=kv, above=0),
         ),
         description="face the target and go to a circle around it",
-        source="thesis (5.28) with the sign of E3, section 5.4.3",
+        source="thesis (5.28), (5.41) "
+        + ("as printed" if as_printed else "with the sign of E3, section 5.4.3"),
     )

@@ -21,18 +21,19 @@ def inspect_target(
     system: System,
     *,
     distance: float = 0.5,
-    k1: float = 0.16,
-    mu: float = 1.5,
-    kv: float = 1.5,
+    k1: float = 0.2,
+    mu: float = 1.2,
+    kv: float = 2.0,
     exponent: float = 1.5,
     half_angle: float = 0.5235987755982988,
     target_half_width: float = 0.10,
+    range_min: float = 0.35,
     range_max: float = 2.0,
-    leg_margin: float = 0.02,
-    far_margin: float = 0.04,
+    leg_margin: float = 0.045,
+    far_margin: float = 0.25,
     turn_first: float = 0.25,
     creep: float = 0.25,
-    swing: float = 0.03,
+    swing: float = 0.1,
     settle: float = 0.03,
 ) -> Switching:
     """Go to the pose (-distance, 0, 0) before a target at the origin that must stay in view.
@@ -42,23 +43,25 @@ def inspect_target(
     or back, whatever its speed. The view allows |delta| <= leg(R) = alpha - half the angle of the
     target - leg_margin, so that a single leg home suffices where |beta| <= tan(leg) |s|:
 
-        ahead: delta = clip(atan(n beta s / (s^2 + 0.02^2)), +-leg), u = k1 tanh(mu (R - distance))
+        ahead: delta = clip(atan(n beta s / (s^2 + 0.02^2)), +-leg), u = k1 tanh(mu (R - R0))
         back:  delta = -leg clip(beta / 0.1, +-1),                   u = -k1
-        r = -kv wrap(psi - beta - delta)
+        r = -kv wrap(psi - beta - delta),    R0 = distance (1 - max(|beta| - settle, 0))
 
     n = `exponent` > 1: the way home ends as beta ~ s^n, tangent to the goal's heading, as the
     lines of the dipolar field with lambda = n / (n - 1) do. Ahead it goes as far as it can; where
-    the leg ends before the target (s < 0.1) with the bearing off by more than `settle` [rad] and
+    the leg ends before the target (s < 0.1, or 5 cm before the least range) with the bearing off by more than `settle` [rad] and
     what the rest of the leg can mend, it backs up until one leg home suffices, or to within
     `far_margin` [m] of the largest range `range_max`. `swing` [rad] is what turning from one leg
     to the other loses. Where the heading is off by more than `turn_first` [rad] the vehicle slows
-    down, to the share `creep` of its speed at last.
+    down, to the share `creep` of its speed at last, but not where a range limit keeps it from
+    turning.
 
-    One leg, or two more, is the shortest way but for the turning; it deadlocks nowhere in the
-    view. It does not keep the view by itself: `safeguard` it. Outputs: surge u [m/s], yaw rate
-    r [rad/s].
+    The law does not keep the view by itself: `safeguard` it. What is proved of it is only this
+    geometry; that it arrives is measured (docs/rescue.md). Outputs: surge u [m/s], yaw rate r
+    [rad/s].
 
-    Raises `DefinitionError` for exponent <= 1, or a target that fills the view at `distance`.
+    Raises `DefinitionError` for exponent <= 1, a target that fills the view at `distance`, or a
+    pose outside the range limits.
     """
     values = {
         "distance": (distance, "m", "distance of the pose from the target"),
@@ -68,6 +71,7 @@ def inspect_target(
         "exponent": (exponent, "1", "exponent n of the way home"),
         "half_angle": (half_angle, "rad", "half angle of view alpha"),
         "target_half_width": (target_half_width, "m", "half-width yT"),
+        "range_min": (range_min, "m", "least laser range Lmin"),
         "range_max": (range_max, "m", "largest laser range Lmax"),
         "leg_margin": (leg_margin, "rad", "how far the legs keep from the edge of the view"),
         "far_margin": (far_margin, "m", "how far backing up keeps from the largest range"),
@@ -83,6 +87,11 @@ def inspect_target(
             f"the target leaves no room in the view at {distance:g} m",
             expected="half_angle above that of the target and leg_margin",
         )
+    if not range_min < distance < range_max - far_margin:
+        raise DefinitionError(
+            f"the pose at {distance:g} m is out of range",
+            expected=f"between {range_min:g} m and {range_max - far_margin:g} m",
+        )
     positive = ("distance", "k1", "mu", "kv", "half_angle", "range_max", "turn_first")
     parameters = tuple(
         Parameter(name, unit, text, value=value, above=0 if name in positive else -math.inf)
@@ -93,7 +102,7 @@ def inspect_target(
     guard = GUARD**2
     radius, bearing = length(x, y, guard), angle(-y, -x, guard)
     width, start = s["target_half_width"], s["distance"]
-    depth = sp.log(radius / start)
+    depth = sp.log((radius + GUARD**2) / start)
     ends = (angle(-width - y, -x, guard), angle(width - y, -x, guard))
     half = greatest(*(magnitude(wrap(bearing - end)) for end in ends))
     leg = greatest(s["half_angle"] - half - s["leg_margin"], sp.S.Zero)
@@ -101,10 +110,19 @@ def inspect_target(
     near = sp.Rational(1, 50) ** 2
     home = clip(sp.atan(s["exponent"] * bearing * depth / (depth**2 + near)), -leg, leg)
 
+    # the target's bearing that is not yet good enough keeps it moving
+    beyond = greatest(magnitude(bearing) - s["settle"], sp.S.Zero)
+    # where a range limit keeps the vehicle from turning, it is speed that frees it
+    pressed = {
+        AHEAD: 1 - (x + s["range_max"] * sp.cos(psi)) / sp.Rational(3, 10),
+        BACK: 1 + (x + s["range_min"] * sp.cos(psi)) / sp.Rational(1, 10),
+    }
+
     def law(name: str, offset: sp.Expr, speed: sp.Expr) -> Law:
         error = wrap(psi - bearing - offset)
         share = sp.Rational(3, 2) - magnitude(error) / s["turn_first"]
-        surge = s["k1"] * speed * clip(share, s["creep"], sp.S.One)
+        share = clip(greatest(share, pressed[name]), s["creep"], sp.S.One)
+        surge = s["k1"] * speed * share
         reads = system.quantities(("x", "y", "psi"), "inspect_target")
         return Law(name, reads, {"u": surge, "r": -s["kv"] * error}, parameters)
 
@@ -115,15 +133,16 @@ def inspect_target(
     suffices = greatest(reach - s["swing"], s["settle"] / 2) - magnitude(bearing)
     too_little = magnitude(bearing) - sp.Rational(13, 10) * reach - s["settle"]
     too_far = s["far_margin"] - x - s["range_max"] * sp.cos(psi)
+    too_near = sp.Rational(1, 20) + x + s["range_min"] * sp.cos(psi)
     at_end = sp.Rational(1, 10)
     return Switching(
         name="inspect_target",
         modes={
-            AHEAD: law(AHEAD, home, sp.tanh(s["mu"] * (radius - start))),
+            AHEAD: law(AHEAD, home, sp.tanh(s["mu"] * (radius - start + start * beyond))),
             BACK: law(BACK, -side * leg, -sp.S.One),
         },
         transitions=(
-            Transition(AHEAD, BACK, least(too_little, at_end - depth)),
+            Transition(AHEAD, BACK, least(too_little, greatest(at_end - depth, too_near))),
             Transition(BACK, AHEAD, greatest(suffices, least(too_far, depth - 2 * at_end))),
         ),
         initial=AHEAD,

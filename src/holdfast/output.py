@@ -1,0 +1,82 @@
+"""Where results are written: folders checked before the work, files that appear whole."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from holdfast.errors import OutputError
+
+if TYPE_CHECKING:
+    from holdfast.analysis.comparison import Comparison
+    from holdfast.analysis.result import Result
+    from holdfast.scenario import Scenario
+
+
+def check_writable(folder: Path, option: str = "--out") -> None:
+    """Find out before the work whether the folder can be made and written."""
+    place = folder.absolute()
+    while not place.exists() and place != place.parent:
+        place = place.parent
+    if not place.is_dir() or not os.access(place, os.W_OK | os.X_OK):
+        raise OutputError(
+            f"the folder {folder} cannot be written ({place} is no folder, or not yours)",
+            remedy=f"choose another with {option}",
+        )
+
+
+def make_folder(folder: Path, option: str = "--out") -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(
+            f"the folder {folder} cannot be made ({error.strerror})",
+            remedy=f"choose another with {option}",
+        ) from None
+
+
+def written(scenario: Scenario, result: Result, folder: Path, *, figures: bool) -> list[Path]:
+    from holdfast.analysis.result import atomic_file
+
+    make_folder(folder)
+    files = [result.save(folder / "result.nc")]
+    if figures:
+        from holdfast.presentation import style
+        from holdfast.presentation.histories import histories_figure
+        from holdfast.presentation.paths import paths_figure
+
+        chosen = scenario.figures
+        run = min(chosen.history, result.dataset.sizes["run"] - 1)
+        if scenario.plane is not None:
+            plane = paths_figure(result, scenario.plane, chosen.highlight, chosen.cones, run)
+            files += style.write(plane, folder, "paths")
+        files += style.write(histories_figure(result, run), folder, "histories")
+    path = folder / "summary.json"
+    with atomic_file(path) as partial:
+        partial.write_text(json.dumps(result.summary(), indent=2) + "\n", "utf-8")
+    return [*files, path]
+
+
+def write_comparison(found: Comparison, folder: Path, *, figures: bool) -> list[Path]:
+    """comparison.json, comparison.txt and the figure."""
+    from holdfast.presentation.comparison import comparison_figure, comparison_text
+
+    make_folder(folder)
+    files = []
+    if figures:
+        from holdfast.presentation import style
+
+        files += style.write(comparison_figure(found), folder, "comparison")
+    files.append(_text(folder / "comparison.txt", comparison_text(found) + "\n"))
+    files.append(_text(folder / "comparison.json", json.dumps(found.summary(), indent=2) + "\n"))
+    return files
+
+
+def _text(path: Path, text: str) -> Path:
+    from holdfast.analysis.result import atomic_file
+
+    with atomic_file(path) as partial:
+        partial.write_text(text, "utf-8")
+    return path

@@ -1,0 +1,410 @@
+"""The exact quadratic program against solvers that know nothing of it: Clarabel and HiGHS."""
+
+import math
+import subprocess
+import sys
+
+import clarabel
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.optimize import linprog
+
+from holdfast.execution.compile import compile_functions
+
+SWEEP = """@compiled
+def sweep(wanted, scales, rows, counts, hard, out):
+    m = wanted.shape[1]
+    for i in range(len(counts)):
+        out[i] = keep_within(wanted[i], scales[i], rows[i, : counts[i] * (m + 1)], hard[i])
+"""
+MOST_ROWS = 14
+INNER = ("interval", "dot", "span", "nearest_in_plane", "restrict", "nearest", "unit_of_slack")
+INNER += ("fill", "solve")
+
+
+def settings(tolerance):
+    chosen = clarabel.DefaultSettings()
+    chosen.verbose = chosen.presolve_enable = False
+    chosen.tol_gap_abs = chosen.tol_gap_rel = chosen.tol_feas = tolerance
+    return chosen
+
+
+FINE, COARSE = settings(1e-11), settings(1e-10)
+CONES = [[clarabel.NonnegativeConeT(k)] for k in range(MOST_ROWS + 2)]
+SOLVED, INFEASIBLE = clarabel.SolverStatus.Solved, clarabel.SolverStatus.PrimalInfeasible
+
+# -- random programs: normals a, offsets b, wanted w around a point p, scales s
+
+
+def inside(rng, a, b, p):
+    """Room around p."""
+
+
+def anywhere(rng, a, b, p):
+    """Offsets that know of no point: many are infeasible."""
+    b[:] = rng.normal(size=len(b)) + 0.5
+
+
+def opposed(rng, a, b, p):
+    """Two rows that exclude each other."""
+    other = rng.integers(1, len(b))
+    a[other] = -a[0] * 10 ** rng.uniform(-1, 1)
+    b[0], b[other] = a[0] @ p, a[other] @ p - rng.exponential()
+
+
+def thin(rng, a, b, p):
+    """A gap of 1e-7 to 1e-2 between two rows."""
+    other, gap = rng.integers(1, len(b)), 10 ** rng.uniform(-7, -2) * np.linalg.norm(a[0]) / 2
+    size = 10 ** rng.uniform(-1, 1)
+    a[other] = -a[0] * size
+    b[0], b[other] = a[0] @ p + gap, a[other] @ p + gap * size
+
+
+def vertex(rng, a, b, p):
+    """Two rows or more through p."""
+    n = rng.integers(2, len(b) + 1)
+    b[:n] = a[:n] @ p
+
+
+def repeated(rng, a, b, p):
+    """The same row again, a multiple of it, one turned by 1e-12 to 1e-4; rows of zeros."""
+    for j in range(1, len(b)):
+        kind, before = rng.integers(5), rng.integers(j)
+        if kind < 2:
+            a[j] = a[before] * (1.0, 10 ** rng.uniform(-1, 1))[kind]
+        elif kind == 2:
+            a[j] = a[before] * (1 + 10 ** rng.uniform(-12, -4) * rng.normal(size=len(p)))
+        elif kind == 3 and rng.random() < 0.3:
+            a[j] = 0.0
+    b[:] = a @ p + np.where(rng.random(len(b)) < 0.3, 0.0, rng.exponential(size=len(b)))
+
+
+def boxed(rng, a, b, p):
+    """The image of a box, as bounds of actuators are, and conditions that may not admit it."""
+    m = len(p)
+    image = rng.normal(size=(m, m))
+    b[:] = rng.normal(size=len(b)) + 1.0
+    n = min(2 * m, len(b))
+    a[:n], b[:n] = np.vstack([image, -image])[:n], 1.0
+
+
+FAMILIES = (inside, anywhere, opposed, thin, vertex, repeated, boxed)
+COUNTS = {1: 800, 2: 5000, 3: 1350}
+
+
+def program(rng, family, m, badly_scaled):
+    """Normals, offsets, how many of them are hard, wanted input, scales."""
+    k = rng.integers(3, MOST_ROWS + 1)
+    a, p = rng.normal(size=(k, m)), rng.normal(size=m)
+    b = a @ p + rng.exponential(size=k)
+    family(rng, a, b, p)
+    wanted = p + (rng.random() > 0.1) * rng.normal(size=m) * 10 ** rng.uniform(-2, 1.5)
+    scales = 10 ** rng.uniform(-0.5, 0.5, m)
+    hard = rng.integers(min(k, 6) + 1)
+    if family is boxed:
+        hard = min(2 * m, k)
+    else:
+        order = rng.permutation(k)
+        a, b = a[order], b[order]
+    if badly_scaled:
+        scales = 10 ** rng.uniform(-3, 3, m)
+        size = 10 ** rng.uniform(-3, 3, k)
+        a, b, wanted = a * size[:, None] / scales, b * size, wanted * scales
+    return a, b, hard, wanted, scales
+
+
+def programs(family, m, badly_scaled, count):
+    rng = np.random.default_rng([FAMILIES.index(family), m, badly_scaled])
+    return [program(rng, family, m, badly_scaled) for _ in range(count)]
+
+
+def packed(given):
+    """Arrays of them all, as the compiled sweep takes them."""
+    m = len(given[0][3])
+    rows, counts = np.zeros((len(given), MOST_ROWS * (m + 1))), [len(b) for _, b, *_ in given]
+    for row, (a, b, *_) in zip(rows, given, strict=True):
+        row[: len(b) * (m + 1)] = np.column_stack([a, b]).ravel()
+    hard, wanted, scales = (np.array([g[i] for g in given]) for i in (2, 3, 4))
+    return {
+        "wanted": wanted,
+        "scales": scales,
+        "rows": rows,
+        "counts": np.array(counts),
+        "hard": hard,
+    }
+
+
+def answers(given):
+    """What the compiled solver says to each, an input and its slack."""
+    out = np.empty((len(given), len(given[0][3]) + 1))
+    compile_functions(SWEEP).sweep(*packed(given).values(), out)
+    return out
+
+
+def matrix(dense):
+    """Every entry of it, column by column: cheaper than to look for zeros."""
+    k, m = dense.shape
+    return sparse.csc_matrix(
+        (dense.T.ravel(), np.tile(np.arange(k), m), np.arange(0, k * m + 1, k)), shape=(k, m)
+    )
+
+
+def peer(squares, linear, a, b, chosen):
+    """Clarabel's solution of min x' squares x / 2 + linear' x with a x <= b."""
+    return clarabel.DefaultSolver(
+        matrix(squares), linear, matrix(a), b, CONES[len(b)], chosen
+    ).solve()
+
+
+def projection(a, b, w, chosen=FINE):
+    """Its point nearest to w."""
+    return peer(2.0 * np.eye(len(w)), -2.0 * w, a, b, chosen)
+
+
+def least_slack(a, b, eased):
+    """The least t >= 0 with a x <= b + t eased; NaN where Clarabel does not find it."""
+    m = a.shape[1]
+    rows = np.vstack([np.column_stack([a, -eased]), np.append(np.zeros(m), -1.0)])
+    highest = np.append(np.zeros(m), 1.0)
+    found = peer(np.zeros((m + 1, m + 1)), highest, rows, np.append(b, 0.0), FINE)
+    return found.x[m] if found.status == SOLVED else math.nan
+
+
+def normalised(case):
+    """Unit normals, offsets, wanted input, and the sizes of the normals, in units of the scales."""
+    a, b, _, wanted, scales = case
+    size = np.linalg.norm(a * scales, axis=1)
+    size[size == 0.0] = 1.0
+    return a * scales / size[:, None], b / size, wanted / scales, size
+
+
+def violation(a, b, x):
+    return ((a @ x - b) / (1.0 + np.abs(b))).max(initial=0.0)
+
+
+def agrees(case, answer):
+    """Whether the peer comes to a verdict; that it is the same one is asserted."""
+    a, b, w, size = normalised(case)
+    x, slack = answer[:-1] / case[4], answer[-1]
+    found = projection(a, b, w)
+    if slack == 0.0:
+        assert violation(a, b, x) <= 2e-10
+    if found.status not in (SOLVED, INFEASIBLE):
+        return False
+    if (slack == 0.0) != (found.status == SOLVED):
+        assert least_slack(a, b, np.ones(len(b))) <= 1e-9 * (1.0 + np.abs(b).max())
+        return False
+    if slack == 0.0:
+        objective, least = (((v - w) ** 2).sum() for v in (x, np.array(found.x)))
+        prices = sum(found.z) * (1.0 + np.abs(b).max())  # what the tolerances of the peer cost
+        assert abs(objective - least) <= 5e-8 * (1.0 + least) + 1e-9 * prices
+        return True
+    return agrees_relaxed(case[2], a, b, w, size, x, slack)
+
+
+def agrees_relaxed(hard, a, b, w, size, x, slack):
+    """The same where no input is admissible; an input within the hard rows shows that one is."""
+    if math.isinf(slack):
+        alone = least_slack(a[:hard], b[:hard], np.ones(hard))
+        assert not alone <= 1e-9
+        return not math.isnan(alone)
+    assert violation(a[:hard], b[:hard], x) <= 1e-10
+    eased = np.append(np.zeros(hard), size[hard:].max() / size[hard:])
+    least = least_slack(a, b, eased) * size[hard:].max()
+    room = 1e-8  # a set with an inside is easier on the peer
+    found = projection(a, b + slack * (eased > 0) / size + room, w, COARSE)
+    if math.isnan(least) or found.status != SOLVED:
+        return False
+    assert slack == pytest.approx(least, rel=1e-9, abs=1e-9 * size[hard:].max())
+    objective, nearly = (((v - w) ** 2).sum() for v in (x, np.array(found.x)))
+    assert objective <= nearly + 1e-6 * (1.0 + nearly) + 3.0 * room * sum(found.z)
+    return True
+
+
+# -- the comparison
+
+
+def test_a_hundred_thousand_programs_are_compared():
+    assert 2 * len(FAMILIES) * sum(COUNTS.values()) >= 100_000
+
+
+@pytest.mark.parametrize("badly_scaled", [False, True], ids=["plain", "badly scaled"])
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.__name__)
+@pytest.mark.parametrize("inputs", COUNTS)
+def test_nearest_input_is_that_of_an_interior_point_solver(inputs, family, badly_scaled):
+    """Verdict, objective and violation; where none is admissible least slack and hard bounds.
+
+    An objective as good without a violation is the same point: it is strictly convex.
+    """
+    cases = programs(family, inputs, badly_scaled, COUNTS[inputs])
+    decided = [agrees(*pair) for pair in zip(cases, answers(cases), strict=True)]
+    assert decided.count(False) <= 0.01 * len(cases)
+
+
+@pytest.mark.parametrize("inputs", [1, 2, 3])
+@pytest.mark.parametrize("badly_scaled", [False, True], ids=["plain", "badly scaled"])
+def test_least_slack_is_that_of_a_linear_program(inputs, badly_scaled):
+    """min t subject to a u <= b + t for the rows that may be relaxed, by HiGHS."""
+    cases = programs(opposed, inputs, badly_scaled, 600)
+    compared = 0
+    for case, answer in zip(cases, answers(cases), strict=True):
+        a, b, _, size = normalised(case)
+        hard, unit = case[2], size[case[2] :].max(initial=0.0)
+        found = linprog(
+            np.append(np.zeros(inputs), 1.0),
+            A_ub=np.column_stack([a, np.append(np.zeros(hard), -unit / size[hard:])]),
+            b_ub=b,
+            bounds=[(None, None)] * inputs + [(0, None)],
+            options={"primal_feasibility_tolerance": 1e-10},
+        )
+        if math.isinf(answer[-1]):
+            assert found.status == 2  # infeasible
+        else:
+            assert answer[-1] == pytest.approx(found.fun * unit, rel=1e-9, abs=1e-9 * unit)
+            compared += 1
+    assert compared > 400
+
+
+# -- exact cases, each by machine code and by Python
+
+
+@pytest.fixture(params=["compiled", "interpreted"])
+def keep_within(request, monkeypatch):
+    """The solver as closed loops call it, with tuples: machine code, or the same text by Python."""
+    module = compile_functions(SWEEP)
+    chosen = module.keep_within
+    if request.param == "interpreted":
+        for name in INNER:
+            monkeypatch.setattr(module, name, getattr(module, name).py_func)
+        chosen = chosen.py_func
+
+    def keep(wanted, rows, hard=0, scales=None):
+        """Rows are padded with 0 u <= 1, so that one length is compiled for each count of inputs."""
+        m = len(wanted)
+        padded = [*rows, *[[0.0] * m + [1.0]] * (6 - len(rows))]
+        flat = tuple(float(v) for row in padded for v in row)
+        scales = tuple(float(s) for s in scales or [1.0] * m)
+        return chosen(tuple(float(w) for w in wanted), scales, flat, hard)
+
+    return keep
+
+
+BOX = ((1, 0, 1), (-1, 0, 1), (0, 1, 1), (0, -1, 1))
+
+
+def test_admissible_input_is_given_back_to_the_last_digit(keep_within):
+    wanted = (0.1 + 0.2, -1.0)
+    assert keep_within(wanted, BOX, 4, scales=(3.0, 0.7)).tolist() == [*wanted, 0.0]
+
+
+def test_input_moves_to_one_plane_along_the_squares_of_the_scales(keep_within):
+    """u = w - S^2 n (n . w - b) / (n . S^2 n), S the scales."""
+    n, b, w, s = np.array([2.0, -1.0]), 0.5, np.array([3.0, 1.0]), np.array([0.3, 4.0])
+    expected = w - s**2 * n * (n @ w - b) / (n @ (s**2 * n))
+    assert keep_within(w, [(*n, b)], scales=s.tolist()) == pytest.approx(
+        [*expected, 0.0], abs=1e-13
+    )
+
+
+def test_input_beyond_a_corner_goes_to_the_corner(keep_within):
+    assert keep_within((5.0, -7.0), BOX, 4).tolist() == [1.0, -1.0, 0.0]
+    oblique = (*BOX, (1, 1, 1))  # the corner of u2 <= 1 and u1 + u2 <= 1
+    assert keep_within((0.5, 9.0), oblique, 4) == pytest.approx([0.0, 1.0, 0.0], abs=1e-15)
+
+
+@pytest.mark.parametrize("size", [1e4, 1e8, 1e12])
+def test_bounds_hold_however_large_the_wanted_input_is(keep_within, size):
+    """Hard rows and rows that may be relaxed, feasible and not."""
+    wanted = (0.6 * size, -0.8 * size)
+    turned = [(0.6, 0.8, 1), (-0.6, -0.8, 1), (0.8, -0.6, 1), (-0.8, 0.6, 1)]
+    corner = (0.8 - 0.6, -0.6 - 0.8)
+    assert keep_within(wanted, turned, 4) == pytest.approx([*corner, 0.0], abs=1e-14)
+    other = (0.8 + 0.6, -0.6 + 0.8)
+    given = keep_within(wanted, [*turned, (-0.6, -0.8, -2)], 4)
+    assert given == pytest.approx([*other, 1.0], abs=1e-9)
+
+
+def test_rows_that_cannot_all_be_met_share_the_least_slack(keep_within):
+    """u1 <= -1 and u1 >= 2 by 1.5 each; what does not matter to them stays as it was wanted."""
+    conflict = [(1, 0, -1), (-1, 0, -2)]
+    assert keep_within((9.0, 0.3), conflict) == pytest.approx([0.5, 0.3, 1.5], abs=1e-9)
+    bounded = [(1, 0, 0.25), *conflict]  # u1 <= 1/4, which is hard
+    assert keep_within((9.0, 0.3), bounded, 1) == pytest.approx([0.25, 0.3, 1.75], abs=1e-9)
+
+
+@pytest.mark.parametrize("size", [1e-6, 1e-3, 1e3, 1e6])
+def test_least_slack_is_found_whatever_the_units_are(keep_within, size):
+    conflict = [(size, 0, -size), (-size, 0, -2 * size)]
+    given = keep_within((9.0, 0.3), conflict)
+    assert given == pytest.approx([0.5, 0.3, 1.5 * size], rel=1e-9)
+
+
+def test_row_without_inputs_asks_for_its_own_slack_or_is_out_of_reach(keep_within):
+    nothing, wall = (0, 0, -1), (1, 0, 0.5)
+    assert keep_within((2.0, 1.0), [nothing, wall]) == pytest.approx([1.5, 1.0, 1.0], abs=1e-9)
+    assert keep_within((2.0, 1.0), [nothing, wall], 1)[2] == math.inf
+    assert keep_within((2.0, 1.0), [(0, 0, 0), wall], 1).tolist() == [0.5, 1.0, 0.0]
+
+
+def test_rows_as_good_as_parallel_are_not_kept_further_apart_than_asked(keep_within):
+    """u2 <= 0 and u2 >= 9e-10 (100 - u1): (150, 0) is admissible, and nearest to (150, 5)."""
+    rows = [(-9e-10, -1.0, -9e-8), (0.0, 1.0, 0.0)]
+    for order in (rows, rows[::-1]):
+        assert keep_within((150.0, 5.0), order) == pytest.approx([150.0, 0.0, 0.0], abs=1e-6)
+
+
+def test_bounds_that_exclude_each_other_have_infinite_slack(keep_within):
+    """And the wanted input, which the actuators clip, stays."""
+    for inputs in (1, 2, 3):
+        rest = [0.0] * (inputs - 1)
+        rows = [(1, *rest, -1), (-1, *rest, -1), (1, *rest, 5)]
+        wanted = [0.5] * inputs
+        assert keep_within(wanted, rows, 2).tolist() == [*wanted, math.inf]
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_what_is_not_a_number_stays_so(keep_within, bad):
+    """In the wanted input, a normal or an offset: the run then ends as diverged."""
+    assert np.isnan(keep_within((bad, 0.0), BOX, 4)).all()
+    assert np.isnan(keep_within((2.0, bad), BOX, 4)).all()
+    assert np.isnan(keep_within((2.0, 0.5), [*BOX, (bad, 0.0, 1.0)], 4)).all()
+    assert np.isnan(keep_within((2.0, 0.5), [*BOX, (1.0, 0.0, -bad)], 4)).all()
+    assert np.isnan(keep_within((0.0, 0.5), [*BOX, (1.0, 0.0, -bad)], 4)).all()
+
+
+@pytest.mark.parametrize("inputs", [1, 2, 3])
+def test_machine_code_and_python_agree(keep_within, inputs):
+    """Rows of every family, six at most."""
+    for family in FAMILIES:
+        cases = programs(family, inputs, False, 12)
+        cases = [(a[:6], b[:6], min(hard, 6), w, s) for a, b, hard, w, s in cases]
+        for (a, b, hard, w, s), expected in zip(cases, answers(cases), strict=True):
+            given = keep_within(w, np.column_stack([a, b]), hard, s.tolist())
+            assert given == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+def test_four_inputs_are_within_its_reach():
+    cases = programs(inside, 4, True, 200) + programs(anywhere, 4, True, 200)
+    decided = [agrees(*pair) for pair in zip(cases, answers(cases), strict=True)]
+    assert decided.count(False) <= 8
+
+
+def test_machine_code_loaded_from_the_cache_gives_the_same(tmp_path):
+    """In another process, three inputs and a slack: code that calls itself does not survive this."""
+    cases = programs(opposed, 3, False, 50)
+    expected = answers(cases)
+    np.savez(tmp_path / "given.npz", **packed(cases))
+    (tmp_path / "source.txt").write_text(SWEEP)
+    script = (
+        "import sys, pathlib, numpy as np\n"
+        "from holdfast.execution.compile import compile_functions\n"
+        "here = pathlib.Path(sys.argv[1])\n"
+        "given, out = np.load(here / 'given.npz'), np.zeros((50, 4))\n"
+        "order = ('wanted', 'scales', 'rows', 'counts', 'hard')\n"
+        "module = compile_functions((here / 'source.txt').read_text())\n"
+        "module.sweep(*(given[name] for name in order), out)\n"
+        "np.save(here / 'out.npy', out)\n"
+    )
+    subprocess.run([sys.executable, "-c", script, str(tmp_path)], check=True)
+    assert (np.load(tmp_path / "out.npy") == expected).all()
