@@ -48,13 +48,13 @@ def inspect_target(
         r = -kv wrap(psi - beta - delta),    R0 = distance (1 - max(|beta| - settle, 0))
 
     n = `exponent` > 1: the way home ends as beta ~ s^n, tangent to the goal's heading, as the
-    lines of the dipolar field with lambda = n / (n - 1) do. Ahead it goes as far as it can; where
-    the leg ends before the target (s < 0.1, or 5 cm before the least range) with the bearing off by more than `settle` [rad] and
-    what the rest of the leg can mend, it backs up until one leg home suffices, or to within
-    `far_margin` [m] of the largest range `range_max`. `swing` [rad] is what turning from one leg
-    to the other loses. Where the heading is off by more than `turn_first` [rad] the vehicle slows
-    down, to the share `creep` of its speed at last, but not where a range limit keeps it from
-    turning.
+    lines of the dipolar field with lambda = n / (n - 1) do. Ahead it goes as far as it can. Where
+    the leg ends before the target (s < 0.1, or 5 cm before the least range) with the bearing off by
+    more than `settle` [rad] and what the rest of the leg can mend, it backs up until one leg home
+    suffices, or to within `far_margin` [m] of the largest range `range_max`. `swing` [rad] is what
+    turning from one leg to the other loses. Where the heading is off by more than `turn_first`
+    [rad] the vehicle slows down, to the share `creep` of its speed at last, but not where a range
+    limit keeps it from turning.
 
     The law does not keep the view by itself: `safeguard` it. What is proved of it is only this
     geometry; that it arrives is measured (docs/rescue.md). Outputs: surge u [m/s], yaw rate r
