@@ -250,3 +250,39 @@ def test_key_with_nothing_after_the_sign_is_taken_away():
     poles = load_scenario("ch4-chained-4", ["law.gains=", "law.poles=-1.5"])
     values = {p.name: p.value for p in poles.law.parameters}
     assert (values["k2"], values["k3"]) == (7.5, 27.25)
+
+
+def test_safeguard_keeps_constraints_of_its_own_beside_those_of_the_region():
+    """Four thruster limits, four constraints of the view, and |psi| <= 1.01 as its two pieces."""
+    scenario = load_scenario("inspection", runs=3)
+    guard = next(iter(scenario.law.modes.values())).safeguard
+    assert (guard.hard, len(guard.offsets)) == (4, 10)
+    assert scenario.region.inequality_names == ("edge_low", "edge_high", "too_near", "too_far")
+    data = load_scenario("inspection", runs=20).run().dataset
+    assert np.abs(data["state"].sel(state_name="psi").values[3:]).max() < 1.06
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "complaint"),
+    [
+        (
+            "inspection",
+            ["safeguard.margins.edge_lo=0.1"],
+            "safeguard.margins.edge_lo: unknown name",
+        ),
+        ("inspection", ["safeguard.margins.edge_low='2 m'"], "does not fit"),
+        ("inspection", ["safeguard.gains=[1.0, -1.0]"], "safeguard: gains"),
+        ("inspection", ["safeguard.constraints.heading='abs(chi) - 1'"], "unknown name 'chi'"),
+        ("inspection", ["tracking="], "let the inputs track its velocities first"),
+        ("inspection", ["observer.measured=['z']"], "observer: 'z' is no state"),
+        ("inspection", ["observer.bandwidth=0.0"], "bandwidth is 0.0"),
+        ("inspection", ["run.delay=0.015"], "delay a whole multiple of sample_time"),
+        ("inspection", ["system.promote=['u']"], "expected { state = [lowest, highest] }"),
+        ("inspection", ["system.promote.w=[0, 1]"], "system.promote: unknown name"),
+        ("inspection", ["compare.laws.x.without=3"], "compare.laws.x.without"),
+    ],
+)
+def test_tables_of_the_safeguard_are_checked(name, changes, complaint):
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(name, changes).run()
+    assert complaint in str(caught.value)

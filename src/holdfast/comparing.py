@@ -81,6 +81,25 @@ def compare(
     )
 
 
+def variant(name: str, law: str, case: str | None = None, runs: int | None = None) -> Scenario:
+    """The scenario of that name with one law of its comparison, in one of its cases.
+
+    Raises `ScenarioError` for an unknown law or case.
+    """
+    shown, text, data = read_tables(name)
+    base = validated(ScenarioSpec, data, shown)
+    known = _known_laws(scenario_title(shown), base.compare)
+    data = _altered(data, known.get(law) or _of_scenario(shown, law, known))
+    if case is not None:
+        if case not in base.compare.cases:
+            raise ScenarioError(
+                f"{shown}: [compare.cases] has no '{case}'",
+                remedy=suggestion(case, base.compare.cases),
+            )
+        data = _altered(data, base.compare.cases[case])
+    return _composed(shown, text, data, runs, None)
+
+
 def _known_laws(own: str, spec: CompareSpec) -> dict[str, AlterationSpec]:
     return {own: AlterationSpec(title=spec.title or f"law of {own}"), **spec.laws}
 
