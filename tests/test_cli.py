@@ -153,9 +153,9 @@ BAD_FILES = [
     (edited('"videoray_pro_iii"', '"videoray"'), r"did you mean 'videoray_pro_iii'"),
     (
         edited("x = -1.5\n", "x = 1.5\n"),
-        r"mine\.toml: starts: start 0 .* lies outside the region: ",
+        r"mine\.toml: starts: start 1 .* lies outside the region: ",
     ),
-    (edited("x = -1.5\n", "z = -1.5\n"), r"starts\.states\.0\.z: unknown name"),
+    (edited("x = -1.5\n", "z = -1.5\n"), r"starts\.states\.1\.z: unknown name"),
     (
         edited("random = 200", "random = -2"),
         r"starts\.random: got -2; expected greater than or equal to 0",
