@@ -71,20 +71,21 @@ def test_memory_holds_the_formula_of_the_docstring(drifting):
 def guarded(vehicle):
     law = hf.track_velocity(vehicle, hf.laws.inspect_target(vehicle), {"u": 5.0, "r": 10.0})
     view = hf.regions.camera_view()
-    return view, hf.safeguard(vehicle, law, view, measured=True)
+    margins = {"edge_low": 0.02, "edge_high": 0.02, "too_near": 0.01, "too_far": 0.02}
+    return view, hf.safeguard(vehicle, law, view, gains=(2, 6), margins=margins, measured=True)
 
 
 def test_vehicle_that_knows_its_pose_alone_finds_the_current_and_keeps_the_view(vehicle, guarded):
     view, law = guarded
     names = ("x", "y", "psi")
-    law = hf.observe(vehicle, law, measured=names)
+    law = hf.observe(vehicle, law, measured=names, bandwidth=5.0)
     assert {q.name for q in law.reads} <= {
         *names,
         *(f"{n}_hat" for n in ("u", "v", "r", "Vx", "Vy")),
     }
     result = hf.simulate(
         vehicle, law, region=view, goal=hf.regions.near_pose(), horizon=100.0, tolerance=1e-3,
-        starts=[[-1.5, 0.3, -0.2, 0, 0, 0], [-1.2, -0.4, 0.3, 0, 0, 0]],
+        starts=[[-1.5, 0.3, -0.2, 0, 0, 0], [-1.4, -0.2, 0.1, 0, 0, 0]],
         disturbance={"Vx": -0.03, "Vy": 0.0},
     )  # fmt: skip
     assert result.viable == 2
