@@ -38,7 +38,7 @@ def main() -> None:
             stepper=RK4,
         )
         law = compile_closed_loop(program.source).law
-        memory = scenario.law.memory.quantities if program.remembers else ()
+        memory = scenario.law.memory.quantities if scenario.law.memory else ()
         width = len(program.states) + 1 + len(memory)  # one zero where no disturbance is told
         states = np.zeros((COUNT, width))
         generator = np.random.default_rng(0)

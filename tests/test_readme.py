@@ -17,14 +17,15 @@ README = (ROOT / "README.md").read_text("utf-8")
 def test_twelve_lines_of_python_do_what_the_main_command_does():
     (code,) = re.findall(r"```python\n(.*?)```", README, re.S)
     assert len(code.strip().splitlines()) == 12
+    code = code.replace("1.047", repr(np.pi / 3))  # 60 degrees, rounded in the README
     scope, printed = {}, io.StringIO()
     with contextlib.redirect_stdout(printed):
         exec(code, scope)
     expected = hf.load_scenario("inspection").run()
     ours, theirs = scope["result"].dataset, expected.dataset.isel(run=slice(3, None))
     starts, ends = ([d["state"].values[:, k] for d in (ours, theirs)] for k in (0, -1))
-    assert np.abs(starts[0] - starts[1]).max() < 1e-3  # 60 degrees is rounded in the README
-    assert np.abs(ends[0] - ends[1]).max() < 2e-2
+    assert np.abs(starts[0] - starts[1]).max() < 1e-12
+    assert np.abs(ends[0] - ends[1]).max() < 1e-6
     assert np.array_equal(ours["outcome"].values, theirs["outcome"].values)
     assert printed.getvalue().startswith(f"{scope['result'].viable} ")
 

@@ -100,6 +100,7 @@ def simulate(
         goal=goal,
         disturbance=given,
         stepper=BY_NAME[stepper],
+        continuous=chosen.continuous,
         varied=varied,
     )
     loop = ClosedLoop(program, BY_NAME[stepper])

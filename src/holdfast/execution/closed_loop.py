@@ -112,6 +112,8 @@ class ClosedLoop:
     def varied(self, runs: int, seed: int) -> Array:
         """What every run has values of its own for: draws, values, values of the plant."""
         chosen = self.program.varied
+        if not chosen.expressions and not chosen.draws:
+            return np.empty((runs, 0))
         draws = np.empty((runs, len(chosen.draws)))
         low, high = (np.array([r[i] for r in chosen.draws.values()]) for i in (0, 1))
         self.module.draw_varied(low, high, np.uint64(seed), draws)
@@ -173,10 +175,8 @@ class ClosedLoop:
         columns = n + len(program.inputs) + len(program.actuators) + len(program.signals) + watch
         _check_memory(8 * runs * rows * (columns + 1), f"{runs} runs of {rows} samples")
 
-        if program.remembers and settings.continuous:
-            raise SimulationError(
-                "the law remembers, and the control is continuous", remedy="sample the control"
-            )
+        if program.continuous != settings.continuous:
+            raise SimulationError("continuous control is compiled, not chosen for a run")
         if varied is None:
             varied = self.varied(runs, settings.seed)
         shared = len(program.varied.names)
@@ -235,13 +235,12 @@ class ClosedLoop:
                 own_gains,
                 np.zeros(1),
                 noise,
+                bool(noise.any()),
                 np.uint64(settings.seed),
                 settings.sample_time,
                 samples,
                 stride,
                 int(settings.substeps),
-                settings.continuous,
-                self.stepper.adaptive,
                 float(self.stepper.order),
                 settings.absolute,
                 settings.relative,
@@ -249,9 +248,6 @@ class ClosedLoop:
                 program.initial_mode,
                 min(settings.switch_limit, samples + 2),  # never more than it can count
                 settings.delay_samples,
-                watch,
-                len(program.signals),
-                len(program.actuators),
                 result.state,
                 result.input,
                 result.actuator,

@@ -51,15 +51,23 @@ def _temporary() -> Path:
 
 def compile_closed_loop(source: str) -> ModuleType:
     """The module of one closed loop: the driver with the generated `source` in its place."""
-    files = ("nearest.py", "driver.py", "crossings.py", "batch.py")
-    joined = (_text(n).partition(MARK)[2] for n in files)
-    return _module("loop", "\n\n".join([_text("primitives.py"), *joined, source]))
+    parts = (_text(f"{name}.py").partition(MARK)[2] for name in ("driver", "crossings", "batch"))
+    return _module("loop", "\n\n".join([_import("nearest"), *parts, source]))
 
 
 def compile_functions(source: str) -> ModuleType:
     """The module of functions that stand alone, with the primitives that they use."""
-    nearest = _text("nearest.py").partition(MARK)[2]
-    return _module("functions", "\n\n".join([_text("primitives.py"), nearest, source]))
+    return _module("functions", f"{_import('nearest')}\n\n{source}")
+
+
+def _import(name: str) -> str:
+    """The line that takes all from a file which is the same for every loop.
+
+    It is a module of the cache too, so what Numba makes of it is kept and serves every loop.
+    """
+    above, mark, text = _text(f"{name}.py").partition(MARK)
+    text = f"{_import('primitives')}\n{text}" if mark else above
+    return f"from {_module(name, text).__name__} import *"
 
 
 def _text(name: str) -> str:

@@ -23,7 +23,10 @@ STAYED, REACHED, LEFT, DIVERGED, CHATTERED = 0, 1, 2, 3, 4
 UNIFORM_STREAM, START_STREAM, NORMAL_STREAM, VARIED_STREAM = 1, 2, 3, 4
 
 
-# -- the interface: replaced by the generated functions ---------------------------------
+# -- the interface: replaced by the generated constants and functions -------------------
+
+WATCHED, SIGNALS, ACTUATORS = 0, 0, 0  # how many; Numba leaves out what a constant rules out
+CONTINUOUS, ADAPTIVE = False, False
 
 
 def rates(t, q, u, d, p):
@@ -106,7 +109,7 @@ def as_tuple(values):
     raise NotImplementedError
 
 
-def step(t, h, q, k0, u, mode, plant, gains, table, continuous):
+def step(t, h, q, k0, u, mode, plant, gains, table):
     """One Runge-Kutta step: the new state and the error estimate."""
     raise NotImplementedError
 
@@ -115,9 +118,9 @@ def step(t, h, q, k0, u, mode, plant, gains, table, continuous):
 
 
 @compiled
-def field(t, q, u, mode, plant, gains, table, continuous):
+def field(t, q, u, mode, plant, gains, table):
     """qdot; with continuous control the input is the law's at this very state."""
-    if continuous:
+    if CONTINUOUS:
         seen = q + felt(t, plant)
         seen = seen + first_memory(seen, gains)  # of the right length: nothing is remembered
         u = produce(limit(allocate(law(t, seen, mode, gains, table), gains), plant), plant)
@@ -177,13 +180,12 @@ def simulate_runs(
     own_gains,
     table,
     noise,
+    noisy,
     seed,
     sample_time,
     samples,
     stride,
     substeps,
-    continuous,
-    adaptive,
     order,
     absolute,
     relative,
@@ -191,9 +193,6 @@ def simulate_runs(
     initial_mode,
     switch_limit,
     delay,
-    watch,
-    signal_count,
-    actuator_count,
     state_out,
     input_out,
     actuator_out,
@@ -222,15 +221,13 @@ def simulate_runs(
     changed more than `switch_limit` times within a second. The law sees what was measured
     `delay` samples ago. `infeasible` counts the samples at which its safeguard needed slack.
 
-    `watch` is the number of inequalities; c_j > `tolerance` counts as leaving, located in
-    time inside the step in which it happens. `stop[0]` set from outside ends the call early;
-    `progress[0]` counts control samples.
+    c_j > `tolerance` counts as leaving, located in time inside the step in which it happens.
+    `stop[0]` set from outside ends the call early; `progress[0]` counts control samples.
     """
     n = starts.shape[1]
     m = input_out.shape[2]
     scratch = np.empty(n)
     past = np.empty((delay + 1, n))  # the states of the last samples, in turn
-    noisy = noise.max() > 0.0
     plant, gains = plant.copy(), gains.copy()
     recent = np.empty(switch_limit)  # when the mode last changed, in turn
     for run in range(first, last):
@@ -245,9 +242,9 @@ def simulate_runs(
         inside_since = np.nan
         outcome[run] = STAYED
         trial = sample_time
-        if watch > 0:
+        if WATCHED:
             c0 = constraints(q, plant)
-            for j in range(watch):
+            for j in range(WATCHED):
                 worst[run, j] = c0[j]
                 if c0[j] > tolerance and outcome[run] != LEFT:
                     outcome[run] = LEFT
@@ -292,8 +289,8 @@ def simulate_runs(
                 break
             for i in range(m):
                 peak_input[run, i] = max(peak_input[run, i], abs(u[i]))
-            if actuator_count > 0:
-                for i in range(actuator_count):
+            if ACTUATORS:
+                for i in range(ACTUATORS):
                     peak_actuator[run, i] = max(peak_actuator[run, i], abs(a[i]))
             if goal_level(q, plant) <= 0.0:
                 if math.isnan(inside_since):
@@ -306,24 +303,24 @@ def simulate_runs(
                     state_out[run, row, i] = q[i]
                 for i in range(m):
                     input_out[run, row, i] = u[i]
-                if actuator_count > 0:
-                    for i in range(actuator_count):
+                if ACTUATORS:
+                    for i in range(ACTUATORS):
                         actuator_out[run, row, i] = a[i]
                 mode_out[run, row] = mode
-                if signal_count > 0:
+                if SIGNALS:
                     s = signals(t, seen, gains)
-                    for i in range(signal_count):
+                    for i in range(SIGNALS):
                         signal_out[run, row, i] = s[i]
-                if watch > 0:
+                if WATCHED:
                     c0 = constraints(q, plant)
-                    for j in range(watch):
+                    for j in range(WATCHED):
                         constraint_out[run, row, j] = c0[j]
             progress[0] += 1
             if k == samples:
                 break
             # one sample interval
-            k0 = field(t, q, u, mode, plant, gains, table, continuous)
-            if watch > 0:
+            k0 = field(t, q, u, mode, plant, gains, table)
+            if WATCHED:
                 c0 = constraints(q, plant)
                 d0 = constraint_rates(q, k0, plant)
             elapsed = 0.0
@@ -331,7 +328,7 @@ def simulate_runs(
             stiff_at = rejected[run] + 4096
             failed = False
             while True:
-                if adaptive:
+                if ADAPTIVE:
                     if index + rejected[run] > stiff_at:  # also where an interruption is heard
                         failed = stop[0] != 0 or index > MOST_STEPS
                         if failed:
@@ -343,8 +340,8 @@ def simulate_runs(
                 else:
                     h = sample_time / substeps
                     last_step = index == substeps - 1
-                new, error = step(t + elapsed, h, q, k0, u, mode, plant, gains, table, continuous)
-                if adaptive:
+                new, error = step(t + elapsed, h, q, k0, u, mode, plant, gains, table)
+                if ADAPTIVE:
                     size = error_size(q, new, error, absolute, relative)
                     if not size <= 1.0:
                         rejected[run] += 1
@@ -364,11 +361,11 @@ def simulate_runs(
                 if not below(new, DIVERGED_AT):
                     failed = True
                     break
-                if watch > 0 or not last_step:
-                    k1 = field(t + elapsed + h, new, u, mode, plant, gains, table, continuous)
+                if WATCHED or not last_step:
+                    k1 = field(t + elapsed + h, new, u, mode, plant, gains, table)
                 else:
                     k1 = k0
-                if watch > 0:
+                if WATCHED:
                     c1 = constraints(new, plant)
                     if not below(c1, np.inf):
                         failed = True
@@ -376,7 +373,7 @@ def simulate_runs(
                     d1 = constraint_rates(new, k1, plant)
                     earliest = 2.0
                     culprit = -1
-                    for j in range(watch):
+                    for j in range(WATCHED):
                         top = c1[j]
                         at = 1.0
                         if (

@@ -88,15 +88,14 @@ def stepper_source(tableau: Tableau, dimension: int) -> str:
     """
     lines = [
         "@compiled",
-        "def step(t, h, q, k0, u, mode, plant, gains, table, continuous):",
+        "def step(t, h, q, k0, u, mode, plant, gains, table):",
     ]
     for i in range(1, len(tableau.a)):
         stage = ", ".join(
             f"q[{j}] + h * ({_combination(tableau.a[i], j)})" for j in range(dimension)
         )
         lines.append(
-            f"    k{i} = field(t + {tableau.c[i]!r} * h, ({stage},), u, mode, plant, gains, "
-            "table, continuous)"
+            f"    k{i} = field(t + {tableau.c[i]!r} * h, ({stage},), u, mode, plant, gains, table)"
         )
     new = ", ".join(f"q[{j}] + h * ({_combination(tableau.b, j)})" for j in range(dimension))
     lines.append(f"    new = ({new},)")

@@ -48,7 +48,7 @@ class ClosedLoopProgram:
     conditions: tuple[GainCondition, ...] = field(default=())
     varied: Varied = field(default_factory=Varied)
     safeguarded: bool = False
-    remembers: bool = False
+    continuous: bool = False
 
 
 def closed_loop_program(
@@ -59,10 +59,12 @@ def closed_loop_program(
     goal: Region | None,
     disturbance: Mapping[str, sp.Expr],
     stepper: Tableau,
+    continuous: bool = False,
     varied: Varied | None = None,
 ) -> ClosedLoopProgram:
     """The program that simulates `system` under `law`, watching `region` and `goal`.
 
+    `continuous`: the inputs follow the state at every instant, not once per control sample.
     `disturbance` gives each disturbance as an expression of time and parameters (those not
     named are zero), `varied` what differs from run to run. Raises `SimulationError` when the
     law does not give the system's inputs or reads what the system does not have.
@@ -93,6 +95,10 @@ def closed_loop_program(
         _check_still(region, varied)
     memory = switching.memory
     kept = memory.quantities if memory else ()
+    if memory and continuous:
+        raise SimulationError(
+            "the law remembers, and the control is continuous", remedy="sample the control"
+        )
     p = [q.symbol for q in parameters]
     q = [s.symbol for s in system.states]
     u = [s.symbol for s in system.inputs]
@@ -134,7 +140,15 @@ def closed_loop_program(
     qdot = [sp.Symbol(f"_qdot{i}", real=True) for i in range(len(q))]  # no user name begins so
     cdot = [sum((e.diff(s) * r for s, r in zip(q, qdot, strict=True)), sp.S.Zero) for e in c]
     state = {"q": q}
+    constants = {
+        "WATCHED": len(c),
+        "SIGNALS": len(signals),
+        "ACTUATORS": len(image.actuators) if image else 0,
+        "CONTINUOUS": continuous,
+        "ADAPTIVE": stepper.adaptive,
+    }
     functions = [
+        "\n".join(f"{name} = {value!r}" for name, value in constants.items()),
         function_source(
             "rates",
             ("t", "q", "u", "d", "p"),
@@ -196,7 +210,7 @@ def closed_loop_program(
         conditions=switching.conditions,
         varied=varied,
         safeguarded=any(mode.safeguard for mode in switching.modes.values()),
-        remembers=memory is not None,
+        continuous=continuous,
     )
 
 
