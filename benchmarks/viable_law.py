@@ -18,6 +18,7 @@ from holdfast.comparing import variant
 from holdfast.execution.compile import compile_closed_loop
 from holdfast.execution.steppers import RK4
 from holdfast.execution.translate import closed_loop_program
+from holdfast.maths.switching import as_switching
 from holdfast.sources import read_text
 
 COUNT = 200_000
@@ -38,8 +39,11 @@ def main() -> None:
             stepper=RK4,
         )
         law = compile_closed_loop(program.source).law
-        memory = scenario.law.memory.quantities if scenario.law.memory else ()
-        width = len(program.states) + 1 + len(memory)  # one zero where no disturbance is told
+        law_of = as_switching(scenario.law)
+        memory = law_of.memory
+        read = {q.name for q in (*law_of.reads, *(memory.reads if memory else ()))}
+        told = sum(d.name in read for d in program.disturbances) or 1  # else one zero
+        width = len(program.states) + told + (len(memory.quantities) if memory else 0)
         states = np.zeros((COUNT, width))
         generator = np.random.default_rng(0)
         for i, state in enumerate(program.states):

@@ -85,7 +85,7 @@ def test_vehicle_that_knows_its_pose_alone_finds_the_current_and_keeps_the_view(
     }
     result = hf.simulate(
         vehicle, law, region=view, goal=hf.regions.near_pose(), horizon=100.0, tolerance=1e-3,
-        starts=[[-1.5, 0.3, -0.2, 0, 0, 0], [-1.4, -0.2, 0.1, 0, 0, 0]],
+        starts=[[-1.5, 0.3, -0.2, 0, 0, 0], [-1.2, -0.4, 0.3, 0, 0, 0]],
         disturbance={"Vx": -0.03, "Vy": 0.0},
     )  # fmt: skip
     assert result.viable == 2
