@@ -17,11 +17,21 @@ from holdfast._version import __version__
 if TYPE_CHECKING:
     from holdfast.analysis.boundary import Boundary, contingent_cone, regulation_map
     from holdfast.analysis.comparison import Comparison
+    from holdfast.analysis.grid import Grid, grid
     from holdfast.analysis.result import Result, load
     from holdfast.analysis.simulate import simulate
     from holdfast.analysis.starts import Starts
     from holdfast.analysis.station_statistics import station_statistics
+    from holdfast.analysis.value_function import ValueFunction
     from holdfast.analysis.viability_domain import check_viability
+    from holdfast.analysis.viability_kernel import (
+        backward_reachable_set,
+        capture_basin,
+        discriminating_kernel,
+        forward_reachable_set,
+        invariance_kernel,
+        viability_kernel,
+    )
     from holdfast.comparing import compare
     from holdfast.derivation import Derivation, explain
     from holdfast.errors import GainWarning, HoldfastError
@@ -33,6 +43,7 @@ if TYPE_CHECKING:
     from holdfast.maths.field import Field
     from holdfast.maths.field_facts import field_facts
     from holdfast.maths.flow_lines import exact_flow, flow_line
+    from holdfast.maths.hamiltonian import Hamiltonian, hamiltonian
     from holdfast.maths.law import GainCondition, Law, Safeguard
     from holdfast.maths.lyapunov import ultimate_bound
     from holdfast.maths.memory import Memory
@@ -61,11 +72,21 @@ if TYPE_CHECKING:
 _HOME = {
     "analysis.boundary": ("Boundary", "contingent_cone", "regulation_map"),
     "analysis.comparison": ("Comparison",),
+    "analysis.grid": ("Grid", "grid"),
     "analysis.result": ("Result", "load"),
     "analysis.simulate": ("simulate",),
     "analysis.starts": ("Starts",),
     "analysis.station_statistics": ("station_statistics",),
+    "analysis.value_function": ("ValueFunction",),
     "analysis.viability_domain": ("check_viability",),
+    "analysis.viability_kernel": (
+        "backward_reachable_set",
+        "capture_basin",
+        "discriminating_kernel",
+        "forward_reachable_set",
+        "invariance_kernel",
+        "viability_kernel",
+    ),
     "comparing": ("compare",),
     "derivation": ("Derivation", "explain"),
     "errors": ("GainWarning", "HoldfastError"),
@@ -78,6 +99,7 @@ _HOME = {
     "maths.field_facts": ("field_facts",),
     "maths.flow_lines": ("exact_flow", "flow_line"),
     "maths.law": ("GainCondition", "Law", "Safeguard"),
+    "maths.hamiltonian": ("Hamiltonian", "hamiltonian"),
     "maths.lyapunov": ("ultimate_bound",),
     "maths.memory": ("Memory",),
     "maths.observer": ("observe",),
@@ -116,6 +138,8 @@ __all__ = [
     "Field",
     "GainCondition",
     "GainWarning",
+    "Grid",
+    "Hamiltonian",
     "HoldfastError",
     "Inequality",
     "Law",
@@ -134,21 +158,29 @@ __all__ = [
     "Switching",
     "System",
     "Transition",
+    "ValueFunction",
     "Varied",
     "__version__",
+    "backward_reachable_set",
+    "capture_basin",
     "check_viability",
     "classify",
     "compare",
     "comparison_figure",
     "contingent_cone",
     "critical_points",
+    "discriminating_kernel",
     "exact_flow",
     "explain",
     "field_facts",
     "fields",
     "flow_line",
     "flow_lines_figure",
+    "forward_reachable_set",
+    "grid",
+    "hamiltonian",
     "histories_figure",
+    "invariance_kernel",
     "laws",
     "load",
     "load_scenario",
@@ -172,6 +204,7 @@ __all__ = [
     "track_velocity",
     "ultimate_bound",
     "viability_conditions",
+    "viability_kernel",
     "winding_number",
 ]
 

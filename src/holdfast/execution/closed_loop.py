@@ -130,7 +130,7 @@ class ClosedLoop:
 
         Raises `SimulationError` when 100,000 draws find none for some run.
         """
-        _check_memory(8 * count * len(lower), f"{count} random starts")
+        check_memory(8 * count * len(lower), f"{count} random starts")
         out = np.empty((count, len(lower)))
         failed = self.module.sample_starts(
             0,
@@ -173,7 +173,7 @@ class ClosedLoop:
         watch = len(program.constraints)
 
         columns = n + len(program.inputs) + len(program.actuators) + len(program.signals) + watch
-        _check_memory(8 * runs * rows * (columns + 1), f"{runs} runs of {rows} samples")
+        check_memory(8 * runs * rows * (columns + 1), f"{runs} runs of {rows} samples")
 
         if program.continuous != settings.continuous:
             raise SimulationError("continuous control is compiled, not chosen for a run")
@@ -276,7 +276,7 @@ class ClosedLoop:
         return replace(result, wall_time=time.perf_counter() - began)
 
 
-def _check_memory(needed: int, what: str) -> None:
+def check_memory(needed: int, what: str) -> None:
     """Refuse what would not fit, before anything is allocated."""
     if not hasattr(os, "sysconf"):
         return

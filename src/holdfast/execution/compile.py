@@ -60,14 +60,25 @@ def compile_functions(source: str) -> ModuleType:
     return _module("functions", f"{_import('nearest')}\n\n{source}")
 
 
-def _import(name: str) -> str:
-    """The line that takes all from a file which is the same for every loop.
+def compile_sweep(source: str) -> ModuleType:
+    """The module of a march over a grid: the differences with the generated `source`."""
+    return _module("sweep", f"{_import('differences')}\n\n\n{source}")
 
-    It is a module of the cache too, so what Numba makes of it is kept and serves every loop.
-    """
+
+def compile_interpolation() -> ModuleType:
+    """The module of `interpolate.py`."""
+    return _shared("interpolate")
+
+
+def _shared(name: str) -> ModuleType:
+    """The module of a file that is the same for every program, so that it is compiled once."""
     above, mark, text = _text(f"{name}.py").partition(MARK)
-    text = f"{_import('primitives')}\n{text}" if mark else above
-    return f"from {_module(name, text).__name__} import *"
+    return _module(name, f"{_import('primitives')}\n{text}" if mark else above)
+
+
+def _import(name: str) -> str:
+    """The line that takes all from such a module."""
+    return f"from {_shared(name).__name__} import *"
 
 
 def _text(name: str) -> str:

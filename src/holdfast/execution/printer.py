@@ -69,6 +69,11 @@ class Printer(PythonCodePrinter):
 _PRINTER = Printer({"fully_qualified_modules": True})
 
 
+def text_of(expression: sp.Expr) -> str:
+    """One expression as text."""
+    return str(_PRINTER.doprint(expression))
+
+
 def function_source(
     name: str,
     arguments: Sequence[str],

@@ -1,0 +1,141 @@
+"""A grid over the states of a system: nodes, and what is beyond the ends of every axis."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.errors import SimulationError, suggestion
+from holdfast.execution.march import KINDS
+from holdfast.maths.quantity import Quantity
+from holdfast.maths.system import System
+
+TURN = 2.0 * math.pi
+
+LARGEST_DIMENSION = 6
+
+
+@dataclass(frozen=True)
+class Axis:
+    """`count` nodes from low to high; of a periodic axis, whose ends are one, high is left out.
+
+    ends: "extrapolated" (linearly, away from zero), "contained": the same, and the region has to lie
+    within, "periodic", or "limited": the state itself is limited there, and nothing leaves.
+    """
+
+    state: Quantity
+    low: float
+    high: float
+    count: int
+    ends: str
+
+    @property
+    def name(self) -> str:
+        return self.state.name
+
+    @property
+    def step(self) -> float:
+        return (self.high - self.low) / (self.count - (self.ends != "periodic"))
+
+    @property
+    def nodes(self) -> npt.NDArray[np.float64]:
+        return self.low + self.step * np.arange(self.count, dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The axes in the order of the system's states."""
+
+    axes: tuple[Axis, ...]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return tuple(a.count for a in self.axes)
+
+    @property
+    def nodes(self) -> int:
+        return math.prod(self.shape)
+
+    @property
+    def cell(self) -> float:
+        """The volume that a node stands for, in the product of the units."""
+        return math.prod(a.step for a in self.axes)
+
+
+def grid(
+    system: System,
+    box: Mapping[str, tuple[float, float]],
+    nodes: int | Mapping[str, int],
+    ends: Mapping[str, str] | None = None,
+) -> Grid:
+    """The grid over `box` (state -> (low, high)); `nodes` along every axis, or along each by name.
+
+    ends: state -> "contained" (the default: a region that is kept has to lie within), "periodic"
+    (the default of an angle over a whole turn), "extrapolated", "limited". An angle over part of a
+    turn needs its ends said.
+
+    Raises `SimulationError` for a state without an interval, an empty or unbounded one, an angle
+    over more than a turn, a periodic axis that is not one turn of an angle, fewer than two nodes,
+    and more than six states.
+    """
+    names = system.state_names
+    ends = dict(ends or {})
+    if len(names) > LARGEST_DIMENSION:
+        raise SimulationError(
+            f"system '{system.name}' has {len(names)} states",
+            expected=f"at most {LARGEST_DIMENSION} for a grid",
+            remedy="promote some to bounded inputs (promote)",
+        )
+    tables: list[tuple[str, Mapping[str, object]]] = [("box", box), ("ends", ends)]
+    if isinstance(nodes, Mapping):
+        tables.append(("nodes", nodes))
+    for what, table in tables:
+        for name in table:
+            if name not in names:
+                raise SimulationError(
+                    f"{what} of '{name}', which is no state", remedy=suggestion(name, names)
+                )
+    return Grid(tuple(_axis(q, box, nodes, ends.get(q.name)) for q in system.states))
+
+
+def _axis(
+    q: Quantity,
+    box: Mapping[str, tuple[float, float]],
+    nodes: int | Mapping[str, int],
+    ends: str | None,
+) -> Axis:
+    if q.name not in box:
+        raise SimulationError(f"the grid has no interval for '{q.name}'")
+    count = nodes.get(q.name) if isinstance(nodes, Mapping) else nodes
+    if not isinstance(count, (int, np.integer)) or isinstance(count, bool) or count < 2:
+        raise SimulationError(
+            f"{count!r} nodes along '{q.name}'", expected="a number of at least 2"
+        )
+    low, high = (float(v) for v in box[q.name])
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise SimulationError(
+            f"the interval of '{q.name}' is [{low:g}, {high:g}]", expected="low < high"
+        )
+    whole = q.angle and math.isclose(high - low, TURN, rel_tol=1e-9)
+    if q.angle and high - low > TURN * (1 + 1e-9):
+        raise SimulationError(
+            f"the interval of the angle '{q.name}' is {high - low:g} rad", expected="at most 2 pi"
+        )
+    if q.angle and not whole and ends is None:
+        raise SimulationError(
+            f"the interval of the angle '{q.name}' is {high - low:g} rad, not a whole turn",
+            expected="2 pi",
+            remedy='or say what is beyond its ends: ends = {"' + q.name + '": "contained"}',
+        )
+    ends = ends or ("periodic" if whole else "contained")
+    if ends not in KINDS:
+        raise SimulationError(f"ends of '{q.name}': '{ends}'", remedy=suggestion(ends, KINDS))
+    if ends == "periodic" and not whole:
+        raise SimulationError(
+            f"'{q.name}' is periodic over [{low:g}, {high:g}]", expected="an angle over 2 pi"
+        )
+    return Axis(q, low, high, int(count), ends)

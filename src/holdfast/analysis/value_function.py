@@ -1,0 +1,229 @@
+"""A value on a grid whose sign is the answer: positive inside the set, zero at its boundary."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+
+from holdfast.analysis.grid import Axis, Grid
+from holdfast.analysis.result import atomic_file
+from holdfast.errors import OutputError, SimulationError
+from holdfast.execution.compile import compile_interpolation
+from holdfast.maths.quantity import Quantity
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ValueFunction:
+    """V over the states, at one time or several; the set is { V > 0 }.
+
+    dataset: `value` with one dimension for every state and, where several times were asked for,
+    `time` [s] first; of a capture basin also `arrival` [s], the least time to the goal. Its
+    attributes tell the problem, the method, and what the answer is worth (see `summary`).
+    """
+
+    dataset: xr.Dataset
+    grid: Grid
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The states, in the order of the axes."""
+        return tuple(a.name for a in self.grid.axes)
+
+    def values(self, time: float | None = None) -> Array:
+        """The values at the nodes, at the end or at one of the times that were asked for."""
+        data = self.dataset["value"]
+        if "time" in data.dims:
+            data = data.isel(time=-1) if time is None else _at(data, time)
+        elif time is not None:
+            raise SimulationError(
+                "this value function holds its last time only", remedy="ask for times=[...]"
+            )
+        found: Array = data.values
+        return found
+
+    def at(self, states: npt.ArrayLike, time: float | None = None) -> Array:
+        """V at states of shape (count, states), linear between nodes; NaN outside the grid."""
+        points = self._points(states)
+        out = np.empty(len(points))
+        self._module().interpolate_many(self._flat(time), points, *self._geometry(), out)
+        return out
+
+    def gradient(self, states: npt.ArrayLike, time: float | None = None) -> Array:
+        """dV/dq at states of shape (count, states): central differences, interpolated."""
+        points = self._points(states)
+        out = np.empty(points.shape)
+        self._module().slopes_many(self._flat(time), points, *self._geometry(), out)
+        return out
+
+    def contains(self, states: npt.ArrayLike, margin: float = 0.0) -> npt.NDArray[np.bool_]:
+        """Whether V > margin; a state outside the grid is not contained."""
+        inside: npt.NDArray[np.bool_] = self.at(states) > margin
+        return inside
+
+    def fraction(self, time: float | None = None) -> float:
+        """The share of the grid's box in the set, by the nodes (half a node at each end)."""
+        return float(self._weighted(self.values(time) > 0).sum() / self._weighted(None).sum())
+
+    def volume(self, time: float | None = None) -> float:
+        """The volume of the set, in the product of the units of the states."""
+        box = np.prod([a.high - a.low for a in self.grid.axes])
+        return float(self.fraction(time) * box)
+
+    def slice(self, **at: float) -> ValueFunction:
+        """The value function with some states held, between nodes by linear interpolation."""
+        data, axes = self.dataset["value"], self.grid.axes
+        for name, value in at.items():
+            axis = self._axis(name)
+            data = _held(data, axis, float(value))
+            axes = tuple(a for a in axes if a.name != name)
+        return ValueFunction(data.to_dataset().assign_attrs(self.dataset.attrs), Grid(axes))
+
+    def projection(self, *names: str) -> ValueFunction:
+        """The largest value over all other states: the shadow of the set on those named."""
+        for name in names:
+            self._axis(name)
+        rest = [a.name for a in self.grid.axes if a.name not in names]
+        data = self.dataset["value"].max(rest)
+        axes = tuple(a for a in self.grid.axes if a.name in names)
+        return ValueFunction(data.to_dataset().assign_attrs(self.dataset.attrs), Grid(axes))
+
+    def save(self, path: str | Path) -> Path:
+        """Write NetCDF-4, compressed, atomically; `OutputError` if the folder cannot be written."""
+        path = Path(path)
+        encoding: dict[str, dict[str, Any]] = {}
+        for name, variable in self.dataset.variables.items():
+            if variable.ndim >= 2:
+                encoding[str(name)] = {"zlib": True, "complevel": 1, "shuffle": True}
+        with atomic_file(path) as partial:
+            self.dataset.to_netcdf(partial, engine="netcdf4", format="NETCDF4", encoding=encoding)
+        return path
+
+    def summary(self) -> dict[str, Any]:
+        """The problem, the method and what the answer is worth, for summary.json."""
+        return {k: v for k, v in self.dataset.attrs.items() if k != "scenario_text"} | {
+            "fraction_of_box": self.fraction(),
+            "volume": self.volume(),
+        }
+
+    def _axis(self, name: str) -> Axis:
+        for axis in self.grid.axes:
+            if axis.name == name:
+                return axis
+        raise SimulationError(f"'{name}' is no axis", expected="one of " + ", ".join(self.names))
+
+    def _points(self, states: npt.ArrayLike) -> Array:
+        points = np.ascontiguousarray(np.atleast_2d(np.asarray(states, dtype=np.float64)))
+        if points.ndim != 2 or points.shape[1] != len(self.grid.axes):
+            raise SimulationError(
+                f"states have the shape {points.shape}", expected=f"(count, {len(self.grid.axes)})"
+            )
+        return points
+
+    def _flat(self, time: float | None) -> npt.NDArray[Any]:
+        return np.ascontiguousarray(self.values(time)).ravel()
+
+    def _geometry(self) -> tuple[npt.NDArray[Any], ...]:
+        axes = self.grid.axes
+        return (
+            np.array([a.low for a in axes]),
+            np.array([a.step for a in axes]),
+            np.array([a.count for a in axes], dtype=np.int64),
+            np.array([a.ends == "periodic" for a in axes]),
+        )
+
+    def _module(self) -> Any:
+        return compile_interpolation()
+
+    def _weighted(self, inside: npt.NDArray[Any] | None) -> Array:
+        total = np.ones(self.grid.shape) if inside is None else inside.astype(np.float64)
+        for i, axis in enumerate(self.grid.axes):
+            weights = np.ones(axis.count)
+            if axis.ends != "periodic":
+                weights[[0, -1]] = 0.5
+            total = total * weights.reshape([-1 if k == i else 1 for k in range(total.ndim)])
+        return total
+
+
+def to_value_function(
+    grid: Grid,
+    values: npt.NDArray[Any],
+    attributes: dict[str, Any],
+    *,
+    times: Sequence[float] | None = None,
+    arrival: npt.NDArray[Any] | None = None,
+) -> ValueFunction:
+    """Names and units around the arrays; `values` has the time first where there are several."""
+    names = [a.name for a in grid.axes]
+    unit = attributes.get("value_unit", "1")
+    coordinates: dict[str, Any] = {
+        a.name: (
+            a.name,
+            a.nodes,
+            {
+                "units": a.state.unit,
+                "long_name": a.state.description or a.name,
+                "ends": a.ends,
+                "low": a.low,
+                "high": a.high,
+                "is_angle": int(a.state.angle),
+            },
+        )
+        for a in grid.axes
+    }
+    dims = names
+    if times is not None:
+        coordinates["time"] = ("time", np.array(times), {"units": "s"})
+        dims = ["time", *names]
+    text = "value, positive inside the set"
+    variables: dict[str, Any] = {"value": (dims, values, {"units": unit, "long_name": text})}
+    if arrival is not None:
+        said = {"units": "s", "long_name": "least time to the target; NaN where it is not reached"}
+        variables["arrival"] = (names, arrival, said)
+    return ValueFunction(xr.Dataset(variables, coordinates, attributes), grid)
+
+
+def value_function(dataset: xr.Dataset, path: object) -> ValueFunction:
+    """A value function from its file; `OutputError` if it is not one of ours."""
+    if "value" not in dataset:
+        raise OutputError(f"{path} holds no value function")
+    dims = [str(d) for d in dataset["value"].dims if d != "time"]
+    axes = []
+    for name in dims:
+        said = dataset[name].attrs
+        q = Quantity(name, said["units"], said["long_name"], angle=bool(said["is_angle"]))
+        axes.append(
+            Axis(q, float(said["low"]), float(said["high"]), dataset.sizes[name], said["ends"])
+        )
+    return ValueFunction(dataset, Grid(tuple(axes)))
+
+
+def _at(data: xr.DataArray, time: float) -> xr.DataArray:
+    known = data["time"].values
+    k = int(np.argmin(np.abs(known - time)))
+    if abs(known[k] - time) > 1e-9 * max(1.0, abs(time)):
+        shown = ", ".join(f"{t:g}" for t in known)
+        raise SimulationError(f"no value at {time:g} s", expected=f"one of {shown}")
+    return data.isel(time=k)
+
+
+def _held(data: xr.DataArray, axis: Axis, value: float) -> xr.DataArray:
+    place = (value - axis.low) / axis.step
+    if axis.ends == "periodic":
+        place %= axis.count
+    elif not -1e-9 <= place <= axis.count - 1 + 1e-9:
+        raise SimulationError(
+            f"'{axis.name}' at {value:g} is outside the grid",
+            expected=f"{axis.low:g} to {axis.high:g}",
+        )
+    k = int(np.clip(np.floor(place), 0, axis.count - (1 if axis.ends == "periodic" else 2)))
+    f = place - k
+    near, far = (data.isel({axis.name: j % axis.count}, drop=True) for j in (k, k + 1))
+    return near if abs(f) < 1e-12 else (1 - f) * near + f * far

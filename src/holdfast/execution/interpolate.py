@@ -1,0 +1,73 @@
+"""Values between the nodes of a grid, linear along every axis, in any dimension."""
+
+from __future__ import annotations
+
+# mypy: ignore-errors
+# ruff: noqa: F405
+from holdfast.execution.primitives import *  # noqa: F403
+
+# -- joined from here on
+
+
+@compiled
+def interpolate(values, q, low, steps, shape, periodic):
+    """The multilinear interpolant at q; not a number outside the grid."""
+    n = len(shape)
+    fractions = np.empty(n)
+    near = np.empty(n, dtype=np.int64)
+    far = np.empty(n, dtype=np.int64)
+    for i in range(n):
+        x = (q[i] - low[i]) / steps[i]
+        if periodic[i]:
+            x -= shape[i] * math.floor(x / shape[i])
+        elif not -1e-9 <= x <= shape[i] - 1 + 1e-9:
+            return math.nan
+        k = min(max(int(math.floor(x)), 0), shape[i] - 1 if periodic[i] else shape[i] - 2)
+        near[i] = k
+        far[i] = (k + 1) % shape[i]
+        fractions[i] = x - k
+    total = 0.0
+    for corner in range(1 << n):
+        at, weight = 0, 1.0
+        for i in range(n):
+            if (corner >> i) & 1:
+                at = at * shape[i] + far[i]
+                weight *= fractions[i]
+            else:
+                at = at * shape[i] + near[i]
+                weight *= 1.0 - fractions[i]
+        if weight != 0.0:
+            total += weight * values[at]
+    return total
+
+
+@compiled
+def slopes(values, q, low, steps, shape, periodic, out):
+    """The interpolated central differences at q; one-sided at the ends of the grid."""
+    n = len(shape)
+    place = np.empty(n)
+    for i in range(n):
+        place[i] = q[i]
+    for i in range(n):
+        above, below = q[i] + steps[i], q[i] - steps[i]
+        if not periodic[i]:
+            top = low[i] + steps[i] * (shape[i] - 1)
+            above, below = min(above, top), max(below, low[i])
+        place[i] = above
+        upper = interpolate(values, place, low, steps, shape, periodic)
+        place[i] = below
+        lower = interpolate(values, place, low, steps, shape, periodic)
+        out[i] = (upper - lower) / (above - below)
+        place[i] = q[i]
+
+
+@compiled
+def interpolate_many(values, points, low, steps, shape, periodic, out):
+    for k in range(points.shape[0]):
+        out[k] = interpolate(values, points[k], low, steps, shape, periodic)
+
+
+@compiled
+def slopes_many(values, points, low, steps, shape, periodic, out):
+    for k in range(points.shape[0]):
+        slopes(values, points[k], low, steps, shape, periodic, out[k])

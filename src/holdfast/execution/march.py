@@ -1,0 +1,220 @@
+"""A value on a grid marched in time, in parallel, skipping what is settled.
+
+    dW/dtau = H(tau, q, grad W),   limited to one sign where the problem says so,
+    and after every stage   lower <= W <= upper,   floor <= W <= ceiling
+
+A stretch of nodes is computed again only if something that it depends on has changed since. Where
+nothing has, the same numbers would come out, so the answer is that of the full march.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.errors import SimulationError
+from holdfast.execution.compile import compile_sweep
+from holdfast.execution.sweep import LONGEST, padded, sweep_source
+from holdfast.maths.hamiltonian import Hamiltonian
+from holdfast.maths.quantity import Parameter
+
+Array = npt.NDArray[Any]
+Counts = npt.NDArray[np.int64]
+
+KINDS = {"contained": 0, "extrapolated": 0, "periodic": 1, "limited": 2}
+"""What is beyond the ends of an axis; the numbers of `differences.py`."""
+
+STAGES = {1: ((1.0, 0.0),), 2: ((1.0, 0.0), (0.5, 1.0)), 3: ((1.0, 0.0), (0.25, 1.0), (2 / 3, 0.5))}
+"""(weight, time) of the stages of the total-variation-diminishing Runge-Kutta methods
+(C.-W. Shu, S. Osher, J. Comput. Phys. 77, 1988)."""
+
+FEW = 30_000
+"""Nodes below which one thread is faster than several."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """scheme: of the derivatives ("upwind", "eno2", "eno3", "weno5"); order: of the Runge-Kutta
+    method, 1 to 3; dissipation: of the Lax-Friedrichs flux ("global", "local", "local-local");
+    cfl: share of the largest stable step; skip: leave out what is settled."""
+
+    scheme: str = "weno5"
+    order: int = 3
+    dissipation: str = "local"
+    cfl: float = 0.75
+    skip: bool = True
+
+
+@dataclass
+class Done:
+    """time [s], steps; moving: nodes that changed faster than asked in the last step; computed:
+    stretches of nodes computed, of how many a full march would have; seconds: of wall time."""
+
+    time: float = 0.0
+    steps: int = 0
+    moving: int = -1
+    computed: int = 0
+    of: int = 0
+    seconds: float = 0.0
+    stopped: bool = False
+
+
+class March:
+    """Compiled sweeps of one Hamiltonian over one grid."""
+
+    def __init__(
+        self,
+        hamiltonian: Hamiltonian,
+        parameters: Sequence[Parameter],
+        axes: Sequence[Array],
+        steps: Sequence[float],
+        kinds: Sequence[str],
+        *,
+        method: Method,
+        limit: str,
+        threads: int = 1,
+    ) -> None:
+        source = sweep_source(
+            hamiltonian,
+            parameters,
+            scheme=method.scheme,
+            dissipation=method.dissipation,
+            limit=limit,
+        )
+        self.module = compile_sweep(source)
+        self.method = method
+        self.shape = np.array([len(a) for a in axes], dtype=np.int64)
+        self.axes = padded(axes)
+        self.steps = np.array(steps, dtype=np.float64)
+        self.kinds = np.array([KINDS[k] for k in kinds], dtype=np.int64)
+        self.p = np.array([*(float(q.value) for q in parameters), 0.0])
+        self.nodes = math.prod(len(a) for a in axes)
+        self.threads = threads if self.nodes > FEW else 1
+        stretches = -(-int(self.shape[-1]) // LONGEST)
+        self.units = self.nodes // int(self.shape[-1]) * stretches
+        self.places = int(self.shape[0]) if len(axes) > 1 else stretches  # what threads share
+        limits = np.zeros(len(axes) + 1)
+        self.module.fastest(0.0, self.axes, self.shape, self.steps, self.p, limits)
+        self.speeds, self.rate = limits[:-1], float(limits[-1])
+
+    @property
+    def longest_step(self) -> float:
+        """The largest stable step [s], times the chosen share; infinite where nothing moves."""
+        return self.method.cfl / self.rate if self.rate > 0 else math.inf
+
+    def run(
+        self,
+        values: Array,
+        times: Sequence[float],
+        *,
+        upper: Array | None = None,
+        lower: Array | None = None,
+        floor: float = -math.inf,
+        ceiling: float = math.inf,
+        near: float = -math.inf,
+        slow: float = 0.0,
+        keep: Callable[[int, Array], None] | None = None,
+        tell: Callable[[Done], bool] | None = None,
+    ) -> Done:
+        """March `values` (flat; changed in place) to each of `times`, then `keep(k, values)`.
+
+        A node counts as moving if it is above `near` and changes faster than `slow` [1/s].
+        `tell` is called after every step, and ends the march where it gives True.
+        """
+        order = self.method.order
+        stages = STAGES[order]
+        done, began = Done(of=0), time.perf_counter()
+        arrays = [values, *(values.copy() for _ in range(max(order - 1, 1)))]
+        flags = np.ones((max(order, 2), self.units), dtype=np.uint8)
+        none = np.empty(0, dtype=values.dtype)
+        bounds = (none if upper is None else upper, none if lower is None else lower)
+        previous = 0.0
+        with _Workers(self.threads, self.places) as workers:
+            for k, end in enumerate(times):
+                count = max(1, math.ceil((end - previous) / self.longest_step - 1e-9))
+                dt = (end - previous) / count
+                flags[:] = 1
+                for step in range(count):
+                    if not self.method.skip:
+                        flags[:] = 1
+                    found = np.zeros(3, dtype=np.int64)
+                    start = previous + step * dt
+                    for s, (weight, fraction) in enumerate(stages):
+                        last = s == order - 1
+                        source = arrays[s]
+                        out = arrays[1] if order == 1 else arrays[0 if last else s + 1]
+                        here = flags[s] if order > 1 else flags[done.steps % 2]
+                        there = flags[(s + 1) % order] if order > 1 else flags[1 - done.steps % 2]
+                        found = workers.run(
+                            self.module.sweep,
+                            start + fraction * dt, dt, weight, source, arrays[0], out,
+                            arrays[0] if order == 1 else out, *bounds, floor, ceiling, near,
+                            slow * dt, here, there, flags[1:order] if last else flags[:0],
+                            self.shape, self.steps, self.kinds, self.speeds, self.axes, self.p,
+                        )  # fmt: skip
+                        done.computed += int(found[3])
+                        if found[1]:
+                            raise SimulationError(
+                                f"{found[1]} nodes are no finite numbers after {start + dt:g} s",
+                                remedy="take a smaller cfl, a lower order or a wider grid",
+                            )
+                    if order == 1:
+                        arrays.reverse()
+                    done.of += self.units * order
+                    done.steps += 1
+                    done.time = start + dt
+                    done.moving = int(found[2])
+                    done.seconds = time.perf_counter() - began
+                    done.stopped = tell is not None and tell(done)
+                    if done.stopped:
+                        break
+                previous = end
+                if keep is not None:
+                    keep(k, arrays[0])
+                if done.stopped:
+                    break
+        if arrays[0] is not values:
+            values[:] = arrays[0]
+        return done
+
+
+class _Workers:
+    """Threads that share the slices of the first axis among themselves."""
+
+    def __init__(self, threads: int, places: int) -> None:
+        self.threads = threads
+        size = max(1, places // (8 * threads))
+        self.slices = [(a, min(a + size, places)) for a in range(0, places, size)]
+        self.places = places
+        self.pool = ThreadPoolExecutor(threads - 1) if threads > 1 else None
+
+    def __enter__(self) -> _Workers:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.pool is not None:
+            self.pool.shutdown()
+
+    def run(self, function: Callable[..., None], *arguments: Any) -> Counts:
+        """The sum of what they count."""
+        if self.pool is None:
+            counts = np.zeros(4, dtype=np.int64)
+            function(0, self.places, *arguments, counts)
+            return counts
+        slices = iter(self.slices)
+
+        def work() -> Counts:
+            counts = np.zeros(4, dtype=np.int64)
+            for first, last in slices:
+                function(first, last, *arguments, counts)
+            return counts
+
+        jobs = [self.pool.submit(work) for _ in range(self.threads - 1)]
+        return sum((job.result() for job in jobs), start=work())

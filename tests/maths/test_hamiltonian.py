@@ -1,0 +1,128 @@
+"""The Hamiltonian in closed form against the best and the worst of many inputs."""
+
+import itertools
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import holdfast as hf
+from holdfast.errors import DefinitionError
+
+X, Y, U, W, D = (hf.symbol(n) for n in ("x", "y", "u", "w", "d"))
+
+
+def quantities(*names):
+    return tuple(hf.Quantity(n, "1") for n in names)
+
+
+def system(rates, inputs, bounds, disturbances=(), disturbance_bounds=None):
+    return hf.System(
+        "s", quantities("x", "y"), quantities(*inputs), dict(zip(("x", "y"), rates, strict=True)),
+        disturbances=quantities(*disturbances),
+        input_bounds=bounds, disturbance_bounds=disturbance_bounds,
+    )  # fmt: skip
+
+
+def boundary(bounds, count=721):
+    """Points of a set in the plane, its corners and its rim among them."""
+    if isinstance(bounds, hf.LinearImage):
+        inner = boundary(bounds.of, count)
+        return inner @ np.array(bounds.matrix, dtype=float).T
+    if isinstance(bounds, hf.Ball):
+        turn = np.linspace(0, 2 * np.pi, count)
+        return float(bounds.radius) * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    ends = [(float(a), float(b)) for a, b in zip(bounds.lower, bounds.upper, strict=True)]
+    return np.array(list(itertools.product(*ends)))
+
+
+SETS = [
+    hf.Box((-1, -0.5), (2, 0.7)),
+    hf.Ball(sp.Float(1.3), 2),
+    hf.LinearImage(sp.Matrix([[1, 1], [0.3, -0.3]]), hf.Box((-2, -1), (1, 2))),
+]
+
+
+@pytest.mark.parametrize("side", ["max", "min"])
+@pytest.mark.parametrize("bounds", SETS)
+def test_value_and_optimal_input_are_those_of_a_search(bounds, side):
+    rates = (Y + sp.cos(X) * U, X * Y + U * sp.sin(Y) + W)
+    s = system(rates, ("u", "w"), bounds)
+    h = hf.hamiltonian(s, inputs=side)
+    best = max if side == "max" else min
+    candidates = boundary(bounds)
+    generator = np.random.default_rng(0)
+    for _ in range(20):
+        x, y, p, q = generator.uniform(-2, 2, 4)
+        at = {X: x, Y: y, h.costates[0]: p, h.costates[1]: q}
+        flows = [p * (y + np.cos(x) * u) + q * (x * y + u * np.sin(y) + w) for u, w in candidates]
+        assert float(h.value.subs(at)) == pytest.approx(best(flows), abs=2e-4)
+        u, w = (float(h.inputs[n].subs(at)) for n in ("u", "w"))
+        assert bounds.contains((u, w), slack=1e-9)
+        flow = p * (y + np.cos(x) * u) + q * (x * y + u * np.sin(y) + w)
+        assert flow == pytest.approx(float(h.value.subs(at)), abs=1e-9)
+
+
+def test_disturbance_works_against_the_input():
+    s = system((U + D, U), ("u",), hf.Box((-1,), (1,)), ("d",), hf.Box((-3,), (3,)))
+    h = hf.hamiltonian(s)
+    p, q = h.costates
+    for a, b in [(1.0, 0.5), (-2.0, 0.3), (0.4, -1.0)]:
+        at = {p: a, q: b}
+        assert float(h.value.subs(at)) == pytest.approx(abs(a + b) - 3 * abs(a))
+        assert float(h.disturbances["d"].subs(at)) == pytest.approx(-3 * np.sign(a))
+
+
+def test_speeds_bound_the_slope_of_the_hamiltonian_and_the_tight_ones_are_tighter():
+    s = system((Y + U * X, U + W), ("u", "w"), SETS[0])
+    h = hf.hamiltonian(s)
+    generator = np.random.default_rng(1)
+    tighter = 0
+    for _ in range(200):
+        x, y, p, q, a, b = generator.uniform(-2, 2, 6)
+        spread = (abs(a) * 0.2, abs(b) * 0.2)
+        at = {X: x, Y: y}
+        near = at | dict(zip((*h.costates, *h.spreads), (p, q, *spread), strict=True))
+        loose = [float(e.subs(at)) for e in h.speeds]
+        tight = [float(e.subs(near)) for e in h.tight_speeds]
+        tighter += tight[0] < loose[0] - 1e-6
+        one, two = (
+            np.array([p, q]) + np.array(spread) * generator.uniform(-1, 1, 2) for _ in range(2)
+        )
+        for k in range(2):
+            other = one.copy()
+            other[k] = two[k]
+            rise = float(h.value.subs(at | dict(zip(h.costates, one, strict=True)))) - float(
+                h.value.subs(at | dict(zip(h.costates, other, strict=True)))
+            )
+            gap = abs(one[k] - other[k])
+            assert abs(rise) <= tight[k] * gap + 1e-9
+            assert tight[k] <= loose[k] + 1e-9
+    assert tighter > 50
+
+
+@pytest.mark.parametrize(
+    ("rates", "bounds", "complaint"),
+    [
+        ((sp.sin(U), Y), hf.Box((-1,), (1,)), "the rate of 'x' is not affine in 'u'"),
+        ((U, Y), None, "has no bounds for its inputs"),
+        ((U, Y), hf.Box((-sp.oo,), (sp.oo,)), "is unbounded"),
+    ],
+)
+def test_systems_without_a_closed_form_are_refused(rates, bounds, complaint):
+    with pytest.raises(DefinitionError, match=complaint):
+        hf.hamiltonian(system(rates, ("u",), bounds))
+
+
+def test_products_of_input_and_disturbance_are_refused():
+    s = system((U * D, Y), ("u",), hf.Box((-1,), (1,)), ("d",), hf.Box((-1,), (1,)))
+    with pytest.raises(
+        DefinitionError, match="not affine in 'u': its derivative by it depends on 'd'"
+    ):
+        hf.hamiltonian(s)
+
+
+def test_a_side_is_the_most_or_the_least():
+    s = system((U, Y), ("u",), hf.Box((-1,), (1,)))
+    with pytest.raises(DefinitionError, match='expected "max" or "min"'):
+        hf.hamiltonian(s, inputs="best")
