@@ -143,7 +143,7 @@ def explain_command(
         )
         text = derived.latex() if latex else derived.text()
     if markdown is not None:
-        from holdfast.analysis.result import atomic_file
+        from holdfast.analysis.files import atomic_file
 
         make_folder(markdown.parent, "--markdown")
         with atomic_file(markdown) as partial:

@@ -38,7 +38,7 @@ def make_folder(folder: Path, option: str = "--out") -> None:
 
 
 def written(scenario: Scenario, result: Result, folder: Path, *, figures: bool) -> list[Path]:
-    from holdfast.analysis.result import atomic_file
+    from holdfast.analysis.files import atomic_file
 
     make_folder(folder)
     files = [result.save(folder / "result.nc")]
@@ -75,7 +75,7 @@ def write_comparison(found: Comparison, folder: Path, *, figures: bool) -> list[
 
 
 def _text(path: Path, text: str) -> Path:
-    from holdfast.analysis.result import atomic_file
+    from holdfast.analysis.files import atomic_file
 
     with atomic_file(path) as partial:
         partial.write_text(text, "utf-8")

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 import holdfast as hf
-from holdfast.analysis.result import atomic_file
+from holdfast.analysis.files import atomic_file
 from holdfast.errors import OutputError
 
 

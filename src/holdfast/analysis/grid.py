@@ -23,8 +23,8 @@ LARGEST_DIMENSION = 6
 class Axis:
     """`count` nodes from low to high; of a periodic axis, whose ends are one, high is left out.
 
-    ends: "extrapolated" (linearly, away from zero), "contained": the same, and the region has to lie
-    within, "periodic", or "limited": the state itself is limited there, and nothing leaves.
+    ends: "extrapolated" (linearly, away from zero), "contained": the same, and the region has to
+    lie within, "periodic", or "limited": the state itself is limited there, and nothing leaves.
     """
 
     state: Quantity

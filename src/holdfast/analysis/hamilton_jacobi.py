@@ -38,6 +38,7 @@ from holdfast.maths.tangency import check_reads
 Progress = Callable[[float], None]
 """Called now and then with the finished fraction of the horizon."""
 
+
 @dataclass(frozen=True)
 class Marching:
     """How a problem is solved.

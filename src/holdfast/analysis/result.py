@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +12,8 @@ import numpy as np
 import xarray as xr
 
 from holdfast.analysis.dataset import indexed
+from holdfast.analysis.files import atomic_file
+from holdfast.analysis.value_function import ValueFunction, value_function
 from holdfast.errors import OutputError
 from holdfast.execution.closed_loop import Outcome
 
@@ -160,54 +160,18 @@ def _by_name(values: xr.DataArray) -> dict[str, float | None]:
     }
 
 
-class atomic_file:
-    """Context manager: a temporary path beside `path`, renamed to it on success only."""
+def load(path: str | Path) -> Result | ValueFunction:
+    """A saved result, without the shapes to draw, or a saved value function.
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-
-    def __enter__(self) -> Path:
-        try:
-            handle, name = tempfile.mkstemp(
-                dir=self.path.parent, prefix=f".{self.path.name}.", suffix=".partial"
-            )
-        except OSError as error:
-            raise OutputError(
-                f"{self.path} cannot be written ({error.strerror})",
-                remedy="choose another folder with --out",
-            ) from None
-        os.close(handle)
-        self.partial = Path(name)
-        return self.partial
-
-    def __exit__(self, kind: object, problem: object, trace: object) -> None:
-        if kind is not None:
-            self.partial.unlink(missing_ok=True)
-            return
-        self.partial.chmod(0o666 & ~_umask())
-        try:
-            os.replace(self.partial, self.path)
-        except OSError as error:
-            self.partial.unlink(missing_ok=True)
-            raise OutputError(
-                f"{self.path} cannot be written ({error.strerror})",
-                remedy="choose another folder with --out",
-            ) from None
-
-
-def _umask() -> int:
-    current = os.umask(0)
-    os.umask(current)
-    return current
-
-
-def load(path: str | Path) -> Result:
-    """A saved result, without the shapes to draw; `OutputError` if it is not one of ours."""
+    Raises `OutputError` if the file is not one of ours.
+    """
     try:
         dataset = xr.load_dataset(path, engine="netcdf4")
     except (OSError, ValueError) as error:
         raise OutputError(f"{path} cannot be read as NetCDF ({error})") from None
     if "holdfast_version" not in dataset.attrs:
         raise OutputError(f"{path} was not written by holdfast")
+    if "value" in dataset:
+        return value_function(dataset)
     parameters, reference = (json.loads(dataset.attrs[n]) for n in ("parameters", "reference"))
     return Result(indexed(dataset), parameters=parameters, reference=reference)

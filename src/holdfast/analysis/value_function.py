@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from holdfast.analysis.files import atomic_file
 from holdfast.analysis.grid import Axis, Grid
-from holdfast.analysis.result import atomic_file
-from holdfast.errors import OutputError, SimulationError
+from holdfast.errors import SimulationError
 from holdfast.execution.compile import compile_interpolation
 from holdfast.maths.quantity import Quantity
 
@@ -190,15 +190,14 @@ def to_value_function(
     return ValueFunction(xr.Dataset(variables, coordinates, attributes), grid)
 
 
-def value_function(dataset: xr.Dataset, path: object) -> ValueFunction:
-    """A value function from its file; `OutputError` if it is not one of ours."""
-    if "value" not in dataset:
-        raise OutputError(f"{path} holds no value function")
+def value_function(dataset: xr.Dataset) -> ValueFunction:
+    """A value function from the dataset that it was saved as."""
     dims = [str(d) for d in dataset["value"].dims if d != "time"]
     axes = []
     for name in dims:
         said = dataset[name].attrs
-        q = Quantity(name, said["units"], said["long_name"], angle=bool(said["is_angle"]))
+        text = "" if said["long_name"] == name else said["long_name"]
+        q = Quantity(name, said["units"], text, angle=bool(said["is_angle"]))
         axes.append(
             Axis(q, float(said["low"]), float(said["high"]), dataset.sizes[name], said["ends"])
         )

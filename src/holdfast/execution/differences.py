@@ -16,16 +16,21 @@ from holdfast.execution.primitives import *  # noqa: F403
 # -- joined from here on
 
 EXTRAPOLATED, PERIODIC, LIMITED = 0, 1, 2
+BEND = 13.0 / 12.0
+
+swept = njit(
+    cache=True, error_model="numpy", nogil=True, forceinline=True, fastmath={"contract"}
+)  # fused multiplications and additions: the inner loops of the sweeps are made of them
 
 
-@compiled
+@swept
 def beyond(edge, inner, distance):
     """The value `distance` nodes beyond an edge: linear, and away from zero so no sign is made."""
     slope = abs(edge - inner)
     return edge + distance * (slope if edge >= 0.0 else -slope)
 
 
-@compiled
+@swept
 def gather(values, first, place, nodes, stride, kind, ghosts, count, rows):
     """rows[k, :count]: the nodes k - ghosts places along an axis from those at `first`..."""
     for k in range(2 * ghosts + 1):
@@ -48,33 +53,40 @@ def gather(values, first, place, nodes, stride, kind, ghosts, count, rows):
             rows[k, j] = beyond(float(at_edge[j]), float(inside[j]), distance)
 
 
-@compiled
-def gather_along(values, first, start, nodes, kind, ghosts, count, rows):
+@swept
+def gather_along(values, first, start, nodes, kind, ghosts, count, line, rows):
     """The same along the last axis, whose nodes begin at `first`, for those from `start` on."""
+    length = count + 2 * ghosts
+    low = min(max(0, ghosts - start), length)
+    high = max(min(length, nodes - start + ghosts), low)
+    inside = line[low:high]
+    source = values[first + start - ghosts + low :]
+    for j in range(high - low):
+        inside[j] = source[j]
+    for j in range(low):
+        line[j] = outside(values, first, start - ghosts + j, nodes, kind)
+    for j in range(high, length):
+        line[j] = outside(values, first, start - ghosts + j, nodes, kind)
     for k in range(2 * ghosts + 1):
-        shift = start + k - ghosts
-        low = min(max(0, -shift), count)
-        high = max(min(count, nodes - shift), low)
-        row = values[first + shift + low :]
-        for j in range(high - low):
-            rows[k, low + j] = row[j]
+        row = rows[k]
+        shifted = line[k : k + count]
         for j in range(count):
-            if low <= j < high:
-                continue
-            there = shift + j
-            if kind == PERIODIC:
-                rows[k, j] = values[first + (there + nodes) % nodes]
-            elif kind == LIMITED:
-                rows[k, j] = values[first + min(max(there, 0), nodes - 1)]
-            else:
-                edge = 0 if there < 0 else nodes - 1
-                inner = 1 if there < 0 else nodes - 2
-                rows[k, j] = beyond(
-                    float(values[first + edge]), float(values[first + inner]), abs(there - edge)
-                )
+            row[j] = shifted[j]
 
 
-@compiled
+@swept
+def outside(values, first, there, nodes, kind):
+    """The value at a place beyond the ends of the last axis."""
+    if kind == PERIODIC:
+        return float(values[first + (there + nodes) % nodes])
+    if kind == LIMITED:
+        return float(values[first + min(max(there, 0), nodes - 1)])
+    edge = 0 if there < 0 else nodes - 1
+    inner = 1 if there < 0 else nodes - 2
+    return beyond(float(values[first + edge]), float(values[first + inner]), abs(there - edge))
+
+
+@swept
 def upwind(rows, count, inverse, mean, gap):
     """First order."""
     for j in range(count):
@@ -84,13 +96,13 @@ def upwind(rows, count, inverse, mean, gap):
         gap[j] = 0.5 * (right - left)
 
 
-@compiled
+@swept
 def smaller(a, b):
     """The one of smaller magnitude."""
     return a if abs(a) <= abs(b) else b
 
 
-@compiled
+@swept
 def eno2(rows, count, inverse, mean, gap):
     """Second order: the first derivative, corrected by the smaller of two second differences."""
     for j in range(count):
@@ -104,7 +116,7 @@ def eno2(rows, count, inverse, mean, gap):
         gap[j] = 0.5 * (right - left)
 
 
-@compiled
+@swept
 def eno3_side(a, b, c, d, e):
     """The derivative between b and c from five successive first differences, c being upwind's."""
     d1, d2, d3, d4 = b - a, c - b, d - c, e - d
@@ -115,7 +127,7 @@ def eno3_side(a, b, c, d, e):
     return c + 0.5 * second - third / 6.0
 
 
-@compiled
+@swept
 def eno3(rows, count, inverse, mean, gap):
     """Third order: the smoothest of three stencils."""
     for j in range(count):
@@ -131,24 +143,28 @@ def eno3(rows, count, inverse, mean, gap):
         gap[j] = 0.5 * (right - left)
 
 
-@compiled
-def weno5_side(a, b, c, d, e):
-    """Three third-order derivatives, weighted by the smoothness of their stencils."""
-    s1 = 13.0 / 12.0 * (a - 2.0 * b + c) ** 2 + 0.25 * (a - 4.0 * b + 3.0 * c) ** 2
-    s2 = 13.0 / 12.0 * (b - 2.0 * c + d) ** 2 + 0.25 * (b - d) ** 2
-    s3 = 13.0 / 12.0 * (c - 2.0 * d + e) ** 2 + 0.25 * (3.0 * c - 4.0 * d + e) ** 2
+@swept
+def weno5_side(a, b, c, d, e, bend_1, bend_2, bend_3):
+    """Three third-order derivatives, weighted by the smoothness of their stencils.
+
+    `bend_k` are 13/12 of the squares of the second differences. The weights are multiplied out, so
+    that there is one division; `small` keeps their products above the smallest number there is.
+    """
     largest = max(max(max(a * a, b * b), max(c * c, d * d)), e * e)
-    small = 1e-6 * largest + 1e-99
-    w1 = 0.1 / ((s1 + small) * (s1 + small))
-    w2 = 0.6 / ((s2 + small) * (s2 + small))
-    w3 = 0.3 / ((s3 + small) * (s3 + small))
-    p1 = a / 3.0 - 7.0 / 6.0 * b + 11.0 / 6.0 * c
-    p2 = -b / 6.0 + 5.0 / 6.0 * c + d / 3.0
-    p3 = c / 3.0 + 5.0 / 6.0 * d - e / 6.0
-    return (w1 * p1 + w2 * p2 + w3 * p3) / (w1 + w2 + w3)
+    small = 1e-6 * largest + 1e-40
+    t1, t2, t3 = a - 4.0 * b + 3.0 * c, b - d, 3.0 * c - 4.0 * d + e
+    s1 = bend_1 + 0.25 * t1 * t1 + small
+    s2 = bend_2 + 0.25 * t2 * t2 + small
+    s3 = bend_3 + 0.25 * t3 * t3 + small
+    s1, s2, s3 = s1 * s1, s2 * s2, s3 * s3
+    w1, w2, w3 = s2 * s3, 6.0 * s1 * s3, 3.0 * s1 * s2
+    p1 = 2.0 * a - 7.0 * b + 11.0 * c
+    p2 = 5.0 * c - b + 2.0 * d
+    p3 = 2.0 * c + 5.0 * d - e
+    return (w1 * p1 + w2 * p2 + w3 * p3) / (6.0 * (w1 + w2 + w3))
 
 
-@compiled
+@swept
 def weno5(rows, count, inverse, mean, gap):
     """Fifth order where the value is smooth."""
     for j in range(count):
@@ -158,7 +174,10 @@ def weno5(rows, count, inverse, mean, gap):
         d = (rows[4, j] - rows[3, j]) * inverse
         e = (rows[5, j] - rows[4, j]) * inverse
         f = (rows[6, j] - rows[5, j]) * inverse
-        left = weno5_side(a, b, c, d, e)
-        right = weno5_side(f, e, d, c, b)
+        d1, d2, d3, d4 = a - 2.0 * b + c, b - 2.0 * c + d, c - 2.0 * d + e, d - 2.0 * e + f
+        d1, d2 = BEND * d1 * d1, BEND * d2 * d2
+        d3, d4 = BEND * d3 * d3, BEND * d4 * d4
+        left = weno5_side(a, b, c, d, e, d1, d2, d3)
+        right = weno5_side(f, e, d, c, b, d4, d3, d2)
         mean[j] = 0.5 * (left + right)
         gap[j] = 0.5 * (right - left)

@@ -19,7 +19,7 @@ from holdfast.execution.schedule import BEFORE, Schedule, renamed
 from holdfast.maths.hamiltonian import Hamiltonian
 from holdfast.maths.quantity import TIME, Parameter
 
-LONGEST = 32
+LONGEST = 64
 
 SCHEMES = {"upwind": 1, "eno2": 2, "eno3": 3, "weno5": 3}
 """One-sided derivatives and how many nodes they reach on either side."""
@@ -124,7 +124,7 @@ def _sweep(
 ) -> str:
     last = n - 1
     used = _used(plan, [rate])
-    out = ["@compiled", "def sweep("]
+    out = ["@swept", "def sweep("]
     out[-1] += (
         "first, last, t, dt, weight, values, base, out, before, upper, lower, floor, ceiling, "
         "near, slow, active, marks, own, shape, steps, kinds, speeds, axes, p, counts):"
@@ -144,10 +144,12 @@ def _sweep(
         for s, e in plan.tables:
             body += [f"    {s} = {text_of(e)}", f"    {s}_table[i{last}] = {s}"]
     body += [
-        "rows = np.empty((2 * GHOSTS + 1, LONGEST))",
+        "rows = np.zeros((2 * GHOSTS + 1, LONGEST))",
         f"mean = np.empty(({n}, LONGEST))",
         f"gap = np.empty(({n}, LONGEST))",
         "rate = np.empty(LONGEST)",
+        "was = np.empty(LONGEST)",
+        "line = np.empty(LONGEST + 2 * GHOSTS)",
         "changed_units, wrong, moving, computed = 0, 0, 0, 0",
     ]
     indent = ""
@@ -173,23 +175,28 @@ def _sweep(
         "computed += 1",
         "begin = piece * longest",
         f"count = min(longest, n{last} - begin)",
+        "whole = (count + 3) & ~3  # what is computed beyond count is not used",
         f"here = row * n{last} + begin",
     ]
     for i in range(n - 1):
         inner += [
             f"gather(values, here, i{i}, n{i}, s{i}, kinds[{i}], GHOSTS, count, rows)",
-            f"{scheme}(rows, count, 1.0 / steps[{i}], mean[{i}], gap[{i}])",
+            f"{scheme}(rows, whole, 1.0 / steps[{i}], mean[{i}], gap[{i}])",
         ]
     inner += [
-        f"gather_along(values, row * n{last}, begin, n{last}, kinds[{last}], GHOSTS, count, rows)",
-        f"{scheme}(rows, count, 1.0 / steps[{last}], mean[{last}], gap[{last}])",
+        f"gather_along(values, row * n{last}, begin, n{last}, kinds[{last}], GHOSTS, count, line,",
+        "    rows)",
+        f"{scheme}(rows, whole, 1.0 / steps[{last}], mean[{last}], gap[{last}])",
         "for j in range(count):",
     ]
     if f"q{last}" in used:
-        inner.append(f"    q{last} = axes[{last}, begin + j]")
+        inner.insert(-1, f"q{last}_here = axes[{last}, begin : begin + count]")
+        inner.append(f"    q{last} = q{last}_here[j]")
     for s, _ in plan.tables:
         if str(s) in used:
-            inner.append(f"    {s} = {s}_table[begin + j]")
+            at = next(k for k, line in enumerate(inner) if line.startswith("for j in"))
+            inner.insert(at, f"{s}_here = {s}_table[begin : begin + count]")
+            inner.append(f"    {s} = {s}_here[j]")
     for i in range(n):
         inner += [f"    p{i} = mean[{i}, j]"] if f"p{i}" in used else []
         inner += [f"    g{i} = gap[{i}, j]"] if f"g{i}" in used else []
@@ -197,8 +204,8 @@ def _sweep(
     inner += [f"    rate[j] = {text_of(rate)}"]
     inner += [
         "changes, odd, fast = advance(",
-        "    rate, rows[GHOSTS], count, here, dt, weight, base, out, before, upper, lower, floor,",
-        "    ceiling, near, slow,",
+        "    rate, rows[GHOSTS], was, count, here, dt, weight, base, out, before, upper, lower,",
+        "    floor, ceiling, near, slow,",
         ")",
         "wrong += odd",
         "moving += fast",
@@ -225,16 +232,18 @@ def _sweep(
     return f"{_ADVANCE.replace('LIMITED_RATE', LIMITS[limit].format('r'))}\n\n\n{text}"
 
 
-_ADVANCE = '''@compiled
+_ADVANCE = '''@swept
 def advance(
-    rate, values, count, here, dt, weight, base, out, before, upper, lower, floor, ceiling,
+    rate, values, was, count, here, dt, weight, base, out, before, upper, lower, floor, ceiling,
     near, slow,
 ):
     """One stage of a step of a stretch; how many nodes changed, are no numbers, still move."""
     changes, odd, fast = 0, 0, 0
     old_base = base[here : here + count]
     new = out[here : here + count]
-    old = before[here : here + count]
+    old = before[here : here + count]  # may be the same memory as new
+    for j in range(count):
+        was[j] = old[j]
     for j in range(count):
         r = rate[j]
         r = LIMITED_RATE
@@ -252,16 +261,16 @@ def advance(
         v = rate[j]
         v = v if not v < floor else floor
         v = v if not v > ceiling else ceiling
-        was = old[j]
+        odd += 0 if abs(v) < 1e300 else 1
         new[j] = v
-        now = new[j]
-        changes += now != was
-        odd += not abs(v) < 1e300
-        fast += (abs(now - was) > slow) and (was > near)
+    for j in range(count):
+        now = float(new[j])
+        changes += 1 if now != was[j] else 0
+        fast += 1 if (abs(now - was[j]) > slow) & (was[j] > near) else 0
     return changes, odd, fast
 
 
-@compiled
+@swept
 def mark(marks, unit, place, nodes, stride, kind, ghosts):
     """The units within reach along an outer axis have to be computed again."""
     for k in range(-ghosts, ghosts + 1):

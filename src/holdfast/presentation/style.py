@@ -15,7 +15,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from holdfast.analysis.result import atomic_file
+from holdfast.analysis.files import atomic_file
 
 # Okabe-Ito, told apart by readers who do not see all colours
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK, GREY = (
