@@ -1,10 +1,11 @@
 """The catalogue of regions; membership in `ALL` enrols an entry in the tests."""
 
+from holdfast.maths.regions.camera_and_lasers import camera_and_lasers
 from holdfast.maths.regions.camera_view import camera_view
 from holdfast.maths.regions.inspection_goal import inspection_goal
 from holdfast.maths.regions.near_origin import near_origin
 from holdfast.maths.regions.near_pose import near_pose
 
-ALL = (camera_view, inspection_goal, near_origin, near_pose)
+ALL = (camera_and_lasers, camera_view, inspection_goal, near_origin, near_pose)
 
-__all__ = ["ALL", "camera_view", "inspection_goal", "near_origin", "near_pose"]
+__all__ = ["ALL", "camera_and_lasers", "camera_view", "inspection_goal", "near_origin", "near_pose"]
