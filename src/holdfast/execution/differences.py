@@ -31,47 +31,72 @@ def beyond(edge, inner, distance):
 
 
 @swept
-def gather(values, first, place, nodes, stride, kind, ghosts, count, rows):
-    """rows[k, :count]: the nodes k - ghosts places along an axis from those at `first`..."""
-    for k in range(2 * ghosts + 1):
-        there = place + k - ghosts
-        if kind == PERIODIC:
-            there = (there + nodes) % nodes
-        elif kind == LIMITED:
-            there = min(max(there, 0), nodes - 1)
-        if 0 <= there < nodes:
-            row = values[first + (there - place) * stride :]
-            for j in range(count):
-                rows[k, j] = row[j]
-            continue
-        edge = 0 if there < 0 else nodes - 1
-        inner = 1 if there < 0 else nodes - 2
-        distance = float(abs(there - edge))
-        at_edge = values[first + (edge - place) * stride :]
-        inside = values[first + (inner - place) * stride :]
+def fetch(values, first, place, there, nodes, stride, kind, count, target):
+    """The run of `count` nodes at the place `there` of an axis; that at `place` is at `first`."""
+    if kind == PERIODIC:
+        there = (there + nodes) % nodes
+    elif kind == LIMITED:
+        there = min(max(there, 0), nodes - 1)
+    if 0 <= there < nodes:
+        run = values[first + (there - place) * stride :]
         for j in range(count):
-            rows[k, j] = beyond(float(at_edge[j]), float(inside[j]), distance)
+            target[j] = run[j]
+        return
+    edge = 0 if there < 0 else nodes - 1
+    inner = 1 if there < 0 else nodes - 2
+    distance = float(abs(there - edge))
+    at_edge = values[first + (edge - place) * stride :]
+    inside = values[first + (inner - place) * stride :]
+    for j in range(count):
+        target[j] = beyond(float(at_edge[j]), float(inside[j]), distance)
 
 
 @swept
-def gather_along(values, first, start, nodes, kind, ghosts, count, line, rows):
+def gather(values, first, place, nodes, stride, kind, ghosts, count, rows):
+    """rows[k, :count]: the nodes k - ghosts places along an axis from those at `first`..."""
+    for k in range(2 * ghosts + 1):
+        fetch(values, first, place, place + k - ghosts, nodes, stride, kind, count, rows[k])
+
+
+@swept
+def gather_rows(values, first, row, tall, nodes, stride, wide, kind, ghosts, rows):
+    """The same along the axis before the last, for `tall` rows of `wide` nodes from `row` on."""
+    for k in range(2 * ghosts + 1):
+        lowest = row + k - ghosts
+        if (tall == 1 or wide == stride) and lowest >= 0 and lowest + tall <= nodes:
+            run = values[first + (k - ghosts) * stride :]
+            target = rows[k]
+            for j in range(tall * wide):
+                target[j] = run[j]
+            continue
+        for r in range(tall):
+            fetch(
+                values, first + r * stride, row + r, lowest + r, nodes, stride, kind, wide,
+                rows[k, r * wide : (r + 1) * wide],
+            )  # fmt: skip
+
+
+@swept
+def gather_along(values, first, tall, start, nodes, wide, kind, ghosts, line, rows):
     """The same along the last axis, whose nodes begin at `first`, for those from `start` on."""
-    length = count + 2 * ghosts
+    length = wide + 2 * ghosts
     low = min(max(0, ghosts - start), length)
     high = max(min(length, nodes - start + ghosts), low)
-    inside = line[low:high]
-    source = values[first + start - ghosts + low :]
-    for j in range(high - low):
-        inside[j] = source[j]
-    for j in range(low):
-        line[j] = outside(values, first, start - ghosts + j, nodes, kind)
-    for j in range(high, length):
-        line[j] = outside(values, first, start - ghosts + j, nodes, kind)
-    for k in range(2 * ghosts + 1):
-        row = rows[k]
-        shifted = line[k : k + count]
-        for j in range(count):
-            row[j] = shifted[j]
+    for r in range(tall):
+        begin = first + r * nodes
+        inside = line[low:high]
+        source = values[begin + start - ghosts + low :]
+        for j in range(high - low):
+            inside[j] = source[j]
+        for j in range(low):
+            line[j] = outside(values, begin, start - ghosts + j, nodes, kind)
+        for j in range(high, length):
+            line[j] = outside(values, begin, start - ghosts + j, nodes, kind)
+        for k in range(2 * ghosts + 1):
+            target = rows[k, r * wide : (r + 1) * wide]
+            shifted = line[k : k + wide]
+            for j in range(wide):
+                target[j] = shifted[j]
 
 
 @swept

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from holdfast.errors import SimulationError
 from holdfast.execution.compile import compile_sweep
-from holdfast.execution.sweep import LONGEST, padded, sweep_source
+from holdfast.execution.sweep import layout, padded, sweep_source
 from holdfast.maths.hamiltonian import Hamiltonian
 from holdfast.maths.quantity import Parameter
 
@@ -97,9 +97,11 @@ class March:
         self.p = np.array([*(float(q.value) for q in parameters), 0.0])
         self.nodes = math.prod(len(a) for a in axes)
         self.threads = threads if self.nodes > FEW else 1
-        stretches = -(-int(self.shape[-1]) // LONGEST)
-        self.units = self.nodes // int(self.shape[-1]) * stretches
-        self.places = int(self.shape[0]) if len(axes) > 1 else stretches  # what threads share
+        cut = layout([len(a) for a in axes])
+        self.cut = np.array(cut, dtype=np.int64)
+        local = cut[1] * cut[2]
+        self.units = math.prod(len(a) for a in axes[:-2]) * local
+        self.places = len(axes[0]) if len(axes) > 2 else local  # what threads share
         limits = np.zeros(len(axes) + 1)
         self.module.fastest(0.0, self.axes, self.shape, self.steps, self.p, limits)
         self.speeds, self.rate = limits[:-1], float(limits[-1])
@@ -130,12 +132,17 @@ class March:
         """
         order = self.method.order
         stages = STAGES[order]
-        done, began = Done(of=0), time.perf_counter()
+        done = Done()
         arrays = [values, *(values.copy() for _ in range(max(order - 1, 1)))]
         flags = np.ones((max(order, 2), self.units), dtype=np.uint8)
         none = np.empty(0, dtype=values.dtype)
         bounds = (none if upper is None else upper, none if lower is None else lower)
-        previous = 0.0
+        rest = (self.shape, self.cut, self.steps, self.kinds, self.speeds, self.axes, self.p)
+        self.module.sweep(  # compiled, or loaded, before the time is taken
+            0, 0, 0.0, 0.0, 1.0, values, values, arrays[1], values, *bounds, floor, ceiling, near,
+            0.0, flags[0], flags[1], flags[:0], *rest, np.zeros(3, dtype=np.int64),
+        )  # fmt: skip
+        previous, began = 0.0, time.perf_counter()
         with _Workers(self.threads, self.places) as workers:
             for k, end in enumerate(times):
                 count = max(1, math.ceil((end - previous) / self.longest_step - 1e-9))
@@ -157,9 +164,9 @@ class March:
                             start + fraction * dt, dt, weight, source, arrays[0], out,
                             arrays[0] if order == 1 else out, *bounds, floor, ceiling, near,
                             slow * dt, here, there, flags[1:order] if last else flags[:0],
-                            self.shape, self.steps, self.kinds, self.speeds, self.axes, self.p,
+                            *rest,
                         )  # fmt: skip
-                        done.computed += int(found[3])
+                        done.computed += int(found[0])
                         if found[1]:
                             raise SimulationError(
                                 f"{found[1]} nodes are no finite numbers after {start + dt:g} s",
@@ -205,13 +212,13 @@ class _Workers:
     def run(self, function: Callable[..., None], *arguments: Any) -> Counts:
         """The sum of what they count."""
         if self.pool is None:
-            counts = np.zeros(4, dtype=np.int64)
+            counts = np.zeros(3, dtype=np.int64)
             function(0, self.places, *arguments, counts)
             return counts
         slices = iter(self.slices)
 
         def work() -> Counts:
-            counts = np.zeros(4, dtype=np.int64)
+            counts = np.zeros(3, dtype=np.int64)
             for first, last in slices:
                 function(first, last, *arguments, counts)
             return counts

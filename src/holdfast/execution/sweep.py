@@ -1,8 +1,8 @@
-"""The text of a sweep over a grid: derivatives, Hamiltonian, dissipation and time step in one pass.
+"""The text of a sweep over a grid: derivatives, Hamiltonian, dissipation and step in one pass.
 
-Generated for the dimension, the Hamiltonian and the scheme at hand. The last axis is cut into
-stretches of at most `LONGEST` nodes, the unit that is computed, or skipped where nothing it depends
-on has changed since it was computed last.
+Generated for the dimension, the Hamiltonian and the scheme at hand. A unit is a run of about
+`LONGEST` nodes, several rows of the last axis or a stretch of one; it is computed, or skipped where
+nothing that it depends on has changed since it was computed last.
 """
 
 from __future__ import annotations
@@ -116,93 +116,128 @@ def _used(plan: Schedule, rest: Sequence[sp.Expr]) -> set[str]:
         + [e for _, e in plan.tables]
         + list(rest)
     )
-    return {str(s) for e in every for s in e.free_symbols}
+    return _names_in(every)
+
+
+def layout(shape: Sequence[int]) -> tuple[int, int, int, int]:
+    """How the last two axes are cut into units of at most `LONGEST` nodes, if one row is no longer.
+
+    Rows in a unit, groups of rows, stretches of a row, nodes in a stretch. Several whole rows are
+    one run in memory, or one stretch of a single row is.
+    """
+    rows = shape[-2] if len(shape) > 1 else 1
+    groups = -(-rows // max(1, LONGEST // shape[-1]))
+    stretches = -(-shape[-1] // LONGEST)
+    return -(-rows // groups), groups, stretches, -(-shape[-1] // stretches)
 
 
 def _sweep(
     plan: Schedule, rate: sp.Expr, n: int, scheme: str, limit: str, names: dict[sp.Symbol, str]
 ) -> str:
-    last = n - 1
+    last, by_row = n - 1, n - 2
     used = _used(plan, [rate])
-    out = ["@swept", "def sweep("]
-    out[-1] += (
-        "first, last, t, dt, weight, values, base, out, before, upper, lower, floor, ceiling, "
-        "near, slow, active, marks, own, shape, steps, kinds, speeds, axes, p, counts):"
+    at_node = _names_in([e for _, e in plan.levels.get(n, [])] + [rate])
+    of_row = [str(s) for s, _ in plan.levels.get(by_row, [])] if n > 1 else []
+    held = [name for name in ([f"q{by_row}"] if n > 1 else []) + of_row if name in at_node]
+    fixed = [(str(s), text_of(e)) for s, e in plan.tables]
+    outer = range(n - 2)
+    head = (
+        "def sweep(first, last, t, dt, weight, values, base, out, before, upper, lower, floor, "
+        "ceiling, near, slow, active, marks, own, shape, cut, steps, kinds, speeds, axes, p, "
+        "counts):"
     )
-    body: list[str] = []
-    body += ["ghosts = GHOSTS"]
-    body += [f"n{i} = shape[{i}]" for i in range(n)]
-    body += [f"stretches = -(-n{last} // LONGEST)", f"longest = -(-n{last} // stretches)"]
+    body = [f"n{i} = shape[{i}]" for i in range(n)]
+    body += [f"rows_of = n{by_row}" if n > 1 else "rows_of = 1"]
+    body += ["many, groups, stretches, longest = cut[0], cut[1], cut[2], cut[3]"]
+    body += ["local = groups * stretches"]
     for i in range(n - 1):
         body.append(f"s{i} = " + " * ".join(f"n{k}" for k in range(i + 1, n)))
     body += _unpack(names, used, "k", "p") + _unpack(names, used, "a", "speeds")
     body += plan.lines(BEFORE)
-    for s, _ in plan.tables:
-        body += [f"{s}_table = np.empty(n{last})"]
-    if plan.tables:
-        body += [f"for i{last} in range(n{last}):", f"    q{last} = axes[{last}, i{last}]"]
-        for s, e in plan.tables:
-            body += [f"    {s} = {text_of(e)}", f"    {s}_table[i{last}] = {s}"]
+    body += [
+        f"fixed = np.empty(({len(fixed) + 1}, many * n{last}))",
+        "for row in range(many):",
+        f"    for place in range(n{last}):",
+        f"        at = row * n{last} + place",
+        f"        q{last} = axes[{last}, place]",
+        f"        fixed[{len(fixed)}, at] = q{last}",
+    ]
+    for k, (name, text) in enumerate(fixed):
+        body += [f"        {name} = {text}", f"        fixed[{k}, at] = {name}"]
     body += [
         "rows = np.zeros((2 * GHOSTS + 1, LONGEST))",
         f"mean = np.empty(({n}, LONGEST))",
         f"gap = np.empty(({n}, LONGEST))",
+        f"held = np.empty(({max(len(held), 1)}, LONGEST))",
         "rate = np.empty(LONGEST)",
         "was = np.empty(LONGEST)",
         "line = np.empty(LONGEST + 2 * GHOSTS)",
-        "changed_units, wrong, moving, computed = 0, 0, 0, 0",
+        "wrong, moving, computed = 0, 0, 0",
+        "block = 0",
     ]
-    indent = ""
-    for i in range(n - 1):
-        r = "range(first, last)" if i == 0 else f"range(n{i})"
-        body.append(f"{indent}for i{i} in {r}:")
+    indent, index = "", ""
+    for i in outer:
+        body.append(
+            f"{indent}for i{i} in " + ("range(first, last):" if i == 0 else f"range(n{i}):")
+        )
         indent += "    "
         if f"q{i}" in used:
             body.append(f"{indent}q{i} = axes[{i}, i{i}]")
         body += [indent + x for x in plan.lines(i)]
-    index = "0"
-    for i in range(n - 1):
         index = f"i{i}" if i == 0 else f"({index}) * n{i} + i{i}"
-    body += [f"{indent}row = {index}" if n > 1 else f"{indent}row = 0"]
-    start, stop = ("first", "last") if n == 1 else ("0", "stretches")
-    body += [f"{indent}for piece in range({start}, {stop}):"]
+    body += [f"{indent}block = {index}"] if index else []
+    body += [f"{indent}for part in range({'0, local' if n > 2 else 'first, last'}):"]
     indent += "    "
     inner = [
-        "unit = row * stretches + piece",
+        "unit = block * local + part",
         "if active[unit] == 0:",
         "    continue",
         "active[unit] = 0",
         "computed += 1",
-        "begin = piece * longest",
-        f"count = min(longest, n{last} - begin)",
+        "row, begin = part // stretches * many, part % stretches * longest",
+        f"tall, wide = min(many, rows_of - row), min(longest, n{last} - begin)",
+        "count = tall * wide",
         "whole = (count + 3) & ~3  # what is computed beyond count is not used",
-        f"here = row * n{last} + begin",
+        f"here = (block * rows_of + row) * n{last} + begin",
     ]
-    for i in range(n - 1):
+    if held or any(
+        f"q{by_row}" in {str(x) for x in e.free_symbols} for _, e in plan.levels.get(by_row, [])
+    ):
+        inner += ["for k in range(tall):"]
+        if n > 1 and f"q{by_row}" in used:
+            inner += [f"    q{by_row} = axes[{by_row}, row + k]"]
+        inner += ["    " + x for x in (plan.lines(by_row) if n > 1 else [])]
+        inner += ["    for j in range(k * wide, (k + 1) * wide):"] if held else []
+        inner += [f"        held[{k}, j] = {name}" for k, name in enumerate(held)]
+    derive = f"{scheme}(rows, whole, 1.0 / steps[{{0}}], mean[{{0}}], gap[{{0}}])"
+    for i in outer:
         inner += [
             f"gather(values, here, i{i}, n{i}, s{i}, kinds[{i}], GHOSTS, count, rows)",
-            f"{scheme}(rows, whole, 1.0 / steps[{i}], mean[{i}], gap[{i}])",
+            derive.format(i),
+        ]
+    if n > 1:
+        inner += [
+            f"gather_rows(values, here, row, tall, rows_of, n{last}, wide, kinds[{by_row}],",
+            "    GHOSTS, rows)",
+            derive.format(by_row),
         ]
     inner += [
-        f"gather_along(values, row * n{last}, begin, n{last}, kinds[{last}], GHOSTS, count, line,",
-        "    rows)",
-        f"{scheme}(rows, whole, 1.0 / steps[{last}], mean[{last}], gap[{last}])",
+        f"gather_along(values, here - begin, tall, begin, n{last}, wide, kinds[{last}], GHOSTS,",
+        "    line, rows)",
+        derive.format(last),
+        "table = fixed[:, begin : begin + count]",
         "for j in range(count):",
     ]
-    if f"q{last}" in used:
-        inner.insert(-1, f"q{last}_here = axes[{last}, begin : begin + count]")
-        inner.append(f"    q{last} = q{last}_here[j]")
-    for s, _ in plan.tables:
-        if str(s) in used:
-            at = next(k for k, line in enumerate(inner) if line.startswith("for j in"))
-            inner.insert(at, f"{s}_here = {s}_table[begin : begin + count]")
-            inner.append(f"    {s} = {s}_here[j]")
+    if f"q{last}" in at_node:
+        inner.append(f"    q{last} = table[{len(fixed)}, j]")
+    inner += [f"    {name} = table[{k}, j]" for k, (name, _) in enumerate(fixed) if name in at_node]
+    inner += [f"    {name} = held[{k}, j]" for k, name in enumerate(held)]
     for i in range(n):
-        inner += [f"    p{i} = mean[{i}, j]"] if f"p{i}" in used else []
-        inner += [f"    g{i} = gap[{i}, j]"] if f"g{i}" in used else []
+        inner += [f"    p{i} = mean[{i}, j]"] if f"p{i}" in at_node else []
+        inner += [f"    g{i} = gap[{i}, j]"] if f"g{i}" in at_node else []
     inner += ["    " + x for x in plan.lines(n)]
-    inner += [f"    rate[j] = {text_of(rate)}"]
     inner += [
+        f"    rate[j] = {text_of(rate)}",
         "changes, odd, fast = advance(",
         "    rate, rows[GHOSTS], was, count, here, dt, weight, base, out, before, upper, lower,",
         "    floor, ceiling, near, slow,",
@@ -210,26 +245,28 @@ def _sweep(
         "wrong += odd",
         "moving += fast",
         "if changes > 0:",
-        "    changed_units += 1",
         "    for k in range(own.shape[0]):",
         "        own[k, unit] = 1",
-        "    for k in range(max(0, piece - GHOSTS), min(stretches, piece + GHOSTS + 1)):",
-        "        marks[row * stretches + k] = 1",
-        f"    if kinds[{last}] == PERIODIC:",
-        "        for k in range(1, GHOSTS + 1):",
-        "            marks[row * stretches + (piece - k) % stretches] = 1",
-        "            marks[row * stretches + (piece + k) % stretches] = 1",
+        f"    mark(marks, unit, part % stretches, stretches, 1, kinds[{last}], GHOSTS)",
     ]
-    for i in range(n - 1):
+    units = "local"
+    for i in reversed(outer):
+        inner.append(f"    mark(marks, unit, i{i}, n{i}, {units}, kinds[{i}], GHOSTS)")
+        units += f" * n{i}"
+    if n > 1:
         inner += [
-            f"    mark(marks, unit, i{i}, n{i}, (s{i} // n{last}) * stretches, kinds[{i}], GHOSTS)"
+            "    mark_rows(marks, block * local + part % stretches, row, tall, rows_of, many,",
+            f"        stretches, kinds[{by_row}], GHOSTS)",
         ]
     body += [indent + x for x in inner]
-    body += ["counts[0] += changed_units", "counts[1] += wrong", "counts[2] += moving"]
-    body += ["counts[3] += computed"]
-    # the kind of step and limit are constants of the text
-    text = "\n".join(out) + "\n" + "\n".join("    " + x for x in body)
+    body += ["counts[0] += computed", "counts[1] += wrong", "counts[2] += moving"]
+    text = f"@swept\n{head}\n" + "\n".join("    " + x for x in body)
+    # the sign that the rate is limited to is a constant of the text
     return f"{_ADVANCE.replace('LIMITED_RATE', LIMITS[limit].format('r'))}\n\n\n{text}"
+
+
+def _names_in(expressions: Sequence[sp.Expr]) -> set[str]:
+    return {str(s) for e in expressions for s in e.free_symbols}
 
 
 _ADVANCE = '''@swept
@@ -278,7 +315,17 @@ def mark(marks, unit, place, nodes, stride, kind, ghosts):
         if kind == PERIODIC:
             there = (there + nodes) % nodes
         if 0 <= there < nodes:
-            marks[unit + (there - place) * stride] = 1'''
+            marks[unit + (there - place) * stride] = 1
+
+
+@swept
+def mark_rows(marks, unit, row, tall, rows_of, many, stretches, kind, ghosts):
+    """The same for the groups of rows that those within reach belong to."""
+    for there in range(row - ghosts, row + tall + ghosts):
+        if kind == PERIODIC:
+            there = (there + rows_of) % rows_of
+        if 0 <= there < rows_of:
+            marks[unit + there // many * stretches] = 1'''
 
 
 def _fastest(bounds: Sequence[sp.Expr], n: int, names: dict[sp.Symbol, str]) -> str:
