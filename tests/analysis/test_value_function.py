@@ -270,6 +270,15 @@ def test_grid_that_cuts_off_the_region_is_refused():
         hf.viability_kernel(CART, WALLS, small, 1.0)
 
 
+def test_grids_of_another_system_and_margins_that_are_no_numbers_are_refused():
+    one = hf.System("one", CART.states[:1], CART.inputs, {"x": U}, input_bounds=CART.input_bounds)
+    with pytest.raises(SimulationError, match="the grid is one of another system: x; expected the"):
+        hf.viability_kernel(CART, WALLS, hf.grid(one, {"x": (-2, 2)}, 21), 1.0)
+    root = hf.Region("root", CART.states[:1], (hf.Inequality("c", sp.sqrt(X) - 1, "m"),))
+    with pytest.raises(SimulationError, match="is no number at some nodes"):
+        hf.viability_kernel(one, root, hf.grid(one, {"x": (-2, 2)}, 21), 1.0)
+
+
 def test_grid_beyond_the_machine_is_refused():
     with pytest.raises(SimulationError, match="GiB, this machine has"):
         kernel(400_000)

@@ -135,6 +135,11 @@ def solve(
         moved = replace(moved, rates={n: -r for n, r in moved.rates.items()}, pfaffian=())
     for region in problem.regions:
         check_reads(moved, region)
+    if tuple(a.name for a in grid.axes) != moved.state_names:
+        raise SimulationError(
+            "the grid is one of another system: " + ", ".join(a.name for a in grid.axes),
+            expected="the states " + ", ".join(moved.state_names),
+        )
     reach = SCHEMES[marching.scheme]
     for axis in grid.axes:
         if axis.count < 2 * reach + 1:
@@ -164,19 +169,29 @@ def solve(
     h = hamiltonian(moved, inputs=problem.inputs, disturbances=problem.disturbances)
 
     def margin(region: Region) -> npt.NDArray[Any]:
-        found = values_on_grid(region.margin, symbols, known, [a.nodes for a in grid.axes])
-        clipped: npt.NDArray[Any] = np.clip(found, -marching.band, marching.band)
-        return clipped.astype(marching.precision, copy=False)
+        nodes = [a.nodes for a in grid.axes]
+        return values_on_grid(
+            region.margin,
+            symbols,
+            known,
+            nodes,
+            band=marching.band,
+            precision=marching.precision,
+        )
 
-    start = margin(problem.start)
-    _check_inside(problem, grid, start)
+    values = margin(problem.start)
+    _check_inside(problem, grid, values)
     below = margin(problem.below) if problem.below else None
     above = margin(problem.above) if problem.above else None
-    values = start.copy()
     if below is not None:
         np.maximum(values, below, out=values)
     if above is not None:
         np.minimum(values, above, out=values)
+    if np.isnan(values).any():
+        raise SimulationError(
+            "the margin of a region is no number at some nodes of the grid",
+            remedy="take an interval on which its inequalities are defined",
+        )
     if not (values > 0).any():
         raise SimulationError(
             f"no node of the grid is in region '{problem.start.name}'", remedy="take a finer grid"
@@ -371,11 +386,16 @@ def _check_growth(largest: float, highest: float, cell: float) -> None:
 
 def _largest_change(values: npt.NDArray[Any]) -> float:
     """The largest difference between neighbours, at the nodes in the set or next to it."""
-    largest = 0.0
-    for i in range(values.ndim):
-        ahead = np.take(values, range(1, values.shape[i]), axis=i)
-        behind = np.take(values, range(values.shape[i] - 1), axis=i)
+
+    def largest(ahead: npt.NDArray[Any], behind: npt.NDArray[Any]) -> float:
         near = (ahead > 0) | (behind > 0)
-        if near.any():
-            largest = max(largest, float(np.abs(ahead - behind)[near].max()))
-    return largest
+        return float(np.abs(ahead - behind)[near].max(initial=0.0))
+
+    found = 0.0
+    for k, slab in enumerate(values):  # slab by slab, so that it takes little memory
+        if k:
+            found = max(found, largest(slab, values[k - 1]))
+        for i in range(slab.ndim):
+            rows = np.moveaxis(slab, i, 0)
+            found = max(found, largest(rows[1:], rows[:-1]))
+    return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -70,12 +71,21 @@ class ValueFunction:
 
     def fraction(self, time: float | None = None) -> float:
         """The share of the grid's box in the set, by the nodes (half a node at each end)."""
-        return float(self._weighted(self.values(time) > 0).sum() / self._weighted(None).sum())
+        weights = [np.ones(a.count) for a in self.grid.axes]
+        for axis, w in zip(self.grid.axes, weights, strict=True):
+            if axis.ends != "periodic":
+                w[[0, -1]] = 0.5
+        inside = 0.0
+        for share, slab in zip(weights[0], self.values(time), strict=True):  # little memory
+            part = (slab > 0).astype(np.float64)
+            for other in reversed(weights[1:]):
+                part = part @ other
+            inside += float(share) * float(part)
+        return inside / math.prod(float(w.sum()) for w in weights)
 
     def volume(self, time: float | None = None) -> float:
         """The volume of the set, in the product of the units of the states."""
-        box = np.prod([a.high - a.low for a in self.grid.axes])
-        return float(self.fraction(time) * box)
+        return self.fraction(time) * math.prod(a.high - a.low for a in self.grid.axes)
 
     def slice(self, **at: float) -> ValueFunction:
         """The value function with some states held, between nodes by linear interpolation."""
@@ -141,15 +151,6 @@ class ValueFunction:
 
     def _module(self) -> Any:
         return compile_interpolation()
-
-    def _weighted(self, inside: npt.NDArray[Any] | None) -> Array:
-        total = np.ones(self.grid.shape) if inside is None else inside.astype(np.float64)
-        for i, axis in enumerate(self.grid.axes):
-            weights = np.ones(axis.count)
-            if axis.ends != "periodic":
-                weights[[0, -1]] = 0.5
-            total = total * weights.reshape([-1 if k == i else 1 for k in range(total.ndim)])
-        return total
 
 
 def to_value_function(

@@ -153,15 +153,23 @@ def eno3_side(a, b, c, d, e):
 
 
 @swept
+def six(rows, j, inverse):
+    """The first differences of seven nodes in a row."""
+    return (
+        (rows[1, j] - rows[0, j]) * inverse,
+        (rows[2, j] - rows[1, j]) * inverse,
+        (rows[3, j] - rows[2, j]) * inverse,
+        (rows[4, j] - rows[3, j]) * inverse,
+        (rows[5, j] - rows[4, j]) * inverse,
+        (rows[6, j] - rows[5, j]) * inverse,
+    )
+
+
+@swept
 def eno3(rows, count, inverse, mean, gap):
     """Third order: the smoothest of three stencils."""
     for j in range(count):
-        a = (rows[1, j] - rows[0, j]) * inverse
-        b = (rows[2, j] - rows[1, j]) * inverse
-        c = (rows[3, j] - rows[2, j]) * inverse
-        d = (rows[4, j] - rows[3, j]) * inverse
-        e = (rows[5, j] - rows[4, j]) * inverse
-        f = (rows[6, j] - rows[5, j]) * inverse
+        a, b, c, d, e, f = six(rows, j, inverse)
         left = eno3_side(a, b, c, d, e)
         right = eno3_side(f, e, d, c, b)
         mean[j] = 0.5 * (left + right)
@@ -193,12 +201,7 @@ def weno5_side(a, b, c, d, e, bend_1, bend_2, bend_3):
 def weno5(rows, count, inverse, mean, gap):
     """Fifth order where the value is smooth."""
     for j in range(count):
-        a = (rows[1, j] - rows[0, j]) * inverse
-        b = (rows[2, j] - rows[1, j]) * inverse
-        c = (rows[3, j] - rows[2, j]) * inverse
-        d = (rows[4, j] - rows[3, j]) * inverse
-        e = (rows[5, j] - rows[4, j]) * inverse
-        f = (rows[6, j] - rows[5, j]) * inverse
+        a, b, c, d, e, f = six(rows, j, inverse)
         d1, d2, d3, d4 = a - 2.0 * b + c, b - 2.0 * c + d, c - 2.0 * d + e, d - 2.0 * e + f
         d1, d2 = BEND * d1 * d1, BEND * d2 * d2
         d3, d4 = BEND * d3 * d3, BEND * d4 * d4

@@ -7,7 +7,9 @@ nothing that it depends on has changed since it was computed last.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -59,7 +61,10 @@ def sweep_source(
     at_node = [sp.Symbol(s, real=True) for i in range(n) for s in (f"p{i}", f"g{i}")]
     plan = Schedule(axes, frozenset(at_node))
     (rate,) = plan.add([total])
-    text = [_header(n, SCHEMES[scheme]), _sweep(plan, rate, n, scheme, limit, names)]
+    text = [
+        f"GHOSTS = {SCHEMES[scheme]}\nLONGEST = {LONGEST}",
+        _sweep(plan, rate, n, scheme, limit, names),
+    ]
     bounds, _ = renamed(list(hamiltonian.speeds), names)
     text.append(_fastest(bounds, n, names))
     return "\n\n\n".join(text) + "\n"
@@ -70,14 +75,18 @@ def values_on_grid(
     symbols: Sequence[sp.Symbol],
     parameters: Sequence[Parameter],
     axes: Sequence[npt.NDArray[np.float64]],
-) -> npt.NDArray[np.float64]:
-    """The expression at every node, flat; `symbols` are those of the axes."""
+    *,
+    band: float = math.inf,
+    precision: str = "float64",
+) -> npt.NDArray[Any]:
+    """The expression at every node, flat, cut off at +-band; `symbols` are those of the axes."""
     names = {s: f"q{i}" for i, s in enumerate(symbols)}
     names |= {q.symbol: f"k{i}" for i, q in enumerate(parameters)}
     module = compile_sweep(_fill(expression, len(axes), names) + "\n")
     shape = np.array([len(a) for a in axes], dtype=np.int64)
-    out = np.empty(int(np.prod(shape)))
-    module.fill(padded(axes), shape, np.array([*(float(q.value) for q in parameters), 0.0]), out)
+    out = np.empty(int(np.prod(shape)), dtype=precision)
+    p = np.array([*(float(q.value) for q in parameters), 0.0])
+    module.fill(padded(axes), shape, p, float(band), out)
     return out
 
 
@@ -97,10 +106,6 @@ def _names(h: Hamiltonian, parameters: Sequence[Parameter]) -> dict[sp.Symbol, s
         names[sp.Symbol(f"_g{i}", real=True)] = f"g{i}"
         names[sp.Symbol(f"_a{i}", real=True)] = f"a{i}"
     return names | {TIME: "t"}
-
-
-def _header(n: int, ghosts: int) -> str:
-    return f"DIMENSION = {n}\nGHOSTS = {ghosts}\nLONGEST = {LONGEST}"
 
 
 def _unpack(names: dict[sp.Symbol, str], used: set[str], prefix: str, array: str) -> list[str]:
@@ -274,7 +279,10 @@ def advance(
     rate, values, was, count, here, dt, weight, base, out, before, upper, lower, floor, ceiling,
     near, slow,
 ):
-    """One stage of a step of a stretch; how many nodes changed, are no numbers, still move."""
+    """One stage of a step of a unit; how many nodes changed, are no numbers, still move.
+
+    What is no number stays so through every bound, so that it is seen.
+    """
     changes, odd, fast = 0, 0, 0
     old_base = base[here : here + count]
     new = out[here : here + count]
@@ -287,13 +295,13 @@ def advance(
         b = float(old_base[j])
         rate[j] = b + weight * ((values[j] - b) + dt * r)
     if len(lower) > 0:
-        least_ = lower[here : here + count]
+        lowest = lower[here : here + count]
         for j in range(count):
-            rate[j] = max(rate[j], float(least_[j]))
+            rate[j] = rate[j] if not rate[j] < lowest[j] else float(lowest[j])
     if len(upper) > 0:
-        most = upper[here : here + count]
+        highest = upper[here : here + count]
         for j in range(count):
-            rate[j] = min(rate[j], float(most[j]))
+            rate[j] = rate[j] if not rate[j] > highest[j] else float(highest[j])
     for j in range(count):
         v = rate[j]
         v = v if not v < floor else floor
@@ -381,5 +389,6 @@ def _fill(expression: sp.Expr, n: int, names: dict[sp.Symbol, str]) -> str:
             body += [indent + x for x in plan.lines(i)]
     body += [f"{indent}{s} = {text_of(e)}" for s, e in plan.tables]
     body += [indent + x for x in plan.lines(n)]
-    body += [f"{indent}out[at] = {text_of(left)}", f"{indent}at += 1"]
-    return "@compiled\ndef fill(axes, shape, p, out):\n" + "\n".join("    " + x for x in body)
+    body += [f"{indent}v = {text_of(left)}", f"{indent}v = v if not v < -band else -band"]
+    body += [f"{indent}out[at] = v if not v > band else band", f"{indent}at += 1"]
+    return "@compiled\ndef fill(axes, shape, p, band, out):\n" + "\n".join("    " + x for x in body)
