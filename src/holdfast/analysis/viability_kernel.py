@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from holdfast.analysis.grid import Grid
-from holdfast.analysis.hamilton_jacobi import Problem, solve
+from holdfast.analysis.hamilton_jacobi import solve
+from holdfast.analysis.marching import Problem
 from holdfast.analysis.value_function import ValueFunction
 from holdfast.errors import SimulationError
 from holdfast.maths.region import Region

@@ -209,3 +209,24 @@ def weno5(rows, count, inverse, mean, gap):
         right = weno5_side(f, e, d, c, b, d4, d3, d2)
         mean[j] = 0.5 * (left + right)
         gap[j] = 0.5 * (right - left)
+
+
+@swept
+def mark(marks, unit, place, nodes, stride, kind, ghosts):
+    """The units within reach along an outer axis have to be computed again."""
+    for k in range(-ghosts, ghosts + 1):
+        there = place + k
+        if kind == PERIODIC:
+            there = (there + nodes) % nodes
+        if 0 <= there < nodes:
+            marks[unit + (there - place) * stride] = 1
+
+
+@swept
+def mark_rows(marks, unit, row, tall, rows_of, many, stretches, kind, ghosts):
+    """The same for the groups of rows that those within reach belong to."""
+    for there in range(row - ghosts, row + tall + ghosts):
+        if kind == PERIODIC:
+            there = (there + rows_of) % rows_of
+        if 0 <= there < rows_of:
+            marks[unit + there // many * stretches] = 1

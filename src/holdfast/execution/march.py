@@ -21,7 +21,8 @@ import numpy.typing as npt
 
 from holdfast.errors import SimulationError
 from holdfast.execution.compile import compile_sweep
-from holdfast.execution.sweep import layout, padded, sweep_source
+from holdfast.execution.over_grid import padded
+from holdfast.execution.sweep import layout, sweep_source
 from holdfast.maths.hamiltonian import Hamiltonian
 from holdfast.maths.quantity import Parameter
 

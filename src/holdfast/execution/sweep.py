@@ -7,15 +7,11 @@ nothing that it depends on has changed since it was computed last.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 import sympy as sp
 
-from holdfast.execution.compile import compile_sweep
+from holdfast.execution.over_grid import fastest_source, names_in, names_used, unpacked
 from holdfast.execution.printer import text_of
 from holdfast.execution.schedule import BEFORE, Schedule, renamed
 from holdfast.maths.hamiltonian import Hamiltonian
@@ -66,36 +62,8 @@ def sweep_source(
         _sweep(plan, rate, n, scheme, limit, names),
     ]
     bounds, _ = renamed(list(hamiltonian.speeds), names)
-    text.append(_fastest(bounds, n, names))
+    text.append(fastest_source(bounds, n, names))
     return "\n\n\n".join(text) + "\n"
-
-
-def values_on_grid(
-    expression: sp.Expr,
-    symbols: Sequence[sp.Symbol],
-    parameters: Sequence[Parameter],
-    axes: Sequence[npt.NDArray[np.float64]],
-    *,
-    band: float = math.inf,
-    precision: str = "float64",
-) -> npt.NDArray[Any]:
-    """The expression at every node, flat, cut off at +-band; `symbols` are those of the axes."""
-    names = {s: f"q{i}" for i, s in enumerate(symbols)}
-    names |= {q.symbol: f"k{i}" for i, q in enumerate(parameters)}
-    module = compile_sweep(_fill(expression, len(axes), names) + "\n")
-    shape = np.array([len(a) for a in axes], dtype=np.int64)
-    out = np.empty(int(np.prod(shape)), dtype=precision)
-    p = np.array([*(float(q.value) for q in parameters), 0.0])
-    module.fill(padded(axes), shape, p, float(band), out)
-    return out
-
-
-def padded(axes: Sequence[npt.NDArray[np.float64]]) -> npt.NDArray[np.float64]:
-    """The nodes of every axis as the rows of one array."""
-    rows = np.zeros((len(axes), max(len(a) for a in axes)))
-    for row, axis in zip(rows, axes, strict=True):
-        row[: len(axis)] = axis
-    return rows
 
 
 def _names(h: Hamiltonian, parameters: Sequence[Parameter]) -> dict[sp.Symbol, str]:
@@ -106,22 +74,6 @@ def _names(h: Hamiltonian, parameters: Sequence[Parameter]) -> dict[sp.Symbol, s
         names[sp.Symbol(f"_g{i}", real=True)] = f"g{i}"
         names[sp.Symbol(f"_a{i}", real=True)] = f"a{i}"
     return names | {TIME: "t"}
-
-
-def _unpack(names: dict[sp.Symbol, str], used: set[str], prefix: str, array: str) -> list[str]:
-    found = sorted(
-        {v for v in names.values() if v[0] == prefix and v in used}, key=lambda v: int(v[1:])
-    )
-    return [f"{v} = {array}[{v[1:]}]" for v in found]
-
-
-def _used(plan: Schedule, rest: Sequence[sp.Expr]) -> set[str]:
-    every = (
-        [e for rows in plan.levels.values() for _, e in rows]
-        + [e for _, e in plan.tables]
-        + list(rest)
-    )
-    return _names_in(every)
 
 
 def layout(shape: Sequence[int]) -> tuple[int, int, int, int]:
@@ -140,8 +92,8 @@ def _sweep(
     plan: Schedule, rate: sp.Expr, n: int, scheme: str, limit: str, names: dict[sp.Symbol, str]
 ) -> str:
     last, by_row = n - 1, n - 2
-    used = _used(plan, [rate])
-    at_node = _names_in([e for _, e in plan.levels.get(n, [])] + [rate])
+    used = names_used(plan, [rate])
+    at_node = names_in([e for _, e in plan.levels.get(n, [])] + [rate])
     of_row = [str(s) for s, _ in plan.levels.get(by_row, [])] if n > 1 else []
     held = [name for name in ([f"q{by_row}"] if n > 1 else []) + of_row if name in at_node]
     fixed = [(str(s), text_of(e)) for s, e in plan.tables]
@@ -157,7 +109,7 @@ def _sweep(
     body += ["local = groups * stretches"]
     for i in range(n - 1):
         body.append(f"s{i} = " + " * ".join(f"n{k}" for k in range(i + 1, n)))
-    body += _unpack(names, used, "k", "p") + _unpack(names, used, "a", "speeds")
+    body += unpacked(names, used, "k", "p") + unpacked(names, used, "a", "speeds")
     body += plan.lines(BEFORE)
     body += [
         f"fixed = np.empty(({len(fixed) + 1}, many * n{last}))",
@@ -270,10 +222,6 @@ def _sweep(
     return f"{_ADVANCE.replace('LIMITED_RATE', LIMITS[limit].format('r'))}\n\n\n{text}"
 
 
-def _names_in(expressions: Sequence[sp.Expr]) -> set[str]:
-    return {str(s) for e in expressions for s in e.free_symbols}
-
-
 _ADVANCE = '''@swept
 def advance(
     rate, values, was, count, here, dt, weight, base, out, before, upper, lower, floor, ceiling,
@@ -313,82 +261,4 @@ def advance(
         changes += 1 if now != was[j] else 0
         fast += 1 if (abs(now - was[j]) > slow) & (was[j] > near) else 0
     return changes, odd, fast
-
-
-@swept
-def mark(marks, unit, place, nodes, stride, kind, ghosts):
-    """The units within reach along an outer axis have to be computed again."""
-    for k in range(-ghosts, ghosts + 1):
-        there = place + k
-        if kind == PERIODIC:
-            there = (there + nodes) % nodes
-        if 0 <= there < nodes:
-            marks[unit + (there - place) * stride] = 1
-
-
-@swept
-def mark_rows(marks, unit, row, tall, rows_of, many, stretches, kind, ghosts):
-    """The same for the groups of rows that those within reach belong to."""
-    for there in range(row - ghosts, row + tall + ghosts):
-        if kind == PERIODIC:
-            there = (there + rows_of) % rows_of
-        if 0 <= there < rows_of:
-            marks[unit + there // many * stretches] = 1'''
-
-
-def _fastest(bounds: Sequence[sp.Expr], n: int, names: dict[sp.Symbol, str]) -> str:
-    """max over the grid of the speed along every axis, and of their sum over the steps."""
-    axes = [sp.Symbol(f"q{i}", real=True) for i in range(n)]
-    plan = Schedule(axes)
-    left = plan.add(bounds)
-    used = _used(plan, left)
-    body = [*_unpack(names, used, "k", "p"), *plan.lines(BEFORE)]
-    indent = ""
-    for i in range(n):
-        moves = (
-            f"shape[{i}]"
-            if any(sp.Symbol(f"q{i}", real=True) in e.free_symbols for e in bounds)
-            else "1"
-        )
-        body.append(f"{indent}for i{i} in range({moves}):")
-        indent += "    "
-        if f"q{i}" in used:
-            body.append(f"{indent}q{i} = axes[{i}, i{i}]")
-        body += [indent + x for x in (plan.lines(i) if i < n - 1 else [])]
-        if i == n - 1:
-            body += [f"{indent}{s} = {text_of(e)}" for s, e in plan.tables]
-            body += [indent + x for x in plan.lines(n)]
-    body.append(f"{indent}total = 0.0")
-    for i, e in enumerate(left):
-        body += [
-            f"{indent}v = {text_of(e)}",
-            f"{indent}out[{i}] = max(out[{i}], v)",
-            f"{indent}total += v / steps[{i}]",
-        ]
-    body.append(f"{indent}out[{n}] = max(out[{n}], total)")
-    head = "@compiled\ndef fastest(t, axes, shape, steps, p, out):\n"
-    return head + "\n".join("    " + x for x in body)
-
-
-def _fill(expression: sp.Expr, n: int, names: dict[sp.Symbol, str]) -> str:
-    """The function `fill`: an expression at every node."""
-    (expression,), _ = renamed([expression], names)
-    axes = [sp.Symbol(f"q{i}", real=True) for i in range(n)]
-    plan = Schedule(axes)
-    (left,) = plan.add([expression])
-    used = _used(plan, [left])
-    last = n - 1
-    body = [*_unpack(names, used, "k", "p"), *plan.lines(BEFORE), "at = 0"]
-    indent = ""
-    for i in range(n):
-        body.append(f"{indent}for i{i} in range(shape[{i}]):")
-        indent += "    "
-        if f"q{i}" in used:
-            body.append(f"{indent}q{i} = axes[{i}, i{i}]")
-        if i < last:
-            body += [indent + x for x in plan.lines(i)]
-    body += [f"{indent}{s} = {text_of(e)}" for s, e in plan.tables]
-    body += [indent + x for x in plan.lines(n)]
-    body += [f"{indent}v = {text_of(left)}", f"{indent}v = v if not v < -band else -band"]
-    body += [f"{indent}out[at] = v if not v > band else band", f"{indent}at += 1"]
-    return "@compiled\ndef fill(axes, shape, p, band, out):\n" + "\n".join("    " + x for x in body)
+'''

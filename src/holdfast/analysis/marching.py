@@ -1,0 +1,79 @@
+"""What is marched over a grid, and how."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from holdfast.errors import SimulationError, suggestion
+from holdfast.execution.march import Method
+from holdfast.execution.sweep import DISSIPATIONS, SCHEMES
+from holdfast.maths.region import Region
+
+
+@dataclass(frozen=True)
+class Marching:
+    """How a problem is solved.
+
+    scheme: "upwind", "eno2", "eno3" or "weno5"; order: of the Runge-Kutta method, 1 to 3, by
+    default that of the scheme; dissipation: "global", "local" or "local-local"; cfl: share of the
+    largest stable step; precision: "float64" or "float32"; band: the value is cut off at this
+    distance from zero on either side, and what is beyond is settled and skipped, so that the cost
+    is that of the boundary; tolerance [1/s]: the march has converged when no node near the set
+    changes faster, by default a thousandth of the value's largest change between neighbours; skip:
+    leave out what is settled, which does not change the answer; threads: by default all cores.
+    """
+
+    scheme: str = "weno5"
+    order: int | None = None
+    dissipation: str = "local"
+    cfl: float = 0.75
+    precision: str = "float64"
+    band: float = math.inf
+    tolerance: float | None = None
+    skip: bool = True
+    threads: int | None = None
+
+    def __post_init__(self) -> None:
+        for name, known in (
+            ("scheme", tuple(SCHEMES)),
+            ("dissipation", DISSIPATIONS),
+            ("precision", ("float64", "float32")),
+        ):
+            if (value := getattr(self, name)) not in known:
+                raise SimulationError(f"{name}: {value!r}", remedy=suggestion(str(value), known))
+        if self.order not in (None, 1, 2, 3):
+            raise SimulationError(f"order: {self.order!r}", expected="1, 2 or 3")
+        for name, top in (("cfl", 1.0), ("band", math.inf), ("tolerance", math.inf)):
+            value = getattr(self, name)
+            if value is not None and not 0 < value <= top:
+                raise SimulationError(f"{name}: {value!r}", expected=f"above 0, at most {top:g}")
+        if self.threads is not None and not 1 <= self.threads <= 1024:
+            raise SimulationError(f"threads: {self.threads!r}", expected="at least 1")
+
+    @property
+    def method(self) -> Method:
+        order = self.order or {"upwind": 1, "eno2": 2}.get(self.scheme, 3)
+        return Method(self.scheme, order, self.dissipation, self.cfl, self.skip)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is marched: the start value, the sign that dW/dt is limited to, and the obstacles.
+
+    inputs, disturbances: "max" or "min", what each player makes of the value. below, above: regions
+    whose margin the value never falls below or exceeds. backwards: the dynamics run in reverse.
+    """
+
+    kind: str
+    limit: str
+    start: Region
+    inputs: str = "max"
+    disturbances: str = "min"
+    below: Region | None = None
+    above: Region | None = None
+    backwards: bool = False
+
+    @property
+    def regions(self) -> tuple[Region, ...]:
+        return tuple(r for r in (self.start, self.below, self.above) if r is not None)

@@ -1,0 +1,122 @@
+"""Expressions over a grid, as text: helpers of the sweep, values at every node, largest speeds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import sympy as sp
+
+from holdfast.execution.compile import compile_sweep
+from holdfast.execution.printer import text_of
+from holdfast.execution.schedule import BEFORE, Schedule, renamed
+from holdfast.maths.quantity import Parameter
+
+
+def values_on_grid(
+    expression: sp.Expr,
+    symbols: Sequence[sp.Symbol],
+    parameters: Sequence[Parameter],
+    axes: Sequence[npt.NDArray[np.float64]],
+    *,
+    band: float = math.inf,
+    precision: str = "float64",
+) -> npt.NDArray[Any]:
+    """The expression at every node, flat, cut off at +-band; `symbols` are those of the axes."""
+    names = {s: f"q{i}" for i, s in enumerate(symbols)}
+    names |= {q.symbol: f"k{i}" for i, q in enumerate(parameters)}
+    module = compile_sweep(_fill(expression, len(axes), names) + "\n")
+    shape = np.array([len(a) for a in axes], dtype=np.int64)
+    out = np.empty(int(np.prod(shape)), dtype=precision)
+    p = np.array([*(float(q.value) for q in parameters), 0.0])
+    module.fill(padded(axes), shape, p, float(band), out)
+    return out
+
+
+def padded(axes: Sequence[npt.NDArray[np.float64]]) -> npt.NDArray[np.float64]:
+    """The nodes of every axis as the rows of one array."""
+    rows = np.zeros((len(axes), max(len(a) for a in axes)))
+    for row, axis in zip(rows, axes, strict=True):
+        row[: len(axis)] = axis
+    return rows
+
+
+def fastest_source(bounds: Sequence[sp.Expr], n: int, names: dict[sp.Symbol, str]) -> str:
+    """max over the grid of the speed along every axis, and of their sum over the steps."""
+    axes = [sp.Symbol(f"q{i}", real=True) for i in range(n)]
+    plan = Schedule(axes)
+    left = plan.add(bounds)
+    used = names_used(plan, left)
+    body = [*unpacked(names, used, "k", "p"), *plan.lines(BEFORE)]
+    indent = ""
+    for i in range(n):
+        moves = (
+            f"shape[{i}]"
+            if any(sp.Symbol(f"q{i}", real=True) in e.free_symbols for e in bounds)
+            else "1"
+        )
+        body.append(f"{indent}for i{i} in range({moves}):")
+        indent += "    "
+        if f"q{i}" in used:
+            body.append(f"{indent}q{i} = axes[{i}, i{i}]")
+        body += [indent + x for x in (plan.lines(i) if i < n - 1 else [])]
+        if i == n - 1:
+            body += [f"{indent}{s} = {text_of(e)}" for s, e in plan.tables]
+            body += [indent + x for x in plan.lines(n)]
+    body.append(f"{indent}total = 0.0")
+    for i, e in enumerate(left):
+        body += [
+            f"{indent}v = {text_of(e)}",
+            f"{indent}out[{i}] = max(out[{i}], v)",
+            f"{indent}total += v / steps[{i}]",
+        ]
+    body.append(f"{indent}out[{n}] = max(out[{n}], total)")
+    head = "@compiled\ndef fastest(t, axes, shape, steps, p, out):\n"
+    return head + "\n".join("    " + x for x in body)
+
+
+def _fill(expression: sp.Expr, n: int, names: dict[sp.Symbol, str]) -> str:
+    """The function `fill`: an expression at every node."""
+    (expression,), _ = renamed([expression], names)
+    axes = [sp.Symbol(f"q{i}", real=True) for i in range(n)]
+    plan = Schedule(axes)
+    (left,) = plan.add([expression])
+    used = names_used(plan, [left])
+    last = n - 1
+    body = [*unpacked(names, used, "k", "p"), *plan.lines(BEFORE), "at = 0"]
+    indent = ""
+    for i in range(n):
+        body.append(f"{indent}for i{i} in range(shape[{i}]):")
+        indent += "    "
+        if f"q{i}" in used:
+            body.append(f"{indent}q{i} = axes[{i}, i{i}]")
+        if i < last:
+            body += [indent + x for x in plan.lines(i)]
+    body += [f"{indent}{s} = {text_of(e)}" for s, e in plan.tables]
+    body += [indent + x for x in plan.lines(n)]
+    body += [f"{indent}v = {text_of(left)}", f"{indent}v = v if not v < -band else -band"]
+    body += [f"{indent}out[at] = v if not v > band else band", f"{indent}at += 1"]
+    return "@compiled\ndef fill(axes, shape, p, band, out):\n" + "\n".join("    " + x for x in body)
+
+
+def unpacked(names: dict[sp.Symbol, str], used: set[str], prefix: str, array: str) -> list[str]:
+    found = sorted(
+        {v for v in names.values() if v[0] == prefix and v in used}, key=lambda v: int(v[1:])
+    )
+    return [f"{v} = {array}[{v[1:]}]" for v in found]
+
+
+def names_used(plan: Schedule, rest: Sequence[sp.Expr]) -> set[str]:
+    every = (
+        [e for rows in plan.levels.values() for _, e in rows]
+        + [e for _, e in plan.tables]
+        + list(rest)
+    )
+    return names_in(every)
+
+
+def names_in(expressions: Sequence[sp.Expr]) -> set[str]:
+    return {str(s) for e in expressions for s in e.free_symbols}
