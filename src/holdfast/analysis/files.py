@@ -5,8 +5,12 @@ from __future__ import annotations
 import os
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from holdfast.errors import OutputError
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 class atomic_file:
@@ -42,6 +46,20 @@ class atomic_file:
                 f"{self.path} cannot be written ({error.strerror})",
                 remedy="choose another folder with --out",
             ) from None
+
+
+def write_netcdf(dataset: xr.Dataset, path: str | Path) -> Path:
+    """The dataset as NetCDF-4, compressed; `OutputError` when the folder cannot be written."""
+    path = Path(path)
+    encoding: dict[str, dict[str, Any]] = {}
+    for name, variable in dataset.variables.items():
+        if variable.dtype.kind == "U":
+            encoding[str(name)] = {"dtype": "S1"}  # characters, which MATLAB reads too
+        elif variable.ndim >= 2:
+            encoding[str(name)] = {"zlib": True, "complevel": 1, "shuffle": True}
+    with atomic_file(path) as partial:
+        dataset.to_netcdf(partial, engine="netcdf4", format="NETCDF4", encoding=encoding)
+    return path
 
 
 def _umask() -> int:

@@ -60,11 +60,6 @@ class Grid:
     def nodes(self) -> int:
         return math.prod(self.shape)
 
-    @property
-    def cell(self) -> float:
-        """The volume that a node stands for, in the product of the units."""
-        return math.prod(a.step for a in self.axes)
-
 
 def grid(
     system: System,

@@ -94,9 +94,9 @@ def solve(
     if any(r.has(TIME) for r in moved.rates.values()):
         raise SimulationError(f"the rates of system '{system.name}' depend on time")
     symbols = [a.state.symbol for a in grid.axes]
-    obstacles = [r for r in (problem.below, problem.above) if r is not None]
     order = marching.method.order
-    arrays = 1 + max(order - 1, 1) + len(obstacles) + (2 if arrival_steps else 0)
+    obstacles = problem.kept + (problem.above is not None)
+    arrays = 1 + max(order - 1, 1) + obstacles + (2 if arrival_steps else 0)
     size = np.dtype(marching.precision).itemsize
     kept = len(asked) if times is not None else 0
     check_memory(size * grid.nodes * (arrays + kept), f"{grid.nodes:,} nodes")
@@ -115,10 +115,8 @@ def solve(
 
     values = margin(problem.start)
     _check_inside(problem, grid, values)
-    below = margin(problem.below) if problem.below else None
+    below = values.copy() if problem.kept else None
     above = margin(problem.above) if problem.above else None
-    if below is not None:
-        np.maximum(values, below, out=values)
     if above is not None:
         np.minimum(values, above, out=values)
     if np.isnan(values).any():

@@ -61,8 +61,9 @@ class Marching:
 class Problem:
     """What is marched: the start value, the sign that dW/dt is limited to, and the obstacles.
 
-    inputs, disturbances: "max" or "min", what each player makes of the value. below, above: regions
-    whose margin the value never falls below or exceeds. backwards: the dynamics run in reverse.
+    inputs, disturbances: "max" or "min", what each player makes of the value. kept: it never falls
+    below the margin of `start`. above: a region whose margin it never exceeds. backwards: the
+    dynamics run in reverse.
     """
 
     kind: str
@@ -70,10 +71,10 @@ class Problem:
     start: Region
     inputs: str = "max"
     disturbances: str = "min"
-    below: Region | None = None
+    kept: bool = False
     above: Region | None = None
     backwards: bool = False
 
     @property
     def regions(self) -> tuple[Region, ...]:
-        return tuple(r for r in (self.start, self.below, self.above) if r is not None)
+        return (self.start,) if self.above is None else (self.start, self.above)

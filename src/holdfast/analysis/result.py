@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from holdfast.analysis.dataset import indexed
-from holdfast.analysis.files import atomic_file
+from holdfast.analysis.files import write_netcdf
 from holdfast.analysis.value_function import ValueFunction, value_function
 from holdfast.errors import OutputError
 from holdfast.execution.closed_loop import Outcome
@@ -140,16 +140,7 @@ class Result:
 
         Raises `OutputError` when the folder cannot be written.
         """
-        path = Path(path)
-        encoding: dict[str, dict[str, Any]] = {}
-        for name, variable in self.dataset.variables.items():
-            if variable.dtype.kind == "U":
-                encoding[str(name)] = {"dtype": "S1"}  # characters, which MATLAB reads too
-            elif variable.ndim >= 2:
-                encoding[str(name)] = {"zlib": True, "complevel": 1, "shuffle": True}
-        with atomic_file(path) as partial:
-            self.dataset.to_netcdf(partial, engine="netcdf4", format="NETCDF4", encoding=encoding)
-        return path
+        return write_netcdf(self.dataset, path)
 
 
 def _by_name(values: xr.DataArray) -> dict[str, float | None]:

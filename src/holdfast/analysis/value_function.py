@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
-from holdfast.analysis.files import atomic_file
+from holdfast.analysis.files import write_netcdf
 from holdfast.analysis.grid import Axis, Grid
 from holdfast.errors import SimulationError
 from holdfast.execution.compile import compile_interpolation
@@ -54,14 +54,14 @@ class ValueFunction:
         """V at states of shape (count, states), linear between nodes; NaN outside the grid."""
         points = self._points(states)
         out = np.empty(len(points))
-        self._module().interpolate_many(self._flat(time), points, *self._geometry(), out)
+        compile_interpolation().interpolate_many(self._flat(time), points, *self._geometry(), out)
         return out
 
     def gradient(self, states: npt.ArrayLike, time: float | None = None) -> Array:
         """dV/dq at states of shape (count, states): central differences, interpolated."""
         points = self._points(states)
         out = np.empty(points.shape)
-        self._module().slopes_many(self._flat(time), points, *self._geometry(), out)
+        compile_interpolation().slopes_many(self._flat(time), points, *self._geometry(), out)
         return out
 
     def contains(self, states: npt.ArrayLike, margin: float = 0.0) -> npt.NDArray[np.bool_]:
@@ -107,14 +107,7 @@ class ValueFunction:
 
     def save(self, path: str | Path) -> Path:
         """Write NetCDF-4, compressed, atomically; `OutputError` if the folder cannot be written."""
-        path = Path(path)
-        encoding: dict[str, dict[str, Any]] = {}
-        for name, variable in self.dataset.variables.items():
-            if variable.ndim >= 2:
-                encoding[str(name)] = {"zlib": True, "complevel": 1, "shuffle": True}
-        with atomic_file(path) as partial:
-            self.dataset.to_netcdf(partial, engine="netcdf4", format="NETCDF4", encoding=encoding)
-        return path
+        return write_netcdf(self.dataset, path)
 
     def summary(self) -> dict[str, Any]:
         """The problem, the method and what the answer is worth, for summary.json."""
@@ -148,9 +141,6 @@ class ValueFunction:
             np.array([a.count for a in axes], dtype=np.int64),
             np.array([a.ends == "periodic" for a in axes]),
         )
-
-    def _module(self) -> Any:
-        return compile_interpolation()
 
 
 def to_value_function(

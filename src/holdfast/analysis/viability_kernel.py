@@ -110,5 +110,5 @@ def capture_basin(
     min{ max{ W_t + H, l_G - W }, l_K - W } = 0; disturbances work against it. `arrival` is the
     least time, from `arrival_steps` values over the horizon (0: none).
     """
-    problem = Problem("capture-basin", "free", goal, below=goal, above=region)
+    problem = Problem("capture-basin", "free", goal, kept=True, above=region)
     return solve(system, problem, grid, horizon, arrival_steps=arrival_steps, **options)

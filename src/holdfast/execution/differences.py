@@ -89,26 +89,14 @@ def gather_along(values, first, tall, start, nodes, wide, kind, ghosts, line, ro
         for j in range(high - low):
             inside[j] = source[j]
         for j in range(low):
-            line[j] = outside(values, begin, start - ghosts + j, nodes, kind)
+            fetch(values, begin, 0, start - ghosts + j, nodes, 1, kind, 1, line[j : j + 1])
         for j in range(high, length):
-            line[j] = outside(values, begin, start - ghosts + j, nodes, kind)
+            fetch(values, begin, 0, start - ghosts + j, nodes, 1, kind, 1, line[j : j + 1])
         for k in range(2 * ghosts + 1):
             target = rows[k, r * wide : (r + 1) * wide]
             shifted = line[k : k + wide]
             for j in range(wide):
                 target[j] = shifted[j]
-
-
-@swept
-def outside(values, first, there, nodes, kind):
-    """The value at a place beyond the ends of the last axis."""
-    if kind == PERIODIC:
-        return float(values[first + (there + nodes) % nodes])
-    if kind == LIMITED:
-        return float(values[first + min(max(there, 0), nodes - 1)])
-    edge = 0 if there < 0 else nodes - 1
-    inner = 1 if there < 0 else nodes - 2
-    return beyond(float(values[first + edge]), float(values[first + inner]), abs(there - edge))
 
 
 @swept

@@ -46,26 +46,7 @@ def padded(axes: Sequence[npt.NDArray[np.float64]]) -> npt.NDArray[np.float64]:
 
 def fastest_source(bounds: Sequence[sp.Expr], n: int, names: dict[sp.Symbol, str]) -> str:
     """max over the grid of the speed along every axis, and of their sum over the steps."""
-    axes = [sp.Symbol(f"q{i}", real=True) for i in range(n)]
-    plan = Schedule(axes)
-    left = plan.add(bounds)
-    used = names_used(plan, left)
-    body = [*unpacked(names, used, "k", "p"), *plan.lines(BEFORE)]
-    indent = ""
-    for i in range(n):
-        moves = (
-            f"shape[{i}]"
-            if any(sp.Symbol(f"q{i}", real=True) in e.free_symbols for e in bounds)
-            else "1"
-        )
-        body.append(f"{indent}for i{i} in range({moves}):")
-        indent += "    "
-        if f"q{i}" in used:
-            body.append(f"{indent}q{i} = axes[{i}, i{i}]")
-        body += [indent + x for x in (plan.lines(i) if i < n - 1 else [])]
-        if i == n - 1:
-            body += [f"{indent}{s} = {text_of(e)}" for s, e in plan.tables]
-            body += [indent + x for x in plan.lines(n)]
+    body, left, indent = _nest(bounds, n, names, all_nodes=False)
     body.append(f"{indent}total = 0.0")
     for i, e in enumerate(left):
         body += [
@@ -80,26 +61,36 @@ def fastest_source(bounds: Sequence[sp.Expr], n: int, names: dict[sp.Symbol, str
 
 def _fill(expression: sp.Expr, n: int, names: dict[sp.Symbol, str]) -> str:
     """The function `fill`: an expression at every node."""
-    (expression,), _ = renamed([expression], names)
+    body, (left,), indent = _nest(renamed([expression], names), n, names, all_nodes=True)
+    body += [f"{indent}v = {text_of(left)}", f"{indent}v = v if not v < -band else -band"]
+    body += [f"{indent}out[at] = v if not v > band else band", f"{indent}at += 1"]
+    head = "@compiled\ndef fill(axes, shape, p, band, out):\n    at = 0\n"
+    return head + "\n".join("    " + x for x in body)
+
+
+def _nest(
+    expressions: Sequence[sp.Expr], n: int, names: dict[sp.Symbol, str], *, all_nodes: bool
+) -> tuple[list[str], list[sp.Expr], str]:
+    """Loops over the axes, or those that matter; the lines, what is left at a node, its indent."""
     axes = [sp.Symbol(f"q{i}", real=True) for i in range(n)]
+    matters = set().union(*(e.free_symbols for e in expressions))
     plan = Schedule(axes)
-    (left,) = plan.add([expression])
-    used = names_used(plan, [left])
-    last = n - 1
-    body = [*unpacked(names, used, "k", "p"), *plan.lines(BEFORE), "at = 0"]
+    left = plan.add(expressions)
+    used = names_used(plan, left)
+    body = [*unpacked(names, used, "k", "p"), *plan.lines(BEFORE)]
     indent = ""
-    for i in range(n):
-        body.append(f"{indent}for i{i} in range(shape[{i}]):")
+    for i, axis in enumerate(axes):
+        body.append(
+            f"{indent}for i{i} in range({f'shape[{i}]' if all_nodes or axis in matters else 1}):"
+        )
         indent += "    "
-        if f"q{i}" in used:
+        if str(axis) in used:
             body.append(f"{indent}q{i} = axes[{i}, i{i}]")
-        if i < last:
+        if i < n - 1:
             body += [indent + x for x in plan.lines(i)]
     body += [f"{indent}{s} = {text_of(e)}" for s, e in plan.tables]
     body += [indent + x for x in plan.lines(n)]
-    body += [f"{indent}v = {text_of(left)}", f"{indent}v = v if not v < -band else -band"]
-    body += [f"{indent}out[at] = v if not v > band else band", f"{indent}at += 1"]
-    return "@compiled\ndef fill(axes, shape, p, band, out):\n" + "\n".join("    " + x for x in body)
+    return body, left, indent
 
 
 def unpacked(names: dict[sp.Symbol, str], used: set[str], prefix: str, array: str) -> list[str]:

@@ -110,10 +110,7 @@ class Schedule:
         return e.func(*arguments)
 
 
-def renamed(
-    expressions: Sequence[sp.Expr], names: Mapping[sp.Symbol, str]
-) -> tuple[list[sp.Expr], dict[sp.Symbol, sp.Symbol]]:
-    """The expressions with names of the generator's own for the symbols they use."""
-    used = set().union(*(e.free_symbols for e in expressions)) if expressions else set()
-    new = {s: sp.Symbol(n, real=True) for s, n in names.items() if s in used}
-    return [e.xreplace(new) for e in expressions], new
+def renamed(expressions: Sequence[sp.Expr], names: Mapping[sp.Symbol, str]) -> list[sp.Expr]:
+    """The expressions with names of the generator's own for their symbols."""
+    new = {s: sp.Symbol(n, real=True) for s, n in names.items()}
+    return [e.xreplace(new) for e in expressions]

@@ -52,7 +52,7 @@ def sweep_source(
         (a * g for a, g in zip(speeds, gaps, strict=True)), start=sp.S.Zero
     )
     width = {s: sp.Abs(g) for s, g in zip(hamiltonian.spreads, gaps, strict=True)}
-    (total,), _ = renamed([total.xreplace(width)], names)
+    (total,) = renamed([total.xreplace(width)], names)
     axes = [sp.Symbol(f"q{i}", real=True) for i in range(n)]
     at_node = [sp.Symbol(s, real=True) for i in range(n) for s in (f"p{i}", f"g{i}")]
     plan = Schedule(axes, frozenset(at_node))
@@ -61,7 +61,7 @@ def sweep_source(
         f"GHOSTS = {SCHEMES[scheme]}\nLONGEST = {LONGEST}",
         _sweep(plan, rate, n, scheme, limit, names),
     ]
-    bounds, _ = renamed(list(hamiltonian.speeds), names)
+    bounds = renamed(list(hamiltonian.speeds), names)
     text.append(fastest_source(bounds, n, names))
     return "\n\n\n".join(text) + "\n"
 
