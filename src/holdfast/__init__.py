@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from holdfast.errors import GainWarning, HoldfastError
     from holdfast.execution.closed_loop import Outcome
     from holdfast.maths import fields, laws, regions, systems
-    from holdfast.maths.bounds import Ball, Box, LinearImage
+    from holdfast.maths.bounds import Ball, Box, LinearImage, Product
     from holdfast.maths.critical_points import classify, winding_number
     from holdfast.maths.expression import parse_condition, parse_expression
     from holdfast.maths.field import Field
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from holdfast.maths.planes import plane_by_plane
     from holdfast.maths.quantity import SAMPLE_TIME, TIME, TIME_IN_MODE, Parameter, Quantity, symbol
     from holdfast.maths.redesign import redesign
-    from holdfast.maths.reduction import promote
+    from holdfast.maths.reduction import promote, subsystem
     from holdfast.maths.region import Inequality, Region
     from holdfast.maths.safeguard import safeguard
     from holdfast.maths.station_keeping import StationKeepingLimits, station_keeping_limits
@@ -92,7 +92,7 @@ _HOME = {
     "errors": ("GainWarning", "HoldfastError"),
     "execution.closed_loop": ("Outcome",),
     "maths": ("fields", "laws", "regions", "systems"),
-    "maths.bounds": ("Ball", "Box", "LinearImage"),
+    "maths.bounds": ("Ball", "Box", "LinearImage", "Product"),
     "maths.critical_points": ("classify", "winding_number"),
     "maths.expression": ("parse_condition", "parse_expression"),
     "maths.field": ("Field",),
@@ -106,7 +106,7 @@ _HOME = {
     "maths.planes": ("plane_by_plane",),
     "maths.quantity": ("SAMPLE_TIME", "TIME", "TIME_IN_MODE", "Parameter", "Quantity", "symbol"),
     "maths.redesign": ("redesign",),
-    "maths.reduction": ("promote",),
+    "maths.reduction": ("promote", "subsystem"),
     "maths.region": ("Inequality", "Region"),
     "maths.safeguard": ("safeguard",),
     "maths.station_keeping": ("StationKeepingLimits", "station_keeping_limits"),
@@ -148,6 +148,7 @@ __all__ = [
     "Outcome",
     "Parameter",
     "PfaffianRow",
+    "Product",
     "Quantity",
     "Region",
     "Result",
@@ -199,6 +200,7 @@ __all__ = [
     "simulate",
     "station_keeping_limits",
     "station_statistics",
+    "subsystem",
     "symbol",
     "systems",
     "track_velocity",

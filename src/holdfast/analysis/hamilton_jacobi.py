@@ -31,6 +31,7 @@ from holdfast.execution.closed_loop import available_cores, check_memory
 from holdfast.execution.march import Done, March
 from holdfast.execution.over_grid import values_on_grid
 from holdfast.execution.sweep import SCHEMES
+from holdfast.maths.bounds import section
 from holdfast.maths.hamiltonian import hamiltonian
 from holdfast.maths.quantity import TIME, Parameter, merge_parameters
 from holdfast.maths.region import Region
@@ -240,7 +241,7 @@ def _times(times: Sequence[float] | None, horizon: float) -> list[float]:
 
 
 def _with_disturbance(system: System, given: Mapping[str, float]) -> System:
-    """The system with numbers for some of its disturbances, which are none then."""
+    """The system with numbers for some of its disturbances; those of one ball go together."""
     if not given:
         return system
     for name in given:
@@ -249,17 +250,15 @@ def _with_disturbance(system: System, given: Mapping[str, float]) -> System:
                 f"system '{system.name}' has no disturbance '{name}'",
                 remedy=suggestion(name, system.disturbance_names),
             )
-    left = [n for n in system.disturbance_names if n not in given]
-    if left:
-        raise SimulationError(
-            f"disturbance '{left[0]}' is not given", remedy="give all of them, or none"
-        )
-    values = {d.symbol: sp.Float(given[d.name]) for d in system.disturbances}
+    values = {d.symbol: sp.Float(given[d.name]) for d in system.disturbances if d.name in given}
+    left = tuple(d for d in system.disturbances if d.name not in given)
     return replace(
         system,
         rates={n: r.xreplace(values) for n, r in system.rates.items()},
-        disturbances=(),
-        disturbance_bounds=None,
+        disturbances=left,
+        disturbance_bounds=section(
+            system.disturbance_bounds, [d in left for d in system.disturbances]
+        ),
         pfaffian=(),
     )
 
