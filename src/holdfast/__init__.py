@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from holdfast.analysis.boundary import Boundary, contingent_cone, regulation_map
     from holdfast.analysis.comparison import Comparison
     from holdfast.analysis.grid import Grid, grid
+    from holdfast.analysis.promise import Promise, check_promise
     from holdfast.analysis.result import Result, load
+    from holdfast.analysis.safety_law import safety_law, sampled_margin
     from holdfast.analysis.simulate import simulate
     from holdfast.analysis.starts import Starts
     from holdfast.analysis.station_statistics import station_statistics
@@ -73,7 +75,9 @@ _HOME = {
     "analysis.boundary": ("Boundary", "contingent_cone", "regulation_map"),
     "analysis.comparison": ("Comparison",),
     "analysis.grid": ("Grid", "grid"),
+    "analysis.promise": ("Promise", "check_promise"),
     "analysis.result": ("Result", "load"),
+    "analysis.safety_law": ("safety_law", "sampled_margin"),
     "analysis.simulate": ("simulate",),
     "analysis.starts": ("Starts",),
     "analysis.station_statistics": ("station_statistics",),
@@ -149,6 +153,7 @@ __all__ = [
     "Parameter",
     "PfaffianRow",
     "Product",
+    "Promise",
     "Quantity",
     "Region",
     "Result",
@@ -164,6 +169,7 @@ __all__ = [
     "__version__",
     "backward_reachable_set",
     "capture_basin",
+    "check_promise",
     "check_viability",
     "classify",
     "compare",
@@ -197,6 +203,8 @@ __all__ = [
     "regulation_map",
     "regulation_map_figure",
     "safeguard",
+    "safety_law",
+    "sampled_margin",
     "simulate",
     "station_keeping_limits",
     "station_statistics",

@@ -65,7 +65,7 @@ def solve(
     if not (math.isfinite(horizon) and horizon > 0):
         raise SimulationError(f"the horizon is {horizon!r} s", expected="above 0")
     asked = _times(times, horizon)
-    moved = _with_disturbance(system, disturbance or {})
+    moved = with_disturbance(system, disturbance or {})
     if problem.backwards:
         moved = replace(moved, rates={n: -r for n, r in moved.rates.items()}, pfaffian=())
     for region in problem.regions:
@@ -231,7 +231,7 @@ class _Record:
 
 
 def _times(times: Sequence[float] | None, horizon: float) -> list[float]:
-    asked = sorted(float(t) for t in times or ())
+    asked = sorted(float(t) for t in (() if times is None else times))
     if asked and not (asked[0] > 0 and asked[-1] <= horizon):
         raise SimulationError(
             f"a value is asked for at {asked[0] if asked[0] <= 0 else asked[-1]:g} s",
@@ -240,7 +240,7 @@ def _times(times: Sequence[float] | None, horizon: float) -> list[float]:
     return asked if asked and asked[-1] == horizon else [*asked, float(horizon)]
 
 
-def _with_disturbance(system: System, given: Mapping[str, float]) -> System:
+def with_disturbance(system: System, given: Mapping[str, float]) -> System:
     """The system with numbers for some of its disturbances; those of one ball go together."""
     if not given:
         return system
