@@ -112,6 +112,7 @@ def identity(posed: Posed) -> dict[str, str]:
         "the horizon": repr(posed.horizon),
         "the times": repr(posed.asked if posed.several else ()),
         "arrival_steps": repr(posed.arrival_steps),
+        "what is beyond the grid": posed.beyond or "continued",
     }
     found |= {f"the axis {a.name}": _text(a) for a in posed.grid.axes}
     found |= {f"parameter {q.name}": repr(q.value) for q in posed.parameters}

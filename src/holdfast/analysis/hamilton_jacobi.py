@@ -13,7 +13,7 @@ the set, in every problem.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -22,55 +22,22 @@ import numpy.typing as npt
 from holdfast._version import __version__
 from holdfast.analysis.checkpoint import Checkpoint
 from holdfast.analysis.grid import Grid
-from holdfast.analysis.marching import Marching, Problem
-from holdfast.analysis.posed import Posed, check_inside, pose
+from holdfast.analysis.obstacles import start_and_obstacles
+from holdfast.analysis.posed import Posed
 from holdfast.analysis.record import Record
 from holdfast.analysis.value_function import ValueFunction
-from holdfast.errors import SimulationError, suggestion
+from holdfast.errors import SimulationError
 from holdfast.execution.closed_loop import available_cores, check_memory
 from holdfast.execution.march import Done, March
-from holdfast.execution.over_grid import values_on_grid
 from holdfast.maths.hamiltonian import hamiltonian
-from holdfast.maths.region import Region
-from holdfast.maths.system import System
 
 Array = npt.NDArray[Any]
 
+GROWTH_CHECKED = 25
+"""Steps from one look at whether the value has grown to the next: they cost it nothing."""
+
 Progress = Callable[[float], None]
 """Called now and then with the finished fraction of the horizon."""
-
-
-def solve(
-    system: System,
-    problem: Problem,
-    grid: Grid,
-    horizon: float,
-    *,
-    disturbance: Mapping[str, float] | None = None,
-    parameters: Mapping[str, float] | None = None,
-    times: Sequence[float] | None = None,
-    arrival_steps: int = 0,
-    progress: Progress | None = None,
-    **options: Any,
-) -> ValueFunction:
-    """March `problem` over `grid` for `horizon` seconds, or until it has converged."""
-    for name in options:
-        if name not in Marching.__dataclass_fields__:
-            raise SimulationError(
-                f"unknown option '{name}'", remedy=suggestion(name, Marching.__dataclass_fields__)
-            )
-    posed = pose(
-        system,
-        problem,
-        grid,
-        horizon,
-        Marching(**options),
-        disturbance=disturbance or {},
-        parameters=parameters or {},
-        times=times,
-        arrival_steps=arrival_steps,
-    )
-    return marched(posed, progress)
 
 
 def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
@@ -78,8 +45,7 @@ def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
     problem, grid, marching = posed.problem, posed.grid, posed.marching
     _check_memory(posed)
     h = hamiltonian(posed.system, inputs=problem.inputs, disturbances=problem.disturbances)
-    values, lower, upper = _start(posed)
-    cell = _largest_change(values.reshape(grid.shape))
+    values, lower, upper, cell = start_and_obstacles(posed)
     slow = marching.tolerance if marching.tolerance is not None else 1e-3 * cell
     march = March(
         h,
@@ -104,6 +70,8 @@ def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
     def tell(done: Done, now: Array) -> bool:
         if progress is not None:
             progress(done.time / posed.horizon)
+        if done.steps % GROWTH_CHECKED == 0:
+            _check_growth(float(now.max()), highest, cell, done.time)
         if saved is not None:
             saved.offer(done, now, record)
         return done.moving == 0
@@ -114,7 +82,7 @@ def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
         upper=upper,
         lower=lower,
         floor=-marching.band,
-        ceiling=marching.band,
+        ceiling=min(marching.band, highest) if posed.beyond else marching.band,
         near=-cell,
         slow=slow,
         keep=record.keep,
@@ -122,7 +90,7 @@ def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
         done=done,
     )
     record.keep(done.time, values)
-    _check_growth(float(values.max()), highest, cell)
+    _check_growth(float(values.max()), highest, cell, done.time)
     if saved is not None:
         saved.save(done, values, record)
     attributes = {
@@ -154,44 +122,12 @@ def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
 
 
 def _check_memory(posed: Posed) -> None:
-    obstacles = posed.problem.kept + (posed.problem.above is not None)
+    obstacles = posed.problem.kept + (posed.problem.above is not None) + 2 * bool(posed.beyond)
     arrays = 1 + max(posed.marching.method.order - 1, 1) + obstacles
     arrays += 2 if posed.arrival_steps else 0
     arrays += len(posed.asked) if posed.several else 0
     size = np.dtype(posed.marching.precision).itemsize
     check_memory(size * posed.grid.nodes * arrays, f"{posed.grid.nodes:,} nodes")
-
-
-def _start(posed: Posed) -> tuple[Array, Array | None, Array | None]:
-    """The value that the march begins with, and the obstacles below and above it."""
-    problem, marching = posed.problem, posed.marching
-
-    def margin(region: Region) -> Array:
-        return values_on_grid(
-            region.margin,
-            [a.state.symbol for a in posed.grid.axes],
-            posed.parameters,
-            [a.nodes for a in posed.grid.axes],
-            band=marching.band,
-            precision=marching.precision,
-        )
-
-    values = margin(problem.start)
-    check_inside(posed, values)
-    below = values.copy() if problem.kept else None
-    above = margin(problem.above) if problem.above else None
-    if above is not None:
-        np.minimum(values, above, out=values)
-    if np.isnan(values).any():
-        raise SimulationError(
-            "the margin of a region is no number at some nodes of the grid",
-            remedy="take an interval on which its inequalities are defined",
-        )
-    if not (values > 0).any():
-        raise SimulationError(
-            f"no node of the grid is in region '{problem.start.name}'", remedy="take a finer grid"
-        )
-    return values, below, above
 
 
 def _ends_reached(grid: Grid, values: Array) -> str:
@@ -206,31 +142,14 @@ def _ends_reached(grid: Grid, values: Array) -> str:
     return ", ".join(found)
 
 
-def _check_growth(largest: float, highest: float, cell: float) -> None:
+def _check_growth(largest: float, highest: float, cell: float, time: float) -> None:
     """A value that is a best margin along a way cannot exceed the best margin there is.
 
     That may lie between nodes, so up to one change between neighbours more is let pass.
     """
     if largest > highest + cell:
         raise SimulationError(
-            f"the value grew to {largest:g}, above the largest margin {highest:g}: the march is "
-            "unstable, or takes in information from outside the grid",
+            f"by {time:g} s the value has grown to {largest:g}, above the largest margin "
+            f"{highest:g}: the march is unstable, or takes in information from outside the grid",
             remedy="widen the grid, or take a lower order or a smaller cfl",
         )
-
-
-def _largest_change(values: Array) -> float:
-    """The largest difference between neighbours, at the nodes in the set or next to it."""
-
-    def largest(ahead: Array, behind: Array) -> float:
-        near = (ahead > 0) | (behind > 0)
-        return float(np.abs(ahead - behind)[near].max(initial=0.0))
-
-    found = 0.0
-    for k, slab in enumerate(values):  # slab by slab, so that it takes little memory
-        if k:
-            found = max(found, largest(slab, values[k - 1]))
-        for i in range(slab.ndim):
-            rows = np.moveaxis(slab, i, 0)
-            found = max(found, largest(rows[1:], rows[:-1]))
-    return found

@@ -26,7 +26,7 @@ class Posed:
     system: with numbers in its bounds and for the disturbances that are given, in reverse where
     the problem asks for it. asked: the times [s] at which the value is wanted, the last of them
     the horizon; several: whether all are kept. arrival_steps: how often it is looked which nodes
-    are new.
+    are new. beyond: what leaving the grid is taken for, "lost" or "won"; "" continues the value.
     """
 
     system: System
@@ -39,6 +39,13 @@ class Posed:
     asked: tuple[float, ...]
     several: bool = False
     arrival_steps: int = 0
+    beyond: str = ""
+
+    def aside(self, name: str) -> Posed:
+        """The same problem for its end alone, to tell what its answer is worth."""
+        marching = self.marching.aside(name, self.problem.kind)
+        last = (self.horizon,)
+        return replace(self, marching=marching, asked=last, several=False, arrival_steps=0)
 
 
 def pose(
