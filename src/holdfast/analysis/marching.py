@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.march import Method
@@ -22,6 +23,13 @@ class Marching:
     is that of the boundary; tolerance [1/s]: the march has converged when no node near the set
     changes faster, by default a thousandth of the value's largest change between neighbours; skip:
     leave out what is settled, which does not change the answer; threads: by default all cores.
+
+    checkpoint: a file that the state of the march is written to, at the start, every
+    `checkpoint_every` s of wall time (60) and at the end, or a folder to put one in, named after
+    the problem. The same problem goes on from it, to the same bit; another is refused. It stays
+    when the march has ended, so that a result that was not saved is not lost: remove it then.
+
+    estimate_error, check_outside: what the answer is worth, by further marches (`worth.py`).
     """
 
     scheme: str = "weno5"
@@ -33,6 +41,10 @@ class Marching:
     tolerance: float | None = None
     skip: bool = True
     threads: int | None = None
+    checkpoint: str | Path | None = None
+    checkpoint_every: float = 60.0
+    estimate_error: bool | str = False
+    check_outside: bool = False
 
     def __post_init__(self) -> None:
         for name, known in (
@@ -50,11 +62,35 @@ class Marching:
                 raise SimulationError(f"{name}: {value!r}", expected=f"above 0, at most {top:g}")
         if self.threads is not None and not 1 <= self.threads <= 1024:
             raise SimulationError(f"threads: {self.threads!r}", expected="at least 1")
+        if self.estimate_error not in (False, True, "order"):
+            raise SimulationError(
+                f"estimate_error: {self.estimate_error!r}", expected='True, False or "order"'
+            )
+        if not self.checkpoint_every >= 0:
+            raise SimulationError(
+                f"checkpoint_every: {self.checkpoint_every!r}", expected="seconds, at least 0"
+            )
+        if self.checkpoint is None and self.checkpoint_every != 60.0:
+            raise SimulationError(
+                "checkpoint_every without a checkpoint", remedy="say checkpoint=a file or a folder"
+            )
 
     @property
     def method(self) -> Method:
         order = self.order or {"upwind": 1, "eno2": 2}.get(self.scheme, 3)
         return Method(self.scheme, order, self.dissipation, self.cfl, self.skip)
+
+    def aside(self, name: str, kind: str) -> Marching:
+        """For a further march that tells what the first is worth; its checkpoint is named so."""
+        path = self.checkpoint
+        if path is not None:
+            path = self.checkpoint_file(kind)
+            path = path.with_name(f"{path.name}.{name}")
+        return replace(self, checkpoint=path, estimate_error=False, check_outside=False)
+
+    def checkpoint_file(self, kind: str) -> Path:
+        path = Path(self.checkpoint or ".")
+        return path / f"{kind}.checkpoint" if path.is_dir() else path
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from holdfast.analysis.hamilton_jacobi import with_disturbance
+from holdfast.analysis.posed import with_disturbance
 from holdfast.analysis.value_function import Array, ValueFunction
 from holdfast.errors import SimulationError
 from holdfast.execution.evaluate import Evaluator

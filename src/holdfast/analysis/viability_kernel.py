@@ -1,4 +1,4 @@
-"""The problems of viability by their names; each is a march of `hamilton_jacobi.solve`."""
+"""The problems of viability by their names; each is one of `solve.solve`."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from holdfast.analysis.grid import Grid
-from holdfast.analysis.hamilton_jacobi import solve
 from holdfast.analysis.marching import Problem
+from holdfast.analysis.solve import solve
 from holdfast.analysis.value_function import ValueFunction
 from holdfast.errors import SimulationError
 from holdfast.maths.region import Region

@@ -9,9 +9,10 @@ nothing has, the same numbers would come out, so the answer is that of the full 
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -123,17 +124,21 @@ class March:
         ceiling: float = math.inf,
         near: float = -math.inf,
         slow: float = 0.0,
-        keep: Callable[[int, Array], None] | None = None,
-        tell: Callable[[Done], bool] | None = None,
+        keep: Callable[[float, Array], None] | None = None,
+        tell: Callable[[Done, Array], bool] | None = None,
+        done: Done | None = None,
     ) -> Done:
-        """March `values` (flat; changed in place) to each of `times`, then `keep(k, values)`.
+        """March `values` (flat; changed in place) to each of `times`, then `keep(time, values)`.
 
         A node counts as moving if it is above `near` and changes faster than `slow` [1/s].
-        `tell` is called after every step, and ends the march where it gives True.
+        `tell(done, values)` is called after every step, and ends the march where it gives True.
+        done: what has been done of the same march, up to `values`; it goes on from there.
         """
+        done = done or Done()
+        if done.stopped:
+            return done
         order = self.method.order
         stages = STAGES[order]
-        done = Done()
         arrays = [values, *(values.copy() for _ in range(max(order - 1, 1)))]
         flags = np.ones((max(order, 2), self.units), dtype=np.uint8)
         none = np.empty(0, dtype=values.dtype)
@@ -143,54 +148,57 @@ class March:
             0, 0, 0.0, 0.0, 1.0, values, values, arrays[1], values, *bounds, floor, ceiling, near,
             0.0, flags[0], flags[1], flags[:0], *rest, np.zeros(3, dtype=np.int64),
         )  # fmt: skip
-        previous, began = 0.0, time.perf_counter()
+        began, step = time.perf_counter() - done.seconds, math.nan
         with _Workers(self.threads, self.places) as workers:
-            for k, end in enumerate(times):
-                count = max(1, math.ceil((end - previous) / self.longest_step - 1e-9))
-                dt = (end - previous) / count
-                flags[:] = 1
-                for step in range(count):
-                    if not self.method.skip:
-                        flags[:] = 1
-                    found = np.zeros(3, dtype=np.int64)
-                    start = previous + step * dt
-                    for s, (weight, fraction) in enumerate(stages):
-                        last = s == order - 1
-                        source = arrays[s]
-                        out = arrays[1] if order == 1 else arrays[0 if last else s + 1]
-                        here = flags[s] if order > 1 else flags[done.steps % 2]
-                        there = flags[(s + 1) % order] if order > 1 else flags[1 - done.steps % 2]
-                        found = workers.run(
-                            self.module.sweep,
-                            start + fraction * dt, dt, weight, source, arrays[0], out,
-                            arrays[0] if order == 1 else out, *bounds, floor, ceiling, near,
-                            slow * dt, here, there, flags[1:order] if last else flags[:0],
-                            *rest,
-                        )  # fmt: skip
-                        done.computed += int(found[0])
-                        if found[1]:
-                            raise SimulationError(
-                                f"{found[1]} nodes are no finite numbers after {start + dt:g} s",
-                                remedy="take a smaller cfl, a lower order or a wider grid",
-                            )
-                    if order == 1:
-                        arrays.reverse()
-                    done.of += self.units * order
-                    done.steps += 1
-                    done.time = start + dt
-                    done.moving = int(found[2])
-                    done.seconds = time.perf_counter() - began
-                    done.stopped = tell is not None and tell(done)
-                    if done.stopped:
-                        break
-                previous = end
-                if keep is not None:
-                    keep(k, arrays[0])
+            for start, dt, ends in itertools.islice(self._steps(times), done.steps, None):
+                if dt != step or not self.method.skip:
+                    flags[:] = 1
+                    step = dt
+                found = np.zeros(3, dtype=np.int64)
+                for s, (weight, fraction) in enumerate(stages):
+                    last = s == order - 1
+                    source = arrays[s]
+                    out = arrays[1] if order == 1 else arrays[0 if last else s + 1]
+                    here = flags[s] if order > 1 else flags[done.steps % 2]
+                    there = flags[(s + 1) % order] if order > 1 else flags[1 - done.steps % 2]
+                    found = workers.run(
+                        self.module.sweep,
+                        start + fraction * dt, dt, weight, source, arrays[0], out,
+                        arrays[0] if order == 1 else out, *bounds, floor, ceiling, near,
+                        slow * dt, here, there, flags[1:order] if last else flags[:0],
+                        *rest,
+                    )  # fmt: skip
+                    done.computed += int(found[0])
+                    if found[1]:
+                        raise SimulationError(
+                            f"{found[1]} nodes are no finite numbers after {start + dt:g} s",
+                            remedy="take a smaller cfl, a lower order or a wider grid",
+                        )
+                if order == 1:
+                    arrays.reverse()
+                done.of += self.units * order
+                done.steps += 1
+                done.time = start + dt if ends is None else ends
+                done.moving = int(found[2])
+                done.seconds = time.perf_counter() - began
+                if keep is not None and ends is not None:
+                    keep(ends, arrays[0])
+                done.stopped = tell is not None and tell(done, arrays[0])
                 if done.stopped:
                     break
         if arrays[0] is not values:
             values[:] = arrays[0]
         return done
+
+    def _steps(self, times: Sequence[float]) -> Iterator[tuple[float, float, float | None]]:
+        """Start and length of every step [s], and which of `times` it ends at."""
+        previous = 0.0
+        for end in times:
+            count = max(1, math.ceil((end - previous) / self.longest_step - 1e-9))
+            dt = (end - previous) / count
+            for k in range(count):
+                yield previous + k * dt, dt, end if k == count - 1 else None
+            previous = end
 
 
 class _Workers:

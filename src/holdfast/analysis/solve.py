@@ -1,0 +1,56 @@
+"""A problem of viability from its definition to its answer, and what the answer is worth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from holdfast.analysis.grid import Grid
+from holdfast.analysis.hamilton_jacobi import Progress, marched
+from holdfast.analysis.marching import Marching, Problem
+from holdfast.analysis.posed import pose
+from holdfast.analysis.value_function import ValueFunction
+from holdfast.analysis.worth import coarser, with_error, with_outside
+from holdfast.errors import SimulationError, suggestion
+from holdfast.maths.system import System
+
+
+def solve(
+    system: System,
+    problem: Problem,
+    grid: Grid,
+    horizon: float,
+    *,
+    disturbance: Mapping[str, float] | None = None,
+    parameters: Mapping[str, float] | None = None,
+    times: Sequence[float] | None = None,
+    arrival_steps: int = 0,
+    progress: Progress | None = None,
+    **options: Any,
+) -> ValueFunction:
+    """March `problem` over `grid` for `horizon` seconds, or until it has converged."""
+    for name in options:
+        if name not in Marching.__dataclass_fields__:
+            raise SimulationError(
+                f"unknown option '{name}'", remedy=suggestion(name, Marching.__dataclass_fields__)
+            )
+    posed = pose(
+        system,
+        problem,
+        grid,
+        horizon,
+        Marching(**options),
+        disturbance=disturbance or {},
+        parameters=parameters or {},
+        times=times,
+        arrival_steps=arrival_steps,
+    )
+    marching = posed.marching
+    grids = {False: 0, True: 1, "order": 2}[marching.estimate_error]
+    further = coarser(posed, grids)  # refused before the march, if it cannot be
+    found = marched(posed, progress)
+    if further:
+        found = with_error(found, [marched(other) for other in further])
+    if marching.check_outside:
+        found = with_outside(found, posed, marched)
+    return found
