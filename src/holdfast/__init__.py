@@ -69,6 +69,7 @@ if TYPE_CHECKING:
     from holdfast.presentation.histories import histories_figure
     from holdfast.presentation.paths import paths_figure
     from holdfast.presentation.regulation_map import regulation_map_figure
+    from holdfast.presentation.value_function import value_function_figure
     from holdfast.scenario import Scenario, load_scenario
 
 _HOME = {
@@ -126,6 +127,7 @@ _HOME = {
     "presentation.histories": ("histories_figure",),
     "presentation.paths": ("paths_figure",),
     "presentation.regulation_map": ("regulation_map_figure",),
+    "presentation.value_function": ("value_function_figure",),
     "scenario": ("Scenario", "load_scenario"),
 }
 _WHERE = {name: home for home, names in _HOME.items() for name in names}
@@ -213,6 +215,7 @@ __all__ = [
     "systems",
     "track_velocity",
     "ultimate_bound",
+    "value_function_figure",
     "viability_conditions",
     "viability_kernel",
     "winding_number",
