@@ -18,6 +18,7 @@ from holdfast.patience import bar, listen
 
 if TYPE_CHECKING:
     from holdfast.analysis.result import Result
+    from holdfast.kernel_scenario import KernelScenario
     from holdfast.scenario import Scenario
 
 ANSWERED, NOT_ANSWERED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -196,12 +197,20 @@ def run_command(
     seed: int | None,
     no_figures: bool,
 ) -> None:
-    """Run SCENARIO, the name of a shipped scenario or a TOML file."""
+    """Run SCENARIO, the name of a shipped scenario or a TOML file.
+
+    A scenario of closed loops is simulated; one whose kind is a kernel, a reachable set or a basin
+    is marched, and what it promises is tried in closed loop.
+    """
+    from holdfast.kernel_scenario import KernelScenario
     from holdfast.scenario import load_scenario
 
     loaded = load_scenario(scenario, overrides, runs, seed)
     folder = out if out is not None else Path("runs") / loaded.name
     check_writable(folder)
+    if isinstance(loaded, KernelScenario):
+        _run_kernel(loaded, folder, figures=not no_figures)
+        return
     result = _simulated(loaded)
     files = written(loaded, result, folder, figures=not no_figures)
     from holdfast.presentation.text import summary_text
@@ -218,6 +227,26 @@ def run_command(
             err=True,
         )
     if diverged or chattered:
+        sys.exit(NOT_ANSWERED)
+
+
+def _run_kernel(scenario: KernelScenario, folder: Path, *, figures: bool) -> None:
+    from holdfast.analysis.solve import set_on_grid
+    from holdfast.kernel_scenario import is_answered
+    from holdfast.output import written_kernel
+    from holdfast.presentation.value_text import value_text
+
+    with bar(f"{scenario.name}, preparing") as tell:
+        result = scenario.run(lambda fraction: tell(scenario.name, fraction))
+    begun = set_on_grid(scenario.about, scenario.grid)
+    files = written_kernel(scenario, result, begun, folder, figures=figures)
+    click.echo(value_text(result.value, result.promise, begun, files))
+    if not is_answered(scenario, result):
+        click.echo(
+            f"holdfast: not converged within {scenario.horizon:g} s, and the set that lasts was "
+            "asked for; raise march.horizon",
+            err=True,
+        )
         sys.exit(NOT_ANSWERED)
 
 

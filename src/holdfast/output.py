@@ -12,6 +12,8 @@ from holdfast.errors import OutputError
 if TYPE_CHECKING:
     from holdfast.analysis.comparison import Comparison
     from holdfast.analysis.result import Result
+    from holdfast.analysis.value_function import ValueFunction
+    from holdfast.kernel_scenario import KernelResult, KernelScenario
     from holdfast.scenario import Scenario
 
 
@@ -57,6 +59,35 @@ def written(scenario: Scenario, result: Result, folder: Path, *, figures: bool) 
     with atomic_file(path) as partial:
         partial.write_text(json.dumps(result.summary(), indent=2) + "\n", "utf-8")
     return [*files, path]
+
+
+def written_kernel(
+    scenario: KernelScenario,
+    result: KernelResult,
+    begun: ValueFunction,
+    folder: Path,
+    *,
+    figures: bool,
+) -> list[Path]:
+    """result.nc, summary.json and the figures of a value function."""
+    make_folder(folder)
+    files = [result.value.save(folder / "result.nc")]
+    if figures:
+        from holdfast.presentation import style
+        from holdfast.presentation.value_function import value_function_figure
+
+        about = scenario.about
+        drawn = value_function_figure(
+            result.value,
+            plane=scenario.figures.plane,
+            at=scenario.held or None,
+            others={about.name.replace("_", " "): begun},
+            scene=about.scene,
+            parameters={q.name: q.value for q in about.parameters},
+        )
+        files += style.write(drawn, folder, "set")
+    files.append(_text(folder / "summary.json", json.dumps(result.summary(), indent=2) + "\n"))
+    return files
 
 
 def write_comparison(found: Comparison, folder: Path, *, figures: bool) -> list[Path]:

@@ -10,18 +10,18 @@ from typing import Any
 import sympy as sp
 
 from holdfast.analysis.result import Result
+from holdfast.analysis.safety_law import safety_law
 from holdfast.analysis.simulate import simulate
 from holdfast.analysis.starts import Starts
 from holdfast.checking import at, validated
 from holdfast.compose import Composer
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.execution.closed_loop import Progress
+from holdfast.kernel_scenario import KernelScenario, composed_kernel, is_kernel, solved
 from holdfast.law_chain import composed_law
-from holdfast.maths.bounds import Box
 from holdfast.maths.expression import parse_expression
 from holdfast.maths.law import Law
 from holdfast.maths.quantity import Parameter
-from holdfast.maths.reduction import promote
 from holdfast.maths.region import Region
 from holdfast.maths.switching import Switching
 from holdfast.maths.system import System
@@ -30,10 +30,12 @@ from holdfast.maths.varied import Varied
 from holdfast.schema import (
     FiguresSpec,
     RunSpec,
+    SafetySpec,
     ScenarioSpec,
     VariedSpec,
 )
 from holdfast.sources import read_tables
+from holdfast.system_table import composed_system
 
 
 @dataclass(frozen=True)
@@ -60,13 +62,18 @@ class Scenario:
     plane: tuple[str, str] | None
     figures: FiguresSpec
     start_outside: bool
+    safety: SafetySpec | None = None
 
     def run(self, progress: Progress | None = None) -> Result:
-        """Simulate every start of the scenario."""
+        """Simulate every start of the scenario; the kernel of [safety] is computed before."""
+        law = self.law
+        if self.safety is not None:
+            with at(self.file, "safety"):
+                law = self._kept_safe(self.safety, progress)
         with at(self.file, "run"):
             return simulate(
                 self.system,
-                self.law,
+                law,
                 starts=self.starts,
                 region=self.region,
                 goal=self.goal,
@@ -85,17 +92,35 @@ class Scenario:
                 **self.settings,
             )
 
+    def _kept_safe(self, safety: SafetySpec, progress: Progress | None) -> Law | Switching:
+        value = solved(safety.kernel, progress)
+        return safety_law(
+            self.system,
+            value,
+            None if safety.alone else self.law,
+            rate=safety.rate,
+            margin=safety.margin,
+            sample_time=float(self.settings["sample_time"]),
+        )
+
 
 def load_scenario(
     name: str, overrides: Iterable[str] = (), runs: int | None = None, seed: int | None = None
-) -> Scenario:
+) -> Scenario | KernelScenario:
     """The scenario of that name or file, with `key=value` overrides.
 
-    `runs` sets how many starts are used: the given states first, then random ones. Raises
-    `ScenarioError` naming the file, the key, what was got and what is allowed.
+    `runs` sets how many starts are used: the given states first, then random ones; of a kernel,
+    how many states of it its promise is tried from. Raises `ScenarioError` naming the file, the
+    key, what was got and what is allowed.
     """
-    changes = [*overrides, *([f"run.seed={seed}"] if seed is not None else [])]
-    shown, text, data = read_tables(name, changes)
+    overrides = list(overrides)
+    shown, text, data = read_tables(name, overrides)
+    if is_kernel(data):
+        more = {"promise.runs": runs, "promise.seed": seed}
+        overrides += [f"{k}={v}" for k, v in more.items() if v is not None]
+        return composed_kernel(*read_tables(name, overrides))
+    if seed is not None:
+        shown, text, data = read_tables(name, [*overrides, f"run.seed={seed}"])
     return composed(shown, text, validated(ScenarioSpec, data, shown), runs)
 
 
@@ -114,10 +139,7 @@ def composed(shown: str, text: str, spec: ScenarioSpec, runs: int | None = None)
 
 def _composed(name: str, file: str, text: str, spec: ScenarioSpec) -> Scenario:
     composer = Composer(file)
-    table = {key: value for key, value in spec.system.items() if key != "promote"}
-    system = composer.system(table)
-    if "promote" in spec.system:
-        system = composer.system_built = _promoted(file, system, spec.system["promote"])
+    system = composed_system(composer, spec.system)
     composer.drawn = _drawn(composer, system, spec.varied)
     region = composer.region(spec.region, "region") if spec.region is not None else None
     law = composed_law(composer, spec, system, region)  # may use the region's parameters
@@ -175,23 +197,17 @@ def _composed(name: str, file: str, text: str, spec: ScenarioSpec) -> Scenario:
         plane=_plane(file, spec.figures.plane, system),
         figures=spec.figures,
         start_outside=spec.starts.outside,
+        safety=_safety(file, spec),
     )
 
 
-def _promoted(file: str, system: System, given: object) -> System:
-    """The subsystem in which some states are the inputs, within the bounds given for each."""
-    units = {q.name: q.unit for q in system.states}
-    with at(file, "system.promote"):
-        if not isinstance(given, Mapping) or not given:
-            raise ScenarioError(f"got {given!r}", expected="{ state = [lowest, highest] }")
-        sides = []
-        for name, interval in given.items():
-            _known(file, "system.promote", name, units)
-            if not isinstance(interval, list) or len(interval) != 2:
-                raise ScenarioError(f"'{name}' has {interval!r}", expected="[lowest, highest]")
-            sides.append([to_si(side, units[name]) for side in interval])
-        low, high = zip(*sides, strict=True)
-        return promote(system, tuple(given), Box(low, high))
+def _safety(file: str, spec: ScenarioSpec) -> SafetySpec | None:
+    for other in ("safeguard", "observer"):
+        if spec.safety is not None and getattr(spec, other) is not None:
+            raise ScenarioError(
+                f"{file}: safety: there is a [{other}] too", remedy="leave one of them out"
+            )
+    return spec.safety
 
 
 def _drawn(composer: Composer, system: System, spec: VariedSpec) -> dict[str, Parameter]:

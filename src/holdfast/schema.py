@@ -181,6 +181,19 @@ class SafeguardSpec(Section):
     measured: bool = False
 
 
+class SafetySpec(Section):
+    """[safety]: the inputs are changed no more than staying in a kernel asks.
+
+    kernel: a scenario that computes it, or a file of a value function. alone: the optimal inputs,
+    whatever the law asks for.
+    """
+
+    kernel: Text
+    rate: float = 2.0
+    margin: float | None = None
+    alone: bool = False
+
+
 class StartsSpec(Section):
     """[starts]: given states, then random ones from a box; `every` for states not in it.
 
@@ -288,6 +301,7 @@ class ScenarioSpec(Section):
     tracking: dict[Name, float] | None = None
     safeguard: SafeguardSpec | None = None
     observer: ObserverSpec | None = None
+    safety: SafetySpec | None = None
     goal: dict[str, Any] | None = None
     reference: dict[Name, Expression] = Field(default_factory=dict)
     starts: StartsSpec

@@ -266,3 +266,29 @@ def test_barrier_of_two_aircraft(air3d):
             psi = (psi0 - 2 * tau) % (2 * math.pi)
             worst.append(abs(found.at([[z.real, z.imag, psi]])[0]))
     assert max(worst) < 0.12  # a quarter of a cell
+
+
+@pytest.mark.parametrize("scheme", ["upwind", "eno2", "eno3", "weno5"])
+@pytest.mark.parametrize("nodes", [40, 80, 81])
+def test_ridge_between_the_nodes_falls_as_one_on_a_node_does(scheme, nodes):
+    """x' = u, |u| <= 2, y' = -1, above the wedge y = |x| for 1 s: exactly y > max(|x|, 1).
+
+    The margin has its ridge at x = 0, on a node (81) or between two (80): high-order differences
+    alone see a summit between the nodes there, and call the whole wedge a kernel.
+    """
+    x, y, u = (hf.symbol(n) for n in "xyu")
+    states = (hf.Quantity("x", "m"), hf.Quantity("y", "m"))
+    falling = hf.System(
+        "falling", states, (hf.Quantity("u", "m/s"),), {"x": u, "y": sp.Integer(-1)},
+        input_bounds=hf.Box((-2,), (2,)),
+    )  # fmt: skip
+    wedge = hf.Region(
+        "wedge", states, (hf.Inequality("right", x - y, "m"), hf.Inequality("left", -x - y, "m"))
+    )
+    ends = {"x": "extrapolated", "y": "extrapolated"}
+    grid = hf.grid(falling, {"x": (-2, 2), "y": (-1, 3)}, nodes, ends)
+    found = hf.viability_kernel(falling, wedge, grid, 1.0, scheme=scheme)
+    cell = grid.axes[0].step
+    for at, exact in ((0.0, 1.0), (0.3, 1.0), (-0.9, 1.0), (1.4, 1.4), (-1.7, 1.7)):
+        assert not found.contains([[at, exact - 0.3 * cell]])[0], (at, exact)
+        assert found.contains([[at, exact + 1.1 * cell]])[0], (at, exact)

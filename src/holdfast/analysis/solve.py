@@ -9,9 +9,11 @@ from holdfast.analysis.grid import Grid
 from holdfast.analysis.hamilton_jacobi import Progress, marched
 from holdfast.analysis.marching import Marching, Problem
 from holdfast.analysis.posed import pose
-from holdfast.analysis.value_function import ValueFunction
+from holdfast.analysis.value_function import ValueFunction, to_value_function
 from holdfast.analysis.worth import coarser, with_error, with_outside
 from holdfast.errors import SimulationError, suggestion
+from holdfast.execution.over_grid import values_on_grid
+from holdfast.maths.region import Region
 from holdfast.maths.system import System
 
 
@@ -54,3 +56,15 @@ def solve(
     if marching.check_outside:
         found = with_outside(found, posed, marched)
     return found
+
+
+def set_on_grid(region: Region, grid: Grid) -> ValueFunction:
+    """The margin of a region over a grid: what a march begins with."""
+    values = values_on_grid(
+        region.margin,
+        [a.state.symbol for a in grid.axes],
+        region.parameters,
+        [a.nodes for a in grid.axes],
+    )
+    said = {"kind": "region", "region": region.name, "value_unit": region.inequalities[0].unit}
+    return to_value_function(grid, values.reshape(grid.shape), said)

@@ -116,6 +116,16 @@ def smaller(a, b):
 
 
 @swept
+def same_way(slope, plain):
+    """A slope of higher order; zero where the plain difference has the other sign.
+
+    Else the nodes on either side of a ridge that lies between them would both rise to a summit
+    that no node is at, and so would never learn that it falls.
+    """
+    return slope if slope * plain > 0.0 else 0.0
+
+
+@swept
 def eno2(rows, count, inverse, mean, gap):
     """Second order: the first derivative, corrected by the smaller of two second differences."""
     for j in range(count):
@@ -123,8 +133,8 @@ def eno2(rows, count, inverse, mean, gap):
         b = (rows[2, j] - rows[1, j]) * inverse
         c = (rows[3, j] - rows[2, j]) * inverse
         d = (rows[4, j] - rows[3, j]) * inverse
-        left = b + 0.5 * smaller(b - a, c - b)
-        right = c - 0.5 * smaller(c - b, d - c)
+        left = same_way(b + 0.5 * smaller(b - a, c - b), b)
+        right = same_way(c - 0.5 * smaller(c - b, d - c), c)
         mean[j] = 0.5 * (left + right)
         gap[j] = 0.5 * (right - left)
 
@@ -158,8 +168,8 @@ def eno3(rows, count, inverse, mean, gap):
     """Third order: the smoothest of three stencils."""
     for j in range(count):
         a, b, c, d, e, f = six(rows, j, inverse)
-        left = eno3_side(a, b, c, d, e)
-        right = eno3_side(f, e, d, c, b)
+        left = same_way(eno3_side(a, b, c, d, e), c)
+        right = same_way(eno3_side(f, e, d, c, b), d)
         mean[j] = 0.5 * (left + right)
         gap[j] = 0.5 * (right - left)
 
@@ -187,14 +197,14 @@ def weno5_side(a, b, c, d, e, bend_1, bend_2, bend_3):
 
 @swept
 def weno5(rows, count, inverse, mean, gap):
-    """Fifth order where the value is smooth."""
+    """Fifth order where the value is smooth and has no extremum."""
     for j in range(count):
         a, b, c, d, e, f = six(rows, j, inverse)
         d1, d2, d3, d4 = a - 2.0 * b + c, b - 2.0 * c + d, c - 2.0 * d + e, d - 2.0 * e + f
         d1, d2 = BEND * d1 * d1, BEND * d2 * d2
         d3, d4 = BEND * d3 * d3, BEND * d4 * d4
-        left = weno5_side(a, b, c, d, e, d1, d2, d3)
-        right = weno5_side(f, e, d, c, b, d4, d3, d2)
+        left = same_way(weno5_side(a, b, c, d, e, d1, d2, d3), c)
+        right = same_way(weno5_side(f, e, d, c, b, d4, d3, d2), d)
         mean[j] = 0.5 * (left + right)
         gap[j] = 0.5 * (right - left)
 

@@ -1,0 +1,297 @@
+"""Scenario files that ask for a kernel, a reachable set or a basin: composed, solved, tried."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from holdfast.analysis import viability_kernel as problems
+from holdfast.analysis.grid import Grid, grid
+from holdfast.analysis.promise import Promise, check_promise
+from holdfast.analysis.result import load
+from holdfast.analysis.safety_law import KEPT
+from holdfast.analysis.value_function import ValueFunction
+from holdfast.checking import at, validated
+from holdfast.compose import Composer
+from holdfast.errors import ScenarioError, suggestion
+from holdfast.execution.closed_loop import Progress
+from holdfast.execution.compile import cache_directory
+from holdfast.kernel_schema import KINDS, KernelSpec, PromiseSpec, SetFiguresSpec
+from holdfast.maths.expression import parse_expression
+from holdfast.maths.law import Law
+from holdfast.maths.region import Region
+from holdfast.maths.switching import Switching
+from holdfast.maths.system import System
+from holdfast.maths.units import to_si
+from holdfast.maths.velocity_tracking import track_velocity
+from holdfast.sources import read_tables, scenario_title
+from holdfast.system_table import composed_system
+
+NEEDS = {
+    "capture-basin": ("goal",),
+    "backward-reachable-set": ("goal",),
+    "forward-reachable-set": ("origin",),
+}
+"""The tables that a problem is about; the others are about [region]."""
+
+
+@dataclass(frozen=True)
+class KernelResult:
+    """The value function, and whether its promise was kept, where it was tried."""
+
+    value: ValueFunction
+    promise: Promise | None
+
+    def summary(self) -> dict[str, Any]:
+        """For summary.json."""
+        tried = {"promise": self.promise.summary()} if self.promise else {}
+        return {**self.value.summary(), **tried}
+
+
+@dataclass(frozen=True)
+class KernelScenario:
+    """A composed scenario whose answer is a value function."""
+
+    name: str
+    file: str
+    text: str
+    title: str
+    kind: str
+    description: str
+    source: str
+    system: System
+    region: Region | None
+    goal: Region | None
+    origin: Region | None
+    law: Law | Switching | None
+    grid: Grid
+    horizon: float
+    forever: bool
+    options: Mapping[str, Any]
+    promise: PromiseSpec | None
+    promised: Mapping[str, Any]
+    figures: SetFiguresSpec
+    held: Mapping[str, float]
+
+    @property
+    def about(self) -> Region:
+        """What the march begins with."""
+        found = self.goal or self.origin or self.region
+        assert found is not None
+        return found
+
+    def solve(self, progress: Progress | None = None) -> ValueFunction:
+        """The value function alone."""
+        function: Callable[..., ValueFunction] = getattr(problems, self.kind.replace("-", "_"))
+        about: tuple[Region | None, ...] = (self.about,)
+        if self.kind == "capture-basin":
+            about = (self.goal, self.region)
+        with at(self.file, "march"):
+            value = function(
+                self.system, *about, self.grid, self.horizon, progress=progress, **self.options
+            )
+        value.dataset.attrs.update(title=self.title, scenario=self.name, scenario_text=self.text)
+        return value
+
+    def run(self, progress: Progress | None = None) -> KernelResult:
+        """The value function, and its promise tried in closed loop."""
+        share = 0.6 if self.promise else 1.0
+
+        def first(fraction: float) -> None:
+            if progress is not None:
+                progress(share * fraction)
+
+        def second(fraction: float) -> None:
+            if progress is not None:
+                progress(share + (1 - share) * fraction)
+
+        value = self.solve(first)
+        if self.promise is None or not (value.values() > 0).any():
+            return KernelResult(value, None)
+        with at(self.file, "promise"):
+            tried = check_promise(
+                self.system,
+                value,
+                self.region or self.about,
+                goal=self.goal,
+                law=self.law,
+                progress=second,
+                **self.promised,
+            )
+        return KernelResult(value, tried)
+
+
+def is_kernel(data: Mapping[str, Any]) -> bool:
+    """Whether the tables ask for a set of states."""
+    header = data.get("scenario")
+    return isinstance(header, Mapping) and header.get("kind") in KINDS
+
+
+def composed_kernel(file: str, text: str, data: Mapping[str, Any]) -> KernelScenario:
+    """The scenario of these tables; `ScenarioError` with the key for what is wrong with them."""
+    spec = validated(KernelSpec, data, file)
+    kind = spec.scenario.kind
+    _check_tables(file, kind, spec)
+    composer = Composer(file)
+    system = composed_system(composer, spec.system)
+    units = {q.name: q.unit for q in system.states}
+
+    def region(table: dict[str, Any] | None, key: str) -> Region | None:
+        return composer.region(table, key) if table is not None else None
+
+    about = {key: region(getattr(spec, key), key) for key in ("region", "goal", "origin")}
+    law = composer.law(spec.law) if spec.law is not None else None
+    if law is not None and spec.tracking is not None:
+        with at(file, "tracking"):
+            law = track_velocity(system, law, spec.tracking)
+    values = {p.symbol: p.value for p in composer.known.values()}
+
+    def seconds(value: object, key: str) -> float:
+        with at(file, key):
+            return to_si(value, "s")
+
+    def number(value: object, key: str) -> float:
+        with at(file, key):
+            names = {n: e for n, e in composer.scope().items() if n not in units and n != "t"}
+            found = parse_expression(value, names).subs(values)
+            if not (found.is_real and found.is_finite):
+                raise ScenarioError(f"{found} is no number", expected="a value from parameters")
+            return float(found)
+
+    def state(name: str, value: object, key: str) -> float:
+        with at(file, key):
+            if name not in units:
+                raise ScenarioError("unknown name", remedy=suggestion(name, units))
+            return to_si(value, units[name])
+
+    with at(file, "grid"):
+        over = grid(
+            system,
+            {
+                n: (state(n, a, f"grid.box.{n}"), state(n, b, f"grid.box.{n}"))
+                for n, (a, b) in spec.grid.box.items()
+            },
+            spec.grid.nodes,
+            spec.grid.ends,
+        )
+    horizon = seconds(spec.march.horizon, "march.horizon")
+    options = {**(spec.march.model_extra or {})}
+    if spec.disturbance:
+        options["disturbance"] = {
+            n: number(v, f"disturbance.{n}") for n, v in spec.disturbance.items()
+        }
+    asked = spec.march.times
+    if isinstance(asked, int):
+        if asked < 1:
+            raise ScenarioError(f"{file}: march.times: got {asked}", expected="at least 1")
+        options["times"] = [horizon * (k + 1) / asked for k in range(asked)]
+    elif asked is not None:
+        options["times"] = [seconds(v, "march.times") for v in asked]
+    for key in ("arrival_steps", "disturbances"):
+        if (given := getattr(spec.march, key)) is not None:
+            options[key] = given
+    promised: dict[str, Any] = {}
+    if spec.promise is not None:
+        p = spec.promise
+        promised = {"runs": p.runs, "seed": p.seed, "rate": p.rate}
+        promised["sample_time"] = seconds(p.sample_time, "promise.sample_time")
+        if p.horizon is not None:
+            promised["horizon"] = seconds(p.horizon, "promise.horizon")
+        if p.margin is not None:
+            found = about["goal"] or about["region"]
+            assert found is not None
+            with at(file, "promise.margin"):
+                promised["margin"] = to_si(p.margin, found.inequalities[0].unit)
+    for name in spec.figures.plane or ():
+        state(name, 0.0, "figures.plane")
+    if spec.figures.input is not None and spec.figures.input not in system.input_names:
+        raise ScenarioError(
+            f"{file}: figures.input: unknown name",
+            remedy=suggestion(spec.figures.input, system.input_names),
+        )
+    return KernelScenario(
+        name=scenario_title(file).strip(".") or "scenario",
+        file=file,
+        text=text,
+        title=spec.scenario.title,
+        kind=kind,
+        description=spec.scenario.description,
+        source=spec.scenario.source,
+        system=system,
+        law=law,
+        grid=over,
+        horizon=horizon,
+        forever=spec.march.forever,
+        options=options,
+        promise=spec.promise,
+        promised=promised,
+        figures=spec.figures,
+        held={n: state(n, v, f"figures.at.{n}") for n, v in spec.figures.at.items()},
+        **about,
+    )
+
+
+def _check_tables(file: str, kind: str, spec: KernelSpec) -> None:
+    """Refuse a table that is missing, or that the question does not use."""
+    needed = NEEDS.get(kind, ("region",))
+    allowed = (*needed, *(("region",) if kind == "capture-basin" else ()))
+    for key in ("region", "goal", "origin"):
+        there = getattr(spec, key) is not None
+        if key in needed and not there:
+            raise ScenarioError(f"{file}: {key}: missing table", remedy=f"a {kind} needs it")
+        if there and key not in allowed:
+            raise ScenarioError(f"{file}: {key}: a {kind} does not use it", remedy="leave it out")
+    for key in ("arrival_steps", "disturbances"):
+        used = {"arrival_steps": "capture-basin"}.get(key, "reachable-set")
+        if getattr(spec.march, key) is not None and not kind.endswith(used):
+            raise ScenarioError(f"{file}: march.{key}: a {kind} does not use it")
+    if kind not in KEPT:
+        for key in ("promise", "law"):
+            if getattr(spec, key) is not None:
+                raise ScenarioError(f"{file}: {key}: a {kind} promises nothing to a law")
+    if spec.law is not None and spec.promise is None:
+        raise ScenarioError(f"{file}: law: without [promise] it is not used")
+    if spec.tracking is not None and spec.law is None:
+        raise ScenarioError(f"{file}: tracking: there is no [law]")
+
+
+def solved(name: str, progress: Progress | None = None) -> ValueFunction:
+    """The value function of a scenario, computed once and kept in the cache, or that of a file."""
+    if name.endswith(".nc"):
+        found = load(name)
+        if not isinstance(found, ValueFunction):
+            raise ScenarioError(f"{name} holds trajectories", expected="a value function")
+        return found
+    file, text, data = read_tables(name)
+    if not is_kernel(data):
+        raise ScenarioError(f"'{name}' computes no kernel", expected="one of " + ", ".join(KINDS))
+    digest = hashlib.sha256(f"{_own_text()}{text}".encode()).hexdigest()[:24]
+    kept = cache_directory() / f"value_{digest}.nc"
+    if kept.exists():
+        found = load(kept)
+        assert isinstance(found, ValueFunction)
+        return found
+    value = composed_kernel(file, text, data).solve(progress)
+    value.save(kept)
+    return value
+
+
+@cache
+def _own_text() -> str:
+    """A digest of the code that a value depends on, so that another version computes it anew."""
+    found = hashlib.sha256()
+    for room in ("maths", "execution", "analysis"):
+        root = Path(str(resources.files(f"holdfast.{room}")))
+        for path in sorted(root.rglob("*.py")):
+            found.update(path.read_bytes())
+    return found.hexdigest()
+
+
+def is_answered(scenario: KernelScenario, result: KernelResult) -> bool:
+    """Whether the set asked for was found: for ever means that the march has converged."""
+    return not scenario.forever or bool(result.value.dataset.attrs["converged"])

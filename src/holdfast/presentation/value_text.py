@@ -1,0 +1,101 @@
+"""A value function and what its promise was worth, as a few lines of text for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from holdfast.analysis.promise import Promise, Trials
+from holdfast.analysis.value_function import ValueFunction
+
+
+def value_text(
+    value: ValueFunction,
+    promise: Promise | None = None,
+    begun: ValueFunction | None = None,
+    files: Sequence[Path] = (),
+) -> str:
+    """The set, how it was found, what it is worth, what the closed loops did, the files.
+
+    begun: the value function that the march began with, for the share that is left of it.
+    """
+    said = value.dataset.attrs
+    axes = value.grid.axes
+    kind = str(said["kind"]).replace("-", " ")
+    lines = [str(said.get("title") or f"{kind} of {said['region']}"), ""]
+    shape = " x ".join(str(a.count) for a in axes)
+    lines.append(f"  {kind} of {said['region']}, {_until(value)}")
+    lines.append(
+        f"  grid           {shape} = {value.grid.nodes:,} nodes over " + ", ".join(value.names)
+    )
+    share = value.fraction()
+    text = f"{100 * share:.3g} % of the grid's box"
+    if begun is not None and (first := begun.fraction()) > 0:
+        text += f", {100 * share / first:.3g} % of {begun.dataset.attrs['region']}"
+    lines.append(f"  the set        {'empty' if said['empty'] else text}")
+    lines.append(f"  converged      {_converged(value)}")
+    if said.get("ends_reached"):
+        lines.append(f"  touches        {said['ends_reached']}: what is beyond may matter")
+    lines += [f"  {name:<15}{shown}" for name, shown in _worth(value)]
+    lines.append(
+        f"  march          {said['steps']:,} steps, {said['scheme']}, order {said['order']}, "
+        f"{said['precision']}, {said['wall_time_s']:.1f} s"
+    )
+    if promise is not None:
+        lines += ["", *_promise(promise)]
+    if files:
+        folder = files[0].parent
+        lines += ["", f"  files in {folder}: " + ", ".join(f.name for f in files)]
+    return "\n".join(lines)
+
+
+def _until(value: ValueFunction) -> str:
+    said = value.dataset.attrs
+    return "for ever" if said["converged"] else f"for {said['horizon_s']:g} s"
+
+
+def _converged(value: ValueFunction) -> str:
+    said = value.dataset.attrs
+    if said["empty"]:
+        return f"yes: nothing is left after {said['reached_s']:.3g} s"
+    if said["converged"]:
+        return f"yes: after {said['reached_s']:.3g} s nothing changes any more"
+    return (
+        f"no: {said['nodes_moving']:,} nodes still change at {said['horizon_s']:g} s, and the set "
+        "is one for that long only"
+    )
+
+
+def _worth(value: ValueFunction) -> list[tuple[str, str]]:
+    """What further marches say of the answer, where they were asked for."""
+    said = value.dataset.attrs
+    unit = said["value_unit"]
+    found = []
+    if "error_estimate" in said:
+        found.append(("error", f"about {said['error_estimate']:.2g} {unit}, from a coarser grid"))
+    if "nodes_from_outside" in said:
+        found.append(
+            ("from outside", f"{said['nodes_from_outside']:,} nodes depend on what is there")
+        )
+    return found
+
+
+def _promise(promise: Promise) -> list[str]:
+    lines = [
+        f"  promise        {promise.law}, held for {1000 * promise.sample_time:g} ms, over "
+        f"{promise.horizon:g} s, from random states",
+        f"    at least {promise.margin:.3g} {promise.unit} inside",
+    ]
+    lines += [f"      {_trials(t, promise, 'kept')}" for t in promise.inside]
+    if promise.outside is not None:
+        lines.append(f"    at least {promise.margin:.3g} {promise.unit} outside, in the region")
+        lines.append(f"      {_trials(promise.outside, promise, 'kept')}")
+    return lines
+
+
+def _trials(trials: Trials, promise: Promise, word: str) -> str:
+    low, high = trials.kept.interval
+    return (
+        f"against {trials.what + ':':<24} {trials.kept.count} of {trials.kept.total} {word} "
+        f"({low:.3f} to {high:.3f}), worst constraint {trials.excursion:+.4f} {promise.unit}"
+    )
