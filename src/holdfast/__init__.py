@@ -65,6 +65,8 @@ if TYPE_CHECKING:
     from holdfast.presentation.comparison import comparison_figure
     from holdfast.presentation.flow_lines import flow_lines_figure
     from holdfast.presentation.histories import histories_figure
+    from holdfast.presentation.margin import margin_figure
+    from holdfast.presentation.optimal_input import optimal_input_figure
     from holdfast.presentation.paths import paths_figure
     from holdfast.presentation.regulation_map import regulation_map_figure
     from holdfast.presentation.value_function import value_function_figure
@@ -121,6 +123,8 @@ _HOME = {
     "presentation.comparison": ("comparison_figure",),
     "presentation.flow_lines": ("flow_lines_figure",),
     "presentation.histories": ("histories_figure",),
+    "presentation.margin": ("margin_figure",),
+    "presentation.optimal_input": ("optimal_input_figure",),
     "presentation.paths": ("paths_figure",),
     "presentation.regulation_map": ("regulation_map_figure",),
     "presentation.value_function": ("value_function_figure",),
@@ -186,7 +190,9 @@ __all__ = [
     "laws",
     "load",
     "load_scenario",
+    "margin_figure",
     "observe",
+    "optimal_input_figure",
     "outward_rates",
     "parse_condition",
     "parse_expression",

@@ -180,6 +180,14 @@ def set_up(axis: Axes, value: ValueFunction, plane: tuple[str, str]) -> None:
         axis.set_aspect("equal")
 
 
+def label_outer(axis: Axes, k: int, columns: int, count: int) -> None:
+    """Of `count` panels in rows, keep the labels of those at the left and those with none below."""
+    first, last = k % columns == 0, k + columns >= count
+    axis.tick_params(labelleft=first, labelbottom=last)
+    axis.xaxis.label.set_visible(last)
+    axis.yaxis.label.set_visible(first)
+
+
 def lengths(value: ValueFunction, plane: tuple[str, str]) -> bool:
     """Whether both states of the plane are in metres."""
     return all(a.state.unit == "m" for a in value.grid.axes if a.name in plane)
