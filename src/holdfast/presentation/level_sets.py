@@ -11,6 +11,7 @@ import numpy.typing as npt
 from matplotlib import colormaps
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -30,6 +31,10 @@ DASHES: tuple[tuple[str, Any], ...] = (
     (GREEN, (0, (7, 2))),
 )
 """Colour and dashes of the sets to compare with, in their order."""
+
+_SHADES = np.concatenate([np.linspace(0.27, 0.5, 128), np.linspace(0.5, 0.9, 128)])
+SIGNED = LinearSegmentedColormap.from_list("signed", colormaps["RdBu"](_SHADES))
+"""Blue in the set, pale red outside: told apart by readers who do not see all colours."""
 
 FILL = "#bfdcec"  # of the set
 
@@ -113,7 +118,7 @@ def draw_values(axis: Axes, value: ValueFunction, plane: tuple[str, str]) -> Con
     # as far as the set is deep: what is far outside needs no colours of its own
     most = float(table.max()) if (table > 0).any() else float(np.abs(table).max()) or 1.0
     levels = MaxNLocator(16, symmetric=True).tick_values(-most, most)
-    filled = axis.contourf(x, y, table, levels=levels, cmap="RdBu", extend="both")
+    filled = axis.contourf(x, y, table, levels=levels, cmap=SIGNED, extend="both")
     draw_zero(axis, x, y, table, colors=[BLACK], linewidths=2.0)
     return filled
 
@@ -158,14 +163,14 @@ def in_set(label: str, edge: str = BLUE, face: str = FILL) -> Artist:
 def entries(
     value: ValueFunction, alone: Artist, others: Mapping[str, ValueFunction]
 ) -> list[Artist]:
-    """The legend of the set, `alone` or at its times, and of those it is compared with."""
+    """The legend of the set, `alone` or at its times, and of those compared; none of an empty one."""
     found: list[Artist] = [
         Line2D([], [], color=colour, linewidth=1.4, label=f"{time:g} s")
         for time, colour in time_colours(value).items()
     ]
     for name, (colour, dashes) in zip(others, cycle(DASHES), strict=False):
         found.append(Line2D([], [], color=colour, linestyle=dashes, label=name))
-    return found if times(value) else [alone, *found]
+    return [alone, *found] if not times(value) and (value.values() > 0).any() else found
 
 
 def set_up(axis: Axes, value: ValueFunction, plane: tuple[str, str]) -> None:
