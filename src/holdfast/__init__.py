@@ -69,6 +69,7 @@ if TYPE_CHECKING:
     from holdfast.presentation.optimal_input import optimal_input_figure
     from holdfast.presentation.paths import paths_figure
     from holdfast.presentation.regulation_map import regulation_map_figure
+    from holdfast.presentation.surface import surface_figure
     from holdfast.presentation.value_function import value_function_figure
     from holdfast.scenario import Scenario, load_scenario
 
@@ -127,6 +128,7 @@ _HOME = {
     "presentation.optimal_input": ("optimal_input_figure",),
     "presentation.paths": ("paths_figure",),
     "presentation.regulation_map": ("regulation_map_figure",),
+    "presentation.surface": ("surface_figure",),
     "presentation.value_function": ("value_function_figure",),
     "scenario": ("Scenario", "load_scenario"),
 }
@@ -207,6 +209,7 @@ __all__ = [
     "simulate",
     "station_keeping_limits",
     "station_statistics",
+    "surface_figure",
     "symbol",
     "systems",
     "track_velocity",

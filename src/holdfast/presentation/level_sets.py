@@ -18,6 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
+from holdfast.analysis.grid import Axis
 from holdfast.analysis.value_function import ValueFunction
 from holdfast.presentation import style
 from holdfast.presentation.style import BLACK, BLUE, GREEN, PURPLE, RED
@@ -39,32 +40,35 @@ SIGNED = LinearSegmentedColormap.from_list("signed", colormaps["RdBu"](_SHADES))
 FILL = "#bfdcec"  # of the set
 
 
-def mesh(value: ValueFunction, plane: tuple[str, str]) -> tuple[Array, Array]:
-    """The nodes along both axes of the plane; a whole turn is closed."""
-    axes = {a.name: a for a in value.grid.axes}
-    nodes = []
-    for name in plane:
-        axis = axes[name]
-        nodes.append(np.append(axis.nodes, axis.high) if axis.ends == "periodic" else axis.nodes)
-    return nodes[0], nodes[1]
+def nodes(axis: Axis) -> Array:
+    """The nodes of an axis; a whole turn is closed."""
+    return np.append(axis.nodes, axis.high) if axis.ends == "periodic" else axis.nodes
 
 
-def on_mesh(value: ValueFunction, plane: tuple[str, str], values: npt.NDArray[Any]) -> Array:
-    """An array over the grid of a value function of two states, as (second, first) of the plane."""
+def closed(value: ValueFunction, values: npt.NDArray[Any]) -> Array:
+    """An array over the grid of a value function; whole turns are closed."""
     table: Array = np.asarray(values, dtype=np.float64)
     for k, axis in enumerate(value.grid.axes):
         if axis.ends == "periodic":
             table = np.concatenate([table, np.take(table, [0], axis=k)], axis=k)
+    return table
+
+
+def mesh(value: ValueFunction, plane: tuple[str, str]) -> tuple[Array, Array]:
+    """The nodes along both axes of the plane."""
+    axes = {a.name: a for a in value.grid.axes}
+    return nodes(axes[plane[0]]), nodes(axes[plane[1]])
+
+
+def on_mesh(value: ValueFunction, plane: tuple[str, str], values: npt.NDArray[Any]) -> Array:
+    """An array over the grid of a value function of two states, as (second, first) of the plane."""
+    table = closed(value, values)
     return table.T if value.names == tuple(plane) else table
 
 
 def curve(value: ValueFunction, time: float | None = None) -> tuple[Array, Array]:
-    """The nodes and the values of a value function of one state; a whole turn is closed."""
-    (axis,) = value.grid.axes
-    values = np.asarray(value.values(time), dtype=np.float64)
-    if axis.ends != "periodic":
-        return axis.nodes, values
-    return np.append(axis.nodes, axis.high), np.append(values, values[0])
+    """The nodes and the values of a value function of one state."""
+    return nodes(value.grid.axes[0]), closed(value, value.values(time))
 
 
 def times(value: ValueFunction) -> list[float]:
@@ -163,7 +167,7 @@ def in_set(label: str, edge: str = BLUE, face: str = FILL) -> Artist:
 def entries(
     value: ValueFunction, alone: Artist, others: Mapping[str, ValueFunction]
 ) -> list[Artist]:
-    """The legend of the set, `alone` or at its times, and of those compared; none of an empty one."""
+    """The legend of the set, `alone` or at its times if it is not empty, and of those compared."""
     found: list[Artist] = [
         Line2D([], [], color=colour, linewidth=1.4, label=f"{time:g} s")
         for time, colour in time_colours(value).items()
