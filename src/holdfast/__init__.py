@@ -67,8 +67,11 @@ if TYPE_CHECKING:
     from holdfast.presentation.comparison import comparison_figure
     from holdfast.presentation.flow_lines import flow_lines_figure
     from holdfast.presentation.histories import histories_figure
+    from holdfast.presentation.margin import margin_figure
+    from holdfast.presentation.optimal_input import optimal_input_figure
     from holdfast.presentation.paths import paths_figure
     from holdfast.presentation.regulation_map import regulation_map_figure
+    from holdfast.presentation.surface import surface_figure
     from holdfast.presentation.value_function import value_function_figure
     from holdfast.scenario import Scenario, load_scenario
 
@@ -125,8 +128,11 @@ _HOME = {
     "presentation.comparison": ("comparison_figure",),
     "presentation.flow_lines": ("flow_lines_figure",),
     "presentation.histories": ("histories_figure",),
+    "presentation.margin": ("margin_figure",),
+    "presentation.optimal_input": ("optimal_input_figure",),
     "presentation.paths": ("paths_figure",),
     "presentation.regulation_map": ("regulation_map_figure",),
+    "presentation.surface": ("surface_figure",),
     "presentation.value_function": ("value_function_figure",),
     "scenario": ("Scenario", "load_scenario"),
 }
@@ -193,7 +199,9 @@ __all__ = [
     "laws",
     "load",
     "load_scenario",
+    "margin_figure",
     "observe",
+    "optimal_input_figure",
     "outward_rates",
     "parse_condition",
     "parse_expression",
@@ -211,6 +219,7 @@ __all__ = [
     "station_keeping_limits",
     "station_statistics",
     "subsystem",
+    "surface_figure",
     "symbol",
     "systems",
     "track_velocity",

@@ -11,12 +11,14 @@ import numpy.typing as npt
 from matplotlib import colormaps
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
+from holdfast.analysis.grid import Axis
 from holdfast.analysis.value_function import ValueFunction
 from holdfast.presentation import style
 from holdfast.presentation.style import BLACK, BLUE, GREEN, PURPLE, RED
@@ -31,35 +33,42 @@ DASHES: tuple[tuple[str, Any], ...] = (
 )
 """Colour and dashes of the sets to compare with, in their order."""
 
+_SHADES = np.concatenate([np.linspace(0.27, 0.5, 128), np.linspace(0.5, 0.9, 128)])
+SIGNED = LinearSegmentedColormap.from_list("signed", colormaps["RdBu"](_SHADES))
+"""Blue in the set, pale red outside: told apart by readers who do not see all colours."""
+
 FILL = "#bfdcec"  # of the set
 
 
-def mesh(value: ValueFunction, plane: tuple[str, str]) -> tuple[Array, Array]:
-    """The nodes along both axes of the plane; a whole turn is closed."""
-    axes = {a.name: a for a in value.grid.axes}
-    nodes = []
-    for name in plane:
-        axis = axes[name]
-        nodes.append(np.append(axis.nodes, axis.high) if axis.ends == "periodic" else axis.nodes)
-    return nodes[0], nodes[1]
+def nodes(axis: Axis) -> Array:
+    """The nodes of an axis; a whole turn is closed."""
+    return np.append(axis.nodes, axis.high) if axis.ends == "periodic" else axis.nodes
 
 
-def on_mesh(value: ValueFunction, plane: tuple[str, str], values: npt.NDArray[Any]) -> Array:
-    """An array over the grid of a value function of two states, as (second, first) of the plane."""
+def closed(value: ValueFunction, values: npt.NDArray[Any]) -> Array:
+    """An array over the grid of a value function; whole turns are closed."""
     table: Array = np.asarray(values, dtype=np.float64)
     for k, axis in enumerate(value.grid.axes):
         if axis.ends == "periodic":
             table = np.concatenate([table, np.take(table, [0], axis=k)], axis=k)
+    return table
+
+
+def mesh(value: ValueFunction, plane: tuple[str, str]) -> tuple[Array, Array]:
+    """The nodes along both axes of the plane."""
+    axes = {a.name: a for a in value.grid.axes}
+    return nodes(axes[plane[0]]), nodes(axes[plane[1]])
+
+
+def on_mesh(value: ValueFunction, plane: tuple[str, str], values: npt.NDArray[Any]) -> Array:
+    """An array over the grid of a value function of two states, as (second, first) of the plane."""
+    table = closed(value, values)
     return table.T if value.names == tuple(plane) else table
 
 
 def curve(value: ValueFunction, time: float | None = None) -> tuple[Array, Array]:
-    """The nodes and the values of a value function of one state; a whole turn is closed."""
-    (axis,) = value.grid.axes
-    values = np.asarray(value.values(time), dtype=np.float64)
-    if axis.ends != "periodic":
-        return axis.nodes, values
-    return np.append(axis.nodes, axis.high), np.append(values, values[0])
+    """The nodes and the values of a value function of one state."""
+    return nodes(value.grid.axes[0]), closed(value, value.values(time))
 
 
 def times(value: ValueFunction) -> list[float]:
@@ -113,7 +122,7 @@ def draw_values(axis: Axes, value: ValueFunction, plane: tuple[str, str]) -> Con
     # as far as the set is deep: what is far outside needs no colours of its own
     most = float(table.max()) if (table > 0).any() else float(np.abs(table).max()) or 1.0
     levels = MaxNLocator(16, symmetric=True).tick_values(-most, most)
-    filled = axis.contourf(x, y, table, levels=levels, cmap="RdBu", extend="both")
+    filled = axis.contourf(x, y, table, levels=levels, cmap=SIGNED, extend="both")
     draw_zero(axis, x, y, table, colors=[BLACK], linewidths=2.0)
     return filled
 
@@ -158,14 +167,14 @@ def in_set(label: str, edge: str = BLUE, face: str = FILL) -> Artist:
 def entries(
     value: ValueFunction, alone: Artist, others: Mapping[str, ValueFunction]
 ) -> list[Artist]:
-    """The legend of the set, `alone` or at its times, and of those it is compared with."""
+    """The legend of the set, `alone` or at its times if it is not empty, and of those compared."""
     found: list[Artist] = [
         Line2D([], [], color=colour, linewidth=1.4, label=f"{time:g} s")
         for time, colour in time_colours(value).items()
     ]
     for name, (colour, dashes) in zip(others, cycle(DASHES), strict=False):
         found.append(Line2D([], [], color=colour, linestyle=dashes, label=name))
-    return found if times(value) else [alone, *found]
+    return [alone, *found] if not times(value) and (value.values() > 0).any() else found
 
 
 def set_up(axis: Axes, value: ValueFunction, plane: tuple[str, str]) -> None:
@@ -178,6 +187,14 @@ def set_up(axis: Axes, value: ValueFunction, plane: tuple[str, str]) -> None:
     axis.set_ylabel(style.axis_label(second.name, second.state.unit))
     if lengths(value, plane):
         axis.set_aspect("equal")
+
+
+def label_outer(axis: Axes, k: int, columns: int, count: int) -> None:
+    """Of `count` panels in rows, keep the labels of those at the left and those with none below."""
+    first, last = k % columns == 0, k + columns >= count
+    axis.tick_params(labelleft=first, labelbottom=last)
+    axis.xaxis.label.set_visible(last)
+    axis.yaxis.label.set_visible(first)
 
 
 def lengths(value: ValueFunction, plane: tuple[str, str]) -> bool:

@@ -66,9 +66,12 @@ def write(figure: Figure, folder: Path, name: str) -> list[Path]:
     try:
         with look():
             figure.draw_without_rendering()  # lay it out once, not once for each format
+            equal = any(axis.get_aspect() != "auto" for axis in figure.axes)
+            if equal:
+                figure.draw_without_rendering()  # equal axes have moved their labels since
             figure.set_layout_engine("none")
             everything = None
-            if any(axis.get_aspect() != "auto" for axis in figure.axes):
+            if equal:
                 # equal axes can push a title over the edge of the page: then the page grows
                 box = figure.get_tightbbox()
                 inside = box.x0 >= 0 and box.y0 >= 0 and (box.max <= figure.get_size_inches()).all()

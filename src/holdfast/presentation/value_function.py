@@ -47,7 +47,7 @@ def value_function_figure(
     """
     others = dict(others or {})
     check_same_states(value, others)
-    view = look_at(value, plane, at)
+    view = look_at(value, plane, at, others.values())
     with style.look():
         if view.along:
             return _slices(value, view, others, label, scene, parameters)
@@ -160,10 +160,7 @@ def _slices(
         level_sets.draw_others(axis, [part(o) for o in others.values()], plane)
         draw_fixed(axis, scene, parameters)
         level_sets.set_up(axis, shown, plane)
-        first, last = k % columns == 0, k + columns >= count
-        axis.tick_params(labelleft=first, labelbottom=last)
-        axis.xaxis.label.set_visible(last)
-        axis.yaxis.label.set_visible(first)
+        level_sets.label_outer(axis, k, columns, count)
         title = where(value, {view.along: held[view.along]}) if held else "projection, any "
         title += "" if held else ", ".join(style.label(n) for n in over)
         axis.set_title(title + (f" ({extent})" if extent else ""))

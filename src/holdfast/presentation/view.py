@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +31,12 @@ class View:
     values: tuple[float, ...] = ()
 
 
-def look_at(value: ValueFunction, plane: tuple[str, str] | None, at: Held | None) -> View:
+def look_at(
+    value: ValueFunction,
+    plane: tuple[str, str] | None,
+    at: Held | None,
+    others: Iterable[ValueFunction] = (),
+) -> View:
     """What to draw; `OutputError` for a plane or states held that leave no picture."""
     at = dict(at or {})
     for name in at:
@@ -54,7 +59,9 @@ def look_at(value: ValueFunction, plane: tuple[str, str] | None, at: Held | None
     along = next(iter([*several, *rest]), "")
     usual = {a.name: _usual(a.low, a.high) for a in value.grid.axes if a.name in rest}
     held = {n: v for n, v in (given | usual).items() if n != along}
-    values = several.get(along) or (_across(value.slice(**held), along) if along else [])
+    values = several.get(along) or (
+        _across(along, [v.slice(**held) for v in (value, *others)]) if along else []
+    )
     return View(drawn, held, given, along, tuple(values))
 
 
@@ -72,12 +79,17 @@ def _usual(low: float, high: float) -> float:
     return 0.0 if low <= 0.0 <= high else (low + high) / 2
 
 
-def _across(value: ValueFunction, name: str) -> list[float]:
-    """Nodes of one state, evenly over where the set is, at any of its times."""
-    (axis,) = (a for a in value.grid.axes if a.name == name)
-    data = value.projection(name).dataset["value"]
-    inside = np.flatnonzero((data.max("time") if "time" in data.dims else data).values > 0)
-    first, last = (inside[0], inside[-1]) if inside.size else (0, axis.count - 1)
+def _across(name: str, values: Sequence[ValueFunction]) -> list[float]:
+    """Nodes of one state, evenly over where any of the sets is, at any of its times."""
+    (axis,) = (a for a in values[0].grid.axes if a.name == name)
+    inside = [axis.nodes[[0, -1]]]
+    for value in values:
+        shadow = value.projection(name)
+        data = shadow.dataset["value"]
+        found = (data.max("time") if "time" in data.dims else data).values > 0
+        inside.append(shadow.grid.axes[0].nodes[found])
+    places = np.concatenate(inside[1:] if sum(map(len, inside[1:])) else inside)
+    first, last = (int(np.abs(axis.nodes - x).argmin()) for x in (places.min(), places.max()))
     wanted = np.linspace(first, last, SLICES + 2)[1:-1]
     return [float(axis.nodes[k]) for k in np.unique(np.round(wanted).astype(int))]
 
