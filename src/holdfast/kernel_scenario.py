@@ -209,11 +209,14 @@ def composed_kernel(file: str, text: str, data: Mapping[str, Any]) -> KernelScen
                 promised["margin"] = to_si(p.margin, found.inequalities[0].unit)
     for name in spec.figures.plane or ():
         state(name, 0.0, "figures.plane")
-    if spec.figures.input is not None and spec.figures.input not in system.input_names:
-        raise ScenarioError(
-            f"{file}: figures.input: unknown name",
-            remedy=suggestion(spec.figures.input, system.input_names),
-        )
+    for name in spec.figures.inputs:
+        if name not in system.input_names:
+            raise ScenarioError(
+                f"{file}: figures.inputs: unknown name '{name}'",
+                remedy=suggestion(name, system.input_names),
+            )
+    if spec.figures.inputs and kind not in KEPT:
+        raise ScenarioError(f"{file}: figures.inputs: a {kind} says nothing of optimal inputs")
     return KernelScenario(
         name=scenario_title(file).strip(".") or "scenario",
         file=file,

@@ -70,11 +70,11 @@ class PromiseSpec(Section):
 
 
 class SetFiguresSpec(Section):
-    """[figures]: the plane, where the other states are held, the states of the optimal input."""
+    """[figures]: the plane, where the other states are held, the optimal inputs to draw in it."""
 
     plane: Plane | None = None
     at: dict[Name, Value] = Field(default_factory=dict)
-    input: Name | None = None
+    inputs: list[Name] = Field(default_factory=list)
 
 
 class KernelSpec(Section):

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 from holdfast.errors import OutputError
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from holdfast.analysis.comparison import Comparison
     from holdfast.analysis.result import Result
     from holdfast.analysis.value_function import ValueFunction
@@ -86,8 +88,34 @@ def written_kernel(
             parameters={q.name: q.value for q in about.parameters},
         )
         files += style.write(drawn, folder, "set")
+        if scenario.figures.inputs:
+            files += style.write(_law_figure(scenario, result, begun), folder, "law")
     files.append(_text(folder / "summary.json", json.dumps(result.summary(), indent=2) + "\n"))
     return files
+
+
+def _law_figure(scenario: KernelScenario, result: KernelResult, begun: ValueFunction) -> Figure:
+    """The optimal input in the plane of the figures."""
+    from holdfast.analysis.safety_law import optimal_inputs
+    from holdfast.presentation.optimal_input import optimal_input_figure
+
+    plane = scenario.figures.plane or (
+        scenario.system.state_names[0],
+        scenario.system.state_names[1],
+    )
+    held = {n: scenario.held.get(n, 0.0) for n in scenario.system.state_names if n not in plane}
+    inputs, velocity = optimal_inputs(scenario.system, result.value, plane, held)
+    about = scenario.about
+    return optimal_input_figure(
+        result.value,
+        {n: inputs[n] for n in scenario.figures.inputs},
+        velocity,
+        plane=plane,
+        at=held,
+        others={about.name.replace("_", " "): begun},
+        scene=about.scene,
+        parameters={q.name: q.value for q in about.parameters},
+    )
 
 
 def write_comparison(found: Comparison, folder: Path, *, figures: bool) -> list[Path]:

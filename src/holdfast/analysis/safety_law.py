@@ -91,6 +91,31 @@ def worst_disturbance(system: System, value: ValueFunction, law: L) -> tuple[Sys
     return against_the_worst(decided(system, value), law, lookup_of(value))
 
 
+def optimal_inputs(
+    system: System, value: ValueFunction, plane: tuple[str, str], held: Mapping[str, float]
+) -> tuple[dict[str, Array], tuple[Array, Array]]:
+    """At the nodes of a plane: the optimal inputs, and the two rates with the worst disturbance.
+
+    The states outside the plane are held. Arrays of shape (nodes of the first, of the second).
+    """
+    known = decided(system, value)
+    h = hamiltonian(known)
+    states = {q.name: q.symbol for q in known.states}
+    chosen = {q.symbol: h.inputs[q.name] for q in known.inputs}
+    chosen |= {q.symbol: h.disturbances[q.name] for q in known.disturbances}
+    rates = [known.rates[n].xreplace(chosen) for n in plane]
+    wanted = Evaluator(
+        [*h.inputs.values(), *rates], [*states.values(), *h.costates], known.parameters
+    )
+    axes = {a.name: a.nodes for a in value.grid.axes}
+    first, second = np.meshgrid(*(axes[n] for n in plane), indexing="ij")
+    columns = dict(held) | {plane[0]: first.ravel(), plane[1]: second.ravel()}
+    points = np.stack([np.broadcast_to(columns[n], first.size) for n in states], axis=1)
+    found = wanted.values(np.hstack([points, value.gradient(points)]), _parameters(value, known))
+    tables = [column.reshape(first.shape) for column in found.T]
+    return dict(zip(h.inputs, tables, strict=False)), (tables[-2], tables[-1])
+
+
 def lookup_of(value: ValueFunction) -> Lookup:
     """The value function as a law looks it up."""
     axes = value.grid.axes

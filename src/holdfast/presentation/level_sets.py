@@ -37,6 +37,9 @@ _SHADES = np.concatenate([np.linspace(0.27, 0.5, 128), np.linspace(0.5, 0.9, 128
 SIGNED = LinearSegmentedColormap.from_list("signed", colormaps["RdBu"](_SHADES))
 """Blue in the set, pale red outside: told apart by readers who do not see all colours."""
 
+MOST = 6
+"""Times drawn at most."""
+
 FILL = "#bfdcec"  # of the set
 
 
@@ -72,10 +75,13 @@ def curve(value: ValueFunction, time: float | None = None) -> tuple[Array, Array
 
 
 def times(value: ValueFunction) -> list[float]:
-    """The times that a value function holds, if there are several [s]."""
+    """The times to draw that a value function holds, if there are several: at most `MOST` [s]."""
     data = value.dataset["value"]
     found = [float(t) for t in data["time"].values] if "time" in data.dims else []
-    return found if len(found) > 1 else []
+    if len(found) < 2:
+        return []
+    apart = -(-len(found) // MOST)
+    return found[::-1][::apart][::-1]  # the last one among them
 
 
 def time_colours(value: ValueFunction) -> dict[float, Any]:

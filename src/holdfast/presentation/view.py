@@ -118,6 +118,7 @@ def where(value: ValueFunction, held: Mapping[str, float]) -> str:
     """The states held, with units."""
     units = {a.name: a.state.unit for a in value.grid.axes}
     return ", ".join(
-        f"{style.label(n)} = {v:.3g}" + ("" if units[n] == "1" else f" {units[n]}")
+        f"{style.label(n)} = {v if abs(v) > 1e-12 else 0.0:.3g}"
+        + ("" if units[n] == "1" else f" {units[n]}")
         for n, v in held.items()
     )
