@@ -95,11 +95,11 @@ class Marching:
 
 @dataclass(frozen=True)
 class Problem:
-    """What is marched: the start value, the sign that dW/dt is limited to, and the obstacles.
+    """What is marched: the region it begins with, what becomes of it, and the obstacles.
 
-    inputs, disturbances: "max" or "min", what each player makes of the value. kept: it never falls
-    below the margin of `start`. above: a region whose margin it never exceeds. backwards: the
-    dynamics run in reverse.
+    limit: "shrink" if `start` is to be kept, "grow" if it is to be reached, "free" if it is to be
+    reached within `above`. inputs, disturbances: "max" or "min", what each player makes of the
+    value. backwards: the dynamics run in reverse.
     """
 
     kind: str
@@ -107,7 +107,6 @@ class Problem:
     start: Region
     inputs: str = "max"
     disturbances: str = "min"
-    kept: bool = False
     above: Region | None = None
     backwards: bool = False
 
