@@ -32,7 +32,8 @@ from holdfast.analysis.value_function import ValueFunction
 from holdfast.errors import SimulationError
 from holdfast.execution.closed_loop import available_cores, check_memory
 from holdfast.execution.march import Done, March
-from holdfast.maths.hamiltonian import hamiltonian
+from holdfast.maths.hamiltonian import Hamiltonian, hamiltonian
+from holdfast.maths.symmetry import check_symmetry
 
 Array = npt.NDArray[Any]
 
@@ -60,6 +61,7 @@ def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
         method=marching.method,
         limit=posed.limit,
         clock=posed.clock,
+        reflected=_reflected(posed, h),
         threads=marching.threads or available_cores(),
     )
     record = Record(posed, values)
@@ -128,6 +130,18 @@ def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
         ),
     }
     return record.value_function(values, attributes)
+
+
+def _reflected(posed: Posed, h: Hamiltonian) -> list[npt.NDArray[np.int64]] | None:
+    """The place of every node's reflection along each axis, where there is a symmetry."""
+    signs = posed.marching.symmetry
+    if signs is None:
+        return None
+    check_symmetry(h, posed.problem.regions, signs)
+    return [
+        a.reflected if signs.get(a.name) == -1 else np.arange(a.count, dtype=np.int64)
+        for a in posed.grid.axes
+    ]
 
 
 def _check_memory(posed: Posed) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -29,6 +30,9 @@ class Marching:
     the problem. The same problem goes on from it, to the same bit; another is refused. It stays
     when the march has ended, so that a result that was not saved is not lost: remove it then.
 
+    symmetry: state -> -1 for those that change sign in a reflection that leaves the problem as it
+    is; half of the grid is computed then. It is checked symbolically (`maths/symmetry.py`).
+
     estimate_error, check_outside: what the answer is worth, by further marches (`worth.py`).
     """
 
@@ -41,6 +45,7 @@ class Marching:
     tolerance: float | None = None
     skip: bool = True
     threads: int | None = None
+    symmetry: Mapping[str, int] | None = None
     checkpoint: str | Path | None = None
     checkpoint_every: float = 60.0
     estimate_error: bool | str = False

@@ -24,8 +24,9 @@ import numpy.typing as npt
 
 from holdfast.errors import SimulationError
 from holdfast.execution.compile import compile_sweep
+from holdfast.execution.fold import Fold
 from holdfast.execution.over_grid import padded
-from holdfast.execution.sweep import layout, sweep_source
+from holdfast.execution.sweep import SCHEMES, layout, sweep_source
 from holdfast.maths.hamiltonian import Hamiltonian
 from holdfast.maths.quantity import TIME, Parameter
 
@@ -84,9 +85,12 @@ class March:
         method: Method,
         limit: str,
         clock: tuple[float, float] = (0.0, 1.0),
+        reflected: Sequence[npt.NDArray[np.int64]] | None = None,
         threads: int = 1,
     ) -> None:
-        """clock: the time t at tau = 0, and how fast it runs, 1 or -1."""
+        """clock: the time t at tau = 0, and how fast it runs, 1 or -1. reflected: for every axis,
+        at which place of it the node is that always has the same value; half is computed then.
+        """
         source = sweep_source(
             hamiltonian,
             parameters,
@@ -108,6 +112,8 @@ class March:
         local = cut[1] * cut[2]
         self.units = math.prod(len(a) for a in axes[:-2]) * local
         self.places = len(axes[0]) if len(axes) > 2 else local  # what threads share
+        ghosts = SCHEMES[method.scheme]
+        self.fold = Fold(reflected, kinds, cut, ghosts) if reflected is not None else None
         self.clock = clock
         self.varying = any(e.has(TIME) for e in (hamiltonian.value, *hamiltonian.speeds))
         self.speeds = np.zeros(len(axes))  # largest along every axis, for a global dissipation
@@ -181,6 +187,8 @@ class March:
                     if refresh is not None:  # what comes out is for the time of the next stage
                         then = 1.0 if last else stages[s + 1][1]
                         refresh(self._time(start + then * dt))
+                    if self.fold is not None:
+                        self.fold.narrow(here)
                     found = workers.run(
                         self.module.sweep,
                         self._time(start + fraction * dt), dt, weight, source, arrays[0], out,
@@ -188,6 +196,10 @@ class March:
                         slow * dt, here, there, flags[1:order] if last else flags[:0],
                         *rest,
                     )  # fmt: skip
+                    if self.fold is not None:
+                        f = self.fold
+                        half = (self.places, out, self.shape, f.places, f.axis, f.mine)
+                        workers.run(self.module.mirror, *half)
                     done.computed += int(found[0])
                     if found[1]:
                         raise SimulationError(
