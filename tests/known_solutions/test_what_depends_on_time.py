@@ -179,6 +179,26 @@ def test_what_depends_on_time_goes_on_from_a_checkpoint(tmp_path):
     assert len(rest) == whole.dataset.attrs["steps"] - 11
 
 
+def test_target_that_was_larger_for_a_while_is_remembered_by_a_checkpoint(tmp_path):
+    """What was reached while it was large stays reached: that is no growth out of nothing."""
+    swells = region(abs(X) - 0.3 - 2 * T * (2 - T))
+    told = []
+
+    def stop(_share):
+        told.append(1)
+        if len(told) > 18:
+            raise KeyboardInterrupt
+
+    def reach(**options):
+        return hf.backward_reachable_set(boat(0.5), swells, line(-5, 5), 2.0, **options)
+
+    with pytest.raises(KeyboardInterrupt):
+        reach(checkpoint=tmp_path / "a", checkpoint_every=0, progress=stop)
+    again = reach(checkpoint=tmp_path / "a")
+    assert np.array_equal(again.values(), reach().values())
+    assert again.values().max() == pytest.approx(2.3, abs=CELL)
+
+
 def test_region_that_moves_out_of_the_grid_is_refused():
     with pytest.raises(SimulationError, match=r"cuts off region 'region' at x = 4"):
         hf.viability_kernel(boat(), region(abs(X - 4 * T * (1 - T)) - 3.2), line(-4), 1.0)

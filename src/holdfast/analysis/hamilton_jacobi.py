@@ -70,6 +70,8 @@ def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
         path = marching.checkpoint_file(problem.kind)
         saved = Checkpoint(path, marching.checkpoint_every, posed, march.module.__name__)
         done = saved.load(values, record)
+        if posed.varies:  # what it has come to by now, when it may have been larger than now
+            obstacles.highest = max(obstacles.highest, float(values.max()))
         if done.steps == 0:
             saved.save(done, values, record)  # if it cannot be written, that is said now
 
