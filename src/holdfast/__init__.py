@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from holdfast.analysis.boundary import Boundary, contingent_cone, regulation_map
     from holdfast.analysis.comparison import Comparison
     from holdfast.analysis.grid import Grid, grid
+    from holdfast.analysis.promise import Promise, check_promise
     from holdfast.analysis.result import Result, load
+    from holdfast.analysis.safety_law import safety_law, sampled_margin
     from holdfast.analysis.simulate import simulate
     from holdfast.analysis.starts import Starts
     from holdfast.analysis.station_statistics import station_statistics
@@ -37,7 +39,7 @@ if TYPE_CHECKING:
     from holdfast.errors import GainWarning, HoldfastError
     from holdfast.execution.closed_loop import Outcome
     from holdfast.maths import fields, laws, regions, systems
-    from holdfast.maths.bounds import Ball, Box, LinearImage
+    from holdfast.maths.bounds import Ball, Box, LinearImage, Product
     from holdfast.maths.critical_points import classify, winding_number
     from holdfast.maths.expression import parse_condition, parse_expression
     from holdfast.maths.field import Field
@@ -51,7 +53,7 @@ if TYPE_CHECKING:
     from holdfast.maths.planes import plane_by_plane
     from holdfast.maths.quantity import SAMPLE_TIME, TIME, TIME_IN_MODE, Parameter, Quantity, symbol
     from holdfast.maths.redesign import redesign
-    from holdfast.maths.reduction import promote
+    from holdfast.maths.reduction import promote, subsystem
     from holdfast.maths.region import Inequality, Region
     from holdfast.maths.safeguard import safeguard
     from holdfast.maths.station_keeping import StationKeepingLimits, station_keeping_limits
@@ -67,13 +69,16 @@ if TYPE_CHECKING:
     from holdfast.presentation.histories import histories_figure
     from holdfast.presentation.paths import paths_figure
     from holdfast.presentation.regulation_map import regulation_map_figure
+    from holdfast.presentation.value_function import value_function_figure
     from holdfast.scenario import Scenario, load_scenario
 
 _HOME = {
     "analysis.boundary": ("Boundary", "contingent_cone", "regulation_map"),
     "analysis.comparison": ("Comparison",),
     "analysis.grid": ("Grid", "grid"),
+    "analysis.promise": ("Promise", "check_promise"),
     "analysis.result": ("Result", "load"),
+    "analysis.safety_law": ("safety_law", "sampled_margin"),
     "analysis.simulate": ("simulate",),
     "analysis.starts": ("Starts",),
     "analysis.station_statistics": ("station_statistics",),
@@ -92,7 +97,7 @@ _HOME = {
     "errors": ("GainWarning", "HoldfastError"),
     "execution.closed_loop": ("Outcome",),
     "maths": ("fields", "laws", "regions", "systems"),
-    "maths.bounds": ("Ball", "Box", "LinearImage"),
+    "maths.bounds": ("Ball", "Box", "LinearImage", "Product"),
     "maths.critical_points": ("classify", "winding_number"),
     "maths.expression": ("parse_condition", "parse_expression"),
     "maths.field": ("Field",),
@@ -106,7 +111,7 @@ _HOME = {
     "maths.planes": ("plane_by_plane",),
     "maths.quantity": ("SAMPLE_TIME", "TIME", "TIME_IN_MODE", "Parameter", "Quantity", "symbol"),
     "maths.redesign": ("redesign",),
-    "maths.reduction": ("promote",),
+    "maths.reduction": ("promote", "subsystem"),
     "maths.region": ("Inequality", "Region"),
     "maths.safeguard": ("safeguard",),
     "maths.station_keeping": ("StationKeepingLimits", "station_keeping_limits"),
@@ -122,6 +127,7 @@ _HOME = {
     "presentation.histories": ("histories_figure",),
     "presentation.paths": ("paths_figure",),
     "presentation.regulation_map": ("regulation_map_figure",),
+    "presentation.value_function": ("value_function_figure",),
     "scenario": ("Scenario", "load_scenario"),
 }
 _WHERE = {name: home for home, names in _HOME.items() for name in names}
@@ -148,6 +154,8 @@ __all__ = [
     "Outcome",
     "Parameter",
     "PfaffianRow",
+    "Product",
+    "Promise",
     "Quantity",
     "Region",
     "Result",
@@ -163,6 +171,7 @@ __all__ = [
     "__version__",
     "backward_reachable_set",
     "capture_basin",
+    "check_promise",
     "check_viability",
     "classify",
     "compare",
@@ -196,13 +205,17 @@ __all__ = [
     "regulation_map",
     "regulation_map_figure",
     "safeguard",
+    "safety_law",
+    "sampled_margin",
     "simulate",
     "station_keeping_limits",
     "station_statistics",
+    "subsystem",
     "symbol",
     "systems",
     "track_velocity",
     "ultimate_bound",
+    "value_function_figure",
     "viability_conditions",
     "viability_kernel",
     "winding_number",

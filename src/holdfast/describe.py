@@ -10,7 +10,7 @@ from typing import Any
 from holdfast.catalogue import KINDS, example
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.mathematics import equations
-from holdfast.maths.bounds import Ball, Bounds, Box, LinearImage
+from holdfast.maths.bounds import Ball, Bounds, Box, LinearImage, Product
 from holdfast.maths.field import Field
 from holdfast.maths.field_facts import field_facts
 from holdfast.maths.law import GainCondition, Law
@@ -111,6 +111,8 @@ def _bounds(bounds: Bounds | None) -> list[str]:
         return ["    bounds: box " + ", ".join(f"[{a}, {b}]" for a, b in pairs)]
     if isinstance(bounds, Ball):
         return [f"    bounds: ball of radius {bounds.radius}"]
+    if isinstance(bounds, Product):
+        return [line for part in bounds.parts for line in _bounds(part)]
     if isinstance(bounds, LinearImage):
         return [
             f"    bounds: {bounds.matrix.tolist()} times ({', '.join(bounds.actuators)})",

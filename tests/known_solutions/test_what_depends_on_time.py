@@ -224,6 +224,12 @@ def test_region_that_moves_is_refused_where_it_would_be_taken_to_stand():
             use()
 
 
+def test_value_that_holds_at_one_time_makes_no_law():
+    found = hf.viability_kernel(boat(), WALL, line(), 1.0)
+    with pytest.raises(SimulationError, match="the value function depends on time, and holds at"):
+        hf.safety_law(boat(), found)
+
+
 def test_what_rests_on_what_is_outside_is_told_of_what_depends_on_time():
     """Carried off by 2 t m/s in a corridor without an end: by t = 1 s who starts beyond 3 is outside."""
     corridor = region(-1 - X)

@@ -25,7 +25,10 @@ def system(rates, inputs, bounds, disturbances=(), disturbance_bounds=None):
 
 
 def boundary(bounds, count=721):
-    """Points of a set in the plane, its corners and its rim among them."""
+    """Points of a set, its corners and its rim among them."""
+    if isinstance(bounds, hf.Product):
+        parts = [boundary(part, count) for part in bounds.parts]
+        return np.array([np.concatenate(rows) for rows in itertools.product(*parts)])
     if isinstance(bounds, hf.LinearImage):
         inner = boundary(bounds.of, count)
         return inner @ np.array(bounds.matrix, dtype=float).T
@@ -126,3 +129,29 @@ def test_a_side_is_the_most_or_the_least():
     s = system((U, Y), ("u",), hf.Box((-1,), (1,)))
     with pytest.raises(DefinitionError, match='expected "max" or "min"'):
         hf.hamiltonian(s, inputs="best")
+
+
+def test_product_is_the_sum_of_what_its_parts_can_do():
+    """A current in a ball and a sway velocity in an interval, each working for itself."""
+    v, w, z = (hf.symbol(n) for n in ("v", "w", "z"))
+    both = hf.Product((hf.Box((-0.6,), (0.4,)), hf.Ball(sp.Float(0.5), 2)))
+    s = hf.System(
+        "s", quantities("x", "y"), (), {"x": w - v * sp.sin(X), "y": z + v * sp.cos(X) + X},
+        disturbances=quantities("v", "w", "z"), disturbance_bounds=both,
+    )  # fmt: skip
+    h = hf.hamiltonian(s)
+    candidates = boundary(both)
+    generator = np.random.default_rng(3)
+    for _ in range(20):
+        x, y, p, q = generator.uniform(-2, 2, 4)
+        at = {X: x, Y: y, h.costates[0]: p, h.costates[1]: q}
+        a, b, c = candidates.T
+        flows = p * (b - a * np.sin(x)) + q * (c + a * np.cos(x) + x)
+        assert float(h.value.subs(at)) == pytest.approx(flows.min(), abs=2e-4)
+        worst = [float(h.disturbances[n].subs(at)) for n in ("v", "w", "z")]
+        assert both.contains(worst, slack=1e-9)
+        for i, speeds in enumerate((np.abs(b - a * np.sin(x)), np.abs(c + a * np.cos(x) + x))):
+            assert float(h.speeds[i].subs(at)) >= speeds.max() - 1e-9
+    assert both.saturate((hf.symbol("a"), sp.Float(3), sp.Float(4)))[1:] == pytest.approx(
+        (0.3, 0.4)
+    )

@@ -13,7 +13,7 @@ from holdfast.analysis.contingent_cone import ContingentCone, generators, qualif
 from holdfast.analysis.regulation_map import RegulationMap, input_half_spaces
 from holdfast.errors import DefinitionError, SimulationError, suggestion
 from holdfast.execution.evaluate import Evaluator
-from holdfast.maths.bounds import Ball, Box, LinearImage
+from holdfast.maths.bounds import Ball, Bounds, Box, LinearImage, Product
 from holdfast.maths.quantity import merge_parameters
 from holdfast.maths.region import Region
 from holdfast.maths.system import System
@@ -232,17 +232,24 @@ class Boundary:
         bounds = self.system.disturbance_bounds
         if bounds is None or not np.any(row):
             return 0.0
-        fixed = bounds.at(self._values)
-        if isinstance(fixed, LinearImage):
-            row, fixed = np.asarray(fixed.matrix.T, dtype=float) @ row, fixed.of
-        if isinstance(fixed, Ball):
-            return float(np.linalg.norm(row)) * float(fixed.radius)
-        assert isinstance(fixed, Box)
-        sides = zip(row, fixed.lower, fixed.upper, strict=True)
-        largest = sum(max(c * float(a), c * float(b)) for c, a, b in sides if c)
+        largest = _largest(bounds.at(self._values), row)
         if not np.isfinite(largest):
             raise SimulationError("a disturbance that matters here has no bounds")
-        return float(largest)
+        return largest
+
+
+def _largest(bounds: Bounds, row: Array) -> float:
+    """The support function of a set without parameters."""
+    if isinstance(bounds, Product):
+        split = bounds.split(list(row))
+        return sum(_largest(part, np.array(mine)) for part, mine in split)
+    if isinstance(bounds, LinearImage):
+        return _largest(bounds.of, np.asarray(bounds.matrix.T, dtype=float) @ row)
+    if isinstance(bounds, Ball):
+        return float(np.linalg.norm(row)) * float(bounds.radius)
+    assert isinstance(bounds, Box)
+    sides = zip(row, bounds.lower, bounds.upper, strict=True)
+    return float(sum(max(c * float(a), c * float(b)) for c, a, b in sides if c))
 
 
 def regulation_map(

@@ -14,6 +14,7 @@ from holdfast.analysis.grid import Grid
 from holdfast.analysis.marching import Marching, Problem
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.sweep import SCHEMES
+from holdfast.maths.bounds import section
 from holdfast.maths.quantity import TIME, Parameter, merge_parameters
 from holdfast.maths.system import System
 from holdfast.maths.tangency import check_states
@@ -97,8 +98,7 @@ def pose(
             f"start_time is {start_time!r}", expected="a finite number of seconds"
         )
     asked = _times(times, horizon)
-    given = _disturbance(system, disturbance)
-    moved = _with_disturbance(system, given)
+    moved = with_disturbance(system, disturbance)
     if problem.backwards:
         moved = replace(moved, rates={n: -r for n, r in moved.rates.items()}, pfaffian=())
     for region in problem.regions:
@@ -118,6 +118,7 @@ def pose(
         input_bounds=inputs.at(numbers) if inputs else None,
         disturbance_bounds=disturbances.at(numbers) if disturbances else None,
     )
+    given = {n: _expression(v) for n, v in disturbance.items()}
     posed = Posed(
         moved, problem, grid, horizon, marching, known, given, tuple(asked),
         times is not None, 0, "", float(start_time),
@@ -164,7 +165,7 @@ def check_inside(posed: Posed, start: npt.NDArray[np.floating]) -> None:
 
 
 def _times(times: Sequence[float] | None, horizon: float) -> list[float]:
-    asked = sorted(float(t) for t in times or ())
+    asked = sorted(float(t) for t in (() if times is None else times))
     if asked and not (asked[0] > 0 and asked[-1] <= horizon):
         raise SimulationError(
             f"a value is asked for at {asked[0] if asked[0] <= 0 else asked[-1]:g} s",
@@ -173,42 +174,40 @@ def _times(times: Sequence[float] | None, horizon: float) -> list[float]:
     return asked if asked and asked[-1] == horizon else [*asked, float(horizon)]
 
 
-def _disturbance(system: System, given: Mapping[str, float | sp.Expr]) -> Mapping[str, sp.Expr]:
-    """What is given of the disturbances: all of them, or none."""
-    for name in given:
+def with_disturbance(system: System, given: Mapping[str, float | sp.Expr]) -> System:
+    """The system with what some of its disturbances are; those of one ball go together.
+
+    They are numbers, or expressions of time and the system's parameters.
+    """
+    if not given:
+        return system
+    known = {TIME, *(q.symbol for q in system.parameters)}
+    for name, value in given.items():
         if name not in system.disturbance_names:
             raise SimulationError(
                 f"system '{system.name}' has no disturbance '{name}'",
                 remedy=suggestion(name, system.disturbance_names),
             )
-    left = [n for n in system.disturbance_names if n not in given]
-    if given and left:
-        raise SimulationError(
-            f"disturbance '{left[0]}' is not given", remedy="give all of them, or none"
-        )
-    found = {n: v if isinstance(v, sp.Expr) else sp.Float(float(v)) for n, v in given.items()}
-    known = {TIME, *(q.symbol for q in system.parameters)}
-    for name, value in found.items():
-        if unknown := value.free_symbols - known:
+        if unknown := _expression(value).free_symbols - known:
             raise SimulationError(
                 f"disturbance '{name}' uses '{min(map(str, unknown))}'",
                 expected="a number, or an expression of t and parameters of the system",
             )
-    return found
-
-
-def _with_disturbance(system: System, given: Mapping[str, sp.Expr]) -> System:
-    """The system without its disturbances, where they are given."""
-    if not given:
-        return system
-    values = {d.symbol: given[d.name] for d in system.disturbances}
+    values = {d.symbol: _expression(given[d.name]) for d in system.disturbances if d.name in given}
+    left = tuple(d for d in system.disturbances if d.name not in given)
     return replace(
         system,
         rates={n: r.xreplace(values) for n, r in system.rates.items()},
-        disturbances=(),
-        disturbance_bounds=None,
+        disturbances=left,
+        disturbance_bounds=section(
+            system.disturbance_bounds, [d in left for d in system.disturbances]
+        ),
         pfaffian=(),
     )
+
+
+def _expression(value: float | sp.Expr) -> sp.Expr:
+    return value if isinstance(value, sp.Expr) else sp.Float(float(value))
 
 
 def _given(known: tuple[Parameter, ...], values: Mapping[str, float]) -> tuple[Parameter, ...]:

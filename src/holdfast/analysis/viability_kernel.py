@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from holdfast.analysis.grid import Grid
@@ -25,12 +26,17 @@ def viability_kernel(
 
     Raises `SimulationError` for what cannot be solved, and for a march that is unstable.
     """
-    if system.disturbances and not options.get("disturbance"):
+    if _undecided(system, options):
         raise SimulationError(
             f"system '{system.name}' has disturbances",
             remedy="give them (disturbance=...), or ask for the discriminating_kernel",
         )
     return solve(system, Problem("viability-kernel", "shrink", region), grid, horizon, **options)
+
+
+def _undecided(system: System, options: Mapping[str, Any]) -> bool:
+    """Whether some disturbance is left that is not given."""
+    return bool(set(system.disturbance_names) - set(options.get("disturbance") or ()))
 
 
 def discriminating_kernel(
@@ -40,7 +46,7 @@ def discriminating_kernel(
 
     V_t + min{0, max_u min_d p . f} = 0, V(T) = l (thesis (7.6)). The rest as `viability_kernel`.
     """
-    if not system.disturbances or options.get("disturbance"):
+    if not _undecided(system, options):
         raise SimulationError("nothing disturbs the system", remedy="ask for the viability_kernel")
     problem = Problem("discriminating-kernel", "shrink", region)
     return solve(system, problem, grid, horizon, **options)

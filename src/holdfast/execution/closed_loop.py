@@ -233,7 +233,7 @@ class ClosedLoop:
                 columns_plant[:shared],
                 varied,
                 own_gains,
-                np.zeros(1),
+                np.zeros(1) if program.table is None else program.table,
                 noise,
                 bool(noise.any()),
                 np.uint64(settings.seed),

@@ -52,7 +52,8 @@ def _temporary() -> Path:
 def compile_closed_loop(source: str) -> ModuleType:
     """The module of one closed loop: the driver with the generated `source` in its place."""
     parts = (_text(f"{name}.py").partition(MARK)[2] for name in ("driver", "crossings", "batch"))
-    return _module("loop", "\n\n".join([_import("nearest"), *parts, source]))
+    above = f"{_import('nearest')}\n{_import('interpolate')}"
+    return _module("loop", "\n\n".join([above, *parts, source]))
 
 
 def compile_functions(source: str) -> ModuleType:

@@ -64,7 +64,12 @@ def next_mode(t, q, mode, time_in_mode, p):
     raise NotImplementedError
 
 
-def signals(t, q, p):
+def places(t, q, p):
+    """Where the function that the law uses is looked up."""
+    raise NotImplementedError
+
+
+def signals(t, q, p, table):
     """The named expressions worth recording."""
     raise NotImplementedError
 
@@ -308,7 +313,7 @@ def simulate_runs(
                         actuator_out[run, row, i] = a[i]
                 mode_out[run, row] = mode
                 if SIGNALS:
-                    s = signals(t, seen, gains)
+                    s = signals(t, seen, gains, table)
                     for i in range(SIGNALS):
                         signal_out[run, row, i] = s[i]
                 if WATCHED:

@@ -71,3 +71,19 @@ def interpolate_many(values, points, low, steps, shape, periodic, out):
 def slopes_many(values, points, low, steps, shape, periodic, out):
     for k in range(points.shape[0]):
         slopes(values, points[k], low, steps, shape, periodic, out[k])
+
+
+@compiled
+def look_up(table, place):
+    """The value and its slopes at a place, or at the nearest place of the grid."""
+    values, low, steps, shape, periodic = table
+    n = len(shape)
+    at = np.empty(n)
+    for i in range(n):
+        at[i] = place[i]
+        if not periodic[i]:
+            at[i] = min(max(at[i], low[i]), low[i] + steps[i] * (shape[i] - 1))
+    out = np.empty(n + 1)
+    out[0] = interpolate(values, at, low, steps, shape, periodic)
+    slopes(values, at, low, steps, shape, periodic, out[1:])
+    return out

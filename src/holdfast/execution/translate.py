@@ -49,6 +49,7 @@ class ClosedLoopProgram:
     varied: Varied = field(default_factory=Varied)
     safeguarded: bool = False
     continuous: bool = False
+    table: object = None
 
 
 def closed_loop_program(
@@ -122,7 +123,7 @@ def closed_loop_program(
         used += [*mode.outputs.values(), *(mode.safeguard.expressions if mode.safeguard else ())]
     used += [*memory.initial.values(), *memory.following.values()] if memory else []
     used += [*(x.when for x in switching.transitions), *switching.signals.values()]
-    used += [*system.rates.values()]
+    used += [*system.rates.values(), *(switching.lookup.places if switching.lookup else ())]
     symbols = set().union(*(e.free_symbols for e in used))
     for bounds in (system.input_bounds, system.disturbance_bounds):
         symbols |= bounds.free_symbols if bounds else set()
@@ -174,11 +175,17 @@ def closed_loop_program(
             {**seen, "u": u, "p": p},
             [memory.following[z.name] for z in kept] if memory else [],
         ),
+        function_source(
+            "places",
+            ("t", "q", "p"),
+            {**seen, "p": p},
+            list(switching.lookup.places) if switching.lookup else [],
+        ),
         _law_source(switching, system.input_names, seen, p),
         _guard_source(switching, seen, p),
-        function_source(
-            "signals", ("t", "q", "p"), {**seen, "p": p}, [switching.signals[n] for n in signals]
-        ),
+        "@compiled\ndef signals(t, q, p, table):\n"
+        + _looked_up(switching)
+        + body(_unpacked(switching, seen, p), [switching.signals[n] for n in signals]),
         function_source("constraints", ("q", "p"), {**state, "p": p}, c),
         function_source(
             "constraint_rates", ("q", "qdot", "p"), {**state, "qdot": qdot, "p": p}, cdot
@@ -211,7 +218,21 @@ def closed_loop_program(
         varied=varied,
         safeguarded=any(mode.safeguard for mode in switching.modes.values()),
         continuous=continuous,
+        table=switching.lookup.table if switching.lookup else None,
     )
+
+
+def _looked_up(switching: Switching) -> str:
+    """The line that looks up the function that a law uses."""
+    return "    look = look_up(table, places(t, q, p))\n" if switching.lookup else ""
+
+
+def _unpacked(
+    switching: Switching, state: Mapping[str, Sequence[sp.Symbol]], p: Sequence[sp.Symbol]
+) -> dict[str, Sequence[sp.Symbol]]:
+    """What the arrays of a law hold."""
+    look = {"look": switching.lookup.symbols} if switching.lookup else {}
+    return {**state, "p": p, **look}
 
 
 def _check_still(region: Region, varied: Varied) -> None:
@@ -252,7 +273,8 @@ def _law_source(
     state: Mapping[str, Sequence[sp.Symbol]],
     p: Sequence[sp.Symbol],
 ) -> str:
-    lines = ["@compiled", "def law(t, q, mode, p, table):"]
+    lines = ["@compiled", f"def law(t, q, mode, p, table):\n{_looked_up(switching)}".rstrip()]
+    unpack = _unpacked(switching, state, p)
     for number, mode in enumerate(switching.modes.values()):
         last = number == len(switching.modes) - 1
         if not last:
@@ -261,7 +283,7 @@ def _law_source(
         results = [mode.outputs[n] for n in inputs]
         if mode.safeguard is None:
             results.append(sp.S.Zero)  # no slack
-            lines.append(body({**state, "p": p}, results, indent=indent))
+            lines.append(body(unpack, results, indent=indent))
             continue
         guard, m = mode.safeguard, len(inputs)
         for j, offset in enumerate(guard.offsets):
@@ -269,7 +291,7 @@ def _law_source(
         results += [guard.scales[n] for n in inputs]
         # names of its own in each mode: Numba does not unify long tuples of different modes
         asked, given = f"asked{number}", f"given{number}"
-        lines.append(body({**state, "p": p}, results, indent=indent, give=f"{asked} ="))
+        lines.append(body(unpack, results, indent=indent, give=f"{asked} ="))
         end = len(results) - m
         lines.append(
             f"{indent}{given} = keep_within({asked}[:{m}], {asked}[{end}:], {asked}[{m}:{end}], "

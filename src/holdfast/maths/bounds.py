@@ -1,4 +1,4 @@
-"""Sets in which inputs and disturbances live: a box, a ball, a linear image of either.
+"""Sets in which inputs and disturbances live: a box, a ball, a linear image, a product of them.
 
 Two thrusters in [-F, F] are the `LinearImage` of a `Box`; a current of bounded speed is a
 velocity in a `Ball`. So plants stay affine in every input.
@@ -6,15 +6,18 @@ velocity in a `Ball`. So plants stay affine in every input.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import sympy as sp
 
 from holdfast.errors import DefinitionError
 from holdfast.maths.functions import clip, least
+
+V = TypeVar("V")
 
 
 def _expressions(values: Sequence[object], what: str) -> tuple[sp.Expr, ...]:
@@ -185,3 +188,63 @@ class LinearImage:
     def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:
         allocated = self.allocate([sp.Float(v) for v in values])
         return self.of.contains([float(a) for a in allocated], slack)
+
+
+@dataclass(frozen=True)
+class Product:
+    """A x B x ...: the first members in A, the next in B, each without regard to the others."""
+
+    parts: tuple[Bounds, ...]
+
+    @property
+    def dimension(self) -> int:
+        return sum(part.dimension for part in self.parts)
+
+    @property
+    def free_symbols(self) -> set[sp.Symbol]:
+        return set().union(*(part.free_symbols for part in self.parts))
+
+    def split(self, values: Sequence[V]) -> list[tuple[Bounds, Sequence[V]]]:
+        """Every part with the values that belong to it."""
+        ends = list(itertools.accumulate(part.dimension for part in self.parts))
+        return [(b, values[e - b.dimension : e]) for b, e in zip(self.parts, ends, strict=True)]
+
+    def saturate(self, values: Sequence[sp.Expr]) -> tuple[sp.Expr, ...]:
+        """Each part saturated by itself."""
+        return tuple(e for part, mine in self.split(values) for e in part.saturate(mine))
+
+    def at(self, parameters: Mapping[sp.Symbol, float]) -> Product:
+        return Product(tuple(part.at(parameters) for part in self.parts))
+
+    def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:
+        return all(part.contains(mine, slack) for part, mine in self.split(values))
+
+
+def product(first: Bounds | None, second: Bounds | None) -> Bounds | None:
+    """The product of two sets; None where one of them is missing, which leaves all unbounded."""
+    if first is None or second is None:
+        return None
+    parts = [p for b in (first, second) for p in (b.parts if isinstance(b, Product) else (b,))]
+    return Product(tuple(parts))
+
+
+def section(bounds: Bounds | None, kept: Sequence[bool]) -> Bounds | None:
+    """The set of the members that are `kept` when the others are given numbers.
+
+    Raises `DefinitionError` where the others are not free of those that are kept, as in a ball.
+    """
+    if bounds is None or not any(kept):
+        return None
+    if all(kept):
+        return bounds
+    if isinstance(bounds, Box):
+        sides = [tuple(itertools.compress(side, kept)) for side in (bounds.lower, bounds.upper)]
+        return Box(*sides)
+    if isinstance(bounds, Product):
+        parts = [section(part, mine) for part, mine in bounds.split(kept)]
+        left = tuple(part for part in parts if part is not None)
+        return left[0] if len(left) == 1 else Product(left)
+    raise DefinitionError(
+        "some members of a set whose members depend on each other are given",
+        expected="all of them, or none",
+    )

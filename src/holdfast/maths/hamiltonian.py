@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import sympy as sp
 
 from holdfast.errors import DefinitionError
-from holdfast.maths.bounds import Ball, Bounds, Box, LinearImage
+from holdfast.maths.bounds import Ball, Bounds, Box, LinearImage, Product
 from holdfast.maths.functions import magnitude, select, sgn
 from holdfast.maths.quantity import Quantity, frozen
 from holdfast.maths.system import System
@@ -124,9 +124,7 @@ class _Player:
                         f"depends on '{min(map(str, found))}'",
                         expected="rates affine in every input and disturbance, for a closed form",
                     )
-        of = _plain(self.bounds)
-        ends = (*of.lower, *of.upper) if isinstance(of, Box) else (of.radius,)
-        if any(e.is_infinite for e in ends):
+        if any(e.is_infinite for e in _ends(self.bounds)):
             raise DefinitionError(f"a {self.what} of {owner} is unbounded")
         return gain
 
@@ -139,50 +137,66 @@ class _Player:
 
     def reach(self, gain: sp.Matrix, p: sp.Matrix, spread: sp.Matrix) -> tuple[list[sp.Expr], ...]:
         """What it adds to each rate: centre and half-width, for any p, and for those near."""
-        n = gain.rows
-        if not self.members:
-            return ([sp.S.Zero] * n,) * 4
-        of, matrix = _plain(self.bounds), gain
-        if isinstance(self.bounds, LinearImage):
-            matrix = gain * self.bounds.matrix
-        if isinstance(of, Ball):
-            width = [of.radius * sp.sqrt(sum(e**2 for e in matrix.row(i))) for i in range(n)]
-            still = [sp.S.Zero] * n
-            return still, width, still, width
-        low, high = of.lower, of.upper
-        middle = sp.Matrix([(a + b) / 2 for a, b in zip(low, high, strict=True)])
-        half = [(b - a) / 2 for a, b in zip(low, high, strict=True)]
-        sizes = matrix.applyfunc(magnitude)
-        weights, ranges = matrix.T * p, sizes.T * spread
-        # where no p within the spread changes the sign of a weight, that input does not switch
-        fixed = [
-            select(magnitude(w) - r, sp.S.One, sp.S.Zero)
-            for w, r in zip(weights, ranges, strict=True)
-        ]
-        held = sp.Matrix(
-            [self.sign * h * f * sgn(w) for h, f, w in zip(half, fixed, weights, strict=True)]
-        )
-        loose = sp.Matrix([h * (1 - f) for h, f in zip(half, fixed, strict=True)])
-        centre = matrix * middle
-        return (
-            list(centre),
-            list(sizes * sp.Matrix(half)),
-            list(centre + matrix * held),
-            list(sizes * loose),
-        )
+        if self.bounds is None:
+            return ([sp.S.Zero] * gain.rows,) * 4
+        return _reach(self.bounds, gain, p, spread, self.sign)
 
 
-def _plain(bounds: Bounds | None) -> Box | Ball:
-    """The box or ball that a set is, or is the image of."""
+def _ends(bounds: Bounds) -> tuple[sp.Expr, ...]:
+    """What is infinite where the set is not bounded."""
+    if isinstance(bounds, Product):
+        return tuple(e for part in bounds.parts for e in _ends(part))
     of = bounds.of if isinstance(bounds, LinearImage) else bounds
-    if not isinstance(of, (Box, Ball)):  # pragma: no cover
-        raise DefinitionError(f"bounds of the kind {type(bounds).__name__}")
-    return of
+    if isinstance(of, Ball):
+        return (of.radius,)
+    assert isinstance(of, Box)
+    return (*of.lower, *of.upper)
+
+
+def _reach(
+    bounds: Bounds, gain: sp.Matrix, p: sp.Matrix, spread: sp.Matrix, sign: int
+) -> tuple[list[sp.Expr], ...]:
+    n = gain.rows
+    if isinstance(bounds, Product):
+        columns = [gain.col(j) for j in range(gain.cols)]
+        found = [
+            _reach(part, sp.Matrix.hstack(*mine), p, spread, sign)
+            for part, mine in bounds.split(columns)
+        ]
+        return tuple([sum(e) for e in zip(*same, strict=True)] for same in zip(*found, strict=True))
+    if isinstance(bounds, LinearImage):
+        return _reach(bounds.of, gain * bounds.matrix, p, spread, sign)
+    if isinstance(bounds, Ball):
+        width = [bounds.radius * sp.sqrt(sum(e**2 for e in gain.row(i))) for i in range(n)]
+        still = [sp.S.Zero] * n
+        return still, width, still, width
+    assert isinstance(bounds, Box)
+    low, high = bounds.lower, bounds.upper
+    middle = sp.Matrix([(a + b) / 2 for a, b in zip(low, high, strict=True)])
+    half = [(b - a) / 2 for a, b in zip(low, high, strict=True)]
+    sizes = gain.applyfunc(magnitude)
+    weights, ranges = gain.T * p, sizes.T * spread
+    # where no p within the spread changes the sign of a weight, that input does not switch
+    fixed = [
+        select(magnitude(w) - r, sp.S.One, sp.S.Zero) for w, r in zip(weights, ranges, strict=True)
+    ]
+    held = sp.Matrix([sign * h * f * sgn(w) for h, f, w in zip(half, fixed, weights, strict=True)])
+    loose = sp.Matrix([h * (1 - f) for h, f in zip(half, fixed, strict=True)])
+    centre = gain * middle
+    return (
+        list(centre),
+        list(sizes * sp.Matrix(half)),
+        list(centre + gain * held),
+        list(sizes * loose),
+    )
 
 
 def _support(
     bounds: Bounds | None, weights: Sequence[sp.Expr], sign: int
 ) -> tuple[sp.Expr, list[sp.Expr]]:
+    if isinstance(bounds, Product):
+        found = [_support(part, mine, sign) for part, mine in bounds.split(list(weights))]
+        return sum((v for v, _ in found), start=sp.S.Zero), [e for _, best in found for e in best]
     if isinstance(bounds, LinearImage):
         value, best = _support(bounds.of, list(bounds.matrix.T * sp.Matrix(weights)), sign)
         return value, list(bounds.produce(best))
@@ -191,9 +205,8 @@ def _support(
         return sign * bounds.radius * size, [
             sign * bounds.radius * w / (size + sp.Float(1e-300)) for w in weights
         ]
-    box = _plain(bounds)
-    assert isinstance(box, Box)
-    pairs = list(zip(box.lower, box.upper, strict=True))
+    assert isinstance(bounds, Box)
+    pairs = list(zip(bounds.lower, bounds.upper, strict=True))
     middle, half = [(a + b) / 2 for a, b in pairs], [(b - a) / 2 for a, b in pairs]
     terms = [m * w + sign * h * magnitude(w) for m, h, w in zip(middle, half, weights, strict=True)]
     best = [m + sign * h * sgn(w) for m, h, w in zip(middle, half, weights, strict=True)]

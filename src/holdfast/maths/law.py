@@ -9,6 +9,7 @@ from types import MappingProxyType
 import sympy as sp
 
 from holdfast.errors import DefinitionError
+from holdfast.maths.lookup import Lookup
 from holdfast.maths.quantity import (
     TIME,
     Parameter,
@@ -88,7 +89,8 @@ class Law:
     that it is told at every instant; an output or signal with any other symbol is refused.
     `signals` are named expressions worth recording. `believed`: what the law takes disturbances
     for, by name, where it needs the rates of the states; those left out are zero to it.
-    `safeguard`: the half-spaces that the outputs are kept in.
+    `safeguard`: the half-spaces that the outputs are kept in. `lookup`: a function known on a
+    grid, whose symbols the outputs, signals and safeguard may use.
     """
 
     name: str
@@ -99,6 +101,7 @@ class Law:
     conditions: tuple[GainCondition, ...] = ()
     believed: Mapping[str, sp.Expr] = field(default_factory=dict)
     safeguard: Safeguard | None = None
+    lookup: Lookup | None = None
     description: str = ""
     source: str = ""
 
@@ -112,6 +115,10 @@ class Law:
             raise DefinitionError(f"{owner} has no outputs")
         check_unique((q.name for q in self.reads + self.parameters), owner)
         allowed = [q.symbol for q in self.reads + self.parameters] + [TIME]
+        if self.lookup is not None:
+            places = {f"place {i}": e for i, e in enumerate(self.lookup.places)}
+            check_symbols(places, allowed, owner)
+            allowed += self.lookup.symbols
         check_symbols({f"output '{k}'": e for k, e in self.outputs.items()}, allowed, owner)
         check_symbols({f"signal '{k}'": e for k, e in self.signals.items()}, allowed, owner)
         check_symbols({f"belief of '{k}'": e for k, e in self.believed.items()}, allowed, owner)

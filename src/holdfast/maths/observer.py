@@ -119,6 +119,7 @@ def observe(
             signals={n: e.xreplace(guess) for n, e in mode.signals.items()},
             believed={},
             safeguard=mode.safeguard.subs(guess) if mode.safeguard else None,
+            lookup=mode.lookup.subs(guess) if mode.lookup else None,
         )
 
     return replace(

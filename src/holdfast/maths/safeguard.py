@@ -89,12 +89,12 @@ def safeguard(
             if c.name in given
         ),
     )
-    bounds = _bounds(system)
+    bounds = input_rows(system)
     conditions = [_condition(c, c.name in given) for c in viability_conditions(system, region)]
-    chosen = _scales(system, _table("scales", scales))
+    chosen = input_scales(system, _table("scales", scales))
 
     def guarded(law: Law) -> Law:
-        _check_fit(system, law)
+        check_fit(system, law)
         told = system.disturbances if measured else ()
         reads = {q.name: q for q in (*law.reads, *system.states, *told)}
         law = replace(law, reads=tuple(reads.values()))
@@ -131,7 +131,8 @@ def _condition(c: ViabilityCondition, kept_away: bool) -> Row:
     return c.effect, -(c.drift + (k1 + k2) * c.rate + k1 * k2 * depth)
 
 
-def _check_fit(system: System, law: Law) -> None:
+def check_fit(system: System, law: Law) -> None:
+    """Refuse a law whose inputs cannot be safeguarded."""
     if set(law.outputs) != set(system.input_names):
         raise DefinitionError(
             f"law '{law.name}' gives {', '.join(law.outputs)}",
@@ -144,7 +145,7 @@ def _check_fit(system: System, law: Law) -> None:
         raise DefinitionError(f"law '{law.name}' has a safeguard already")
 
 
-def _bounds(system: System) -> list[Row]:
+def input_rows(system: System) -> list[Row]:
     """The half-spaces of the input bounds, as expressions of the parameters."""
     if system.input_bounds is None:
         return []
@@ -170,7 +171,8 @@ def _bounds(system: System) -> list[Row]:
     return rows
 
 
-def _scales(system: System, given: Mapping[str, float]) -> Mapping[str, sp.Expr]:
+def input_scales(system: System, given: Mapping[str, float]) -> Mapping[str, sp.Expr]:
+    """Of every input the change that counts as much as a change of another by its own."""
     for name, value in given.items():
         if name not in system.input_names:
             raise DefinitionError(

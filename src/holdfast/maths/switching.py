@@ -10,6 +10,7 @@ import sympy as sp
 
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.law import GainCondition, Law
+from holdfast.maths.lookup import Lookup
 from holdfast.maths.memory import Memory
 from holdfast.maths.quantity import (
     TIME,
@@ -82,6 +83,7 @@ class Switching:
                     remedy=suggestion(end, self.modes),
                 )
         allowed = [q.symbol for q in self.reads + self.parameters] + [TIME]
+        allowed += self.lookup.symbols if self.lookup else ()
         check_symbols(
             {f"guard {t.source} -> {t.target}": t.when for t in self.transitions},
             [*allowed, TIME_IN_MODE],
@@ -103,6 +105,14 @@ class Switching:
         groups = [law.parameters for law in self.modes.values()]
         remembering = self.memory.parameters if self.memory else ()
         return merge_parameters(*groups, self.extra_parameters, remembering)
+
+    @property
+    def lookup(self) -> Lookup | None:
+        """The function on a grid that its laws use, one for all of them."""
+        found = [law.lookup for law in self.modes.values() if law.lookup is not None]
+        if any(other != found[0] or other.table is not found[0].table for other in found):
+            raise DefinitionError(f"the modes of '{self.name}' look up different functions")
+        return found[0] if found else None
 
     @property
     def conditions(self) -> tuple[GainCondition, ...]:

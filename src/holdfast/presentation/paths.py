@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
-import sympy as sp
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle as CirclePatch
 from matplotlib.patches import Wedge
 
 from holdfast.analysis.result import Result
 from holdfast.execution.closed_loop import Outcome
 from holdfast.maths.quantity import symbol
-from holdfast.maths.scene import Circle, Cone, Segment
+from holdfast.maths.scene import Cone, Segment
 from holdfast.presentation import style
+from holdfast.presentation.shapes import draw_fixed, evaluated, numbers
 
 Array = npt.NDArray[np.float64]
 
@@ -71,7 +69,7 @@ def paths_figure(
         )
         panels = list(axes[0])
         for axis in panels:
-            _draw_fixed(axis, result)
+            draw_fixed(axis, result.scene, result.parameters)
         if both:
             _draw_ensemble(panels[0], data, xy)
         _draw_highlights(panels[-1], result, xy, bold)
@@ -101,7 +99,7 @@ def paths_figure(
 def _limits(xy: Array, result: Result) -> tuple[tuple[float, float], tuple[float, float]]:
     points = xy[np.isfinite(xy).all(axis=2)]
     targets = [x for x in result.scene if isinstance(x, Segment) and x.role == "target"]
-    ends = [_evaluated(end, _values(result)) for t in targets for end in (t.start, t.end)]
+    ends = [evaluated(end, numbers(result.parameters)) for t in targets for end in (t.start, t.end)]
     points = np.vstack([points, *([ends] if ends else [])])
     low, high = points.min(axis=0), points.max(axis=0)
     pad = 0.06 * max(float((high - low).max()), 1e-9)
@@ -207,37 +205,6 @@ def _mode_colour(mode: int) -> str:
     return style.MODES[mode % len(style.MODES)]
 
 
-def _fixed_style(role: str) -> dict[str, Any]:
-    return {
-        "target": {"color": style.BLACK, "linewidth": 4.5, "zorder": 5},
-        "wall": {"color": style.GREY, "linewidth": 1.5, "zorder": 2},
-        "goals": {"color": style.PURPLE, "linewidth": 1.0, "linestyle": "--", "zorder": 2},
-    }.get(role, {"color": style.BLACK, "linewidth": 1.2, "zorder": 2})
-
-
-def _values(result: Result) -> dict[sp.Symbol, float]:
-    return {symbol(k): v for k, v in (result.parameters or {}).items()}
-
-
-def _evaluated(expressions: Any, values: Mapping[sp.Symbol, float]) -> list[float]:
-    """Numbers; not a number where an expression has no real value."""
-    results = [complex(sp.N(sp.sympify(e).subs(values))) for e in expressions]
-    return [z.real if z.imag == 0 else np.nan for z in results]
-
-
-def _draw_fixed(axis: Axes, result: Result) -> None:
-    values = _values(result)
-    for shape in result.scene:
-        drawn = _fixed_style(shape.role)
-        if isinstance(shape, Segment):
-            (x0, y0), (x1, y1) = (_evaluated(p, values) for p in (shape.start, shape.end))
-            axis.plot([x0, x1], [y0, y1], label=shape.role, solid_capstyle="butt", **drawn)
-        elif isinstance(shape, Circle):
-            x, y, radius = _evaluated((*shape.centre, shape.radius), values)
-            axis.add_patch(CirclePatch((x, y), radius, fill=False, **drawn))
-            axis.plot([], [], label=shape.role, **drawn)
-
-
 def _draw_cones(
     axis: Axes, result: Result, path: Array, run: int, names: list[str], count: int
 ) -> None:
@@ -245,14 +212,14 @@ def _draw_cones(
     states = result.dataset["state"].values[run]
     good = np.isfinite(states).all(axis=1)
     states, path = states[good], path[good]
-    base = _values(result)
+    base = numbers(result.parameters)
     for cone in (shape for shape in result.scene if isinstance(shape, Cone)):
         apexes = [symbol(n) for n in names]
         moved = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
         instants = np.searchsorted(moved, np.linspace(0.0, 0.999 * moved[-1], count))
         for number, k in enumerate(np.unique(instants)):
             values = base | dict(zip(apexes, map(float, states[k]), strict=True))
-            x, y, heading, half, reach = _evaluated(
+            x, y, heading, half, reach = evaluated(
                 (*cone.apex, cone.heading, cone.half_angle, cone.range), values
             )
             if not (np.isfinite([x, y, heading, half]).all() and 0 < reach < np.inf):

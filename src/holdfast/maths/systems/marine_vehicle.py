@@ -33,7 +33,9 @@ PARAMETERS: dict[str, tuple[str, str, float]] = {
 """Name -> (unit, meaning, exclusive lower limit) of every parameter, in SI units."""
 
 
-def marine_vehicle(vehicle: str = "videoray_pro_iii", **overrides: float) -> System:
+def marine_vehicle(
+    vehicle: str = "videoray_pro_iii", as_printed: bool = False, **overrides: float
+) -> System:
     """Underactuated marine vehicle on the horizontal plane, in a uniform current.
 
         xdot = u cos(psi) - v sin(psi) + Vx        m11 udot =  m22 v r + Xu u + Xuu |u| u + tau_u
@@ -50,6 +52,10 @@ def marine_vehicle(vehicle: str = "videoray_pro_iii", **overrides: float) -> Sys
     tau_r = arm (Fs - Fp). z is up and psi counter-clockwise, so that more port thrust turns
     the vehicle to starboard (negative yaw).
 
+    As the thesis prints (7.2) (`as_printed`), Xudot r times the current across the hull is added
+    to m11 udot, and -Yvdot r times the current along it to m22 vdot: what appears when the added
+    mass acts on the absolute acceleration, and cancels when it acts on the relative one.
+
     `vehicle` names a shipped vehicle or a vehicle file; `overrides` replaces parameter values
     by name (SI units, see `PARAMETERS`). Raises `ScenarioError` for an unknown vehicle or name.
     """
@@ -62,6 +68,12 @@ def marine_vehicle(vehicle: str = "videoray_pro_iii", **overrides: float) -> Sys
     m11, m22, m33 = surge_inertia(), sway_inertia(), p["Iz"] - p["Nrdot"]
     limit, arm = p["thrust_limit"], p["thruster_arm"]
     sin, cos = sp.sin(psi), sp.cos(psi)
+    extra_u, extra_v = sp.S.Zero, sp.S.Zero
+    if as_printed:
+        extra_u, extra_v = (
+            p["Xudot"] * (vy * cos - vx * sin) * r,
+            -p["Yvdot"] * (vx * cos + vy * sin) * r,
+        )
     return System(
         name="marine_vehicle",
         states=(
@@ -84,8 +96,8 @@ def marine_vehicle(vehicle: str = "videoray_pro_iii", **overrides: float) -> Sys
             "x": u * cos - v * sin + vx,
             "y": u * sin + v * cos + vy,
             "psi": r,
-            "u": (m22 * v * r + p["Xu"] * u + p["Xuu"] * magnitude(u) * u + tau_u) / m11,
-            "v": (-m11 * u * r + p["Yv"] * v + p["Yvv"] * magnitude(v) * v) / m22,
+            "u": (m22 * v * r + p["Xu"] * u + p["Xuu"] * magnitude(u) * u + extra_u + tau_u) / m11,
+            "v": (-m11 * u * r + p["Yv"] * v + p["Yvv"] * magnitude(v) * v + extra_v) / m22,
             "r": ((m11 - m22) * u * v + p["Nr"] * r + p["Nrr"] * magnitude(r) * r + tau_r) / m33,
         },
         parameters=tuple(parameters[n] for n in PARAMETERS),
@@ -97,7 +109,7 @@ def marine_vehicle(vehicle: str = "videoray_pro_iii", **overrides: float) -> Sys
         disturbance_bounds=Ball(p["current_limit"], 2),
         pfaffian=(PfaffianRow({"x": -sin, "y": cos}, v - vx * sin + vy * cos),),
         description="underactuated marine vehicle, two aft thrusters, in a current",
-        source="thesis (5.14), (5.15), (5.30)",
+        source="thesis (7.2) as printed" if as_printed else "thesis (5.14), (5.15), (5.30)",
     )
 
 

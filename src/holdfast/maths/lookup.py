@@ -1,0 +1,36 @@
+"""A function that is known at the nodes of a grid, as symbols in the expressions of a law."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import sympy as sp
+
+
+@dataclass(frozen=True)
+class Lookup:
+    """V and its slopes at `places`, expressions of what a law reads, one for every axis.
+
+    `value` and `slopes` (dV/d place, one for every axis) stand for them in expressions. `table`
+    holds the numbers; what it is made of is known where laws are run.
+    """
+
+    places: tuple[sp.Expr, ...]
+    table: object = field(repr=False, compare=False)
+
+    @property
+    def value(self) -> sp.Symbol:
+        return sp.Symbol("_V", real=True)
+
+    @property
+    def slopes(self) -> tuple[sp.Symbol, ...]:
+        return tuple(sp.Symbol(f"_V{i}", real=True) for i in range(len(self.places)))
+
+    @property
+    def symbols(self) -> tuple[sp.Symbol, ...]:
+        return (self.value, *self.slopes)
+
+    def subs(self, values: Mapping[sp.Symbol, sp.Expr]) -> Lookup:
+        """The same function, looked up where the symbols have these values."""
+        return Lookup(tuple(e.xreplace(values) for e in self.places), self.table)

@@ -1,0 +1,48 @@
+"""What stands in the plane and does not move: walls, targets, obstacles, sets of goals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from matplotlib.axes import Axes
+from matplotlib.patches import Circle as CirclePatch
+
+from holdfast.maths.quantity import symbol
+from holdfast.maths.scene import Circle, Segment, Shape
+from holdfast.presentation import style
+
+
+def draw_fixed(axis: Axes, scene: Iterable[Shape], parameters: Mapping[str, float] | None) -> None:
+    """The segments and circles of a scene, each role labelled; cones belong to a path."""
+    values = numbers(parameters)
+    for shape in scene:
+        drawn = _fixed_style(shape.role)
+        if isinstance(shape, Segment):
+            (x0, y0), (x1, y1) = (evaluated(p, values) for p in (shape.start, shape.end))
+            axis.plot([x0, x1], [y0, y1], label=shape.role, solid_capstyle="butt", **drawn)
+        elif isinstance(shape, Circle):
+            x, y, radius = evaluated((*shape.centre, shape.radius), values)
+            axis.add_patch(CirclePatch((x, y), radius, fill=False, **drawn))
+            axis.plot([], [], label=shape.role, **drawn)
+
+
+def numbers(parameters: Mapping[str, float] | None) -> dict[sp.Symbol, float]:
+    """The values of parameters by their symbols."""
+    return {symbol(k): v for k, v in (parameters or {}).items()}
+
+
+def evaluated(expressions: Any, values: Mapping[sp.Symbol, float]) -> list[float]:
+    """Numbers; not a number where an expression has no real value."""
+    results = [complex(sp.N(sp.sympify(e).subs(values))) for e in expressions]
+    return [z.real if z.imag == 0 else np.nan for z in results]
+
+
+def _fixed_style(role: str) -> dict[str, Any]:
+    return {
+        "target": {"color": style.BLACK, "linewidth": 4.5, "zorder": 5},
+        "wall": {"color": style.GREY, "linewidth": 1.5, "zorder": 2},
+        "goals": {"color": style.PURPLE, "linewidth": 1.0, "linestyle": "--", "zorder": 2},
+    }.get(role, {"color": style.BLACK, "linewidth": 1.2, "zorder": 2})

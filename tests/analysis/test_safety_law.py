@@ -1,0 +1,161 @@
+"""Laws from value functions: what a kernel promises is what the closed loop does."""
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.errors import DefinitionError, SimulationError
+
+X, V, U, D = (hf.symbol(n) for n in ("x", "v", "u", "d"))
+STATES = (hf.Quantity("x", "m"), hf.Quantity("v", "m/s"))
+WALLS = hf.Region("walls", STATES[:1], (
+    hf.Inequality("left", -1 - X, "m"), hf.Inequality("right", X - 1, "m"),
+))  # fmt: skip
+BOX = {"x": (-1.3, 1.3), "v": (-1.8, 1.8)}
+
+
+def cart(push=0.5):
+    return hf.System(
+        "cart", STATES, (hf.Quantity("u", "m/s^2"),), {"x": V, "v": U + D},
+        disturbances=(hf.Quantity("d", "m/s^2"),),
+        input_bounds=hf.Box((-1,), (1,)), disturbance_bounds=hf.Box((-push,), (push,)),
+    )  # fmt: skip
+
+
+def swinging():
+    return hf.Law("swing", STATES, {"u": hf.parse_expression("0.9*sin(t)", {"t": hf.TIME})})
+
+
+@pytest.fixture(scope="module")
+def kernel():
+    system = cart()
+    return hf.discriminating_kernel(system, WALLS, hf.grid(system, BOX, 81), horizon=6)
+
+
+def test_every_state_of_the_kernel_stays_whatever_pushes_it(kernel):
+    """The exact kernel brakes at 1 - 0.5; margin one cell; against the worst and random pushes."""
+    promise = hf.check_promise(cart(), kernel, WALLS, runs=400, horizon=20, seed=3)
+    assert promise.margin == pytest.approx(2.6 / 80)
+    assert [t.what for t in promise.inside] == ["the worst disturbance", "random disturbances"]
+    assert promise.held
+    assert all(t.kept.value == 1.0 and t.excursion < 0 for t in promise.inside)
+    assert promise.outside.kept.count == 0
+    assert promise.outside.excursion > 0
+
+
+def test_filtered_law_keeps_the_promise_too(kernel):
+    promise = hf.check_promise(cart(), kernel, WALLS, law=swinging(), runs=400, horizon=20)
+    assert promise.held
+    assert promise.law == "swing, kept safe"
+    alone = hf.simulate(
+        cart(), swinging(), starts=[[0.5, 0.3]], region=WALLS, horizon=20
+    ).outcomes  # fmt: skip
+    assert alone["left region"] == 1
+
+
+def test_filter_leaves_the_law_alone_well_inside_and_takes_over_at_the_boundary(kernel):
+    kept = hf.safety_law(cart(), kernel, swinging(), rate=2.0)
+    result = hf.simulate(cart(), kept, starts=[[0.0, 0.0], [0.93, 0.2]], region=WALLS, horizon=0.8)
+    asked = 0.9 * np.sin(result.dataset["time"].values)
+    given = result.dataset["input"].values[:, :, 0]
+    assert np.abs(given[0] - asked).max() < 1e-9
+    assert given[1, 0] == pytest.approx(-1.0)
+    value = result.dataset["signal"].sel(signal_name="value").values
+    assert value[0, 0] == pytest.approx(kernel.at([[0.0, 0.0]])[0])
+
+
+def test_margin_for_a_held_input_is_what_a_sample_can_lose(kernel):
+    """|dV/dx| <= 1 and |dV/dv| <= about 1.5: at most (|v| + 1.5 * 1.5) * sample time."""
+    small, large = (hf.sampled_margin(cart(), kernel, s) for s in (0.01, 0.02))
+    assert large == pytest.approx(2 * small)
+    assert 0.02 * 1.4 < large < 0.02 * 6
+
+
+def test_held_input_loses_nothing_at_any_sample_time(kernel):
+    for sample_time in (0.01, 0.05, 0.1):
+        margin = hf.sampled_margin(cart(), kernel, sample_time)
+        promise = hf.check_promise(
+            cart(), kernel, WALLS, law=swinging(), runs=200, horizon=10,
+            sample_time=sample_time, margin=margin,
+        )  # fmt: skip
+        assert promise.held, sample_time
+
+
+def test_value_at_several_times_is_followed_down():
+    """No input can hold a falling point, but until T it can be late: V at the time that is left."""
+    system = hf.System(
+        "drift", STATES, (hf.Quantity("u", "m/s^2"),), {"x": V, "v": U - 2},
+        input_bounds=hf.Box((-1,), (1,)),
+    )  # fmt: skip
+    grid = hf.grid(system, {"x": (-1.3, 1.3), "v": (-2.5, 2.5)}, 81)
+    times = np.linspace(0.1, 1.5, 15)
+    kernel = hf.viability_kernel(system, WALLS, grid, 1.5, times=times)
+    assert not kernel.dataset.attrs["converged"]
+    promise = hf.check_promise(system, kernel, WALLS, runs=300)
+    assert promise.held
+    assert promise.outside.kept.count == 0
+    with pytest.raises(SimulationError, match="has not converged"):
+        hf.check_promise(system, kernel, WALLS, horizon=2.0)
+
+
+def test_basin_reaches_its_goal():
+    system = hf.System(
+        "line", STATES, (hf.Quantity("u", "m/s^2"),), {"x": V, "v": U},
+        input_bounds=hf.Box((-1,), (1,)),
+    )  # fmt: skip
+    goal = hf.Region("goal", STATES, (
+        hf.Inequality("near", (X**2 + V**2) ** 0.5 - 0.2, "m"),
+    ))  # fmt: skip
+    grid = hf.grid(system, {"x": (-1.3, 1.3), "v": (-1.5, 1.5)}, 81)
+    basin = hf.capture_basin(
+        system, goal, WALLS, grid, 2.0, times=np.linspace(0.1, 2.0, 20), arrival_steps=0
+    )
+    promise = hf.check_promise(system, basin, WALLS, goal=goal, runs=300)
+    assert promise.inside[0].what == "no disturbance"
+    assert promise.inside[0].kept.value == 1.0
+    assert promise.outside.kept.value < 0.05
+
+
+def test_current_in_a_ball_is_drawn_within_it():
+    vehicle = hf.promote(hf.systems.marine_vehicle(), ("u", "r"), hf.Box((-1, -1), (1, 1)))
+    from holdfast.analysis.promise import random_disturbance
+
+    expressions, varied = random_disturbance(vehicle)
+    generator = np.random.default_rng(0)
+    for _ in range(50):
+        at = {hf.symbol(n): generator.uniform(*r) for n, r in varied.draws.items()}
+        at |= {hf.TIME: generator.uniform(0, 20), hf.symbol("current_limit"): 0.5}
+        speed = np.hypot(*(float(e.subs(at)) for e in expressions.values()))
+        assert speed == pytest.approx(0.5, abs=1e-6)
+
+
+def test_what_is_no_value_of_this_system_is_refused(kernel):
+    other = hf.System(
+        "other", STATES, cart().inputs, {"x": V, "v": U}, input_bounds=hf.Box((-1,), (1,))
+    )
+    with pytest.raises(SimulationError, match="one of system 'cart'"):
+        hf.safety_law(other, kernel)
+    invariant = hf.invariance_kernel(cart(), WALLS, hf.grid(cart(), BOX, 21), 0.2)
+    with pytest.raises(SimulationError, match="invariance-kernel"):
+        hf.safety_law(cart(), invariant)
+    with pytest.raises(SimulationError, match="rate 100"):
+        hf.safety_law(cart(), kernel, swinging(), rate=100.0)
+    guarded = hf.safety_law(cart(), kernel, swinging())
+    with pytest.raises(DefinitionError, match="safeguard already"):
+        hf.safety_law(cart(), kernel, guarded)
+
+
+def test_value_of_a_vehicle_with_other_parameters_is_refused():
+    k = hf.Parameter("k", "1/s", "", value=1.0)
+
+    def system(value):
+        return hf.System(
+            "tank", STATES[:1], (hf.Quantity("u", "m/s"),), {"x": U - k.symbol * X},
+            parameters=(hf.Parameter("k", "1/s", "", value=value),), input_bounds=hf.Box((-1,), (1,)),
+        )  # fmt: skip
+
+    grid = hf.grid(system(1.0), {"x": (-1.3, 1.3)}, 41)
+    found = hf.viability_kernel(system(1.0), WALLS, grid, 1.0)
+    hf.safety_law(system(1.0), found)
+    with pytest.raises(SimulationError, match="computed with k = 1"):
+        hf.safety_law(system(2.0), found)

@@ -1,0 +1,112 @@
+"""Chapter 7: the vehicle in a current, its reductions, kernels and the safety law."""
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import holdfast as hf
+from holdfast.errors import DefinitionError
+
+GAME_INPUTS = hf.Box((-1.21, -1.465), (1.21, 1.465))
+GAME_SWAY = hf.Box((-0.62,), (0.62,))
+
+
+@pytest.fixture(scope="module")
+def vehicle():
+    return hf.systems.marine_vehicle()
+
+
+@pytest.fixture(scope="module")
+def game(vehicle):
+    return hf.promote(
+        vehicle, ("u", "r"), GAME_INPUTS, disturbances=("v",), disturbance_bounds=GAME_SWAY
+    )
+
+
+def current_of(vehicle, angle, speed=0.5):
+    """Values for every symbol of the rates, with a current of this direction."""
+    values = {q.symbol: q.value for q in vehicle.parameters}
+    return values | {
+        hf.symbol("Vx"): speed * np.cos(angle), hf.symbol("Vy"): speed * np.sin(angle)
+    }  # fmt: skip
+
+
+def test_newtons_law_with_added_mass_on_the_relative_motion_gives_5_30_not_7_2(vehicle):
+    """M_RB nudot + M_A nudot_r + C_RB(nu) nu + C_A(nu_r) nu_r + D nu_r = tau, from scratch."""
+    m, xud, yvd, u, v, r, uc, vc = sp.symbols("m xud yvd u v r uc vc", real=True)
+    ud, vd = sp.symbols("ud vd", real=True)
+    ucd, vcd = r * vc, -r * uc  # the current is steady in the earth frame
+    surge = m * (ud + ucd) - xud * ud - m * (v + vc) * r + yvd * v * r
+    sway = m * (vd + vcd) - yvd * vd + m * (u + uc) * r - xud * u * r
+    assert sp.expand(sp.solve(surge, ud)[0] * (m - xud) - (m - yvd) * v * r) == 0
+    assert sp.expand(sp.solve(sway, vd)[0] * (m - yvd) + (m - xud) * u * r) == 0
+    # the same with the added mass on the absolute acceleration: the terms that (7.2) prints
+    surge, sway = surge - xud * ucd, sway - yvd * vcd
+    extra_u = sp.solve(surge, ud)[0] * (m - xud) - (m - yvd) * v * r
+    extra_v = sp.solve(sway, vd)[0] * (m - yvd) + (m - xud) * u * r
+    assert sp.expand(extra_u - xud * vc * r) == 0
+    assert sp.expand(extra_v + yvd * uc * r) == 0
+
+
+def test_printed_7_2_adds_the_terms_of_the_current(vehicle):
+    printed = hf.systems.marine_vehicle(as_printed=True)
+    p = {q.name: q.symbol for q in vehicle.parameters}
+    psi, r, vx, vy = (hf.symbol(n) for n in ("psi", "r", "Vx", "Vy"))
+    across, along = vy * sp.cos(psi) - vx * sp.sin(psi), vx * sp.cos(psi) + vy * sp.sin(psi)
+    m11, m22 = p["mass"] - p["Xudot"], p["mass"] - p["Yvdot"]
+    for name, extra in (("u", p["Xudot"] * across * r / m11), ("v", -p["Yvdot"] * along * r / m22)):
+        assert sp.simplify(printed.rates[name] - vehicle.rates[name] - extra) == 0
+    for name in ("x", "y", "psi", "r"):
+        assert printed.rates[name] == vehicle.rates[name]
+
+
+def test_hull_in_still_water_never_gains_energy_without_thrust(vehicle):
+    values = current_of(vehicle, 0.0, 0.0) | {hf.symbol("tau_u"): 0, hf.symbol("tau_r"): 0}
+    p = {q.name: q.value for q in vehicle.parameters}
+    weights = {
+        "u": p["mass"] - p["Xudot"], "v": p["mass"] - p["Yvdot"], "r": p["Iz"] - p["Nrdot"],
+    }  # fmt: skip
+    power = sum(w * hf.symbol(n) * vehicle.rates[n] for n, w in weights.items()).subs(values)
+    names = [hf.symbol(n) for n in ("u", "v", "r")]
+    rate = sp.lambdify(names, power, [{"magnitude": np.abs}, "numpy"])
+    u, v, r = np.random.default_rng(7).uniform(-3, 3, (3, 20_000))
+    assert (rate(u, v, r) <= 1e-12).all()
+
+
+def test_game_7_4_is_derived_with_sway_and_current_as_disturbances(game):
+    assert game.state_names == ("x", "y", "psi")
+    assert game.input_names == ("u", "r")
+    assert game.disturbance_names == ("v", "Vx", "Vy")
+    h = hf.hamiltonian(game)
+    p = h.costates
+    radius = hf.symbol("current_limit")
+    psi = hf.symbol("psi")
+    expected = (
+        1.21 * sp.Abs(p[0] * sp.cos(psi) + p[1] * sp.sin(psi))
+        + 1.465 * sp.Abs(p[2])
+        - 0.62 * sp.Abs(p[1] * sp.cos(psi) - p[0] * sp.sin(psi))
+        - radius * sp.sqrt(p[0] ** 2 + p[1] ** 2)
+    )
+    generator = np.random.default_rng(1)
+    for row in generator.uniform(-2, 2, (20, 4)):
+        at = dict(zip((*p, psi), row, strict=True)) | {radius: 0.5}
+        assert float(h.value.subs(at)) == pytest.approx(float(expected.subs(at)), abs=1e-9)
+
+
+def test_reduction_7_5_does_not_know_the_heading_unless_7_2_is_taken_as_printed(vehicle):
+    free = hf.subsystem(vehicle, ("u", "v", "r"))
+    assert free.state_names == ("u", "v", "r")
+    assert not free.disturbances
+    printed = hf.systems.marine_vehicle(as_printed=True)
+    with pytest.raises(DefinitionError, match="depends on 'psi'"):
+        hf.subsystem(printed, ("u", "v", "r"))
+    four = hf.subsystem(printed, ("psi", "u", "v", "r"))
+    assert four.disturbance_names == ("Vx", "Vy")
+
+
+def test_members_of_a_ball_are_given_together(game):
+    region = hf.regions.camera_and_lasers()
+    box = {"x": (-2.6, 0), "y": (-1.6, 1.6), "psi": (-np.pi / 2, np.pi / 2)}
+    grid = hf.grid(game, box, 11, {"psi": "contained"})
+    with pytest.raises(DefinitionError, match="depend on each other"):
+        hf.discriminating_kernel(game, region, grid, 0.1, disturbance={"Vx": 0.0})
