@@ -110,20 +110,21 @@ def identity(posed: Posed) -> dict[str, str]:
         "the version of holdfast": __version__,
         "the problem": problem.kind,
         "the horizon": repr(posed.horizon),
+        "start_time": repr(posed.start_time),
         "the times": repr(posed.asked if posed.several else ()),
         "arrival_steps": repr(posed.arrival_steps),
         "what is beyond the grid": posed.beyond or "continued",
     }
     found |= {f"the axis {a.name}": _text(a) for a in posed.grid.axes}
     found |= {f"parameter {q.name}": repr(q.value) for q in posed.parameters}
-    found |= {f"disturbance {n}": repr(v) for n, v in posed.disturbance.items()}
+    found |= {f"disturbance {n}": _text(v) for n, v in posed.disturbance.items()}
     found |= {f"the rate of {n}": sp.srepr(r) for n, r in system.rates.items()}
     found["the bounds of the inputs"] = _text(system.input_bounds)
     found["the bounds of the disturbances"] = _text(system.disturbance_bounds)
     found["the players"] = f"{problem.inputs}, {problem.disturbances}"
     for i, region in enumerate(problem.regions):
         found[f"the {'second ' if i else ''}region"] = f"{region.name}: {sp.srepr(region.margin)}"
-    for name in ("scheme", "dissipation", "cfl", "precision", "band", "tolerance"):
+    for name in ("scheme", "dissipation", "cfl", "precision", "band", "tolerance", "symmetry"):
         found[name] = repr(getattr(marching, name))
     found["order"] = repr(marching.method.order)
     return found

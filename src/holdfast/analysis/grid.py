@@ -45,6 +45,22 @@ class Axis:
     def nodes(self) -> npt.NDArray[np.float64]:
         return self.low + self.step * np.arange(self.count, dtype=np.float64)
 
+    @property
+    def reflected(self) -> npt.NDArray[np.int64]:
+        """At which place the node is whose state is that of this one times -1.
+
+        Raises `SimulationError` where there is none.
+        """
+        middle = -2.0 * self.low / self.step  # the sum of the places of a node and its reflection
+        whole = round(middle)
+        fits = self.ends == "periodic" or whole == self.count - 1
+        if not fits or abs(middle - whole) > 1e-9 * self.count:
+            raise SimulationError(
+                f"the nodes along '{self.name}' are not reflected onto one another",
+                expected="an interval with 0 in its middle, for a symmetry",
+            )
+        return (whole - np.arange(self.count, dtype=np.int64)) % self.count
+
 
 @dataclass(frozen=True)
 class Grid:

@@ -6,6 +6,9 @@ With tau the time to go, W the value, l the margin of a region (`Region.margin`,
     reach       dW/dtau = max(0, H),   W(0) = l_T      be in T within tau
     capture     dW/dtau = H,  l_G <= W, W <= l_K       be in G within tau, and in K until then
 
+    where the problem depends on time   dW/dtau = H, and
+    kernel      W <= l_K(t)            reach      l_T(t) <= W            capture as above, at t
+
 H is the best of one player against the worst of the other (`maths/hamiltonian.py`). Positive is in
 the set, in every problem.
 """
@@ -22,14 +25,15 @@ import numpy.typing as npt
 from holdfast._version import __version__
 from holdfast.analysis.checkpoint import Checkpoint
 from holdfast.analysis.grid import Grid
-from holdfast.analysis.obstacles import start_and_obstacles
+from holdfast.analysis.obstacles import Obstacles, obstacle_arrays
 from holdfast.analysis.posed import Posed
 from holdfast.analysis.record import Record
 from holdfast.analysis.value_function import ValueFunction
 from holdfast.errors import SimulationError
 from holdfast.execution.closed_loop import available_cores, check_memory
 from holdfast.execution.march import Done, March
-from holdfast.maths.hamiltonian import hamiltonian
+from holdfast.maths.hamiltonian import Hamiltonian, hamiltonian
+from holdfast.maths.symmetry import check_symmetry
 
 Array = npt.NDArray[Any]
 
@@ -45,7 +49,8 @@ def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
     problem, grid, marching = posed.problem, posed.grid, posed.marching
     _check_memory(posed)
     h = hamiltonian(posed.system, inputs=problem.inputs, disturbances=problem.disturbances)
-    values, lower, upper, cell = start_and_obstacles(posed)
+    obstacles = Obstacles(posed)
+    values, cell = obstacles.start, obstacles.cell
     slow = marching.tolerance if marching.tolerance is not None else 1e-3 * cell
     march = March(
         h,
@@ -54,16 +59,19 @@ def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
         [a.step for a in grid.axes],
         [a.ends for a in grid.axes],
         method=marching.method,
-        limit=problem.limit,
+        limit=posed.limit,
+        clock=posed.clock,
+        reflected=_reflected(posed, h),
         threads=marching.threads or available_cores(),
     )
-    highest = float(values.max())
     record = Record(posed, values)
     saved, done = None, Done()
     if marching.checkpoint is not None:
         path = marching.checkpoint_file(problem.kind)
         saved = Checkpoint(path, marching.checkpoint_every, posed, march.module.__name__)
         done = saved.load(values, record)
+        if posed.varies:  # what it has come to by now, when it may have been larger than now
+            obstacles.highest = max(obstacles.highest, float(values.max()))
         if done.steps == 0:
             saved.save(done, values, record)  # if it cannot be written, that is said now
 
@@ -71,18 +79,19 @@ def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
         if progress is not None:
             progress(done.time / posed.horizon)
         if done.steps % GROWTH_CHECKED == 0:
-            _check_growth(float(now.max()), highest, cell, done.time)
+            _check_growth(float(now.max()), obstacles.highest, cell, done.time)
         if saved is not None:
             saved.offer(done, now, record)
-        return done.moving == 0
+        return done.moving == 0 and not posed.varies
 
     done = march.run(
         values,
         record.stops,
-        upper=upper,
-        lower=lower,
+        upper=obstacles.upper,
+        lower=obstacles.lower,
+        refresh=obstacles.refresh if any(r.moves for r in problem.regions) else None,
         floor=-marching.band,
-        ceiling=min(marching.band, highest) if posed.beyond else marching.band,
+        ceiling=min(marching.band, obstacles.highest) if posed.beyond else marching.band,
         near=-cell,
         slow=slow,
         keep=record.keep,
@@ -90,7 +99,7 @@ def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
         done=done,
     )
     record.keep(done.time, values)
-    _check_growth(float(values.max()), highest, cell, done.time)
+    _check_growth(float(values.max()), obstacles.highest, cell, done.time)
     if saved is not None:
         saved.save(done, values, record)
     attributes = {
@@ -101,7 +110,9 @@ def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
         "value_unit": problem.start.inequalities[0].unit,
         "horizon_s": posed.horizon,
         "reached_s": done.time,
-        "converged": int(done.moving == 0),
+        "start_time_s": posed.start_time,
+        "depends_on_time": int(posed.varies),
+        "converged": int(done.moving == 0 and not posed.varies),
         "empty": int(not (values > 0).any()),
         "tolerance_per_s": slow,
         "nodes_moving": done.moving,
@@ -116,14 +127,27 @@ def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
         "computed_share": done.computed / max(done.of, 1),
         "wall_time_s": done.seconds,
         "parameters": json.dumps({q.name: q.value for q in posed.parameters}),
-        "disturbance": json.dumps(posed.disturbance),
+        "disturbance": json.dumps(
+            {n: float(v) if v.is_number else str(v) for n, v in posed.disturbance.items()}
+        ),
     }
     return record.value_function(values, attributes)
 
 
+def _reflected(posed: Posed, h: Hamiltonian) -> list[npt.NDArray[np.int64]] | None:
+    """The place of every node's reflection along each axis, where there is a symmetry."""
+    signs = posed.marching.symmetry
+    if signs is None:
+        return None
+    check_symmetry(h, posed.problem.regions, signs)
+    return [
+        a.reflected if signs.get(a.name) == -1 else np.arange(a.count, dtype=np.int64)
+        for a in posed.grid.axes
+    ]
+
+
 def _check_memory(posed: Posed) -> None:
-    obstacles = posed.problem.kept + (posed.problem.above is not None) + 2 * bool(posed.beyond)
-    arrays = 1 + max(posed.marching.method.order - 1, 1) + obstacles
+    arrays = 1 + max(posed.marching.method.order - 1, 1) + obstacle_arrays(posed)
     arrays += 2 if posed.arrival_steps else 0
     arrays += len(posed.asked) if posed.several else 0
     size = np.dtype(posed.marching.precision).itemsize

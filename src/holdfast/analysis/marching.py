@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -29,6 +30,9 @@ class Marching:
     the problem. The same problem goes on from it, to the same bit; another is refused. It stays
     when the march has ended, so that a result that was not saved is not lost: remove it then.
 
+    symmetry: state -> -1 for those that change sign in a reflection that leaves the problem as it
+    is; half of the grid is computed then. It is checked symbolically (`maths/symmetry.py`).
+
     estimate_error, check_outside: what the answer is worth, by further marches (`worth.py`).
     """
 
@@ -41,6 +45,7 @@ class Marching:
     tolerance: float | None = None
     skip: bool = True
     threads: int | None = None
+    symmetry: Mapping[str, int] | None = None
     checkpoint: str | Path | None = None
     checkpoint_every: float = 60.0
     estimate_error: bool | str = False
@@ -95,11 +100,11 @@ class Marching:
 
 @dataclass(frozen=True)
 class Problem:
-    """What is marched: the start value, the sign that dW/dt is limited to, and the obstacles.
+    """What is marched: the region it begins with, what becomes of it, and the obstacles.
 
-    inputs, disturbances: "max" or "min", what each player makes of the value. kept: it never falls
-    below the margin of `start`. above: a region whose margin it never exceeds. backwards: the
-    dynamics run in reverse.
+    limit: "shrink" if `start` is to be kept, "grow" if it is to be reached, "free" if it is to be
+    reached within `above`. inputs, disturbances: "max" or "min", what each player makes of the
+    value. backwards: the dynamics run in reverse.
     """
 
     kind: str
@@ -107,7 +112,6 @@ class Problem:
     start: Region
     inputs: str = "max"
     disturbances: str = "min"
-    kept: bool = False
     above: Region | None = None
     backwards: bool = False
 

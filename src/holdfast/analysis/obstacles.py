@@ -1,4 +1,12 @@
-"""The value that a march begins with, and the obstacles below and above it."""
+"""The value that a march begins with, and the obstacles below and above it.
+
+    a region to be kept      W <= l_K                   start l_K
+    one to be reached        l_T <= W                   start l_T
+    reached within another   l_G <= W, then W <= l_K    start the lesser
+
+Where the sign of dW/dtau is limited, one of them is met without being looked at. With d the room
+to the open ends of the grid, whoever leaves it has lost with W <= d, and won with l_K or -d <= W.
+"""
 
 from __future__ import annotations
 
@@ -9,58 +17,83 @@ import numpy.typing as npt
 
 from holdfast.analysis.posed import Posed, check_inside
 from holdfast.errors import SimulationError
-from holdfast.execution.over_grid import values_on_grid
-from holdfast.maths.region import Region
+from holdfast.execution.over_grid import over_grid
 
 Array = npt.NDArray[Any]
 
 
-def start_and_obstacles(posed: Posed) -> tuple[Array, Array | None, Array | None, float]:
-    """The start value, what it never falls below, what it never exceeds, and the change of the
-    start value over a cell: the largest between neighbours."""
-    problem, marching = posed.problem, posed.marching
+class Obstacles:
+    """start, lower, upper: values at every node, flat, at the beginning of the march; where they
+    move, `refresh` puts those of a time into lower and upper.
 
-    def margin(region: Region) -> Array:
-        return values_on_grid(
-            region.margin,
-            [a.state.symbol for a in posed.grid.axes],
-            posed.parameters,
-            [a.nodes for a in posed.grid.axes],
-            band=marching.band,
-            precision=marching.precision,
+    cell: the largest change of the start value from node to node. highest: no value can exceed it.
+    """
+
+    def __init__(self, posed: Posed) -> None:
+        self.posed, problem, grid = posed, posed.problem, posed.grid
+        self.room: Array | None = None
+        self.margins = [
+            over_grid(
+                region.margin,
+                [a.state.symbol for a in grid.axes],
+                posed.parameters,
+                [a.nodes for a in grid.axes],
+                band=posed.marching.band,
+                precision=posed.marching.precision,
+            )
+            for region in problem.regions
+        ]
+        start, self.lower, self.upper = self._at(posed.clock[0])
+        if not (start > 0).any():
+            raise SimulationError(
+                f"no node of the grid is in region '{problem.start.name}'",
+                remedy="take a finer grid",
+            )
+        self.cell = largest_change(start.reshape(grid.shape))
+        if posed.beyond:
+            self.room = room_inside(posed, start, self.cell)
+            start, self.lower, self.upper = self._at(posed.clock[0])
+        self.start = start
+        self.highest = float(self.start.max())
+
+    def refresh(self, time: float) -> None:
+        start, lower, upper = self._at(time)
+        self.highest = max(self.highest, float(start.max()))
+        for mine, new in ((self.lower, lower), (self.upper, upper)):
+            if mine is not None and new is not None:
+                mine[:] = new
+
+    def _at(self, time: float) -> tuple[Array, Array | None, Array | None]:
+        """A value to start with, and the obstacles, at a time."""
+        posed, room = self.posed, self.room
+        own, *others = (margin(time) for margin in self.margins)
+        if any(np.isnan(m).any() for m in (own, *others)):
+            raise SimulationError(
+                "the margin of a region is no number at some nodes of the grid",
+                remedy="take an interval on which its inequalities are defined",
+            )
+        kept = posed.problem.limit == "shrink"
+        if kept:
+            check_inside(posed, own)
+        lower = None if kept else own
+        upper: Array | None = own if kept else (others[0] if others else None)
+        if posed.beyond == "lost" and room is not None:
+            upper = room if upper is None else np.minimum(upper, room)
+        elif posed.beyond == "won" and room is not None:
+            lower = np.minimum(own, -room) if kept else np.maximum(own, -room)
+        start = upper if kept or lower is None else lower
+        assert start is not None
+        start = start.copy() if upper is None else np.minimum(start, upper)
+        return (
+            start,
+            None if posed.limit == "grow" else lower,
+            None if posed.limit == "shrink" else upper,
         )
 
-    values = margin(problem.start)
-    check_inside(posed, values)
-    lower = values.copy() if problem.kept else None
-    upper = margin(problem.above) if problem.above else None
-    if upper is not None:
-        np.minimum(values, upper, out=values)
-    if np.isnan(values).any():
-        raise SimulationError(
-            "the margin of a region is no number at some nodes of the grid",
-            remedy="take an interval on which its inequalities are defined",
-        )
-    if not (values > 0).any():
-        raise SimulationError(
-            f"no node of the grid is in region '{problem.start.name}'", remedy="take a finer grid"
-        )
-    cell = largest_change(values.reshape(posed.grid.shape))
-    if posed.beyond:
-        inside = room_inside(posed, values, cell)
-        np.clip(inside, -marching.band, marching.band, out=inside)
-        if posed.beyond == "lost":
-            np.minimum(values, inside, out=values)
-            if problem.limit != "shrink":
-                upper = inside if upper is None else np.minimum(upper, inside)
-        elif problem.limit == "shrink":
-            lower = np.minimum(values, -inside)
-        else:
-            np.maximum(values, -inside, out=values)
-            lower = values.copy() if lower is not None else None
-            if upper is not None:
-                np.minimum(values, upper, out=values)
-    return values, lower, upper, cell
+
+def obstacle_arrays(posed: Posed) -> int:
+    """How many arrays the size of the grid they take."""
+    return {"shrink": 0, "grow": 0}.get(posed.limit, 2) + 3 * bool(posed.beyond)
 
 
 def open_ends(posed: Posed, values: Array) -> list[tuple[int, int]]:
@@ -74,18 +107,19 @@ def open_ends(posed: Posed, values: Array) -> list[tuple[int, int]]:
         for i, axis in enumerate(posed.grid.axes)
         if axis.ends in ("contained", "extrapolated")
         for end in (0, -1)
-        if posed.problem.limit != "shrink" or (np.take(table, end, axis=i) > 0).any()
+        if posed.limit != "shrink" or (np.take(table, end, axis=i) > 0).any()
     ]
 
 
 def room_inside(posed: Posed, values: Array, cell: float) -> Array:
     """The distance to the nearest open end, less half a cell, as steep as the start value."""
     shape = posed.grid.shape
-    room = np.full(shape, float(max(shape)) * cell, dtype=values.dtype)
+    most = min(posed.marching.band, float(max(shape)) * cell)
+    room = np.full(shape, most, dtype=values.dtype)
     for i, end in open_ends(posed, values):
         places = np.arange(shape[i], dtype=values.dtype)
         places = places if end == 0 else places[::-1]
-        line = ((places - 0.5) * cell).astype(values.dtype)
+        line = np.maximum((places - 0.5) * cell, -posed.marching.band).astype(values.dtype)
         rows = line.reshape([-1 if k == i else 1 for k in range(len(shape))])
         np.minimum(room, rows, out=room)
     return room.ravel()

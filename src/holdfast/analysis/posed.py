@@ -17,7 +17,10 @@ from holdfast.execution.sweep import SCHEMES
 from holdfast.maths.bounds import section
 from holdfast.maths.quantity import TIME, Parameter, merge_parameters
 from holdfast.maths.system import System
-from holdfast.maths.tangency import check_reads
+from holdfast.maths.tangency import check_states
+
+ARRIVAL_STEPS = 100
+"""How often it is looked which nodes of a capture basin are new, where nobody says."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +31,9 @@ class Posed:
     the problem asks for it. asked: the times [s] at which the value is wanted, the last of them
     the horizon; several: whether all are kept. arrival_steps: how often it is looked which nodes
     are new. beyond: what leaving the grid is taken for, "lost" or "won"; "" continues the value.
+
+    Time t runs from start_time to start_time + horizon. A problem is marched from its end, so that
+    t = start_time + horizon - tau, or for one that runs in reverse from its start.
     """
 
     system: System
@@ -36,11 +42,33 @@ class Posed:
     horizon: float
     marching: Marching
     parameters: tuple[Parameter, ...]
-    disturbance: Mapping[str, float]
+    disturbance: Mapping[str, sp.Expr]
     asked: tuple[float, ...]
     several: bool = False
     arrival_steps: int = 0
     beyond: str = ""
+    start_time: float = 0.0
+
+    @property
+    def varies(self) -> bool:
+        """Whether anything depends on time."""
+        rates = self.system.rates.values()
+        return any(r.has(TIME) for r in rates) or any(r.moves for r in self.problem.regions)
+
+    @property
+    def limit(self) -> str:
+        """The sign that dW/dtau is limited to.
+
+        A set whose problem varies need neither shrink nor grow with tau: it has obstacles instead.
+        """
+        return "free" if self.varies else self.problem.limit
+
+    @property
+    def clock(self) -> tuple[float, float]:
+        """t at tau = 0, and whether it runs with tau or against it."""
+        if self.problem.backwards:
+            return self.start_time, 1.0
+        return self.start_time + self.horizon, -1.0
 
     def aside(self, name: str) -> Posed:
         """The same problem for its end alone, to tell what its answer is worth."""
@@ -56,20 +84,25 @@ def pose(
     horizon: float,
     marching: Marching,
     *,
-    disturbance: Mapping[str, float],
+    disturbance: Mapping[str, float | sp.Expr],
     parameters: Mapping[str, float],
     times: Sequence[float] | None,
-    arrival_steps: int,
+    arrival_steps: int | None,
+    start_time: float,
 ) -> Posed:
     """The problem with everything in it checked; `SimulationError` for what cannot be solved."""
     if not (math.isfinite(horizon) and horizon > 0):
         raise SimulationError(f"the horizon is {horizon!r} s", expected="above 0")
+    if not math.isfinite(start_time):
+        raise SimulationError(
+            f"start_time is {start_time!r}", expected="a finite number of seconds"
+        )
     asked = _times(times, horizon)
     moved = with_disturbance(system, disturbance)
     if problem.backwards:
         moved = replace(moved, rates={n: -r for n, r in moved.rates.items()}, pfaffian=())
     for region in problem.regions:
-        check_reads(moved, region)
+        check_states(moved, region)
     if tuple(a.name for a in grid.axes) != moved.state_names:
         raise SimulationError(
             "the grid is one of another system: " + ", ".join(a.name for a in grid.axes),
@@ -85,13 +118,20 @@ def pose(
         input_bounds=inputs.at(numbers) if inputs else None,
         disturbance_bounds=disturbances.at(numbers) if disturbances else None,
     )
-    if any(r.has(TIME) for r in moved.rates.values()):
-        raise SimulationError(f"the rates of system '{system.name}' depend on time")
-    given = {k: float(v) for k, v in disturbance.items()}
-    return Posed(
+    given = {n: _expression(v) for n, v in disturbance.items()}
+    posed = Posed(
         moved, problem, grid, horizon, marching, known, given, tuple(asked),
-        times is not None, arrival_steps,
+        times is not None, 0, "", float(start_time),
     )  # fmt: skip
+    if arrival_steps is None:
+        arrival_steps = ARRIVAL_STEPS if problem.limit == "free" and not posed.varies else 0
+    if posed.varies and arrival_steps:
+        raise SimulationError(
+            "the least time to the goal depends on when one starts",
+            expected="no arrival_steps, where something depends on time",
+            remedy="ask for the values at times=[...]",
+        )
+    return replace(posed, arrival_steps=arrival_steps)
 
 
 def check_counts(grid: Grid, scheme: str) -> None:
@@ -134,17 +174,26 @@ def _times(times: Sequence[float] | None, horizon: float) -> list[float]:
     return asked if asked and asked[-1] == horizon else [*asked, float(horizon)]
 
 
-def with_disturbance(system: System, given: Mapping[str, float]) -> System:
-    """The system with numbers for some of its disturbances; those of one ball go together."""
+def with_disturbance(system: System, given: Mapping[str, float | sp.Expr]) -> System:
+    """The system with what some of its disturbances are; those of one ball go together.
+
+    They are numbers, or expressions of time and the system's parameters.
+    """
     if not given:
         return system
-    for name in given:
+    known = {TIME, *(q.symbol for q in system.parameters)}
+    for name, value in given.items():
         if name not in system.disturbance_names:
             raise SimulationError(
                 f"system '{system.name}' has no disturbance '{name}'",
                 remedy=suggestion(name, system.disturbance_names),
             )
-    values = {d.symbol: sp.Float(given[d.name]) for d in system.disturbances if d.name in given}
+        if unknown := _expression(value).free_symbols - known:
+            raise SimulationError(
+                f"disturbance '{name}' uses '{min(map(str, unknown))}'",
+                expected="a number, or an expression of t and parameters of the system",
+            )
+    values = {d.symbol: _expression(given[d.name]) for d in system.disturbances if d.name in given}
     left = tuple(d for d in system.disturbances if d.name not in given)
     return replace(
         system,
@@ -155,6 +204,10 @@ def with_disturbance(system: System, given: Mapping[str, float]) -> System:
         ),
         pfaffian=(),
     )
+
+
+def _expression(value: float | sp.Expr) -> sp.Expr:
+    return value if isinstance(value, sp.Expr) else sp.Float(float(value))
 
 
 def _given(known: tuple[Parameter, ...], values: Mapping[str, float]) -> tuple[Parameter, ...]:

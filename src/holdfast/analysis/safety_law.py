@@ -163,6 +163,11 @@ def decided(system: System, value: ValueFunction) -> System:
             + ", ".join(value.names),
             expected=f"system '{system.name}' with " + ", ".join(system.state_names),
         )
+    if said.get("depends_on_time"):
+        raise SimulationError(
+            "the value function depends on time, and holds at the beginning of its problem only",
+            expected="a problem in which nothing depends on time, for a law",
+        )
     numbers = json.loads(said["parameters"])
     for q in system.parameters:
         if q.name in numbers and float(q.value) != numbers[q.name]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import sympy as sp
+
 from holdfast.analysis.grid import Grid
 from holdfast.analysis.hamilton_jacobi import Progress, marched
 from holdfast.analysis.marching import Marching, Problem
@@ -23,14 +25,22 @@ def solve(
     grid: Grid,
     horizon: float,
     *,
-    disturbance: Mapping[str, float] | None = None,
+    disturbance: Mapping[str, float | sp.Expr] | None = None,
     parameters: Mapping[str, float] | None = None,
     times: Sequence[float] | None = None,
-    arrival_steps: int = 0,
+    arrival_steps: int | None = None,
+    start_time: float = 0.0,
     progress: Progress | None = None,
     **options: Any,
 ) -> ValueFunction:
-    """March `problem` over `grid` for `horizon` seconds, or until it has converged."""
+    """March `problem` over `grid` for `horizon` seconds, or until it has converged.
+
+    Rates, given disturbances and regions may depend on `TIME`. The problem runs from t = start_time
+    to start_time + horizon, and the value is that at its beginning; at one of the `times`, that of
+    a problem which begins so many seconds before the same end. A forward reachable set is that at
+    the end; at one of the `times`, so many seconds after the beginning. Where something depends on
+    time, nothing converges: the march goes the whole way.
+    """
     for name in options:
         if name not in Marching.__dataclass_fields__:
             raise SimulationError(
@@ -46,6 +56,7 @@ def solve(
         parameters=parameters or {},
         times=times,
         arrival_steps=arrival_steps,
+        start_time=start_time,
     )
     marching = posed.marching
     grids = {False: 0, True: 1, "order": 2}[marching.estimate_error]

@@ -21,7 +21,8 @@ def viability_kernel(
 
     V_t + min{0, max_u p . f} = 0, V(T) = l; the viability kernel itself once it has converged
     (`converged` of the result). The system has no disturbances, or all are given (`disturbance`).
-    options: those of `Marching`, and times, disturbance, parameters, progress.
+    options: those of `Marching`, and times, disturbance, parameters, start_time, progress
+    (`solve.solve`).
 
     Raises `SimulationError` for what cannot be solved, and for a march that is unstable.
     """
@@ -91,7 +92,8 @@ def forward_reachable_set(
 ) -> ValueFunction:
     """The states that some input, and some disturbance, can bring the system to from `start`.
 
-    The backward reachable set of the reversed dynamics (thesis section 7.3). disturbances: "max"
+    The backward reachable set of the reversed dynamics (thesis section 7.3): at the end of the
+    horizon, after leaving `start` at any time within it. disturbances: "max"
     are at the choice of whoever wants to get there, "min" work against it.
     """
     problem = Problem(
@@ -107,14 +109,15 @@ def capture_basin(
     grid: Grid,
     horizon: float,
     *,
-    arrival_steps: int = 100,
+    arrival_steps: int | None = None,
     **options: Any,
 ) -> ValueFunction:
     """The states from which some input reaches `goal` within `horizon` s, in `region` until then.
 
     W = max_u max_tau min{ l_G(tau), min_{s <= tau} l_K(s) } solves
     min{ max{ W_t + H, l_G - W }, l_K - W } = 0; disturbances work against it. `arrival` is the
-    least time, from `arrival_steps` values over the horizon (0: none).
+    least time, from `arrival_steps` values over the horizon (100; 0: none). Where something depends
+    on time there is none: it would hold for one start only.
     """
-    problem = Problem("capture-basin", "free", goal, kept=True, above=region)
+    problem = Problem("capture-basin", "free", goal, above=region)
     return solve(system, problem, grid, horizon, arrival_steps=arrival_steps, **options)

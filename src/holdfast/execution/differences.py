@@ -228,3 +228,26 @@ def mark_rows(marks, unit, row, tall, rows_of, many, stretches, kind, ghosts):
             there = (there + rows_of) % rows_of
         if 0 <= there < rows_of:
             marks[unit + there // many * stretches] = 1
+
+
+@swept
+def mirror(first, last, whole, values, shape, places, axis, mine, counts):
+    """The half of the grid that is not computed, from the other: a share of it for a worker."""
+    n = len(shape)
+    nodes = shape[n - 1]
+    rows = len(values) // nodes
+    for row in range(rows * first // whole, rows * last // whole):
+        rest, other, stride = row, 0, 1
+        here = True  # whether the row itself is computed
+        for i in range(n - 2, -1, -1):
+            place = rest % shape[i]
+            rest //= shape[i]
+            other += places[i, place] * stride
+            stride *= shape[i]
+            if i == axis:
+                here = mine[place] == 1
+        if axis < n - 1 and here:
+            continue
+        for j in range(nodes):
+            if axis < n - 1 or mine[j] == 0:
+                values[row * nodes + j] = values[other * nodes + places[n - 1, j]]

@@ -4,7 +4,9 @@
     and after every stage   lower <= W <= upper,   floor <= W <= ceiling
 
 A stretch of nodes is computed again only if something that it depends on has changed since. Where
-nothing has, the same numbers would come out, so the answer is that of the full march.
+nothing has, the same numbers would come out, so the answer is that of the full march. Where the
+Hamiltonian or a bound depends on time t, of a clock that runs with tau or against it, all is
+computed, with steps that are stable at every stage.
 """
 
 from __future__ import annotations
@@ -22,10 +24,11 @@ import numpy.typing as npt
 
 from holdfast.errors import SimulationError
 from holdfast.execution.compile import compile_sweep
+from holdfast.execution.fold import Fold
 from holdfast.execution.over_grid import padded
-from holdfast.execution.sweep import layout, sweep_source
+from holdfast.execution.sweep import SCHEMES, layout, sweep_source
 from holdfast.maths.hamiltonian import Hamiltonian
-from holdfast.maths.quantity import Parameter
+from holdfast.maths.quantity import TIME, Parameter
 
 Array = npt.NDArray[Any]
 Counts = npt.NDArray[np.int64]
@@ -81,8 +84,13 @@ class March:
         *,
         method: Method,
         limit: str,
+        clock: tuple[float, float] = (0.0, 1.0),
+        reflected: Sequence[npt.NDArray[np.int64]] | None = None,
         threads: int = 1,
     ) -> None:
+        """clock: the time t at tau = 0, and how fast it runs, 1 or -1. reflected: for every axis,
+        at which place of it the node is that always has the same value; half is computed then.
+        """
         source = sweep_source(
             hamiltonian,
             parameters,
@@ -104,14 +112,27 @@ class March:
         local = cut[1] * cut[2]
         self.units = math.prod(len(a) for a in axes[:-2]) * local
         self.places = len(axes[0]) if len(axes) > 2 else local  # what threads share
-        limits = np.zeros(len(axes) + 1)
-        self.module.fastest(0.0, self.axes, self.shape, self.steps, self.p, limits)
-        self.speeds, self.rate = limits[:-1], float(limits[-1])
+        ghosts = SCHEMES[method.scheme]
+        self.fold = Fold(reflected, kinds, cut, ghosts) if reflected is not None else None
+        self.clock = clock
+        self.varying = any(e.has(TIME) for e in (hamiltonian.value, *hamiltonian.speeds))
+        self.speeds = np.zeros(len(axes))  # largest along every axis, for a global dissipation
+        self.longest_step = self._longest_step((0.0,))
 
-    @property
-    def longest_step(self) -> float:
-        """The largest stable step [s], times the chosen share; infinite where nothing moves."""
-        return self.method.cfl / self.rate if self.rate > 0 else math.inf
+    def _longest_step(self, at: Sequence[float]) -> float:
+        """The largest step [s] that is stable with the speeds at those tau, times the chosen share.
+
+        Infinite where nothing moves.
+        """
+        limits = np.zeros(len(self.speeds) + 1)
+        for tau in at:
+            rest = (self.axes, self.shape, self.steps, self.p, limits)
+            self.module.fastest(self._time(tau), *rest)
+        self.speeds[:] = limits[:-1]
+        return self.method.cfl / float(limits[-1]) if limits[-1] > 0 else math.inf
+
+    def _time(self, tau: float) -> float:
+        return self.clock[0] + self.clock[1] * tau
 
     def run(
         self,
@@ -120,6 +141,7 @@ class March:
         *,
         upper: Array | None = None,
         lower: Array | None = None,
+        refresh: Callable[[float], None] | None = None,
         floor: float = -math.inf,
         ceiling: float = math.inf,
         near: float = -math.inf,
@@ -130,6 +152,7 @@ class March:
     ) -> Done:
         """March `values` (flat; changed in place) to each of `times`, then `keep(time, values)`.
 
+        refresh: puts into `upper` and `lower`, if they move, what they are at a time t.
         A node counts as moving if it is above `near` and changes faster than `slow` [1/s].
         `tell(done, values)` is called after every step, and ends the march where it gives True.
         done: what has been done of the same march, up to `values`; it goes on from there.
@@ -151,7 +174,7 @@ class March:
         began, step = time.perf_counter() - done.seconds, math.nan
         with _Workers(self.threads, self.places) as workers:
             for start, dt, ends in itertools.islice(self._steps(times), done.steps, None):
-                if dt != step or not self.method.skip:
+                if dt != step or not self.method.skip or self.varying or refresh is not None:
                     flags[:] = 1
                     step = dt
                 found = np.zeros(3, dtype=np.int64)
@@ -161,13 +184,22 @@ class March:
                     out = arrays[1] if order == 1 else arrays[0 if last else s + 1]
                     here = flags[s] if order > 1 else flags[done.steps % 2]
                     there = flags[(s + 1) % order] if order > 1 else flags[1 - done.steps % 2]
+                    if refresh is not None:  # what comes out is for the time of the next stage
+                        then = 1.0 if last else stages[s + 1][1]
+                        refresh(self._time(start + then * dt))
+                    if self.fold is not None:
+                        self.fold.narrow(here)
                     found = workers.run(
                         self.module.sweep,
-                        start + fraction * dt, dt, weight, source, arrays[0], out,
+                        self._time(start + fraction * dt), dt, weight, source, arrays[0], out,
                         arrays[0] if order == 1 else out, *bounds, floor, ceiling, near,
                         slow * dt, here, there, flags[1:order] if last else flags[:0],
                         *rest,
                     )  # fmt: skip
+                    if self.fold is not None:
+                        f = self.fold
+                        half = (self.places, out, self.shape, f.places, f.axis, f.mine)
+                        workers.run(self.module.mirror, *half)
                     done.computed += int(found[0])
                     if found[1]:
                         raise SimulationError(
@@ -192,13 +224,25 @@ class March:
 
     def _steps(self, times: Sequence[float]) -> Iterator[tuple[float, float, float | None]]:
         """Start and length of every step [s], and which of `times` it ends at."""
-        previous = 0.0
+        now = 0.0
         for end in times:
-            count = max(1, math.ceil((end - previous) / self.longest_step - 1e-9))
-            dt = (end - previous) / count
-            for k in range(count):
-                yield previous + k * dt, dt, end if k == count - 1 else None
-            previous = end
+            while now < end:
+                count = self._count(now, end)
+                dt = (end - now) / count
+                several = 1 if self.varying else count
+                for k in range(several):
+                    yield now + k * dt, dt, end if k == count - 1 else None
+                now = end if several == count else now + dt
+
+    def _count(self, now: float, end: float) -> int:
+        """How many steps to take; with speeds that vary, so that the first is short enough."""
+        count, longest = 1, self._longest_step((now,)) if self.varying else self.longest_step
+        while (needed := math.ceil((end - now) / longest - 1e-9)) > count:
+            count = needed
+            if self.varying:
+                dt = (end - now) / count
+                longest = self._longest_step((now, now + 0.5 * dt, now + dt))
+        return count
 
 
 class _Workers:

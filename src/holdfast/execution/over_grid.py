@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,10 +13,10 @@ import sympy as sp
 from holdfast.execution.compile import compile_sweep
 from holdfast.execution.printer import text_of
 from holdfast.execution.schedule import BEFORE, Schedule, renamed
-from holdfast.maths.quantity import Parameter
+from holdfast.maths.quantity import TIME, Parameter
 
 
-def values_on_grid(
+def over_grid(
     expression: sp.Expr,
     symbols: Sequence[sp.Symbol],
     parameters: Sequence[Parameter],
@@ -24,16 +24,24 @@ def values_on_grid(
     *,
     band: float = math.inf,
     precision: str = "float64",
-) -> npt.NDArray[Any]:
-    """The expression at every node, flat, cut off at +-band; `symbols` are those of the axes."""
-    names = {s: f"q{i}" for i, s in enumerate(symbols)}
+) -> Callable[[float], npt.NDArray[Any]]:
+    """At a time: the expression at every node, flat, cut off at +-band.
+
+    `symbols` are those of the axes.
+    """
+    names = {s: f"q{i}" for i, s in enumerate(symbols)} | {TIME: "t"}
     names |= {q.symbol: f"k{i}" for i, q in enumerate(parameters)}
     module = compile_sweep(_fill(expression, len(axes), names) + "\n")
     shape = np.array([len(a) for a in axes], dtype=np.int64)
-    out = np.empty(int(np.prod(shape)), dtype=precision)
     p = np.array([*(float(q.value) for q in parameters), 0.0])
-    module.fill(padded(axes), shape, p, float(band), out)
-    return out
+    rows = padded(axes)
+
+    def at(time: float) -> npt.NDArray[Any]:
+        out = np.empty(int(np.prod(shape)), dtype=precision)
+        module.fill(float(time), rows, shape, p, float(band), out)
+        return out
+
+    return at
 
 
 def padded(axes: Sequence[npt.NDArray[np.float64]]) -> npt.NDArray[np.float64]:
@@ -64,7 +72,7 @@ def _fill(expression: sp.Expr, n: int, names: dict[sp.Symbol, str]) -> str:
     body, (left,), indent = _nest(renamed([expression], names), n, names, all_nodes=True)
     body += [f"{indent}v = {text_of(left)}", f"{indent}v = v if not v < -band else -band"]
     body += [f"{indent}out[at] = v if not v > band else band", f"{indent}at += 1"]
-    head = "@compiled\ndef fill(axes, shape, p, band, out):\n    at = 0\n"
+    head = "@compiled\ndef fill(t, axes, shape, p, band, out):\n    at = 0\n"
     return head + "\n".join("    " + x for x in body)
 
 

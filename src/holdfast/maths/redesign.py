@@ -30,6 +30,7 @@ from holdfast.maths.law import Law
 from holdfast.maths.quantity import Quantity, merge_parameters
 from holdfast.maths.region import Region
 from holdfast.maths.switching import Switching, Transition
+from holdfast.maths.tangency import check_still
 
 PURSUE, PROTECT, HOLD = "pursue", "protect", "hold"
 
@@ -96,6 +97,7 @@ def redesign(
                     f"{what} for '{name}', which is no inequality of region '{region.name}'",
                     remedy=suggestion(name, region.inequality_names),
                 )
+    check_still(region)
     if (hold is None) != (hold_when is None):
         raise DefinitionError("'hold' and 'hold_when' are given together or not at all")
     if not isinstance(as_printed, bool):

@@ -13,6 +13,7 @@ import sympy as sp
 from holdfast.errors import DefinitionError
 from holdfast.maths.functions import greatest
 from holdfast.maths.quantity import (
+    TIME,
     Parameter,
     Quantity,
     check_symbols,
@@ -39,7 +40,8 @@ class Inequality:
 class Region:
     """K = { q : c_j(q) <= 0 for every j } (thesis (5.4), with its parameters).
 
-    `reads` are the states the inequalities use. `scene` says what to draw.
+    `reads` are the states the inequalities use. `scene` says what to draw. A region that moves,
+    whose inequalities depend on `TIME`, is for kernels and reachable sets.
     """
 
     name: str
@@ -57,10 +59,14 @@ class Region:
             raise DefinitionError(f"{owner} has no inequalities")
         check_unique((c.name for c in self.inequalities), owner)
         check_unique((q.name for q in self.reads + self.parameters), owner)
-        allowed = [q.symbol for q in self.reads + self.parameters]
+        allowed = [q.symbol for q in self.reads + self.parameters] + [TIME]
         check_symbols(
             {f"inequality '{c.name}'": c.expression for c in self.inequalities}, allowed, owner
         )
+
+    @property
+    def moves(self) -> bool:
+        return any(c.expression.has(TIME) for c in self.inequalities)
 
     @property
     def inequality_names(self) -> tuple[str, ...]:

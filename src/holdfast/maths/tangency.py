@@ -29,6 +29,21 @@ def outward_rates(system: System, region: Region, law: Law | None = None) -> dic
 
 
 def check_reads(system: System, region: Region) -> None:
+    """Refuse a region that reads a state the system does not have, or that moves."""
+    check_still(region)
+    check_states(system, region)
+
+
+def check_still(region: Region) -> None:
+    """Refuse a region that moves."""
+    if region.moves:
+        raise DefinitionError(
+            f"region '{region.name}' depends on time",
+            expected="a region that stands still; one that moves is for kernels and reachable sets",
+        )
+
+
+def check_states(system: System, region: Region) -> None:
     """Refuse a region that reads a state the system does not have."""
     missing = [q.name for q in region.reads if q.name not in system.state_names]
     if missing:
