@@ -14,7 +14,7 @@ from holdfast.analysis.posed import pose
 from holdfast.analysis.value_function import ValueFunction, to_value_function
 from holdfast.analysis.worth import coarser, with_error, with_outside
 from holdfast.errors import SimulationError, suggestion
-from holdfast.execution.over_grid import values_on_grid
+from holdfast.execution.over_grid import over_grid
 from holdfast.maths.region import Region
 from holdfast.maths.system import System
 
@@ -71,11 +71,11 @@ def solve(
 
 def set_on_grid(region: Region, grid: Grid) -> ValueFunction:
     """The margin of a region over a grid: what a march begins with."""
-    values = values_on_grid(
+    at = over_grid(
         region.margin,
         [a.state.symbol for a in grid.axes],
         region.parameters,
         [a.nodes for a in grid.axes],
     )
     said = {"kind": "region", "region": region.name, "value_unit": region.inequalities[0].unit}
-    return to_value_function(grid, values.reshape(grid.shape), said)
+    return to_value_function(grid, at(0.0).reshape(grid.shape), said)
