@@ -25,8 +25,8 @@ def imported(path):
     [
         ("numba", ["execution/"]),
         ("matplotlib", ["presentation/"]),
-        ("click", ["cli.py"]),
-        ("pydantic", ["schema.py", "checking.py"]),
+        ("click", ["cli.py", "running.py"]),
+        ("pydantic", ["schema.py", "kernel_schema.py", "checking.py"]),
     ],
 )
 def test_library_is_imported_in_its_room_only(library, home):

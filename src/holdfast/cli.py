@@ -5,23 +5,18 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 import click
 
 from holdfast._version import __version__
 from holdfast.errors import GainWarning, HoldfastError, ScenarioError
-from holdfast.output import check_writable, make_folder, written
-from holdfast.patience import bar, listen
+from holdfast.output import check_writable, make_folder
+from holdfast.patience import listen
+from holdfast.running import ANSWERED, compare_command, run_command
 
-if TYPE_CHECKING:
-    from holdfast.analysis.result import Result
-    from holdfast.kernel_scenario import KernelScenario
-    from holdfast.scenario import Scenario
-
-ANSWERED, NOT_ANSWERED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+BAD_INPUT, INTERRUPTED = 2, 130
 
 
 def _a_number(context: click.Context, parameter: click.Parameter, value: float) -> float:
@@ -161,148 +156,8 @@ def _numbers(text: str) -> list[float]:
         raise ScenarioError(f"--moment {text}", expected="numbers, such as 1,0,0") from None
 
 
-def _simulation_options(command: Callable[..., None]) -> Callable[..., None]:
-    """What every command that simulates takes."""
-    for option in (
-        click.option("--no-figures", is_flag=True, help="Write the data only."),
-        click.option("--seed", type=int, help="Seed of every random number."),
-        click.option(
-            "--runs", type=int, help="How many starts: the given states, then random ones."
-        ),
-        click.option(
-            "--set",
-            "overrides",
-            multiple=True,
-            metavar="KEY=VALUE",
-            help="Override a value, such as law.k1=0.2 (repeatable).",
-        ),
-        click.option(
-            "--out",
-            type=click.Path(path_type=Path),
-            help="Folder for the results [default: runs/SCENARIO].",
-        ),
-    ):
-        command = option(command)
-    return command
-
-
-@cli.command("run")
-@click.argument("scenario")
-@_simulation_options
-def run_command(
-    scenario: str,
-    out: Path | None,
-    overrides: tuple[str, ...],
-    runs: int | None,
-    seed: int | None,
-    no_figures: bool,
-) -> None:
-    """Run SCENARIO, the name of a shipped scenario or a TOML file.
-
-    A scenario of closed loops is simulated; one whose kind is a kernel, a reachable set or a basin
-    is marched, and what it promises is tried in closed loop.
-    """
-    from holdfast.kernel_scenario import KernelScenario
-    from holdfast.scenario import load_scenario
-
-    loaded = load_scenario(scenario, overrides, runs, seed)
-    folder = out if out is not None else Path("runs") / loaded.name
-    check_writable(folder)
-    if isinstance(loaded, KernelScenario):
-        _run_kernel(loaded, folder, figures=not no_figures)
-        return
-    result = _simulated(loaded)
-    files = written(loaded, result, folder, figures=not no_figures)
-    from holdfast.presentation.text import summary_text
-
-    click.echo(summary_text(result, files))
-    diverged, chattered = (result.outcomes[n] for n in ("diverged", "chattered"))
-    if diverged:
-        click.echo(f"holdfast: {_runs(diverged)} diverged, with results up to there", err=True)
-    if chattered:
-        limit = loaded.settings["switch_limit"]
-        click.echo(
-            f"holdfast: {_runs(chattered)} chattered: more than {limit} changes of mode within a "
-            "second; what happens then depends on the sample time",
-            err=True,
-        )
-    if diverged or chattered:
-        sys.exit(NOT_ANSWERED)
-
-
-def _run_kernel(scenario: KernelScenario, folder: Path, *, figures: bool) -> None:
-    from holdfast.analysis.solve import set_on_grid
-    from holdfast.kernel_scenario import is_answered
-    from holdfast.output import written_kernel
-    from holdfast.presentation.value_text import value_text
-
-    with bar(f"{scenario.name}, preparing") as tell:
-        result = scenario.run(lambda fraction: tell(scenario.name, fraction))
-    begun = set_on_grid(scenario.about, scenario.grid)
-    files = written_kernel(scenario, result, begun, folder, figures=figures)
-    click.echo(value_text(result.value, result.promise, begun, files))
-    if not is_answered(scenario, result):
-        click.echo(
-            f"holdfast: not converged within {scenario.horizon:g} s, and the set that lasts was "
-            "asked for; raise march.horizon",
-            err=True,
-        )
-        sys.exit(NOT_ANSWERED)
-
-
-def _runs(count: int) -> str:
-    return f"{count} run" + ("s" if count != 1 else "")
-
-
-@cli.command("compare")
-@click.argument("scenario")
-@click.option("--laws", help="Laws to compare, such as inspection,convergent [default: all].")
-@click.option("--cases", help="Cases to compare them in [default: all of the scenario].")
-@_simulation_options
-def compare_command(
-    scenario: str,
-    laws: str | None,
-    cases: str | None,
-    out: Path | None,
-    overrides: tuple[str, ...],
-    runs: int | None,
-    seed: int | None,
-    no_figures: bool,
-) -> None:
-    """Compare the laws of SCENARIO: how many starts each of them rescues, in every case.
-
-    A law is a name in its table [compare.laws], its own name, or another scenario, whose law is
-    taken. All of them run from the same starts.
-    """
-    from holdfast.comparing import compare
-    from holdfast.output import write_comparison
-    from holdfast.presentation.comparison import comparison_text
-    from holdfast.sources import scenario_title
-
-    folder = out if out is not None else Path("runs") / scenario_title(scenario)
-    check_writable(folder)
-    with bar("preparing") as tell:
-        found = compare(
-            scenario,
-            _listed(laws),
-            _listed(cases),
-            overrides=overrides,
-            runs=runs,
-            seed=seed,
-            progress=tell,
-        )
-    files = write_comparison(found, folder, figures=not no_figures)
-    click.echo(comparison_text(found))
-    click.echo(f"  files in {folder}: " + ", ".join(f.name for f in files))
-
-
-def _listed(text: str | None) -> list[str] | None:
-    return None if text is None else [part.strip() for part in text.split(",")]
-
-
-def _simulated(scenario: Scenario) -> Result:
-    with bar(f"{scenario.name}, preparing") as tell:
-        return scenario.run(lambda fraction: tell(scenario.name, fraction))
+for _command in (run_command, compare_command):
+    cli.add_command(_command)
 
 
 def main() -> NoReturn:

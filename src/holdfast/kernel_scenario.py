@@ -47,6 +47,10 @@ class KernelResult:
     value: ValueFunction
     promise: Promise | None
 
+    def answers(self, scenario: KernelScenario) -> bool:
+        """Whether the set asked for was found: one that lasts is there once the march converged."""
+        return not scenario.forever or bool(self.value.dataset.attrs["converged"])
+
     def summary(self) -> dict[str, Any]:
         """For summary.json."""
         tried = {"promise": self.promise.summary()} if self.promise else {}
@@ -293,8 +297,3 @@ def _own_text() -> str:
         for path in sorted(root.rglob("*.py")):
             found.update(path.read_bytes())
     return found.hexdigest()
-
-
-def is_answered(scenario: KernelScenario, result: KernelResult) -> bool:
-    """Whether the set asked for was found: for ever means that the march has converged."""
-    return not scenario.forever or bool(result.value.dataset.attrs["converged"])

@@ -5,13 +5,11 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from holdfast.errors import OutputError
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from holdfast.analysis.comparison import Comparison
     from holdfast.analysis.result import Result
     from holdfast.analysis.value_function import ValueFunction
@@ -63,7 +61,19 @@ def written(scenario: Scenario, result: Result, folder: Path, *, figures: bool) 
     return [*files, path]
 
 
-def written_kernel(
+def kernel_report(
+    scenario: KernelScenario, result: KernelResult, folder: Path, *, figures: bool
+) -> str:
+    """Write the files of a value function, and tell what it says."""
+    from holdfast.analysis.solve import set_on_grid
+    from holdfast.presentation.value_text import value_text
+
+    begun = set_on_grid(scenario.about, scenario.grid)
+    files = _written_kernel(scenario, result, begun, folder, figures=figures)
+    return value_text(result.value, result.promise, begun, files)
+
+
+def _written_kernel(
     scenario: KernelScenario,
     result: KernelResult,
     begun: ValueFunction,
@@ -94,7 +104,7 @@ def written_kernel(
     return files
 
 
-def _law_figure(scenario: KernelScenario, result: KernelResult, begun: ValueFunction) -> Figure:
+def _law_figure(scenario: KernelScenario, result: KernelResult, begun: ValueFunction) -> Any:
     """The optimal input in the plane of the figures."""
     from holdfast.analysis.safety_law import optimal_inputs
     from holdfast.presentation.optimal_input import optimal_input_figure
