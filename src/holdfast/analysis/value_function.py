@@ -87,6 +87,28 @@ class ValueFunction:
         """The volume of the set, in the product of the units of the states."""
         return self.fraction(time) * math.prod(a.high - a.low for a in self.grid.axes)
 
+    def extent(self, time: float | None = None) -> dict[str, tuple[float, float]]:
+        """State -> its least and largest value in the set, between nodes by linear interpolation.
+
+        Not numbers where the set is empty.
+        """
+        table = self.values(time)
+        found = {}
+        for i, axis in enumerate(self.grid.axes):
+            best = table.max(axis=tuple(k for k in range(table.ndim) if k != i))
+            inside = np.flatnonzero(best > 0)
+            if not len(inside):
+                found[axis.name] = (math.nan, math.nan)
+                continue
+            ends = []
+            for at, out in ((int(inside[0]), -1), (int(inside[-1]), 1)):
+                place = float(at)
+                if 0 <= at + out < axis.count:
+                    place += out * float(best[at] / (best[at] - best[at + out]))
+                ends.append(axis.low + axis.step * place)
+            found[axis.name] = (ends[0], ends[1])
+        return found
+
     def slice(self, **at: float) -> ValueFunction:
         """The value function with some states held, between nodes by linear interpolation."""
         data, axes = self.dataset["value"], self.grid.axes
@@ -114,6 +136,7 @@ class ValueFunction:
         return {k: v for k, v in self.dataset.attrs.items() if k != "scenario_text"} | {
             "fraction_of_box": self.fraction(),
             "volume": self.volume(),
+            "extent": {n: list(ends) for n, ends in self.extent().items()},
         }
 
     def _axis(self, name: str) -> Axis:

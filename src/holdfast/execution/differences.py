@@ -122,7 +122,8 @@ def same_way(slope, plain):
     Else the nodes on either side of a ridge that lies between them would both rise to a summit
     that no node is at, and so would never learn that it falls.
     """
-    return slope if slope * plain > 0.0 else 0.0
+    limited = slope if abs(slope) <= 2.0 * abs(plain) else 2.0 * plain
+    return limited if slope * plain > 0.0 else 0.0
 
 
 @swept

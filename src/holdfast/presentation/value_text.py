@@ -33,6 +33,15 @@ def value_text(
     if begun is not None and (first := begun.fraction()) > 0:
         text += f", {100 * share / first:.3g} % of {begun.dataset.attrs['region']}"
     lines.append(f"  the set        {'empty' if said['empty'] else text}")
+    if not said["empty"]:
+        ends = value.extent()
+        lines.append(
+            "  reaches        "
+            + ", ".join(
+                " ".join([a.name, _range(*ends[a.name]), _unit(a.state.unit)]).rstrip()
+                for a in axes
+            )
+        )
     lines.append(f"  converged      {_converged(value)}")
     if said.get("ends_reached"):
         lines.append(f"  touches        {said['ends_reached']}: what is beyond may matter")
@@ -47,6 +56,14 @@ def value_text(
         folder = files[0].parent
         lines += ["", f"  files in {folder}: " + ", ".join(f.name for f in files)]
     return "\n".join(lines)
+
+
+def _range(low: float, high: float) -> str:
+    return f"{low:.3g} to {high:.3g}"
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else unit
 
 
 def _until(value: ValueFunction) -> str:
