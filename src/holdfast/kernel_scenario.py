@@ -32,6 +32,8 @@ from holdfast.maths.velocity_tracking import track_velocity
 from holdfast.sources import read_tables, scenario_title
 from holdfast.system_table import composed_system
 
+CLOSED_LOOP = "closed-loop"
+
 NEEDS = {
     "capture-basin": ("goal",),
     "backward-reachable-set": ("goal",),
@@ -130,10 +132,15 @@ class KernelScenario:
         return KernelResult(value, tried)
 
 
-def is_kernel(data: Mapping[str, Any]) -> bool:
-    """Whether the tables ask for a set of states."""
+def is_kernel(file: str, data: Mapping[str, Any]) -> bool:
+    """Whether the tables ask for a set of states; `ScenarioError` for a kind that there is not."""
     header = data.get("scenario")
-    return isinstance(header, Mapping) and header.get("kind") in KINDS
+    kind = header.get("kind", CLOSED_LOOP) if isinstance(header, Mapping) else CLOSED_LOOP
+    if isinstance(kind, str) and kind not in (CLOSED_LOOP, *KINDS):
+        raise ScenarioError(
+            f"{file}: scenario.kind: got '{kind}'", remedy=suggestion(kind, [CLOSED_LOOP, *KINDS])
+        )
+    return kind in KINDS
 
 
 def composed_kernel(file: str, text: str, data: Mapping[str, Any]) -> KernelScenario:
@@ -275,7 +282,7 @@ def solved(name: str, progress: Progress | None = None) -> ValueFunction:
             raise ScenarioError(f"{name} holds trajectories", expected="a value function")
         return found
     file, text, data = read_tables(name)
-    if not is_kernel(data):
+    if not is_kernel(file, data):
         raise ScenarioError(f"'{name}' computes no kernel", expected="one of " + ", ".join(KINDS))
     digest = hashlib.sha256(f"{_own_text()}{text}".encode()).hexdigest()[:24]
     kept = cache_directory() / f"value_{digest}.nc"

@@ -115,7 +115,7 @@ def load_scenario(
     """
     overrides = list(overrides)
     shown, text, data = read_tables(name, overrides)
-    if is_kernel(data):
+    if is_kernel(shown, data):
         more = {"promise.runs": runs, "promise.seed": seed}
         overrides += [f"{k}={v}" for k, v in more.items() if v is not None]
         return composed_kernel(*read_tables(name, overrides))

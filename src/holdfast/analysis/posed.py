@@ -149,7 +149,8 @@ def check_inside(posed: Posed, start: npt.NDArray[np.floating]) -> None:
     if posed.problem.limit != "shrink":
         return
     region = posed.problem.start
-    read = {q.name for q in region.reads}
+    symbols = set().union(*(c.expression.free_symbols for c in region.inequalities))
+    read = {q.name for q in region.reads if q.symbol in symbols}
     table = start.reshape(posed.grid.shape)
     for i, axis in enumerate(posed.grid.axes):
         if axis.ends != "contained" or axis.name not in read:

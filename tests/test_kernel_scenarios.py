@@ -1,0 +1,156 @@
+"""Scenarios that ask for sets of states: read, refused, marched, tried, written."""
+
+import json
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.errors import ScenarioError
+from holdfast.kernel_scenario import KernelScenario, solved
+from holdfast.scenario import load_scenario
+from holdfast.sources import scenario_names
+from tests.test_cli import holdfast
+
+CART = """
+[scenario]
+title = "cart between walls"
+kind = "discriminating-kernel"
+[system]
+name = "cart"
+states = { x = { unit = "m" }, v = { unit = "m/s" } }
+inputs = { a = { unit = "m/s^2", bounds = [-1, 1] } }
+disturbances = { d = { unit = "m/s^2", bounds = [-0.5, 0.5] } }
+rates = { x = "v", v = "a + d" }
+[region]
+constraints = { left = { expression = "-1 - x", unit = "m" }, right = { expression = "x - 1", unit = "m" } }
+[grid]
+nodes = 61
+box = { x = ["-130 cm", 1.3], v = [-1.8, 1.8] }
+[march]
+horizon = 10
+forever = true
+[promise]
+runs = 200
+horizon = 10
+"""
+
+
+@pytest.fixture
+def cart(tmp_path):
+    path = tmp_path / "cart.toml"
+    path.write_text(CART)
+    return str(path)
+
+
+KERNELS = [n for n in scenario_names() if isinstance(load_scenario(n), KernelScenario)]
+
+
+def test_chapter_7_is_there():
+    assert set(KERNELS) >= {
+        "ch7-any-current", "ch7-capture-basin", "ch7-discriminating", "ch7-forward-reach",
+        "ch7-forward-reach-printed", "ch7-hold-goal", "ch7-safety-law",
+    }  # fmt: skip
+
+
+def test_kernel_of_a_file_is_marched_tried_and_written(cart, tmp_path):
+    out = tmp_path / "out"
+    done = holdfast("run", cart, "--out", str(out))
+    assert done.returncode == 0
+    assert "discriminating kernel of region, for ever" in done.stdout
+    assert "200 of 200 kept" in done.stdout
+    assert {p.name for p in out.iterdir()} == {"result.nc", "set.png", "set.svg", "summary.json"}
+    said = json.loads((out / "summary.json").read_text())
+    assert said["promise"]["held"]
+    assert said["promise"]["outside"]["count"] == 0
+    assert said["extent"]["x"] == pytest.approx([-1, 1], abs=0.02)
+    value = hf.load(out / "result.nc")
+    assert isinstance(value, hf.ValueFunction)
+    assert "cart between walls" in value.dataset.attrs["scenario_text"]
+    assert value.contains([[0.0, 0.0]])[0]
+
+
+def test_set_that_lasts_and_has_not_converged_is_no_answer(cart, tmp_path):
+    done = holdfast(
+        "run", cart, "--out", str(tmp_path / "o"), "--no-figures",
+        "--set", "march.horizon=0.5", "--set", "promise.horizon=0.5",
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert "not converged within 0.5 s" in done.stderr
+
+
+def test_law_of_a_file_is_kept_safe_and_runs_and_seed_are_those_of_the_promise(cart):
+    more = ["law.outputs.a=1", "law.name=push"]
+    loaded = load_scenario(cart, more, runs=50, seed=3)
+    found = loaded.run()
+    assert found.promise.law == "push, kept safe"
+    assert found.promise.inside[0].kept.total == 50
+    assert found.promise.held
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("scenario.kind=viable-kernel", "scenario.kind"),
+        ("scenario.kind=capture-basin", "goal: missing table"),
+        ("origin.constraints.a=x", "origin: a discriminating-kernel does not use it"),
+        ("grid.box.z=[0, 1]", "grid.box.z: unknown name"),
+        ("grid.nodes=2.5", "grid.nodes"),
+        ("grid.nodes=3", "at least 7 for weno5"),
+        ("march.horizon=0", "the horizon is 0.0 s"),
+        ("march.schema=weno5", "did you mean 'scheme'"),
+        ("march.scheme=weno7", "weno7"),
+        ("march.times=0", "march.times"),
+        ("march.arrival_steps=10", "does not use it"),
+        ("disturbance.w=1", "no disturbance 'w'"),
+        ("figures.plane=['x', 'w']", "figures.plane: unknown name"),
+        ("figures.inputs=['b']", "figures.inputs"),
+        ("system.promote={x=[0]}", "expected [lowest, highest]"),
+        ("system.keep=['x']", "depends on 'v'"),
+        ("system.disturb={v=[-1, 1]}", "'disturb' without 'promote'"),
+        ("scenario.kind=invariance-kernel", "promises nothing to a law"),
+        ("tracking.a=1", "there is no [law]"),
+    ],
+)  # fmt: skip
+def test_mistakes_are_answered_with_the_key(cart, change, message):
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(cart, [change]).solve()
+    assert message in str(caught.value)
+    assert "cart.toml" in str(caught.value)
+
+
+def test_closed_loop_may_be_kept_in_the_kernel_of_another_scenario(cart, tmp_path, monkeypatch):
+    monkeypatch.setenv("HOLDFAST_CACHE_DIR", str(tmp_path / "cache"))
+    text = CART[CART.index("[system]") : CART.index("[grid]")]
+    path = tmp_path / "loop.toml"
+    path.write_text(f"""
+[scenario]
+title = "pushed cart"
+{text}
+[law]
+outputs = {{ a = "0.9*sin(t)" }}
+[disturbance]
+d = "0.5*cos(0.3*t)"
+[safety]
+kernel = "{cart}"
+[starts]
+states = [{{ x = 0 }}, {{ x = 0.8, v = 0.2 }}]
+[run]
+horizon = 20
+""")
+    kept = load_scenario(str(path)).run()
+    assert kept.viable == 2
+    lost = load_scenario(str(path), ["safety="]).run()
+    assert lost.viable == 0
+    files = list((tmp_path / "cache").glob("value_*.nc"))
+    assert len(files) == 1
+    assert np.array_equal(solved(cart).values(), hf.load(files[0]).values())
+    with pytest.raises(ScenarioError, match="computes no kernel"):
+        load_scenario(str(path), ["safety.kernel=inspection"]).run()
+    with pytest.raises(ScenarioError, match="leave one of them out"):
+        load_scenario(str(path), ["safeguard.gains=[1, 2]"])
+
+
+def test_commands_know_the_kinds():
+    assert "ch7-discriminating" in holdfast("list").stdout
+    assert 'kind = "discriminating-kernel"' in holdfast("show", "ch7-discriminating").stdout
