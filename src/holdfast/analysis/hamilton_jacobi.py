@@ -48,7 +48,12 @@ def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
     """The value at the end of the march, with what it is worth."""
     problem, grid, marching = posed.problem, posed.grid, posed.marching
     _check_memory(posed)
-    h = hamiltonian(posed.system, inputs=problem.inputs, disturbances=problem.disturbances)
+    h = hamiltonian(
+        posed.system,
+        inputs=problem.inputs,
+        disturbances=problem.disturbances,
+        samples=marching.samples,
+    )
     obstacles = Obstacles(posed)
     values, cell = obstacles.start, obstacles.cell
     slow = marching.tolerance if marching.tolerance is not None else 1e-3 * cell
@@ -123,6 +128,8 @@ def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
         "dissipation": marching.dissipation,
         "cfl": marching.cfl,
         "precision": marching.precision,
+        "samples": h.samples,
+        "separable": int(h.separable),
         "steps": done.steps,
         "computed_share": done.computed / max(done.of, 1),
         "wall_time_s": done.seconds,

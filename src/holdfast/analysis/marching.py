@@ -33,6 +33,9 @@ class Marching:
     symmetry: state -> -1 for those that change sign in a reflection that leaves the problem as it
     is; half of the grid is computed then. It is checked symbolically (`maths/symmetry.py`).
 
+    samples: where the rates have no closed form in an input or a disturbance, the points along
+    every coordinate of its set that are looked at (`maths/sampled.py`); by default the system's.
+
     estimate_error, check_outside: what the answer is worth, by further marches (`worth.py`).
     """
 
@@ -48,6 +51,7 @@ class Marching:
     symmetry: Mapping[str, int] | None = None
     checkpoint: str | Path | None = None
     checkpoint_every: float = 60.0
+    samples: int | None = None
     estimate_error: bool | str = False
     check_outside: bool = False
 
