@@ -195,7 +195,7 @@ def _check_bounded(
         )
     if bounds is not None and any(e.is_infinite for e in _ends(bounds)):
         raise DefinitionError(
-            f"a {what} of {owner} is unbounded",
+            f"{'an' if what == 'input' else 'a'} {what} of {owner} is unbounded",
             expected="finite bounds",
             remedy=f"say what the {what} can be at most",
         )
