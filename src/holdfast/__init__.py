@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from holdfast.analysis.boundary import Boundary, contingent_cone, regulation_map
     from holdfast.analysis.comparison import Comparison
     from holdfast.analysis.grid import Grid, grid
+    from holdfast.analysis.memory import march_memory
     from holdfast.analysis.promise import Promise, check_promise
     from holdfast.analysis.result import Result, load
     from holdfast.analysis.safety_law import safety_law, sampled_margin
@@ -79,6 +80,7 @@ _HOME = {
     "analysis.boundary": ("Boundary", "contingent_cone", "regulation_map"),
     "analysis.comparison": ("Comparison",),
     "analysis.grid": ("Grid", "grid"),
+    "analysis.memory": ("march_memory",),
     "analysis.promise": ("Promise", "check_promise"),
     "analysis.result": ("Result", "load"),
     "analysis.safety_law": ("safety_law", "sampled_margin"),
@@ -199,6 +201,7 @@ __all__ = [
     "laws",
     "load",
     "load_scenario",
+    "march_memory",
     "margin_figure",
     "observe",
     "optimal_input_figure",

@@ -212,64 +212,6 @@ def test_file_keeps_everything(found, tmp_path):
         found.save(tmp_path / "folder" / "kernel.nc")
 
 
-@pytest.mark.parametrize(
-    ("options", "complaint"),
-    [
-        ({"horizon": 0.0}, "the horizon is 0.0 s; expected above 0"),
-        ({"horizon": math.inf}, "the horizon is inf s"),
-        ({"horizon": 1, "scheme": "weno"}, "scheme: 'weno'; did you mean 'weno5'"),
-        ({"horizon": 1, "order": 4}, "order: 4; expected 1, 2 or 3"),
-        ({"horizon": 1, "cfl": 1.5}, "cfl: 1.5; expected above 0, at most 1"),
-        ({"horizon": 1, "band": 0.0}, "band: 0.0"),
-        ({"horizon": 1, "dissipation": "none"}, "dissipation: 'none'"),
-        ({"horizon": 1, "precision": "half"}, "precision: 'half'"),
-        ({"horizon": 1, "threads": 0}, "threads: 0"),
-        ({"horizon": 1, "shceme": "eno2"}, "unknown option 'shceme'; did you mean 'scheme'"),
-        ({"horizon": 1, "times": [2.0]}, "a value is asked for at 2 s"),
-        ({"horizon": 1, "nodes": 5}, "5 nodes along 'x'; expected at least 7 for weno5"),
-        ({"horizon": 1, "parameters": {"mass": 1}}, "no parameter 'mass'"),
-        ({"horizon": 1, "disturbance": {"w": 1}}, "has no disturbance 'w'"),
-    ],
-)
-def test_options_that_cannot_be_used_are_refused(options, complaint):
-    with pytest.raises(SimulationError, match=complaint):
-        kernel(**options)
-
-
-@pytest.mark.parametrize(
-    ("box", "nodes", "ends", "complaint"),
-    [
-        ({"x": (-1, 1)}, 11, {}, "no interval for 'v'"),
-        (BOX | {"w": (0, 1)}, 11, {}, "box of 'w', which is no state"),
-        (BOX, {"x": 11}, {}, "None nodes along 'v'"),
-        (BOX, 1, {}, "1 nodes along 'x'; expected a number of at least 2"),
-        (BOX | {"x": (1, -1)}, 11, {}, r"the interval of 'x' is \[1, -1\]; expected low < high"),
-        (BOX | {"x": (-math.inf, 1)}, 11, {}, "low < high"),
-        (BOX, 11, {"x": "open"}, "ends of 'x': 'open'"),
-        (BOX, 11, {"x": "periodic"}, "'x' is periodic over"),
-    ],
-)
-def test_grids_that_cannot_be_are_refused(box, nodes, ends, complaint):
-    with pytest.raises(SimulationError, match=complaint):
-        hf.grid(CART, box, nodes, ends)
-
-
-def test_angles_over_part_of_a_turn_or_more_than_one_are_refused():
-    theta = hf.Quantity("theta", "rad", angle=True)
-    ring = hf.System("ring", (theta,), (), {"theta": sp.S.One})
-    with pytest.raises(SimulationError, match="not a whole turn"):
-        hf.grid(ring, {"theta": (-1, 1)}, 11)
-    with pytest.raises(SimulationError, match="at most 2 pi"):
-        hf.grid(ring, {"theta": (-4, 4)}, 11)
-    assert hf.grid(ring, {"theta": (-1, 1)}, 11, {"theta": "contained"}).shape == (11,)
-
-
-def test_grid_that_cuts_off_the_region_is_refused():
-    small = hf.grid(CART, {"x": (-0.8, 1.3), "v": (-1.8, 1.8)}, 21)
-    with pytest.raises(SimulationError, match=r"cuts off region 'walls' at x = -0\.8"):
-        hf.viability_kernel(CART, WALLS, small, 1.0)
-
-
 def test_grids_of_another_system_and_margins_that_are_no_numbers_are_refused():
     one = hf.System("one", CART.states[:1], CART.inputs, {"x": U}, input_bounds=CART.input_bounds)
     with pytest.raises(SimulationError, match="the grid is one of another system: x; expected the"):
@@ -277,11 +219,6 @@ def test_grids_of_another_system_and_margins_that_are_no_numbers_are_refused():
     root = hf.Region("root", CART.states[:1], (hf.Inequality("c", sp.sqrt(X) - 1, "m"),))
     with pytest.raises(SimulationError, match="is no number at some nodes"):
         hf.viability_kernel(one, root, hf.grid(one, {"x": (-2, 2)}, 21), 1.0)
-
-
-def test_grid_beyond_the_machine_is_refused():
-    with pytest.raises(SimulationError, match="GiB, this machine has"):
-        kernel(400_000)
 
 
 def test_problems_that_are_another_are_refused():

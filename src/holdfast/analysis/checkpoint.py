@@ -124,8 +124,12 @@ def identity(posed: Posed) -> dict[str, str]:
     found["the players"] = f"{problem.inputs}, {problem.disturbances}"
     for i, region in enumerate(problem.regions):
         found[f"the {'second ' if i else ''}region"] = f"{region.name}: {sp.srepr(region.margin)}"
-    for name in ("scheme", "dissipation", "cfl", "precision", "band", "tolerance", "symmetry"):
-        found[name] = repr(getattr(marching, name))
+    found |= {
+        name: repr(getattr(marching, name))
+        for name in (
+            "scheme", "dissipation", "cfl", "precision", "band", "tolerance", "symmetry", "samples"
+        )
+    }  # fmt: skip
     found["order"] = repr(marching.method.order)
     return found
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from holdfast.analysis.given import as_number, by_name, whole
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.march import KINDS
 from holdfast.maths.quantity import Quantity
@@ -93,8 +94,11 @@ def grid(
     over more than a turn, a periodic axis that is not one turn of an angle, fewer than two nodes,
     and more than six states.
     """
+    if not isinstance(system, System):
+        raise SimulationError(f"{system!r} for a system", expected="a System")
     names = system.state_names
-    ends = dict(ends or {})
+    by_name("box", box, '{"x": (0, 1)}')
+    ends = dict(by_name("ends", {} if ends is None else ends, '{"x": "limited"}'))
     if len(names) > LARGEST_DIMENSION:
         raise SimulationError(
             f"system '{system.name}' has {len(names)} states",
@@ -121,32 +125,35 @@ def _axis(
 ) -> Axis:
     if q.name not in box:
         raise SimulationError(f"the grid has no interval for '{q.name}'")
-    count = nodes.get(q.name) if isinstance(nodes, Mapping) else nodes
-    if not isinstance(count, (int, np.integer)) or isinstance(count, bool) or count < 2:
+    wanted = nodes.get(q.name) if isinstance(nodes, Mapping) else nodes
+    count = whole(f"nodes along '{q.name}': ", wanted, 2)
+    given = box[q.name]
+    pair = isinstance(given, (tuple, list, np.ndarray)) and len(given) == 2
+    low, high = (as_number(v) for v in given) if pair else (None, None)
+    if low is None or high is None:
         raise SimulationError(
-            f"{count!r} nodes along '{q.name}'", expected="a number of at least 2"
+            f"the interval of '{q.name}' is {given!r}", expected="two numbers, (low, high)"
         )
-    low, high = (float(v) for v in box[q.name])
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise SimulationError(
             f"the interval of '{q.name}' is [{low:g}, {high:g}]", expected="low < high"
         )
-    whole = q.angle and math.isclose(high - low, TURN, rel_tol=1e-9)
+    once = q.angle and math.isclose(high - low, TURN, rel_tol=1e-9)
     if q.angle and high - low > TURN * (1 + 1e-9):
         raise SimulationError(
             f"the interval of the angle '{q.name}' is {high - low:g} rad", expected="at most 2 pi"
         )
-    if q.angle and not whole and ends is None:
+    if q.angle and not once and ends is None:
         raise SimulationError(
             f"the interval of the angle '{q.name}' is {high - low:g} rad, not a whole turn",
             expected="2 pi",
             remedy='or say what is beyond its ends: ends = {"' + q.name + '": "contained"}',
         )
-    ends = ends or ("periodic" if whole else "contained")
-    if ends not in KINDS:
-        raise SimulationError(f"ends of '{q.name}': '{ends}'", remedy=suggestion(ends, KINDS))
-    if ends == "periodic" and not whole:
+    ends = ends or ("periodic" if once else "contained")
+    if not isinstance(ends, str) or ends not in KINDS:
+        raise SimulationError(f"ends of '{q.name}': '{ends}'", remedy=suggestion(str(ends), KINDS))
+    if ends == "periodic" and not once:
         raise SimulationError(
             f"'{q.name}' is periodic over [{low:g}, {high:g}]", expected="an angle over 2 pi"
         )
-    return Axis(q, low, high, int(count), ends)
+    return Axis(q, low, high, count, ends)

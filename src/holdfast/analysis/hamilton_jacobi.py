@@ -25,12 +25,13 @@ import numpy.typing as npt
 from holdfast._version import __version__
 from holdfast.analysis.checkpoint import Checkpoint
 from holdfast.analysis.grid import Grid
-from holdfast.analysis.obstacles import Obstacles, obstacle_arrays
+from holdfast.analysis.memory import check_fits, memory_of
+from holdfast.analysis.obstacles import Obstacles
 from holdfast.analysis.posed import Posed
 from holdfast.analysis.record import Record
 from holdfast.analysis.value_function import ValueFunction
 from holdfast.errors import SimulationError
-from holdfast.execution.closed_loop import available_cores, check_memory
+from holdfast.execution.closed_loop import available_cores
 from holdfast.execution.march import Done, March
 from holdfast.maths.hamiltonian import Hamiltonian, hamiltonian
 from holdfast.maths.symmetry import check_symmetry
@@ -47,8 +48,13 @@ Progress = Callable[[float], None]
 def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
     """The value at the end of the march, with what it is worth."""
     problem, grid, marching = posed.problem, posed.grid, posed.marching
-    _check_memory(posed)
-    h = hamiltonian(posed.system, inputs=problem.inputs, disturbances=problem.disturbances)
+    check_fits(posed)
+    h = hamiltonian(
+        posed.system,
+        inputs=problem.inputs,
+        disturbances=problem.disturbances,
+        samples=marching.samples,
+    )
     obstacles = Obstacles(posed)
     values, cell = obstacles.start, obstacles.cell
     slow = marching.tolerance if marching.tolerance is not None else 1e-3 * cell
@@ -123,7 +129,10 @@ def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
         "dissipation": marching.dissipation,
         "cfl": marching.cfl,
         "precision": marching.precision,
+        "samples": h.samples,
+        "separable": int(h.separable),
         "steps": done.steps,
+        "memory_bytes": memory_of(posed),
         "computed_share": done.computed / max(done.of, 1),
         "wall_time_s": done.seconds,
         "parameters": json.dumps({q.name: q.value for q in posed.parameters}),
@@ -144,14 +153,6 @@ def _reflected(posed: Posed, h: Hamiltonian) -> list[npt.NDArray[np.int64]] | No
         a.reflected if signs.get(a.name) == -1 else np.arange(a.count, dtype=np.int64)
         for a in posed.grid.axes
     ]
-
-
-def _check_memory(posed: Posed) -> None:
-    arrays = 1 + max(posed.marching.method.order - 1, 1) + obstacle_arrays(posed)
-    arrays += 2 if posed.arrival_steps else 0
-    arrays += len(posed.asked) if posed.several else 0
-    size = np.dtype(posed.marching.precision).itemsize
-    check_memory(size * posed.grid.nodes * arrays, f"{posed.grid.nodes:,} nodes")
 
 
 def _ends_reached(grid: Grid, values: Array) -> str:

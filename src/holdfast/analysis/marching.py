@@ -6,7 +6,11 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from holdfast.analysis.given import by_name, number, whole
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.march import Method
 from holdfast.execution.sweep import DISSIPATIONS, SCHEMES
@@ -33,6 +37,9 @@ class Marching:
     symmetry: state -> -1 for those that change sign in a reflection that leaves the problem as it
     is; half of the grid is computed then. It is checked symbolically (`maths/symmetry.py`).
 
+    samples: where the rates have no closed form in an input or a disturbance, the points along
+    every coordinate of its set that are looked at (`maths/sampled.py`); by default the system's.
+
     estimate_error, check_outside: what the answer is worth, by further marches (`worth.py`).
     """
 
@@ -48,6 +55,7 @@ class Marching:
     symmetry: Mapping[str, int] | None = None
     checkpoint: str | Path | None = None
     checkpoint_every: float = 60.0
+    samples: int | None = None
     estimate_error: bool | str = False
     check_outside: bool = False
 
@@ -59,22 +67,26 @@ class Marching:
         ):
             if (value := getattr(self, name)) not in known:
                 raise SimulationError(f"{name}: {value!r}", remedy=suggestion(str(value), known))
-        if self.order not in (None, 1, 2, 3):
-            raise SimulationError(f"order: {self.order!r}", expected="1, 2 or 3")
-        for name, top in (("cfl", 1.0), ("band", math.inf), ("tolerance", math.inf)):
+        if self.order is not None:
+            whole("order: ", self.order, 1, 3)
+        number("cfl: ", self.cfl, "a number above 0, at most 1", lambda v: 0 < v <= 1)
+        number("band: ", self.band, "a number above 0; infinite for none", lambda v: v > 0)
+        if self.tolerance is not None:
+            number("tolerance: ", self.tolerance, "a number above 0", lambda v: v > 0)
+        if self.threads is not None:
+            whole("threads: ", self.threads, 1, 1024)
+        for name in ("skip", "check_outside", "estimate_error"):
             value = getattr(self, name)
-            if value is not None and not 0 < value <= top:
-                raise SimulationError(f"{name}: {value!r}", expected=f"above 0, at most {top:g}")
-        if self.threads is not None and not 1 <= self.threads <= 1024:
-            raise SimulationError(f"threads: {self.threads!r}", expected="at least 1")
-        if self.estimate_error not in (False, True, "order"):
-            raise SimulationError(
-                f"estimate_error: {self.estimate_error!r}", expected='True, False or "order"'
-            )
-        if not self.checkpoint_every >= 0:
-            raise SimulationError(
-                f"checkpoint_every: {self.checkpoint_every!r}", expected="seconds, at least 0"
-            )
+            also = name == "estimate_error" and value == "order"
+            if not (isinstance(value, (bool, np.bool_)) or also):
+                both = name == "estimate_error"
+                expected = 'True, False or "order"' if both else "True or False"
+                raise SimulationError(f"{name}: {value!r}", expected=expected)
+        if self.symmetry is not None:
+            by_name("symmetry", self.symmetry, '{"y": -1}')
+        if self.checkpoint is not None and not isinstance(self.checkpoint, (str, Path)):
+            raise SimulationError(f"checkpoint: {self.checkpoint!r}", expected="a file or a folder")
+        number("checkpoint_every: ", self.checkpoint_every, "seconds, at least 0", lambda v: v >= 0)
         if self.checkpoint is None and self.checkpoint_every != 60.0:
             raise SimulationError(
                 "checkpoint_every without a checkpoint", remedy="say checkpoint=a file or a folder"
@@ -96,6 +108,16 @@ class Marching:
     def checkpoint_file(self, kind: str) -> Path:
         path = Path(self.checkpoint or ".")
         return path / f"{kind}.checkpoint" if path.is_dir() else path
+
+
+def marching_of(options: Mapping[str, Any]) -> Marching:
+    """The options as they were given, with a refusal of unknown names."""
+    for name in options:
+        if name not in Marching.__dataclass_fields__:
+            raise SimulationError(
+                f"unknown option '{name}'", remedy=suggestion(name, Marching.__dataclass_fields__)
+            )
+    return Marching(**options)
 
 
 @dataclass(frozen=True)

@@ -91,11 +91,6 @@ class Obstacles:
         )
 
 
-def obstacle_arrays(posed: Posed) -> int:
-    """How many arrays the size of the grid they take."""
-    return {"shrink": 0, "grow": 0}.get(posed.limit, 2) + 3 * bool(posed.beyond)
-
-
 def open_ends(posed: Posed, values: Array) -> list[tuple[int, int]]:
     """The ends of the grid beyond which the value is continued: the axis, and 0 or -1.
 

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
+from holdfast.analysis.given import by_name, number, whole
 from holdfast.analysis.grid import Grid
 from holdfast.analysis.marching import Marching, Problem
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.sweep import SCHEMES
 from holdfast.maths.bounds import section
 from holdfast.maths.quantity import TIME, Parameter, merge_parameters
+from holdfast.maths.region import Region
 from holdfast.maths.system import System
 from holdfast.maths.tangency import check_states
 
@@ -91,13 +93,20 @@ def pose(
     start_time: float,
 ) -> Posed:
     """The problem with everything in it checked; `SimulationError` for what cannot be solved."""
-    if not (math.isfinite(horizon) and horizon > 0):
-        raise SimulationError(f"the horizon is {horizon!r} s", expected="above 0")
-    if not math.isfinite(start_time):
-        raise SimulationError(
-            f"start_time is {start_time!r}", expected="a finite number of seconds"
-        )
+    horizon = number(
+        "the horizon [s] is ", horizon, "a finite number above 0", lambda v: 0 < v < math.inf
+    )
+    start_time = number("start_time is ", start_time, "a finite number of seconds", math.isfinite)
     asked = _times(times, horizon)
+    by_name("disturbance", disturbance, '{"d": 0.1}')
+    by_name("parameters", parameters, '{"mass": 3.0}')
+    for region in problem.regions:
+        if not isinstance(region, Region):
+            raise SimulationError(f"{region!r} for a region", expected="a Region")
+    if not isinstance(grid, Grid):
+        raise SimulationError(
+            f"{grid!r} for a grid", remedy="make one: hf.grid(system, box, nodes)"
+        )
     moved = with_disturbance(system, disturbance)
     if problem.backwards:
         moved = replace(moved, rates={n: -r for n, r in moved.rates.items()}, pfaffian=())
@@ -121,9 +130,11 @@ def pose(
     given = {n: _expression(v) for n, v in disturbance.items()}
     posed = Posed(
         moved, problem, grid, horizon, marching, known, given, tuple(asked),
-        times is not None, 0, "", float(start_time),
+        times is not None, 0, "", start_time,
     )  # fmt: skip
-    if arrival_steps is None:
+    if arrival_steps is not None:
+        whole("arrival_steps: ", arrival_steps, 0)
+    else:
         arrival_steps = ARRIVAL_STEPS if problem.limit == "free" and not posed.varies else 0
     if posed.varies and arrival_steps:
         raise SimulationError(
@@ -166,7 +177,12 @@ def check_inside(posed: Posed, start: npt.NDArray[np.floating]) -> None:
 
 
 def _times(times: Sequence[float] | None, horizon: float) -> list[float]:
-    asked = sorted(float(t) for t in (() if times is None else times))
+    if times is not None and (isinstance(times, str) or not isinstance(times, Iterable)):
+        raise SimulationError(f"times: {times!r}", expected="a list of times, such as [0.5, 1]")
+    asked = sorted(
+        number("a value is asked for at the time ", t, "a number of seconds", lambda v: v == v)
+        for t in (() if times is None else times)
+    )
     if asked and not (asked[0] > 0 and asked[-1] <= horizon):
         raise SimulationError(
             f"a value is asked for at {asked[0] if asked[0] <= 0 else asked[-1]:g} s",
@@ -208,7 +224,9 @@ def with_disturbance(system: System, given: Mapping[str, float | sp.Expr]) -> Sy
 
 
 def _expression(value: float | sp.Expr) -> sp.Expr:
-    return value if isinstance(value, sp.Expr) else sp.Float(float(value))
+    if isinstance(value, sp.Expr):
+        return value
+    return sp.Float(number("a disturbance is given as ", value, "a finite number", math.isfinite))
 
 
 def _given(known: tuple[Parameter, ...], values: Mapping[str, float]) -> tuple[Parameter, ...]:
@@ -216,4 +234,7 @@ def _given(known: tuple[Parameter, ...], values: Mapping[str, float]) -> tuple[P
     for name in values:
         if name not in names:
             raise SimulationError(f"no parameter '{name}'", remedy=suggestion(name, names))
-    return tuple(replace(q, value=float(values.get(q.name, q.value))) for q in known)
+    return tuple(
+        replace(q, value=number(f"parameter '{q.name}' is ", v, "a finite number", math.isfinite))
+        for q, v in ((q, values.get(q.name, q.value)) for q in known)
+    )

@@ -9,11 +9,11 @@ import sympy as sp
 
 from holdfast.analysis.grid import Grid
 from holdfast.analysis.hamilton_jacobi import Progress, marched
-from holdfast.analysis.marching import Marching, Problem
+from holdfast.analysis.marching import Problem, marching_of
 from holdfast.analysis.posed import pose
 from holdfast.analysis.value_function import ValueFunction, to_value_function
 from holdfast.analysis.worth import coarser, with_error, with_outside
-from holdfast.errors import SimulationError, suggestion
+from holdfast.errors import SimulationError
 from holdfast.execution.over_grid import over_grid
 from holdfast.maths.region import Region
 from holdfast.maths.system import System
@@ -41,19 +41,18 @@ def solve(
     the end; at one of the `times`, so many seconds after the beginning. Where something depends on
     time, nothing converges: the march goes the whole way.
     """
-    for name in options:
-        if name not in Marching.__dataclass_fields__:
-            raise SimulationError(
-                f"unknown option '{name}'", remedy=suggestion(name, Marching.__dataclass_fields__)
-            )
+    if progress is not None and not callable(progress):
+        raise SimulationError(
+            f"progress: {progress!r}", expected="a function of the share of the horizon"
+        )
     posed = pose(
         system,
         problem,
         grid,
         horizon,
-        Marching(**options),
-        disturbance=disturbance or {},
-        parameters=parameters or {},
+        marching_of(options),
+        disturbance={} if disturbance is None else disturbance,
+        parameters={} if parameters is None else parameters,
         times=times,
         arrival_steps=arrival_steps,
         start_time=start_time,

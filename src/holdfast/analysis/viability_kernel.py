@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from holdfast.analysis.given import by_name
 from holdfast.analysis.grid import Grid
 from holdfast.analysis.marching import Problem
 from holdfast.analysis.solve import solve
@@ -36,7 +37,9 @@ def viability_kernel(
 
 def _undecided(system: System, options: Mapping[str, Any]) -> bool:
     """Whether some disturbance is left that is not given."""
-    return bool(set(system.disturbance_names) - set(options.get("disturbance") or ()))
+    given = options.get("disturbance")
+    known = {} if given is None else by_name("disturbance", given, '{"d": 0.1}')
+    return bool(set(system.disturbance_names) - set(known))
 
 
 def discriminating_kernel(

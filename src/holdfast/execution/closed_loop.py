@@ -276,7 +276,9 @@ class ClosedLoop:
         return replace(result, wall_time=time.perf_counter() - began)
 
 
-def check_memory(needed: int, what: str) -> None:
+def check_memory(
+    needed: int, what: str, remedy: str = "raise record_every, or simulate fewer runs at a time"
+) -> None:
     """Refuse what would not fit, before anything is allocated."""
     if not hasattr(os, "sysconf"):
         return
@@ -284,7 +286,8 @@ def check_memory(needed: int, what: str) -> None:
     if needed > 0.7 * total:
         raise SimulationError(
             f"{what} take {needed / 2**30:.3g} GiB, this machine has {total / 2**30:.3g}",
-            remedy="raise record_every, or simulate fewer runs at a time",
+            expected="at most 70 % of it",
+            remedy=remedy,
         )
 
 

@@ -22,6 +22,11 @@ def check_symmetry(h: Hamiltonian, regions: Sequence[Region], signs: Mapping[str
     Raises `DefinitionError` that names the rate, the inequality or the players that change.
     """
     system = h.system
+    if h.samples:
+        raise DefinitionError(
+            f"a symmetry of system '{system.name}' with {h.samples} samples cannot be shown",
+            remedy="leave out the symmetry",
+        )
     for name, sign in signs.items():
         if name not in system.state_names:
             raise DefinitionError(

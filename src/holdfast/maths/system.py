@@ -43,8 +43,10 @@ class PfaffianRow:
 class System:
     """States q, inputs u, disturbances d, parameters p, rates f and Pfaffian rows.
 
-    `rates` maps every state to its rate. Raises `DefinitionError` when shapes disagree, a
-    rate uses an undeclared name, or the rates leave a Pfaffian constraint.
+    `rates` maps every state to its rate. samples: with how many points along every coordinate the
+    bounds are replaced, in a Hamiltonian, where there is no closed form (0: it is refused there).
+    Raises `DefinitionError` when shapes disagree, a rate uses an undeclared name, or the rates
+    leave a Pfaffian constraint.
     """
 
     name: str
@@ -58,6 +60,7 @@ class System:
     pfaffian: tuple[PfaffianRow, ...] = ()
     description: str = ""
     source: str = ""
+    samples: int = 0
 
     def __post_init__(self) -> None:
         owner = f"system '{self.name}'"
@@ -95,6 +98,11 @@ class System:
                     f"the {what} bounds of {owner} use the undeclared name '{unknown[0]}'",
                     expected="numbers or declared parameters",
                 )
+        few = isinstance(self.samples, int) and (self.samples < 0 or self.samples == 1)
+        if few or isinstance(self.samples, bool) or not isinstance(self.samples, int):
+            raise DefinitionError(
+                f"samples: {self.samples!r}", expected="a whole number of at least 2, or 0 for none"
+            )
         for number, row in enumerate(self.pfaffian, start=1):
             self._check_row(number, row, symbols, owner)
 
