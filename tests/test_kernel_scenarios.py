@@ -58,7 +58,7 @@ def test_kernel_of_a_file_is_marched_tried_and_written(cart, tmp_path):
     done = holdfast("run", cart, "--out", str(out))
     assert done.returncode == 0
     assert "discriminating kernel of region, for ever" in done.stdout
-    assert "200 of 200 kept" in done.stdout
+    assert "200 of 200 stay" in done.stdout
     assert {p.name for p in out.iterdir()} == {"result.nc", "set.png", "set.svg", "summary.json"}
     said = json.loads((out / "summary.json").read_text())
     assert said["promise"]["held"]
@@ -97,7 +97,7 @@ def test_law_of_a_file_is_kept_safe_and_runs_and_seed_are_those_of_the_promise(c
         ("grid.box.z=[0, 1]", "grid.box.z: unknown name"),
         ("grid.nodes=2.5", "grid.nodes"),
         ("grid.nodes=3", "at least 7 for weno5"),
-        ("march.horizon=0", "the horizon is 0.0 s"),
+        ("march.horizon=0", "the horizon [s] is 0.0"),
         ("march.schema=weno5", "did you mean 'scheme'"),
         ("march.scheme=weno7", "weno7"),
         ("march.times=0", "march.times"),

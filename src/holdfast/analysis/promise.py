@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -31,7 +32,8 @@ DRAWS = 400
 @dataclass(frozen=True)
 class Trials:
     """Runs against one kind of disturbance: `kept` stayed in the region, or, of a basin, reached
-    the goal through it; excursion: the largest max_j c_j of any run, in the region's unit."""
+    the goal through it; excursion: the largest max_j c_j of any run, in the region's unit (of a
+    basin, whose runs go on beyond the goal, not a number)."""
 
     what: str
     kept: Rate
@@ -54,6 +56,7 @@ class Promise:
     sample_time: float
     inside: tuple[Trials, ...]
     outside: Trials | None
+    aim: str = "stay"
 
     @property
     def held(self) -> bool:
@@ -64,7 +67,8 @@ class Promise:
         """For summary.json."""
 
         def said(t: Trials) -> dict[str, Any]:
-            more = {"worst_constraint": t.excursion, "runs_relaxed": t.relaxed}
+            worst = t.excursion if math.isfinite(t.excursion) else None
+            more = {"worst_constraint": worst, "runs_relaxed": t.relaxed}
             return {"against": t.what, "runs": t.kept.total, **t.kept.summary(), **more}
 
         return {
@@ -167,6 +171,7 @@ def check_promise(
         sample_time=sample_time,
         inside=found,
         outside=lost,
+        aim="stay" if goal is None else "reach the goal",
     )
 
 
@@ -246,6 +251,6 @@ def _trials(what: str, result: Result, goal: Region | None, system: System) -> T
             what, "no disturbance"
         ),
         Rate(int(kept.sum()), len(kept)),
-        float(data["worst_constraint"].max()),
+        float(data["worst_constraint"].max()) if goal is None else math.nan,
         int((data["infeasible"].values > 0).sum()),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -176,7 +177,8 @@ def decided(system: System, value: ValueFunction) -> System:
                 f"has {q.value:g}",
                 remedy="compute it again; to simulate another vehicle under this law, use plant",
             )
-    return with_disturbance(system, json.loads(said["disturbance"]))
+    known = with_disturbance(system, json.loads(said["disturbance"]))
+    return replace(known, samples=int(said.get("samples", 0)))
 
 
 def _parameters(value: ValueFunction, system: System) -> dict[str, float]:

@@ -68,7 +68,7 @@ def keep_value(
     """
     if not system.inputs:
         raise DefinitionError(f"system '{system.name}' has no inputs")
-    hamiltonian(system)  # refuses rates that are not affine
+    hamiltonian(replace(system, samples=0))  # refuses rates that are not affine
     slopes = lookup.slopes[-len(system.states) :]
     gain = sp.Matrix(list(system.rates.values())).jacobian([q.symbol for q in system.inputs])
     none = {q.symbol: sp.S.Zero for q in system.inputs}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -31,7 +32,8 @@ def value_text(
     share = value.fraction()
     text = f"{100 * share:.3g} % of the grid's box"
     if begun is not None and (first := begun.fraction()) > 0:
-        text += f", {100 * share / first:.3g} % of {begun.dataset.attrs['region']}"
+        name, ratio = begun.dataset.attrs["region"], share / first
+        text += f", {100 * ratio:.3g} % of {name}" if ratio < 2 else f", {ratio:.3g} times {name}"
     lines.append(f"  the set        {'empty' if said['empty'] else text}")
     if not said["empty"]:
         ends = value.extent()
@@ -103,16 +105,19 @@ def _promise(promise: Promise) -> list[str]:
         f"{promise.horizon:g} s, from random states",
         f"    at least {promise.margin:.3g} {promise.unit} inside",
     ]
-    lines += [f"      {_trials(t, promise, 'kept')}" for t in promise.inside]
+    lines += [f"      {_trials(t, promise)}" for t in promise.inside]
     if promise.outside is not None:
         lines.append(f"    at least {promise.margin:.3g} {promise.unit} outside, in the region")
-        lines.append(f"      {_trials(promise.outside, promise, 'kept')}")
+        lines.append(f"      {_trials(promise.outside, promise)}")
     return lines
 
 
-def _trials(trials: Trials, promise: Promise, word: str) -> str:
+def _trials(trials: Trials, promise: Promise) -> str:
     low, high = trials.kept.interval
-    return (
-        f"against {trials.what + ':':<24} {trials.kept.count} of {trials.kept.total} {word} "
-        f"({low:.3f} to {high:.3f}), worst constraint {trials.excursion:+.4f} {promise.unit}"
+    text = (
+        f"against {trials.what + ':':<24} {trials.kept.count} of {trials.kept.total} "
+        f"{promise.aim} ({low:.3f} to {high:.3f})"
     )
+    if math.isfinite(trials.excursion):
+        text += f", worst constraint {trials.excursion:+.4f} {promise.unit}"
+    return text
