@@ -110,3 +110,43 @@ def test_members_of_a_ball_are_given_together(game):
     grid = hf.grid(game, box, 11, {"psi": "contained"})
     with pytest.raises(DefinitionError, match="depend on each other"):
         hf.discriminating_kernel(game, region, grid, 0.1, disturbance={"Vx": 0.0})
+
+
+BOX_OF_THE_THESIS = 2.6 * 3.2 * np.pi  # x in [-2.6, 0], y in [-1.6, 1.6], psi in +-pi/2
+
+
+def kernel_of_the_game(sway, horizon, *, nodes=41, disturbance=None, speed=None, **options):
+    """The game (7.4) on a box wide enough for S on any grid."""
+    vehicle = hf.systems.marine_vehicle(**({} if speed is None else {"current_limit": speed}))
+    game = hf.promote(
+        vehicle, ("u", "r"), GAME_INPUTS,
+        disturbances=("v",), disturbance_bounds=hf.Box((-sway,), (sway,)),
+    )  # fmt: skip
+    box = {"x": (-2.6, 0.2), "y": (-2, 2), "psi": (-np.pi / 2, np.pi / 2)}
+    grid = hf.grid(game, box, nodes, {"psi": "contained"})
+    region = hf.regions.camera_and_lasers()
+    return hf.discriminating_kernel(game, region, grid, horizon, disturbance=disturbance, **options)
+
+
+def test_game_of_the_thesis_has_no_discriminating_kernel():
+    """|v| <= 0.62: empty at 5.1 s across the view, at 2.4 s in any direction (spec's numbers)."""
+    across = kernel_of_the_game(0.62, 9.0, disturbance={"Vx": 0.0, "Vy": 0.5})
+    assert across.dataset.attrs["empty"]
+    assert across.dataset.attrs["reached_s"] == pytest.approx(5.1, abs=0.3)
+    anywhere = kernel_of_the_game(0.62, 9.0, speed=0.5)
+    assert anywhere.dataset.attrs["empty"]
+    assert anywhere.dataset.attrs["reached_s"] == pytest.approx(2.4, abs=0.2)
+
+
+def test_kernel_at_three_seconds_is_one_for_three_seconds():
+    """|v| <= 0.4, 51 nodes: .0588 of the thesis's box at 3 s (reference); it goes on shrinking."""
+    found = kernel_of_the_game(
+        0.4, 3.0, nodes=51, disturbance={"Vx": 0.0, "Vy": 0.5}, times=[1.0, 2.0, 3.0]
+    )
+    assert not found.dataset.attrs["converged"]
+    shares = [found.volume(t) / BOX_OF_THE_THESIS for t in (1.0, 2.0, 3.0)]
+    assert shares == pytest.approx([0.100, 0.081, 0.058], abs=0.003)
+    turned = found.projection("y").values(3.0)
+    ahead, behind = turned[found.grid.axes[1].nodes > 0.2], turned[:25]
+    assert (ahead < 0).all(), "the current takes the vehicle out on its right"
+    assert (behind > 0).any()
