@@ -126,7 +126,7 @@ def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
         "steps": done.steps,
         "computed_share": done.computed / max(done.of, 1),
         "wall_time_s": done.seconds,
-        "parameters": json.dumps({q.name: q.value for q in posed.parameters}),
+        "parameters": json.dumps({q.name: q.value for q in posed.named}),
         "disturbance": json.dumps(
             {n: float(v) if v.is_number else str(v) for n, v in posed.disturbance.items()}
         ),
