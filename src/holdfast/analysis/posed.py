@@ -225,7 +225,7 @@ def _with_names(system: System, given: Mapping[str, sp.Expr]) -> tuple[System, d
     held = tuple(
         Parameter(f"{GIVEN}{d.name}", d.unit, value=float(given[d.name]))
         for d in system.disturbances
-        if d.name in given and given[d.name].is_number and given[d.name] != 0
+        if d.name in given and given[d.name].is_number
     )
     names = {q.name.removeprefix(GIVEN): q.symbol for q in held}
     return replace(system, parameters=(*system.parameters, *held)), {**given, **names}
