@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from holdfast.analysis.boundary import Boundary, contingent_cone, regulation_map
     from holdfast.analysis.comparison import Comparison
     from holdfast.analysis.grid import Grid, grid
+    from holdfast.analysis.margin import Margin
     from holdfast.analysis.memory import march_memory
     from holdfast.analysis.promise import Promise, check_promise
     from holdfast.analysis.result import Result, load
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from holdfast.derivation import Derivation, explain
     from holdfast.errors import GainWarning, HoldfastError
     from holdfast.execution.closed_loop import Outcome
+    from holdfast.margin import disturbance_margin
     from holdfast.maths import fields, laws, regions, systems
     from holdfast.maths.bounds import Ball, Box, LinearImage, Product
     from holdfast.maths.critical_points import classify, winding_number
@@ -80,6 +82,7 @@ _HOME = {
     "analysis.boundary": ("Boundary", "contingent_cone", "regulation_map"),
     "analysis.comparison": ("Comparison",),
     "analysis.grid": ("Grid", "grid"),
+    "analysis.margin": ("Margin",),
     "analysis.memory": ("march_memory",),
     "analysis.promise": ("Promise", "check_promise"),
     "analysis.result": ("Result", "load"),
@@ -101,6 +104,7 @@ _HOME = {
     "derivation": ("Derivation", "explain"),
     "errors": ("GainWarning", "HoldfastError"),
     "execution.closed_loop": ("Outcome",),
+    "margin": ("disturbance_margin",),
     "maths": ("fields", "laws", "regions", "systems"),
     "maths.bounds": ("Ball", "Box", "LinearImage", "Product"),
     "maths.critical_points": ("classify", "winding_number"),
@@ -158,6 +162,7 @@ __all__ = [
     "Inequality",
     "Law",
     "LinearImage",
+    "Margin",
     "Memory",
     "Outcome",
     "Parameter",
@@ -187,6 +192,7 @@ __all__ = [
     "contingent_cone",
     "critical_points",
     "discriminating_kernel",
+    "disturbance_margin",
     "exact_flow",
     "explain",
     "field_facts",

@@ -14,7 +14,7 @@ from holdfast._version import __version__
 from holdfast.errors import GainWarning, HoldfastError, ScenarioError
 from holdfast.output import check_writable, make_folder
 from holdfast.patience import listen
-from holdfast.running import ANSWERED, compare_command, run_command
+from holdfast.running import ANSWERED, compare_command, margin_command, run_command
 
 BAD_INPUT, INTERRUPTED = 2, 130
 
@@ -31,7 +31,8 @@ def _a_number(context: click.Context, parameter: click.Parameter, value: float) 
 def cli(debug: bool) -> None:
     """Viability control of nonholonomic systems.
 
-    Exit status: 0 answered, 1 a run diverged or chattered, 2 bad input, 130 interrupted.
+    Exit status: 0 answered, 1 not (a run diverged or chattered, no limit was found), 2 bad input,
+    130 interrupted.
     """
 
 
@@ -156,7 +157,7 @@ def _numbers(text: str) -> list[float]:
         raise ScenarioError(f"--moment {text}", expected="numbers, such as 1,0,0") from None
 
 
-for _command in (run_command, compare_command):
+for _command in (run_command, compare_command, margin_command):
     cli.add_command(_command)
 
 

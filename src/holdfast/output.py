@@ -11,6 +11,7 @@ from holdfast.errors import OutputError
 
 if TYPE_CHECKING:
     from holdfast.analysis.comparison import Comparison
+    from holdfast.analysis.margin import Margin
     from holdfast.analysis.result import Result
     from holdfast.analysis.value_function import ValueFunction
     from holdfast.kernel_scenario import KernelResult, KernelScenario
@@ -126,6 +127,26 @@ def _law_figure(scenario: KernelScenario, result: KernelResult, begun: ValueFunc
         scene=about.scene,
         parameters={q.name: q.value for q in about.parameters},
     )
+
+
+def write_margin(found: Margin, folder: Path, *, figures: bool) -> list[Path]:
+    """margin.json and the figure."""
+    make_folder(folder)
+    files = [_text(folder / "margin.json", json.dumps(found.summary(), indent=2) + "\n")]
+    if figures:
+        from holdfast.presentation import style
+        from holdfast.presentation.margin import margin_figure
+
+        drawn = margin_figure(
+            [t.value for t in found.trials],
+            [t.fraction for t in found.trials],
+            found.name,
+            found.unit,
+            answers=[t.answer for t in found.trials],
+            keeps=found.keeps,
+        )
+        files += style.write(drawn, folder, "margin")
+    return files
 
 
 def write_comparison(found: Comparison, folder: Path, *, figures: bool) -> list[Path]:

@@ -206,7 +206,9 @@ def test_file_keeps_everything(found, tmp_path):
     assert isinstance(again, hf.ValueFunction)
     assert np.array_equal(again.values(), found.values())
     assert again.grid == found.grid
-    assert again.summary() == pytest.approx(found.summary())
+    said, first = again.summary(), found.summary()
+    assert said.pop("extent") == first.pop("extent")
+    assert said == pytest.approx(first)
     (tmp_path / "folder").write_text("")
     with pytest.raises(OutputError, match="cannot be written"):
         found.save(tmp_path / "folder" / "kernel.nc")

@@ -97,9 +97,12 @@ def test_the_heading_that_is_chosen_brings_the_boat_there(basin):
     assert (nearest < 0.4 + 0.02).all()
 
 
-def test_safety_law_for_a_system_that_says_no_samples_is_refused(basin):
-    with pytest.raises(DefinitionError, match=r"not affine in 'h'.*samples"):
-        hf.safety_law(boat(), basin)
+def test_law_of_a_sampled_value_takes_the_samples_from_it(basin):
+    assert hf.safety_law(boat(), basin).outputs == hf.safety_law(boat(samples=33), basin).outputs
+    with pytest.raises(DefinitionError, match="not affine in 'h'"):
+        hf.safety_law(
+            boat(), basin, hf.Law("east", boat().states, {"h": hf.parse_expression("0", {})})
+        )
 
 
 def test_symmetry_over_samples_is_refused():

@@ -116,7 +116,7 @@ def identity(posed: Posed) -> dict[str, str]:
         "what is beyond the grid": posed.beyond or "continued",
     }
     found |= {f"the axis {a.name}": _text(a) for a in posed.grid.axes}
-    found |= {f"parameter {q.name}": repr(q.value) for q in posed.parameters}
+    found |= {f"parameter {q.name}": repr(q.value) for q in posed.named}
     found |= {f"disturbance {n}": _text(v) for n, v in posed.disturbance.items()}
     found |= {f"the rate of {n}": sp.srepr(r) for n, r in system.rates.items()}
     found["the bounds of the inputs"] = _text(system.input_bounds)

@@ -29,7 +29,7 @@ from holdfast.analysis.memory import check_fits, memory_of
 from holdfast.analysis.obstacles import Obstacles
 from holdfast.analysis.posed import Posed
 from holdfast.analysis.record import Record
-from holdfast.analysis.value_function import ValueFunction
+from holdfast.analysis.value_function import ValueFunction, to_value_function
 from holdfast.errors import SimulationError
 from holdfast.execution.closed_loop import available_cores
 from holdfast.execution.march import Done, March
@@ -41,12 +41,26 @@ Array = npt.NDArray[Any]
 GROWTH_CHECKED = 25
 """Steps from one look at whether the value has grown to the next: they cost it nothing."""
 
+LOOKED = 10
+"""Steps from one look at whether the march has answered the question to the next."""
+
 Progress = Callable[[float], None]
 """Called now and then with the finished fraction of the horizon."""
 
+Until = Callable[[ValueFunction], bool]
+"""Called now and then with the value so far; where it gives True, the march ends."""
 
-def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
-    """The value at the end of the march, with what it is worth."""
+
+def marched(
+    posed: Posed,
+    progress: Progress | None = None,
+    begin: Array | None = None,
+    until: Until | None = None,
+) -> ValueFunction:
+    """The value at the end of the march, with what it is worth.
+
+    begin: values at the nodes that it begins with, where they are less than those of the problem.
+    """
     problem, grid, marching = posed.problem, posed.grid, posed.marching
     check_fits(posed)
     h = hamiltonian(
@@ -57,6 +71,8 @@ def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
     )
     obstacles = Obstacles(posed)
     values, cell = obstacles.start, obstacles.cell
+    if begin is not None:
+        np.minimum(values, begin.ravel(), out=values)
     slow = marching.tolerance if marching.tolerance is not None else 1e-3 * cell
     march = March(
         h,
@@ -71,7 +87,7 @@ def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
         threads=marching.threads or available_cores(),
     )
     record = Record(posed, values)
-    saved, done = None, Done()
+    saved, done, enough = None, Done(), False
     if marching.checkpoint is not None:
         path = marching.checkpoint_file(problem.kind)
         saved = Checkpoint(path, marching.checkpoint_every, posed, march.module.__name__)
@@ -82,13 +98,16 @@ def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
             saved.save(done, values, record)  # if it cannot be written, that is said now
 
     def tell(done: Done, now: Array) -> bool:
+        nonlocal enough
         if progress is not None:
             progress(done.time / posed.horizon)
         if done.steps % GROWTH_CHECKED == 0:
             _check_growth(float(now.max()), obstacles.highest, cell, done.time)
         if saved is not None:
             saved.offer(done, now, record)
-        return done.moving == 0 and not posed.varies
+        if until is not None and done.steps % LOOKED == 0:
+            enough = until(to_value_function(grid, now.reshape(grid.shape), {}))
+        return enough or (done.moving == 0 and not posed.varies)
 
     done = march.run(
         values,
@@ -120,6 +139,8 @@ def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
         "depends_on_time": int(posed.varies),
         "converged": int(done.moving == 0 and not posed.varies),
         "empty": int(not (values > 0).any()),
+        "ended_early": int(enough),
+        "begun_from_another": int(begin is not None),
         "tolerance_per_s": slow,
         "nodes_moving": done.moving,
         "ends_reached": _ends_reached(grid, values),
@@ -135,7 +156,7 @@ def marched(posed: Posed, progress: Progress | None = None) -> ValueFunction:
         "memory_bytes": memory_of(posed),
         "computed_share": done.computed / max(done.of, 1),
         "wall_time_s": done.seconds,
-        "parameters": json.dumps({q.name: q.value for q in posed.parameters}),
+        "parameters": json.dumps({q.name: q.value for q in posed.named}),
         "disturbance": json.dumps(
             {n: float(v) if v.is_number else str(v) for n, v in posed.disturbance.items()}
         ),

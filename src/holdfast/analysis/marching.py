@@ -45,7 +45,7 @@ class Marching:
 
     scheme: str = "weno5"
     order: int | None = None
-    dissipation: str = "local"
+    dissipation: str = "local-local"
     cfl: float = 0.75
     precision: str = "float64"
     band: float = math.inf
@@ -96,6 +96,13 @@ class Marching:
     def method(self) -> Method:
         order = self.order or {"upwind": 1, "eno2": 2}.get(self.scheme, 3)
         return Method(self.scheme, order, self.dissipation, self.cfl, self.skip)
+
+    @property
+    def monotone(self) -> bool:
+        """Whether a step keeps the order of two values: less everywhere before, less after."""
+        return (
+            self.method.order == 1 and self.scheme == "upwind" and self.dissipation != "local-local"
+        )
 
     def aside(self, name: str, kind: str) -> Marching:
         """For a further march that tells what the first is worth; its checkpoint is named so."""

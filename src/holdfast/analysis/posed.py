@@ -21,6 +21,9 @@ from holdfast.maths.region import Region
 from holdfast.maths.system import System
 from holdfast.maths.tangency import check_states
 
+GIVEN = "given_"
+"""Before the name of a disturbance: the parameter that holds the number given for it."""
+
 ARRIVAL_STEPS = 100
 """How often it is looked which nodes of a capture basin are new, where nobody says."""
 
@@ -29,10 +32,12 @@ ARRIVAL_STEPS = 100
 class Posed:
     """What is marched.
 
-    system: with numbers in its bounds and for the disturbances that are given, in reverse where
-    the problem asks for it. asked: the times [s] at which the value is wanted, the last of them
-    the horizon; several: whether all are kept. arrival_steps: how often it is looked which nodes
-    are new. beyond: what leaving the grid is taken for, "lost" or "won"; "" continues the value.
+    system: with what is given for its disturbances, in reverse where the problem asks for it.
+    Numbers are parameters, so that others need no other program; a symmetry that is to be shown
+    may hold for these numbers only, and has them in the expressions. asked: the times [s] at which
+    the value is wanted, the last of them the horizon; several: whether all are kept.
+    arrival_steps: how often it is looked which nodes are new. beyond: what leaving the grid is
+    taken for, "lost" or "won"; "" continues the value.
 
     Time t runs from start_time to start_time + horizon. A problem is marched from its end, so that
     t = start_time + horizon - tau, or for one that runs in reverse from its start.
@@ -50,6 +55,11 @@ class Posed:
     arrival_steps: int = 0
     beyond: str = ""
     start_time: float = 0.0
+
+    @property
+    def named(self) -> tuple[Parameter, ...]:
+        """The parameters of the system and its regions, without the disturbances given."""
+        return tuple(q for q in self.parameters if not q.name.startswith(GIVEN))
 
     @property
     def varies(self) -> bool:
@@ -107,7 +117,10 @@ def pose(
         raise SimulationError(
             f"{grid!r} for a grid", remedy="make one: hf.grid(system, box, nodes)"
         )
-    moved = with_disturbance(system, disturbance)
+    given = {n: _expression(v) for n, v in disturbance.items()}
+    if marching.symmetry is None:
+        system, given = _with_names(system, given)
+    moved = with_disturbance(system, given)
     if problem.backwards:
         moved = replace(moved, rates={n: -r for n, r in moved.rates.items()}, pfaffian=())
     for region in problem.regions:
@@ -121,15 +134,16 @@ def pose(
     known = merge_parameters(moved.parameters, *(r.parameters for r in problem.regions))
     known = _given(known, parameters)
     numbers = {q.symbol: sp.Float(q.value) for q in known}
-    inputs, disturbances = moved.input_bounds, moved.disturbance_bounds
-    moved = replace(
-        moved,
-        input_bounds=inputs.at(numbers) if inputs else None,
-        disturbance_bounds=disturbances.at(numbers) if disturbances else None,
-    )
-    given = {n: _expression(v) for n, v in disturbance.items()}
+    bounds = {
+        f"{what}_bounds": b.at(numbers)  # refused here, where they contradict themselves
+        for what in ("input", "disturbance")
+        if (b := getattr(moved, f"{what}_bounds")) is not None
+    }
+    if marching.symmetry is not None:
+        moved = replace(moved, **bounds)
+    said = {n: _expression(v) for n, v in disturbance.items()}
     posed = Posed(
-        moved, problem, grid, horizon, marching, known, given, tuple(asked),
+        moved, problem, grid, horizon, marching, known, said, tuple(asked),
         times is not None, 0, "", start_time,
     )  # fmt: skip
     if arrival_steps is not None:
@@ -221,6 +235,17 @@ def with_disturbance(system: System, given: Mapping[str, float | sp.Expr]) -> Sy
         ),
         pfaffian=(),
     )
+
+
+def _with_names(system: System, given: Mapping[str, sp.Expr]) -> tuple[System, dict[str, sp.Expr]]:
+    """Disturbances that are given as numbers, by parameters of the system with their values."""
+    held = tuple(
+        Parameter(f"{GIVEN}{d.name}", d.unit, value=float(given[d.name]))
+        for d in system.disturbances
+        if d.name in given and given[d.name].is_number
+    )
+    names = {q.name.removeprefix(GIVEN): q.symbol for q in held}
+    return replace(system, parameters=(*system.parameters, *held)), {**given, **names}
 
 
 def _expression(value: float | sp.Expr) -> sp.Expr:

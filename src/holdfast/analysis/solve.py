@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 import sympy as sp
 
 from holdfast.analysis.grid import Grid
-from holdfast.analysis.hamilton_jacobi import Progress, marched
+from holdfast.analysis.hamilton_jacobi import Progress, Until, marched
 from holdfast.analysis.marching import Problem, marching_of
-from holdfast.analysis.posed import pose
+from holdfast.analysis.posed import Posed, pose
 from holdfast.analysis.value_function import ValueFunction, to_value_function
 from holdfast.analysis.worth import coarser, with_error, with_outside
 from holdfast.errors import SimulationError
@@ -31,6 +33,8 @@ def solve(
     arrival_steps: int | None = None,
     start_time: float = 0.0,
     progress: Progress | None = None,
+    begin: ValueFunction | None = None,
+    until: Until | None = None,
     **options: Any,
 ) -> ValueFunction:
     """March `problem` over `grid` for `horizon` seconds, or until it has converged.
@@ -40,6 +44,17 @@ def solve(
     a problem which begins so many seconds before the same end. A forward reachable set is that at
     the end; at one of the `times`, so many seconds after the beginning. Where something depends on
     time, nothing converges: the march goes the whole way.
+
+    begin: the converged value of the same kernel for disturbances that can do no more than these,
+    as those of a smaller bound. The march begins with it, for with l the margin of the region
+
+        V <= begin <= l,   so that   V <= W(tau) <= W(tau) from l   for all tau
+
+    and it converges to the same kernel; before that, W is no value for tau seconds. The steps have
+    to be monotone for that, those of the scheme "upwind" with global or local dissipation. Others
+    are refused: weno5 may come to rest above the kernel.
+    until: called with the value so far every few steps, ends the march where it gives True. The
+    two are refused together with what rests on the whole march: times, a checkpoint, an error.
     """
     if progress is not None and not callable(progress):
         raise SimulationError(
@@ -60,12 +75,62 @@ def solve(
     marching = posed.marching
     grids = {False: 0, True: 1, "order": 2}[marching.estimate_error]
     further = coarser(posed, grids)  # refused before the march, if it cannot be
-    found = marched(posed, progress)
+    start = _begun(posed, begin, until)
+    found = marched(posed, progress, start, until)
     if further:
         found = with_error(found, [marched(other) for other in further])
     if marching.check_outside:
         found = with_outside(found, posed, marched)
     return found
+
+
+def _begun(
+    posed: Posed, begin: ValueFunction | None, until: Until | None
+) -> npt.NDArray[Any] | None:
+    """The values to begin with; refused where they are those of another problem."""
+    if begin is None and until is None:
+        return None
+    marching = posed.marching
+    for what, there in (
+        ("times", posed.several),
+        ("arrival_steps", posed.arrival_steps),
+        ("a checkpoint", marching.checkpoint),
+        ("estimate_error", marching.estimate_error),
+        ("check_outside", marching.check_outside),
+    ):
+        if there:
+            raise SimulationError(f"begin or until with {what}", remedy="leave one of them out")
+    if begin is None:
+        return None
+    if posed.limit != "shrink":
+        raise SimulationError(
+            f"a {posed.problem.kind} cannot begin with another value",
+            expected="a kernel, of what does not depend on time",
+        )
+    if not marching.monotone:
+        raise SimulationError(
+            f"scheme {marching.scheme}, dissipation {marching.dissipation} cannot begin with "
+            "another value: its steps are not monotone",
+            expected='scheme="upwind" with global or local dissipation',
+        )
+    said = begin.dataset.attrs
+    here = {
+        "kind": posed.problem.kind,
+        "system": posed.system.name,
+        "region": posed.problem.start.name,
+        "converged": 1,
+    }
+    for name, value in here.items():
+        if said.get(name) != value:
+            raise SimulationError(
+                f"the value to begin with has {name} = {said.get(name)}", expected=str(value)
+            )
+    axes = [
+        [(a.name, a.low, a.high, a.count, a.ends) for a in g.axes] for g in (begin.grid, posed.grid)
+    ]
+    if axes[0] != axes[1]:
+        raise SimulationError("the value to begin with is on another grid", expected="the same")
+    return np.asarray(begin.values())
 
 
 def set_on_grid(region: Region, grid: Grid) -> ValueFunction:

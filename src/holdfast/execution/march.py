@@ -52,7 +52,7 @@ class Method:
 
     scheme: str = "weno5"
     order: int = 3
-    dissipation: str = "local"
+    dissipation: str = "local-local"
     cfl: float = 0.75
     skip: bool = True
 
