@@ -49,7 +49,7 @@ KERNELS = [n for n in scenario_names() if isinstance(load_scenario(n), KernelSce
 def test_chapter_7_is_there():
     assert set(KERNELS) >= {
         "ch7-any-current", "ch7-capture-basin", "ch7-discriminating", "ch7-forward-reach",
-        "ch7-forward-reach-printed", "ch7-hold-goal", "ch7-safety-law",
+        "ch7-forward-reach-printed", "ch7-hold-goal", "ch7-safety-law", "ch7-six-states",
     }  # fmt: skip
 
 

@@ -6,6 +6,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
+from holdfast.scenario import load_scenario
 
 GAME_INPUTS = hf.Box((-1.21, -1.465), (1.21, 1.465))
 GAME_SWAY = hf.Box((-0.62,), (0.62,))
@@ -150,3 +151,12 @@ def test_kernel_at_three_seconds_is_one_for_three_seconds():
     ahead, behind = turned[found.grid.axes[1].nodes > 0.2], turned[:25]
     assert (ahead < 0).all(), "the current takes the vehicle out on its right"
     assert (behind > 0).any()
+
+
+@pytest.mark.heavy
+def test_whole_vehicle_in_six_states_keeps_what_its_kernel_promises():
+    """13^6 nodes, still water, 5 N: thrusters off but for what staying in view for 3 s asks."""
+    found = load_scenario("ch7-six-states", ["grid.nodes=13"], runs=500).run()
+    assert found.promise.held
+    assert found.promise.outside.kept.value < 0.5
+    assert 0.04 < found.value.fraction() < 0.08

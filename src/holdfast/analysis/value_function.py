@@ -109,6 +109,12 @@ class ValueFunction:
             found[axis.name] = (ends[0], ends[1])
         return found
 
+    def last(self) -> ValueFunction:
+        """The value function at its last time alone."""
+        if "time" not in self.dataset["value"].dims:
+            return self
+        return ValueFunction(self.dataset.isel(time=-1, drop=True), self.grid)
+
     def slice(self, **at: float) -> ValueFunction:
         """The value function with some states held, between nodes by linear interpolation."""
         data, axes = self.dataset["value"], self.grid.axes

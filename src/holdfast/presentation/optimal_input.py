@@ -60,7 +60,7 @@ def optimal_input_figure(
             + " held at one value (at)",
         )
     plane = (view.plane[0], view.plane[1])
-    flat = value.slice(**view.held)
+    flat = value.slice(**view.held).last()
     tables = {name: _table(flat, plane, name, array) for name, array in inputs.items()}
     first, second = (
         _table(flat, plane, f"velocity in {n}", v) for n, v in zip(plane, velocity, strict=True)
