@@ -88,6 +88,24 @@ def test_law_of_a_file_is_kept_safe_and_runs_and_seed_are_those_of_the_promise(c
     assert found.promise.held
 
 
+def test_march_is_not_lost_where_its_promise_cannot_be_tried(cart, tmp_path):
+    out = tmp_path / "o"
+    done = holdfast("run", cart, "--out", str(out), "--set", "promise.margin=5 m", "--no-figures")
+    assert done.returncode == 1
+    assert "further inside than 5" in done.stderr
+    assert (out / "result.nc").exists()
+
+
+def test_options_that_are_none_are_refused(cart):
+    with pytest.raises(ScenarioError, match="progress: unknown key"):
+        load_scenario(cart, ["march.progress=1"])
+    with pytest.raises(ScenarioError, match="has no \\[promise\\]"):
+        load_scenario(cart, ["promise="], seed=1)
+    times = load_scenario(cart, ["march.horizon=0.4", "march.times=3"]).options["times"]
+    assert times[-1] == 0.4
+    assert len(times) == 3
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

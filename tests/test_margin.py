@@ -310,4 +310,4 @@ def test_speed_of_a_given_current_keeps_its_direction():
         overrides=["grid.nodes=11", "march.horizon=0.2", "disturbance.Vx=0.3", "disturbance.Vy=-0.4"],
     )  # fmt: skip
     assert not found.monotone
-    assert found.settings == ("disturbance.Vx=0.24", "disturbance.Vy=-0.32000000000000006")
+    assert found.settings[-2:] == ("disturbance.Vx=0.24", "disturbance.Vy=-0.32000000000000006")

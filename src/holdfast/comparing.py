@@ -13,7 +13,7 @@ from holdfast.scenario import Scenario, composed
 from holdfast.schema import AlterationSpec, CompareSpec, ScenarioSpec
 from holdfast.sources import read_tables, scenario_names, scenario_title
 
-LAW_TABLES = ("law", "redesign", "tracking", "safeguard", "observer")
+LAW_TABLES = ("law", "redesign", "tracking", "safeguard", "observer", "safety")
 """What makes the law of a scenario."""
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from holdfast.analysis import viability_kernel as problems
 from holdfast.analysis.grid import Grid, grid
+from holdfast.analysis.marching import Marching
 from holdfast.analysis.promise import Promise, check_promise
 from holdfast.analysis.result import load
 from holdfast.analysis.safety_law import KEPT
@@ -21,7 +22,7 @@ from holdfast.compose import Composer
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.execution.closed_loop import Progress
 from holdfast.execution.compile import cache_directory
-from holdfast.kernel_schema import KINDS, KernelSpec, PromiseSpec, SetFiguresSpec
+from holdfast.kernel_schema import KINDS, KernelSpec, MarchSpec, PromiseSpec, SetFiguresSpec
 from holdfast.maths.expression import parse_expression
 from holdfast.maths.law import Law
 from holdfast.maths.region import Region
@@ -44,14 +45,23 @@ NEEDS = {
 
 @dataclass(frozen=True)
 class KernelResult:
-    """The value function, and whether its promise was kept, where it was tried."""
+    """The value function, and whether its promise was kept, where it was tried.
+
+    trouble: why it could not be tried, where it could not.
+    """
 
     value: ValueFunction
     promise: Promise | None
+    trouble: str = ""
 
     def answers(self, scenario: KernelScenario) -> bool:
-        """Whether the set asked for was found: one that lasts is there once the march converged."""
-        return not scenario.forever or bool(self.value.dataset.attrs["converged"])
+        """Whether the set asked for was found: one that lasts is there once the march converged.
+
+        A kernel of which nothing is left stays empty.
+        """
+        said = self.value.dataset.attrs
+        gone = said["empty"] and scenario.kind.endswith("kernel")
+        return not scenario.forever or bool(said["converged"] or gone)
 
     def summary(self) -> dict[str, Any]:
         """For summary.json."""
@@ -119,16 +129,19 @@ class KernelScenario:
         value = self.solve(first)
         if self.promise is None or not (value.values() > 0).any():
             return KernelResult(value, None)
-        with at(self.file, "promise"):
-            tried = check_promise(
-                self.system,
-                value,
-                self.region or self.about,
-                goal=self.goal,
-                law=self.law,
-                progress=second,
-                **self.promised,
-            )
+        try:
+            with at(self.file, "promise"):
+                tried = check_promise(
+                    self.system,
+                    value,
+                    self.region,
+                    goal=self.goal,
+                    law=self.law,
+                    progress=second,
+                    **self.promised,
+                )
+        except ScenarioError as error:  # the march was long: its value is not thrown away
+            return KernelResult(value, None, str(error))
         return KernelResult(value, tried)
 
 
@@ -192,6 +205,13 @@ def composed_kernel(file: str, text: str, data: Mapping[str, Any]) -> KernelScen
         )
     horizon = seconds(spec.march.horizon, "march.horizon")
     options = {**(spec.march.model_extra or {})}
+    allowed = [*Marching.__dataclass_fields__, "start_time"]
+    for key in options:
+        if key not in allowed:
+            raise ScenarioError(
+                f"{file}: march.{key}: unknown key",
+                remedy=suggestion(key, [*MarchSpec.model_fields, *allowed]),
+            )
     if spec.disturbance:
         options["disturbance"] = {
             n: number(v, f"disturbance.{n}") for n, v in spec.disturbance.items()
@@ -200,7 +220,7 @@ def composed_kernel(file: str, text: str, data: Mapping[str, Any]) -> KernelScen
     if isinstance(asked, int):
         if asked < 1:
             raise ScenarioError(f"{file}: march.times: got {asked}", expected="at least 1")
-        options["times"] = [horizon * (k + 1) / asked for k in range(asked)]
+        options["times"] = [*(horizon * k / asked for k in range(1, asked)), horizon]
     elif asked is not None:
         options["times"] = [seconds(v, "march.times") for v in asked]
     for key in ("arrival_steps", "disturbances"):
@@ -284,13 +304,15 @@ def solved(name: str, progress: Progress | None = None) -> ValueFunction:
     file, text, data = read_tables(name)
     if not is_kernel(file, data):
         raise ScenarioError(f"'{name}' computes no kernel", expected="one of " + ", ".join(KINDS))
-    digest = hashlib.sha256(f"{_own_text()}{text}".encode()).hexdigest()[:24]
+    scenario = composed_kernel(file, text, data)
+    numbers = [(q.name, q.value) for q in scenario.system.parameters]  # those of a vehicle's file
+    digest = hashlib.sha256(f"{_own_text()}{text}{numbers}".encode()).hexdigest()[:24]
     kept = cache_directory() / f"value_{digest}.nc"
     if kept.exists():
         found = load(kept)
         assert isinstance(found, ValueFunction)
         return found
-    value = composed_kernel(file, text, data).solve(progress)
+    value = scenario.solve(progress)
     value.save(kept)
     return value
 
@@ -299,8 +321,6 @@ def solved(name: str, progress: Progress | None = None) -> ValueFunction:
 def _own_text() -> str:
     """A digest of the code that a value depends on, so that another version computes it anew."""
     found = hashlib.sha256()
-    for room in ("maths", "execution", "analysis"):
-        root = Path(str(resources.files(f"holdfast.{room}")))
-        for path in sorted(root.rglob("*.py")):
-            found.update(path.read_bytes())
+    for path in sorted(Path(str(resources.files("holdfast"))).rglob("*.py")):
+        found.update(path.read_bytes())
     return found.hexdigest()

@@ -106,7 +106,7 @@ def disturbance_margin(
     found = search(trials.attempt, low, high, close, monotone=monotone, widen=between is None)
     result = Margin(
         title=own.title,
-        scenario=own.name,
+        scenario=scenario if scenario.endswith(".toml") else own.name,
         key=knob.key,
         name=knob.name,
         unit=knob.unit,
@@ -118,7 +118,7 @@ def disturbance_margin(
         trials=found,
     )
     if result.low is not None:
-        result = replace(result, settings=knob.settings(result.low))
+        result = replace(result, settings=(*changes, *knob.settings(result.low)))
     return result
 
 

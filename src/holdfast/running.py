@@ -103,6 +103,9 @@ def _run_kernel(scenario: KernelScenario, folder: Path, *, figures: bool) -> Non
     with bar(f"{scenario.name}, preparing") as tell:
         result = scenario.run(lambda fraction: tell(scenario.name, fraction))
     click.echo(kernel_report(scenario, result, folder, figures=figures))
+    if result.trouble:
+        click.echo(f"holdfast: {result.trouble}", err=True)
+        sys.exit(NOT_ANSWERED)
     if not result.answers(scenario):
         click.echo(
             f"holdfast: not converged within {scenario.horizon:g} s, and the set that lasts was "

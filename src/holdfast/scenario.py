@@ -94,6 +94,15 @@ class Scenario:
 
     def _kept_safe(self, safety: SafetySpec, progress: Progress | None) -> Law | Switching:
         value = solved(safety.kernel, progress)
+        said, horizon = value.dataset.attrs, float(self.settings["horizon"])
+        if said["empty"]:
+            raise ScenarioError(f"nothing is left of the kernel of '{safety.kernel}'")
+        if not said["converged"] and horizon > said["horizon_s"] * (1 + 1e-9):
+            raise ScenarioError(
+                f"the kernel of '{safety.kernel}' is one for {said['horizon_s']:g} s, and the run "
+                f"takes {horizon:g} s",
+                remedy="raise its march.horizon until it converges, or shorten the run",
+            )
         return safety_law(
             self.system,
             value,
@@ -116,8 +125,11 @@ def load_scenario(
     overrides = list(overrides)
     shown, text, data = read_tables(name, overrides)
     if is_kernel(shown, data):
-        more = {"promise.runs": runs, "promise.seed": seed}
-        overrides += [f"{k}={v}" for k, v in more.items() if v is not None]
+        more = {"runs": runs, "seed": seed}
+        given = {k: v for k, v in more.items() if v is not None}
+        if given and "promise" not in data:
+            raise ScenarioError(f"--{min(given)}: {shown} has no [promise]", remedy="leave it out")
+        overrides += [f"promise.{k}={v}" for k, v in given.items()]
         return composed_kernel(*read_tables(name, overrides))
     if seed is not None:
         shown, text, data = read_tables(name, [*overrides, f"run.seed={seed}"])

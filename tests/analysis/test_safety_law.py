@@ -159,3 +159,30 @@ def test_value_of_a_vehicle_with_other_parameters_is_refused():
     hf.safety_law(system(1.0), found)
     with pytest.raises(SimulationError, match="computed with k = 1"):
         hf.safety_law(system(2.0), found)
+
+
+def test_converged_kernel_at_several_times_is_kept_by_its_last():
+    """A figure of how it shrinks does not change the law."""
+    grid = hf.grid(cart(), BOX, 81)
+    found = hf.discriminating_kernel(cart(), WALLS, grid, 6, times=np.linspace(0.5, 6, 12))
+    assert found.dataset.attrs["converged"]
+    promise = hf.check_promise(cart(), found, WALLS, law=swinging(), runs=200, horizon=20)
+    assert promise.held
+
+
+def test_backward_set_reaches_its_target_through_anything():
+    system = hf.System(
+        "line", STATES, (hf.Quantity("u", "m/s^2"),), {"x": V, "v": U},
+        input_bounds=hf.Box((-1,), (1,)),
+    )  # fmt: skip
+    target = hf.Region("target", STATES, (hf.Inequality("near", (X**2 + V**2) ** 0.5 - 0.3, "m"),))
+    grid = hf.grid(system, {"x": (-2, 2), "v": (-2, 2)}, 81)
+    found = hf.backward_reachable_set(system, target, grid, 1.5, times=np.linspace(0.1, 1.5, 15))
+    promise = hf.check_promise(system, found, None, goal=target, runs=200)
+    assert promise.inside[0].kept.value == 1.0
+    assert promise.outside.kept.value < 0.05
+
+
+def test_value_of_other_bounds_is_refused(kernel):
+    with pytest.raises(SimulationError, match="rates or the bounds"):
+        hf.safety_law(cart(push=0.4), kernel)

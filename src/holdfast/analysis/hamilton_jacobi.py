@@ -131,6 +131,7 @@ def marched(
         "holdfast_version": __version__,
         "kind": problem.kind,
         "system": posed.system.name,
+        "disturbances": problem.disturbances,
         "region": problem.start.name,
         "value_unit": problem.start.inequalities[0].unit,
         "horizon_s": posed.horizon,

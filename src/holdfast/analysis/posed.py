@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -203,6 +204,12 @@ def _times(times: Sequence[float] | None, horizon: float) -> list[float]:
             expected=f"times above 0 and up to the horizon, {horizon:g} s",
         )
     return asked if asked and asked[-1] == horizon else [*asked, float(horizon)]
+
+
+def definition(system: System) -> str:
+    """A digest of what a system can do: its rates and bounds, as expressions of its parameters."""
+    said = [*system.rates.items(), system.input_bounds, system.disturbance_bounds]
+    return hashlib.sha256(repr(said).encode()).hexdigest()[:16]
 
 
 def with_disturbance(system: System, given: Mapping[str, float | sp.Expr]) -> System:

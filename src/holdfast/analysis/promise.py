@@ -86,7 +86,7 @@ class Promise:
 def check_promise(
     system: System,
     value: ValueFunction,
-    region: Region,
+    region: Region | None,
     *,
     goal: Region | None = None,
     law: Law | Switching | None = None,
@@ -100,10 +100,11 @@ def check_promise(
 ) -> Promise:
     """Simulate from `runs` random states of the kernel, and as many of the rest of `region`.
 
-    law: what the safety law leaves alone as far as it can; None: the optimal inputs alone. margin
-    [unit of V]: how far inside to start, by default one cell (the largest change of V between
-    neighbours). horizon [s]: by default that of the value function, which a kernel that has not
-    converged promises nothing beyond. goal: of a capture basin, to be reached.
+    region: what is kept, None where a goal is reached through anything. law: what the safety law
+    leaves alone as far as it can; None: the optimal inputs alone. margin [unit of V]: how far
+    inside to start, by default one cell (the largest change of V between neighbours). horizon [s]:
+    by default that of the value function, which a kernel that has not converged promises nothing
+    beyond. goal: of a capture basin, to be reached.
 
     Raises `SimulationError` for a value function that promises nothing, or an empty one.
     """
@@ -121,9 +122,14 @@ def check_promise(
     known = decided(system, value)
     steered = safety_law(system, value, law, sample_time=sample_time, rate=rate)
     generator = np.random.default_rng(seed)
-    margin_of = Evaluator([region.margin], [q.symbol for q in system.states], region.parameters)
+    if region is None and goal is None:
+        raise SimulationError("a promise to stay, and no region", remedy="give the region")
+    symbols = [q.symbol for q in system.states]
 
     def depth(states: Array) -> Array:
+        if region is None:
+            return np.ones(len(states))
+        margin_of = Evaluator([region.margin], symbols, region.parameters)
         found: Array = margin_of.values(states)[:, 0]
         return found
 

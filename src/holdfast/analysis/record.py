@@ -26,7 +26,9 @@ class Record:
         self.stops = sorted(posed.asked)
         if posed.arrival_steps:
             steps = np.linspace(0, posed.horizon, posed.arrival_steps + 1)[1:]
-            self.stops = sorted({*self.stops, *(float(t) for t in steps)})
+            close = 1e-9 * posed.horizon  # the same time but for rounding
+            new = [float(t) for t in steps if min(abs(t - s) for s in posed.asked) > close]
+            self.stops = sorted([*posed.asked, *new])
             self.arrival = np.where(first > 0, 0.0, math.nan)
             self.before = first.copy()
 

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from holdfast.analysis.posed import with_disturbance
+from holdfast.analysis.posed import definition, with_disturbance
 from holdfast.analysis.value_function import Array, ValueFunction
 from holdfast.errors import SimulationError
 from holdfast.execution.evaluate import Evaluator
@@ -124,7 +124,8 @@ def lookup_of(value: ValueFunction) -> Lookup:
     low, steps = [a.low for a in axes], [a.step for a in axes]
     counts, periodic = [a.count for a in axes], [a.ends == "periodic" for a in axes]
     data = value.dataset["value"]
-    if "time" in data.dims and data.sizes["time"] > 1:
+    first = 0.0
+    if "time" in data.dims and data.sizes["time"] > 1 and not value.dataset.attrs["converged"]:
         times = data["time"].values
         gaps = np.diff(times)
         if not np.allclose(gaps, gaps[0], rtol=1e-6):
@@ -132,6 +133,7 @@ def lookup_of(value: ValueFunction) -> Lookup:
                 "the times of the value function are not equally spaced",
                 remedy="ask for equally spaced ones, or for the last alone",
             )
+        first = float(times[0])
         places.insert(0, float(times[-1]) - TIME)
         low.insert(0, float(times[0]))
         steps.insert(0, float(gaps[0]))
@@ -147,7 +149,7 @@ def lookup_of(value: ValueFunction) -> Lookup:
         np.array(counts, dtype=np.int64),
         np.array(periodic),
     )
-    return Lookup(tuple(places), table)
+    return Lookup(tuple(places), table, first)
 
 
 def decided(system: System, value: ValueFunction) -> System:
@@ -157,6 +159,11 @@ def decided(system: System, value: ValueFunction) -> System:
         raise SimulationError(
             f"a value function of the kind '{said.get('kind')}'",
             expected="one of " + ", ".join(KEPT),
+        )
+    if said.get("disturbances") == "max":
+        raise SimulationError(
+            "the value counts on the disturbances, and a law cannot",
+            remedy='compute it with disturbances="min"',
         )
     if value.names != system.state_names or said["system"] != system.name:
         raise SimulationError(
@@ -177,6 +184,12 @@ def decided(system: System, value: ValueFunction) -> System:
                 f"has {q.value:g}",
                 remedy="compute it again; to simulate another vehicle under this law, use plant",
             )
+    if said.get("definition") not in (None, definition(system)):
+        raise SimulationError(
+            f"the rates or the bounds of system '{system.name}' are not those that the value "
+            "function was computed for",
+            remedy="compute it again; to simulate another vehicle under this law, use plant",
+        )
     known = with_disturbance(system, json.loads(said["disturbance"]))
     return replace(known, samples=int(said.get("samples", 0)))
 

@@ -12,7 +12,7 @@ import sympy as sp
 from holdfast.analysis.grid import Grid
 from holdfast.analysis.hamilton_jacobi import Progress, Until, marched
 from holdfast.analysis.marching import Problem, marching_of
-from holdfast.analysis.posed import Posed, pose
+from holdfast.analysis.posed import Posed, definition, pose
 from holdfast.analysis.value_function import ValueFunction, to_value_function
 from holdfast.analysis.worth import coarser, with_error, with_outside
 from holdfast.errors import SimulationError
@@ -81,6 +81,7 @@ def solve(
         found = with_error(found, [marched(other) for other in further])
     if marching.check_outside:
         found = with_outside(found, posed, marched)
+    found.dataset.attrs["definition"] = definition(system)
     return found
 
 

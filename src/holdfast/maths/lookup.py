@@ -13,11 +13,13 @@ class Lookup:
     """V and its slopes at `places`, expressions of what a law reads, one for every axis.
 
     `value` and `slopes` (dV/d place, one for every axis) stand for them in expressions. `table`
-    holds the numbers; what it is made of is known where laws are run.
+    holds the numbers; what it is made of is known where laws are run. first_time: where the first
+    axis is the time that is left, the least that is known; below it the function stands still.
     """
 
     places: tuple[sp.Expr, ...]
     table: object = field(repr=False, compare=False)
+    first_time: float = 0.0
 
     @property
     def value(self) -> sp.Symbol:
@@ -33,4 +35,4 @@ class Lookup:
 
     def subs(self, values: Mapping[sp.Symbol, sp.Expr]) -> Lookup:
         """The same function, looked up where the symbols have these values."""
-        return Lookup(tuple(e.xreplace(values) for e in self.places), self.table)
+        return Lookup(tuple(e.xreplace(values) for e in self.places), self.table, self.first_time)

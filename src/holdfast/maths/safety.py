@@ -18,6 +18,7 @@ from typing import TypeVar, cast
 import sympy as sp
 
 from holdfast.errors import DefinitionError
+from holdfast.maths.functions import select
 from holdfast.maths.hamiltonian import Hamiltonian, hamiltonian
 from holdfast.maths.law import Law, Safeguard
 from holdfast.maths.lookup import Lookup
@@ -82,7 +83,8 @@ def keep_value(
     h = hamiltonian(drifting)
     worst = h.value.xreplace(dict(zip(h.costates, slopes, strict=True)))
     if len(lookup.places) > len(slopes):
-        worst -= lookup.slopes[0]
+        left = lookup.places[0] - sp.Float(lookup.first_time)
+        worst -= select(left, lookup.slopes[0], sp.S.Zero)
     parameters = (
         Parameter("safety_rate", "1/s", "how fast the value may fall", value=float(rate), above=0),
         Parameter("safety_margin", "1", "value to stay above", value=float(margin)),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -132,7 +133,7 @@ def margin_text(found: Margin, files: Sequence[Path] = ()) -> str:
     steps, seconds = (sum(getattr(t, n) for t in found.trials) for n in ("steps", "wall_time"))
     lines.append(f"  {len(found.trials)} trials{begun}: {steps:,} steps, {seconds:.1f} s")
     if found.settings:
-        changes = " ".join(f"--set {s}" for s in found.settings)
+        changes = " ".join(f"--set {shlex.quote(s)}" for s in found.settings)
         lines.append(f"  to see it      holdfast run {found.scenario} {changes}")
     if files:
         lines += ["", f"  files in {files[0].parent}: " + ", ".join(f.name for f in files)]

@@ -90,8 +90,14 @@ def _worth(value: ValueFunction) -> list[tuple[str, str]]:
     said = value.dataset.attrs
     unit = said["value_unit"]
     found = []
-    if "error_estimate" in said:
-        found.append(("error", f"about {said['error_estimate']:.2g} {unit}, from a coarser grid"))
+    if "error_largest" in said:
+        found.append(
+            (
+                "error",
+                f"up to {said['error_largest']:.2g} {unit}, {said['error_cells']:.2g} cells, by a "
+                "coarser grid",
+            )
+        )
     if "nodes_from_outside" in said:
         found.append(
             ("from outside", f"{said['nodes_from_outside']:,} nodes depend on what is there")
