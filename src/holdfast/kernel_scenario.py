@@ -22,8 +22,8 @@ from holdfast.compose import Composer
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.execution.closed_loop import Progress
 from holdfast.execution.compile import cache_directory
-from holdfast.kernel_schema import KINDS, KernelSpec, MarchSpec, PromiseSpec, SetFiguresSpec
-from holdfast.maths.expression import parse_expression
+from holdfast.kernel_schema import KINDS, KernelSpec, MarchSpec, SetFiguresSpec
+from holdfast.maths.expression import parse_number
 from holdfast.maths.law import Law
 from holdfast.maths.region import Region
 from holdfast.maths.switching import Switching
@@ -89,8 +89,7 @@ class KernelScenario:
     horizon: float
     forever: bool
     options: Mapping[str, Any]
-    promise: PromiseSpec | None
-    promised: Mapping[str, Any]
+    promised: Mapping[str, Any] | None
     figures: SetFiguresSpec
     held: Mapping[str, float]
 
@@ -116,7 +115,7 @@ class KernelScenario:
 
     def run(self, progress: Progress | None = None) -> KernelResult:
         """The value function, and its promise tried in closed loop."""
-        share = 0.6 if self.promise else 1.0
+        share = 1.0 if self.promised is None else 0.6
 
         def first(fraction: float) -> None:
             if progress is not None:
@@ -127,7 +126,7 @@ class KernelScenario:
                 progress(share + (1 - share) * fraction)
 
         value = self.solve(first)
-        if self.promise is None or not (value.values() > 0).any():
+        if self.promised is None or not (value.values() > 0).any():
             return KernelResult(value, None)
         try:
             with at(self.file, "promise"):
@@ -182,10 +181,7 @@ def composed_kernel(file: str, text: str, data: Mapping[str, Any]) -> KernelScen
     def number(value: object, key: str) -> float:
         with at(file, key):
             names = {n: e for n, e in composer.scope().items() if n not in units and n != "t"}
-            found = parse_expression(value, names).subs(values)
-            if not (found.is_real and found.is_finite):
-                raise ScenarioError(f"{found} is no number", expected="a value from parameters")
-            return float(found)
+            return parse_number(value, names, values)
 
     def state(name: str, value: object, key: str) -> float:
         with at(file, key):
@@ -226,7 +222,7 @@ def composed_kernel(file: str, text: str, data: Mapping[str, Any]) -> KernelScen
     for key in ("arrival_steps", "disturbances"):
         if (given := getattr(spec.march, key)) is not None:
             options[key] = given
-    promised: dict[str, Any] = {}
+    promised: dict[str, Any] | None = None
     if spec.promise is not None:
         p = spec.promise
         promised = {"runs": p.runs, "seed": p.seed, "rate": p.rate}
@@ -262,7 +258,6 @@ def composed_kernel(file: str, text: str, data: Mapping[str, Any]) -> KernelScen
         horizon=horizon,
         forever=spec.march.forever,
         options=options,
-        promise=spec.promise,
         promised=promised,
         figures=spec.figures,
         held={n: state(n, v, f"figures.at.{n}") for n, v in spec.figures.at.items()},
@@ -280,8 +275,7 @@ def _check_tables(file: str, kind: str, spec: KernelSpec) -> None:
             raise ScenarioError(f"{file}: {key}: missing table", remedy=f"a {kind} needs it")
         if there and key not in allowed:
             raise ScenarioError(f"{file}: {key}: a {kind} does not use it", remedy="leave it out")
-    for key in ("arrival_steps", "disturbances"):
-        used = {"arrival_steps": "capture-basin"}.get(key, "reachable-set")
+    for key, used in (("arrival_steps", "capture-basin"), ("disturbances", "reachable-set")):
         if getattr(spec.march, key) is not None and not kind.endswith(used):
             raise ScenarioError(f"{file}: march.{key}: a {kind} does not use it")
     if kind not in KEPT:

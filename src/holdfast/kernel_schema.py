@@ -2,34 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import ConfigDict, Field
 
 from holdfast.schema import Expression, Interval, Name, Plane, Section, Text, Value
 
-KINDS = (
+Kind = Literal[
     "viability-kernel",
     "discriminating-kernel",
     "invariance-kernel",
     "backward-reachable-set",
     "forward-reachable-set",
     "capture-basin",
-)
+]
+KINDS: tuple[str, ...] = get_args(Kind)
 
 
 class KernelHeader(Section):
     """[scenario]"""
 
     title: Text
-    kind: Literal[
-        "viability-kernel",
-        "discriminating-kernel",
-        "invariance-kernel",
-        "backward-reachable-set",
-        "forward-reachable-set",
-        "capture-basin",
-    ]
+    kind: Kind
     description: Text = ""
     source: Text = ""
 

@@ -10,7 +10,7 @@ from holdfast.checking import at
 from holdfast.compose import Composer
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.maths import laws
-from holdfast.maths.expression import parse_condition, parse_expression
+from holdfast.maths.expression import parse_condition, parse_number
 from holdfast.maths.law import Law
 from holdfast.maths.observer import observe
 from holdfast.maths.quantity import merge_parameters
@@ -156,10 +156,7 @@ def _redesigned(
         values = {p.symbol: p.value for p in composer.known.values()}
         for name, text in spec.goal.items():
             with at(file, f"redesign.goal.{name}"):
-                number = parse_expression(text, composer.scope()).subs(values)
-                if not (number.is_number and number.is_real and number.is_finite):
-                    raise ScenarioError(f"{number} is no number", expected="one from parameters")
-                goal[name] = float(number)
+                goal[name] = parse_number(text, composer.scope(), values)
     with at(file, "redesign"):
         return redesign(
             law,

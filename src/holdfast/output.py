@@ -41,8 +41,6 @@ def make_folder(folder: Path, option: str = "--out") -> None:
 
 
 def written(scenario: Scenario, result: Result, folder: Path, *, figures: bool) -> list[Path]:
-    from holdfast.analysis.files import atomic_file
-
     make_folder(folder)
     files = [result.save(folder / "result.nc")]
     if figures:
@@ -56,10 +54,7 @@ def written(scenario: Scenario, result: Result, folder: Path, *, figures: bool) 
             plane = paths_figure(result, scenario.plane, chosen.highlight, chosen.cones, run)
             files += style.write(plane, folder, "paths")
         files += style.write(histories_figure(result, run), folder, "histories")
-    path = folder / "summary.json"
-    with atomic_file(path) as partial:
-        partial.write_text(json.dumps(result.summary(), indent=2) + "\n", "utf-8")
-    return [*files, path]
+    return [*files, _summary(folder / "summary.json", result.summary())]
 
 
 def kernel_report(
@@ -90,49 +85,37 @@ def _written_kernel(
         from holdfast.presentation.value_function import value_function_figure
 
         about = scenario.about
-        drawn = value_function_figure(
-            result.value,
-            plane=scenario.figures.plane,
-            at=scenario.held or None,
-            others={about.name.replace("_", " "): begun},
-            scene=about.scene,
-            parameters={q.name: q.value for q in about.parameters},
-        )
+        around: dict[str, Any] = {
+            "others": {about.name.replace("_", " "): begun},
+            "scene": about.scene,
+            "parameters": {q.name: q.value for q in about.parameters},
+        }
+        plane = scenario.figures.plane
+        drawn = value_function_figure(result.value, plane=plane, at=scenario.held or None, **around)
         files += style.write(drawn, folder, "set")
         if scenario.figures.inputs:
-            files += style.write(_law_figure(scenario, result, begun), folder, "law")
-    files.append(_text(folder / "summary.json", json.dumps(result.summary(), indent=2) + "\n"))
+            files += style.write(_law_figure(scenario, result, around), folder, "law")
+    files.append(_summary(folder / "summary.json", result.summary()))
     return files
 
 
-def _law_figure(scenario: KernelScenario, result: KernelResult, begun: ValueFunction) -> Any:
-    """The optimal input in the plane of the figures."""
+def _law_figure(scenario: KernelScenario, result: KernelResult, around: dict[str, Any]) -> Any:
+    """The optimal inputs in the plane of the figures; around: what is drawn beside the set."""
     from holdfast.analysis.safety_law import optimal_inputs
     from holdfast.presentation.optimal_input import optimal_input_figure
 
-    plane = scenario.figures.plane or (
-        scenario.system.state_names[0],
-        scenario.system.state_names[1],
-    )
-    held = {n: scenario.held.get(n, 0.0) for n in scenario.system.state_names if n not in plane}
+    names = scenario.system.state_names
+    plane = scenario.figures.plane or (names[0], names[1])
+    held = {n: scenario.held.get(n, 0.0) for n in names if n not in plane}
     inputs, velocity = optimal_inputs(scenario.system, result.value, plane, held)
-    about = scenario.about
-    return optimal_input_figure(
-        result.value,
-        {n: inputs[n] for n in scenario.figures.inputs},
-        velocity,
-        plane=plane,
-        at=held,
-        others={about.name.replace("_", " "): begun},
-        scene=about.scene,
-        parameters={q.name: q.value for q in about.parameters},
-    )
+    chosen = {n: inputs[n] for n in scenario.figures.inputs}
+    return optimal_input_figure(result.value, chosen, velocity, plane=plane, at=held, **around)
 
 
 def write_margin(found: Margin, folder: Path, *, figures: bool) -> list[Path]:
     """margin.json and the figure."""
     make_folder(folder)
-    files = [_text(folder / "margin.json", json.dumps(found.summary(), indent=2) + "\n")]
+    files = [_summary(folder / "margin.json", found.summary())]
     if figures:
         from holdfast.presentation import style
         from holdfast.presentation.margin import margin_figure
@@ -160,8 +143,12 @@ def write_comparison(found: Comparison, folder: Path, *, figures: bool) -> list[
 
         files += style.write(comparison_figure(found), folder, "comparison")
     files.append(_text(folder / "comparison.txt", comparison_text(found) + "\n"))
-    files.append(_text(folder / "comparison.json", json.dumps(found.summary(), indent=2) + "\n"))
+    files.append(_summary(folder / "comparison.json", found.summary()))
     return files
+
+
+def _summary(path: Path, said: dict[str, Any]) -> Path:
+    return _text(path, json.dumps(said, indent=2) + "\n")
 
 
 def _text(path: Path, text: str) -> Path:

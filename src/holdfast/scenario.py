@@ -19,7 +19,7 @@ from holdfast.errors import ScenarioError, suggestion
 from holdfast.execution.closed_loop import Progress
 from holdfast.kernel_scenario import KernelScenario, composed_kernel, is_kernel, solved
 from holdfast.law_chain import composed_law
-from holdfast.maths.expression import parse_expression
+from holdfast.maths.expression import parse_expression, parse_number
 from holdfast.maths.law import Law
 from holdfast.maths.quantity import Parameter
 from holdfast.maths.region import Region
@@ -163,10 +163,7 @@ def _composed(name: str, file: str, text: str, spec: ScenarioSpec) -> Scenario:
 
     def number(expression: object, key: str) -> float:
         with at(file, key):
-            value = parse_expression(expression, timeless).subs(values)
-            if not (value.is_real and value.is_finite):
-                raise ScenarioError(f"{value} is no number", expected="a value from parameters")
-            return float(value)
+            return parse_number(expression, timeless, values)
 
     def expressions(table: Mapping[str, object], key: str) -> dict[str, sp.Expr]:
         return {k: _parsed(file, f"{key}.{k}", v, timeless) for k, v in table.items()}

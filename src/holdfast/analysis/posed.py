@@ -118,9 +118,9 @@ def pose(
         raise SimulationError(
             f"{grid!r} for a grid", remedy="make one: hf.grid(system, box, nodes)"
         )
-    given = {n: _expression(v) for n, v in disturbance.items()}
+    given = said = {n: _expression(v) for n, v in disturbance.items()}
     if marching.symmetry is None:
-        system, given = _with_names(system, given)
+        system, given = _with_names(system, said)
     moved = with_disturbance(system, given)
     if problem.backwards:
         moved = replace(moved, rates={n: -r for n, r in moved.rates.items()}, pfaffian=())
@@ -142,7 +142,6 @@ def pose(
     }
     if marching.symmetry is not None:
         moved = replace(moved, **bounds)
-    said = {n: _expression(v) for n, v in disturbance.items()}
     posed = Posed(
         moved, problem, grid, horizon, marching, known, said, tuple(asked),
         times is not None, 0, "", start_time,

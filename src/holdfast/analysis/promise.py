@@ -125,13 +125,10 @@ def check_promise(
     if region is None and goal is None:
         raise SimulationError("a promise to stay, and no region", remedy="give the region")
     symbols = [q.symbol for q in system.states]
+    margin_of = None if region is None else Evaluator([region.margin], symbols, region.parameters)
 
-    def depth(states: Array) -> Array:
-        if region is None:
-            return np.ones(len(states))
-        margin_of = Evaluator([region.margin], symbols, region.parameters)
-        found: Array = margin_of.values(states)[:, 0]
-        return found
+    def in_region(states: Array) -> Any:
+        return True if margin_of is None else margin_of.values(states)[:, 0] > 0
 
     inside = _drawn(value, generator, runs, lambda q: value.at(q) > margin, value.values() > 0)
     if inside is None:
@@ -164,7 +161,7 @@ def check_promise(
         value,
         generator,
         runs,
-        lambda q: (value.at(q) < -margin) & (depth(q) > 0),
+        lambda q: (value.at(q) < -margin) & in_region(q),
         value.values() < -margin,
     )
     if beyond is not None:

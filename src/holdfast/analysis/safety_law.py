@@ -50,7 +50,8 @@ def safety_law(
     asks: left alone well inside, taken over towards the boundary. rate [1/s]. margin [unit of V]:
     by default `sampled_margin`, what may be lost while an input is held for `sample_time`. Where
     no admissible input is enough, the least violation, which a run counts. A value function with
-    several times is used at the time that is left; the last is kept when none is.
+    several times that has not converged is used at the time that is left, and stands still at the
+    first of them; one that has converged is used at its last.
 
     Raises `SimulationError` for a value function of another system, or one that says nothing
     about what the inputs keep, and for a rate that a held input cannot follow.

@@ -267,3 +267,13 @@ class _Translator:
                     left = right
                 return pairwise(least)(*parts)
         return self._value(node, depth)
+
+
+def parse_number(
+    text: object, names: Mapping[str, sp.Expr], values: Mapping[sp.Symbol, float]
+) -> float:
+    """The number that an expression is with these values; `ExpressionError` if it is none."""
+    found = parse_expression(text, names).subs(values)
+    if not (found.is_number and found.is_real and found.is_finite):
+        raise ExpressionError(f"{found} is no number", expected="a value from parameters")
+    return float(found)

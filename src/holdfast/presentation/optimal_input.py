@@ -65,6 +65,7 @@ def optimal_input_figure(
     first, second = (
         _table(flat, plane, f"velocity in {n}", v) for n, v in zip(plane, velocity, strict=True)
     )
+    beside = [other.slice(**view.held) for other in others.values()]
     count = len(tables)
     if not count:
         raise OutputError("no input to draw", expected="name -> array, at least one")
@@ -83,8 +84,7 @@ def optimal_input_figure(
         for k, (axis, (name, table)) in enumerate(zip(panels.flat, tables.items(), strict=False)):
             _draw_sign(axis, flat, plane, table)
             seconds = _draw_arrows(axis, flat, plane, first, second)
-            held = [other.slice(**view.held) for other in others.values()]
-            level_sets.draw_others(axis, held, plane)
+            level_sets.draw_others(axis, beside, plane)
             draw_fixed(axis, scene, parameters)
             level_sets.set_up(axis, flat, plane)
             level_sets.label_outer(axis, k, columns, count)

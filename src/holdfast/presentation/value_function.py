@@ -102,6 +102,7 @@ def _plane(
     figure, axis = plt.subplots(figsize=(width, height), layout="constrained")
     alone = level_sets.in_set(label)
     if "arrival" in value.dataset:
+        flat = flat.last()  # the colours tell the times
         filled = level_sets.draw_arrival(axis, flat, plane, _arrival(value, view.held))
         if filled is not None:
             level_sets.add_bar(axis, filled, "least time [s]")
