@@ -83,10 +83,10 @@ class Checkpoint:
             ) from None
         self.written = time.monotonic()
 
-    def offer(self, done: Done, values: Array, record: Record) -> None:
-        """Write it, if the last time was long enough ago."""
-        if time.monotonic() - self.written >= self.every:
-            self.save(done, values, record)
+    @property
+    def due(self) -> bool:
+        """Whether the last time was long enough ago."""
+        return time.monotonic() - self.written >= self.every
 
     def _check(self, other: Mapping[str, str]) -> None:
         here = self.identity

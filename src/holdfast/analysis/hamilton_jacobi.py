@@ -97,16 +97,16 @@ def marched(
         if done.steps == 0:
             saved.save(done, values, record)  # if it cannot be written, that is said now
 
-    def tell(done: Done, now: Array) -> bool:
+    def tell(done: Done, now: Callable[[], Array]) -> bool:
         nonlocal enough
         if progress is not None:
             progress(done.time / posed.horizon)
         if done.steps % GROWTH_CHECKED == 0:
-            _check_growth(float(now.max()), obstacles.highest, cell, done.time)
-        if saved is not None:
-            saved.offer(done, now, record)
+            _check_growth(float(now().max()), obstacles.highest, cell, done.time)
+        if saved is not None and saved.due:
+            saved.save(done, now(), record)
         if until is not None and done.steps % LOOKED == 0:
-            enough = until(to_value_function(grid, now.reshape(grid.shape), {}))
+            enough = until(to_value_function(grid, now().reshape(grid.shape), {}))
         return enough or (done.moving == 0 and not posed.varies)
 
     done = march.run(

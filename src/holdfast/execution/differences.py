@@ -232,23 +232,29 @@ def mark_rows(marks, unit, row, tall, rows_of, many, stretches, kind, ghosts):
 
 
 @swept
-def mirror(first, last, whole, values, shape, places, axis, mine, counts):
-    """The half of the grid that is not computed, from the other: a share of it for a worker."""
+def mirror(first, last, whole, values, shape, places, axis, chosen, counts):
+    """Values at the chosen places along an axis, from the nodes that they reflect.
+
+    A share, from first to last of whole, of the rows for a worker.
+    """
     n = len(shape)
     nodes = shape[n - 1]
-    rows = len(values) // nodes
-    for row in range(rows * first // whole, rows * last // whole):
+    of_row = axis < n - 1  # else all rows, and the chosen places of each
+    inner = 1  # rows within a place along the axis
+    for i in range(axis + 1, n - 1):
+        inner *= shape[i]
+    many = len(chosen) if of_row else 1
+    there = shape[axis] if of_row else 1
+    rows = len(values) // nodes // there * many
+    for k in range(rows * first // whole, rows * last // whole):
+        row = k // inner // many * there * inner + k % inner
+        if of_row:
+            row += chosen[k // inner % many] * inner
         rest, other, stride = row, 0, 1
-        here = True  # whether the row itself is computed
         for i in range(n - 2, -1, -1):
-            place = rest % shape[i]
+            other += places[i, rest % shape[i]] * stride
             rest //= shape[i]
-            other += places[i, place] * stride
             stride *= shape[i]
-            if i == axis:
-                here = mine[place] == 1
-        if axis < n - 1 and here:
-            continue
-        for j in range(nodes):
-            if axis < n - 1 or mine[j] == 0:
-                values[row * nodes + j] = values[other * nodes + places[n - 1, j]]
+        for j in range(nodes if of_row else len(chosen)):
+            place = j if of_row else chosen[j]
+            values[row * nodes + place] = values[other * nodes + places[n - 1, place]]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 Flags = npt.NDArray[np.uint8]
+Places = npt.NDArray[np.int64]
 
 
 class Fold:
@@ -15,48 +17,79 @@ class Fold:
 
     places: for every axis, at which place of it the reflected node is. There are as many units in
     a row of the grid, and in a stretch of its last axis, as `cut` says (`sweep.layout`).
+    needed: places along `axis` that are not computed, but that the computed ones reach; rest: all
+    that are not computed.
     """
 
     def __init__(
-        self,
-        places: Sequence[npt.NDArray[np.int64]],
-        kinds: Sequence[str],
-        cut: Sequence[int],
-        ghosts: int,
+        self, places: Sequence[Places], kinds: Sequence[str], cut: Sequence[int], ghosts: int
     ) -> None:
-        moved = [i for i, p in enumerate(places) if (p != np.arange(len(p))).any()]
-        self.axis = moved[0]
+        self.axis = next(i for i, p in enumerate(places) if (p != np.arange(len(p))).any())
         self.places = np.zeros((len(places), max(map(len, places))), dtype=np.int64)
         for row, p in zip(self.places, places, strict=True):
             row[: len(p)] = p
         own = places[self.axis]
-        self.mine = (np.arange(len(own)) <= own).astype(np.uint8)
-        near = np.zeros_like(self.mine)  # what is computed and reaches into what is not
-        for k in range(-ghosts, ghosts + 1):
-            beyond = np.roll(self.mine == 0, k)
-            if kinds[self.axis] != "periodic":
-                beyond[slice(0, k) if k >= 0 else slice(k, None)] = False
-            near |= beyond & self.mine
+        mine = np.arange(len(own)) <= own
+        around = kinds[self.axis] == "periodic"
+        self.needed = np.flatnonzero(_within(mine, ghosts, around) & ~mine)
+        self.rest = np.flatnonzero(~mine)
         shape = [len(p) for p in places]
-        self.computed = self._units(self.mine, shape, cut)
-        self.always = self._units(near, shape, cut)
-
-    def _units(self, chosen: Flags, shape: Sequence[int], cut: Sequence[int]) -> Flags:
-        """The units with a node at one of the chosen places of the folded axis."""
         many, groups, stretches, longest = cut
         of_units = [*shape[:-2], groups, stretches]
-        last = len(shape) - 1
-        size, count = 1, shape[self.axis]
-        if self.axis >= last - 1:
-            size, count = (longest, stretches) if self.axis == last else (many, groups)
-        any_of = [chosen[k * size : (k + 1) * size].any() for k in range(count)]
-        along = len(of_units) - 1 - last + self.axis
-        row = np.array(any_of, dtype=np.uint8).reshape(
-            [-1 if i == along else 1 for i in range(len(of_units))]
-        )
-        return np.broadcast_to(row, of_units).ravel()
+        sizes = [1] * len(shape[:-2]) + [many, longest]
+        reflected = [*places[:-2], places[-2] if len(shape) > 1 else np.zeros(1, int), places[-1]]
+        along = self.axis + len(of_units) - len(shape)
+        size, count = sizes[along], of_units[along]
+
+        def units(chosen: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+            """Those with a node at one of the chosen places of the folded axis."""
+            any_of = [chosen[k * size : (k + 1) * size].any() for k in range(count)]
+            row = np.reshape(any_of, [-1 if i == along else 1 for i in range(len(of_units))])
+            return np.broadcast_to(row, of_units)
+
+        self.computed = units(mine).ravel().astype(np.uint8)
+        near = np.nonzero(units(_within(~mine, ghosts, around) & mine))
+        self.near = np.ravel_multi_index(near, of_units)
+        others = [
+            k[:, np.newaxis] if i == along else _images(places, size, count)[k]
+            for i, (k, places, size, count) in enumerate(
+                zip(near, reflected, sizes, of_units, strict=True)
+            )
+        ]
+        self.images = [
+            np.ravel_multi_index([o[:, c] for o, c in zip(others, columns, strict=True)], of_units)
+            for columns in itertools.product(*(range(o.shape[1]) for o in others))
+        ]
 
     def narrow(self, active: Flags) -> None:
-        """Of the units to be computed, those of this half; always those at the fold."""
+        """Of the units to be computed those of this half.
+
+        What changes near the fold changes its image beyond it, which reaches the images, on this
+        side, of the units that it reaches itself.
+        """
         active &= self.computed
-        active |= self.always
+        found = active[self.near]
+        for image in self.images:
+            found |= active[image]
+        active[self.near] = found
+
+
+def _within(chosen: npt.NDArray[np.bool_], reach: int, around: bool) -> npt.NDArray[np.bool_]:
+    """The places that are within reach of a chosen one."""
+    found = np.zeros_like(chosen)
+    for k in range(-reach, reach + 1):
+        shifted = np.roll(chosen, k)
+        if not around:
+            shifted[slice(0, k) if k >= 0 else slice(k, None)] = False
+        found |= shifted
+    return found
+
+
+def _images(places: Places, size: int, count: int) -> Places:
+    """For every one of `count` runs of `size` places, the runs that its reflection lies in.
+
+    Shape (count, most of them); those that have fewer name one of them again.
+    """
+    rows = [np.unique(places[k * size : (k + 1) * size] // size) for k in range(count)]
+    most = max(map(len, rows))
+    return np.array([np.resize(row, most) for row in rows])

@@ -147,14 +147,15 @@ class March:
         near: float = -math.inf,
         slow: float = 0.0,
         keep: Callable[[float, Array], None] | None = None,
-        tell: Callable[[Done, Array], bool] | None = None,
+        tell: Callable[[Done, Callable[[], Array]], bool] | None = None,
         done: Done | None = None,
     ) -> Done:
         """March `values` (flat; changed in place) to each of `times`, then `keep(time, values)`.
 
         refresh: puts into `upper` and `lower`, if they move, what they are at a time t.
         A node counts as moving if it is above `near` and changes faster than `slow` [1/s].
-        `tell(done, values)` is called after every step, and ends the march where it gives True.
+        `tell(done, values)` is called after every step, with a function that gives the values, and
+        ends the march where it gives True.
         done: what has been done of the same march, up to `values`; it goes on from there.
         """
         done = done or Done()
@@ -173,6 +174,17 @@ class March:
         )  # fmt: skip
         began, step = time.perf_counter() - done.seconds, math.nan
         with _Workers(self.threads, self.places) as workers:
+
+            def mirror(array: Array, chosen: Array) -> Array:
+                """Of the half that is not computed, what lies at those places."""
+                if self.fold is not None:
+                    half = (self.places, array, self.shape, self.fold.places, self.fold.axis, chosen)
+                    workers.run(self.module.mirror, *half)
+                return array
+
+            def now() -> Array:
+                return arrays[0] if self.fold is None else mirror(arrays[0], self.fold.rest)
+
             for start, dt, ends in itertools.islice(self._steps(times), done.steps, None):
                 if dt != step or not self.method.skip or self.varying or refresh is not None:
                     flags[:] = 1
@@ -197,9 +209,7 @@ class March:
                         *rest,
                     )  # fmt: skip
                     if self.fold is not None:
-                        f = self.fold
-                        half = (self.places, out, self.shape, f.places, f.axis, f.mine)
-                        workers.run(self.module.mirror, *half)
+                        mirror(out, self.fold.needed)
                     done.computed += int(found[0])
                     if found[1]:
                         raise SimulationError(
@@ -214,10 +224,11 @@ class March:
                 done.moving = int(found[2])
                 done.seconds = time.perf_counter() - began
                 if keep is not None and ends is not None:
-                    keep(ends, arrays[0])
-                done.stopped = tell is not None and tell(done, arrays[0])
+                    keep(ends, now())
+                done.stopped = tell is not None and tell(done, now)
                 if done.stopped:
                     break
+            now()
         if arrays[0] is not values:
             values[:] = arrays[0]
         return done
