@@ -84,6 +84,7 @@ def marched(
         limit=posed.limit,
         clock=posed.clock,
         reflected=_reflected(posed, h),
+        precision=marching.precision,
         threads=marching.threads or available_cores(),
     )
     record = Record(posed, values)

@@ -1,8 +1,9 @@
 """One-sided derivatives along an axis of a grid, on a stretch of nodes at a time.
 
-`rows[k]` holds the nodes k - GHOSTS beyond those of the stretch along the axis. Each function
-leaves the mean of the left and the right derivative and half their gap, which is what a
-Lax-Friedrichs scheme asks for. Joined after `primitives.py` into the generated sweeps.
+`source[at[k] + j]` is the node k - GHOSTS places along the axis from node j of the stretch: in the
+value itself, or, at an end of the axis that the value has to be continued beyond, in a copy. Each
+scheme leaves, from the place `to` on, the mean of the left and the right derivative and half their
+gap, which is what a Lax-Friedrichs scheme asks for. The generated sweeps are joined to these.
 
 Sources: S. Osher, C.-W. Shu, SIAM J. Numer. Anal. 28, 1991 (essentially non-oscillatory, ENO);
 G.-S. Jiang, D. Peng, SIAM J. Sci. Comput. 21, 2000 (fifth-order weighted, WENO5).
@@ -16,11 +17,14 @@ from holdfast.execution.primitives import *  # noqa: F403
 # -- joined from here on
 
 EXTRAPOLATED, PERIODIC, LIMITED = 0, 1, 2
-BEND = 13.0 / 12.0
+BEND = 13.0 / 3.0
+LONGEST = 64  # nodes of a stretch; a multiple of VECTOR
+VECTOR = 8  # numbers in single precision in one register
 
 swept = njit(
     cache=True, error_model="numpy", nogil=True, forceinline=True, fastmath={"contract"}
 )  # fused multiplications and additions: the inner loops of the sweeps are made of them
+called = njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract"})
 
 
 @swept
@@ -31,82 +35,95 @@ def beyond(edge, inner, distance):
 
 
 @swept
-def fetch(values, first, place, there, nodes, stride, kind, count, target):
-    """The run of `count` nodes at the place `there` of an axis; that at `place` is at `first`."""
+def place_of(there, nodes, kind):
+    """The place of an axis that stands for one beyond its ends; itself where none does."""
     if kind == PERIODIC:
-        there = (there + nodes) % nodes
-    elif kind == LIMITED:
-        there = min(max(there, 0), nodes - 1)
+        return (there + nodes) % nodes
+    return min(max(there, 0), nodes - 1) if kind == LIMITED else there
+
+
+@swept
+def reach(at, first, place, tall, nodes, stride, kind, ghosts, end):
+    """Where the nodes around `tall` places from `place` on, which is at `first`, are.
+
+    False if they are not on the grid, or not in as many runs, or if runs of `LONGEST` would not
+    stop before `end`: they are gathered then.
+    """
+    inside = place >= ghosts and place + tall + ghosts <= nodes
+    if not inside and (kind == EXTRAPOLATED or tall > 1):
+        return False
+    furthest = 0
+    for k in range(2 * ghosts + 1):
+        there = place + k - ghosts
+        run = first + ((there if inside else place_of(there, nodes, kind)) - place) * stride
+        at[k] = run
+        furthest = max(furthest, run)
+    return furthest + LONGEST <= end
+
+
+@swept
+def fetch(values, first, place, there, nodes, stride, kind, count, target, to):
+    """The run of `count` nodes at the place `there` of an axis; that at `place` is at `first`."""
+    there = place_of(there, nodes, kind)
     if 0 <= there < nodes:
-        run = values[first + (there - place) * stride :]
+        run = first + (there - place) * stride
         for j in range(count):
-            target[j] = run[j]
+            target[to + j] = values[run + j]
         return
     edge = 0 if there < 0 else nodes - 1
     inner = 1 if there < 0 else nodes - 2
     distance = float(abs(there - edge))
-    at_edge = values[first + (edge - place) * stride :]
-    inside = values[first + (inner - place) * stride :]
+    at_edge = first + (edge - place) * stride
+    inside = first + (inner - place) * stride
     for j in range(count):
-        target[j] = beyond(float(at_edge[j]), float(inside[j]), distance)
+        target[to + j] = beyond(float(values[at_edge + j]), float(values[inside + j]), distance)
 
 
-@swept
-def gather(values, first, place, nodes, stride, kind, ghosts, count, rows):
-    """rows[k, :count]: the nodes k - ghosts places along an axis from those at `first`..."""
+@called
+def gather(values, first, place, tall, nodes, stride, wide, kind, ghosts, rows):
+    """rows[k LONGEST + j]: the nodes k - ghosts places along an axis from those at `first`...
+
+    Of `tall` places from `place` on, `wide` nodes of each.
+    """
     for k in range(2 * ghosts + 1):
-        fetch(values, first, place, place + k - ghosts, nodes, stride, kind, count, rows[k])
-
-
-@swept
-def gather_rows(values, first, row, tall, nodes, stride, wide, kind, ghosts, rows):
-    """The same along the axis before the last, for `tall` rows of `wide` nodes from `row` on."""
-    for k in range(2 * ghosts + 1):
-        lowest = row + k - ghosts
-        if (tall == 1 or wide == stride) and lowest >= 0 and lowest + tall <= nodes:
-            run = values[first + (k - ghosts) * stride :]
-            target = rows[k]
-            for j in range(tall * wide):
-                target[j] = run[j]
-            continue
         for r in range(tall):
-            fetch(
-                values, first + r * stride, row + r, lowest + r, nodes, stride, kind, wide,
-                rows[k, r * wide : (r + 1) * wide],
-            )  # fmt: skip
+            here, there = first + r * stride, place + r + k - ghosts
+            to = k * LONGEST + r * wide
+            fetch(values, here, place + r, there, nodes, stride, kind, wide, rows, to)
 
 
-@swept
-def gather_along(values, first, tall, start, nodes, wide, kind, ghosts, line, rows):
-    """The same along the last axis, whose nodes begin at `first`, for those from `start` on."""
+@called
+def gather_along(values, first, start, nodes, wide, kind, ghosts, line):
+    """line[j]: the nodes from `start` - ghosts on of a row of the last axis that is at `first`."""
     length = wide + 2 * ghosts
     low = min(max(0, ghosts - start), length)
     high = max(min(length, nodes - start + ghosts), low)
-    for r in range(tall):
-        begin = first + r * nodes
-        inside = line[low:high]
-        source = values[begin + start - ghosts + low :]
-        for j in range(high - low):
-            inside[j] = source[j]
-        for j in range(low):
-            fetch(values, begin, 0, start - ghosts + j, nodes, 1, kind, 1, line[j : j + 1])
-        for j in range(high, length):
-            fetch(values, begin, 0, start - ghosts + j, nodes, 1, kind, 1, line[j : j + 1])
-        for k in range(2 * ghosts + 1):
-            target = rows[k, r * wide : (r + 1) * wide]
-            shifted = line[k : k + wide]
-            for j in range(wide):
-                target[j] = shifted[j]
+    inside = first + start - ghosts
+    for j in range(low, high):
+        line[j] = values[inside + j]
+    for j in range(low):
+        fetch(values, first, 0, start - ghosts + j, nodes, 1, kind, 1, line, j)
+    for j in range(high, length):
+        fetch(values, first, 0, start - ghosts + j, nodes, 1, kind, 1, line, j)
 
 
 @swept
-def upwind(rows, count, inverse, mean, gap):
+def lanes(count):
+    """How many to compute so that vector instructions leave no rest; some are not used."""
+    return np.uint64((count + VECTOR - 1) & ~(VECTOR - 1))
+
+
+@called
+def upwind(source, at, count, inverse, mean, gap, to):
     """First order."""
-    for j in range(count):
-        left = (rows[1, j] - rows[0, j]) * inverse
-        right = (rows[2, j] - rows[1, j]) * inverse
-        mean[j] = 0.5 * (left + right)
-        gap[j] = 0.5 * (right - left)
+    low, here, high = at[0], at[1], at[2]
+    half = 0.5 * inverse
+    to = np.uint64(to)
+    for j in range(lanes(count)):
+        left = source[here + j] - source[low + j]
+        right = source[high + j] - source[here + j]
+        mean[to + j] = half * (left + right)
+        gap[to + j] = half * (right - left)
 
 
 @swept
@@ -126,18 +143,21 @@ def same_way(slope, plain):
     return limited if slope * plain > 0.0 else 0.0
 
 
-@swept
-def eno2(rows, count, inverse, mean, gap):
+@called
+def eno2(source, at, count, inverse, mean, gap, to):
     """Second order: the first derivative, corrected by the smaller of two second differences."""
-    for j in range(count):
-        a = (rows[1, j] - rows[0, j]) * inverse
-        b = (rows[2, j] - rows[1, j]) * inverse
-        c = (rows[3, j] - rows[2, j]) * inverse
-        d = (rows[4, j] - rows[3, j]) * inverse
+    i0, i1, i2, i3, i4 = at[0], at[1], at[2], at[3], at[4]
+    half = 0.5 * inverse
+    to = np.uint64(to)
+    for j in range(lanes(count)):
+        a = source[i1 + j] - source[i0 + j]
+        b = source[i2 + j] - source[i1 + j]
+        c = source[i3 + j] - source[i2 + j]
+        d = source[i4 + j] - source[i3 + j]
         left = same_way(b + 0.5 * smaller(b - a, c - b), b)
         right = same_way(c - 0.5 * smaller(c - b, d - c), c)
-        mean[j] = 0.5 * (left + right)
-        gap[j] = 0.5 * (right - left)
+        mean[to + j] = half * (left + right)
+        gap[to + j] = half * (right - left)
 
 
 @swept
@@ -152,62 +172,69 @@ def eno3_side(a, b, c, d, e):
 
 
 @swept
-def six(rows, j, inverse):
+def six(source, at, j):
     """The first differences of seven nodes in a row."""
     return (
-        (rows[1, j] - rows[0, j]) * inverse,
-        (rows[2, j] - rows[1, j]) * inverse,
-        (rows[3, j] - rows[2, j]) * inverse,
-        (rows[4, j] - rows[3, j]) * inverse,
-        (rows[5, j] - rows[4, j]) * inverse,
-        (rows[6, j] - rows[5, j]) * inverse,
+        source[at[1] + j] - source[at[0] + j],
+        source[at[2] + j] - source[at[1] + j],
+        source[at[3] + j] - source[at[2] + j],
+        source[at[4] + j] - source[at[3] + j],
+        source[at[5] + j] - source[at[4] + j],
+        source[at[6] + j] - source[at[5] + j],
     )
 
 
-@swept
-def eno3(rows, count, inverse, mean, gap):
+@called
+def eno3(source, at, count, inverse, mean, gap, to):
     """Third order: the smoothest of three stencils."""
-    for j in range(count):
-        a, b, c, d, e, f = six(rows, j, inverse)
+    at = (at[0], at[1], at[2], at[3], at[4], at[5], at[6])
+    half = 0.5 * inverse
+    to = np.uint64(to)
+    for j in range(lanes(count)):
+        a, b, c, d, e, f = six(source, at, j)
         left = same_way(eno3_side(a, b, c, d, e), c)
         right = same_way(eno3_side(f, e, d, c, b), d)
-        mean[j] = 0.5 * (left + right)
-        gap[j] = 0.5 * (right - left)
+        mean[to + j] = half * (left + right)
+        gap[to + j] = half * (right - left)
 
 
 @swept
-def weno5_side(a, b, c, d, e, bend_1, bend_2, bend_3):
+def weno5_side(a, b, c, d, e, bend_1, bend_2, bend_3, scale):
     """Three third-order derivatives, weighted by the smoothness of their stencils.
 
-    `bend_k` are 13/12 of the squares of the second differences. The weights are multiplied out, so
-    that there is one division; `small` keeps their products above the smallest number there is.
+    `bend_k` are 13/3 of the squares of the second differences. The smoothness is measured by the
+    largest of the differences, so that no product is too small for single precision, and the
+    weights are multiplied out.
     """
-    largest = max(max(max(a * a, b * b), max(c * c, d * d)), e * e)
-    small = 1e-6 * largest + 1e-40
     t1, t2, t3 = a - 4.0 * b + 3.0 * c, b - d, 3.0 * c - 4.0 * d + e
-    s1 = bend_1 + 0.25 * t1 * t1 + small
-    s2 = bend_2 + 0.25 * t2 * t2 + small
-    s3 = bend_3 + 0.25 * t3 * t3 + small
+    s1 = scale * (bend_1 + t1 * t1) + 4e-6
+    s2 = scale * (bend_2 + t2 * t2) + 4e-6
+    s3 = scale * (bend_3 + t3 * t3) + 4e-6
     s1, s2, s3 = s1 * s1, s2 * s2, s3 * s3
     w1, w2, w3 = s2 * s3, 6.0 * s1 * s3, 3.0 * s1 * s2
-    p1 = 2.0 * a - 7.0 * b + 11.0 * c
-    p2 = 5.0 * c - b + 2.0 * d
-    p3 = 2.0 * c + 5.0 * d - e
-    return (w1 * p1 + w2 * p2 + w3 * p3) / (6.0 * (w1 + w2 + w3))
+    p1 = (1.0 / 3.0) * a - (7.0 / 6.0) * b + (11.0 / 6.0) * c
+    p2 = (5.0 / 6.0) * c - (1.0 / 6.0) * b + (1.0 / 3.0) * d
+    p3 = (1.0 / 3.0) * c + (5.0 / 6.0) * d - (1.0 / 6.0) * e
+    return (w1 * p1 + w2 * p2 + w3 * p3) / (w1 + w2 + w3)
 
 
-@swept
-def weno5(rows, count, inverse, mean, gap):
+@called
+def weno5(source, at, count, inverse, mean, gap, to):
     """Fifth order where the value is smooth and has no extremum."""
-    for j in range(count):
-        a, b, c, d, e, f = six(rows, j, inverse)
+    at = (at[0], at[1], at[2], at[3], at[4], at[5], at[6])
+    half = 0.5 * inverse
+    to = np.uint64(to)
+    for j in range(lanes(count)):
+        a, b, c, d, e, f = six(source, at, j)
         d1, d2, d3, d4 = a - 2.0 * b + c, b - 2.0 * c + d, c - 2.0 * d + e, d - 2.0 * e + f
         d1, d2 = BEND * d1 * d1, BEND * d2 * d2
         d3, d4 = BEND * d3 * d3, BEND * d4 * d4
-        left = same_way(weno5_side(a, b, c, d, e, d1, d2, d3), c)
-        right = same_way(weno5_side(f, e, d, c, b, d4, d3, d2), d)
-        mean[j] = 0.5 * (left + right)
-        gap[j] = 0.5 * (right - left)
+        largest = max(max(max(a * a, b * b), max(c * c, d * d)), max(e * e, f * f))
+        scale = 1.0 / (largest + 1e-30)
+        left = same_way(weno5_side(a, b, c, d, e, d1, d2, d3, scale), c)
+        right = same_way(weno5_side(f, e, d, c, b, d4, d3, d2, scale), d)
+        mean[to + j] = half * (left + right)
+        gap[to + j] = half * (right - left)
 
 
 @swept

@@ -86,6 +86,7 @@ class March:
         limit: str,
         clock: tuple[float, float] = (0.0, 1.0),
         reflected: Sequence[npt.NDArray[np.int64]] | None = None,
+        precision: str = "float64",
         threads: int = 1,
     ) -> None:
         """clock: the time t at tau = 0, and how fast it runs, 1 or -1. reflected: for every axis,
@@ -97,8 +98,9 @@ class March:
             scheme=method.scheme,
             dissipation=method.dissipation,
             limit=limit,
+            precision=precision,
         )
-        self.module = compile_sweep(source)
+        self.module = compile_sweep(source, precision)
         self.method = method
         self.shape = np.array([len(a) for a in axes], dtype=np.int64)
         self.axes = padded(axes)
@@ -178,7 +180,14 @@ class March:
             def mirror(array: Array, chosen: Array) -> Array:
                 """Of the half that is not computed, what lies at those places."""
                 if self.fold is not None:
-                    half = (self.places, array, self.shape, self.fold.places, self.fold.axis, chosen)
+                    half = (
+                        self.places,
+                        array,
+                        self.shape,
+                        self.fold.places,
+                        self.fold.axis,
+                        chosen,
+                    )
                     workers.run(self.module.mirror, *half)
                 return array
 

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import sympy as sp
 
+from holdfast.execution.compile import single
 from holdfast.execution.over_grid import fastest_source, names_in, names_used, unpacked
 from holdfast.execution.printer import text_of
 from holdfast.execution.schedule import BEFORE, Schedule, renamed
@@ -18,6 +19,7 @@ from holdfast.maths.hamiltonian import Hamiltonian
 from holdfast.maths.quantity import TIME, Parameter
 
 LONGEST = 64
+"""The same as in `differences.py`; a multiple of its VECTOR."""
 
 SCHEMES = {"upwind": 1, "eno2": 2, "eno3": 3, "weno5": 3}
 """One-sided derivatives and how many nodes they reach on either side."""
@@ -39,8 +41,12 @@ def sweep_source(
     scheme: str,
     dissipation: str,
     limit: str,
+    precision: str = "float64",
 ) -> str:
-    """The functions `sweep` and `fastest` for this Hamiltonian."""
+    """The functions `sweep` and `fastest` for this Hamiltonian.
+
+    What is computed at every node is so in the precision of the value.
+    """
     n = len(hamiltonian.costates)
     names = _names(hamiltonian, parameters)
     if dissipation == "global":
@@ -57,9 +63,10 @@ def sweep_source(
     at_node = [sp.Symbol(s, real=True) for i in range(n) for s in (f"p{i}", f"g{i}")]
     plan = Schedule(axes, frozenset(at_node))
     (rate,) = plan.add([total])
+    sweep = _sweep(plan, rate, n, scheme, limit, names)
     text = [
-        f"GHOSTS = {SCHEMES[scheme]}\nLONGEST = {LONGEST}",
-        _sweep(plan, rate, n, scheme, limit, names),
+        f"GHOSTS = {SCHEMES[scheme]}",
+        single(sweep) if precision == "float32" else sweep,
     ]
     bounds = renamed(list(hamiltonian.speeds), names)
     text.append(fastest_source(bounds, n, names))
@@ -97,6 +104,10 @@ def _sweep(
     of_row = [str(s) for s, _ in plan.levels.get(by_row, [])] if n > 1 else []
     held = [name for name in ([f"q{by_row}"] if n > 1 else []) + of_row if name in at_node]
     fixed = [(str(s), text_of(e)) for s, e in plan.tables]
+    known = {str(s) for s, _ in plan.levels.get(n, [])} | {name for name, _ in fixed} | set(held)
+    known |= {f"q{last}", *(f"{s}{i}" for i in range(n) for s in "pg")}
+    outside = sorted(at_node - known)  # the same at all nodes of a unit
+    here = {sp.Symbol(s, real=True): sp.Symbol(f"{s}_", real=True) for s in outside}
     outer = range(n - 2)
     head = (
         "def sweep(first, last, t, dt, weight, values, base, out, before, upper, lower, floor, "
@@ -112,7 +123,7 @@ def _sweep(
     body += unpacked(names, used, "k", "p") + unpacked(names, used, "a", "speeds")
     body += plan.lines(BEFORE)
     body += [
-        f"fixed = np.empty(({len(fixed) + 1}, many * n{last}))",
+        f"fixed = np.empty(({len(fixed) + 1}, many * n{last}), dtype=values.dtype)",
         "for row in range(many):",
         f"    for place in range(n{last}):",
         f"        at = row * n{last} + place",
@@ -122,13 +133,16 @@ def _sweep(
     for k, (name, text) in enumerate(fixed):
         body += [f"        {name} = {text}", f"        fixed[{k}, at] = {name}"]
     body += [
-        "rows = np.zeros((2 * GHOSTS + 1, LONGEST))",
-        f"mean = np.empty(({n}, LONGEST))",
-        f"gap = np.empty(({n}, LONGEST))",
-        f"held = np.empty(({max(len(held), 1)}, LONGEST))",
-        "rate = np.empty(LONGEST)",
-        "was = np.empty(LONGEST)",
-        "line = np.empty(LONGEST + 2 * GHOSTS)",
+        "rows = np.zeros((2 * GHOSTS + 1) * LONGEST, dtype=values.dtype)",
+        "line = np.zeros(LONGEST + VECTOR + 2 * GHOSTS, dtype=values.dtype)",
+        "of_line = np.arange(2 * GHOSTS + 1).astype(np.uint64)",
+        "of_rows = of_line * np.uint64(LONGEST)",
+        "at = np.zeros(2 * GHOSTS + 1, dtype=np.uint64)  # without a sign: never from the end",
+        f"mean = np.zeros({n} * LONGEST + VECTOR, dtype=values.dtype)",
+        f"gap = np.zeros({n} * LONGEST + VECTOR, dtype=values.dtype)",
+        f"held = np.empty(({max(len(held), 1)}, LONGEST), dtype=values.dtype)",
+        "rate = np.empty(LONGEST, dtype=values.dtype)",
+        "was = np.empty(LONGEST, dtype=values.dtype)",
         "wrong, moving, computed = 0, 0, 0",
         "block = 0",
     ]
@@ -154,7 +168,6 @@ def _sweep(
         "row, begin = part // stretches * many, part % stretches * longest",
         f"tall, wide = min(many, rows_of - row), min(longest, n{last} - begin)",
         "count = tall * wide",
-        "whole = (count + 3) & ~3  # what is computed beyond count is not used",
         f"here = (block * rows_of + row) * n{last} + begin",
     ]
     if held or any(
@@ -166,23 +179,25 @@ def _sweep(
         inner += ["    " + x for x in (plan.lines(by_row) if n > 1 else [])]
         inner += ["    for j in range(k * wide, (k + 1) * wide):"] if held else []
         inner += [f"        held[{k}, j] = {name}" for k, name in enumerate(held)]
-    derive = f"{scheme}(rows, whole, 1.0 / steps[{{0}}], mean[{{0}}], gap[{{0}}])"
-    for i in outer:
+    for i in range(n - 1):
+        place = f"i{i}, 1, n{i}, s{i}" if i < by_row else f"row, tall, rows_of, n{last}"
+        wide = "count" if i < by_row else "wide"
+        rest = f"count, float(1.0 / steps[{i}]), mean, gap, {i} * LONGEST)"
         inner += [
-            f"gather(values, here, i{i}, n{i}, s{i}, kinds[{i}], GHOSTS, count, rows)",
-            derive.format(i),
-        ]
-    if n > 1:
-        inner += [
-            f"gather_rows(values, here, row, tall, rows_of, n{last}, wide, kinds[{by_row}],",
-            "    GHOSTS, rows)",
-            derive.format(by_row),
+            f"if reach(at, here, {place}, kinds[{i}], GHOSTS, len(values)):",
+            f"    {scheme}(values, at, {rest}",
+            "else:",
+            f"    gather(values, here, {place}, {wide}, kinds[{i}], GHOSTS, rows)",
+            f"    {scheme}(rows, of_rows, {rest}",
         ]
     inner += [
-        f"gather_along(values, here - begin, tall, begin, n{last}, wide, kinds[{last}], GHOSTS,",
-        "    line, rows)",
-        derive.format(last),
+        "for k in range(tall):",
+        f"    gather_along(values, here - begin + k * n{last}, begin, n{last}, wide,",
+        f"        kinds[{last}], GHOSTS, line)",
+        f"    {scheme}(line, of_line, wide, float(1.0 / steps[{last}]), mean, gap,",
+        f"        {last} * LONGEST + k * wide)",
         "table = fixed[:, begin : begin + count]",
+        *(f"{name}_ = float({name})" for name in outside),
         "for j in range(count):",
     ]
     if f"q{last}" in at_node:
@@ -190,14 +205,14 @@ def _sweep(
     inner += [f"    {name} = table[{k}, j]" for k, (name, _) in enumerate(fixed) if name in at_node]
     inner += [f"    {name} = held[{k}, j]" for k, name in enumerate(held)]
     for i in range(n):
-        inner += [f"    p{i} = mean[{i}, j]"] if f"p{i}" in at_node else []
-        inner += [f"    g{i} = gap[{i}, j]"] if f"g{i}" in at_node else []
-    inner += ["    " + x for x in plan.lines(n)]
+        inner += [f"    p{i} = mean[{i} * LONGEST + j]"] if f"p{i}" in at_node else []
+        inner += [f"    g{i} = gap[{i} * LONGEST + j]"] if f"g{i}" in at_node else []
+    inner += [f"    {s} = {text_of(e.xreplace(here))}" for s, e in plan.levels.get(n, [])]
     inner += [
-        f"    rate[j] = {text_of(rate)}",
+        f"    rate[j] = {text_of(rate.xreplace(here))}",
         "changes, odd, fast = advance(",
-        "    rate, rows[GHOSTS], was, count, here, dt, weight, base, out, before, upper, lower,",
-        "    floor, ceiling, near, slow,",
+        "    rate, values, was, count, here, float(dt), float(weight), base, out, before, upper,",
+        "    lower, float(floor), float(ceiling), float(near), float(slow),",
         ")",
         "wrong += odd",
         "moving += fast",
@@ -232,16 +247,16 @@ def advance(
     What is no number stays so through every bound, so that it is seen.
     """
     changes, odd, fast = 0, 0, 0
-    old_base = base[here : here + count]
-    new = out[here : here + count]
-    old = before[here : here + count]  # may be the same memory as new
+    old = before[here : here + count]  # may be the same memory as out
     for j in range(count):
         was[j] = old[j]
+    old = values[here : here + count]
+    old_base = base[here : here + count]
     for j in range(count):
         r = rate[j]
         r = LIMITED_RATE
         b = float(old_base[j])
-        rate[j] = b + weight * ((values[j] - b) + dt * r)
+        rate[j] = b + weight * ((float(old[j]) - b) + dt * r)
     if len(lower) > 0:
         lowest = lower[here : here + count]
         for j in range(count):
@@ -250,6 +265,7 @@ def advance(
         highest = upper[here : here + count]
         for j in range(count):
             rate[j] = rate[j] if not rate[j] > highest[j] else float(highest[j])
+    new = out[here : here + count]
     for j in range(count):
         v = rate[j]
         v = v if not v < floor else floor
