@@ -67,7 +67,7 @@ class Obstacles:
         """A value to start with, and the obstacles, at a time."""
         posed, room = self.posed, self.room
         own, *others = (margin(time) for margin in self.margins)
-        if any(np.isnan(m).any() for m in (own, *others)):
+        if any(np.isnan(m.min()) for m in (own, *others)):
             raise SimulationError(
                 "the margin of a region is no number at some nodes of the grid",
                 remedy="take an interval on which its inequalities are defined",
@@ -83,12 +83,13 @@ class Obstacles:
             lower = np.minimum(own, -room) if kept else np.maximum(own, -room)
         start = upper if kept or lower is None else lower
         assert start is not None
-        start = start.copy() if upper is None else np.minimum(start, upper)
-        return (
-            start,
-            None if posed.limit == "grow" else lower,
-            None if posed.limit == "shrink" else upper,
-        )
+        if upper is not None and upper is not start:
+            start = np.minimum(start, upper)
+        lower = None if posed.limit == "grow" else lower
+        upper = None if posed.limit == "shrink" else upper
+        if start is lower or start is upper:  # it is marched in place, they stay
+            start = start.copy()
+        return start, lower, upper
 
 
 def open_ends(posed: Posed, values: Array) -> list[tuple[int, int]]:
