@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import tomllib
 from collections.abc import Iterable, Mapping
 from importlib import resources
@@ -52,6 +53,18 @@ def read_tables(name: str, overrides: Iterable[str] = ()) -> tuple[str, str, dic
     if changes:
         text += "\n# overrides: " + "; ".join(changes) + "\n"
     return shown, text, data
+
+
+def merged(data: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """The tables with what is given in place of theirs, key by key; neither is changed."""
+    result = copy.deepcopy(dict(data))
+    for name, value in given.items():
+        mine = result.get(name)
+        if isinstance(value, Mapping) and isinstance(mine, Mapping):
+            result[name] = merged(mine, value)
+        else:
+            result[name] = copy.deepcopy(value)
+    return result
 
 
 def scenario_title(name: str) -> str:
