@@ -10,7 +10,9 @@ import pytest
 
 import holdfast as hf
 from holdfast.analysis.comparison import Comparison, Reference
-from holdfast.errors import HoldfastError, ScenarioError
+from holdfast.analysis.safety_law import safety_law
+from holdfast.comparing import variant
+from holdfast.errors import DefinitionError, HoldfastError, ScenarioError
 from holdfast.named_kernel import named_kernel
 from holdfast.presentation.comparison import comparison_text
 from holdfast.scenario import load_scenario
@@ -139,7 +141,7 @@ def test_without_a_goal_to_be_rescued_is_to_stay(found):
     text = comparison_text(found)
     assert "rescued" not in text
     assert "detour" not in text
-    assert f"{found.references['weak'].inside.sum()} starts can be kept for ever" in text
+    assert f"{found.references['weak'].inside.sum()} starts can be kept for ever, and" in text
     assert max(map(len, text.splitlines())) < 130
 
 
@@ -148,8 +150,8 @@ def test_figure_marks_the_starts_that_can_be_kept(found):
     figure.canvas.draw()
     labels = [t.get_text() for t in figure.legends[0].get_texts()]
     assert labels == [
-        "motor off", "filter", "viable", "of the starts that can be kept, with interval",
-        "viable of those that cannot",
+        "motor off", "filter", "viable", "of those that can be kept, with interval",
+        "of those that cannot",
     ]  # fmt: skip
     plt.close(figure)
 
@@ -198,14 +200,28 @@ def test_what_a_law_is_not_told_changes_nothing_of_what_could_be_kept(files):
     assert found.of_kernel("filter", "blind").value < found.of_kernel("filter", "weak").value
 
 
+def with_kernel(files, folder, march):
+    """The scenario with another march of its kernel."""
+    path = folder / "other.toml"
+    path.write_text(f'{Path(files[1]).read_text()}[kernels."{files[0]}"]\nmarch = {march}\n')
+    return str(path)
+
+
 def test_kernel_that_has_not_converged_judges_no_longer_run(files, tmp_path):
-    more = f'[kernels."{files[0]}"]\nmarch = {{ horizon = 1, forever = false }}\n'
-    path = tmp_path / "short.toml"
-    path.write_text(Path(files[1]).read_text() + more)
-    found = hf.compare(str(path), ["short"], ["weak"], runs=5)
+    path = with_kernel(files, tmp_path, "{ horizon = 1, forever = false }")
+    found = hf.compare(path, ["other"], ["weak"], runs=5)
     assert "is one for 1 s, and the run takes 10 s" in found.unjudged["weak"]
-    found = hf.compare(str(path), ["short"], ["weak"], runs=5, overrides=["run.horizon=1"])
+    found = hf.compare(path, ["other"], ["weak"], runs=5, overrides=["run.horizon=1"])
     assert found.references["weak"].horizon == 1.0
+
+
+def test_kernel_of_which_nothing_is_a_cell_inside_asks_for_a_margin(files, tmp_path):
+    path = with_kernel(files, tmp_path, "{ band = 0.01 }")
+    changes = ["compare.margin=", "run.horizon=1"]
+    found = hf.compare(files[1], ["loop"], ["weak"], overrides=changes, runs=2)
+    assert found.references["weak"].margin == pytest.approx(0.0325)
+    with pytest.raises(ScenarioError, match=r"is a cell, 0\.0175 m, inside; expected \[compare\]"):
+        hf.compare(path, ["other"], ["weak"], overrides=changes, runs=2)
 
 
 def test_start_beyond_the_grid_is_neither_kept_nor_given_up():
@@ -266,3 +282,25 @@ def test_velocities_of_a_kernel_are_tracked_by_the_inputs_of_the_vehicle(files, 
         load_scenario(loop, [f"safety.kernel={slow}"])
     with pytest.raises(ScenarioError, match="alone = true, and \\[tracking\\]"):
         load_scenario(loop, [*changes, "safety.alone=false"])
+
+
+def test_velocities_that_vary_with_the_value_itself_have_no_known_rate(files):
+    kernel = named_kernel(files[0])
+    value = kernel.value()
+    optimal = safety_law(kernel.scenario.system, value)
+    system = kernel.scenario.system
+    smooth = replace(optimal, outputs={"v": optimal.lookup.slopes[0]})
+    with pytest.raises(DefinitionError, match="varies with what it looks up"):
+        hf.track_velocity(system, smooth, {"v": 1.0})
+
+
+@pytest.mark.parametrize("law", ["filter", "optimal", "decomposed"])
+def test_every_law_of_the_six_dimensional_comparison_knows_the_vehicle_of_its_case(law):
+    scenario = variant("ch7-rescue", law, "1 N")
+    limit = {q.name: q.value for q in scenario.system.parameters}["thrust_limit"]
+    assert limit == 1.0
+    if scenario.safety is not None:
+        system = scenario.safety.kernel.scenario.system
+        assert {q.name: q.value for q in system.parameters}["thrust_limit"] == 1.0
+        if law == "decomposed":
+            assert system.input_bounds.upper == (0.502, 0.641)

@@ -46,6 +46,12 @@ class Judge:
             if reason := _not_followed(kernel, scenario):
                 return None, reason
         value = kernel.value(progress)
+        deepest = float(value.values().max())
+        if self.margin is None and 0 < deepest <= (cell := self._margin(value)):
+            raise ScenarioError(
+                f"no state of it is a cell, {cell:.3g} {value.dataset.attrs['value_unit']}, inside",
+                expected=f"[compare] margin, below {deepest:.3g}",
+            )
         for scenario in scenarios:
             try:
                 decided(scenario.system, value)
@@ -54,13 +60,16 @@ class Judge:
                 return None, error.cause
         return value, ""
 
+    def _margin(self, value: ValueFunction) -> float:
+        return float(value.dataset.attrs["cell"]) if self.margin is None else self.margin
+
     def reference(self, value: ValueFunction, starts: Array) -> Reference:
         """What the kernel says about the starts."""
         said = value.dataset.attrs
         return Reference(
             kernel=scenario_title(self.name),
             value=value.at(starts),
-            margin=float(said["cell"]) if self.margin is None else self.margin,
+            margin=self._margin(value),
             unit=str(said["value_unit"]),
             horizon=math.inf if said["converged"] else float(said["horizon_s"]),
         )

@@ -29,6 +29,12 @@ def comparison_text(found: Comparison) -> str:
         f"  in brackets Wilson's interval at {CONFIDENCE:.0%}"
         + ("; detour: path by the shortest found" if found.to_goal else ""),
     ]
+    if found.references:
+        kept = "rescued" if found.to_goal else "viable"
+        lines.append(
+            f"  of those that can: {kept} of the starts that a kernel says can be kept;"
+            " of those that cannot: viable all the same"
+        )
     width = max(len(title) for title in found.laws.values()) + 2
     for case, title in found.cases.items():
         lines += ["", f"  {title}", *_judged(found, case)]
@@ -50,8 +56,8 @@ def _judged(found: Comparison, case: str) -> list[str]:
     r = found.references[case]
     lasts = f"for {r.horizon:g} s" if isfinite(r.horizon) else "for ever"
     lines = [
-        f"    by the kernel of {r.kernel} {r.inside.sum()} starts can be kept {lasts} and "
-        f"{r.given_up.sum()} cannot, with {r.margin:.3g} {r.unit} to spare"
+        f"    by the kernel of {r.kernel} {r.inside.sum()} starts can be kept {lasts}, and "
+        f"{r.given_up.sum()} cannot, by more than {r.margin:.3g} {r.unit}"
     ]
     if beyond := int(np.isnan(r.value).sum()):
         lines.append(f"    {beyond} starts are beyond its grid")
@@ -65,8 +71,8 @@ def _row(found: Comparison, law: str, case: str) -> dict[str, str]:
     if found.to_goal:
         row["rescued"] = _rate(found.rescued(law, case))
     if case in found.references:
-        row["of those to be kept"] = _rate(found.of_kernel(law, case))
-        row["viable of the others"] = _rate(found.of_given_up(law, case))
+        row["of those that can"] = _rate(found.of_kernel(law, case))
+        row["of those that cannot"] = _rate(found.of_given_up(law, case))
     if found.to_goal:
         detours = sorted(found.detours(law, case))
         middle = len(detours) // 2
@@ -96,12 +102,12 @@ MARKS: dict[str, dict[str, Any]] = {
     "viable": {
         "marker": "o", "markersize": 6.5, "markerfacecolor": "none", "markeredgewidth": 0.8,
     },
-    "of the starts that can be kept": {"marker": "D", "markersize": 4},
-    "viable of those that cannot": {"marker": "x", "markersize": 4.5, "markeredgewidth": 1.0},
+    "of those that can be kept": {"marker": "D", "markersize": 4},
+    "of those that cannot": {"marker": "x", "markersize": 4.5, "markeredgewidth": 1.0},
 }  # fmt: skip
 """What stands for a share in the figure."""
 
-WITH_INTERVAL = ("rescued", "of the starts that can be kept")
+WITH_INTERVAL = ("rescued", "of those that can be kept")
 
 
 def comparison_figure(found: Comparison) -> Figure:
@@ -144,8 +150,8 @@ def _shares(found: Comparison, laws: Sequence[str], case: str) -> dict[str, list
     if found.to_goal:
         shares = {"rescued": found.rescued, **shares}
     if case in found.references:
-        shares["of the starts that can be kept"] = found.of_kernel
-        shares["viable of those that cannot"] = found.of_given_up
+        shares["of those that can be kept"] = found.of_kernel
+        shares["of those that cannot"] = found.of_given_up
     return {what: [rate(law, case) for law in laws] for what, rate in shares.items()}
 
 
