@@ -7,7 +7,8 @@ import pytest
 
 import holdfast as hf
 from holdfast.errors import ScenarioError
-from holdfast.kernel_scenario import KernelScenario, solved
+from holdfast.kernel_scenario import KernelScenario
+from holdfast.named_kernel import named_kernel
 from holdfast.scenario import load_scenario
 from holdfast.sources import scenario_names
 from tests.test_cli import holdfast
@@ -162,7 +163,7 @@ horizon = 20
     assert lost.viable == 0
     files = list((tmp_path / "cache").glob("value_*.nc"))
     assert len(files) == 1
-    assert np.array_equal(solved(cart).values(), hf.load(files[0]).values())
+    assert np.array_equal(named_kernel(cart).value().values(), hf.load(files[0]).values())
     late = load_scenario(str(path), ["run.delay=0.1"]).run()  # counted beside the 0.02 s
     margin = kept.parameters["safety_margin"]
     assert late.parameters["safety_margin"] == pytest.approx(6 * margin)

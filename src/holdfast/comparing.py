@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from holdfast.analysis.comparison import Comparison, Trial, trial
+from holdfast.analysis.comparison import Comparison, Reference, Trial, trial
 from holdfast.checking import at, validated
 from holdfast.errors import ScenarioError, suggestion
+from holdfast.execution.closed_loop import Progress
+from holdfast.judging import composed_judge
+from holdfast.named_kernel import check_kernels
 from holdfast.scenario import Scenario, composed
 from holdfast.schema import AlterationSpec, CompareSpec, ScenarioSpec
-from holdfast.sources import read_tables, scenario_names, scenario_title
+from holdfast.sources import merged, read_tables, scenario_names, scenario_title
 
 LAW_TABLES = ("law", "redesign", "tracking", "safeguard", "observer", "safety")
 """What makes the law of a scenario."""
@@ -39,8 +41,9 @@ def compare(
     """
     shown, text, data = read_tables(name, [*overrides])
     base = validated(ScenarioSpec, data, shown)
-    if base.region is None or base.goal is None:
-        raise ScenarioError(f"{shown}: a comparison needs a [region] and a [goal]")
+    check_kernels(shown, data)
+    if base.region is None:
+        raise ScenarioError(f"{shown}: a comparison needs a [region]")
     own = scenario_title(shown)
     known = _known_laws(own, base.compare)
     chosen = {n: known.get(n) or _of_scenario(shown, n, known) for n in laws or known}
@@ -53,22 +56,41 @@ def compare(
     picked = {n: table[n] for n in cases or table}
     if not all(len(set(given)) == len(given) for given in (laws or (), cases or ())):
         raise ScenarioError(f"{shown}: a law or a case is named twice")
+    judge = composed_judge(shown, base)
     wanted = runs if runs is not None else base.compare.runs
     trials: list[Trial] = []
+    references: dict[str, Reference] = {}
+    unjudged: dict[str, str] = {}
     total = len(chosen) * len(picked)
+
+    def telling(what: str) -> Progress:
+        def tell(fraction: float) -> None:
+            if progress is not None:
+                progress(what, (len(trials) + fraction) / total)
+
+        tell(0.0)
+        return tell
+
     for case, alteration in picked.items():
+        scenarios = {}
         for law, change in chosen.items():
-            what = f"{law}, {case}"
-
-            def tell(fraction: float, what: str = what) -> None:
-                if progress is not None:
-                    progress(what, (len(trials) + fraction) / total)
-
-            tell(0.0)
-            with at(shown, f"compare: {what}"):
+            with at(shown, f"compare: {law}, {case}"):
                 altered = _altered(_altered(data, change), alteration)
-                scenario = _composed(shown, text, altered, wanted, seed)
-                trials.append(trial(law, case, scenario.run(tell), scenario.plane))
+                scenarios[law] = _composed(shown, text, altered, wanted, seed)
+        value, tables = None, _altered(data, alteration)
+        if judge is not None:
+            with at(shown, f"compare: kernel, {case}"):
+                tell = telling(f"kernel, {case}")
+                value, reason = judge.value(tables, list(scenarios.values()), tell)
+            if value is None:
+                unjudged[case] = reason
+        for law, scenario in scenarios.items():
+            with at(shown, f"compare: {law}, {case}"):
+                result = scenario.run(telling(f"{law}, {case}"))
+            trials.append(trial(law, case, result, scenario.plane))
+        if judge is not None and value is not None:
+            starts = result.dataset["state"].values[:, 0]
+            references[case] = judge.reference(value, starts)
     titles = {n: c.title or n.replace("_", " ") for n, c in chosen.items()}
     return Comparison(
         title=base.scenario.title,
@@ -78,6 +100,9 @@ def compare(
         trials=tuple(trials),
         horizon=float(scenario.settings["horizon"]),
         seed=int(scenario.settings["seed"]),
+        to_goal=base.goal is not None,
+        references=references,
+        unjudged=unjudged,
     )
 
 
@@ -113,7 +138,7 @@ def _of_scenario(file: str, name: str, known: Mapping[str, Any]) -> AlterationSp
             remedy=suggestion(name, [*known, *scenario_names()]),
         )
     _, _, data = read_tables(name)
-    taken = {n: data[n] for n in LAW_TABLES if n in data}
+    taken = {n: data[n] for n in (*LAW_TABLES, "kernels") if n in data}
     return AlterationSpec.model_validate(
         {"title": f"law of {scenario_title(name)}", "without": list(LAW_TABLES), **taken}
     )
@@ -121,17 +146,8 @@ def _of_scenario(file: str, name: str, known: Mapping[str, Any]) -> AlterationSp
 
 def _altered(data: Mapping[str, Any], change: AlterationSpec) -> dict[str, Any]:
     """The tables without those to leave out, and with what is given merged in."""
-    result = {n: copy.deepcopy(t) for n, t in data.items() if n not in change.without}
-    _merge(result, change.model_extra or {})
-    return result
-
-
-def _merge(into: dict[str, Any], given: Mapping[str, Any]) -> None:
-    for name, value in given.items():
-        if isinstance(value, Mapping) and isinstance(into.get(name), dict):
-            _merge(into[name], value)
-        else:
-            into[name] = copy.deepcopy(value)
+    left = {n: t for n, t in data.items() if n not in change.without}
+    return merged(left, change.model_extra or {})
 
 
 def _composed(

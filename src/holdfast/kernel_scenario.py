@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cache
-from importlib import resources
-from pathlib import Path
 from typing import Any
 
 from holdfast.analysis import viability_kernel as problems
 from holdfast.analysis.grid import Grid, grid
 from holdfast.analysis.marching import Marching
 from holdfast.analysis.promise import Promise, check_promise
-from holdfast.analysis.result import load
 from holdfast.analysis.safety_law import KEPT
 from holdfast.analysis.value_function import ValueFunction
 from holdfast.checking import at, validated
 from holdfast.compose import Composer
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.execution.closed_loop import Progress
-from holdfast.execution.compile import cache_directory
 from holdfast.kernel_schema import KINDS, KernelSpec, MarchSpec, SetFiguresSpec
 from holdfast.maths.expression import parse_number
 from holdfast.maths.law import Law
@@ -30,7 +24,7 @@ from holdfast.maths.switching import Switching
 from holdfast.maths.system import System
 from holdfast.maths.units import to_si
 from holdfast.maths.velocity_tracking import track_velocity
-from holdfast.sources import read_tables, scenario_title
+from holdfast.sources import scenario_title
 from holdfast.system_table import composed_system
 
 CLOSED_LOOP = "closed-loop"
@@ -286,35 +280,3 @@ def _check_tables(file: str, kind: str, spec: KernelSpec) -> None:
         raise ScenarioError(f"{file}: law: without [promise] it is not used")
     if spec.tracking is not None and spec.law is None:
         raise ScenarioError(f"{file}: tracking: there is no [law]")
-
-
-def solved(name: str, progress: Progress | None = None) -> ValueFunction:
-    """The value function of a scenario, computed once and kept in the cache, or that of a file."""
-    if name.endswith(".nc"):
-        found = load(name)
-        if not isinstance(found, ValueFunction):
-            raise ScenarioError(f"{name} holds trajectories", expected="a value function")
-        return found
-    file, text, data = read_tables(name)
-    if not is_kernel(file, data):
-        raise ScenarioError(f"'{name}' computes no kernel", expected="one of " + ", ".join(KINDS))
-    scenario = composed_kernel(file, text, data)
-    numbers = [(q.name, q.value) for q in scenario.system.parameters]  # those of a vehicle's file
-    digest = hashlib.sha256(f"{_own_text()}{text}{numbers}".encode()).hexdigest()[:24]
-    kept = cache_directory() / f"value_{digest}.nc"
-    if kept.exists():
-        found = load(kept)
-        assert isinstance(found, ValueFunction)
-        return found
-    value = scenario.solve(progress)
-    value.save(kept)
-    return value
-
-
-@cache
-def _own_text() -> str:
-    """A digest of the code that a value depends on, so that another version computes it anew."""
-    found = hashlib.sha256()
-    for path in sorted(Path(str(resources.files("holdfast"))).rglob("*.py")):
-        found.update(path.read_bytes())
-    return found.hexdigest()

@@ -10,14 +10,13 @@ from typing import Any
 import sympy as sp
 
 from holdfast.analysis.result import Result
-from holdfast.analysis.safety_law import safety_law
 from holdfast.analysis.simulate import simulate
 from holdfast.analysis.starts import Starts
 from holdfast.checking import at, validated
 from holdfast.compose import Composer
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.execution.closed_loop import Progress
-from holdfast.kernel_scenario import KernelScenario, composed_kernel, is_kernel, solved
+from holdfast.kernel_scenario import KernelScenario, composed_kernel, is_kernel
 from holdfast.law_chain import composed_law
 from holdfast.maths.expression import parse_expression, parse_number
 from holdfast.maths.law import Law
@@ -27,13 +26,9 @@ from holdfast.maths.switching import Switching
 from holdfast.maths.system import System
 from holdfast.maths.units import check_unit, to_si
 from holdfast.maths.varied import Varied
-from holdfast.schema import (
-    FiguresSpec,
-    RunSpec,
-    SafetySpec,
-    ScenarioSpec,
-    VariedSpec,
-)
+from holdfast.named_kernel import check_kernels
+from holdfast.safety_table import Safety, composed_safety
+from holdfast.schema import FiguresSpec, RunSpec, ScenarioSpec, VariedSpec
 from holdfast.sources import read_tables
 from holdfast.system_table import composed_system
 
@@ -62,14 +57,15 @@ class Scenario:
     plane: tuple[str, str] | None
     figures: FiguresSpec
     start_outside: bool
-    safety: SafetySpec | None = None
+    safety: Safety | None = None
 
     def run(self, progress: Progress | None = None) -> Result:
         """Simulate every start of the scenario; the kernel of [safety] is computed before."""
         law = self.law
         if self.safety is not None:
             with at(self.file, "safety"):
-                law = self._kept_safe(self.safety, progress)
+                timing = {n: float(self.settings[n]) for n in ("horizon", "sample_time", "delay")}
+                law = self.safety.kept(self.system, law, **timing, progress=progress)
         with at(self.file, "run"):
             return simulate(
                 self.system,
@@ -92,27 +88,6 @@ class Scenario:
                 **self.settings,
             )
 
-    def _kept_safe(self, safety: SafetySpec, progress: Progress | None) -> Law | Switching:
-        value = solved(safety.kernel, progress)
-        said, horizon = value.dataset.attrs, float(self.settings["horizon"])
-        if said["empty"]:
-            raise ScenarioError(f"nothing is left of the kernel of '{safety.kernel}'")
-        if not said["converged"] and horizon > said["horizon_s"] * (1 + 1e-9):
-            raise ScenarioError(
-                f"the kernel of '{safety.kernel}' is one for {said['horizon_s']:g} s, and the run "
-                f"takes {horizon:g} s",
-                remedy="raise its march.horizon until it converges, or shorten the run",
-            )
-        return safety_law(
-            self.system,
-            value,
-            None if safety.alone else self.law,
-            rate=safety.rate,
-            margin=safety.margin,
-            sample_time=float(self.settings["sample_time"]),
-            delay=float(self.settings["delay"]),
-        )
-
 
 def load_scenario(
     name: str, overrides: Iterable[str] = (), runs: int | None = None, seed: int | None = None
@@ -134,6 +109,7 @@ def load_scenario(
         return composed_kernel(*read_tables(name, overrides))
     if seed is not None:
         shown, text, data = read_tables(name, [*overrides, f"run.seed={seed}"])
+    check_kernels(shown, data)
     return composed(shown, text, validated(ScenarioSpec, data, shown), runs)
 
 
@@ -207,17 +183,8 @@ def _composed(name: str, file: str, text: str, spec: ScenarioSpec) -> Scenario:
         plane=_plane(file, spec.figures.plane, system),
         figures=spec.figures,
         start_outside=spec.starts.outside,
-        safety=_safety(file, spec),
+        safety=composed_safety(file, spec, system),
     )
-
-
-def _safety(file: str, spec: ScenarioSpec) -> SafetySpec | None:
-    for other in ("safeguard", "observer"):
-        if spec.safety is not None and getattr(spec, other) is not None:
-            raise ScenarioError(
-                f"{file}: safety: there is a [{other}] too", remedy="leave one of them out"
-            )
-    return spec.safety
 
 
 def _drawn(composer: Composer, system: System, spec: VariedSpec) -> dict[str, Parameter]:

@@ -184,8 +184,9 @@ class SafeguardSpec(Section):
 class SafetySpec(Section):
     """[safety]: the inputs are changed no more than staying in a kernel asks.
 
-    kernel: a scenario that computes it, or a file of a value function. alone: the optimal inputs,
-    whatever the law asks for.
+    kernel: a scenario that computes it, for the [system] of this one, or a file of a value
+    function. alone: the optimal inputs, whatever the law asks for; where those are velocities of
+    this system, followed by [tracking].
     """
 
     kernel: Text
@@ -282,16 +283,25 @@ class AlterationSpec(Section):
 
 
 class CompareSpec(Section):
-    """[compare]: other laws and other cases, for `holdfast compare`."""
+    """[compare]: other laws and other cases, for `holdfast compare`.
+
+    kernel: a scenario that computes which starts can be kept, for the [system] of every case;
+    margin: how far inside it a start counts.
+    """
 
     title: Text = ""
     runs: Annotated[int, Field(ge=1)] | None = None
+    kernel: Text | None = None
+    margin: Value | None = None
     laws: dict[Name, AlterationSpec] = Field(default_factory=dict)
     cases: dict[Text, AlterationSpec] = Field(default_factory=dict)
 
 
 class ScenarioSpec(Section):
-    """A whole scenario file; catalogue entries stay tables of { name, parameters }."""
+    """A whole scenario file; catalogue entries stay tables of { name, parameters }.
+
+    kernels: name -> tables that are altered in the scenarios that `kernel` keys name.
+    """
 
     scenario: Header
     system: dict[str, Any]
@@ -302,6 +312,7 @@ class ScenarioSpec(Section):
     safeguard: SafeguardSpec | None = None
     observer: ObserverSpec | None = None
     safety: SafetySpec | None = None
+    kernels: dict[Text, dict[str, Any]] = Field(default_factory=dict)
     goal: dict[str, Any] | None = None
     reference: dict[Name, Expression] = Field(default_factory=dict)
     starts: StartsSpec

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import tomllib
 from collections.abc import Iterable, Mapping
 from importlib import resources
@@ -17,6 +18,7 @@ from holdfast.maths.system import System
 PATHS: dict[tuple[str, str], tuple[str, ...]] = {
     ("system", "vehicle"): (".toml",),
     ("safety", "kernel"): (".toml", ".nc"),
+    ("compare", "kernel"): (".toml",),
     ("march", "checkpoint"): ("",),
 }
 """Table and key whose text is a path if it ends so (else a name)."""
@@ -71,13 +73,33 @@ def _place(data: Mapping[str, Any], folder: Path) -> None:
     for (table, key), endings in PATHS.items():
         there = data.get(table)
         if isinstance(there, dict) and isinstance(path := there.get(key), str):
-            there[key] = str(folder / path) if path.endswith(endings) else path
+            there[key] = _placed(path, folder, endings)
+    kernels = data.get("kernels")
+    if isinstance(kernels, dict):
+        for name in list(kernels):
+            kernels[_placed(name, folder, (".toml",))] = kernels.pop(name)
     compared = data.get("compare")
     for kind in ("laws", "cases"):
         altered = compared.get(kind) if isinstance(compared, Mapping) else None
         for change in altered.values() if isinstance(altered, Mapping) else ():
             if isinstance(change, Mapping):
                 _place(change, folder)
+
+
+def _placed(path: str, folder: Path, endings: tuple[str, ...]) -> str:
+    return str(folder / path) if path.endswith(endings) else path
+
+
+def merged(data: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """The tables with what is given in place of theirs, key by key; neither is changed."""
+    result = copy.deepcopy(dict(data))
+    for name, value in given.items():
+        mine = result.get(name)
+        if isinstance(value, Mapping) and isinstance(mine, Mapping):
+            result[name] = merged(mine, value)
+        else:
+            result[name] = copy.deepcopy(value)
+    return result
 
 
 def scenario_title(name: str) -> str:

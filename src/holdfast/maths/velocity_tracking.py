@@ -36,7 +36,9 @@ def track_velocity(
 
     Raises `DefinitionError` when the law's outputs are not states, their number differs from
     that of the inputs, the inputs cannot be solved for, or d/dt gamma would need the answer:
-    gamma depends on an input-driven state that is not tracked, or on itself in a circle.
+    gamma depends on an input-driven state that is not tracked, or on itself in a circle; or is
+    not known: gamma varies with what the law looks up (bang-bang velocities do not, but where
+    they switch).
     """
     if isinstance(law, Switching):
         return law.map_laws(
@@ -48,6 +50,13 @@ def track_velocity(
             remedy="track the velocities first, then safeguard the inputs",
         )
     velocities = law.output_names
+    for name, gamma in law.outputs.items():
+        if law.lookup is not None and any(gamma.diff(s) != 0 for s in law.lookup.symbols):
+            raise DefinitionError(
+                f"output '{name}' of law '{law.name}' varies with what it looks up, whose rate is "
+                "not known",
+                expected="velocities that stand still between switches, as optimal ones of a box",
+            )
     for name in velocities:
         if name not in system.state_names:
             raise DefinitionError(
@@ -95,6 +104,7 @@ def track_velocity(
         parameters=merge_parameters(law.parameters, tracking, system.parameters),
         signals=law.signals,
         conditions=law.conditions,
+        lookup=law.lookup,
         description=law.description,
         source="; ".join(filter(None, (law.source, "thesis (5.21), (5.22)"))),
     )
