@@ -72,7 +72,7 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("judging")
     (folder / "kernel.toml").write_text(KERNEL)
     kernel = str(folder / "kernel.toml")
-    (folder / "loop.toml").write_text(LOOP.replace("KERNEL", "kernel.toml"))
+    (folder / "loop.toml").write_text(LOOP.replace("KERNEL", kernel))
     return kernel, str(folder / "loop.toml")
 
 
@@ -193,7 +193,8 @@ def test_case_that_the_kernel_cannot_follow_is_left_out_with_the_reason(files, c
 
 
 def test_what_a_law_is_not_told_changes_nothing_of_what_could_be_kept(files):
-    changes = ["compare.cases.blind.noise.uniform.x=0.1", "compare.cases.blind.run.delay=0.3"]
+    blind = ["noise.uniform.x=0.1", "run.delay=0.3", "safety.margin=0.05"]
+    changes = [f"compare.cases.blind.{change}" for change in blind]
     found = hf.compare(files[1], ["filter"], ["weak", "blind"], overrides=changes, runs=100)
     a, b = (found.references[case] for case in ("weak", "blind"))
     assert np.array_equal(a.value, b.value)

@@ -6,7 +6,7 @@ import pytest
 
 from holdfast.comparing import compare
 from holdfast.errors import ScenarioError
-from holdfast.kernel_scenario import solved
+from holdfast.named_kernel import named_kernel
 from holdfast.scenario import load_scenario
 from holdfast.sources import load_system, read_text
 from tests.test_kernel_scenarios import CART
@@ -46,7 +46,7 @@ def test_kernel_is_found_beside_the_file_that_names_it(jobs, name):
 
 
 def test_value_function_is_found_beside_the_file_that_names_it(jobs):
-    solved("../jobs/kernels/cart.toml").save(jobs / "kernels" / "cart.nc")
+    named_kernel("../jobs/kernels/cart.toml").value().save(jobs / "kernels" / "cart.nc")
     (jobs / "loop.toml").write_text(LOOP.replace("cart.toml", "cart.nc"))
     assert load_scenario("../jobs/loop.toml").run().viable == 1
 
