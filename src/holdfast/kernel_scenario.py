@@ -216,7 +216,7 @@ def composed_kernel(file: str, text: str, data: Mapping[str, Any]) -> KernelScen
     if isinstance(asked, int):
         if asked < 1:
             raise ScenarioError(f"{file}: march.times: got {asked}", expected="at least 1")
-        options["times"] = [*(horizon * k / asked for k in range(1, asked)), horizon]
+        options["times"] = [*(horizon * k / (asked - 1) for k in range(asked - 1)), horizon]
     elif asked is not None:
         options["times"] = [seconds(v, "march.times") for v in asked]
     for key in ("arrival_steps", "disturbances"):

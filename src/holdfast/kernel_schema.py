@@ -39,8 +39,9 @@ class GridSpec(Section):
 class MarchSpec(Section):
     """[march]: how far and how; the keys of `Marching` beside those of a problem.
 
-    times: at which the value is kept, or how many, equally spaced. forever: the question is the
-    set that lasts, so that a march that has not converged at the horizon is no answer.
+    times: at which the value is kept, or how many, equally spaced from 0 to the horizon. forever:
+    the question is the set that lasts, so that a march that has not converged at the horizon is no
+    answer.
     """
 
     model_config = ConfigDict(extra="allow", strict=True, frozen=True)

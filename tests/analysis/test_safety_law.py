@@ -186,3 +186,77 @@ def test_backward_set_reaches_its_target_through_anything():
 def test_value_of_other_bounds_is_refused(kernel):
     with pytest.raises(SimulationError, match="rates or the bounds"):
         hf.safety_law(cart(push=0.4), kernel)
+
+
+POINT = STATES[:1]
+MOVER = hf.System(
+    "mover", POINT, (U_IN := hf.Quantity("u", "m/s"),), {"x": U}, input_bounds=hf.Box((-1,), (1,))
+)
+AWAY = hf.Law("away", POINT, {"u": hf.parse_expression("1.0 if x > 0 else -1.0", {"x": X})})
+NEAR = hf.Region("near", POINT, (hf.Inequality("near", abs(X) - 0.2, "m"),))  # fmt: skip
+
+
+def reaching(times):
+    """V = 0.2 - |x| + tau: as time runs down it falls by 1 /s where nothing moves."""
+    grid = hf.grid(MOVER, {"x": (-2, 2)}, 201)
+    return hf.backward_reachable_set(MOVER, NEAR, grid, 1.0, times=times)
+
+
+@pytest.mark.parametrize("gaps", [10, 50])
+def test_margin_counts_what_a_value_falls_by_as_time_runs_down(gaps):
+    """Away from the target at 1 m/s, and 1 m/s less that can be made good: 2 m/s."""
+    found = reaching(np.linspace(0, 1, gaps + 1))
+    assert hf.sampled_margin(MOVER, found, 0.02) == pytest.approx(0.04, rel=1e-3)
+
+
+@pytest.mark.parametrize(("first", "fall"), [(0, 2.0), (1, 3.0)])
+def test_margin_counts_what_a_value_rises_by_as_time_runs_down(first, fall):
+    """x' = u - 2 falls at 3 m/s at most, and V = 1 + x - tau gives 1 m/s back, down to its first time."""
+    falling = hf.System("falling", POINT, (U_IN,), {"x": U - 2}, input_bounds=hf.Box((-1,), (1,)))
+    floor = hf.Region("floor", POINT, (hf.Inequality("floor", -1 - X, "m"),))
+    grid = hf.grid(falling, {"x": (-2, 2)}, 201, {"x": "extrapolated"})
+    found = hf.viability_kernel(falling, floor, grid, 1.0, times=np.linspace(0, 1, 11)[first:])
+    assert hf.sampled_margin(falling, found, 0.02) == pytest.approx(0.02 * fall, rel=1e-3)
+
+
+def test_state_with_the_margin_has_some_value_left_at_the_next_sample():
+    found = reaching(np.linspace(0, 1, 51))
+    margin = hf.sampled_margin(MOVER, found, 0.02)
+    start = [[1.2 - 1.02 * margin]]
+    assert found.at(start) == pytest.approx(1.02 * margin, rel=1e-3)
+    run = hf.simulate(MOVER, AWAY, starts=start, horizon=0.02, record_every=0.02)
+    left = found.at(run.dataset["state"].values[:, -1], time=0.98)
+    assert 0 < left < 0.1 * margin
+
+
+def test_law_that_is_kept_in_a_basin_arrives_in_time():
+    """One that stays where it is, and one that runs away, are let do so as long as time allows."""
+    found = reaching(np.linspace(0, 1, 11))
+    resting = hf.Law("rest", POINT, {"u": hf.parse_expression("0", {})})
+    starts = np.linspace(-1.1, 1.1, 45)[:, None]
+    for law in (resting, AWAY):
+        kept = hf.safety_law(MOVER, found, law)
+        run = hf.simulate(MOVER, kept, starts=starts, goal=NEAR, horizon=1.0)
+        assert run.outcomes["reached goal"] == 45, law.name
+        farthest = np.abs(run.dataset["state"].values[:, :, 0]).max(axis=1)
+        assert (farthest > np.abs(starts[:, 0]) + 0.1).any() == (law is AWAY)
+
+
+@pytest.mark.parametrize("times", [None, np.linspace(0.1, 1, 10)])
+def test_law_is_not_kept_in_a_basin_whose_end_is_not_known(times):
+    with pytest.raises(SimulationError, match="need not arrive"):
+        hf.safety_law(MOVER, reaching(times), AWAY)
+
+
+def test_law_that_is_kept_in_the_basin_of_two_walls_arrives_too():
+    system = hf.System(
+        "line", STATES, (hf.Quantity("u", "m/s^2"),), {"x": V, "v": U},
+        input_bounds=hf.Box((-1,), (1,)),
+    )  # fmt: skip
+    goal = hf.Region("goal", STATES, (hf.Inequality("near", (X**2 + V**2) ** 0.5 - 0.2, "m"),))
+    grid = hf.grid(system, {"x": (-1.3, 1.3), "v": (-1.5, 1.5)}, 81)
+    times = np.linspace(0, 2, 11)
+    basin = hf.capture_basin(system, goal, WALLS, grid, 2.0, times=times, arrival_steps=0)
+    resting = hf.Law("rest", STATES, {"u": hf.parse_expression("0", {})})
+    promise = hf.check_promise(system, basin, WALLS, goal=goal, law=resting, runs=300)
+    assert promise.held

@@ -46,7 +46,7 @@ def boat(current=0.5, samples=0):
 @pytest.fixture(scope="module")
 def basin():
     grid = hf.grid(boat(), {"x": (-3.5, 2.5), "y": (-2.5, 2.5)}, {"x": 121, "y": 101})
-    times = np.linspace(0.1, 1.2, 12)
+    times = np.linspace(0, 1.2, 13)
     return hf.capture_basin(
         boat(), DISC, None, grid, 1.2, arrival_steps=60, times=times, samples=33
     )

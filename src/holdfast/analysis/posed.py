@@ -197,10 +197,10 @@ def _times(times: Sequence[float] | None, horizon: float) -> list[float]:
         number("a value is asked for at the time ", t, "a number of seconds", lambda v: v == v)
         for t in (() if times is None else times)
     )
-    if asked and not (asked[0] > 0 and asked[-1] <= horizon):
+    if asked and not (asked[0] >= 0 and asked[-1] <= horizon):
         raise SimulationError(
-            f"a value is asked for at {asked[0] if asked[0] <= 0 else asked[-1]:g} s",
-            expected=f"times above 0 and up to the horizon, {horizon:g} s",
+            f"a value is asked for at {asked[0] if asked[0] < 0 else asked[-1]:g} s",
+            expected=f"times from 0 to the horizon, {horizon:g} s",
         )
     return asked if asked and asked[-1] == horizon else [*asked, float(horizon)]
 

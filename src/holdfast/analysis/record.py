@@ -31,6 +31,7 @@ class Record:
             self.stops = sorted([*posed.asked, *new])
             self.arrival = np.where(first > 0, 0.0, math.nan)
             self.before = first.copy()
+        self.keep(0.0, first)
 
     def keep(self, time: float, values: Array) -> None:
         if self.posed.several and time in self.posed.asked:

@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from holdfast.analysis.posed import definition, with_disturbance
 from holdfast.analysis.value_function import Array, ValueFunction
@@ -25,6 +27,9 @@ L = TypeVar("L", bound=Law | Switching)
 
 KEPT = ("viability-kernel", "discriminating-kernel", "capture-basin", "backward-reachable-set")
 """Problems whose value the inputs raise against the disturbances."""
+
+REACHED = ("capture-basin", "backward-reachable-set")
+"""Those of them in which a state is not to stay, but to arrive while time is left."""
 
 MANY = 100_000
 """Nodes near the boundary that a margin is taken from."""
@@ -50,11 +55,12 @@ def safety_law(
     asks: left alone well inside, taken over towards the boundary. rate [1/s]. margin [unit of V]:
     by default `sampled_margin`, what may be lost while an input is held for `sample_time`. Where
     no admissible input is enough, the least violation, which a run counts. A value function with
-    several times that has not converged is used at the time that is left, and stands still at the
-    first of them; one that has converged is used at its last.
+    several times is used at the time that is left, and stands still below the first of them; a
+    kernel that has converged is used at its last.
 
     Raises `SimulationError` for a value function of another system, or one that says nothing
-    about what the inputs keep, and for a rate that a held input cannot follow.
+    about what the inputs keep; for a rate that a held input cannot follow; and for a `law` that is
+    to arrive somewhere by a value that is not known down to the end.
     """
     known = decided(system, value)
     lookup = lookup_of(value)
@@ -65,27 +71,33 @@ def safety_law(
             f"rate {rate:g} 1/s with a sample time of {sample_time:g} s",
             expected="above 0, at most 1 / sample_time",
         )
+    kind = value.dataset.attrs["kind"]
+    if kind in REACHED and (len(lookup.places) == len(system.states) or lookup.first_time > 0):
+        raise SimulationError(
+            f"a law that is kept in a {kind} whose value is not known down to the end need not "
+            "arrive",
+            expected="values at equally spaced times from 0 to the horizon",
+            remedy="compute it with times=[0, ...], or take the optimal inputs alone",
+        )
     if margin is None:
         margin = sampled_margin(system, value, sample_time)
     return keep_value(known, law, lookup, rate=rate, margin=margin, scales=scales)
 
 
 def sampled_margin(system: System, value: ValueFunction, sample_time: float) -> float:
-    """The most that V can fall while an input is held: sample_time * max(-min_u min_d p . f).
+    """The most that V can fall while an input is held for `sample_time` [s]:
 
-    The maximum is over the nodes within two cells of the boundary, or `MANY` of them. A state with
-    V above it at a sample has V > 0 until the next, whatever the input and the disturbance do.
+        sample_time max(-min_u min_d p . f + dV/dtau)
+
+    where tau is the time that is left, for a value that a law looks up at it (dV/dtau is the
+    difference between neighbouring times), else without it. The maximum is over the nodes at which
+    V is at most two cells, or that margin, from the boundary, or `MANY` of them. A state with V
+    above it at a sample has V > 0 until the next, whatever the input and the disturbance do.
     """
-    known = decided(system, value)
-    near = _near_boundary(value)
-    if not len(near):
-        return 0.0
-    h = hamiltonian(known, inputs="min", disturbances="min")
-    states = [q.symbol for q in known.states]
-    falls = Evaluator([h.value], [*states, *h.costates], known.parameters)
-    points = np.hstack([near, value.gradient(near)])
-    fall = falls.values(points, _parameters(value, known))[:, 0]
-    return float(sample_time * max(0.0, -fall.min()))
+    falls, reach = _Falls(system, value), 2.0 * float(value.dataset.attrs["cell"])
+    while (margin := sample_time * falls.most(reach)) > reach:
+        reach = margin  # that far inside a state may begin to fall to the boundary
+    return margin
 
 
 def worst_disturbance(system: System, value: ValueFunction, law: L) -> tuple[System, L]:
@@ -124,10 +136,8 @@ def lookup_of(value: ValueFunction) -> Lookup:
     places = [a.state.symbol for a in axes]
     low, steps = [a.low for a in axes], [a.step for a in axes]
     counts, periodic = [a.count for a in axes], [a.ends == "periodic" for a in axes]
-    data = value.dataset["value"]
-    first = 0.0
-    if "time" in data.dims and data.sizes["time"] > 1 and not value.dataset.attrs["converged"]:
-        times = data["time"].values
+    times, first = _times(value), 0.0
+    if times is not None:
         gaps = np.diff(times)
         if not np.allclose(gaps, gaps[0], rtol=1e-6):
             raise SimulationError(
@@ -140,7 +150,7 @@ def lookup_of(value: ValueFunction) -> Lookup:
         steps.insert(0, float(gaps[0]))
         counts.insert(0, len(times))
         periodic.insert(0, False)
-        numbers = data.values
+        numbers = value.dataset["value"].values
     else:
         numbers = value.values()
     table = (
@@ -151,6 +161,20 @@ def lookup_of(value: ValueFunction) -> Lookup:
         np.array(periodic),
     )
     return Lookup(tuple(places), table, first)
+
+
+def _times(value: ValueFunction) -> Array | None:
+    """The times left that a law looks the value up at; None where it is always the last.
+
+    That is so where there is one only, and for a kernel that has converged.
+    """
+    data, said = value.dataset["value"], value.dataset.attrs
+    if "time" not in data.dims or data.sizes["time"] == 1:
+        return None
+    if said["converged"] and said["kind"] not in REACHED:
+        return None
+    times: Array = data["time"].values
+    return times
 
 
 def decided(system: System, value: ValueFunction) -> System:
@@ -195,18 +219,54 @@ def decided(system: System, value: ValueFunction) -> System:
     return replace(known, samples=int(said.get("samples", 0)))
 
 
+class _Falls:
+    """How fast V may fall near the boundary, whatever the inputs and the disturbance do."""
+
+    def __init__(self, system: System, value: ValueFunction) -> None:
+        known = decided(system, value)
+        h = hamiltonian(known, inputs="min", disturbances="min")
+        states = [q.symbol for q in known.states]
+        self.value = value
+        self.rise = Evaluator([h.value], [*states, *h.costates], known.parameters)
+        self.parameters = _parameters(value, known)
+        times = _times(value)
+        known_at: list[float | None] = [None] if times is None else [float(t) for t in times]
+        self.spans = list(pairwise(known_at))
+        if known_at[0] != 0.0:  # below the first time V stands still
+            self.spans.insert(0, (known_at[0], known_at[0]))
+
+    def most(self, reach: float) -> float:
+        """The largest fall of V [1/s] where 0 < V <= reach, as time runs down.
+
+        At least 0. Between two times V is linear, so that its falls are at most those at the two.
+        """
+        most = 0.0
+        for before, after in self.spans:
+            low, high = (self.value.values(t) for t in (before, after))
+            chosen = _chosen((np.maximum(low, high) > 0) & (np.minimum(low, high) <= reach))
+            if not len(chosen):
+                continue
+            places = np.unravel_index(chosen, low.shape)
+            points = np.stack(
+                [a.nodes[k] for a, k in zip(self.value.grid.axes, places, strict=True)], axis=1
+            )
+            gap = 0.0 if before is None or after is None else after - before
+            drift = (high.ravel()[chosen] - low.ravel()[chosen]) / gap if gap else 0.0
+            for t in {before, after}:
+                slopes = self.value.gradient(points, t)
+                fall = -self.rise.values(np.hstack([points, slopes]), self.parameters)[:, 0]
+                most = max(most, float((fall + drift).max()))
+        return most
+
+
+def _chosen(there: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
+    """The flat places where it holds, all or `MANY` drawn from them."""
+    found = np.flatnonzero(there)
+    if len(found) > MANY:
+        found = np.random.default_rng(0).choice(found, MANY, replace=False)
+    return found
+
+
 def _parameters(value: ValueFunction, system: System) -> dict[str, float]:
     numbers = json.loads(value.dataset.attrs["parameters"])
     return {q.name: numbers[q.name] for q in system.parameters if q.name in numbers}
-
-
-def _near_boundary(value: ValueFunction) -> Array:
-    """States of the nodes with 0 < V <= two cells, all or `MANY` drawn from them."""
-    table = value.values()
-    cell = float(value.dataset.attrs["cell"])
-    chosen = np.flatnonzero((table.ravel() > 0) & (table.ravel() <= 2 * cell))
-    if len(chosen) > MANY:
-        chosen = np.random.default_rng(0).choice(chosen, MANY, replace=False)
-    places = np.unravel_index(chosen, table.shape)
-    columns = [a.nodes[k] for a, k in zip(value.grid.axes, places, strict=True)]
-    return np.stack(columns, axis=1) if len(chosen) else np.empty((0, len(columns)))
