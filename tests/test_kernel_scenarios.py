@@ -163,6 +163,12 @@ horizon = 20
     files = list((tmp_path / "cache").glob("value_*.nc"))
     assert len(files) == 1
     assert np.array_equal(solved(cart).values(), hf.load(files[0]).values())
+    late = load_scenario(str(path), ["run.delay=0.1"]).run()  # counted beside the 0.02 s
+    margin = kept.parameters["safety_margin"]
+    assert late.parameters["safety_margin"] == pytest.approx(6 * margin)
+    assert late.viable == 2
+    with pytest.raises(ScenarioError, match="safety: the optimal inputs alone have no margin"):
+        load_scenario(str(path), ["run.delay=0.1", "safety.alone=true"]).run()
     with pytest.raises(ScenarioError, match="computes no kernel"):
         load_scenario(str(path), ["safety.kernel=inspection"]).run()
     with pytest.raises(ScenarioError, match="leave one of them out"):

@@ -110,6 +110,7 @@ class Scenario:
             rate=safety.rate,
             margin=safety.margin,
             sample_time=float(self.settings["sample_time"]),
+            delay=float(self.settings["delay"]),
         )
 
 

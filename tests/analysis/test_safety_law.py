@@ -260,3 +260,36 @@ def test_law_that_is_kept_in_the_basin_of_two_walls_arrives_too():
     resting = hf.Law("rest", STATES, {"u": hf.parse_expression("0", {})})
     promise = hf.check_promise(system, basin, WALLS, goal=goal, law=resting, runs=300)
     assert promise.held
+
+
+def test_law_that_sees_the_state_late_keeps_it_with_the_margin_of_the_delay(kernel):
+    """A law that pushes to the right, and is pushed there: seen 0.1 s late, it brakes in time."""
+    push = hf.Law("push", STATES, {"u": hf.parse_expression("1", {})})
+    late, pushed = {"delay": 0.1}, {"disturbance": {"d": 0.5}}
+    margins = [hf.sampled_margin(cart(), kernel, 0.02, d) for d in (0.0, 0.1)]
+    assert margins[1] == pytest.approx(6 * margins[0])
+    points = np.random.default_rng(1).uniform([-1, -1.5], [1, 1.5], (4000, 2))
+    starts = points[kernel.contains(points, margins[1])][:200]
+    assert len(starts) == 200
+
+    def stay(margin):
+        kept = hf.safety_law(cart(), kernel, push, rate=6.0, margin=margin, **late)
+        return hf.simulate(
+            cart(), kept, starts=starts, region=WALLS, horizon=10, **late, **pushed
+        ).viable
+
+    assert stay(None) == 200
+    assert stay(margins[0]) < 20
+
+
+def test_delay_that_no_state_has_the_margin_for_is_refused(kernel):
+    with pytest.raises(
+        SimulationError, match=r"V may fall by 1.15 before an input answers, .* nowhere above 0.999"
+    ):
+        hf.safety_law(cart(), kernel, swinging(), delay=0.2)
+    with pytest.raises(SimulationError, match=r"rate 2 1/s .* and a delay of 0.5 s"):
+        hf.safety_law(cart(), kernel, swinging(), delay=0.5)
+    with pytest.raises(SimulationError, match=r"have no margin for a delay of 0.1 s"):
+        hf.safety_law(cart(), kernel, delay=0.1)
+    with pytest.raises(SimulationError, match=r"delay is -0.1"):
+        hf.sampled_margin(cart(), kernel, 0.02, -0.1)

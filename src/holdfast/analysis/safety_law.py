@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
@@ -11,6 +12,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from holdfast.analysis.given import number
 from holdfast.analysis.posed import definition, with_disturbance
 from holdfast.analysis.value_function import Array, ValueFunction
 from holdfast.errors import SimulationError
@@ -43,6 +45,7 @@ def safety_law(
     rate: float = 2.0,
     margin: float | None = None,
     sample_time: float = 0.02,
+    delay: float = 0.0,
     scales: Mapping[str, float] | None = None,
 ) -> L | Law:
     """The law that keeps the state where V > 0.
@@ -53,23 +56,31 @@ def safety_law(
         p . f(q, u, d) + rate (V - margin) >= 0   for every disturbance d
 
     asks: left alone well inside, taken over towards the boundary. rate [1/s]. margin [unit of V]:
-    by default `sampled_margin`, what may be lost while an input is held for `sample_time`. Where
-    no admissible input is enough, the least violation, which a run counts. A value function with
-    several times is used at the time that is left, and stands still below the first of them; a
-    kernel that has converged is used at its last.
+    by default `sampled_margin`, what may be lost before the input answers: it is held for
+    `sample_time`, and what it answers was measured `delay` seconds ago. Where no admissible input
+    is enough, the least violation, which a run counts. A value function with several times is used
+    at the time that is left, and stands still below the first of them; a kernel that has converged
+    is used at its last.
 
     Raises `SimulationError` for a value function of another system, or one that says nothing
-    about what the inputs keep; for a rate that a held input cannot follow; and for a `law` that is
+    about what the inputs keep; for a rate that an input which is held, and late, cannot follow;
+    for a margin by default that no state has, and a delay without a `law`; and for a `law` that is
     to arrive somewhere by a value that is not known down to the end.
     """
     known = decided(system, value)
     lookup = lookup_of(value)
     if law is None:
+        if delay:
+            raise SimulationError(
+                f"the optimal inputs alone have no margin for a delay of {delay:g} s",
+                remedy="give a law, which is kept with one",
+            )
         return optimal_law(known, lookup)
-    if not 0 < rate * sample_time <= 1:
+    late = f" and a delay of {delay:g} s" if delay else ""
+    if not 0 < rate * (sample_time + delay) <= 1:
         raise SimulationError(
-            f"rate {rate:g} 1/s with a sample time of {sample_time:g} s",
-            expected="above 0, at most 1 / sample_time",
+            f"rate {rate:g} 1/s with a sample time of {sample_time:g} s{late}",
+            expected="above 0, at most 1 / (sample_time + delay)",
         )
     kind = value.dataset.attrs["kind"]
     if kind in REACHED and (len(lookup.places) == len(system.states) or lookup.first_time > 0):
@@ -80,24 +91,43 @@ def safety_law(
             remedy="compute it with times=[0, ...], or take the optimal inputs alone",
         )
     if margin is None:
-        margin = sampled_margin(system, value, sample_time)
+        margin = sampled_margin(system, value, sample_time, delay)
+        if not margin < (deepest := float(value.values().max())):
+            raise SimulationError(
+                f"V may fall by {margin:.3g} before an input answers, held for {sample_time:g} s"
+                f"{late}, and is nowhere above {deepest:.3g}",
+                remedy="take a shorter sample time or delay, or give a margin",
+            )
     return keep_value(known, law, lookup, rate=rate, margin=margin, scales=scales)
 
 
-def sampled_margin(system: System, value: ValueFunction, sample_time: float) -> float:
-    """The most that V can fall while an input is held for `sample_time` [s]:
+def sampled_margin(
+    system: System, value: ValueFunction, sample_time: float, delay: float = 0.0
+) -> float:
+    """The most that V can fall before the input answers what was measured.
 
-        sample_time max(-min_u min_d p . f + dV/dtau)
+    With a measurement that is `delay` old and an input held for `sample_time` [s]
+
+        delay max(-min_u min_d p . f) + sample_time max(-min_u min_d p . f + dV/dtau)
 
     where tau is the time that is left, for a value that a law looks up at it (dV/dtau is the
-    difference between neighbouring times), else without it. The maximum is over the nodes at which
-    V is at most two cells, or that margin, from the boundary, or `MANY` of them. A state with V
-    above it at a sample has V > 0 until the next, whatever the input and the disturbance do.
+    difference between neighbouring times), else without it. The maxima are over the nodes at which
+    V is at most two cells, or that margin, from the boundary, or `MANY` of them. What has V above
+    it when measured has V > 0 until the next input, whatever the inputs and the disturbance do.
+
+    Raises `SimulationError` for a sample time or a delay that is none.
     """
+    number(
+        "sample_time is ", sample_time, "a positive number of seconds", lambda v: 0 < v < math.inf
+    )
+    number("delay is ", delay, "a number of seconds, 0 or more", lambda v: 0 <= v < math.inf)
     falls, reach = _Falls(system, value), 2.0 * float(value.dataset.attrs["cell"])
-    while (margin := sample_time * falls.most(reach)) > reach:
+    while True:
+        still, moving = falls.most(reach)
+        margin = delay * still + sample_time * moving
+        if margin <= reach:
+            return margin
         reach = margin  # that far inside a state may begin to fall to the boundary
-    return margin
 
 
 def worst_disturbance(system: System, value: ValueFunction, law: L) -> tuple[System, L]:
@@ -235,12 +265,12 @@ class _Falls:
         if known_at[0] != 0.0:  # below the first time V stands still
             self.spans.insert(0, (known_at[0], known_at[0]))
 
-    def most(self, reach: float) -> float:
-        """The largest fall of V [1/s] where 0 < V <= reach, as time runs down.
+    def most(self, reach: float) -> tuple[float, float]:
+        """The largest fall of V [1/s] where 0 < V <= reach: at one time, and as time runs down.
 
         At least 0. Between two times V is linear, so that its falls are at most those at the two.
         """
-        most = 0.0
+        still = moving = 0.0
         for before, after in self.spans:
             low, high = (self.value.values(t) for t in (before, after))
             chosen = _chosen((np.maximum(low, high) > 0) & (np.minimum(low, high) <= reach))
@@ -255,8 +285,8 @@ class _Falls:
             for t in {before, after}:
                 slopes = self.value.gradient(points, t)
                 fall = -self.rise.values(np.hstack([points, slopes]), self.parameters)[:, 0]
-                most = max(most, float((fall + drift).max()))
-        return most
+                still, moving = max(still, fall.max()), max(moving, (fall + drift).max())
+        return float(still), float(moving)
 
 
 def _chosen(there: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
