@@ -14,6 +14,13 @@ from holdfast.maths import fields, systems
 from holdfast.maths.field import Field
 from holdfast.maths.system import System
 
+PATHS: dict[tuple[str, str], tuple[str, ...]] = {
+    ("system", "vehicle"): (".toml",),
+    ("safety", "kernel"): (".toml", ".nc"),
+    ("march", "checkpoint"): ("",),
+}
+"""Table and key whose text is a path if it ends so (else a name)."""
+
 
 def scenario_names() -> tuple[str, ...]:
     """The scenarios shipped with the package."""
@@ -40,18 +47,37 @@ def read_text(name: str) -> tuple[str, str]:
 
 
 def read_tables(name: str, overrides: Iterable[str] = ()) -> tuple[str, str, dict[str, Any]]:
-    """(name to show, text, tables) of a scenario, with `key=value` overrides applied."""
+    """(name to show, text, tables) of a scenario, with `key=value` overrides applied.
+
+    Paths in the tables are those from the folder of the file; those in overrides are the caller's.
+    """
     shown, text = read_text(name)
     try:
         data = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise ScenarioError(f"{shown}: not a TOML file: {error}") from None
+    shipped = Path(str(resources.files("holdfast.scenarios")))
+    _place(data, shipped if name in scenario_names() else Path(name).parent)
     changes = list(overrides)
     for change in changes:
         _override(data, change)
     if changes:
         text += "\n# overrides: " + "; ".join(changes) + "\n"
     return shown, text, data
+
+
+def _place(data: Mapping[str, Any], folder: Path) -> None:
+    """Let the paths in the tables, and in those of [compare], begin with `folder`."""
+    for (table, key), endings in PATHS.items():
+        there = data.get(table)
+        if isinstance(there, dict) and isinstance(path := there.get(key), str):
+            there[key] = str(folder / path) if path.endswith(endings) else path
+    compared = data.get("compare")
+    for kind in ("laws", "cases"):
+        altered = compared.get(kind) if isinstance(compared, Mapping) else None
+        for change in altered.values() if isinstance(altered, Mapping) else ():
+            if isinstance(change, Mapping):
+                _place(change, folder)
 
 
 def scenario_title(name: str) -> str:
