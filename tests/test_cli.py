@@ -1,5 +1,6 @@
 """The command line as a user meets it: right words, wrong words, an interruption."""
 
+import contextlib
 import json
 import os
 import re
@@ -8,6 +9,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import xarray as xr
@@ -97,7 +99,7 @@ def test_run_writes_the_promised_files_and_a_readable_summary(tmp_path):
     assert "viable         4 of 4 runs (100.0 %)" in answer.stdout
     assert "reached goal" in answer.stdout
     assert "runs/inspection" in answer.stdout
-    assert "%|" in answer.stderr  # the progress bar
+    assert not answer.stderr
     summary = json.loads((folder / "summary.json").read_text())
     assert (summary["runs"], summary["seed"], summary["scenario"]) == (4, 7, "inspection")
     with xr.open_dataset(folder / "result.nc") as data:
@@ -287,38 +289,73 @@ def test_a_diverging_run_exits_1_and_says_so(tmp_path):
     assert summary["outcomes"]["diverged"] >= 1
 
 
+def on_a_terminal(*command, cwd=None):
+    """A process, and what it writes to the terminal that is its standard error."""
+    import pty
+    import termios
+
+    shown, theirs = pty.openpty()
+    termios.tcsetwinsize(theirs, (24, 80))
+    process = subprocess.Popen(
+        [sys.executable, *command], cwd=cwd, stderr=theirs, stdout=subprocess.DEVNULL
+    )
+    os.close(theirs)
+    return process, os.fdopen(shown, "rb", buffering=0)
+
+
+def rest(terminal):
+    """All that is still written to it."""
+    found = b""
+    with contextlib.suppress(OSError):  # which ends so on Linux
+        while part := terminal.read(4096):
+            found += part
+    return found.decode()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="terminals")
+def test_bar_is_drawn_on_a_terminal_alone(tmp_path):
+    process, terminal = on_a_terminal("-m", "holdfast", "run", "inspection", *FAST, cwd=tmp_path)
+    with terminal:
+        assert "inspection: 100%|" in rest(terminal)
+    assert process.wait(timeout=30) == 0
+
+
+def test_log_gets_a_line_a_minute(capsys, monkeypatch):
+    from holdfast import patience
+
+    now = iter([0.0, 30.0, 61.0, 61.0, 100.0, 121.0, 121.0])
+    monkeypatch.setattr(patience, "time", SimpleNamespace(monotonic=lambda: next(now)))
+    with patience.bar("preparing") as tell:
+        for fraction in (0.1, 0.2, 0.3, 0.4):
+            tell("march", fraction)
+    assert capsys.readouterr().err == "march: 20 %\nmarch: 40 %\n"
+
+
 @pytest.mark.skipif(os.name == "nt", reason="signals")
 def test_interruption_exits_130_and_leaves_no_partial_file(tmp_path):
     holdfast("run", "inspection", *FAST, cwd=tmp_path)  # compiled, so that work starts at once
     out = tmp_path / "out"
-    process = subprocess.Popen(
-        [
-            sys.executable,
-            "-c",
-            HEARS + "from holdfast.cli import main; main()",
-            "run",
-            "inspection",
-            "--runs",
-            "200",
-            "--out",
-            str(out),
-            "--set",
-            "run.horizon=20000",
-            "--set",
-            "run.record_every=100",
-        ],
-        stderr=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
+    process, terminal = on_a_terminal(
+        "-c",
+        HEARS + "from holdfast.cli import main; main()",
+        "run",
+        "inspection",
+        "--runs",
+        "200",
+        "--out",
+        str(out),
+        "--set",
+        "run.horizon=20000",
+        "--set",
+        "run.record_every=100",
     )
-    deadline = time.monotonic() + 60
-    while time.monotonic() < deadline:
-        text = process.stderr.read(1)
-        if text == "%":
-            break
-    time.sleep(0.5)
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=30)
+    with terminal:
+        while terminal.read(1) != b"%":  # of the bar: the work has begun
+            pass
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        errors = rest(terminal)
+    process.wait(timeout=30)
     assert process.returncode == 130
     assert "interrupted" in errors
     assert "Traceback" not in errors

@@ -291,3 +291,40 @@ def test_tables_of_the_safeguard_are_checked(name, changes, complaint):
     with pytest.raises(ScenarioError) as caught:
         load_scenario(name, changes).run()
     assert complaint in str(caught.value)
+
+
+@pytest.mark.parametrize("given", ["3", "[1]", "[1, 2, 3]", "{ a = 1 }", "[[1], 2]", "[true, 1]"])
+@pytest.mark.parametrize(
+    ("name", "key", "expected"),
+    [
+        ("ch7-discriminating", "grid.box.x", "two numbers [low, high]"),
+        ("ch7-discriminating", "figures.plane", 'two names of states, such as ["x", "y"]'),
+        ("inspection", "figures.plane", 'two names of states, such as ["x", "y"]'),
+        ("inspection", "starts.box.x", "two numbers [low, high]"),
+        ("inspection", "starts.every", "two numbers [low, high]"),
+        ("inspection", "varied.draws.speed.range", "two numbers [low, high]"),
+        ("inspection", "safeguard.gains", "two numbers [k1, k2]"),
+        ("ch5-viable-goal-set", "redesign.layers.too_near", "two numbers [cmax, cmin]"),
+        ("wheeled_camera", "system.inputs.v.bounds", "two numbers or expressions [low, high]"),
+    ],
+)
+def test_what_is_no_array_of_two_is_told_which_two_it_should_be(name, key, expected, given):
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(name, [f"{key}={given}"])
+    said = str(caught.value)
+    assert f"{key}: got " in said
+    assert said.endswith(f"; expected {expected}")
+
+
+def test_draw_is_told_which_two_it_should_be():
+    for given in ("3", "[1]", "'fast'"):
+        with pytest.raises(
+            ScenarioError, match=r"varied.draws.speed: .* two numbers \[low, high\]"
+        ):
+            load_scenario("inspection", [f"varied.draws.speed={given}"])
+
+
+def test_centre_of_what_is_drawn_is_told_which_two_it_should_be():
+    change = "region.scene=[{ kind='circle', role='buoy', centre=3, radius=1 }]"
+    with pytest.raises(ScenarioError, match=r"centre: got 3; expected two .* \[x, y\]"):
+        load_scenario("wheeled_camera", [change])

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import pydantic
 
 from holdfast.errors import HoldfastError, ScenarioError, suggestion
-from holdfast.schema import Section
+from holdfast.schema import PAIR, Section
 
 S = TypeVar("S", bound=Section)
 
@@ -40,7 +40,10 @@ def validated(model: type[S], data: object, file: str, prefix: str = "") -> S:
         return model.model_validate(data)
     except pydantic.ValidationError as error:
         # among the alternatives of a union the most specific complaint is the deepest one
-        first = max(error.errors(), key=lambda e: (e["type"] == "extra_forbidden", len(e["loc"])))
+        first = max(
+            error.errors(),
+            key=lambda e: (e["type"] == "extra_forbidden", len(e["loc"]), e["type"] == PAIR),
+        )
         raise _complaint(model, data, first, file, prefix) from None
 
 

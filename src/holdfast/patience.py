@@ -1,18 +1,23 @@
-"""Work that may take long: a bar after two seconds, an end after the time allowed or when told."""
+"""Work that may take long: how far it is, an end after the time allowed or when told.
+
+Bars are for terminals alone. Elsewhere, as in a log, they would be one endless line.
+"""
 
 from __future__ import annotations
 
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from holdfast.errors import ScenarioError
 
 BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
 _SILENT, _TICK = 2.0, 0.5
+_BETWEEN_LINES = 60.0
 _told_to_stop = threading.Event()
 
 
@@ -42,19 +47,38 @@ def heed() -> None:
         raise KeyboardInterrupt
 
 
-@contextmanager
-def bar(first: str) -> Iterator[Callable[[str, float], None]]:
-    """A bar, and the function that tells it what is worked on and the finished fraction."""
+def _bar(what: str, delay: float = 0.0) -> Any:
     from tqdm import tqdm
 
-    with tqdm(
-        total=100, desc=first, unit="%", leave=False, file=sys.stderr, bar_format=BAR
-    ) as shown:
+    return tqdm(
+        total=100,
+        desc=what,
+        unit="%",
+        leave=False,
+        delay=delay,
+        file=sys.stderr,
+        disable=None,  # but on a terminal
+        bar_format=BAR,
+    )
+
+
+@contextmanager
+def bar(first: str) -> Iterator[Callable[[str, float], None]]:
+    """A bar, and the function that tells it what is worked on and the finished fraction.
+
+    A line a minute where it is no terminal that standard error goes to.
+    """
+    with _bar(first) as shown:
+        written = time.monotonic()
 
         def tell(what: str, fraction: float) -> None:
+            nonlocal written
             heed()
             shown.set_description_str(what, refresh=False)
             shown.update(100 * fraction - shown.n)
+            if shown.disable and time.monotonic() - written >= _BETWEEN_LINES:
+                written = time.monotonic()
+                print(f"{what}: {100 * fraction:.0f} %", file=sys.stderr, flush=True)
 
         yield tell
     heed()
@@ -64,14 +88,10 @@ def bar(first: str) -> Iterator[Callable[[str, float], None]]:
 def bounded(what: str, seconds: float, remedy: str) -> Iterator[Callable[[float], None]]:
     """Gives a function to tell the finished fraction to; the bar moves on without it too.
 
-    After `seconds` the work is refused with `ScenarioError`, wherever it is; on systems
-    without alarms it may take longer.
+    It shows after two seconds. After `seconds` the work is refused with `ScenarioError`, wherever
+    it is; on systems without alarms it may take longer.
     """
-    from tqdm import tqdm
-
-    with tqdm(
-        total=100, desc=what, unit="%", leave=False, delay=_SILENT, file=sys.stderr, bar_format=BAR
-    ) as bar:
+    with _bar(what, delay=_SILENT) as bar:
         done = threading.Event()
 
         def tick() -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, WrapValidator
+from pydantic_core import PydanticCustomError
 
 Value = float | str
 """A number in SI units, or text with a unit such as "30 deg"."""
@@ -13,12 +15,32 @@ Expression = str | float
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,60}$")]
 Text = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x08\x0b-\x1f\x7f]*$", max_length=2000)]
 
+PAIR = "pair"
+"""The type of the error of an array that is not the two that it should be."""
+
+
+def _two(what: str) -> WrapValidator:
+    """Whatever is wrong with an array of two is answered by what it should be."""
+
+    def check(given: object, handler: Callable[[object], object]) -> object:
+        try:
+            return handler(given)
+        except ValidationError:
+            raise PydanticCustomError(PAIR, "two " + what) from None
+
+    return WrapValidator(check)
+
 
 # TOML has arrays only, which strict checking would refuse for a tuple
-Pair = Annotated[tuple[Expression, Expression], Field(strict=False)]
-Layer = Annotated[tuple[float, float], Field(strict=False)]
-Interval = Annotated[tuple[Value, Value], Field(strict=False)]
-Plane = Annotated[tuple[Name, Name], Field(strict=False)]
+_Array = Field(strict=False)
+Bounds = Annotated[
+    tuple[Expression, Expression], _Array, _two("numbers or expressions [low, high]")
+]
+Point = Annotated[tuple[Expression, Expression], _Array, _two("numbers or expressions [x, y]")]
+Layer = Annotated[tuple[float, float], _Array, _two("numbers [cmax, cmin]")]
+Gains = Annotated[tuple[float, float], _Array, _two("numbers [k1, k2]")]
+Interval = Annotated[tuple[Value, Value], _Array, _two("numbers [low, high]")]
+Plane = Annotated[tuple[Name, Name], _Array, _two('names of states, such as ["x", "y"]')]
 
 
 class Section(BaseModel):
@@ -49,7 +71,7 @@ class BoundedSpec(Section):
 
     unit: str = "1"
     description: Text = ""
-    bounds: Pair | None = None
+    bounds: Bounds | None = None
 
 
 class ParameterSpec(Section):
@@ -130,13 +152,13 @@ class ShapeSpec(Section):
 
     kind: Literal["segment", "cone", "circle"]
     role: Name
-    start: Pair | None = None
-    end: Pair | None = None
-    apex: Pair | None = None
+    start: Point | None = None
+    end: Point | None = None
+    apex: Point | None = None
     heading: Expression | None = None
     half_angle: Expression | None = None
     range: Expression | None = None
-    centre: Pair | None = None
+    centre: Point | None = None
     radius: Expression | None = None
 
 
@@ -175,7 +197,7 @@ class SafeguardSpec(Section):
     """
 
     constraints: dict[Name, InequalitySpec | Expression] = Field(default_factory=dict)
-    gains: Layer = (1.0, 4.0)
+    gains: Gains = (1.0, 4.0)
     margins: dict[Name, Value] = Field(default_factory=dict)
     scales: dict[Name, float] = Field(default_factory=dict)
     measured: bool = False

@@ -190,7 +190,7 @@ def test_value_that_follows_from_another_value_uses_that_of_the_run():
         program = program_of(varied=varied)
     except HoldfastError:
         return  # refusing is as good
-    s, c, k = ClosedLoop(program, BY_NAME["rk4"]).varied(5, 0).T
+    s, c, k = ClosedLoop(program).varied(5, 0).T
     assert np.array_equal(c, s)
     assert np.array_equal(k, 2 * c)
 
@@ -413,7 +413,7 @@ def test_disturbance_that_varies_in_time_is_checked_in_every_run():
     varied = hf.Varied({"size": (0.9, 1.1)})
     with pytest.raises(SimulationError) as caught:
         tide(varied=varied, runs=30)
-    loop = ClosedLoop(program_of(MEASURING, varied=varied, disturbance=TIDE), BY_NAME["rk4"])
+    loop = ClosedLoop(program_of(MEASURING, varied=varied, disturbance=TIDE))
     size = loop.varied(30, 0)[:, 0]
     assert f"of run {size.argmax()}: d = {size.max():.4g}" in str(caught.value)
     assert "at t = 0.19 s" in str(caught.value)  # (pi/2 - 1) / 3 = 0.1903, every 2.5 ms

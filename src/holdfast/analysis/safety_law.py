@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
@@ -116,8 +117,10 @@ def sampled_margin(
 
     Raises `SimulationError` for a sample time or a delay that is none.
     """
-    number("sample_time is ", sample_time, "a positive number of seconds", lambda v: v > 0)
-    number("delay is ", delay, "a number of seconds, 0 or more", lambda v: v >= 0)
+    number(
+        "sample_time is ", sample_time, "a positive number of seconds", lambda v: 0 < v < math.inf
+    )
+    number("delay is ", delay, "a number of seconds, 0 or more", lambda v: 0 <= v < math.inf)
     falls, reach = _Falls(system, value), 2.0 * float(value.dataset.attrs["cell"])
     while True:
         still, moving = falls.most(reach)

@@ -103,7 +103,7 @@ def simulate(
         continuous=chosen.continuous,
         varied=varied,
     )
-    loop = ClosedLoop(program, BY_NAME[stepper])
+    loop = ClosedLoop(program)
     values = {p.symbol: p.value for p in program.parameters}
     real = values | {symbol(name): float(value) for name, value in (plant or {}).items()}
     for parameters in (values, real):

@@ -17,7 +17,6 @@ import numpy.typing as npt
 from holdfast.errors import SimulationError
 from holdfast.execution.compile import compile_closed_loop
 from holdfast.execution.settings import Settings
-from holdfast.execution.steppers import Tableau
 from holdfast.execution.translate import ClosedLoopProgram
 
 Array = npt.NDArray[np.float64]
@@ -79,9 +78,8 @@ class Trajectories:
 class ClosedLoop:
     """A compiled closed loop with its parameter values; the second process starts warm."""
 
-    def __init__(self, program: ClosedLoopProgram, stepper: Tableau) -> None:
+    def __init__(self, program: ClosedLoopProgram) -> None:
         self.program = program
-        self.stepper = stepper
         self.module: ModuleType = compile_closed_loop(program.source)
 
     def parameter_array(self, overrides: Mapping[str, float] | None = None) -> Array:
@@ -241,7 +239,6 @@ class ClosedLoop:
                 samples,
                 stride,
                 int(settings.substeps),
-                float(self.stepper.order),
                 settings.absolute,
                 settings.relative,
                 settings.tolerance,

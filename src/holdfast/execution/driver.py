@@ -26,7 +26,7 @@ UNIFORM_STREAM, START_STREAM, NORMAL_STREAM, VARIED_STREAM = 1, 2, 3, 4
 # -- the interface: replaced by the generated constants and functions -------------------
 
 WATCHED, SIGNALS, ACTUATORS = 0, 0, 0  # how many; Numba leaves out what a constant rules out
-CONTINUOUS, ADAPTIVE = False, False
+CONTINUOUS, ADAPTIVE, ORDER = False, False, 1
 
 
 def rates(t, q, u, d, p):
@@ -191,7 +191,6 @@ def simulate_runs(
     samples,
     stride,
     substeps,
-    order,
     absolute,
     relative,
     tolerance,
@@ -353,14 +352,14 @@ def simulate_runs(
                         factor = (
                             0.2
                             if not math.isfinite(size)
-                            else max(0.2, 0.9 * size ** (-1.0 / order))
+                            else max(0.2, 0.9 * size ** (-1.0 / ORDER))
                         )
                         trial = h * factor
                         if trial < 1e-12 * sample_time:
                             failed = True
                             break
                         continue
-                    grown = h * min(5.0, 0.9 * max(size, 1e-10) ** (-1.0 / order))
+                    grown = h * min(5.0, 0.9 * max(size, 1e-10) ** (-1.0 / ORDER))
                     if h >= trial or grown > trial:
                         trial = grown
                 if not below(new, DIVERGED_AT):

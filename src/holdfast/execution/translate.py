@@ -147,6 +147,7 @@ def closed_loop_program(
         "ACTUATORS": len(image.actuators) if image else 0,
         "CONTINUOUS": continuous,
         "ADAPTIVE": stepper.adaptive,
+        "ORDER": stepper.order,
     }
     functions = [
         "\n".join(f"{name} = {value!r}" for name, value in constants.items()),
