@@ -138,7 +138,8 @@ def comparison_figure(found: Comparison) -> Figure:
         axis.set_xlim(0, 1)
         axis.xaxis.set_major_formatter(PercentFormatter(1.0))
         runs = len(found.trials[0].viable)
-        axis.set_xlabel(f"share of {runs} starts")
+        judged = ", and of those that can, or cannot, be kept" if found.references else ""
+        axis.set_xlabel(f"share of {runs} starts{judged}")
         axis.set_title(found.title, loc="left")
         figure.legend(loc="outside lower center", ncols=2)
     return figure
