@@ -1,12 +1,21 @@
 """Shared fixtures. Floating-point faults raise in NumPy code; Numba code has its outcomes."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 import sympy as sp
+from numba import njit
 
 import holdfast as hf
 
 np.seterr(all="raise", under="ignore")
+
+
+@cache
+def called(function):
+    """A way in from Python to the machine code of a function that is inlined into others."""
+    return njit(lambda *arguments: function(*arguments))
 
 
 @pytest.fixture(params=["compiled", "interpreted"])
@@ -14,7 +23,8 @@ def backend(request):
     """How a generated function is run: Numba's machine code, or the same text by Python."""
 
     def run(function, *arguments):
-        return (function if request.param == "compiled" else function.py_func)(*arguments)
+        chosen = called(function) if request.param == "compiled" else function.py_func
+        return chosen(*arguments)
 
     return run
 

@@ -11,6 +11,7 @@ from scipy import sparse
 from scipy.optimize import linprog
 
 from holdfast.execution.compile import compile_functions
+from tests.conftest import called
 
 SWEEP = """@compiled
 def sweep(wanted, scales, rows, counts, hard, out):
@@ -19,8 +20,6 @@ def sweep(wanted, scales, rows, counts, hard, out):
         out[i] = keep_within(wanted[i], scales[i], rows[i, : counts[i] * (m + 1)], hard[i])
 """
 MOST_ROWS = 14
-INNER = ("interval", "dot", "span", "nearest_in_plane", "restrict", "nearest", "unit_of_slack")
-INNER += ("fill", "solve")
 
 
 def settings(tolerance):
@@ -270,14 +269,10 @@ def test_least_slack_is_that_of_a_linear_program(inputs, badly_scaled):
 
 
 @pytest.fixture(params=["compiled", "interpreted"])
-def keep_within(request, monkeypatch):
+def keep_within(request):
     """The solver as closed loops call it, with tuples: machine code, or the same text by Python."""
-    module = compile_functions(SWEEP)
-    chosen = module.keep_within
-    if request.param == "interpreted":
-        for name in INNER:
-            monkeypatch.setattr(module, name, getattr(module, name).py_func)
-        chosen = chosen.py_func
+    function = compile_functions(SWEEP).keep_within
+    chosen = called(function) if request.param == "compiled" else function.py_func
 
     def keep(wanted, rows, hard=0, scales=None):
         """Rows are padded with 0 u <= 1, so that one length is compiled for each count of inputs."""

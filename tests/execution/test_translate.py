@@ -52,7 +52,7 @@ def grown(children):
 
 DRIVER = (
     "import math\n"
-    "def compiled(f):\n    return f\n"
+    "def inlined(f):\n    return f\n"
     "def wrap(x):\n    return x - 2 * math.pi * math.ceil((x - math.pi) / (2 * math.pi))\n"
     "def least(a, b):\n    return b if b < a else a\n"
     "def greatest(a, b):\n    return b if b > a else a\n"
@@ -131,15 +131,15 @@ def test_a_second_process_finds_the_compiled_code(tmp_path, monkeypatch, double_
         double_integrator, law, region=None, goal=None, disturbance={}, stepper=RK4
     )
     first = compile_closed_loop(program.source)
-    first.law(0.0, (0.0, 0.0), 0, np.zeros(1), np.zeros(1))
+    first.evaluate_disturbance(np.zeros(3), np.zeros(1), np.zeros((3, 0)))
     (path,) = tmp_path.glob("loop_*.py")
     assert list(tmp_path.glob("__pycache__/*.nbc")), "machine code is kept on disk"
     written = path.stat().st_mtime_ns
     spec = importlib.util.spec_from_file_location(path.stem, path)
     again = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(again)
-    again.law(0.0, (0.0, 0.0), 0, np.zeros(1), np.zeros(1))
-    assert sum(again.law.stats.cache_hits.values()) == 1
+    again.evaluate_disturbance(np.zeros(3), np.zeros(1), np.zeros((3, 0)))
+    assert sum(again.evaluate_disturbance.stats.cache_hits.values()) == 1
     compile_closed_loop(program.source)
     assert path.stat().st_mtime_ns == written
     assert not list(tmp_path.glob("*.partial"))

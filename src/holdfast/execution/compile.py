@@ -55,7 +55,7 @@ def _temporary() -> Path:
 def compile_closed_loop(source: str) -> ModuleType:
     """The module of one closed loop: the driver with the generated `source` in its place."""
     parts = (_text(f"{name}.py").partition(MARK)[2] for name in ("driver", "crossings", "batch"))
-    above = f"{_import('nearest')}\n{_import('interpolate')}"
+    above = "\n".join(map(_import, ("nearest", "interpolate", "trajectory")))
     return _module("loop", "\n\n".join([above, *parts, source]))
 
 

@@ -1,26 +1,21 @@
 """The simulation loop, written for Numba.
 
-`compile.py` joins `primitives.py`, this file below the mark, and the text of one closed loop
-(`translate.py`): the functions here that only raise are the interface, and the generated ones
-take their place. State, inputs and rates are tuples; `plant` holds the parameters of the
-simulated vehicle and `gains` those its controller believes, in the same order.
+`compile.py` joins this file below the mark and the text of one closed loop (`translate.py`): the
+functions here that only raise are the interface, and the generated ones take their place.
+State, inputs and rates are tuples; `plant` holds the parameters of the simulated vehicle and
+`gains` those its controller believes, in the same order.
 """
 
 # mypy: ignore-errors
 # ruff: noqa: F405
 
-from holdfast.execution.primitives import *  # noqa: F403
+from holdfast.execution.trajectory import *  # noqa: F403
 
 # -- joined from here on
 
 DIVERGED_AT = 1e9
 ONE_SECOND = 1.0 - 1e-9
 MOST_STEPS = 1_000_000  # adaptive steps within one control sample
-
-STAYED, REACHED, LEFT, DIVERGED, CHATTERED = 0, 1, 2, 3, 4
-
-# purposes of random numbers, so that no two uses share a counter
-UNIFORM_STREAM, START_STREAM, NORMAL_STREAM, VARIED_STREAM = 1, 2, 3, 4
 
 
 # -- the interface: replaced by the generated constants and functions -------------------
@@ -122,7 +117,7 @@ def step(t, h, q, k0, u, mode, plant, gains, table):
 # -- the closed loop --------------------------------------------------------------------
 
 
-@compiled
+@inlined
 def field(t, q, u, mode, plant, gains, table):
     """qdot; with continuous control the input is the law's at this very state."""
     if CONTINUOUS:
@@ -130,46 +125,6 @@ def field(t, q, u, mode, plant, gains, table):
         seen = seen + first_memory(seen, gains)  # of the right length: nothing is remembered
         u = produce(limit(allocate(law(t, seen, mode, gains, table), gains), plant), plant)
     return rates(t, q, u, disturbance(t, plant), plant)
-
-
-@compiled
-def below(values, bound):
-    """Whether every value is a number of magnitude below the bound."""
-    good = True
-    for value in values:
-        good = good and abs(value) < bound
-    return good
-
-
-@compiled
-def measure(q, noise, seed, run, sample, scratch):
-    """The state with measurement noise: uniform half-widths, then standard deviations."""
-    for i in range(len(q)):
-        scratch[i] = q[i]
-        if noise[0, i] > 0.0:
-            a, _ = two_uniforms(seed, run, sample, i, UNIFORM_STREAM)
-            scratch[i] += noise[0, i] * (2.0 * a - 1.0)
-        if noise[1, i] > 0.0:
-            a, b = two_uniforms(seed, run, sample, i, NORMAL_STREAM)
-            scratch[i] += noise[1, i] * math.sqrt(-2.0 * math.log(a)) * math.cos(TWO_PI * b)
-    return as_tuple(scratch)
-
-
-@compiled
-def end_of(run, t, outcome, exit_time):
-    """A run ends by diverging; one that had left the region keeps the time and the culprit."""
-    if outcome[run] != LEFT:
-        exit_time[run] = t
-    return DIVERGED
-
-
-@compiled
-def error_size(q, new, error, absolute, relative):
-    total = 0.0
-    for i in range(len(q)):
-        scale = absolute + relative * max(abs(q[i]), abs(new[i]))
-        total += (error[i] / scale) ** 2
-    return math.sqrt(total / len(q))
 
 
 @compiled
@@ -261,9 +216,11 @@ def simulate_runs(
             back = k - min(delay, k)
             for i in range(n):
                 past[k % (delay + 1), i] = q[i]
-            then = as_tuple(past[back % (delay + 1)])
-            seen = measure(then, noise, seed, run, back, scratch) if noisy else then
-            seen = seen + felt(back * sample_time, plant)
+            for i in range(n):
+                scratch[i] = past[back % (delay + 1), i]
+            if noisy:
+                add_noise(noise, seed, run, back, scratch)
+            seen = as_tuple(scratch) + felt(back * sample_time, plant)
             if k == 0:
                 memory = first_memory(seen, gains)
             seen = seen + memory
@@ -288,7 +245,7 @@ def simulate_runs(
             a = limit(asked, plant)
             u = produce(a, plant)
             if not below(u, np.inf) or not below(a, np.inf):
-                outcome[run] = end_of(run, t, outcome, exit_time)
+                end_of(run, t, outcome, exit_time)
                 progress[0] += samples + 1 - k
                 break
             for i in range(m):
@@ -386,9 +343,7 @@ def simulate_runs(
                             and tangent_bound(h, c0[j], d0[j], c1[j], d1[j]) > worst[run, j]
                         ):
                             s_peak = peak_fraction(j, h, q, k0, new, k1, plant, scratch)
-                            inner = constraints(hermite(s_peak, h, q, k0, new, k1, scratch), plant)[
-                                j
-                            ]
+                            inner = constraint_at(s_peak, j, h, q, k0, new, k1, plant, scratch)
                             if inner > top:
                                 top = inner
                                 at = s_peak
@@ -413,7 +368,7 @@ def simulate_runs(
                 if last_step:
                     break
             if failed:
-                outcome[run] = end_of(run, t + elapsed, outcome, exit_time)
+                end_of(run, t + elapsed, outcome, exit_time)
                 progress[0] += samples - k
                 break
         goal_time[run] = inside_since

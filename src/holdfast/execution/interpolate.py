@@ -9,7 +9,7 @@ from holdfast.execution.primitives import *  # noqa: F403
 # -- joined from here on
 
 
-@compiled
+@inlined
 def interpolate(values, q, low, steps, shape, periodic):
     """The multilinear interpolant at q; not a number outside the grid."""
     n = len(shape)
@@ -41,7 +41,7 @@ def interpolate(values, q, low, steps, shape, periodic):
     return total
 
 
-@compiled
+@inlined
 def slopes(values, q, low, steps, shape, periodic, out):
     """The interpolated central differences at q; one-sided at the ends of the grid."""
     n = len(shape)
@@ -73,7 +73,7 @@ def slopes_many(values, points, low, steps, shape, periodic, out):
         slopes(values, points[k], low, steps, shape, periodic, out[k])
 
 
-@compiled
+@inlined
 def look_up(table, place):
     """The value and its slopes at a place, or at the nearest place of the grid."""
     values, low, steps, shape, periodic = table

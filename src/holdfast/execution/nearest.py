@@ -21,10 +21,8 @@ APART = 1e-8  # the gap, relative to their distance, above which two such planes
 PULL = -1e6  # where the slack is wanted, in its own unit: so it is as small as it can be
 FAINT = 1e-6  # the size of a normal, against the largest, below which it does not set that unit
 
-apart = njit(cache=True, error_model="numpy", nogil=True)  # a call of its own, not inlined
 
-
-@compiled
+@inlined
 def interval(rows, count, m, base, along):
     """The lowest and the highest s with rows[j, :m] . (base + s along) <= rows[j, m], j < count.
 
@@ -48,7 +46,7 @@ def interval(rows, count, m, base, along):
     return low, high
 
 
-@compiled
+@inlined
 def dot(a, b, m):
     """The inner product of the first m entries."""
     total = 0.0
@@ -179,7 +177,7 @@ def nearest(rows, count, m, x):
             points[floor, i] = bases[floor, i] + dot(planes[floor, i], point, floor - 1)
 
 
-@compiled
+@inlined
 def unit_of_slack(constraints_, scales, m, hard):
     """The size of the smallest normal that may be relaxed: no two of them then look parallel."""
     least, most = np.inf, 0.0
@@ -192,7 +190,7 @@ def unit_of_slack(constraints_, scales, m, hard):
     return max(math.sqrt(least), FAINT * math.sqrt(most)) if most > 0.0 else 1.0
 
 
-@compiled
+@inlined
 def fill(rows, constraints_, scales, m, hard, relaxed):
     """Constraints in units of the scales, with unit normals; the slack is one more coordinate.
 
@@ -268,7 +266,7 @@ def solve(wanted, scales, constraints_, hard, result):
             result[m] = max(result[m], level)
 
 
-@compiled
+@inlined
 def keep_within(wanted, scales, constraints_, hard):
     """The admissible input nearest to `wanted`, and the slack it needed: 0 where there is one.
 

@@ -1,7 +1,8 @@
 """What compiled code is made of: branches, turns, sines, random numbers.
 
-`compile.py` puts this file in front of `driver.py` and of the generated functions, so that one
-text is all there is to compile and to cache.
+Generated modules import all of it (`compile.py`). What Python calls is `compiled`; what compiled
+code calls is `inlined` into it, and has no entry from Python: what unpacks Python's objects, with
+a copy of the function in it, was a quarter of what there was to compile.
 """
 
 # mypy: ignore-errors
@@ -10,8 +11,33 @@ import math
 
 import numpy as np
 from numba import njit
+from numba.core.registry import CPUDispatcher
 
-compiled = njit(cache=True, error_model="numpy", nogil=True, forceinline=True)
+OPTIONS = {"cache": True, "error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
+
+compiled = njit(**OPTIONS)
+
+
+class Inlined(CPUDispatcher):
+    """Machine code for compiled code; where Python calls it, the same text is run by Python."""
+
+    def __call__(self, *arguments):
+        return self.py_func(*arguments)
+
+
+def within(**options):
+    """A decorator of functions that only compiled code calls."""
+
+    def decorate(function):
+        dispatcher = njit(**OPTIONS, no_cpython_wrapper=True, **options)(function)
+        dispatcher.__class__ = Inlined
+        return dispatcher
+
+    return decorate
+
+
+inlined = within(forceinline=True)
+apart = within()  # a call of its own
 
 TWO_PI = 2.0 * math.pi
 
@@ -19,7 +45,7 @@ TWO_PI = 2.0 * math.pi
 # -- helpers that the printer uses ------------------------------------------------------
 
 
-@compiled
+@inlined
 def wrap(x):
     """x in (-pi, pi]."""
     return x - TWO_PI * math.ceil((x - math.pi) / TWO_PI)
@@ -28,7 +54,7 @@ def wrap(x):
 # what is not a number stays so through every branch: a comparison with it must not hide it
 
 
-@compiled
+@inlined
 def least(a, b):
     """The smaller of two; not a number if either is not."""
     if a != a:
@@ -36,7 +62,7 @@ def least(a, b):
     return a if a < b else b
 
 
-@compiled
+@inlined
 def greatest(a, b):
     """The larger of two; not a number if either is not."""
     if a != a:
@@ -44,31 +70,31 @@ def greatest(a, b):
     return a if a > b else b
 
 
-@compiled
+@inlined
 def sgn(x):
     """+1 for x >= 0, else -1."""
     return 1.0 if x >= 0.0 else (-1.0 if x < 0.0 else x)
 
 
-@compiled
+@inlined
 def select(x, a, b):
     """a for x >= 0, else b."""
     return a if x >= 0.0 else (b if x < 0.0 else x)
 
 
-@compiled
+@inlined
 def length(x, y):
     """sqrt(x^2 + y^2)."""
     return math.sqrt(x * x + y * y)
 
 
-@compiled
+@inlined
 def sign(x):
     """The sign with sign(0) = 0, the derivative of the magnitude."""
     return 1.0 if x > 0.0 else (-1.0 if x < 0.0 else 0.0 * x)
 
 
-@compiled
+@inlined
 def sine_and_cosine(x):
     """Both at once, in half the time of two library calls; error below 3e-16.
 
@@ -110,7 +136,7 @@ def sine_and_cosine(x):
 # -- counter-based random numbers -------------------------------------------------------
 
 
-@compiled
+@inlined
 def philox(c0, c1, c2, c3, k0, k1):
     """Philox4x32-10 (J. Salmon et al., SC'11): four 32-bit words from a counter and a key."""
     mask = np.uint64(0xFFFFFFFF)
@@ -131,7 +157,7 @@ def philox(c0, c1, c2, c3, k0, k1):
     return x0, x1, x2, x3
 
 
-@compiled
+@inlined
 def two_uniforms(seed, run, step, channel, stream):
     """Two numbers in (0, 1) that depend on these five integers alone."""
     w = philox(

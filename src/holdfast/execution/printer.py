@@ -83,7 +83,7 @@ def function_source(
     scalar: bool = False,
 ) -> str:
     """Source of one function; `unpack` maps an argument to the symbols it holds, in order."""
-    head = f"@compiled\ndef {name}({', '.join(arguments)}):"
+    head = f"@inlined\ndef {name}({', '.join(arguments)}):"
     return head + "\n" + body(unpack, results, scalar=scalar)
 
 

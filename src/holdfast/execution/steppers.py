@@ -87,7 +87,7 @@ def stepper_source(tableau: Tableau, dimension: int) -> str:
     tuple of zeros for a method without a second row.
     """
     lines = [
-        "@compiled",
+        "@inlined",
         "def step(t, h, q, k0, u, mode, plant, gains, table):",
     ]
     for i in range(1, len(tableau.a)):

@@ -184,7 +184,7 @@ def closed_loop_program(
         ),
         _law_source(switching, system.input_names, seen, p),
         _guard_source(switching, seen, p),
-        "@compiled\ndef signals(t, q, p, table):\n"
+        "@inlined\ndef signals(t, q, p, table):\n"
         + _looked_up(switching)
         + body(_unpacked(switching, seen, p), [switching.signals[n] for n in signals]),
         function_source("constraints", ("q", "p"), {**state, "p": p}, c),
@@ -274,7 +274,7 @@ def _law_source(
     state: Mapping[str, Sequence[sp.Symbol]],
     p: Sequence[sp.Symbol],
 ) -> str:
-    lines = ["@compiled", f"def law(t, q, mode, p, table):\n{_looked_up(switching)}".rstrip()]
+    lines = ["@inlined", f"def law(t, q, mode, p, table):\n{_looked_up(switching)}".rstrip()]
     unpack = _unpacked(switching, state, p)
     for number, mode in enumerate(switching.modes.values()):
         last = number == len(switching.modes) - 1
@@ -306,7 +306,7 @@ def _guard_source(
     switching: Switching, state: Mapping[str, Sequence[sp.Symbol]], p: Sequence[sp.Symbol]
 ) -> str:
     numbers = {name: i for i, name in enumerate(switching.modes)}
-    lines = ["@compiled", "def next_mode(t, q, mode, time_in_mode, p):"]
+    lines = ["@inlined", "def next_mode(t, q, mode, time_in_mode, p):"]
     for name, number in numbers.items():
         leaving = [x for x in switching.transitions if x.source == name]
         if not leaving:
@@ -323,4 +323,4 @@ def _guard_source(
 
 def _load_source(dimension: int) -> str:
     entries = ", ".join(f"values[{i}]" for i in range(dimension))
-    return f"@compiled\ndef as_tuple(values):\n    return ({entries},)"
+    return f"@inlined\ndef as_tuple(values):\n    return ({entries},)"
