@@ -26,7 +26,7 @@ def imported(path):
         ("numba", ["execution/"]),
         ("matplotlib", ["presentation/"]),
         ("click", ["cli.py", "running.py"]),
-        ("pydantic", ["schema.py", "kernel_schema.py", "checking.py"]),
+        ("pydantic", ["schema.py", "schema_values.py", "kernel_schema.py", "checking.py"]),
     ],
 )
 def test_library_is_imported_in_its_room_only(library, home):

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import pydantic
 
 from holdfast.errors import HoldfastError, ScenarioError, suggestion
-from holdfast.schema import PAIR, Section
+from holdfast.schema_values import PAIR, Section
 
 S = TypeVar("S", bound=Section)
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import ConfigDict, Field
 
-from holdfast.schema import Expression, Interval, Name, Plane, Section, Text, Value
+from holdfast.schema_values import Expression, Interval, Name, Plane, Section, Text, Value
 
 Kind = Literal[
     "viability-kernel",
