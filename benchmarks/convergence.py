@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
-from exact import PROBLEMS, Array, Exact
+from exact import PROBLEMS, Exact
 
 import holdfast as hf
 
@@ -63,7 +63,7 @@ def grids(problem: Exact) -> str:
 
 
 def volume(found: hf.ValueFunction, points: int = 2400) -> float:
-    """The volume of { V > 0 } in the plane, by the interpolant in the middle of many small cells."""
+    """Of { V > 0 } in the plane, by the interpolant in the middle of many small cells."""
     inside = 0
     axes = found.grid.axes
     lines = [a.low + (a.high - a.low) * (np.arange(points) + 0.5) / points for a in axes]
@@ -100,7 +100,8 @@ def main() -> None:
     problems = [PROBLEMS[name]() for name in chosen.only or PROBLEMS]
     table(
         ("problem", "", "cells along every axis", "near the boundary"),
-        ((p.name, p.what, grids(p), f"V within {p.near:g}" if p.value else f"{len(p.points)} points")
+        ((p.name, p.what, grids(p),
+          f"V within {p.near:g}" if p.points is None else f"{len(p.points)} points")
          for p in problems),
     )  # fmt: skip
     table(

@@ -3,17 +3,12 @@
 python -m pip install -e ".[test,benchmark]" && python -m pytest -m peer
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 pytest.importorskip("hj_reachability", reason="hj_reachability is not installed (extra: benchmark)")
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
-import jax
-from level_sets import Peer, aircraft, game, limited_weno5
+import jax  # noqa: E402
+from level_sets import Peer, aircraft, game, limited_weno5  # noqa: E402
 
 pytestmark = pytest.mark.peer
 

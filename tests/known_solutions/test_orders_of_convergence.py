@@ -1,20 +1,17 @@
 """The orders of docs/convergence.md are those that a march has, as far as seconds allow."""
 
 import re
-import sys
 from pathlib import Path
 
 import pytest
-
-ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT / "benchmarks"))
-
 from convergence import observe
 from exact import PROBLEMS
 
+PAGE = Path(__file__).parents[2] / "docs" / "convergence.md"
+
 PUBLISHED = {
     tuple(cells[:2]): cells[2:]
-    for line in (ROOT / "docs" / "convergence.md").read_text("utf-8").splitlines()
+    for line in PAGE.read_text("utf-8").splitlines()
     if len(cells := [c.strip() for c in line[1:-1].split("|")]) == 8
 }
 
