@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 pytest.importorskip("hj_reachability", reason="hj_reachability is not installed (extra: benchmark)")
-import jax  # noqa: E402
-from level_sets import Peer, aircraft, game, limited_weno5  # noqa: E402
+import jax
+from level_sets import Peer, aircraft, game, limited_weno5
 
 pytestmark = pytest.mark.peer
 
