@@ -13,6 +13,7 @@ from holdfast.analysis.comparison import Comparison, Reference
 from holdfast.analysis.safety_law import safety_law
 from holdfast.comparing import variant
 from holdfast.errors import DefinitionError, HoldfastError, ScenarioError
+from holdfast.judging import Judge
 from holdfast.named_kernel import named_kernel
 from holdfast.presentation.comparison import comparison_text
 from holdfast.scenario import load_scenario
@@ -145,12 +146,24 @@ def test_without_a_goal_to_be_rescued_is_to_stay(found):
     assert max(map(len, text.splitlines())) < 130
 
 
+def test_with_a_goal_the_starts_that_can_be_kept_are_to_be_brought_there(files):
+    goal = ["goal.constraints.near=abs(x) - 0.5"]
+    found = hf.compare(files[1], ["filter"], ["weak"], overrides=goal, runs=60)
+    t, inside = found.of("filter", "weak"), found.references["weak"].inside
+    kept = found.of_kernel("filter", "weak")
+    assert (kept.count, kept.total) == ((t.rescued & inside).sum(), inside.sum())
+    assert 0 < kept.count < t.viable[inside].sum()
+    text = comparison_text(found)
+    for column in ("viable", "rescued", "of those that can", "of those that cannot", "detour"):
+        assert f"{column}   " in text
+
+
 def test_figure_marks_the_starts_that_can_be_kept(found):
     figure = hf.comparison_figure(found)
     figure.canvas.draw()
     labels = [t.get_text() for t in figure.legends[0].get_texts()]
     assert labels == [
-        "motor off", "filter", "viable", "of those that can be kept, with interval",
+        "motor off", "filter", "viable, with interval", "of those that can be kept, with interval",
         "of those that cannot",
     ]  # fmt: skip
     plt.close(figure)
@@ -190,6 +203,24 @@ def test_case_that_the_kernel_cannot_follow_is_left_out_with_the_reason(files, c
     assert reason in found.unjudged["other"]
     assert found.of_kernel("loop", "other") is None
     assert f"no kernel to judge by: {found.unjudged['other']}" in comparison_text(found)
+
+
+@pytest.mark.parametrize(
+    ("system", "change", "reason"),
+    [
+        ({"current_limit": 0.2}, "disturbance.Vy=0.1", "Vy is not 0, which"),
+        ({"current_limit": 0.2}, 'disturbance.Vy="0.1*sin(t)"', "Vy is not 0, which"),
+        ({"promote": {"u": [-1, 1], "r": [-1, 1]}}, "run.seed=1", "grid.box.u: unknown name"),
+    ],
+)
+def test_kernel_of_another_plant_judges_nothing(system, change, reason):
+    """Nothing is marched to find that out."""
+    judge = Judge("ch7-six-states", 0.02)
+    scenario = load_scenario("ch7-rescue", ["system.current_limit=0.2", change])
+    tables = {"system": {"name": "marine_vehicle", **system}}
+    value, said = judge.value(tables, [scenario], lambda fraction: None)
+    assert value is None
+    assert reason in said
 
 
 def test_what_a_law_is_not_told_changes_nothing_of_what_could_be_kept(files):

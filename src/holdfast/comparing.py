@@ -35,7 +35,8 @@ def compare(
     of other scenarios, whose law is taken; by default its own and all of the table. cases: names
     in [compare.cases], by default all, or the scenario as it is where there are none. runs: how
     many starts, by default [compare] runs, or the scenario's. progress: called with what is
-    worked on and the finished fraction.
+    worked on and the finished fraction. With [compare] kernel the laws of every case are judged by
+    that kernel, of the system of the case, as far as the kernel can follow it.
 
     Raises `ScenarioError` for unknown names and for a law or a case that cannot be composed.
     """

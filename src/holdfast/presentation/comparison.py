@@ -8,7 +8,6 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
@@ -107,17 +106,17 @@ MARKS: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 """What stands for a share in the figure."""
 
-WITH_INTERVAL = ("rescued", "of those that can be kept")
-
 
 def comparison_figure(found: Comparison) -> Figure:
     """The rescue rate of every law in every case with its interval; rings: the viable fraction.
 
-    Where there is a kernel to judge by, diamonds with an interval: of the starts that can be kept;
-    crosses: how many of those that cannot stayed all the same.
+    Without a goal these are the same, and the rings have the interval. Where there is a kernel to
+    judge by, diamonds with an interval: of the starts that can be kept; crosses: how many of those
+    that cannot stayed all the same.
     """
     cases, laws = list(found.cases), list(found.laws)
     shown = {case: _shares(found, laws, case) for case in cases}
+    precise = ("rescued" if found.to_goal else "viable", "of those that can be kept")
     with look():
         height = 1.1 + 0.17 * len(cases) * (len(laws) + 1)
         figure, axis = plt.subplots(figsize=(WIDTH, height), layout="constrained")
@@ -127,11 +126,17 @@ def comparison_figure(found: Comparison) -> Figure:
             axis.plot([], [], "o", color=colour, markersize=4, label=found.laws[law])
             for j, case in enumerate(cases):
                 for what, rates in shown[case].items():
-                    _mark(axis, what, rates[i], j + offset, colour)
+                    if (rate := rates[i]) is None:
+                        continue
+                    y = j + offset
+                    if what in precise:
+                        axis.plot(rate.interval, [y, y], color=colour, linewidth=1.6, alpha=0.6)
+                    mark = {"color": colour, "clip_on": False, "linestyle": "none", **MARKS[what]}
+                    axis.plot(rate.value, y, **mark)
         for j in range(1, len(cases)):
             axis.axhline(j - 0.5, color="#dddddd", linewidth=0.6)
         for what in dict.fromkeys(what for case in cases for what in shown[case]):
-            label = what + (", with interval" if what in WITH_INTERVAL else "")
+            label = what + (", with interval" if what in precise else "")
             axis.plot([], [], color="#222222", linestyle="none", label=label, **MARKS[what])
         axis.set_yticks(range(len(cases)), [found.cases[c] for c in cases])
         axis.set_ylim(len(cases) - 0.5, -0.5)
@@ -154,12 +159,3 @@ def _shares(found: Comparison, laws: Sequence[str], case: str) -> dict[str, list
         shares["of those that can be kept"] = found.of_kernel
         shares["of those that cannot"] = found.of_given_up
     return {what: [rate(law, case) for law in laws] for what, rate in shares.items()}
-
-
-def _mark(axis: Axes, what: str, rate: Rate | None, y: float, colour: str) -> None:
-    if rate is None:
-        return
-    if what in WITH_INTERVAL:
-        axis.plot(rate.interval, [y, y], color=colour, linewidth=1.6, alpha=0.6)
-    look = {"color": colour, "clip_on": False, "linestyle": "none", **MARKS[what]}
-    axis.plot(rate.value, y, **look)
