@@ -21,7 +21,7 @@ from holdfast.maths.system import System
 from holdfast.maths.systems.marine_vehicle import PARAMETERS
 from holdfast.maths.vehicle import load_vehicle, vehicle_names
 from holdfast.scenario import load_scenario
-from holdfast.sources import load_field, load_system, read_text, scenario_names
+from holdfast.sources import load_field, load_system, read_tables, read_text, scenario_names
 
 
 def catalogue_lines() -> Iterable[str]:
@@ -33,7 +33,7 @@ def catalogue_lines() -> Iterable[str]:
     for name in vehicle_names():
         rows.append(("vehicle", name, load_vehicle(name, PARAMETERS).title))
     for name in scenario_names():
-        rows.append(("scenario", name, load_scenario(name).title))
+        rows.append(("scenario", name, read_tables(name)[2]["scenario"]["title"]))
     width = max(len(name) for _, name, _ in rows)
     return [f"{kind:<9} {name:<{width}}  {text}" for kind, name, text in rows]
 
