@@ -174,17 +174,17 @@ class Peer:
 def limited_weno5(values: Any, spacing: Any, boundary_condition: Any) -> tuple[Any, Any]:
     """The two slopes of docs/kernels.md along a line, as hj_reachability asks for a scheme.
 
-    G.-S. Jiang, D. Peng (2000), its small number a millionth of the largest slope squared; with the
-    sign of the plain difference and at most twice its size.
+    G.-S. Jiang, D. Peng (2000), its small number a millionth of the largest of six slopes squared;
+    with the sign of the plain difference and at most twice its size.
     """
     import jax.numpy as jnp
 
     line = boundary_condition(values, 3)
     d, n = (line[1:] - line[:-1]) / spacing, len(values)
+    largest = jnp.max(jnp.stack([d[k : k + n] ** 2 for k in range(6)]), axis=0)
+    small = 1e-6 * (largest + 1e-30)
 
     def side(a: Any, b: Any, c: Any, d: Any, e: Any) -> Any:
-        largest = jnp.max(jnp.stack([x * x for x in (a, b, c, d, e)]), axis=0)
-        small = 1e-6 * largest + 1e-40
         rough = (
             13 / 12 * (a - 2 * b + c) ** 2 + (a - 4 * b + 3 * c) ** 2 / 4,
             13 / 12 * (b - 2 * c + d) ** 2 + (b - d) ** 2 / 4,
