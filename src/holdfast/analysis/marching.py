@@ -13,7 +13,8 @@ import numpy as np
 from holdfast.analysis.given import by_name, number, whole
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.march import Method
-from holdfast.execution.sweep import DISSIPATIONS, SCHEMES
+from holdfast.execution.sweep import DISSIPATIONS
+from holdfast.execution.sweep_slopes import SCHEMES
 from holdfast.maths.region import Region
 
 

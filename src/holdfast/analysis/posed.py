@@ -15,7 +15,7 @@ from holdfast.analysis.given import by_name, number, whole
 from holdfast.analysis.grid import Grid
 from holdfast.analysis.marching import Marching, Problem
 from holdfast.errors import SimulationError, suggestion
-from holdfast.execution.sweep import SCHEMES
+from holdfast.execution.sweep_slopes import SCHEMES
 from holdfast.maths.bounds import section
 from holdfast.maths.quantity import TIME, Parameter, merge_parameters
 from holdfast.maths.region import Region

@@ -65,8 +65,8 @@ def compile_functions(source: str) -> ModuleType:
 
 
 def compile_sweep(source: str, precision: str = "float64") -> ModuleType:
-    """The module of a march over a grid: the differences, in a precision, with the `source`."""
-    return _module("sweep", f"{_import('differences', precision)}\n\n\n{source}")
+    """The module of a march over a grid: the slopes, in a precision, with the `source`."""
+    return _module("sweep", f"{_import('slopes', precision)}\n\n\n{source}")
 
 
 def single(text: str) -> str:
@@ -87,7 +87,10 @@ def _shared(name: str, precision: str = "float64") -> ModuleType:
     above, mark, text = _text(f"{name}.py").partition(MARK)
     if precision == "float32":
         above, text = single(above), single(text)
-    return _module(name, f"{_import('primitives', precision)}\n{text}" if mark else above)
+    if not mark:
+        return _module(name, above)
+    below = "differences" if name == "slopes" else "primitives"
+    return _module(name, f"{_import(below, precision)}\n{text}")
 
 
 def _import(name: str, precision: str = "float64") -> str:

@@ -15,7 +15,6 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,12 +25,13 @@ from holdfast.errors import SimulationError
 from holdfast.execution.compile import compile_sweep
 from holdfast.execution.fold import Fold
 from holdfast.execution.over_grid import padded
-from holdfast.execution.sweep import SCHEMES, layout, sweep_source
+from holdfast.execution.sweep import layout, sweep_source
+from holdfast.execution.sweep_slopes import SCHEMES
+from holdfast.execution.workers import Workers
 from holdfast.maths.hamiltonian import Hamiltonian
 from holdfast.maths.quantity import TIME, Parameter
 
 Array = npt.NDArray[Any]
-Counts = npt.NDArray[np.int64]
 
 KINDS = {"contained": 0, "extrapolated": 0, "periodic": 1, "limited": 2}
 """What is beyond the ends of an axis; the numbers of `differences.py`."""
@@ -170,18 +170,18 @@ class March:
         none = np.empty(0, dtype=values.dtype)
         bounds = (none if upper is None else upper, none if lower is None else lower)
         rest = (self.shape, self.cut, self.steps, self.kinds, self.speeds, self.axes, self.p)
+        turn = np.zeros(1, dtype=np.int64)
         self.module.sweep(  # compiled, or loaded, before the time is taken
-            0, 0, 0.0, 0.0, 1.0, values, values, arrays[1], values, *bounds, floor, ceiling, near,
-            0.0, flags[0], flags[1], flags[:0], *rest, np.zeros(3, dtype=np.int64),
+            turn, turn, 0.0, 0.0, 1.0, values, values, arrays[1], values, *bounds, floor, ceiling,
+            near, 0.0, flags[0], flags[1], flags[:0], *rest, np.zeros(3, dtype=np.int64),
         )  # fmt: skip
         began, step = time.perf_counter() - done.seconds, math.nan
-        with _Workers(self.threads, self.places) as workers:
+        with Workers(self.module.watch, self.threads, self.places) as workers:
 
             def mirror(array: Array, chosen: Array) -> Array:
                 """Of the half that is not computed, what lies at those places."""
                 if self.fold is not None:
                     half = (
-                        self.places,
                         array,
                         self.shape,
                         self.fold.places,
@@ -263,38 +263,3 @@ class March:
                 dt = (end - now) / count
                 longest = self._longest_step((now, now + 0.5 * dt, now + dt))
         return count
-
-
-class _Workers:
-    """Threads that share the slices of the first axis among themselves."""
-
-    def __init__(self, threads: int, places: int) -> None:
-        self.threads = threads
-        size = max(1, places // (8 * threads))
-        self.slices = [(a, min(a + size, places)) for a in range(0, places, size)]
-        self.places = places
-        self.pool = ThreadPoolExecutor(threads - 1) if threads > 1 else None
-
-    def __enter__(self) -> _Workers:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self.pool is not None:
-            self.pool.shutdown()
-
-    def run(self, function: Callable[..., None], *arguments: Any) -> Counts:
-        """The sum of what they count."""
-        if self.pool is None:
-            counts = np.zeros(3, dtype=np.int64)
-            function(0, self.places, *arguments, counts)
-            return counts
-        slices = iter(self.slices)
-
-        def work() -> Counts:
-            counts = np.zeros(3, dtype=np.int64)
-            for first, last in slices:
-                function(first, last, *arguments, counts)
-            return counts
-
-        jobs = [self.pool.submit(work) for _ in range(self.threads - 1)]
-        return sum((job.result() for job in jobs), start=work())

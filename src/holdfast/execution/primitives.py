@@ -1,4 +1,4 @@
-"""What compiled code is made of: branches, turns, sines, random numbers.
+"""What compiled code is made of: branches, turns, sines, random numbers, counters of threads.
 
 Generated modules import all of it (`compile.py`). What Python calls is `compiled`; what compiled
 code calls is `inlined` into it, and has no entry from Python: what unpacks Python's objects, with
@@ -10,8 +10,10 @@ a copy of the function in it, was a quarter of what there was to compile.
 import math
 
 import numpy as np
-from numba import njit
+from numba import njit, types
 from numba.core.registry import CPUDispatcher
+from numba.extending import intrinsic
+from numba.np.arrayobj import make_array
 
 OPTIONS = {"cache": True, "error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
 
@@ -172,3 +174,39 @@ def two_uniforms(seed, run, step, channel, stream):
     first = ((w[0] >> np.uint64(5)) * 67108864.0 + (w[1] >> np.uint64(6)) + 0.5) * scale
     second = ((w[2] >> np.uint64(5)) * 67108864.0 + (w[3] >> np.uint64(6)) + 0.5) * scale
     return first, second
+
+
+# -- what threads share -----------------------------------------------------------------
+
+
+@intrinsic
+def take(typing_context, counter):
+    """counter[0], and adds one to it: no two threads get the same."""
+
+    def generate(context, builder, signature, arguments):
+        (array,) = arguments
+        where = make_array(signature.args[0])(context, builder, array).data
+        return builder.atomic_rmw("add", where, context.get_constant(types.int64, 1), "monotonic")
+
+    return types.int64(counter), generate
+
+
+@intrinsic
+def look(typing_context, counters, index):
+    """counters[index] as it is now, whatever this thread knows of it."""
+
+    def generate(context, builder, signature, arguments):
+        array, index = arguments
+        first = make_array(signature.args[0])(context, builder, array).data
+        return builder.load_atomic(builder.gep(first, [index]), "acquire", 8)
+
+    return types.int64(counters, types.int64), generate
+
+
+@compiled
+def watch(counters, index, value, times):
+    """Whether counters[index] comes to a value before it has been looked at so often."""
+    for _ in range(times):  # noqa: SIM110
+        if look(counters, index) >= value:
+            return True
+    return False

@@ -1,8 +1,9 @@
 """The text of a sweep over a grid: derivatives, Hamiltonian, dissipation and step in one pass.
 
-Generated for the dimension, the Hamiltonian and the scheme at hand. A unit is a run of about
-`LONGEST` nodes, several rows of the last axis or a stretch of one; it is computed, or skipped where
-nothing that it depends on has changed since it was computed last.
+Generated for the dimension, the Hamiltonian and the scheme at hand. A unit is a number of nodes,
+several rows of the last axis or a stretch of one; it is computed, or skipped where nothing that it
+depends on has changed since it was computed last. Units that follow one another are a run, which is
+computed in one go.
 """
 
 from __future__ import annotations
@@ -15,14 +16,15 @@ from holdfast.execution.compile import single
 from holdfast.execution.over_grid import fastest_source, names_in, names_used, unpacked
 from holdfast.execution.printer import text_of
 from holdfast.execution.schedule import BEFORE, Schedule, renamed
+from holdfast.execution.sweep_slopes import SCHEMES, slope_lines, slope_memory
 from holdfast.maths.hamiltonian import Hamiltonian
 from holdfast.maths.quantity import TIME, Parameter
 
-LONGEST = 64
-"""The same as in `differences.py`; a multiple of its VECTOR."""
+LONGEST = 128
+"""Nodes of a stretch of a row, at most."""
 
-SCHEMES = {"upwind": 1, "eno2": 2, "eno3": 3, "weno5": 3}
-"""One-sided derivatives and how many nodes they reach on either side."""
+SHORT = 64
+"""Nodes up to which several rows are one unit."""
 
 DISSIPATIONS = ("global", "local", "local-local")
 
@@ -84,13 +86,12 @@ def _names(h: Hamiltonian, parameters: Sequence[Parameter]) -> dict[sp.Symbol, s
 
 
 def layout(shape: Sequence[int]) -> tuple[int, int, int, int]:
-    """How the last two axes are cut into units of at most `LONGEST` nodes, if one row is no longer.
+    """How the last two axes are cut into units: several whole rows, or a stretch of a single one.
 
-    Rows in a unit, groups of rows, stretches of a row, nodes in a stretch. Several whole rows are
-    one run in memory, or one stretch of a single row is.
+    Rows in a unit, groups of rows, stretches of a row, nodes in a stretch.
     """
     rows = shape[-2] if len(shape) > 1 else 1
-    groups = -(-rows // max(1, LONGEST // shape[-1]))
+    groups = -(-rows // max(1, SHORT // shape[-1]))
     stretches = -(-shape[-1] // LONGEST)
     return -(-rows // groups), groups, stretches, -(-shape[-1] // stretches)
 
@@ -108,9 +109,13 @@ def _sweep(
     known |= {f"q{last}", *(f"{s}{i}" for i in range(n) for s in "pg")}
     outside = sorted(at_node - known)  # the same at all nodes of a unit
     here = {sp.Symbol(s, real=True): sp.Symbol(f"{s}_", real=True) for s in outside}
+    along = [name for name in (f"q{last}", *(name for name, _ in fixed)) if name in at_node]
+    slopes = [f"{s}{i}" for s in "pg" for i in range(n)]
+    rows = [*along, *held, *slopes, "rate"]  # of numbers at the nodes of a run, in one memory
+    row_of = {name: k for k, name in enumerate(rows)}
     outer = range(n - 2)
     head = (
-        "def sweep(first, last, t, dt, weight, values, base, out, before, upper, lower, floor, "
+        "def sweep(turn, slices, t, dt, weight, values, base, out, before, upper, lower, floor, "
         "ceiling, near, slow, active, marks, own, shape, cut, steps, kinds, speeds, axes, p, "
         "counts):"
     )
@@ -123,30 +128,31 @@ def _sweep(
     body += unpacked(names, used, "k", "p") + unpacked(names, used, "a", "speeds")
     body += plan.lines(BEFORE)
     body += [
-        f"fixed = np.empty(({len(fixed) + 1}, many * n{last}), dtype=values.dtype)",
-        "for row in range(many):",
-        f"    for place in range(n{last}):",
-        f"        at = row * n{last} + place",
-        f"        q{last} = axes[{last}, place]",
-        f"        fixed[{len(fixed)}, at] = q{last}",
-    ]
-    for k, (name, text) in enumerate(fixed):
-        body += [f"        {name} = {text}", f"        fixed[{k}, at] = {name}"]
-    body += [
-        "rows = np.zeros((2 * GHOSTS + 1) * LONGEST, dtype=values.dtype)",
-        "line = np.zeros(LONGEST + VECTOR + 2 * GHOSTS, dtype=values.dtype)",
+        f"unit_nodes = many * n{last}",
+        "most = max(1, RUN // unit_nodes) if stretches == 1 else 1  # units computed together",
+        f"table = np.zeros(({len(along) + 1}, most * unit_nodes), dtype=values.dtype)",
+        f"for place in range(n{last}):",
+        f"    q{last} = axes[{last}, place]",
+        *(f"    {name} = {text}" for name, text in fixed),
+        f"    for at in range(place, most * unit_nodes, n{last}):",
+        *(f"        table[{k}, at] = {name}" for k, name in enumerate([*along, f"q{last}"])),
+        f"work = np.zeros({len(rows)} * PITCH, dtype=values.dtype)",
+        "loaded = -1",
+        "rows = np.zeros((2 * GHOSTS + 1) * RUN + VECTOR, dtype=values.dtype)",
+        "line = np.zeros(RUN + VECTOR + 2 * GHOSTS, dtype=values.dtype)",
         "of_line = np.arange(2 * GHOSTS + 1).astype(np.uint64)",
-        "of_rows = of_line * np.uint64(LONGEST)",
         "at = np.zeros(2 * GHOSTS + 1, dtype=np.uint64)  # without a sign: never from the end",
-        f"mean = np.zeros({n} * LONGEST + VECTOR, dtype=values.dtype)",
-        f"gap = np.zeros({n} * LONGEST + VECTOR, dtype=values.dtype)",
-        f"held = np.empty(({max(len(held), 1)}, LONGEST), dtype=values.dtype)",
-        "rate = np.empty(LONGEST, dtype=values.dtype)",
-        "was = np.empty(LONGEST, dtype=values.dtype)",
+        *slope_memory(n, scheme),
+        "was = np.zeros(RUN + VECTOR, dtype=values.dtype)",
         "wrong, moving, computed = 0, 0, 0",
         "block = 0",
+        "while True:",
+        "    slice_ = take(turn)",
+        "    if slice_ >= len(slices) - 1:",
+        "        break",
+        "    first, last = slices[slice_], slices[slice_ + 1]",
     ]
-    indent, index = "", ""
+    indent, index = "    ", ""
     for i in outer:
         body.append(
             f"{indent}for i{i} in " + ("range(first, last):" if i == 0 else f"range(n{i}):")
@@ -157,16 +163,21 @@ def _sweep(
         body += [indent + x for x in plan.lines(i)]
         index = f"i{i}" if i == 0 else f"({index}) * n{i} + i{i}"
     body += [f"{indent}block = {index}"] if index else []
-    body += [f"{indent}for part in range({'0, local' if n > 2 else 'first, last'}):"]
+    body += [f"{indent}part, parts = {'0, local' if n > 2 else 'first, last'}"]
+    body += [f"{indent}while part < parts:"]
     indent += "    "
     inner = [
         "unit = block * local + part",
         "if active[unit] == 0:",
+        "    part += 1",
         "    continue",
-        "active[unit] = 0",
-        "computed += 1",
+        "several = 0",
+        "while several < most and part + several < parts and active[unit + several] != 0:",
+        "    active[unit + several] = 0",
+        "    several += 1",
+        "computed += several",
         "row, begin = part // stretches * many, part % stretches * longest",
-        f"tall, wide = min(many, rows_of - row), min(longest, n{last} - begin)",
+        f"tall, wide = min(several * many, rows_of - row), min(longest, n{last} - begin)",
         "count = tall * wide",
         f"here = (block * rows_of + row) * n{last} + begin",
     ]
@@ -177,104 +188,98 @@ def _sweep(
         if n > 1 and f"q{by_row}" in used:
             inner += [f"    q{by_row} = axes[{by_row}, row + k]"]
         inner += ["    " + x for x in (plan.lines(by_row) if n > 1 else [])]
-        inner += ["    for j in range(k * wide, (k + 1) * wide):"] if held else []
-        inner += [f"        held[{k}, j] = {name}" for k, name in enumerate(held)]
-    for i in range(n - 1):
-        place = f"i{i}, 1, n{i}, s{i}" if i < by_row else f"row, tall, rows_of, n{last}"
-        wide = "count" if i < by_row else "wide"
-        rest = f"count, float(1.0 / steps[{i}]), mean, gap, {i} * LONGEST)"
-        inner += [
-            f"if reach(at, here, {place}, kinds[{i}], GHOSTS, len(values)):",
-            f"    {scheme}(values, at, {rest}",
-            "else:",
-            f"    gather(values, here, {place}, {wide}, kinds[{i}], GHOSTS, rows)",
-            f"    {scheme}(rows, of_rows, {rest}",
-        ]
+        if held:
+            inner += ["    for j in range(np.uint64(k * wide), np.uint64((k + 1) * wide)):"]
+        inner += [f"        work[np.uint64({row_of[name]} * PITCH) + j] = {name}" for name in held]
     inner += [
-        "for k in range(tall):",
-        f"    gather_along(values, here - begin + k * n{last}, begin, n{last}, wide,",
-        f"        kinds[{last}], GHOSTS, line)",
-        f"    {scheme}(line, of_line, wide, float(1.0 / steps[{last}]), mean, gap,",
-        f"        {last} * LONGEST + k * wide)",
-        "table = fixed[:, begin : begin + count]",
-        *(f"{name}_ = float({name})" for name in outside),
-        "for j in range(count):",
+        "if begin != loaded:",
+        "    loaded = begin",
+        f"    for k in range({len(along)}):",
+        "        for j in range(min(most * unit_nodes - begin, PITCH)):",
+        "            work[k * PITCH + j] = table[k, begin + j]",
     ]
-    if f"q{last}" in at_node:
-        inner.append(f"    q{last} = table[{len(fixed)}, j]")
-    inner += [f"    {name} = table[{k}, j]" for k, (name, _) in enumerate(fixed) if name in at_node]
-    inner += [f"    {name} = held[{k}, j]" for k, name in enumerate(held)]
-    for i in range(n):
-        inner += [f"    p{i} = mean[{i} * LONGEST + j]"] if f"p{i}" in at_node else []
-        inner += [f"    g{i} = gap[{i} * LONGEST + j]"] if f"g{i}" in at_node else []
+    inner += slope_lines(n, scheme, row_of)
+    inner += [
+        *(f"{name}_ = float({name})" for name in outside),
+        "for j in range(lanes(count)):",
+    ]
+    inner += [
+        f"    {name} = work[np.uint64({k} * PITCH) + j]"
+        for k, name in enumerate(rows)
+        if name in at_node
+    ]
     inner += [f"    {s} = {text_of(e.xreplace(here))}" for s, e in plan.levels.get(n, [])]
     inner += [
-        f"    rate[j] = {text_of(rate.xreplace(here))}",
-        "changes, odd, fast = advance(",
+        f"    work[np.uint64({row_of['rate']} * PITCH) + j] = {text_of(rate.xreplace(here))}",
+        f"rate = work[{row_of['rate']} * PITCH :]",
+        "advance(",
         "    rate, values, was, count, here, float(dt), float(weight), base, out, before, upper,",
-        "    lower, float(floor), float(ceiling), float(near), float(slow),",
+        "    lower, float(floor), float(ceiling),",
         ")",
-        "wrong += odd",
-        "moving += fast",
-        "if changes > 0:",
-        "    for k in range(own.shape[0]):",
-        "        own[k, unit] = 1",
-        f"    mark(marks, unit, part % stretches, stretches, 1, kinds[{last}], GHOSTS)",
+        "low, high = several, 0",
+        "for k in range(several):",
+        "    changes, odd, fast = compare(",
+        "        rate, was, min(k * unit_nodes, count), min((k + 1) * unit_nodes, count),",
+        "        float(near), float(slow),",
+        "    )",
+        "    wrong += odd",
+        "    moving += fast",
+        "    if changes > 0:",
+        "        low, high = min(low, k), k + 1",
+        "        for s in range(own.shape[0]):",
+        "            own[s, unit + k] = 1",
+        "part += several",
+        "if high > 0:",
+        "    unit, several, row = unit + low, high - low, row + low * many",
+        "    tall = min(several * many, rows_of - row)",
+        "    if stretches > 1:",
+        "        of = part - 1",
+        f"        mark(marks, unit, 1, of % stretches, stretches, 1, kinds[{last}], GHOSTS)",
     ]
     units = "local"
     for i in reversed(outer):
-        inner.append(f"    mark(marks, unit, i{i}, n{i}, {units}, kinds[{i}], GHOSTS)")
+        inner.append(f"    mark(marks, unit, several, i{i}, n{i}, {units}, kinds[{i}], GHOSTS)")
         units += f" * n{i}"
-    if n > 1:
-        inner += [
-            "    mark_rows(marks, block * local + part % stretches, row, tall, rows_of, many,",
-            f"        stretches, kinds[{by_row}], GHOSTS)",
-        ]
+    inner += [
+        "    mark_rows(marks, block * local + (part - 1) % stretches, row, tall, rows_of, many,",
+        f"        stretches, kinds[{max(by_row, 0)}], {'GHOSTS' if n > 1 else 0})",
+    ]
     body += [indent + x for x in inner]
     body += ["counts[0] += computed", "counts[1] += wrong", "counts[2] += moving"]
-    text = f"@swept\n{head}\n" + "\n".join("    " + x for x in body)
+    text = f"@entered\n{head}\n" + "\n".join("    " + x for x in body)
     # the sign that the rate is limited to is a constant of the text
     return f"{_ADVANCE.replace('LIMITED_RATE', LIMITS[limit].format('r'))}\n\n\n{text}"
 
 
 _ADVANCE = '''@swept
 def advance(
-    rate, values, was, count, here, dt, weight, base, out, before, upper, lower, floor, ceiling,
-    near, slow,
+    rate, values, was, count, here, dt, weight, base, out, before, upper, lower, floor, ceiling
 ):
-    """One stage of a step of a unit; how many nodes changed, are no numbers, still move.
+    """One stage of a step of a run of nodes; `rate` becomes the new values.
 
     What is no number stays so through every bound, so that it is seen.
     """
-    changes, odd, fast = 0, 0, 0
-    old = before[here : here + count]  # may be the same memory as out
-    for j in range(count):
-        was[j] = old[j]
-    old = values[here : here + count]
-    old_base = base[here : here + count]
-    for j in range(count):
+    room = min(lanes(count), np.uint64(len(values) - here))
+    here = np.uint64(here)
+    for j in range(room):
+        was[j] = before[here + j]  # may be the same memory as out
+    for j in range(room):
         r = rate[j]
         r = LIMITED_RATE
-        b = float(old_base[j])
-        rate[j] = b + weight * ((float(old[j]) - b) + dt * r)
+        b = base[here + j]
+        rate[j] = b + weight * ((values[here + j] - b) + dt * r)
     if len(lower) > 0:
-        lowest = lower[here : here + count]
-        for j in range(count):
-            rate[j] = rate[j] if not rate[j] < lowest[j] else float(lowest[j])
+        for j in range(room):
+            lowest = lower[here + j]
+            rate[j] = rate[j] if not rate[j] < lowest else lowest
     if len(upper) > 0:
-        highest = upper[here : here + count]
-        for j in range(count):
-            rate[j] = rate[j] if not rate[j] > highest[j] else float(highest[j])
-    new = out[here : here + count]
-    for j in range(count):
+        for j in range(room):
+            highest = upper[here + j]
+            rate[j] = rate[j] if not rate[j] > highest else highest
+    for j in range(room):
         v = rate[j]
         v = v if not v < floor else floor
-        v = v if not v > ceiling else ceiling
-        odd += 0 if abs(v) < 1e300 else 1
-        new[j] = v
-    for j in range(count):
-        now = float(new[j])
-        changes += 1 if now != was[j] else 0
-        fast += 1 if (abs(now - was[j]) > slow) & (was[j] > near) else 0
-    return changes, odd, fast
+        rate[j] = v if not v > ceiling else ceiling
+    for j in range(np.uint64(count)):
+        out[here + j] = rate[j]
 '''

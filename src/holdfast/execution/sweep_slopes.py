@@ -1,0 +1,82 @@
+"""The lines of a sweep that leave means and gaps of slopes: from where, by what, shared by whom."""
+
+from __future__ import annotations
+
+SCHEMES = {"upwind": 1, "eno2": 2, "eno3": 3, "weno5": 3}
+"""One-sided derivatives and how many nodes they reach on either side."""
+
+
+def slope_memory(n: int, scheme: str) -> list[str]:
+    """Memory for the slopes that two nodes share: at both ends of intervals, and of a place."""
+    if scheme == "upwind":
+        return []
+    lines = [
+        f"{side} = np.zeros(2 * RUN + VECTOR, dtype=values.dtype)" for side in ("left", "right")
+    ]
+    units = "local"
+    for i in reversed(range(n - 2)):
+        lines += [
+            f"kept = 1 if s{i} <= KEPT else 0",
+            f"ahead{i} = np.zeros(kept * s{i}, dtype=values.dtype)",
+            f"units{i} = np.full(kept * {units}, -1)",
+        ]
+        units += f" * n{i}"
+    return lines
+
+
+def slope_lines(n: int, scheme: str, row_of: dict[str, int]) -> list[str]:
+    """Means and gaps of the slopes along every axis, at the nodes of a run."""
+    last, by_row = n - 1, n - 2
+    lines, step = [], "float(1.0 / steps[{}])"
+    for i in range(n - 1):
+        outer = i < by_row
+        place = f"i{i}, 1, n{i}, s{i}" if outer else f"row, tall, rows_of, n{last}"
+        wide = "count" if outer else "wide"
+        to = f"{step.format(i)}, work, {row_of[f'p{i}']} * PITCH, {row_of[f'g{i}']} * PITCH)"
+        if scheme == "upwind":
+            lines += _wherever(i, place, wide, [f"upwind({{0}}, at, count, {to}"])
+            continue
+        if outer:
+            kept = f"(ahead{i}, units{i}, unit, several, here % s{i}, count, left)"
+            lines += [f"start = 1 if i{i} > 0 and recall{kept} else 0"]
+        one = [
+            f"for k in range({'start' if outer else 0}, 2):",
+            f"    {scheme}({{0}}, at, k, count, left, right, k * count)",
+        ]
+        if not outer:
+            one = [
+                "if tall > 1:",
+                f"    {scheme}({{0}}, at, 0, count + wide, left, right, 0)",
+                "else:",
+                *("    " + x for x in one),
+            ]
+        lines += _wherever(i, place, wide, one)
+        lines += [f"combine(left, right, {wide}, count, {to}"]
+        lines += [f"remember{kept}"] if outer else []
+    to = ", ".join(f"{row_of[f'{s}{last}']} * PITCH + k * wide" for s in "pg")
+    to = f"{step.format(last)}, work, {to})"
+    return [
+        *lines,
+        "for k in range(tall):",
+        f"    gather_along(values, here - begin + k * n{last}, begin, n{last}, wide,",
+        f"        kinds[{last}], GHOSTS, line)",
+        *(
+            [f"    upwind(line, of_line, wide, {to}"]
+            if scheme == "upwind"
+            else [
+                f"    {scheme}(line, of_line, 0, wide + 1, left, right, 0)",
+                f"    combine(left, right, 1, wide, {to}",
+            ]
+        ),
+    ]
+
+
+def _wherever(i: int, place: str, wide: str, lines: list[str]) -> list[str]:
+    """The lines for the values themselves, or for what of them is gathered."""
+    return [
+        f"if reach(at, here, {place}, count, kinds[{i}], GHOSTS, len(values)):",
+        *("    " + x.format("values") for x in lines),
+        "else:",
+        f"    gather(values, here, {place}, {wide}, kinds[{i}], GHOSTS, rows, at)",
+        *("    " + x.format("rows") for x in lines),
+    ]
