@@ -31,9 +31,9 @@ PROBLEMS = {
     "game-fine": partial(game, 101, 20),
 }
 
-OPERATIONS = {"upwind": 6, "weno5": 136}
+OPERATIONS = {"upwind": 6, "weno5": 78}
 """Additions, multiplications, divisions and comparisons along an axis at a node: both slopes, their
-mean and half their gap, where the differences and squares that neighbours share are made once."""
+mean and half their gap, where what neighbours share is made once."""
 
 STEPPING = 6
 """The same for a stage of a step, with the limit of the rate's sign."""
@@ -148,7 +148,7 @@ def show(found: list[Row], threads: int) -> None:
         ],
     )  # fmt: skip
     print("Nanoseconds per node and stage, every node computed\n")
-    flops = operations_per_second(threads)
+    flops = operations_per_second(found[0].precision, threads)
     lines = []
     for r in found:
         speed = bytes_per_second(3 * r.problem.grid.nodes, r.precision, threads)

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import binomtest
 
 from holdfast.analysis.result import Result
 from holdfast.execution.closed_loop import Outcome
@@ -34,6 +33,8 @@ class Rate:
 
     @property
     def interval(self) -> tuple[float, float]:
+        from scipy.stats import binomtest  # 22 MB that a march does not need
+
         found = binomtest(self.count, self.total).proportion_ci(CONFIDENCE, method="wilson")
         return float(found.low), float(found.high)
 
