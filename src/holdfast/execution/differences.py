@@ -177,7 +177,7 @@ def mirror(turn, slices, values, shape, places, axis, chosen, counts):
     there = shape[axis] if of_row else 1
     rows = len(values) // nodes // there * many
     while True:
-        part = take(turn)
+        part = take(turn) % MOST_SLICES
         if part >= len(slices) - 1:
             break
         first, last, whole = slices[part], slices[part + 1], slices[-1]

@@ -42,6 +42,7 @@ inlined = within(forceinline=True)
 apart = within()  # a call of its own
 
 TWO_PI = 2.0 * math.pi
+MOST_SLICES = 1 << 20  # the turns of a stage; the next stage has the next so many
 
 
 # -- helpers that the printer uses ------------------------------------------------------
@@ -192,21 +193,22 @@ def take(typing_context, counter):
 
 
 @intrinsic
-def look(typing_context, counters, index):
-    """counters[index] as it is now, whatever this thread knows of it."""
+def look(typing_context, counter):
+    """counter[0] as it is now, whatever this thread knows of it."""
 
     def generate(context, builder, signature, arguments):
-        array, index = arguments
-        first = make_array(signature.args[0])(context, builder, array).data
-        return builder.load_atomic(builder.gep(first, [index]), "acquire", 8)
+        (array,) = arguments
+        where = make_array(signature.args[0])(context, builder, array).data
+        return builder.load_atomic(where, "acquire", 8)
 
-    return types.int64(counters, types.int64), generate
+    return types.int64(counter), generate
 
 
 @compiled
-def watch(counters, index, value, times):
-    """Whether counters[index] comes to a value before it has been looked at so often."""
+def watch(own, other, value, times):
+    """Counts that it has begun, then whether the other comes to the value before so many looks."""
+    take(own)
     for _ in range(times):  # noqa: SIM110
-        if look(counters, index) >= value:
+        if look(other) >= value:
             return True
     return False

@@ -35,6 +35,20 @@ def upwind(source, at, count, inverse, work, mean, gap):
         work[gap + j] = half * (right - left)
 
 
+@called
+def upwind_ends(values, first, tall, nodes, kind, inverse, work, mean, gap):
+    """The same at the first and the last node of whole rows of the last axis."""
+    half = 0.5 * inverse
+    for k in range(tall):
+        row = first + k * nodes
+        for j in (0, nodes - 1):
+            low = values[row + j - 1] if j > 0 else ghost(values, row, -1, nodes, kind)
+            high = values[row + j + 1] if j < nodes - 1 else ghost(values, row, nodes, nodes, kind)
+            left, right = values[row + j] - low, high - values[row + j]
+            work[mean + k * nodes + j] = half * (left + right)
+            work[gap + k * nodes + j] = half * (right - left)
+
+
 @swept
 def smaller(a, b):
     """The one of smaller magnitude."""

@@ -147,7 +147,7 @@ def _sweep(
         "wrong, moving, computed = 0, 0, 0",
         "block = 0",
         "while True:",
-        "    slice_ = take(turn)",
+        "    slice_ = take(turn) % MOST_SLICES",
         "    if slice_ >= len(slices) - 1:",
         "        break",
         "    first, last = slices[slice_], slices[slice_ + 1]",

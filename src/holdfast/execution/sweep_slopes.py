@@ -53,21 +53,29 @@ def slope_lines(n: int, scheme: str, row_of: dict[str, int]) -> list[str]:
         lines += _wherever(i, place, wide, one)
         lines += [f"combine(left, right, {wide}, count, {to}"]
         lines += [f"remember{kept}"] if outer else []
-    to = ", ".join(f"{row_of[f'{s}{last}']} * PITCH + k * wide" for s in "pg")
-    to = f"{step.format(last)}, work, {to})"
-    return [
-        *lines,
+    mean, gap = (f"{row_of[f'{s}{last}']} * PITCH" for s in "pg")
+    by_rows = [
         "for k in range(tall):",
         f"    gather_along(values, here - begin + k * n{last}, begin, n{last}, wide,",
         f"        kinds[{last}], GHOSTS, line)",
-        *(
-            [f"    upwind(line, of_line, wide, {to}"]
-            if scheme == "upwind"
-            else [
-                f"    {scheme}(line, of_line, 0, wide + 1, left, right, 0)",
-                f"    combine(left, right, 1, wide, {to}",
-            ]
-        ),
+    ]
+    to = f"{step.format(last)}, work, {mean} + k * wide, {gap} + k * wide)"
+    if scheme != "upwind":
+        by_rows += [
+            f"    {scheme}(line, of_line, 0, wide + 1, left, right, 0)",
+            f"    combine(left, right, 1, wide, {to}",
+        ]
+        return [*lines, *by_rows]
+    by_rows += [f"    upwind(line, of_line, wide, {to}"]
+    to = f"{step.format(last)}, work, {mean}, {gap})"
+    return [
+        *lines,
+        f"if wide == n{last} and here > 0 and here + count + VECTOR < len(values):",
+        "    at[0], at[1], at[2] = here - 1, here, here + 1",
+        f"    upwind(values, at, count, {to}",
+        f"    upwind_ends(values, here, tall, n{last}, kinds[{last}], {to}",
+        "else:",
+        *("    " + x for x in by_rows),
     ]
 
 

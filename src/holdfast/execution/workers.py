@@ -15,6 +15,9 @@ import numpy.typing as npt
 
 Counts = npt.NDArray[np.int64]
 
+MOST_SLICES = 1 << 20
+"""The same as in `primitives.py`."""
+
 PATIENCE = 100_000
 """How often to look before going to sleep: for some 100 microseconds."""
 
@@ -23,8 +26,7 @@ class Workers:
     """Threads of which the caller is one; to be used in a `with` statement.
 
     Each takes the next slice of the places when it has done one. Slices become shorter, so that
-    all end at about the same time. watch(counters, k, value, times): looks whether counters[k] has
-    come to the value.
+    all end at about the same time. watch(own, other, value, times): see `primitives.py`.
     """
 
     def __init__(self, watch: Callable[..., bool], threads: int, places: int) -> None:
@@ -34,7 +36,9 @@ class Workers:
             slices.append(slices[-1] + max(1, (places - slices[-1]) // (2 * threads)))
         self._slices = np.array(slices)
         self._others = [_Other(self, k) for k in range(1, threads)]
-        self.stages = np.zeros(threads, dtype=np.int64)  # begun, and ended by every other
+        self._waits = np.zeros(1, dtype=np.int64)
+        self.stage = 0
+        self.turn = np.zeros(1, dtype=np.int64)
         self.job: Callable[[], Counts] | None = None
 
     def __enter__(self) -> Workers:
@@ -49,40 +53,49 @@ class Workers:
 
     def _begin(self, job: Callable[[], Counts] | None) -> None:
         self.job = job
-        self.stages[0] += 1
+        self.stage += 1
+        self.turn[0] = self.stage * MOST_SLICES
         for other in self._others:
             if other.go.locked():
                 other.go.release()
 
     def run(self, function: Callable[..., None], *arguments: Any) -> Counts:
         """The sum of what they count."""
-        turn = np.zeros(1, dtype=np.int64)
 
         def job() -> Counts:
             counts = np.zeros(3, dtype=np.int64)
-            function(turn, self._slices, *arguments, counts)
+            function(self.turn, self._slices, *arguments, counts)
             return counts
 
         self._begin(job)
-        return sum((other.result() for other in self._others), start=job())
+        found = job()
+        for other in self._others:
+            self.watch(self._waits, other.waits, self.stage + 1, PATIENCE)
+            found += other.result()
+        return found
 
 
 class _Other(threading.Thread):
-    """Two locks are what it and the caller wait for, after having looked for a while."""
+    """Two locks are what it and the caller wait for, after having looked for a while.
+
+    They look for what the other does in compiled code only: the first turn taken, and the wait for
+    the next stage begun. Whoever sees it finds the interpreter free, and need not sleep for it.
+    """
 
     def __init__(self, of: Workers, place: int) -> None:
         super().__init__(name=f"holdfast-march-{place}", daemon=True)
-        self.of, self.place = of, place
+        self.of = of
         self.go, self.done = threading.Lock(), threading.Lock()
         self.go.acquire()
         self.done.acquire()
+        self.waits = np.zeros(1, dtype=np.int64)
         self.found: Counts | BaseException = np.zeros(3, dtype=np.int64)
 
     def run(self) -> None:
-        stage = 0
+        first = 1
         while True:
-            stage += 1
-            self.of.watch(self.of.stages, 0, stage, PATIENCE)
+            first += MOST_SLICES
+            self.of.watch(self.waits, self.of.turn, first, PATIENCE)
             self.go.acquire()
             if self.of.job is None:
                 return
@@ -90,12 +103,10 @@ class _Other(threading.Thread):
                 self.found = self.of.job()
             except BaseException as error:  # the caller raises it
                 self.found = error
-            self.of.stages[self.place] = stage
             self.done.release()
 
     def result(self) -> Counts:
         """What it has counted in the stage that the caller has begun."""
-        self.of.watch(self.of.stages, self.place, int(self.of.stages[0]), PATIENCE)
         self.done.acquire()
         if isinstance(self.found, BaseException):
             raise self.found
