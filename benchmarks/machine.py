@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numba import njit
 
-LANES, CHAIN = 64, 16
+CHAIN = 16
 
 
 @njit(nogil=True)
@@ -19,15 +19,19 @@ def triad(a, b, c):  # type: ignore[no-untyped-def]
         a[i] = b[i] + 3.0 * c[i]
 
 
-@njit(nogil=True, fastmath={"contract"})
-def multiply_add(x, factor, term, times):  # type: ignore[no-untyped-def]
-    """`times` x `CHAIN` fused multiplications and additions of every number."""
-    for _ in range(times):
-        for j in range(LANES):
-            v = x[j]
-            for _ in range(CHAIN):
-                v = v * factor + term
-            x[j] = v
+def multiply_add(numbers: int) -> Callable[..., None]:
+    """`times` x `CHAIN` fused multiplications and additions of so many numbers, in registers."""
+
+    @njit(nogil=True, fastmath={"contract"})
+    def repeated(x, factor, term, times):  # type: ignore[no-untyped-def]
+        for _ in range(times):
+            for j in range(numbers):
+                v = x[j]
+                for _ in range(CHAIN):
+                    v = v * factor + term
+                x[j] = v
+
+    return repeated
 
 
 def together(work: Callable[[int], None], threads: int, repetitions: int) -> float:
@@ -57,15 +61,16 @@ def bytes_per_second(numbers: int, precision: str, threads: int) -> float:
 
 
 def operations_per_second(precision: str, threads: int) -> float:
-    """Additions and multiplications, fused, in registers."""
-    times = 100_000
-    numbers = [np.ones(LANES, dtype=precision) for _ in range(threads)]
+    """Additions and multiplications, fused, of eight registers."""
+    times, count = 100_000, 256 // np.dtype(precision).itemsize
+    numbers = [np.ones(count, dtype=precision) for _ in range(threads)]
     factor, term = np.array([0.999, 0.001], dtype=precision)
+    repeated = multiply_add(count)
 
     def work(k: int) -> None:
-        multiply_add(numbers[k], factor, term, times)
+        repeated(numbers[k], factor, term, times)
 
-    return 2.0 * LANES * CHAIN * times * threads / together(work, threads, 7)
+    return 2.0 * count * CHAIN * times * threads / together(work, threads, 7)
 
 
 if __name__ == "__main__":

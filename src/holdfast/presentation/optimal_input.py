@@ -18,7 +18,7 @@ from holdfast.analysis.value_function import ValueFunction
 from holdfast.errors import OutputError
 from holdfast.maths.scene import Shape
 from holdfast.presentation import level_sets, style
-from holdfast.presentation.shapes import draw_fixed
+from holdfast.presentation.shapes import draw_fixed, labelled
 from holdfast.presentation.view import check_same_states, look_at, told, where
 
 Array = npt.NDArray[np.float64]
@@ -104,7 +104,7 @@ def optimal_input_figure(
             ),
         ]  # fmt: skip
         found += level_sets.entries(flat, found[2], others)
-        level_sets.add_legend(figure, found + panels[0, 0].get_legend_handles_labels()[0])
+        level_sets.add_legend(figure, found + labelled(panels[0, 0]))
     return figure
 
 

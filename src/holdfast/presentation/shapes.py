@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 from matplotlib.patches import Circle as CirclePatch
 
 from holdfast.maths.quantity import symbol
@@ -27,6 +29,16 @@ def draw_fixed(axis: Axes, scene: Iterable[Shape], parameters: Mapping[str, floa
             x, y, radius = evaluated((*shape.centre, shape.radius), values)
             axis.add_patch(CirclePatch((x, y), radius, fill=False, **drawn))
             axis.plot([], [], label=shape.role, **drawn)
+
+
+def labelled(axis: Axes) -> list[Artist]:
+    """What a panel has for a legend, without what lies outside its limits."""
+    return [
+        handle
+        for handle in axis.get_legend_handles_labels()[0]
+        if not (isinstance(handle, Line2D) and len(handle.get_xydata()))
+        or handle.get_path().get_extents().overlaps(axis.viewLim)
+    ]
 
 
 def numbers(parameters: Mapping[str, float] | None) -> dict[sp.Symbol, float]:

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from holdfast.analysis.value_function import ValueFunction
 from holdfast.maths.scene import Shape
 from holdfast.presentation import level_sets, style
-from holdfast.presentation.shapes import draw_fixed
+from holdfast.presentation.shapes import draw_fixed, labelled
 from holdfast.presentation.view import Held, View, check_same_states, look_at, told, where
 
 Array = npt.NDArray[np.float64]
@@ -118,7 +118,7 @@ def _plane(
     level_sets.set_up(axis, flat, plane)
     figure.suptitle(_title(value, view.held), fontsize=9)
     found = level_sets.entries(flat, alone, others)
-    level_sets.add_legend(figure, found + axis.get_legend_handles_labels()[0])
+    level_sets.add_legend(figure, found + labelled(axis))
     return figure
 
 
@@ -169,7 +169,7 @@ def _slices(
         axis.set_visible(False)
     figure.suptitle(_title(value, view.held), fontsize=9)
     found = level_sets.entries(value, level_sets.in_set(label), others)
-    level_sets.add_legend(figure, found + panels[0].get_legend_handles_labels()[0])
+    level_sets.add_legend(figure, found + labelled(panels[0]))
     return figure
 
 
