@@ -120,7 +120,7 @@ class KernelScenario:
                 progress(share + (1 - share) * fraction)
 
         value = self.solve(first)
-        if self.promised is None or not (value.values() > 0).any():
+        if self.promised is None or value.values().max() <= 0:
             return KernelResult(value, None)
         try:
             with at(self.file, "promise"):

@@ -64,7 +64,8 @@ def kernel_report(
     from holdfast.analysis.solve import set_on_grid
     from holdfast.presentation.value_text import value_text
 
-    begun = set_on_grid(scenario.about, scenario.grid)
+    alike = {k: v for k, v in scenario.options.items() if k in ("band", "precision")}
+    begun = set_on_grid(scenario.about, scenario.grid, **alike)  # in as little memory
     files = _written_kernel(scenario, result, begun, folder, figures=figures)
     return value_text(result.value, result.promise, begun, files)
 

@@ -140,7 +140,7 @@ def marched(
         "start_time_s": posed.start_time,
         "depends_on_time": int(posed.varies),
         "converged": int(done.moving == 0 and not posed.varies),
-        "empty": int(not (values > 0).any()),
+        "empty": int(values.max() <= 0),
         "ended_early": int(enough),
         "begun_from_another": int(begin is not None),
         "tolerance_per_s": slow,

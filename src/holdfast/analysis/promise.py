@@ -10,6 +10,7 @@ import numpy as np
 import sympy as sp
 
 from holdfast.analysis.comparison import Rate
+from holdfast.analysis.places import Places
 from holdfast.analysis.result import Result
 from holdfast.analysis.safety_law import decided, safety_law, worst_disturbance
 from holdfast.analysis.simulate import simulate
@@ -130,7 +131,9 @@ def check_promise(
     def in_region(states: Array) -> Any:
         return True if margin_of is None else margin_of.values(states)[:, 0] > 0
 
-    inside = _drawn(value, generator, runs, lambda q: value.at(q) > margin, value.values() > 0)
+    numbers = value.values()
+    within = Places(lambda k: numbers[k] > 0, numbers.shape)
+    inside = _drawn(value, generator, runs, lambda q: value.at(q) > margin, within)
     if inside is None:
         raise SimulationError(
             f"no state of the set is further inside than {margin:g}", remedy="take a finer grid"
@@ -162,7 +165,7 @@ def check_promise(
         generator,
         runs,
         lambda q: (value.at(q) < -margin) & in_region(q),
-        value.values() < -margin,
+        Places(lambda k: numbers[k] < -margin, numbers.shape),
     )
     if beyond is not None:
         lost = run("worst" if known.disturbances else "no", beyond, count - 1)
@@ -208,17 +211,16 @@ def random_disturbance(system: System) -> tuple[dict[str, sp.Expr], Varied]:
 
 
 def _drawn(
-    value: ValueFunction, generator: np.random.Generator, count: int, wanted: Any, nodes: Any
+    value: ValueFunction, generator: np.random.Generator, count: int, wanted: Any, nodes: Places
 ) -> Array | None:
     """States around the nodes chosen, uniform in their cells, for which `wanted` holds."""
-    places = np.flatnonzero(nodes)
-    if not len(places):
+    if not len(nodes):
         return None
     axes = value.grid.axes
     found: list[Array] = []
     have = 0
     for _ in range(DRAWS):
-        picked = np.unravel_index(generator.choice(places, 4 * count), value.grid.shape)
+        picked = nodes.at(generator.choice(len(nodes), 4 * count))
         points = np.stack(
             [
                 a.low + a.step * (k + generator.uniform(-0.5, 0.5, len(k)))

@@ -7,12 +7,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from holdfast.analysis.given import number
+from holdfast.analysis.places import Places
 from holdfast.analysis.posed import definition, with_disturbance
 from holdfast.analysis.value_function import Array, ValueFunction
 from holdfast.errors import SimulationError
@@ -273,15 +274,14 @@ class _Falls:
         still = moving = 0.0
         for before, after in self.spans:
             low, high = (self.value.values(t) for t in (before, after))
-            chosen = _chosen((np.maximum(low, high) > 0) & (np.minimum(low, high) <= reach))
-            if not len(chosen):
+            places = _near(low, high, reach)
+            if not len(places[0]):
                 continue
-            places = np.unravel_index(chosen, low.shape)
             points = np.stack(
                 [a.nodes[k] for a, k in zip(self.value.grid.axes, places, strict=True)], axis=1
             )
             gap = 0.0 if before is None or after is None else after - before
-            drift = (high.ravel()[chosen] - low.ravel()[chosen]) / gap if gap else 0.0
+            drift = (high[places] - low[places]) / gap if gap else 0.0
             for t in {before, after}:
                 slopes = self.value.gradient(points, t)
                 fall = -self.rise.values(np.hstack([points, slopes]), self.parameters)[:, 0]
@@ -289,12 +289,16 @@ class _Falls:
         return float(still), float(moving)
 
 
-def _chosen(there: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
-    """The flat places where it holds, all or `MANY` drawn from them."""
-    found = np.flatnonzero(there)
+def _near(low: Array, high: Array, reach: float) -> tuple[npt.NDArray[np.intp], ...]:
+    """Where one of two values is positive and one at most `reach`: all nodes, or `MANY` drawn."""
+
+    def holds(k: int) -> Any:
+        return (np.maximum(low[k], high[k]) > 0) & (np.minimum(low[k], high[k]) <= reach)
+
+    found = Places(holds, low.shape)
     if len(found) > MANY:
-        found = np.random.default_rng(0).choice(found, MANY, replace=False)
-    return found
+        return found.at(np.random.default_rng(0).choice(len(found), MANY, replace=False))
+    return found.at(np.arange(len(found)))
 
 
 def _parameters(value: ValueFunction, system: System) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -134,13 +135,17 @@ def _begun(
     return np.asarray(begin.values())
 
 
-def set_on_grid(region: Region, grid: Grid) -> ValueFunction:
-    """The margin of a region over a grid: what a march begins with."""
-    at = over_grid(
-        region.margin,
-        [a.state.symbol for a in grid.axes],
-        region.parameters,
-        [a.nodes for a in grid.axes],
-    )
+def set_on_grid(
+    region: Region, grid: Grid, *, band: float = math.inf, precision: str = "float64"
+) -> ValueFunction:
+    """The margin of a region over a grid, cut off at +-band: what a march begins with.
+
+    Read-only, and in no more memory than the states that it depends on take.
+    """
+    symbols = [a.state.symbol for a in grid.axes]
+    matters = [s in region.margin.free_symbols for s in symbols]
+    nodes = [a.nodes if m else a.nodes[:1] for a, m in zip(grid.axes, matters, strict=True)]
+    at = over_grid(region.margin, symbols, region.parameters, nodes, band=band, precision=precision)
+    values = np.broadcast_to(at(0.0).reshape([len(n) for n in nodes]), grid.shape)
     said = {"kind": "region", "region": region.name, "value_unit": region.inequalities[0].unit}
-    return to_value_function(grid, at(0.0).reshape(grid.shape), said)
+    return to_value_function(grid, values, said)

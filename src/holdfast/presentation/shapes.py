@@ -36,7 +36,7 @@ def labelled(axis: Axes) -> list[Artist]:
     return [
         handle
         for handle in axis.get_legend_handles_labels()[0]
-        if not (isinstance(handle, Line2D) and len(handle.get_xydata()))
+        if not (isinstance(handle, Line2D) and len(handle.get_path()))
         or handle.get_path().get_extents().overlaps(axis.viewLim)
     ]
 
