@@ -125,7 +125,8 @@ def marched(
         done=done,
     )
     record.keep(done.time, values)
-    _check_growth(float(values.max()), obstacles.highest, cell, done.time)
+    largest = float(values.max())
+    _check_growth(largest, obstacles.highest, cell, done.time)
     if saved is not None:
         saved.save(done, values, record)
     attributes = {
@@ -140,7 +141,7 @@ def marched(
         "start_time_s": posed.start_time,
         "depends_on_time": int(posed.varies),
         "converged": int(done.moving == 0 and not posed.varies),
-        "empty": int(values.max() <= 0),
+        "empty": int(largest <= 0),
         "ended_early": int(enough),
         "begun_from_another": int(begin is not None),
         "tolerance_per_s": slow,

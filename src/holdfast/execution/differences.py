@@ -13,9 +13,9 @@ from holdfast.execution.primitives import *  # noqa: F403
 
 EXTRAPOLATED, PERIODIC, LIMITED = 0, 1, 2
 RUN = 256  # nodes computed together, at most; a multiple of VECTOR
-PITCH = 264  # and what more of them a register takes
 KEPT = 16384  # nodes of a place whose slopes are kept for the next, at most
 VECTOR = 8  # numbers in single precision in one register
+PITCH = RUN + VECTOR  # a run, and what more of it a register takes
 
 FUSED = {"contract"}  # multiplications and additions: the inner loops are made of them
 

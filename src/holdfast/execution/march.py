@@ -176,7 +176,7 @@ class March:
             near, 0.0, flags[0], flags[1], flags[:0], *rest, np.zeros(3, dtype=np.int64),
         )  # fmt: skip
         began, step = time.perf_counter() - done.seconds, math.nan
-        with Workers(self.module.watch, self.threads, self.places) as workers:
+        with Workers(self.module, self.threads, self.places) as workers:
 
             def mirror(array: Array, chosen: Array) -> Array:
                 """Of the half that is not computed, what lies at those places."""

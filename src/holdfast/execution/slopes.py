@@ -82,6 +82,18 @@ def eno2(source, at, k, count, left, right, to):
 
 
 @swept
+def five(source, at, j):
+    """The first differences of six nodes in a row."""
+    return (
+        source[at[1] + j] - source[at[0] + j],
+        source[at[2] + j] - source[at[1] + j],
+        source[at[3] + j] - source[at[2] + j],
+        source[at[4] + j] - source[at[3] + j],
+        source[at[5] + j] - source[at[4] + j],
+    )
+
+
+@swept
 def eno3_side(a, b, c, d, e):
     """The derivative between b and c from five successive first differences, c being upwind's."""
     d1, d2, d3, d4 = b - a, c - b, d - c, e - d
@@ -95,14 +107,10 @@ def eno3_side(a, b, c, d, e):
 @called
 def eno3(source, at, k, count, left, right, to):
     """Third order: the smoothest of three stencils."""
-    i0, i1, i2, i3, i4, i5 = at[k], at[k + 1], at[k + 2], at[k + 3], at[k + 4], at[k + 5]
+    at = (at[k], at[k + 1], at[k + 2], at[k + 3], at[k + 4], at[k + 5])
     to = np.uint64(to)
     for j in range(lanes(count)):
-        a = source[i1 + j] - source[i0 + j]
-        b = source[i2 + j] - source[i1 + j]
-        c = source[i3 + j] - source[i2 + j]
-        d = source[i4 + j] - source[i3 + j]
-        e = source[i5 + j] - source[i4 + j]
+        a, b, c, d, e = five(source, at, j)
         left[to + j] = same_way(eno3_side(a, b, c, d, e), c)
         right[to + j] = same_way(eno3_side(e, d, c, b, a), c)
 
@@ -116,14 +124,10 @@ def weno5(source, at, k, count, left, right, to):
     plain difference, so that no product is too small or too large for single precision, and the
     weights are multiplied out.
     """
-    i0, i1, i2, i3, i4, i5 = at[k], at[k + 1], at[k + 2], at[k + 3], at[k + 4], at[k + 5]
+    at = (at[k], at[k + 1], at[k + 2], at[k + 3], at[k + 4], at[k + 5])
     to = np.uint64(to)
     for j in range(lanes(count)):
-        a = source[i1 + j] - source[i0 + j]
-        b = source[i2 + j] - source[i1 + j]
-        c = source[i3 + j] - source[i2 + j]
-        d = source[i4 + j] - source[i3 + j]
-        e = source[i5 + j] - source[i4 + j]
+        a, b, c, d, e = five(source, at, j)
         d1, d2, d3, d4 = b - a, c - b, d - c, e - d
         t1, t2, t3 = 3.0 * d2 - d1, d2 + d3, 3.0 * d3 - d4
         s1 = BEND * (d2 - d1) * (d2 - d1) + t1 * t1

@@ -232,18 +232,18 @@ def _sweep(
         "if high > 0:",
         "    unit, several, row = unit + low, high - low, row + low * many",
         "    tall = min(several * many, rows_of - row)",
-        "    if stretches > 1:",
-        "        of = part - 1",
-        f"        mark(marks, unit, 1, of % stretches, stretches, 1, kinds[{last}], GHOSTS)",
+        "    of = (part - 1) % stretches",
+        f"    mark(marks, unit, several, of, stretches, 1, kinds[{last}], GHOSTS)",
     ]
     units = "local"
     for i in reversed(outer):
         inner.append(f"    mark(marks, unit, several, i{i}, n{i}, {units}, kinds[{i}], GHOSTS)")
         units += f" * n{i}"
-    inner += [
-        "    mark_rows(marks, block * local + (part - 1) % stretches, row, tall, rows_of, many,",
-        f"        stretches, kinds[{max(by_row, 0)}], {'GHOSTS' if n > 1 else 0})",
-    ]
+    if n > 1:
+        inner += [
+            "    mark_rows(marks, block * local + of, row, tall, rows_of, many, stretches,",
+            f"        kinds[{by_row}], GHOSTS)",
+        ]
     body += [indent + x for x in inner]
     body += ["counts[0] += computed", "counts[1] += wrong", "counts[2] += moving"]
     text = f"@entered\n{head}\n" + "\n".join("    " + x for x in body)

@@ -8,15 +8,13 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 Counts = npt.NDArray[np.int64]
-
-MOST_SLICES = 1 << 20
-"""The same as in `primitives.py`."""
 
 PATIENCE = 100_000
 """How often to look before going to sleep: for some 100 microseconds."""
@@ -26,11 +24,12 @@ class Workers:
     """Threads of which the caller is one; to be used in a `with` statement.
 
     Each takes the next slice of the places when it has done one. Slices become shorter, so that
-    all end at about the same time. watch(own, other, value, times): see `primitives.py`.
+    all end at about the same time. compiled: a module with what threads share in `primitives.py`.
     """
 
-    def __init__(self, watch: Callable[..., bool], threads: int, places: int) -> None:
-        self.watch = watch
+    def __init__(self, compiled: ModuleType, threads: int, places: int) -> None:
+        self.watch = compiled.watch
+        self.turns = compiled.MOST_SLICES
         slices = [0]
         while slices[-1] < places:
             slices.append(slices[-1] + max(1, (places - slices[-1]) // (2 * threads)))
@@ -54,7 +53,7 @@ class Workers:
     def _begin(self, job: Callable[[], Counts] | None) -> None:
         self.job = job
         self.stage += 1
-        self.turn[0] = self.stage * MOST_SLICES
+        self.turn[0] = self.stage * self.turns
         for other in self._others:
             if other.go.locked():
                 other.go.release()
@@ -94,7 +93,7 @@ class _Other(threading.Thread):
     def run(self) -> None:
         first = 1
         while True:
-            first += MOST_SLICES
+            first += self.of.turns
             self.of.watch(self.waits, self.of.turn, first, PATIENCE)
             self.go.acquire()
             if self.of.job is None:
