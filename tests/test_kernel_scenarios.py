@@ -129,6 +129,7 @@ def test_options_that_are_none_are_refused(cart):
         ("system.disturb={v=[-1, 1]}", "'disturb' without 'promote'"),
         ("scenario.kind=invariance-kernel", "promises nothing to a law"),
         ("tracking.a=1", "there is no [law]"),
+        ("promise.sample_time=-1", "promise: sample_time -1 s"),
     ],
 )  # fmt: skip
 def test_mistakes_are_answered_with_the_key(cart, change, message):
@@ -136,6 +137,12 @@ def test_mistakes_are_answered_with_the_key(cart, change, message):
         load_scenario(cart, [change]).solve()
     assert message in str(caught.value)
     assert "cart.toml" in str(caught.value)
+
+
+def test_law_that_cannot_follow_the_rate_is_refused_before_the_march(cart):
+    changes = ["law.outputs={a='1'}", "promise.sample_time=0.6"]
+    with pytest.raises(ScenarioError, match=r"cart\.toml: promise: rate 2 1/s with a sample time"):
+        load_scenario(cart, changes)
 
 
 def test_closed_loop_may_be_kept_in_the_kernel_of_another_scenario(cart, tmp_path, monkeypatch):

@@ -10,11 +10,11 @@ from holdfast.analysis import viability_kernel as problems
 from holdfast.analysis.grid import Grid, grid
 from holdfast.analysis.marching import Marching
 from holdfast.analysis.promise import Promise, check_promise
-from holdfast.analysis.safety_law import KEPT
+from holdfast.analysis.safety_law import KEPT, check_pace
 from holdfast.analysis.value_function import ValueFunction
 from holdfast.checking import at, validated
 from holdfast.compose import Composer
-from holdfast.errors import ScenarioError, suggestion
+from holdfast.errors import ScenarioError, SimulationError, suggestion
 from holdfast.execution.closed_loop import Progress
 from holdfast.kernel_schema import KINDS, KernelSpec, MarchSpec, SetFiguresSpec
 from holdfast.maths.expression import parse_number
@@ -220,7 +220,12 @@ def composed_kernel(file: str, text: str, data: Mapping[str, Any]) -> KernelScen
     if spec.promise is not None:
         p = spec.promise
         promised = {"runs": p.runs, "seed": p.seed, "rate": p.rate}
-        promised["sample_time"] = seconds(p.sample_time, "promise.sample_time")
+        held = promised["sample_time"] = seconds(p.sample_time, "promise.sample_time")
+        with at(file, "promise"):  # now, not after an hour of marching
+            if held <= 0:
+                raise SimulationError(f"sample_time {held:g} s", expected="above 0")
+            if law is not None:
+                check_pace(p.rate, held)
         if p.horizon is not None:
             promised["horizon"] = seconds(p.horizon, "promise.horizon")
         if p.margin is not None:

@@ -77,12 +77,7 @@ def safety_law(
                 remedy="give a law, which is kept with one",
             )
         return optimal_law(known, lookup)
-    late = f" and a delay of {delay:g} s" if delay else ""
-    if not 0 < rate * (sample_time + delay) <= 1:
-        raise SimulationError(
-            f"rate {rate:g} 1/s with a sample time of {sample_time:g} s{late}",
-            expected="above 0, at most 1 / (sample_time + delay)",
-        )
+    check_pace(rate, sample_time, delay)
     kind = value.dataset.attrs["kind"]
     if kind in REACHED and (len(lookup.places) == len(system.states) or lookup.first_time > 0):
         raise SimulationError(
@@ -96,10 +91,23 @@ def safety_law(
         if not margin < (deepest := float(value.values().max())):
             raise SimulationError(
                 f"V may fall by {margin:.3g} before an input answers, held for {sample_time:g} s"
-                f"{late}, and is nowhere above {deepest:.3g}",
+                f"{_and_late(delay)}, and is nowhere above {deepest:.3g}",
                 remedy="take a shorter sample time or delay, or give a margin",
             )
     return keep_value(known, law, lookup, rate=rate, margin=margin, scales=scales)
+
+
+def check_pace(rate: float, sample_time: float, delay: float = 0.0) -> None:
+    """Raises `SimulationError` where an input that is held, and late, cannot follow the rate."""
+    if not 0 < rate * (sample_time + delay) <= 1:
+        raise SimulationError(
+            f"rate {rate:g} 1/s with a sample time of {sample_time:g} s{_and_late(delay)}",
+            expected="above 0, at most 1 / (sample_time + delay)",
+        )
+
+
+def _and_late(delay: float) -> str:
+    return f" and a delay of {delay:g} s" if delay else ""
 
 
 def sampled_margin(
