@@ -1,5 +1,6 @@
 """Shared fixtures. Floating-point faults raise in NumPy code; Numba code has its outcomes."""
 
+import gc
 from functools import cache
 
 import numpy as np
@@ -10,6 +11,7 @@ from numba import njit
 import holdfast as hf
 
 np.seterr(all="raise", under="ignore")
+gc.set_threshold(50_000)  # expressions and the compiler keep most of what they make
 
 
 @cache
@@ -55,5 +57,12 @@ def wall():
 
 
 def constant_law(system, value):
-    """A law that commands the same input for ever."""
-    return hf.Law("constant", system.states, {system.input_names[0]: sp.Float(value)})
+    """A law that commands the same input for ever: one program for all values."""
+    parameters = (hf.Parameter("wanted", system.inputs[0].unit, value=value),)
+    outputs = {system.input_names[0]: hf.symbol("wanted")}
+    return hf.Law("constant", system.states, outputs, parameters=parameters)
+
+
+def number_at(expression, at):
+    """Its value where every symbol has one: `subs`, but in one pass over the expression."""
+    return float(expression.xreplace({symbol: sp.N(value) for symbol, value in at.items()}))

@@ -127,20 +127,23 @@ def test_a_law_that_is_not_a_number_is_an_outcome(double_integrator):
     assert data["outcome"].values[0] == hf.Outcome.DIVERGED
 
 
-@pytest.mark.parametrize(
-    "output",
-    [
-        sgn(sp.sqrt(X - 1)),
-        select(sp.log(X - 1), 1, 2),
-        least(0.5, sp.sqrt(X - 1)),
-        greatest(sp.sqrt(X - 1), 0.5),
-        wrap(sp.sqrt(X - 1)),
-        sp.Abs(sp.sqrt(X - 1)),
-    ],
-)
-def test_no_branch_hides_what_is_not_a_number(double_integrator, output):
-    law = hf.Law("hidden", double_integrator.states, {"a": output})
-    assert run(double_integrator, law, [0, 0])["outcome"].values[0] == hf.Outcome.DIVERGED
+HIDDEN = {
+    "sgn": sgn(sp.sqrt(X - 1)),
+    "select": select(sp.log(X - 1), 1, 2),
+    "least": least(0.5, sp.sqrt(X - 1)),
+    "greatest": greatest(sp.sqrt(X - 1), 0.5),
+    "wrap": wrap(sp.sqrt(X - 1)),
+    "magnitude": sp.Abs(sp.sqrt(X - 1)),
+}
+
+
+@pytest.mark.parametrize("branch", HIDDEN)
+def test_no_branch_hides_what_is_not_a_number(double_integrator, branch):
+    laws = {n: hf.Law(n, double_integrator.states, {"a": e}) for n, e in HIDDEN.items()}
+    law = hf.Switching("hidden", laws, initial=branch)  # one program: where it begins is no text
+    result = hf.simulate(double_integrator, law, starts=[[0, 0], [2, 0]], horizon=2.0)
+    assert result.dataset["outcome"].values.tolist() == [hf.Outcome.DIVERGED, hf.Outcome.STAYED]
+    assert result.dataset["mode"].values[1, 0] == list(HIDDEN).index(branch)
 
 
 def test_a_constraint_that_is_not_a_number_is_an_outcome(double_integrator):
@@ -178,9 +181,11 @@ def test_thrusters_are_recorded_and_saturate_one_by_one(vehicle):
 
 def test_hysteresis_switches_at_its_two_thresholds(double_integrator):
     """Bang-bang between x = -0.5 and x = 0.5 with the mode held in between."""
+    up = hf.Law("up", double_integrator.states, {"a": sp.S.One})
+    down = hf.Law("down", double_integrator.states, {"a": sp.S.NegativeOne})
     law = hf.Switching(
         "thermostat",
-        {"up": constant_law(double_integrator, 1.0), "down": constant_law(double_integrator, -1.0)},
+        {"up": up, "down": down},
         (hf.Transition("up", "down", X - 0.5), hf.Transition("down", "up", -0.5 - X)),
     )
     data = run(double_integrator, law, [0, 0], horizon=20.0, record_every=0.02)
@@ -195,7 +200,8 @@ def test_hysteresis_switches_at_its_two_thresholds(double_integrator):
 
 
 def test_dwell_time_is_a_guard_on_the_time_in_the_mode(double_integrator):
-    one, other = constant_law(double_integrator, 1.0), constant_law(double_integrator, -1.0)
+    one = hf.Law("one", double_integrator.states, {"a": sp.S.One})
+    other = hf.Law("other", double_integrator.states, {"a": sp.S.NegativeOne})
     long_enough = hf.TIME_IN_MODE - 0.5
     law = hf.Switching(
         "clock",
@@ -369,17 +375,20 @@ def test_a_kink_above_the_limit_is_found_like_a_peak():
 
 
 def test_names_of_states_do_not_change_what_is_found():
-    found = []
-    for name in ("z", "qdot_0", "qdot0", "c_0"):
-        z, a = hf.symbol(name), hf.symbol("a")
-        system = hf.System(
-            "s", (hf.Quantity(name, "m"),), (hf.Quantity("a", "m/s"),), {name: 1 - 2 * z + a}
-        )
-        region = hf.Region("r", system.states, (hf.Inequality("c", z * (1 - z) - 0.2),))
-        law = hf.Law("none", system.states, {"a": sp.S.Zero})
-        data = run(system, law, [0.0], region=region, sample_time=0.5, substeps=1, record_every=0.5)
-        found.append((data["outcome"].values[0], data["exit_time"].values[0]))
-    assert len(set(found)) == 1
+    """z' = 1 - 2 z from z = 0: z (1 - z) exceeds 0.2 when exp(-2 t) = sqrt(0.2)."""
+    names = ("z", "qdot_0", "qdot0", "c_0")
+    states = tuple(hf.Quantity(name, "m") for name in names)
+    rates = {name: 1 - 2 * hf.symbol(name) + hf.symbol("a") for name in names}
+    system = hf.System("s", states, (hf.Quantity("a", "m/s"),), rates)
+    law = hf.Law("none", states, {"a": sp.S.Zero})
+    expressions = {name: hf.symbol(name) * (1 - hf.symbol(name)) - 0.2 for name in names}
+    region = hf.Region("r", states, tuple(hf.Inequality(n, e) for n, e in expressions.items()))
+    settings = {"sample_time": 0.02, "substeps": 1, "record_every": 0.02}
+    data = run(system, law, [0.0] * 4, region=region, **settings)
+    assert data["outcome"].values[0] == hf.Outcome.LEFT
+    assert data["exit_time"].values[0] == pytest.approx(-np.log(0.2) / 4, abs=1e-6)
+    for found in (data["state"], data["constraint"], data["worst_constraint"]):
+        assert (found.values == found.values[..., :1]).all()
 
 
 def test_a_run_that_left_and_then_diverged_keeps_when_and_why_it_left(wall, double_integrator):

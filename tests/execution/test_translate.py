@@ -16,6 +16,7 @@ from holdfast.execution.printer import function_source
 from holdfast.execution.steppers import RK4
 from holdfast.execution.translate import closed_loop_program
 from holdfast.maths.functions import angle, greatest, least, length, select, sgn, wrap
+from tests.conftest import number_at
 
 X, Y = hf.symbol("x"), hf.symbol("y")
 
@@ -97,14 +98,14 @@ def test_generated_functions_agree_with_their_expressions(vehicle, backend):
         point = values | {s.symbol: v for s, v in zip(vehicle.states, q, strict=True)}
         point |= {s.symbol: v for s, v in zip(vehicle.inputs, u, strict=True)}
         point |= {s.symbol: v for s, v in zip(vehicle.disturbances, d, strict=True)}
-        rates = [float(e.subs(point)) for e in vehicle.rates.values()]
+        rates = [number_at(e, point) for e in vehicle.rates.values()]
         assert backend(module.disturbance, 0.0, p) == d
         assert backend(module.rates, 0.0, q, u, d, p) == pytest.approx(rates, rel=1e-10)
-        command = [*(float(e.subs(point)) for e in law.outputs.values()), 0.0]  # no slack
+        command = [*(number_at(e, point) for e in law.outputs.values()), 0.0]  # no slack
         assert backend(module.law, 0.0, q, 0, p, np.zeros(1)) == pytest.approx(command, rel=1e-9)
-        c = [float(e.expression.subs(point)) for e in region.inequalities]
+        c = [number_at(e.expression, point) for e in region.inequalities]
         assert backend(module.constraints, q, p) == pytest.approx(c, abs=1e-12)
-        slopes = [float(e.subs(point)) for e in hf.outward_rates(vehicle, region).values()]
+        slopes = [number_at(e, point) for e in hf.outward_rates(vehicle, region).values()]
         flow = tuple(rates)
         assert backend(module.constraint_rates, q, flow, p) == pytest.approx(slopes, rel=1e-9)
 

@@ -8,6 +8,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
+from tests.conftest import number_at
 
 X, Y, U, W, D = (hf.symbol(n) for n in ("x", "y", "u", "w", "d"))
 
@@ -59,11 +60,11 @@ def test_value_and_optimal_input_are_those_of_a_search(bounds, side):
         x, y, p, q = generator.uniform(-2, 2, 4)
         at = {X: x, Y: y, h.costates[0]: p, h.costates[1]: q}
         flows = [p * (y + np.cos(x) * u) + q * (x * y + u * np.sin(y) + w) for u, w in candidates]
-        assert float(h.value.subs(at)) == pytest.approx(best(flows), abs=2e-4)
-        u, w = (float(h.inputs[n].subs(at)) for n in ("u", "w"))
+        assert number_at(h.value, at) == pytest.approx(best(flows), abs=2e-4)
+        u, w = (number_at(h.inputs[n], at) for n in ("u", "w"))
         assert bounds.contains((u, w), slack=1e-9)
         flow = p * (y + np.cos(x) * u) + q * (x * y + u * np.sin(y) + w)
-        assert flow == pytest.approx(float(h.value.subs(at)), abs=1e-9)
+        assert flow == pytest.approx(number_at(h.value, at), abs=1e-9)
 
 
 def test_disturbance_works_against_the_input():
@@ -72,8 +73,8 @@ def test_disturbance_works_against_the_input():
     p, q = h.costates
     for a, b in [(1.0, 0.5), (-2.0, 0.3), (0.4, -1.0)]:
         at = {p: a, q: b}
-        assert float(h.value.subs(at)) == pytest.approx(abs(a + b) - 3 * abs(a))
-        assert float(h.disturbances["d"].subs(at)) == pytest.approx(-3 * np.sign(a))
+        assert number_at(h.value, at) == pytest.approx(abs(a + b) - 3 * abs(a))
+        assert number_at(h.disturbances["d"], at) == pytest.approx(-3 * np.sign(a))
 
 
 def test_speeds_bound_the_slope_of_the_hamiltonian_and_the_tight_ones_are_tighter():
@@ -86,8 +87,8 @@ def test_speeds_bound_the_slope_of_the_hamiltonian_and_the_tight_ones_are_tighte
         spread = (abs(a) * 0.2, abs(b) * 0.2)
         at = {X: x, Y: y}
         near = at | dict(zip((*h.costates, *h.spreads), (p, q, *spread), strict=True))
-        loose = [float(e.subs(at)) for e in h.speeds]
-        tight = [float(e.subs(near)) for e in h.tight_speeds]
+        loose = [number_at(e, at) for e in h.speeds]
+        tight = [number_at(e, near) for e in h.tight_speeds]
         tighter += tight[0] < loose[0] - 1e-6
         one, two = (
             np.array([p, q]) + np.array(spread) * generator.uniform(-1, 1, 2) for _ in range(2)
@@ -95,8 +96,8 @@ def test_speeds_bound_the_slope_of_the_hamiltonian_and_the_tight_ones_are_tighte
         for k in range(2):
             other = one.copy()
             other[k] = two[k]
-            rise = float(h.value.subs(at | dict(zip(h.costates, one, strict=True)))) - float(
-                h.value.subs(at | dict(zip(h.costates, other, strict=True)))
+            rise = number_at(h.value, at | dict(zip(h.costates, one, strict=True))) - number_at(
+                h.value, at | dict(zip(h.costates, other, strict=True))
             )
             gap = abs(one[k] - other[k])
             assert abs(rise) <= tight[k] * gap + 1e-9
@@ -147,11 +148,11 @@ def test_product_is_the_sum_of_what_its_parts_can_do():
         at = {X: x, Y: y, h.costates[0]: p, h.costates[1]: q}
         a, b, c = candidates.T
         flows = p * (b - a * np.sin(x)) + q * (c + a * np.cos(x) + x)
-        assert float(h.value.subs(at)) == pytest.approx(flows.min(), abs=2e-4)
-        worst = [float(h.disturbances[n].subs(at)) for n in ("v", "w", "z")]
+        assert number_at(h.value, at) == pytest.approx(flows.min(), abs=2e-4)
+        worst = [number_at(h.disturbances[n], at) for n in ("v", "w", "z")]
         assert both.contains(worst, slack=1e-9)
         for i, speeds in enumerate((np.abs(b - a * np.sin(x)), np.abs(c + a * np.cos(x) + x))):
-            assert float(h.speeds[i].subs(at)) >= speeds.max() - 1e-9
+            assert number_at(h.speeds[i], at) >= speeds.max() - 1e-9
     assert both.saturate((hf.symbol("a"), sp.Float(3), sp.Float(4)))[1:] == pytest.approx(
         (0.3, 0.4)
     )

@@ -7,6 +7,7 @@ import sympy as sp
 import holdfast as hf
 from holdfast.errors import DefinitionError
 from holdfast.maths.redesign import switching_signals
+from tests.conftest import number_at
 
 X = hf.symbol("x")
 POSITION = (hf.Quantity("x", "m"),)
@@ -205,11 +206,11 @@ def test_tracked_velocities_approach_the_commanded_ones_exponentially(vehicle):
         point = dict(
             zip([q.symbol for q in vehicle.states], generator.uniform(low, high), strict=True)
         )
-        flow = {n: float(e.subs(point)) for n, e in rates.items()}
+        flow = {n: number_at(e, point) for n, e in rates.items()}
         for name, gain in (("u", 5.0), ("r", 10.0)):
             error = hf.symbol(name) - kinematic.outputs[name].subs(values)
-            change = sum(float(error.diff(hf.symbol(n)).subs(point)) * f for n, f in flow.items())
-            assert change == pytest.approx(-gain * float(error.subs(point)), rel=1e-6, abs=1e-8)
+            change = sum(number_at(error.diff(hf.symbol(n)), point) * f for n, f in flow.items())
+            assert change == pytest.approx(-gain * number_at(error, point), rel=1e-6, abs=1e-8)
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
+from tests.conftest import number_at
 
 X, Y, U, V, H, D = (hf.symbol(n) for n in ("x", "y", "u", "v", "h", "d"))
 TURN = hf.Box((-sp.pi,), (sp.pi,))
@@ -34,7 +35,7 @@ def states_and_costates(h, count=20):
 
 
 def flow(system, h, at, chosen):
-    rates = [float(r.subs(at | chosen)) for r in system.rates.values()]
+    rates = [number_at(r, at | chosen) for r in system.rates.values()]
     return rates, sum(float(at[p]) * r for p, r in zip(h.costates, rates, strict=True))
 
 
@@ -49,19 +50,19 @@ def test_the_disturbance_answers_the_input(inputs, disturbances):
     for at in states_and_costates(h):
         table = [[flow(s, h, at, {H: a, D: d}) for d in pushes] for a in angles]
         answered = pick[inputs](pick[disturbances](f for _, f in row) for row in table)
-        assert float(h.value.subs(at)) == pytest.approx(answered)
+        assert number_at(h.value, at) == pytest.approx(answered)
         chosen = {H: h.inputs["h"].subs(at), D: h.disturbances["d"].subs(at)}
         assert flow(s, h, at, chosen)[1] == pytest.approx(answered)
         for i, speed in enumerate(h.speeds):
             most = max(abs(rates[i]) for row in table for rates, _ in row)
-            assert float(speed.subs(at)) == pytest.approx(most)
+            assert number_at(speed, at) == pytest.approx(most)
 
 
 def test_the_lower_value_is_below_what_an_input_that_answers_would_get():
     s = system((sp.cos(H + D), Y), ("h",), TURN, ("d",), hf.Box((-sp.pi,), (sp.pi,)))
     h = hf.hamiltonian(s, samples=9)
     at = {X: 0, Y: 0, h.costates[0]: 1, h.costates[1]: 0}
-    assert float(h.value.subs(at)) == pytest.approx(-1)  # max_d min_h the other way about: +1
+    assert number_at(h.value, at) == pytest.approx(-1)  # max_d min_h the other way about: +1
 
 
 def test_only_what_has_no_closed_form_is_sampled():
@@ -75,9 +76,9 @@ def test_only_what_has_no_closed_form_is_sampled():
     assert h.samples == 33
     for at in states_and_costates(h):
         p, q = (float(at[c]) for c in h.costates)
-        assert float(h.value.subs(at)) == pytest.approx(math.hypot(p, q) - abs(q), abs=0.02)
-        assert float(h.inputs["v"].subs(at)) in (pytest.approx(1), pytest.approx(-0.3))
-        assert float(h.disturbances["d"].subs(at)) == pytest.approx(-np.sign(q))
+        assert number_at(h.value, at) == pytest.approx(math.hypot(p, q) - abs(q), abs=0.02)
+        assert number_at(h.inputs["v"], at) in (pytest.approx(1), pytest.approx(-0.3))
+        assert number_at(h.disturbances["d"], at) == pytest.approx(-np.sign(q))
 
 
 @pytest.mark.parametrize("samples", [2, 9])
@@ -88,10 +89,10 @@ def test_disturbance_that_multiplies_the_input_keeps_its_closed_form(samples):
     assert not h.separable
     for at in states_and_costates(h):
         p, q = (float(at[c]) for c in h.costates)
-        assert float(h.value.subs(at)) == pytest.approx(0.7 * abs(p) + q * float(at[Y]))
-        assert float(h.inputs["u"].subs(at)) == np.sign(p)
-        assert float(h.disturbances["d"].subs(at)) == pytest.approx(-0.3)
-        assert float(h.speeds[0].subs(at)) == pytest.approx(1.3)
+        assert number_at(h.value, at) == pytest.approx(0.7 * abs(p) + q * float(at[Y]))
+        assert number_at(h.inputs["u"], at) == np.sign(p)
+        assert number_at(h.disturbances["d"], at) == pytest.approx(-0.3)
+        assert number_at(h.speeds[0], at) == pytest.approx(1.3)
 
 
 @pytest.mark.parametrize(
@@ -132,7 +133,7 @@ def test_what_jumps_is_not_taken_for_affine():
     h = hf.hamiltonian(system((sgn(U), Y), ("u",), UNIT), samples=2)
     for at in states_and_costates(h):
         p, q = (float(at[c]) for c in h.costates)
-        assert float(h.value.subs(at)) == pytest.approx(abs(p) + q * float(at[Y]))
+        assert number_at(h.value, at) == pytest.approx(abs(p) + q * float(at[Y]))
 
 
 def test_samples_that_cannot_be_used_are_refused():

@@ -12,6 +12,7 @@ from holdfast.execution.steppers import RK4
 from holdfast.execution.translate import closed_loop_program
 from holdfast.maths.planes import meridian
 from holdfast.maths.vehicle import vehicle_names
+from tests.conftest import number_at
 
 VEHICLES = [hf.systems.marine_vehicle(name) for name in vehicle_names()]
 SYSTEMS = [example(function) for function in hf.systems.ALL] + VEHICLES
@@ -68,8 +69,8 @@ def test_velocities_respect_the_pfaffian_constraint_in_compiled_code(system, bac
         at |= {s.symbol: v for s, v in zip(system.disturbances, d, strict=False)}
         at |= {s.symbol: s.value for s in system.parameters}
         for row in system.pfaffian:
-            left = sum(float(c.subs(at)) * rates[n] for n, c in row.coefficients.items())
-            assert left == pytest.approx(float(row.rhs.subs(at)), abs=1e-12)
+            left = sum(number_at(c, at) * rates[n] for n, c in row.coefficients.items())
+            assert left == pytest.approx(number_at(row.rhs, at), abs=1e-12)
 
 
 @pytest.mark.parametrize("system", SYSTEMS, ids=named)
@@ -92,7 +93,7 @@ def test_every_law_is_finite_everywhere_and_bounded_near_its_goal(law):
                 if hf.symbol(name) in at:
                     at[hf.symbol(name)] += at.get(hf.symbol(f"goal_{name}"), 0.0)
             for output in active(law, at).outputs.values():
-                value = float(output.subs(at))
+                value = number_at(output, at)
                 assert np.isfinite(value)
                 if isinstance(law, hf.Law):
                     assert abs(value) < 60 * max(1.0, size) ** 2
@@ -103,7 +104,8 @@ def active(law, at):
         return law
     mode = law.initial
     for change in law.transitions:
-        if change.source == mode and change.when.subs(at | {hf.TIME: 0, hf.TIME_IN_MODE: 0}) >= 0:
+        now = at | {hf.TIME: 0, hf.TIME_IN_MODE: 0}
+        if change.source == mode and number_at(change.when, now) >= 0:
             return law.modes[change.target]
     return law.modes[mode]
 
@@ -124,8 +126,8 @@ def test_gradients_of_every_region_are_the_limits_of_difference_quotients(region
                 up, down = dict(at), dict(at)
                 up[q.symbol] += h
                 down[q.symbol] -= h
-                slope = float(c.expression.subs(up) - c.expression.subs(down)) / (2 * h)
-                derived = float(c.expression.diff(q.symbol).subs(at))
+                slope = (number_at(c.expression, up) - number_at(c.expression, down)) / (2 * h)
+                derived = number_at(c.expression.diff(q.symbol), at)
                 assert derived == pytest.approx(slope, rel=1e-3, abs=1e-4)
 
 
@@ -139,7 +141,7 @@ def test_kinetic_energy_of_a_hull_never_grows_without_thrust(system):
         at = point(system.states, system.parameters, generator, 2.0)
         at |= {q.symbol: 0.0 for q in system.inputs + system.disturbances}
         power = sum(
-            m * at[hf.symbol(n)] * float(system.rates[n].subs(at)) for n, m in inertia.items()
+            m * at[hf.symbol(n)] * number_at(system.rates[n], at) for n, m in inertia.items()
         )
         assert power <= 1e-12
 

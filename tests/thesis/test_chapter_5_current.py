@@ -12,6 +12,7 @@ import holdfast as hf
 from holdfast.errors import DefinitionError
 from holdfast.maths.functions import magnitude, wrap
 from holdfast.maths.lyapunov import ultimate_bound
+from tests.conftest import number_at
 
 K1, MU = 0.16, 1.5
 ARM = "system.thruster_arm=0.11"
@@ -64,7 +65,7 @@ def test_law_in_a_current_is_the_nominal_one_with_the_ground_track_in_the_rate_o
     generator = np.random.default_rng(2)
     for _ in range(20):
         at = dict(zip((X, Y, PSI, V, VX, VY), generator.uniform(-1, 1, 6), strict=True))
-        assert float(error.subs(values).subs(at)) == pytest.approx(0, abs=1e-9), "Lemma 3"
+        assert number_at(error, values | at) == pytest.approx(0, abs=1e-9), "Lemma 3"
 
 
 def wrap_argument(expression):
@@ -100,8 +101,8 @@ def test_tracked_forces_are_those_of_5_36_and_5_37(vehicle, measured):
     for _ in range(20):
         at = {s: values.get(s, generator.uniform(-0.4, 0.4)) for s in symbols}
         for difference, force in zip(differences, forces.values(), strict=True):
-            assert float(difference.subs(at)) == pytest.approx(
-                0, abs=1e-9 * (1 + abs(float(force.subs(at))))
+            assert number_at(difference, at) == pytest.approx(
+                0, abs=1e-9 * (1 + abs(number_at(force, at)))
             )
     assert left_out != 0
 
@@ -155,10 +156,10 @@ def test_conditions_5_38cd_and_5_25bc_have_a_wrong_derivative_in_the_heading(
     slip = sign * X * R * (sp.tan(PSI) / sp.cos(PSI) - 1)
     assert sp.simplify(tangent_rates[name] - PRINTED[name] - slip) == 0
     away = {X: -1.0, PSI: 0.0, U: 0.0, V: 0.0, VX: 0.0, R: 0.5}
-    assert float(PRINTED["c3"].subs(away)) == -0.5, (
+    assert number_at(PRINTED["c3"], away) == -0.5, (
         "turning in front of the wall was said to back off"
     )
-    assert float(tangent_rates["c3"].subs(away)) == 0
+    assert number_at(tangent_rates["c3"], away) == 0
 
 
 def test_angular_and_tangent_forms_ask_the_same_of_the_inputs_in_a_current(vehicle, tangent_rates):
@@ -175,12 +176,12 @@ def test_angular_and_tangent_forms_ask_the_same_of_the_inputs_in_a_current(vehic
             "c2": 0.1 + x * math.tan(psi + math.pi / 6),
         }
         pose = values | {X: x, Y: y.get(printed, 0.1), PSI: psi}
-        assert float(TANGENT[printed].subs(pose)) == pytest.approx(0, abs=1e-12)
+        assert number_at(TANGENT[printed], pose) == pytest.approx(0, abs=1e-12)
         ratios = []
         for _ in range(4):
             moving = pose | {s: generator.uniform(-0.3, 0.3) for s in (U, V, R, VX, VY)}
             ratios.append(
-                float(angular[ours].subs(moving)) / float(tangent_rates[printed].subs(moving))
+                number_at(angular[ours], moving) / number_at(tangent_rates[printed], moving)
             )
         assert min(ratios) > 0
         assert ratios == pytest.approx([ratios[0]] * 4, rel=1e-3)  # a guard of 1e-6 in the bearing
@@ -204,15 +205,15 @@ def test_redesign_in_a_current_blends_velocities_relative_to_the_water(vehicle):
     for _ in range(80):
         at = values | {X: generator.choice([-1.9, -1.0, -0.42]), Y: generator.uniform(-0.5, 0.5)}
         at |= {PSI: generator.uniform(-0.3, 0.3), V: 0.02, VX: -0.04, VY: 0.03}
-        sigma = {n: float(blend.signals[f"sigma_{n}"].subs(at)) for n in viable}
+        sigma = {n: number_at(blend.signals[f"sigma_{n}"], at) for n in viable}
         active = min(sigma, key=sigma.get)
         if not 0 < sigma[active] < 1:
             continue
         served.add(active)
         for name in ("u", "r"):
-            convergent, safe = (float(one.outputs[name].subs(at)) for one in (go, viable[active]))
+            convergent, safe = (number_at(one.outputs[name], at) for one in (go, viable[active]))
             wanted = sigma[active] * convergent + (1 - sigma[active]) * safe
-            assert float(law.outputs[name].subs(at)) == pytest.approx(wanted, rel=1e-9)
+            assert number_at(law.outputs[name], at) == pytest.approx(wanted, rel=1e-9)
     assert len(served) >= 3
 
 
