@@ -36,6 +36,7 @@ if TYPE_CHECKING:
         invariance_kernel,
         viability_kernel,
     )
+    from holdfast.analysis.visibility_gains import GainWindow, visibility_gains
     from holdfast.comparing import compare
     from holdfast.derivation import Derivation, explain
     from holdfast.errors import GainWarning, HoldfastError
@@ -48,9 +49,11 @@ if TYPE_CHECKING:
     from holdfast.maths.field import Field
     from holdfast.maths.field_facts import field_facts
     from holdfast.maths.flow_lines import exact_flow, flow_line
+    from holdfast.maths.formation import renamed, seen_from, side_by_side
     from holdfast.maths.hamiltonian import Hamiltonian, hamiltonian
     from holdfast.maths.law import GainCondition, Law, Safeguard
     from holdfast.maths.lyapunov import ultimate_bound
+    from holdfast.maths.measurement import Measurement
     from holdfast.maths.memory import Memory
     from holdfast.maths.observer import observe
     from holdfast.maths.planes import plane_by_plane
@@ -100,6 +103,7 @@ _HOME = {
         "invariance_kernel",
         "viability_kernel",
     ),
+    "analysis.visibility_gains": ("GainWindow", "visibility_gains"),
     "comparing": ("compare",),
     "derivation": ("Derivation", "explain"),
     "errors": ("GainWarning", "HoldfastError"),
@@ -112,9 +116,11 @@ _HOME = {
     "maths.field": ("Field",),
     "maths.field_facts": ("field_facts",),
     "maths.flow_lines": ("exact_flow", "flow_line"),
+    "maths.formation": ("renamed", "seen_from", "side_by_side"),
     "maths.law": ("GainCondition", "Law", "Safeguard"),
     "maths.hamiltonian": ("Hamiltonian", "hamiltonian"),
     "maths.lyapunov": ("ultimate_bound",),
+    "maths.measurement": ("Measurement",),
     "maths.memory": ("Memory",),
     "maths.observer": ("observe",),
     "maths.planes": ("plane_by_plane",),
@@ -156,6 +162,7 @@ __all__ = [
     "Field",
     "GainCondition",
     "GainWarning",
+    "GainWindow",
     "Grid",
     "Hamiltonian",
     "HoldfastError",
@@ -163,6 +170,7 @@ __all__ = [
     "Law",
     "LinearImage",
     "Margin",
+    "Measurement",
     "Memory",
     "Outcome",
     "Parameter",
@@ -221,9 +229,12 @@ __all__ = [
     "regions",
     "regulation_map",
     "regulation_map_figure",
+    "renamed",
     "safeguard",
     "safety_law",
     "sampled_margin",
+    "seen_from",
+    "side_by_side",
     "simulate",
     "station_keeping_limits",
     "station_statistics",
@@ -236,6 +247,7 @@ __all__ = [
     "value_function_figure",
     "viability_conditions",
     "viability_kernel",
+    "visibility_gains",
     "winding_number",
 ]
 

@@ -16,16 +16,18 @@ from holdfast.catalogue import wants_law
 from holdfast.checking import at, validated
 from holdfast.entries import catalogue_entry
 from holdfast.errors import ScenarioError, suggestion
-from holdfast.maths import laws, regions, scene, systems
+from holdfast.maths import laws, regions, systems
 from holdfast.maths.bounds import Box
 from holdfast.maths.expression import parse_condition, parse_expression
 from holdfast.maths.kernel import kinematic_system
 from holdfast.maths.law import Law
+from holdfast.maths.measurement import Measurement
 from holdfast.maths.quantity import TIME, TIME_IN_MODE, Parameter, Quantity, symbol
 from holdfast.maths.region import Inequality, Region
 from holdfast.maths.switching import Switching, Transition
 from holdfast.maths.system import PfaffianRow, System
 from holdfast.maths.units import check_unit, to_si
+from holdfast.scene_table import composed_shape
 from holdfast.schema import (
     BoundedSpec,
     InequalitySpec,
@@ -33,7 +35,6 @@ from holdfast.schema import (
     OutputsSpec,
     ParameterSpec,
     RegionSpec,
-    ShapeSpec,
     SystemSpec,
 )
 
@@ -174,7 +175,19 @@ class Composer:
             pfaffian=tuple(rows),
             description=spec.description,
             source=spec.source,
+            measurements=self._measurements(spec, names),
         )
+
+    def _measurements(self, spec: SystemSpec, names: Names) -> tuple[Measurement, ...]:
+        result = []
+        for name, given in spec.measurements.items():
+            with at(self.file, f"system.measurements.{name}"):
+                check_unit(given.unit)
+                expression = parse_expression(given.expression, names)
+                result.append(
+                    Measurement(name, given.unit, given.description, expression=expression)
+                )
+        return tuple(result)
 
     def _box(self, table: Mapping[str, BoundedSpec], names: Names, key: str) -> Box | None:
         if not any(spec.bounds for spec in table.values()):
@@ -191,8 +204,10 @@ class Composer:
         return Box(tuple(low), tuple(high))
 
     def scope(self) -> Names:
-        """States, time and every parameter declared so far."""
+        """States, what is measured of them, time and every parameter declared so far."""
         names: Names = {q.name: q.symbol for q in self.states}
+        measured = self.system_built.measurements if self.system_built else ()
+        names |= {m.name: m.expression for m in measured}
         return names | {p: symbol(p) for p in self.known} | {"t": TIME}
 
     def law(self, table: Mapping[str, Any]) -> Law | Switching:
@@ -209,7 +224,7 @@ class Composer:
         spec = validated(LawSpec, table, self.file, "law")
         self.declare((*self._parameters(spec.parameters, "law"), *self.drawn.values()))
         reads = self._reads(spec.reads)
-        scope = self.scope() | {q.name: q.symbol for q in reads}  # a disturbance that it measures
+        scope = self.scope() | {q.name: q.symbol for q in reads}  # and all that it measures
         names = self._with_definitions(spec.definitions, scope, "law")
         signals = self._parsed(spec.signals, names, "law.signals")
         if (spec.outputs is None) == (spec.modes is None):
@@ -248,12 +263,13 @@ class Composer:
     def _reads(self, wanted: list[str] | None) -> tuple[Quantity, ...]:
         if wanted is None:
             return self.states
-        felt = self.system_built.disturbances if self.system_built else ()
-        known = {q.name: q for q in (*self.states, *felt)}
+        system = self.system_built
+        more = (*system.disturbances, *system.measurements) if system else ()
+        known = {q.name: q for q in (*self.states, *more)}
         for name in wanted:
             if name not in known:
                 raise ScenarioError(
-                    f"{self.file}: law.reads: '{name}' is neither state nor disturbance",
+                    f"{self.file}: law.reads: '{name}' is no state, disturbance or measurement",
                     remedy=suggestion(name, known),
                 )
         return tuple(known[name] for name in wanted)
@@ -301,7 +317,8 @@ class Composer:
                     )
                 )
         shapes = tuple(
-            self._shape(shape, names, f"{key}.scene.{i}") for i, shape in enumerate(spec.scene)
+            composed_shape(self.file, f"{key}.scene.{i}", shape, names, self.known)
+            for i, shape in enumerate(spec.scene)
         )
         with at(self.file, key):
             return Region(
@@ -313,27 +330,3 @@ class Composer:
                 description=spec.description,
                 source=spec.source,
             )
-
-    def _shape(self, spec: ShapeSpec, names: Names, key: str) -> scene.Shape:
-        fixed = spec.kind != "cone"  # what stands still cannot depend on the state
-        if fixed:
-            names = {n: e for n, e in names.items() if n in self.known or n == "pi"}
-        needed = {
-            "segment": ("start", "end"),
-            "cone": ("apex", "heading", "half_angle", "range"),
-            "circle": ("centre", "radius"),
-        }[spec.kind]
-        values: list[Any] = []
-        for part in needed:
-            given = getattr(spec, part)
-            if given is None:
-                raise ScenarioError(f"{self.file}: {key}: a {spec.kind} needs '{part}'")
-            with at(self.file, f"{key}.{part}"):
-                values.append(
-                    tuple(parse_expression(g, names) for g in given)
-                    if isinstance(given, tuple)
-                    else parse_expression(given, names)
-                )
-        kinds = {"segment": scene.Segment, "cone": scene.Cone, "circle": scene.Circle}
-        shape: Callable[..., scene.Shape] = kinds[spec.kind]
-        return shape(spec.role, *values)

@@ -97,6 +97,9 @@ def _system(system: System) -> list[str]:
     lines += _bounds(system.input_bounds)
     lines += _quantities("disturbances", system.disturbances) + _bounds(system.disturbance_bounds)
     lines += ["", "  rates", *equations((f"d{n}/dt", e) for n, e in system.rates.items())]
+    if system.measurements:
+        lines += _quantities("measurements", system.measurements)
+        lines += equations((m.name, m.expression) for m in system.measurements)
     if system.pfaffian:
         lines += ["", "  Pfaffian constraints A(q) qdot = b"]
         for row in system.pfaffian:

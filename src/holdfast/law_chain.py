@@ -12,6 +12,7 @@ from holdfast.errors import ScenarioError, suggestion
 from holdfast.maths import laws
 from holdfast.maths.expression import parse_condition, parse_number
 from holdfast.maths.law import Law
+from holdfast.maths.measurement import by_measurements
 from holdfast.maths.observer import observe
 from holdfast.maths.quantity import merge_parameters
 from holdfast.maths.redesign import redesign
@@ -28,7 +29,8 @@ def composed_law(
     composer: Composer, spec: ScenarioSpec, system: System, region: Region | None
 ) -> Law | Switching:
     """The law, redesigned, tracked and safeguarded as far as the scenario says so."""
-    law: Law | Switching = composer.law(spec.law)
+    with at(composer.file, "law"):
+        law = by_measurements(system, composer.law(spec.law))
     if spec.redesign is not None:
         law = _redesigned(composer, spec.redesign, law, region, system)
     if spec.tracking is not None:

@@ -46,6 +46,14 @@ class BoundedSpec(Section):
     bounds: Bounds | None = None
 
 
+class MeasurementSpec(Section):
+    """What an instrument tells of the states."""
+
+    expression: Expression
+    unit: str = "1"
+    description: Text = ""
+
+
 class ParameterSpec(Section):
     """A parameter with its unit and source."""
 
@@ -77,6 +85,7 @@ class SystemSpec(Section):
     disturbances: dict[Name, BoundedSpec] = Field(default_factory=dict)
     parameters: Parameters = Field(default_factory=dict)
     rates: dict[Name, Expression] = Field(default_factory=dict)
+    measurements: dict[Name, MeasurementSpec] = Field(default_factory=dict)
     pfaffian: list[PfaffianSpec] = Field(default_factory=list)
 
 
@@ -120,9 +129,9 @@ class InequalitySpec(Section):
 
 
 class ShapeSpec(Section):
-    """What to draw: a segment, a cone (field of view) or a circle."""
+    """What to draw: a segment, a circle, or a field of view: a cone, or a polygon (footprint)."""
 
-    kind: Literal["segment", "cone", "circle"]
+    kind: Literal["segment", "cone", "circle", "footprint"]
     role: Name
     start: Point | None = None
     end: Point | None = None
@@ -130,6 +139,7 @@ class ShapeSpec(Section):
     heading: Expression | None = None
     half_angle: Expression | None = None
     range: Expression | None = None
+    corners: Annotated[list[Point], Field(min_length=3)] | None = None
     centre: Point | None = None
     radius: Expression | None = None
 

@@ -16,6 +16,7 @@ from holdfast.execution.printer import body, function_source
 from holdfast.execution.steppers import Tableau, stepper_source
 from holdfast.maths.bounds import LinearImage
 from holdfast.maths.law import GainCondition, Law
+from holdfast.maths.measurement import by_measurements
 from holdfast.maths.quantity import (
     TIME,
     Parameter,
@@ -70,7 +71,7 @@ def closed_loop_program(
     named are zero), `varied` what differs from run to run. Raises `SimulationError` when the
     law does not give the system's inputs or reads what the system does not have.
     """
-    switching = as_switching(law)
+    switching = as_switching(by_measurements(system, law))
     _check_fit(system, switching)
     for watched in (region, goal):
         if watched is not None:

@@ -41,8 +41,8 @@ class Bounds(Protocol):
         """The admissible value taken in place of `values`, symbolically."""
         ...
 
-    def at(self, parameters: Mapping[sp.Symbol, float]) -> Bounds:
-        """The set with numbers for its parameters; `DefinitionError` if it is none then."""
+    def at(self, parameters: Mapping[sp.Symbol, sp.Expr | float]) -> Bounds:
+        """The set with these for its parameters; `DefinitionError` if it is none then."""
         ...
 
     def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:
@@ -85,7 +85,7 @@ class Box:
             result.append(value if unbounded else clip(value, low, high))
         return tuple(result)
 
-    def at(self, parameters: Mapping[sp.Symbol, float]) -> Box:
+    def at(self, parameters: Mapping[sp.Symbol, sp.Expr | float]) -> Box:
         sides = [tuple(e.subs(parameters) for e in side) for side in (self.lower, self.upper)]
         return Box(*sides)
 
@@ -120,7 +120,7 @@ class Ball:
         scale = least(1, self.radius / (size + sp.Float(1e-300)))
         return tuple(scale * v for v in values)
 
-    def at(self, parameters: Mapping[sp.Symbol, float]) -> Ball:
+    def at(self, parameters: Mapping[sp.Symbol, sp.Expr | float]) -> Ball:
         return Ball(self.radius.subs(parameters), self.dimension)
 
     def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:
@@ -182,7 +182,7 @@ class LinearImage:
         """M a, what the actuators bring about."""
         return tuple(self.matrix * sp.Matrix(actuators))
 
-    def at(self, parameters: Mapping[sp.Symbol, float]) -> LinearImage:
+    def at(self, parameters: Mapping[sp.Symbol, sp.Expr | float]) -> LinearImage:
         return LinearImage(self.matrix.subs(parameters), self.of.at(parameters), self.actuators)
 
     def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:
@@ -213,7 +213,7 @@ class Product:
         """Each part saturated by itself."""
         return tuple(e for part, mine in self.split(values) for e in part.saturate(mine))
 
-    def at(self, parameters: Mapping[sp.Symbol, float]) -> Product:
+    def at(self, parameters: Mapping[sp.Symbol, sp.Expr | float]) -> Product:
         return Product(tuple(part.at(parameters) for part in self.parts))
 
     def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:

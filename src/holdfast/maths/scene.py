@@ -28,6 +28,16 @@ class Cone:
 
 
 @dataclass(frozen=True)
+class Footprint:
+    """What a sensor sees: a polygon whose corners are (ahead, left) of the apex, as headed."""
+
+    role: str
+    apex: tuple[sp.Expr, sp.Expr]
+    heading: sp.Expr
+    corners: tuple[tuple[sp.Expr, sp.Expr], ...]
+
+
+@dataclass(frozen=True)
 class Circle:
     """A fixed circle, e.g. an obstacle or a set of goals."""
 
@@ -36,4 +46,4 @@ class Circle:
     radius: sp.Expr
 
 
-Shape = Segment | Cone | Circle
+Shape = Segment | Cone | Footprint | Circle

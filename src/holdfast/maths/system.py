@@ -12,6 +12,7 @@ import sympy as sp
 
 from holdfast.errors import DefinitionError
 from holdfast.maths.bounds import Bounds
+from holdfast.maths.measurement import Measurement
 from holdfast.maths.quantity import (
     TIME,
     Parameter,
@@ -45,6 +46,7 @@ class System:
 
     `rates` maps every state to its rate. samples: with how many points along every coordinate the
     bounds are replaced, in a Hamiltonian, where there is no closed form (0: it is refused there).
+    `measurements`: what instruments tell of the states, which a law may read in their stead.
     Raises `DefinitionError` when shapes disagree, a rate uses an undeclared name, or the rates
     leave a Pfaffian constraint.
     """
@@ -61,12 +63,13 @@ class System:
     description: str = ""
     source: str = ""
     samples: int = 0
+    measurements: tuple[Measurement, ...] = ()
 
     def __post_init__(self) -> None:
         owner = f"system '{self.name}'"
         object.__setattr__(self, "parameters", merge_parameters(self.parameters))
         quantities = self.states + self.inputs + self.disturbances + self.parameters
-        check_unique((q.name for q in quantities), owner)
+        check_unique((q.name for q in quantities + self.measurements), owner)
         if not self.states:
             raise DefinitionError(f"{owner} has no states")
         names = [q.name for q in self.states]
@@ -103,6 +106,8 @@ class System:
             raise DefinitionError(
                 f"samples: {self.samples!r}", expected="a whole number of at least 2, or 0 for none"
             )
+        seen = [q.symbol for q in self.states + self.parameters]
+        check_symbols({f"'{m.name}'": m.expression for m in self.measurements}, seen, owner)
         for number, row in enumerate(self.pfaffian, start=1):
             self._check_row(number, row, symbols, owner)
 
@@ -115,7 +120,7 @@ class System:
             raise DefinitionError(f"{what} of {owner} names '{unknown[0]}', which is no state")
         check_symbols({what: sp.Add(row.rhs, *row.coefficients.values())}, symbols, owner)
         residual = sum((c * self.rates[n] for n, c in row.coefficients.items()), start=-row.rhs)
-        if not _vanishes(residual, {p.symbol: sp.Float(p.value) for p in self.parameters}):
+        if not vanishes(residual, {p.symbol: sp.Float(p.value) for p in self.parameters}):
             shown = sp.sstr(residual)
             raise DefinitionError(
                 f"the rates of {owner} leave {what}: A qdot - b = "
@@ -178,7 +183,7 @@ def check_rates(law: str, system: System, wanted: Callable[..., System], *given:
         )
 
 
-def _vanishes(expression: sp.Expr, parameters: Mapping[sp.Symbol, float]) -> bool:
+def vanishes(expression: sp.Expr, parameters: Mapping[sp.Symbol, float]) -> bool:
     """Whether an expression is zero, at random points of its symbols and the parameters' values.
 
     Points where it is not a number are passed over; with too few others it counts as not zero.

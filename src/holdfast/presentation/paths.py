@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
+import sympy as sp
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Wedge
+from matplotlib.patches import Patch, Polygon, Wedge
 
 from holdfast.analysis.result import Result
 from holdfast.execution.closed_loop import Outcome
 from holdfast.maths.quantity import symbol
-from holdfast.maths.scene import Cone, Segment
+from holdfast.maths.scene import Cone, Footprint, Segment
 from holdfast.presentation import style
 from holdfast.presentation.shapes import draw_fixed, evaluated, numbers
 
@@ -31,6 +33,7 @@ _OUTCOME_COLOURS = {
     Outcome.CHATTERED: style.PURPLE,
 }
 _MAX_POINTS = 160
+_MAX_BOLD = 3000
 _SHOWN_RUNS = 300
 
 
@@ -74,7 +77,7 @@ def paths_figure(
             _draw_ensemble(panels[0], data, xy)
         _draw_highlights(panels[-1], result, xy, bold)
         if cones > 0 and cone_run < runs:
-            _draw_cones(panels[-1], result, xy[cone_run], cone_run, names, cones)
+            _draw_views(panels[-1], result, xy[cone_run], cone_run, names, cones)
         units = data["state_unit"].values
         for axis in panels:
             if units[columns[0]] == units[columns[1]]:
@@ -109,15 +112,15 @@ def _limits(xy: Array, result: Result) -> tuple[tuple[float, float], tuple[float
     )
 
 
-def _thinned(path: Array) -> Array:
-    """At most `_MAX_POINTS` points, evenly spaced along the path."""
+def _thinned(path: Array, most: int = _MAX_POINTS) -> Array:
+    """At most so many points, evenly spaced along the path."""
     path = path[np.isfinite(path).all(axis=1)]
-    if len(path) <= _MAX_POINTS:
+    if len(path) <= most:
         return path
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
     if along[-1] == 0.0:
         return path[:1]
-    wanted = np.searchsorted(along, np.linspace(0.0, along[-1], _MAX_POINTS))
+    wanted = np.searchsorted(along, np.linspace(0.0, along[-1], most))
     picked: Array = path[np.unique(np.minimum(wanted, len(path) - 1))]
     return picked
 
@@ -181,7 +184,7 @@ def _draw_highlights(axis: Axes, result: Result, xy: Array, runs: list[int]) -> 
         edges = [0, *(np.flatnonzero(np.diff(mode)) + 1), len(mode) - 1]
         for a, b in pairwise(edges):
             if mode[a] >= 0:
-                piece = _thinned(xy[run, a : b + 1])
+                piece = _thinned(xy[run, a : b + 1], _MAX_BOLD)
                 axis.plot(
                     piece[:, 0],
                     piece[:, 1],
@@ -205,7 +208,7 @@ def _mode_colour(mode: int) -> str:
     return style.MODES[mode % len(style.MODES)]
 
 
-def _draw_cones(
+def _draw_views(
     axis: Axes, result: Result, path: Array, run: int, names: list[str], count: int
 ) -> None:
     """Fields of view at instants evenly spaced along the path of one run."""
@@ -213,31 +216,19 @@ def _draw_cones(
     good = np.isfinite(states).all(axis=1)
     states, path = states[good], path[good]
     base = numbers(result.parameters)
-    for cone in (shape for shape in result.scene if isinstance(shape, Cone)):
-        apexes = [symbol(n) for n in names]
+    for view in (shape for shape in result.scene if isinstance(shape, Cone | Footprint)):
         moved = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
         instants = np.searchsorted(moved, np.linspace(0.0, 0.999 * moved[-1], count))
         for number, k in enumerate(np.unique(instants)):
-            values = base | dict(zip(apexes, map(float, states[k]), strict=True))
-            x, y, heading, half, reach = evaluated(
-                (*cone.apex, cone.heading, cone.half_angle, cone.range), values
-            )
-            if not (np.isfinite([x, y, heading, half]).all() and 0 < reach < np.inf):
+            values = base | {symbol(n): float(v) for n, v in zip(names, states[k], strict=True)}
+            seen = _outline(view, values)
+            if seen is None:
                 continue
-            low, high = np.degrees(heading - half), np.degrees(heading + half)
-            axis.add_patch(
-                Wedge(
-                    (x, y),
-                    reach,
-                    low,
-                    high,
-                    facecolor=style.ORANGE,
-                    alpha=0.16,
-                    edgecolor=style.BLACK,
-                    linewidth=0.4,
-                    zorder=1,
-                )
+            seen.set(
+                facecolor=style.ORANGE, alpha=0.16, edgecolor=style.BLACK, linewidth=0.4, zorder=1
             )
+            axis.add_patch(seen)
+            x, y, heading = evaluated((*view.apex, view.heading), values)
             axis.plot(
                 x,
                 y,
@@ -248,4 +239,18 @@ def _draw_cones(
                 zorder=4,
                 label="vehicle" if number == 0 else None,
             )
-        axis.plot([], [], color=style.ORANGE, linewidth=5, alpha=0.35, label=cone.role)
+        axis.plot([], [], color=style.ORANGE, linewidth=5, alpha=0.35, label=view.role)
+
+
+def _outline(view: Cone | Footprint, values: Mapping[sp.Symbol, float]) -> Patch | None:
+    """What is seen there, or None where it has no shape."""
+    x, y, heading = evaluated((*view.apex, view.heading), values)
+    if isinstance(view, Cone):
+        half, reach = evaluated((view.half_angle, view.range), values)
+        if not (np.isfinite([x, y, heading, half]).all() and 0 < reach < np.inf):
+            return None
+        return Wedge((x, y), reach, np.degrees(heading - half), np.degrees(heading + half))
+    corners = np.array([evaluated(corner, values) for corner in view.corners])
+    ahead = np.array([np.cos(heading), np.sin(heading)])
+    left = np.array([-ahead[1], ahead[0]])
+    return Polygon((x, y) + corners[:, :1] * ahead + corners[:, 1:] * left)

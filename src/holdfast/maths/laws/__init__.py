@@ -3,6 +3,7 @@
 from holdfast.maths.laws.dock_marine import dock_marine, project_marine
 from holdfast.maths.laws.face_target import face_target
 from holdfast.maths.laws.follow_field import follow_field
+from holdfast.maths.laws.follow_leader import approach_leader, follow_leader, keep_footprint
 from holdfast.maths.laws.hold_station import hold_station, hold_station_unknown
 from holdfast.maths.laws.inspect_target import inspect_target
 from holdfast.maths.laws.keep_range import back_off, move_ahead
@@ -31,19 +32,25 @@ ALL = (
     hold_station_unknown,
     weathervane,
     inspect_target,
+    approach_leader,
+    follow_leader,
+    keep_footprint,
 )
 
 __all__ = [
     "ALL",
     "align_unicycle",
+    "approach_leader",
     "back_off",
     "dock_marine",
     "face_target",
     "follow_field",
     "follow_integrator",
+    "follow_leader",
     "hold_station",
     "hold_station_unknown",
     "inspect_target",
+    "keep_footprint",
     "move_ahead",
     "project_marine",
     "steer_by_chained_form",

@@ -3,9 +3,27 @@
 from holdfast.maths.regions.camera_and_lasers import camera_and_lasers
 from holdfast.maths.regions.camera_view import camera_view
 from holdfast.maths.regions.inspection_goal import inspection_goal
+from holdfast.maths.regions.leader_in_view import leader_in_footprint, leader_in_view
 from holdfast.maths.regions.near_origin import near_origin
 from holdfast.maths.regions.near_pose import near_pose
 
-ALL = (camera_and_lasers, camera_view, inspection_goal, near_origin, near_pose)
+ALL = (
+    camera_and_lasers,
+    camera_view,
+    inspection_goal,
+    leader_in_footprint,
+    leader_in_view,
+    near_origin,
+    near_pose,
+)
 
-__all__ = ["ALL", "camera_and_lasers", "camera_view", "inspection_goal", "near_origin", "near_pose"]
+__all__ = [
+    "ALL",
+    "camera_and_lasers",
+    "camera_view",
+    "inspection_goal",
+    "leader_in_footprint",
+    "leader_in_view",
+    "near_origin",
+    "near_pose",
+]

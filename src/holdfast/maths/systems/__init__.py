@@ -3,6 +3,7 @@
 from holdfast.maths.systems.car import car, front_axle_car
 from holdfast.maths.systems.chained_form import chained_form
 from holdfast.maths.systems.drifting_unicycle import drifting_unicycle
+from holdfast.maths.systems.leader_follower import leader_follower
 from holdfast.maths.systems.marine_vehicle import marine_vehicle
 from holdfast.maths.systems.nonholonomic_integrator import nonholonomic_integrator
 from holdfast.maths.systems.tractor_trailer import tractor_trailer
@@ -17,6 +18,7 @@ ALL = (
     car,
     front_axle_car,
     tractor_trailer,
+    leader_follower,
 )
 
 __all__ = [
@@ -25,6 +27,7 @@ __all__ = [
     "chained_form",
     "drifting_unicycle",
     "front_axle_car",
+    "leader_follower",
     "marine_vehicle",
     "nonholonomic_integrator",
     "tractor_trailer",
