@@ -26,7 +26,18 @@ def imported(path):
         ("numba", ["execution/"]),
         ("matplotlib", ["presentation/"]),
         ("click", ["cli.py", "running.py"]),
-        ("pydantic", ["schema.py", "schema_values.py", "kernel_schema.py", "checking.py"]),
+        (
+            "pydantic",
+            [
+                "schema.py",
+                "schema_values.py",
+                "kernel_schema.py",
+                "formation_schema.py",
+                "checking.py",
+            ],
+        ),
+        ("shapely", ["planning/"]),
+        ("networkx", ["planning/"]),
     ],
 )
 def test_library_is_imported_in_its_room_only(library, home):

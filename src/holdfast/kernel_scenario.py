@@ -27,7 +27,7 @@ from holdfast.maths.velocity_tracking import track_velocity
 from holdfast.sources import scenario_title
 from holdfast.system_table import composed_system
 
-CLOSED_LOOP = "closed-loop"
+CLOSED_LOOP, FORMATION = "closed-loop", "formation"
 
 NEEDS = {
     "capture-basin": ("goal",),
@@ -142,10 +142,9 @@ def is_kernel(file: str, data: Mapping[str, Any]) -> bool:
     """Whether the tables ask for a set of states; `ScenarioError` for a kind that there is not."""
     header = data.get("scenario")
     kind = header.get("kind", CLOSED_LOOP) if isinstance(header, Mapping) else CLOSED_LOOP
-    if isinstance(kind, str) and kind not in (CLOSED_LOOP, *KINDS):
-        raise ScenarioError(
-            f"{file}: scenario.kind: got '{kind}'", remedy=suggestion(kind, [CLOSED_LOOP, *KINDS])
-        )
+    known = (CLOSED_LOOP, FORMATION, *KINDS)
+    if isinstance(kind, str) and kind not in known:
+        raise ScenarioError(f"{file}: scenario.kind: got '{kind}'", remedy=suggestion(kind, known))
     return kind in KINDS
 
 

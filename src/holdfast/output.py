@@ -50,10 +50,43 @@ def written(scenario: Scenario, result: Result, folder: Path, *, figures: bool) 
 
         chosen = scenario.figures
         run = min(chosen.history, result.dataset.sizes["run"] - 1)
+        if scenario.course is not None:
+            return [*files, *_formation_files(scenario, result, folder)]
         if scenario.plane is not None:
             plane = paths_figure(result, scenario.plane, chosen.highlight, chosen.cones, run)
             files += style.write(plane, folder, "paths")
         files += style.write(histories_figure(result, run), folder, "histories")
+    return [*files, _summary(folder / "summary.json", result.summary())]
+
+
+def _formation_files(scenario: Scenario, result: Result, folder: Path) -> list[Path]:
+    """The map, the constraints, the animation where it is asked for, and the summary."""
+    from holdfast.formation_schema import FormationFigures
+    from holdfast.patience import bar
+    from holdfast.presentation import style
+    from holdfast.presentation.formation import (
+        Ground,
+        constraints_figure,
+        formation_figure,
+        write_animation,
+    )
+
+    course, chosen = scenario.course, scenario.figures
+    assert course is not None
+    ground = Ground([c.corners for c in course.environment.cells], course.arrows(), course.goal)
+    files = style.write(formation_figure(result, ground, max(chosen.cones, 2)), folder, "map")
+    files += style.write(constraints_figure(result), folder, "constraints")
+    if isinstance(chosen, FormationFigures) and chosen.animate:
+        with bar(f"{scenario.name}, animation") as tell:
+            files.append(
+                write_animation(
+                    result,
+                    ground,
+                    folder / "animation.gif",
+                    chosen.animate,
+                    progress=lambda fraction: tell(f"{scenario.name}, animation", fraction),
+                )
+            )
     return [*files, _summary(folder / "summary.json", result.summary())]
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import sympy as sp
@@ -16,6 +15,8 @@ from holdfast.checking import at, validated
 from holdfast.compose import Composer
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.execution.closed_loop import Progress
+from holdfast.formation_scenario import Course, composed_formation, is_formation
+from holdfast.formation_schema import FormationSpec
 from holdfast.kernel_scenario import KernelScenario, composed_kernel, is_kernel
 from holdfast.law_chain import composed_law
 from holdfast.maths.expression import parse_expression, parse_number
@@ -29,7 +30,7 @@ from holdfast.maths.varied import Varied
 from holdfast.named_kernel import check_kernels
 from holdfast.safety_table import Safety, composed_safety
 from holdfast.schema import FiguresSpec, RunSpec, ScenarioSpec, VariedSpec
-from holdfast.sources import read_tables
+from holdfast.sources import read_tables, scenario_title
 from holdfast.system_table import composed_system
 
 
@@ -58,6 +59,7 @@ class Scenario:
     figures: FiguresSpec
     start_outside: bool
     safety: Safety | None = None
+    course: Course | None = None
 
     def run(self, progress: Progress | None = None) -> Result:
         """Simulate every start of the scenario; the kernel of [safety] is computed before."""
@@ -100,6 +102,11 @@ def load_scenario(
     """
     overrides = list(overrides)
     shown, text, data = read_tables(name, overrides)
+    if is_formation(data):
+        if runs is not None:
+            raise ScenarioError(f"--runs: {shown} has one start", remedy="leave it out")
+        shown, text, data = read_tables(name, overrides + _seeded(seed))
+        return _formation(shown, text, validated(FormationSpec, data, shown))
     if is_kernel(shown, data):
         more = {"runs": runs, "seed": seed}
         given = {k: v for k, v in more.items() if v is not None}
@@ -107,10 +114,13 @@ def load_scenario(
             raise ScenarioError(f"--{min(given)}: {shown} has no [promise]", remedy="leave it out")
         overrides += [f"promise.{k}={v}" for k, v in given.items()]
         return composed_kernel(*read_tables(name, overrides))
-    if seed is not None:
-        shown, text, data = read_tables(name, [*overrides, f"run.seed={seed}"])
+    shown, text, data = read_tables(name, overrides + _seeded(seed))
     check_kernels(shown, data)
     return composed(shown, text, validated(ScenarioSpec, data, shown), runs)
+
+
+def _seeded(seed: int | None) -> list[str]:
+    return [] if seed is None else [f"run.seed={seed}"]
 
 
 def composed(shown: str, text: str, spec: ScenarioSpec, runs: int | None = None) -> Scenario:
@@ -122,8 +132,36 @@ def composed(shown: str, text: str, spec: ScenarioSpec, runs: int | None = None)
         starts = spec.starts.model_copy(update={"states": given, "random": runs - len(given)})
         spec = spec.model_copy(update={"starts": starts})
         text += f"# runs: {runs}\n"
-    name = Path(shown).name.removesuffix(".toml").strip(".") or "scenario"
+    name = scenario_title(shown).strip(".") or "scenario"
     return _composed(name, shown, text, spec)
+
+
+def _formation(file: str, text: str, spec: FormationSpec) -> Scenario:
+    parts = composed_formation(file, spec)
+    units = {q.name: q.unit for q in parts.system.states}
+    return Scenario(
+        name=scenario_title(file).strip(".") or "scenario",
+        file=file,
+        text=text,
+        title=spec.scenario.title,
+        kind=spec.scenario.kind,
+        description=spec.scenario.description,
+        source=spec.scenario.source,
+        system=parts.system,
+        law=parts.law,
+        region=parts.region,
+        goal=parts.goal,
+        starts=parts.starts,
+        settings=_settings(spec, units, file),
+        disturbance={},
+        plant={},
+        varied=Varied(),
+        reference={},
+        plane=("xL", "yL"),
+        figures=spec.figures,
+        start_outside=False,
+        course=parts.course,
+    )
 
 
 def _composed(name: str, file: str, text: str, spec: ScenarioSpec) -> Scenario:
@@ -267,7 +305,9 @@ def _starts(spec: ScenarioSpec, units: Mapping[str, str], file: str) -> Starts:
     )
 
 
-def _settings(spec: ScenarioSpec, units: Mapping[str, str], file: str) -> dict[str, Any]:
+def _settings(
+    spec: ScenarioSpec | FormationSpec, units: Mapping[str, str], file: str
+) -> dict[str, Any]:
     run: RunSpec = spec.run
     times = dict.fromkeys(("horizon", "sample_time", "record_every", "delay"), "s")
     settings: dict[str, Any] = {n: _si(file, f"run.{n}", getattr(run, n), times, n) for n in times}

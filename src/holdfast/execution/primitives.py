@@ -97,6 +97,64 @@ def sign(x):
     return 1.0 if x > 0.0 else (-1.0 if x < 0.0 else 0.0 * x)
 
 
+@apart
+def nearest_on_walls(x, y, ends):
+    """The point of the segments x0, y0, x1, y1, ... that is nearest to (x, y)."""
+    found = (x, y)
+    least_squared = np.inf
+    for k in range(0, len(ends), 4):
+        s, _ = _foot(x, y, ends[k], ends[k + 1], ends[k + 2], ends[k + 3])
+        wx = ends[k] + s * (ends[k + 2] - ends[k])
+        wy = ends[k + 1] + s * (ends[k + 3] - ends[k + 1])
+        squared = (x - wx) ** 2 + (y - wy) ** 2
+        if squared < least_squared:
+            least_squared, found = squared, (wx, wy)
+    return found
+
+
+@apart
+def nearest_to_sight(ax, ay, bx, by, ends):
+    """(s, x, y, side): the line at a + s (b - a) is nearest to the wall at (x, y).
+
+    side is -1 where a wall crosses the line; then the least of what would have to be moved.
+    """
+    found = (0.0, ax, ay, 1.0)
+    smallest = np.inf
+    for k in range(0, len(ends), 4):
+        px, py, qx, qy = ends[k], ends[k + 1], ends[k + 2], ends[k + 3]
+        one, other = _turn(ax, ay, bx, by, px, py), _turn(ax, ay, bx, by, qx, qy)
+        first, second = _turn(px, py, qx, qy, ax, ay), _turn(px, py, qx, qy, bx, by)
+        side = -1.0 if one * other < 0.0 and first * second < 0.0 else 1.0
+        shortest, at = np.inf, (0.0, px, py)
+        for s, x, y in ((0.0, ax, ay), (1.0, bx, by)):  # from the ends of the line
+            w, squared = _foot(x, y, px, py, qx, qy)
+            if squared < shortest:
+                shortest, at = squared, (s, px + w * (qx - px), py + w * (qy - py))
+        for x, y in ((px, py), (qx, qy)):  # and from those of the wall
+            s, squared = _foot(x, y, ax, ay, bx, by)
+            if squared < shortest:
+                shortest, at = squared, (s, x, y)
+        if side * shortest < smallest:
+            smallest, found = side * shortest, (at[0], at[1], at[2], side)
+    return found
+
+
+@inlined
+def _foot(x, y, ax, ay, bx, by):
+    """The share of the way from a to b that is nearest to (x, y), and the distance squared."""
+    dx, dy = bx - ax, by - ay
+    size = dx * dx + dy * dy
+    s = ((x - ax) * dx + (y - ay) * dy) / size if size > 0.0 else 0.0
+    s = min(max(s, 0.0), 1.0)
+    return s, (x - ax - s * dx) ** 2 + (y - ay - s * dy) ** 2
+
+
+@inlined
+def _turn(ax, ay, bx, by, x, y):
+    """Twice the area of the triangle, positive if it is counterclockwise."""
+    return (bx - ax) * (y - ay) - (by - ay) * (x - ax)
+
+
 @inlined
 def sine_and_cosine(x):
     """Both at once, in half the time of two library calls; error below 3e-16.

@@ -38,6 +38,18 @@ class Printer(PythonCodePrinter):
         x, y = (self._print(arg) for arg in e.args[:2])
         return f"length({x}, {y})"
 
+    def _print_nearest_on_walls(self, e: sp.Expr) -> str:
+        return self._picked("nearest_on_walls", 2, e)
+
+    def _print_nearest_to_sight(self, e: sp.Expr) -> str:
+        return self._picked("nearest_to_sight", 4, e)
+
+    def _picked(self, function: str, points: int, e: sp.Expr) -> str:
+        """One of the results of a function of coordinates and of a tuple of all walls."""
+        texts = [self._print(arg) for arg in e.args[1:]]
+        at, walls = ", ".join(texts[:points]), ", ".join(texts[points:])
+        return f"{function}({at}, ({walls},))[{int(e.args[0])}]"
+
     def _print_magnitude(self, e: sp.Expr) -> str:
         return f"abs({self._print(e.args[0])})"
 

@@ -9,16 +9,16 @@ from dataclasses import dataclass
 import sympy as sp
 
 from holdfast.errors import DefinitionError
-from holdfast.maths.quantity import symbol
+from holdfast.maths.quantity import Parameter, symbol
 
 
 @dataclass(frozen=True)
 class Edge:
     """ahead * X + left * Y <= offset, (ahead, left) being the outward normal of length one."""
 
-    ahead: sp.Float
-    left: sp.Float
-    offset: sp.Float
+    ahead: sp.Expr
+    left: sp.Expr
+    offset: sp.Expr
 
 
 Polygon = tuple[tuple[float, float], ...]
@@ -75,6 +75,23 @@ def _minus(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float
 
 def _cross(a: tuple[float, float], b: tuple[float, float]) -> float:
     return a[0] * b[1] - a[1] * b[0]
+
+
+def side_parameters(corners: Polygon) -> tuple[tuple[Edge, ...], tuple[Parameter, ...]]:
+    """The sides in symbols, and their values: one program serves all polygons of so many sides."""
+    symbols, values = [], []
+    for number, side in enumerate(edges(corners), start=1):
+        named = [
+            Parameter(f"side{number}_{name}", unit, what, value=float(getattr(side, name)))
+            for name, unit, what in (
+                ("ahead", "1", "normal of a side of the footprint"),
+                ("left", "1", "normal of a side of the footprint"),
+                ("offset", "m", "distance of a side from the sensor"),
+            )
+        ]
+        symbols.append(Edge(*(p.symbol for p in named)))
+        values += named
+    return tuple(symbols), tuple(values)
 
 
 def body_coordinates() -> tuple[sp.Expr, sp.Expr]:

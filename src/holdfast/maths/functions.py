@@ -28,7 +28,7 @@ def _number(value: sp.Expr) -> float | None:
     return float(value) if value.is_number and value.is_real else None
 
 
-class _RealFunction(sp.Function):
+class RealFunction(sp.Function):
     """A function that is real wherever its arguments are."""
 
     def _eval_is_real(self) -> bool:
@@ -49,7 +49,7 @@ class _RealFunction(sp.Function):
         return None if any(n is None for n in numbers) else [n for n in numbers if n is not None]
 
 
-class sgn(_RealFunction):
+class sgn(RealFunction):
     """Sign with sgn(0) = +1; frozen (derivative 0) when differentiated."""
 
     nargs = 1
@@ -63,7 +63,7 @@ class sgn(_RealFunction):
         return sp.S.Zero
 
 
-class wrap(_RealFunction):
+class wrap(RealFunction):
     """An angle in radians brought to (-pi, pi]; its derivative is 1."""
 
     nargs = 1
@@ -81,7 +81,7 @@ class wrap(_RealFunction):
         return sp.S.One
 
 
-class select(_RealFunction):
+class select(RealFunction):
     """select(x, a, b): a where x >= 0, b elsewhere."""
 
     nargs = 3
@@ -103,7 +103,7 @@ class select(_RealFunction):
         return select(x, a.diff(s), b.diff(s))
 
 
-class least(_RealFunction):
+class least(RealFunction):
     """The smaller of two values."""
 
     nargs = 2
@@ -123,7 +123,7 @@ class least(_RealFunction):
         return select(b - a, a.diff(s), b.diff(s))
 
 
-class greatest(_RealFunction):
+class greatest(RealFunction):
     """The larger of two values."""
 
     nargs = 2
@@ -143,7 +143,7 @@ class greatest(_RealFunction):
         return select(a - b, a.diff(s), b.diff(s))
 
 
-class angle(_RealFunction):
+class angle(RealFunction):
     """atan2(y, x), whose derivative stays bounded at the origin: the removable singularity
     of a direction is guarded here, by `guard` > 0 added to the squared radius, and nowhere
     else (correction E7 of the thesis's 'phi-dot is bounded')."""
@@ -165,7 +165,7 @@ class angle(_RealFunction):
         return (x if argindex == 1 else -y) / (x**2 + y**2 + guard)
 
 
-class length(_RealFunction):
+class length(RealFunction):
     """sqrt(x^2 + y^2), whose derivative is 0 (not 0/0) at the origin."""
 
     nargs = 3
@@ -185,7 +185,7 @@ class length(_RealFunction):
         return (x if argindex == 1 else y) / sp.sqrt(x**2 + y**2 + guard)
 
 
-class magnitude(_RealFunction):
+class magnitude(RealFunction):
     """|x|, with the derivative sgn(x)."""
 
     nargs = 1

@@ -91,7 +91,7 @@ def label(symbol: str) -> str:
     """A state or parameter name as mathematics: psi -> the Greek letter, tau_u, x1 -> subscript."""
     greek = {"psi", "theta", "phi", "alpha", "beta", "tau", "sigma", "mu", "lam", "delta"}
     head, _, tail = symbol.partition("_")
-    if not tail and (numbered := re.fullmatch(r"([A-Za-z]+)(\d+)", symbol)):
+    if not tail and (numbered := re.fullmatch(r"([A-Za-z]+?)(\d+|[LF])", symbol)):
         head, tail = numbered.groups()
     shown = f"\\{'lambda' if head == 'lam' else head}" if head in greek else head
     if len(head) > 2 and head not in greek:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sympy as sp
 
 from holdfast.errors import DefinitionError
-from holdfast.maths.footprint import edges, polygon
+from holdfast.maths.footprint import edges, polygon, side_parameters
 from holdfast.maths.functions import clip, greatest, sgn
 from holdfast.maths.law import Law, Safeguard
 from holdfast.maths.quantity import Parameter, Quantity, symbol
@@ -118,9 +118,10 @@ def keep_footprint(
     bearing, gap = symbol("bearing"), symbol("range")
     ahead, left = gap * sp.cos(bearing), gap * sp.sin(bearing)
     turn = symbol("k1") * left / greatest(ahead, NEAR)
-    sides = edges(polygon(vertices))
+    corners = polygon(vertices)
+    sides, numbers = side_parameters(corners)
     if isinstance(distance, int | float):  # `Parameter` refuses what is none
-        for number, side in enumerate(sides, start=1):
+        for number, side in enumerate(edges(corners), start=1):
             if not side.ahead * distance < side.offset:
                 raise DefinitionError(
                     f"distance = {distance:g} m is beyond side {number} of the footprint",
@@ -145,6 +146,7 @@ def keep_footprint(
             Parameter("distance", "m", "distance rd to the leader", value=distance, above=0.0),
             _leader_speed(leader_speed),
             Parameter("firmness", "1/s", "how fast a side may be neared", value=firmness, above=0),
+            *numbers,
         ),
         description="keep a leader that moves in a convex footprint, going straight to its place",
         source="after thesis section 6.6: any closed convex footprint; law and condition are ours",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sympy as sp
 
 from holdfast.maths.dipole import GUARD, UNSEEN
-from holdfast.maths.footprint import body_coordinates, edges, polygon, triangle
+from holdfast.maths.footprint import body_coordinates, polygon, side_parameters, triangle
 from holdfast.maths.functions import angle, length, magnitude
 from holdfast.maths.quantity import Parameter, Quantity, symbol
 from holdfast.maths.region import Inequality, Region
@@ -70,6 +70,7 @@ def leader_in_footprint(*, vertices: object = None) -> Region:
     """
     ahead, left = body_coordinates()
     corners = polygon(vertices)
+    sides, numbers = side_parameters(corners)
     x, y, beta = (q.symbol for q in POSE)
     return Region(
         name="leader_in_footprint",
@@ -81,8 +82,9 @@ def leader_in_footprint(*, vertices: object = None) -> Region:
                 "m",
                 f"leader inside side {i} of the footprint",
             )
-            for i, side in enumerate(edges(corners), start=1)
+            for i, side in enumerate(sides, start=1)
         ),
+        parameters=numbers,
         scene=(
             Circle("leader", (sp.S.Zero, sp.S.Zero), sp.Float(0.05)),
             Footprint("view", (x, y), beta, tuple((sp.Float(a), sp.Float(b)) for a, b in corners)),

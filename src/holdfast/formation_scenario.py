@@ -1,0 +1,279 @@
+"""A scenario of a leader and its followers among walls: planned, checked, composed."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import sympy as sp
+
+from holdfast.analysis.starts import Starts
+from holdfast.analysis.visibility_gains import visibility_gains
+from holdfast.checking import at
+from holdfast.compose import Composer
+from holdfast.errors import GainWarning, ScenarioError
+from holdfast.formation_schema import FormationSpec
+from holdfast.kernel_scenario import FORMATION
+from holdfast.maths.chain import chain, chain_in_view, joint_law, robot_names
+from holdfast.maths.functions import magnitude
+from holdfast.maths.law import Law
+from holdfast.maths.laws.follow_leader import SEEN, TURNS
+from holdfast.maths.quantity import Parameter, symbol
+from holdfast.maths.region import Inequality, Region
+from holdfast.maths.switching import Switching
+from holdfast.maths.system import System
+from holdfast.maths.systems.leader_follower import leader_follower
+from holdfast.maths.units import to_si
+from holdfast.planning.corners import Convoy, Corner, Pose, route_corners
+from holdfast.planning.environment import Environment, environment
+from holdfast.planning.fields import Fields, route_fields
+from holdfast.planning.geojson import geojson_cells
+from holdfast.planning.leader import lead_along
+from holdfast.planning.route import plan_route
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Course:
+    """What was planned: the fields of the route, and how its corners are taken."""
+
+    fields: Fields
+    corners: tuple[Corner, ...]
+    followers: int
+
+    @property
+    def environment(self) -> Environment:
+        return self.fields.route.environment
+
+    @property
+    def goal(self) -> tuple[float, float]:
+        return self.fields.route.goal
+
+    def arrows(self, apart: float = 0.4) -> Array:
+        """(x, y, direction) of the leader's fields at places of its cells, about `apart` [m]."""
+        found = []
+        for number, leg in enumerate(self.fields.route.legs):
+            corners = np.array(leg.cell.corners)
+            low, high = corners.min(axis=0), corners.max(axis=0)
+            counts = np.maximum(np.ceil((high - low) / apart), 1).astype(int)
+            x, y = (
+                a + (b - a) * (np.arange(n) + 0.5) / n
+                for a, b, n in zip(low, high, counts, strict=True)
+            )
+            places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+            places = places[[leg.cell.contains(place) for place in places]]
+            found.append(np.column_stack([places, self.fields.headings(number, places)]))
+        return np.vstack(found)
+
+
+@dataclass(frozen=True)
+class Formation:
+    """The parts of a closed loop: what a scenario of kind closed-loop says in its own tables."""
+
+    system: System
+    law: Switching
+    region: Region
+    goal: Region
+    starts: Starts
+    course: Course
+
+
+def is_formation(data: Mapping[str, Any]) -> bool:
+    """Whether tables, not yet checked, are of a leader and its followers."""
+    header = data.get("scenario")
+    return isinstance(header, Mapping) and header.get("kind") == FORMATION
+
+
+def composed_formation(file: str, spec: FormationSpec) -> Formation:
+    """The parts of the closed loop; `ScenarioError` names what cannot be planned, and why."""
+    radius = _si(file, "environment.robot_radius", spec.environment.robot_radius, "m")
+    with at(file, "environment"):
+        cells = dict(spec.environment.cells)
+        if (spec.environment.geojson is None) == (not cells):
+            raise ScenarioError("give either cells or geojson")
+        if spec.environment.geojson is not None:
+            cells = dict(geojson_cells(spec.environment.geojson))
+        free = environment(cells, radius)
+    starts = [_pose(file, "leader.start", spec.leader.start)]
+    starts += [
+        _pose(file, f"followers.starts.{i}", given) for i, given in enumerate(spec.followers.starts)
+    ]
+    _check_together(file, free, starts)
+    laws = _laws(file, spec, radius)
+    goal = [_si(file, "leader.goal", v, "m") for v in spec.leader.goal]
+    lead = {
+        name: _si(file, f"leader.{name}", getattr(spec.leader, name), unit)
+        for name, unit in (("speed", "m/s"), ("gain", "1/s"), ("goal_radius", "m"))
+    }
+    given = spec.leader.radius
+    arc = None if given is None else _si(file, "leader.radius", given, "m")
+    for name, value in (*lead.items(), ("radius", 1.0 if arc is None else arc)):
+        if not value > 0:
+            raise ScenarioError(f"{file}: leader.{name}: {value:g}", expected="above 0")
+    with at(file, "leader"):
+        route = plan_route(free, starts[0][:2], goal)
+        fields = route_fields(route, spec.leader.exponent)
+        distance = next(p.value for p in laws[0].parameters if p.name == "distance")
+        convoy = Convoy(lead["speed"], lead["gain"], laws, distance)
+        corners = route_corners(fields, convoy, starts[0], radius=arc)
+        leader = lead_along(fields, corners, **lead)
+    count = len(laws)
+    system = chain(count)
+    with at(file, "camera"):
+        region = chain_in_view(
+            count,
+            free.walls,
+            range_max=_si(file, "camera.range_max", spec.camera.range_max, "m"),
+            half_angle=_si(file, "camera.half_angle", spec.camera.half_angle, "rad"),
+            robot_radius=radius,
+        )
+    with at(file, "followers.law"):
+        law = joint_law(system, leader, laws)
+    names = [q.name for q in system.states]
+    within = _si(file, "followers.within", spec.followers.within, "m")
+    return Formation(
+        system=system,
+        law=law,
+        region=region,
+        goal=_arrived(system, leader.parameters, distance, within, count),
+        starts=Starts(states=[dict(zip(names, sum(starts, ()), strict=True))]),
+        course=Course(fields, corners, count),
+    )
+
+
+def _si(file: str, key: str, value: object, unit: str) -> float:
+    with at(file, key):
+        return to_si(value, unit)
+
+
+def _pose(file: str, key: str, given: Mapping[str, Any]) -> Pose:
+    units = {"x": "m", "y": "m", "theta": "rad"}
+    if set(given) != set(units):
+        odd = min(set(given) ^ set(units))
+        raise ScenarioError(
+            f"{file}: {key}: '{odd}' is " + ("missing" if odd in units else "no part of a pose"),
+            expected="{ x, y, theta }",
+        )
+    x, y, theta = (_si(file, f"{key}.{n}", given[n], unit) for n, unit in units.items())
+    return x, y, theta
+
+
+def _check_together(file: str, free: Environment, starts: list[Pose]) -> None:
+    """All robots have to begin in one cell: what lies between is the leader's plan, not theirs."""
+    found = []
+    for name, (x, y, _) in zip(robot_names(len(starts) - 1), starts, strict=True):
+        who = "the leader" if name == "L" else f"follower {name}"
+        cells = free.cells_at((x, y))
+        if not cells:
+            raise ScenarioError(
+                f"{file}: {who} starts at ({x:g}, {y:g}), outside the free space of a robot",
+                expected=f"in a cell, at least {free.robot_radius:g} m from its walls",
+            )
+        found.append((who, cells))
+    if not set.intersection(*(cells for _, cells in found)):
+        shown = ", ".join(f"{who} in '{free.cells[min(cells)].name}'" for who, cells in found)
+        raise ScenarioError(
+            f"{file}: the robots start in different cells: {shown}", expected="all of them in one"
+        )
+
+
+def _laws(file: str, spec: FormationSpec, radius: float) -> tuple[Law, ...]:
+    """The followers' laws, each with what it is told of the one before it; gains are checked."""
+    count = len(spec.followers.starts)
+    speeds = spec.followers.leader_speeds
+    if speeds is not None and len(speeds) != count:
+        raise ScenarioError(
+            f"{file}: followers.leader_speeds: {len(speeds)} numbers for {count} followers"
+        )
+    composer = Composer(file)
+    composer.system_built = leader_follower()  # what the law of a follower is written for
+    with at(file, "followers.law"):
+        law = composer.law(spec.followers.law)
+        if not isinstance(law, Law) or "distance" not in [p.name for p in law.parameters]:
+            raise ScenarioError(
+                f"'{law.name}' does not follow a leader at a distance",
+                expected="'follow_leader', 'approach_leader', or a law of your own with a "
+                "parameter 'distance'",
+            )
+        more = [q.name for q in law.reads if q.name not in [s.name for s in SEEN]]
+        if more:
+            raise ScenarioError(
+                f"'{law.name}' reads '{more[0]}', which no follower measures",
+                expected="reads = ['range', 'bearing']",
+            )
+    laws = []
+    for i in range(count):
+        told = law
+        if speeds is not None:
+            speed = _si(file, f"followers.leader_speeds.{i}", speeds[i], "m/s")
+            told = _told(law, speed)
+        _check_gains(file, spec, told, i + 1, radius)
+        laws.append(told)
+    return tuple(laws)
+
+
+def _told(law: Law, speed: float) -> Law:
+    return replace(
+        law,
+        parameters=tuple(
+            replace(p, value=speed) if p.name == "leader_speed" else p for p in law.parameters
+        ),
+    )
+
+
+def _check_gains(file: str, spec: FormationSpec, law: Law, number: int, radius: float) -> None:
+    """Refuse distances that make no sense; warn of gains outside the window."""
+    values = {p.name: p.value for p in law.parameters}
+    if "k2" not in values:
+        return
+    turn = "line_of_sight" if law.outputs["wF"].has(sp.sin) else TURNS[0]
+    with at(file, "followers.law"):
+        window = visibility_gains(
+            k1=values["k1"],
+            distance=values["distance"],
+            range_max=_si(file, "camera.range_max", spec.camera.range_max, "m"),
+            half_angle=_si(file, "camera.half_angle", spec.camera.half_angle, "rad"),
+            leader_speed=values.get("leader_speed", 0.0),
+            softness=values.get("softness", 1e-6),
+            turn=turn,
+            robot_radius=radius,
+        )
+    if values["k2"] not in window:
+        warnings.warn(
+            f"follower {number}: k2 = {values['k2']:g} 1/s may lose its leader: {window}",
+            GainWarning,
+            stacklevel=2,
+        )
+
+
+def _arrived(
+    system: System, parameters: tuple[Parameter, ...], distance: float, within: float, count: int
+) -> Region:
+    """The leader at its goal, every follower at its distance from the one before it."""
+    x, y = symbol("xL") - symbol("goal_x"), symbol("yL") - symbol("goal_y")
+    measured = {m.name: m.expression for m in system.measurements}
+    kept = [p for p in parameters if p.name in ("goal_x", "goal_y", "goal_radius")]
+    places = [
+        Inequality(
+            f"place{k}",
+            magnitude(measured[f"range{k}"] - sp.Float(distance)) - sp.Float(within),
+            "m",
+        )
+        for k in range(1, count + 1)
+    ]
+    return Region(
+        name="arrived",
+        reads=system.states,
+        inequalities=(
+            Inequality("goal", sp.sqrt(x**2 + y**2) - 2 * symbol("goal_radius"), "m"),
+            *places,
+        ),
+        parameters=tuple(kept),
+        description="the leader at its goal, every follower in its place",
+        source="thesis section 6.5",
+    )

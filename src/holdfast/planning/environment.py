@@ -1,0 +1,308 @@
+"""The free space of robots as convex cells, and the passages between them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations, pairwise
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+import shapely.ops
+
+from holdfast.errors import DefinitionError
+from holdfast.maths.footprint import Edge, edges, polygon
+
+Array = npt.NDArray[np.float64]
+Point = tuple[float, float]
+
+
+def shown(point: Sequence[float] | Array) -> str:
+    """A place in a message."""
+    x, y = (round(float(v), 3) + 0.0 for v in point)  # no -0
+    return f"({x:g}, {y:g})"
+
+
+CLOSE = 1e-6
+"""Lengths [m] below this are none: faces that are so near are the same line."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A convex polygon, its corners counterclockwise [m]."""
+
+    name: str
+    corners: tuple[Point, ...]
+
+    @cached_property
+    def faces(self) -> tuple[Edge, ...]:
+        """The sides, each from a corner to the next."""
+        return edges(self.corners)
+
+    @cached_property
+    def shape(self) -> shapely.Polygon:
+        return shapely.Polygon(self.corners)
+
+    def side(self, number: int) -> tuple[Array, Array]:
+        """The ends of a face."""
+        ends = np.array([self.corners[number], self.corners[(number + 1) % len(self.corners)]])
+        return ends[0], ends[1]
+
+    @cached_property
+    def _planes(self) -> tuple[Array, Array]:
+        """Outward normals of the faces, and how far out they are."""
+        normals = np.array([[f.ahead, f.left] for f in self.faces], dtype=float)
+        return normals, np.array([f.offset for f in self.faces], dtype=float) + CLOSE
+
+    def contains(self, point: Sequence[float] | Array) -> bool:
+        """Whether a point is in the cell or on its border."""
+        normals, offsets = self._planes
+        return bool((normals @ np.asarray(point, dtype=float) <= offsets).all())
+
+
+@dataclass(frozen=True)
+class Passage:
+    """What two cells share for the centres of robots: a segment of a face of each.
+
+    `face` is that of the cell that is left, (a, b) the ends, `normal` points into the next.
+    """
+
+    face: int
+    a: Point
+    b: Point
+    normal: Point
+
+    @property
+    def middle(self) -> Point:
+        return ((self.a[0] + self.b[0]) / 2, (self.a[1] + self.b[1]) / 2)
+
+    @property
+    def width(self) -> float:
+        return math.dist(self.a, self.b)
+
+
+@dataclass(frozen=True)
+class Environment:
+    """Cells as given, and for the centres of robots of `robot_radius`: `inner`, with `passages`.
+
+    passages: (cell, next cell) -> what they share; `closed` says why two that touch share nothing
+    that a robot passes. free: the union of all cells; walls are its border.
+    """
+
+    cells: tuple[Cell, ...]
+    robot_radius: float
+    inner: tuple[Cell, ...]
+    passages: Mapping[tuple[int, int], Passage]
+    closed: tuple[str, ...]
+    free: shapely.Geometry
+
+    @cached_property
+    def walls(self) -> tuple[tuple[Point, Point], ...]:
+        """The border of the free space, as segments."""
+        return _segments(shapely.simplify(self.free.buffer(-CLOSE, join_style="mitre"), 2 * CLOSE))
+
+    def cell_at(self, point: Sequence[float]) -> int | None:
+        """The first cell that the centre of a robot at `point` is in."""
+        return next((i for i, c in enumerate(self.inner) if c.contains(point)), None)
+
+    def cells_at(self, point: Sequence[float]) -> set[int]:
+        """All cells that the centre of a robot there is in: two on what they share."""
+        return {i for i, c in enumerate(self.inner) if c.contains(point)}
+
+
+def environment(cells: Mapping[str, object], robot_radius: float) -> Environment:
+    """The free space { name: corners } for robots of that radius.
+
+    Cells are convex polygons with corners in order, (x, y) in m, that touch without overlapping.
+    A face that lies along another cell opens to it where they touch; the rest is wall, and walls
+    are kept away from by the radius. Of two faces that touch, one has to be open over all of its
+    length. Raises `DefinitionError`, naming the cell and the face, for cells that are not convex or
+    overlap, that are narrower than a robot, and for faces that touch otherwise.
+    """
+    if isinstance(robot_radius, bool) or not 0 < robot_radius < math.inf:
+        raise DefinitionError(f"robot_radius is {robot_radius!r}", expected="above 0")
+    if not cells:
+        raise DefinitionError("there are no cells", expected="at least one")
+    given = tuple(Cell(n, polygon(v, f"cell '{n}'")) for n, v in cells.items())
+    for one, other in combinations(given, 2):
+        shared = one.shape.intersection(other.shape)
+        if shared.area > CLOSE:
+            raise DefinitionError(
+                f"cells '{one.name}' and '{other.name}' overlap by {shared.area:.3g} m^2 at "
+                f"{shown(shared.centroid.coords[0])}",
+                expected="cells that touch without overlapping",
+            )
+    touching = _touching(given)
+    offsets = _offsets(given, touching, robot_radius)
+    free = shapely.union_all([c.shape.buffer(CLOSE, join_style="mitre") for c in given])
+    inner = tuple(_inner(c, offsets[i], robot_radius, free) for i, c in enumerate(given))
+    passages, closed = _passages(given, inner, touching)
+    return Environment(given, robot_radius, inner, passages, tuple(closed), free)
+
+
+# -- from cells to what the centres of robots have of them --------------------------------------
+
+
+@dataclass(frozen=True)
+class _Contact:
+    """Faces (cell, number) of two cells on one line, and the ends of what they share."""
+
+    one: tuple[int, int]
+    other: tuple[int, int]
+    a: Array
+    b: Array
+
+
+def _touching(cells: tuple[Cell, ...]) -> list[_Contact]:
+    found = []
+    for (i, one), (j, other) in combinations(enumerate(cells), 2):
+        for k, face in enumerate(one.faces):
+            for m, opposite in enumerate(other.faces):
+                if shared := _shared(one.side(k), face, other.side(m), opposite):
+                    found.append(_Contact((i, k), (j, m), *shared))
+    return found
+
+
+def _shared(
+    side: tuple[Array, Array], face: Edge, across: tuple[Array, Array], opposite: Edge
+) -> tuple[Array, Array] | None:
+    """What two faces that look at each other share of a line."""
+    normal = np.array([face.ahead, face.left], dtype=float)
+    other = np.array([opposite.ahead, opposite.left], dtype=float)
+    beside = max(abs(float(normal @ end) - float(face.offset)) for end in across)
+    if normal @ other > -1 + 1e-9 or beside > CLOSE:
+        return None
+    along = (side[1] - side[0]) / np.linalg.norm(side[1] - side[0])
+    low, high = sorted(float(along @ (e - side[0])) for e in across)
+    low, high = max(low, 0.0), min(high, float(np.linalg.norm(side[1] - side[0])))
+    return (side[0] + low * along, side[0] + high * along) if high - low > CLOSE else None
+
+
+def _offsets(cells: tuple[Cell, ...], touching: list[_Contact], radius: float) -> list[list[float]]:
+    """How far outwards each face is for the centres of robots.
+
+    A face with wall in it is moved in by the radius, and what opens to it is moved out to meet it.
+    """
+    open_length: dict[tuple[int, int], float] = {}
+    for contact in touching:
+        size = float(np.linalg.norm(contact.b - contact.a))
+        for key in (contact.one, contact.other):
+            open_length[key] = open_length.get(key, 0.0) + size
+
+    def is_open(key: tuple[int, int]) -> bool:
+        a, b = cells[key[0]].side(key[1])
+        return open_length.get(key, 0.0) > float(np.linalg.norm(b - a)) - 2 * CLOSE
+
+    wanted: dict[tuple[int, int], set[float]] = {}
+    for contact in touching:
+        one, other = is_open(contact.one), is_open(contact.other)
+        if not one and not other:
+            names = cells[contact.one[0]].name, cells[contact.other[0]].name
+            raise DefinitionError(
+                f"face {contact.one[1] + 1} of cell '{names[0]}' and face "
+                f"{contact.other[1] + 1} of cell '{names[1]}' share a part of each",
+                remedy="split one of the cells there, so that it opens over all of a face",
+            )
+        for key, mine, theirs in (
+            (contact.one, one, other),
+            (contact.other, other, one),
+        ):
+            if mine:
+                wanted.setdefault(key, set()).add(0.0 if theirs else radius)
+    for (i, k), values in wanted.items():
+        if len(values) > 1:
+            raise DefinitionError(
+                f"face {k + 1} of cell '{cells[i].name}' opens to cells that end there and to one "
+                "that does not",
+                remedy="split the cell there",
+            )
+    return [
+        [next(iter(wanted.get((i, k), {-radius}))) for k in range(len(c.faces))]
+        for i, c in enumerate(cells)
+    ]
+
+
+def _inner(cell: Cell, offsets: list[float], radius: float, free: shapely.Geometry) -> Cell:
+    """What the centre of a robot has of a cell: its faces moved by the offsets, and then cut off
+    what is still too near to a wall, straight and square to the shortest way there."""
+    size = 4 * max(math.dist(a, b) for a in cell.corners for b in cell.corners)
+    shape: shapely.Geometry = cell.shape.buffer(size, join_style="mitre")
+    for face, offset in zip(cell.faces, offsets, strict=True):
+        normal = np.array([face.ahead, face.left], dtype=float)
+        shape = _cut(shape, normal, float(face.offset) + offset, size)
+    border = free.boundary
+    for _ in range(100):
+        if shape.is_empty or shape.geom_type != "Polygon" or shape.area < CLOSE:
+            break
+        here, wall = (np.array(p.coords[0]) for p in shapely.ops.nearest_points(shape, border))
+        gap = float(np.linalg.norm(wall - here))
+        if gap > radius - 2 * CLOSE:
+            corners = list(shapely.simplify(shapely.normalize(shape), CLOSE).exterior.coords)[:-1]
+            return Cell(cell.name, polygon(corners, f"cell '{cell.name}'"))
+        towards = (wall - here) / gap if gap > 2 * CLOSE else _outwards(shape, wall)
+        shape = _cut(shape, towards, float(towards @ wall) - radius, size)
+    raise DefinitionError(
+        f"cell '{cell.name}' is narrower than a robot", expected=f"more than {2 * radius:g} m"
+    )
+
+
+def _cut(shape: shapely.Geometry, normal: Array, offset: float, size: float) -> shapely.Geometry:
+    """What of it has normal . p <= offset."""
+    if shape.is_empty:
+        return shape
+    along = np.array([-normal[1], normal[0]])
+    middle = np.array(shape.centroid.coords[0])
+    foot = middle + (offset - normal @ middle) * normal
+    ends = [foot - 4 * size * along, foot + 4 * size * along]
+    return shape.intersection(
+        shapely.Polygon([*ends, *(e - 8 * size * normal for e in reversed(ends))])
+    )
+
+
+def _outwards(shape: shapely.Polygon, corner: Array) -> Array:
+    """The direction in the middle between the normals of the sides at a corner of a polygon."""
+    corners = np.array(shapely.orient_polygons(shape).exterior.coords)[:-1]
+    k = int(np.argmin(np.linalg.norm(corners - corner, axis=1)))
+    ways = corners[k] - corners[k - 1], corners[(k + 1) % len(corners)] - corners[k]
+    total = sum(np.array([w[1], -w[0]]) / np.linalg.norm(w) for w in ways)
+    return np.asarray(total / np.linalg.norm(total))
+
+
+def _passages(
+    cells: tuple[Cell, ...], inner: tuple[Cell, ...], touching: list[_Contact]
+) -> tuple[dict[tuple[int, int], Passage], list[str]]:
+    found: dict[tuple[int, int], Passage] = {}
+    closed = []
+    for i, j in sorted({(c.one[0], c.other[0]) for c in touching}):
+        shared = [
+            (k, m, ends)
+            for k, face in enumerate(inner[i].faces)
+            for m, opposite in enumerate(inner[j].faces)
+            if (ends := _shared(inner[i].side(k), face, inner[j].side(m), opposite))
+        ]
+        if not shared:
+            closed.append(f"between '{cells[i].name}' and '{cells[j].name}' no robot passes")
+            continue
+        k, m, (a, b) = max(shared, key=lambda s: float(np.linalg.norm(s[2][1] - s[2][0])))
+        for one, other, face in ((i, j, k), (j, i, m)):
+            edge = inner[one].faces[face]
+            found[one, other] = Passage(
+                face,
+                (float(a[0]), float(a[1])),
+                (float(b[0]), float(b[1])),
+                (float(edge.ahead), float(edge.left)),
+            )
+    return found, closed
+
+
+def _segments(shape: shapely.Geometry) -> tuple[tuple[Point, Point], ...]:
+    polygons = getattr(shape, "geoms", [shape])
+    rings = [r for p in polygons for r in (p.exterior, *p.interiors)]
+    found: list[tuple[Point, Point]] = []
+    for ring in rings:
+        points = [(float(x), float(y)) for x, y in ring.coords]
+        found += pairwise(points)
+    return tuple(found)

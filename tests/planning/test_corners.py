@@ -1,0 +1,193 @@
+"""Corners: the exact circle, the radii that were tried, and what is refused."""
+
+import math
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.errors import DefinitionError
+from holdfast.maths.turning import (
+    chain_radii,
+    critical_radius,
+    follower_radius,
+    turning_radii,
+    zero_off_tracking_gain,
+)
+from holdfast.planning.corners import Convoy, route_corners
+from holdfast.planning.environment import environment
+from holdfast.planning.fields import route_fields
+from holdfast.planning.route import plan_route
+from tests.planning.test_environment import CORNER, box
+
+
+def clearance(distance, width, robot, radius):
+    """Of a follower on that circle, to the wall: from beside it to past the corner.
+
+    The leader is at the origin; the free space of centres ends at y = -width / 2 for x < 0 less
+    what the robot's disc needs about the corner of the wall, which is at (-robot, -width / 2 - robot).
+    """
+    s = math.sqrt(distance**2 - width**2 / 4)
+    sine, cosine = width / (2 * distance), s / distance
+    centre = np.array([-s + radius * sine, -width / 2 - radius * cosine])
+    angles = np.linspace(math.atan2(cosine, -sine), 0.0, 20001)  # to where it is farthest along x
+    x, y = centre[:, None] + radius * np.array([np.cos(angles), np.sin(angles)])
+    beside = (x < -robot) & (y < 0)
+    gap = np.where(beside, y + width / 2, np.hypot(x + robot, y + width / 2 + robot) - robot)
+    return float(gap[x < 0.0].min())
+
+
+@pytest.mark.parametrize(
+    ("distance", "width", "robot", "printed", "exact", "inside"),
+    [
+        (1.0, 1.2, 0.2, 0.562, 0.5625, 0.0),
+        (1.0, 0.8, 0.2, 0.932, 0.951, -0.007),
+        (1.0, 1.6, 0.2, 0.317, 0.333, -0.030),
+        (0.6, 1.0, 0.15, 0.160, 0.196, None),
+    ],
+)
+def test_critical_circle_touches_the_corner_and_that_of_6_24_goes_into_it(
+    distance, width, robot, printed, exact, inside
+):
+    theirs = critical_radius(distance, width, robot, as_printed=True)
+    mine = critical_radius(distance, width, robot)
+    assert theirs == pytest.approx(printed, abs=6e-4)
+    assert mine == pytest.approx(exact, abs=6e-4)
+    if inside is not None:
+        assert clearance(distance, width, robot, mine) == pytest.approx(0.0, abs=1e-6)
+        assert clearance(distance, width, robot, theirs) == pytest.approx(inside, abs=6e-4)
+        assert clearance(distance, width, robot, 0.9 * mine) < -0.005
+
+
+def test_upper_bound_of_6_25_has_the_wrong_sign():
+    """rd 1, w 1.2, r0 .2: at RL = 2 the leader is at x = 2.24 m of a corridor 1.2 m wide."""
+    mine, printed = (turning_radii(1.0, 1.2, 1.2, 0.2, as_printed=p) for p in (False, True))
+    assert (mine.low, mine.high) == pytest.approx((1.147, 1.407), abs=1e-3)
+    assert printed.high == pytest.approx(2.337, abs=1e-3)
+
+    def reach(radius):
+        behind = math.sqrt(radius**2 - 1)
+        centre = -0.8 + behind * 0.6
+        return centre + radius
+
+    assert reach(mine.high) == pytest.approx(1.2, abs=1e-12)
+    assert reach(2.0) == pytest.approx(2.24, abs=0.01)
+    assert 1.2 in mine
+    assert 1.5 not in mine
+    assert turning_radii(1.0, 1.2, 0.6, 0.2).empty
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((1.0, 2.1, 0.2), "the follower may be beside the leader"),
+        ((1.0, 1.2, 0.7), "no circle takes a follower"),
+        ((0.0, 1.2, 0.2), "distance is 0.0"),
+        ((1.0, math.nan, 0.2), "width is nan"),
+    ],
+)
+def test_corners_without_a_circle_are_refused(arguments, message):
+    with pytest.raises(DefinitionError, match=message):
+        critical_radius(*arguments)
+
+
+# -- circles of followers -----------------------------------------------------------------------
+
+
+def circling(law, radius, followers=1, speed=0.2, seconds=300.0):
+    """The radii of the followers' circles in the end, by simulation."""
+    from holdfast.maths.chain import chain, joint_law
+
+    system = chain(followers)
+    lead = hf.Law("circle", system.states[:3], {"uL": hf.symbol("s"), "wL": hf.symbol("s") / hf.symbol("R")},
+        parameters=(hf.Parameter("s", "m/s", value=speed), hf.Parameter("R", "m", value=radius)))  # fmt: skip
+    law = joint_law(system, hf.Switching("lead", {"on": lead}), [law] * followers)
+    start = [radius, 0, math.pi / 2]
+    for k in range(1, followers + 1):
+        start += [radius, -1.0 * k, math.pi / 2]
+    data = hf.simulate(
+        system, law, starts=[start], horizon=seconds, sample_time=0.01, substeps=1, record_every=1.0
+    ).dataset
+    end = data["state"].values[0, -1].reshape(-1, 3)
+    return np.hypot(end[1:, 0], end[1:, 1])
+
+
+def test_radii_of_a_chain_are_those_of_a_tractor_with_trailers():
+    """Where they point at the one before, by a large gain: sqrt(R^2 - rd^2) again and again."""
+    exact = chain_radii(3.0, 1.0, 4)
+    assert exact == pytest.approx((2.828, 2.646, 2.449, 2.236), abs=1e-3)
+    law = hf.laws.follow_leader(k1=0.6, k2=40.0, leader_speed=0.25, softness=0.005)
+    assert circling(law, 3.0, followers=4) == pytest.approx(exact, abs=0.02)
+
+
+def test_radius_of_a_follower_that_sees_the_leader_aside():
+    """In the end it turns as the leader does: k2 bearing = uL / RL."""
+    law = hf.laws.follow_leader(k1=0.6, k2=0.8, leader_speed=0.25, softness=0.01)
+    found = circling(law, 3.0)[0]
+    bearing = 0.2 / 3.0 / 0.8
+    assert found == pytest.approx(follower_radius(3.0, 1.0, bearing), abs=0.02)
+    assert found == pytest.approx(2.919, abs=0.02)
+
+
+def test_gain_without_off_tracking_puts_all_followers_on_the_leaders_circle():
+    gain = zero_off_tracking_gain(0.2, 3.0, 1.0)
+    assert gain == pytest.approx(0.4, rel=0.01)
+    law = hf.laws.follow_leader(k1=0.6, k2=gain, leader_speed=0.25, softness=0.01)
+    assert circling(law, 3.0, followers=3) == pytest.approx(3.0, abs=0.02)
+
+
+def test_circles_that_are_none_are_refused():
+    with pytest.raises(DefinitionError, match="has no follower 1 m behind"):
+        chain_radii(1.5, 1.0, 3)
+    with pytest.raises(DefinitionError, match="at most twice the radius"):
+        zero_off_tracking_gain(0.2, 0.4, 1.0)
+
+
+# -- corners that are tried -----------------------------------------------------------------------
+
+
+def planned(cells, start, goal):
+    return route_fields(plan_route(environment(cells, 0.2), start, goal))
+
+
+def convoy(followers=1, **options):
+    law = hf.laws.follow_leader(k1=0.6, k2=0.8, leader_speed=0.25, **options)
+    return Convoy(0.2, 2.0, (law,) * followers, 1.0)
+
+
+def corner(fields, number, convoy, start=(-3.0, 0.0, 0.0), **options):
+    return route_corners(fields, convoy, start, **options)[number]
+
+
+def test_arcs_without_a_jump_may_be_half_as_wide():
+    """0.6 m against 1.15 m with the jump of the thesis, wherever the follower is."""
+    fields = planned(CORNER, (-3, 0), (0.6, -4.5))
+    found = corner(fields, 0, convoy())
+    assert found.side == -1
+    assert found.low == pytest.approx(0.59, abs=0.03)
+    assert found.high == pytest.approx(1.2, abs=1e-9)
+    assert found.low < found.radius < found.high
+    left = {"west": CORNER["west"], "north": [[x, -y] for x, y in CORNER["south"]]}
+    mirrored = corner(planned(left, (-3, 0), (0.6, 4.5)), 0, convoy())
+    assert mirrored.side == 1
+    assert (mirrored.low, mirrored.high) == pytest.approx((found.low, found.high), abs=0.03)
+
+
+def test_straight_on_is_no_corner():
+    cells = {"a": box(-6, 0, 0, 2), "b": box(0, 0, 6, 2)}
+    assert corner(planned(cells, (-3, 1), (5, 1)), 0, convoy(), (-3, 1, 0)).side == 0
+
+
+def test_corner_that_cannot_be_taken_is_named():
+    narrow = {"west": box(-6, -0.5, -0.3, 0.5), "south": box(-0.3, -5, 0.5, 0.5)}
+    with pytest.raises(
+        DefinitionError, match=r"no radius .* from cell 'west' to cell 'south' at \(-0.1, 0\)"
+    ):
+        corner(planned(narrow, (-3, 0), (0.1, -4)), 0, convoy(3))
+    fields = planned(CORNER, (-3, 0), (0.6, -4.5))
+    with pytest.raises(DefinitionError, match="the given radius takes the robots"):
+        corner(fields, 0, convoy(), radius=0.3)
+    assert corner(fields, 0, convoy(), radius=0.8).radius == 0.8
+    short = {"west": box(-1.2, -0.8, -0.2, 0.8), "south": CORNER["south"]}
+    with pytest.raises(DefinitionError, match="cell 'west' is too short for 2 robots"):
+        corner(planned(short, (-0.5, 0), (0.6, -4.5)), 0, convoy(2), (-0.5, 0, 0))

@@ -1,0 +1,183 @@
+"""Scenarios of a leader and its followers: the numbers of the corridor, and what is refused."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from random_corridors import corridor as corridor_of
+from random_corridors import judged
+
+import holdfast as hf
+from holdfast.errors import GainWarning, HoldfastError, ScenarioError
+from holdfast.formation_scenario import Course
+from holdfast.maths.chain import chain, joint_law
+from holdfast.planning.corners import Corner
+from holdfast.planning.leader import lead_along
+from holdfast.scenario import load_scenario
+
+QUICK = ["run.sample_time=0.01", "run.record_every=0.1"]
+
+
+def worst(result):
+    data = result.dataset
+    names = [str(n) for n in data["constraint_name"].values]
+    return dict(zip(names, data["worst_constraint"].values[0], strict=True))
+
+
+@pytest.fixture(scope="module")
+def corridor():
+    return load_scenario("ch6-corridor", QUICK)
+
+
+def test_corridor_of_figs_6_7_and_6_8_is_passed_in_view_and_clear_of_walls(corridor):
+    result = corridor.run()
+    assert result.outcomes["reached goal"] == 1
+    found = worst(result)
+    expected = {
+        "bearing1": -0.389,
+        "range1": -0.197,
+        "sight1": -0.5,
+        "clear_L": -0.3,
+        "clear_1": -0.3,
+    }
+    for name, value in expected.items():
+        assert found[name] == pytest.approx(value, abs=2e-3)
+    assert found["apart_L_1"] == pytest.approx(-0.6, abs=1e-3)
+
+
+def test_a_leader_that_follows_its_fields_around_the_corner_leads_the_follower_into_it(corridor):
+    """Without the arc: section 6.5.1 says so, and so it is with the law that cuts corners."""
+    course = corridor.course
+    assert isinstance(course, Course)
+    straight = [Corner(0, 0.0, np.inf, np.inf) for _ in course.corners]
+    lead = lead_along(course.fields, straight, speed=0.2)
+    clearances = []
+    for turn in ("line_of_sight", "bearing"):
+        law = hf.laws.follow_leader(k1=0.6, k2=3.0, leader_speed=0.25, turn=turn)
+        joint = joint_law(chain(1), lead, [law])
+        result = hf.simulate(
+            corridor.system, joint, starts=corridor.starts, region=corridor.region, horizon=50.0,
+            sample_time=0.01, substeps=1, record_every=1.0,
+        )  # fmt: skip
+        clearances.append(worst(result)["clear_1"])
+    assert clearances[0] > 0.02
+
+
+@pytest.mark.parametrize("name", ["ch6-corridor-s", "ch6-polygons", "ch6-chain"])
+def test_shipped_formations_arrive_with_everyone_in_view(name):
+    scenario = load_scenario(name, QUICK)
+    result = scenario.run()
+    assert result.outcomes["reached goal"] == 1
+    found = worst(result)
+    assert max(v for k, v in found.items() if k.startswith(("bearing", "range"))) < -0.15
+    assert max(v for k, v in found.items() if k.startswith(("clear", "sight"))) < -0.02
+    assert max(v for k, v in found.items() if k.startswith("apart")) < -0.5
+    sides = [c.side for c in scenario.course.corners]
+    assert {"ch6-corridor-s": [-1, 1, 1], "ch6-chain": [-1]}.get(name, sides) == sides
+    if name == "ch6-polygons":
+        assert len(scenario.course.environment.cells) == 13
+        assert {-1, 0, 1} <= set(sides)
+
+
+def test_robot_behind_a_wall_is_not_seen(corridor):
+    """The leader around the corner, within range and bearing: the wall is what hides it."""
+    law = hf.laws.approach_leader(k1=1e-3, k2=1e-3)
+    stop = hf.Law(
+        "stop",
+        corridor.system.states[:3],
+        {"uL": hf.parse_expression("0", {}), "wL": hf.parse_expression("0", {})},
+    )
+    joint = joint_law(corridor.system, hf.Switching("stop", {"stop": stop}), [law])
+    starts = [[0.2, -1.6, 0.0, -0.9, -0.3, -0.868]]
+    result = hf.simulate(
+        corridor.system, joint, starts=starts, region=corridor.region, horizon=0.1,
+        sample_time=0.01, substeps=1, record_every=0.1, start_outside=True,
+    )  # fmt: skip
+    found = worst(result)
+    assert found["bearing1"] < 0
+    assert found["range1"] < 0
+    assert found["sight1"] == pytest.approx(0.211, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("environment.robot_radius=0.9", "cell 'west' is narrower than a robot"),
+        ("environment.robot_radius=-1", "robot_radius is -1"),
+        ("environment.cells.south=[[-1, -5], [1.4, -5], [1.4, 0.8], [-1, 0.8]]", "overlap by"),
+        ("environment.cells.south=[[0, 0], [1, 0]]", "cell 'south' has 2 vertices"),
+        ("environment.geojson='rooms.geojson'", "give either cells or geojson"),
+        ("leader.goal=[5, 5]", "the goal (5, 5) is outside the free space"),
+        ("leader.goal=[5]", "leader.goal"),
+        ("leader.goal=['1 s', 0]", "leader.goal"),
+        ("leader.start={x = -9, y = 0, theta = 0}", "the leader starts at (-9, 0), outside"),
+        ("leader.start={x = 1, y = 0}", "leader.start: 'theta' is missing"),
+        ("leader.start={x = 0.6, y = -3, theta = 0}", "start in different cells"),
+        ("leader.speed=0", "leader.speed: 0"),
+        ("leader.exponent=0.5", "lam"),
+        ("leader.radius=0.3", "around the corner from cell 'west' to cell 'south' at (0, 0)"),
+        ("leader.colour='red'", "leader.colour: unknown key"),
+        ("followers.starts=[]", "followers.starts"),
+        ("followers.starts=[{x = -5.9, y = 0, theta = 0}]", "follower 1 starts at"),
+        ("followers.law.distance=2.2", "the view ends 2.048 m ahead"),
+        ("followers.law.distance=0.3", "two robots of radius 0.2 m touch"),
+        ("followers.law={name = 'steer_unicycle'}", "not made for system 'leader_follower'"),
+        ("followers.law={name = 'keep_footprint'}", "followers.law: law 'keep_footprint' is not for a chain"),
+        ("followers.law={outputs = {uF = '1', wF = 'x'}, parameters = {distance = 1}}", "reads 'x', which no"),
+        ("followers.law={outputs = {uF = '1', wF = '1'}}", "does not follow a leader at a distance"),
+        ("followers.leader_speeds=[0.2, 0.3]", "2 numbers for 1 followers"),
+        ("camera.half_angle=2", "half_angle is 2 rad"),
+        ("scenario.kind='formatoin'", "formation"),
+    ],
+)  # fmt: skip
+def test_mistakes_are_answered_with_the_key(change, message):
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario("ch6-corridor", [change])
+    assert message in str(caught.value)
+    assert "ch6-corridor.toml" in str(caught.value)
+
+
+def test_robots_that_are_out_of_sight_at_first_are_refused():
+    scenario = load_scenario("ch6-corridor", ["followers.starts=[{x = -4.4, y = 0, theta = 2}]"])
+    with pytest.raises(HoldfastError, match="starts"):
+        scenario.run()
+
+
+def test_gains_outside_their_window_are_told():
+    with pytest.warns(GainWarning, match="follower 1: k2 = 1.1 1/s may lose its leader: 0.64"):
+        load_scenario("ch6-corridor", ["followers.law.k2=1.1"])
+
+
+def test_formation_has_one_start():
+    with pytest.raises(ScenarioError, match="--runs"):
+        load_scenario("ch6-corridor", runs=3)
+
+
+def test_run_writes_map_constraints_and_animation(tmp_path):
+    changes = [*QUICK, "run.horizon=8", "figures.animate=40"]
+    command = [sys.executable, "-m", "holdfast", "run", "ch6-corridor", "--out", str(tmp_path)]
+    done = subprocess.run(
+        command + [x for c in changes for x in ("--set", c)], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert "no wall" not in done.stderr
+    assert "bearing1" in done.stdout
+    files = {p.name for p in tmp_path.iterdir()}
+    assert files == {
+        "result.nc", "summary.json", "animation.gif",
+        "map.png", "map.svg", "constraints.png", "constraints.svg",
+    }  # fmt: skip
+    assert (tmp_path / "animation.gif").read_bytes()[:6] == b"GIF89a"
+    assert json.loads((tmp_path / "summary.json").read_text())["outcomes"]
+    again = hf.load(tmp_path / "result.nc")
+    assert again.dataset.attrs["kind"] == "formation"
+
+
+def test_random_corridors_that_are_planned_are_passed():
+    """Six of the 200 of the benchmark: refused with the corner, or kept all the way."""
+    generator = np.random.default_rng(3)
+    found = [judged(corridor_of(generator, 4))[0] for _ in range(6)]
+    assert set(found) <= {"kept", "no radius takes the robots around"}
+    assert found.count("kept") >= 3
