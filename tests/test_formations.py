@@ -53,16 +53,34 @@ def test_a_leader_that_follows_its_fields_around_the_corner_leads_the_follower_i
     assert isinstance(course, Course)
     straight = [Corner(0, 0.0, np.inf, np.inf) for _ in course.corners]
     lead = lead_along(course.fields, straight, speed=0.2)
-    clearances = []
-    for turn in ("line_of_sight", "bearing"):
-        law = hf.laws.follow_leader(k1=0.6, k2=3.0, leader_speed=0.25, turn=turn)
-        joint = joint_law(chain(1), lead, [law])
-        result = hf.simulate(
-            corridor.system, joint, starts=corridor.starts, region=corridor.region, horizon=50.0,
-            sample_time=0.01, substeps=1, record_every=1.0,
-        )  # fmt: skip
-        clearances.append(worst(result)["clear_1"])
-    assert clearances[0] > 0.02
+    law = hf.laws.follow_leader(k1=0.6, k2=3.0, leader_speed=0.25, turn="line_of_sight")
+    result = hf.simulate(
+        corridor.system, joint_law(chain(1), lead, [law]), starts=corridor.starts,
+        region=corridor.region, horizon=50.0, sample_time=0.01, substeps=1, record_every=1.0,
+    )  # fmt: skip
+    assert worst(result)["clear_1"] > 0.02
+
+
+def test_law_of_ones_own_follows_by_range_and_bearing():
+    own = "{reads = ['range', 'bearing'], outputs = {uF = '1.5*(range - distance)', wF = 'bearing'}, parameters = {distance = {value = 1, unit = 'm'}}}"
+    scenario = load_scenario("ch6-corridor", [*QUICK, f"followers.law={own}"])
+    assert scenario.run().outcomes["reached goal"] == 1
+
+
+def test_rule_of_the_thesis_with_the_exact_circle_is_safe_too():
+    """A turn on the spot by 23.8 degrees inwards and more, then a circle of 1.15 to 1.41 m."""
+    scenario = load_scenario("ch6-corridor", [*QUICK, "leader.rule=tangent", "leader.radius="])
+    (found,) = scenario.course.corners
+    assert (found.low, found.high) == pytest.approx((1.147, 1.39), abs=0.03)
+    assert found.side == -1
+    assert -0.42 < found.heading <= 0
+    result = scenario.run()
+    assert result.outcomes["reached goal"] == 1
+    assert max(worst(result).values()) < 0
+    with pytest.raises(ScenarioError, match="is no right angle"):
+        load_scenario("ch6-polygons", ["leader.rule=tangent"])
+    with pytest.raises(ScenarioError, match="above the distance"):
+        load_scenario("ch6-corridor", ["leader.rule=tangent"])
 
 
 @pytest.mark.parametrize("name", ["ch6-corridor-s", "ch6-polygons", "ch6-chain"])
@@ -116,6 +134,10 @@ def test_robot_behind_a_wall_is_not_seen(corridor):
         ("leader.start={x = 1, y = 0}", "leader.start: 'theta' is missing"),
         ("leader.start={x = 0.6, y = -3, theta = 0}", "start in different cells"),
         ("leader.speed=0", "leader.speed: 0"),
+        ("leader.speed=0.3", "leader.speed: 0.3 m/s, its follower is told leader_speed = 0.25 m/s"),
+        ("figures.plane=['xL', 'yL']", "figures.plane: unknown key"),
+        ("followers.within=-0.1", "followers.within"),
+        ("followers.leader_speeds=[-1]", "followers.leader_speeds.0"),
         ("leader.exponent=0.5", "lam"),
         ("leader.radius=0.3", "around the corner from cell 'west' to cell 'south' at (0, 0)"),
         ("leader.colour='red'", "leader.colour: unknown key"),
@@ -126,6 +148,7 @@ def test_robot_behind_a_wall_is_not_seen(corridor):
         ("followers.law={name = 'steer_unicycle'}", "not made for system 'leader_follower'"),
         ("followers.law={name = 'keep_footprint'}", "followers.law: law 'keep_footprint' is not for a chain"),
         ("followers.law={outputs = {uF = '1', wF = 'x'}, parameters = {distance = 1}}", "reads 'x', which no"),
+        ("followers.law={reads = ['range', 'bearing'], outputs = {uF = '0.5*range', wF = 'bearing'}, parameters = {distance = 0.1}}", "two robots of radius 0.2 m touch"),
         ("followers.law={outputs = {uF = '1', wF = '1'}}", "does not follow a leader at a distance"),
         ("followers.leader_speeds=[0.2, 0.3]", "2 numbers for 1 followers"),
         ("camera.half_angle=2", "half_angle is 2 rad"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -12,7 +13,7 @@ import numpy.typing as npt
 import sympy as sp
 
 from holdfast.analysis.starts import Starts
-from holdfast.analysis.visibility_gains import visibility_gains
+from holdfast.analysis.visibility_gains import check_view, visibility_gains
 from holdfast.checking import at
 from holdfast.compose import Composer
 from holdfast.errors import GainWarning, ScenarioError
@@ -36,6 +37,9 @@ from holdfast.planning.leader import lead_along
 from holdfast.planning.route import plan_route
 
 Array = npt.NDArray[np.float64]
+
+WINDOWS = ("approach_leader", "follow_leader")
+"""The laws whose gains have a known window."""
 
 
 @dataclass(frozen=True)
@@ -119,11 +123,14 @@ def composed_formation(file: str, spec: FormationSpec) -> Formation:
         route = plan_route(free, starts[0][:2], goal)
         fields = route_fields(route, spec.leader.exponent)
         distance = next(p.value for p in laws[0].parameters if p.name == "distance")
-        convoy = Convoy(lead["speed"], lead["gain"], laws, distance)
+        convoy = Convoy(lead["speed"], lead["gain"], laws, distance, spec.leader.rule)
         corners = route_corners(fields, convoy, starts[0], radius=arc)
         leader = lead_along(fields, corners, **lead)
+        _check_first(free, route.legs[0].cell.name, starts)
     count = len(laws)
-    system = chain(count)
+    with at(file, "followers.starts"):
+        system = chain(count)
+    _check_speeds(file, system, lead["speed"], laws, corners)
     with at(file, "camera"):
         region = chain_in_view(
             count,
@@ -136,6 +143,8 @@ def composed_formation(file: str, spec: FormationSpec) -> Formation:
         law = joint_law(system, leader, laws)
     names = [q.name for q in system.states]
     within = _si(file, "followers.within", spec.followers.within, "m")
+    if not within > 0:
+        raise ScenarioError(f"{file}: followers.within: {within:g}", expected="above 0")
     return Formation(
         system=system,
         law=law,
@@ -182,6 +191,34 @@ def _check_together(file: str, free: Environment, starts: list[Pose]) -> None:
         )
 
 
+def _check_first(free: Environment, first: str, starts: list[Pose]) -> None:
+    """Followers that begin in a cell that the leader does not go through are not led out of it."""
+    for name, (x, y, _) in zip(robot_names(len(starts) - 1)[1:], starts[1:], strict=True):
+        if first not in [free.cells[i].name for i in free.cells_at((x, y))]:
+            raise ScenarioError(
+                f"follower {name} starts outside cell '{first}', where the way of the leader begins"
+            )
+
+
+def _check_speeds(
+    file: str, system: System, speed: float, laws: tuple[Law, ...], corners: tuple[Corner, ...]
+) -> None:
+    """Refuse a leader that is faster than its follower is told, or than it can be."""
+    limits = {p.name: p.value for p in system.parameters}
+    told = {p.name: p.value for p in laws[0].parameters}.get("leader_speed", math.inf)
+    turn = max((speed / c.radius for c in corners), default=0.0)
+    for value, limit, unit, what in (
+        (speed, told, "m/s", "its follower is told leader_speed ="),
+        (speed, limits["speed_limit"], "m/s", "it can do"),
+        (turn, limits["turn_limit"], "rad/s", "on its arcs; it can do"),
+    ):
+        if value > limit:
+            raise ScenarioError(
+                f"{file}: leader.speed: {value:g} {unit}, {what} {limit:g} {unit}",
+                expected="a slower leader" if what != "its follower is told leader_speed =" else "",
+            )
+
+
 def _laws(file: str, spec: FormationSpec, radius: float) -> tuple[Law, ...]:
     """The followers' laws, each with what it is told of the one before it; gains are checked."""
     count = len(spec.followers.starts)
@@ -210,14 +247,18 @@ def _laws(file: str, spec: FormationSpec, radius: float) -> tuple[Law, ...]:
     for i in range(count):
         told = law
         if speeds is not None:
-            speed = _si(file, f"followers.leader_speeds.{i}", speeds[i], "m/s")
-            told = _told(law, speed)
+            key = f"followers.leader_speeds.{i}"
+            speed = _si(file, key, speeds[i], "m/s")
+            with at(file, key):
+                told = _told(law, speed)
         _check_gains(file, spec, told, i + 1, radius)
         laws.append(told)
     return tuple(laws)
 
 
 def _told(law: Law, speed: float) -> Law:
+    if "leader_speed" not in [p.name for p in law.parameters]:
+        raise ScenarioError(f"law '{law.name}' is not told a speed", remedy="leave it out")
     return replace(
         law,
         parameters=tuple(
@@ -229,19 +270,22 @@ def _told(law: Law, speed: float) -> Law:
 def _check_gains(file: str, spec: FormationSpec, law: Law, number: int, radius: float) -> None:
     """Refuse distances that make no sense; warn of gains outside the window."""
     values = {p.name: p.value for p in law.parameters}
-    if "k2" not in values:
-        return
-    turn = "line_of_sight" if law.outputs["wF"].has(sp.sin) else TURNS[0]
+    view = {
+        "range_max": _si(file, "camera.range_max", spec.camera.range_max, "m"),
+        "half_angle": _si(file, "camera.half_angle", spec.camera.half_angle, "rad"),
+        "robot_radius": radius,
+    }
     with at(file, "followers.law"):
+        check_view(values["distance"], **view)
+        if spec.followers.law.get("name") not in WINDOWS:
+            return
         window = visibility_gains(
             k1=values["k1"],
             distance=values["distance"],
-            range_max=_si(file, "camera.range_max", spec.camera.range_max, "m"),
-            half_angle=_si(file, "camera.half_angle", spec.camera.half_angle, "rad"),
             leader_speed=values.get("leader_speed", 0.0),
             softness=values.get("softness", 1e-6),
-            turn=turn,
-            robot_radius=radius,
+            turn=spec.followers.law.get("turn", TURNS[0]),
+            **view,
         )
     if values["k2"] not in window:
         warnings.warn(

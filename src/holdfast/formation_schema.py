@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from holdfast.schema import FiguresSpec, NoiseSpec, RunSpec
+from holdfast.schema import NoiseSpec, RunSpec
 from holdfast.schema_values import Name, Section, Text, Value
 
 
@@ -28,7 +28,10 @@ class EnvironmentSpec(Section):
 
 
 class LeaderSpec(Section):
-    """[leader]: start { x, y, theta }, goal [x, y]; radius: of all arcs, else what is safe."""
+    """[leader]: start { x, y, theta }, goal [x, y]; radius: of all arcs, else what is safe.
+
+    rule: how an arc begins, from the heading that the leader has or from the thesis's tangent.
+    """
 
     start: dict[Name, Value]
     goal: Annotated[list[Value], Field(min_length=2, max_length=2)]
@@ -37,6 +40,7 @@ class LeaderSpec(Section):
     exponent: float = 3.0
     goal_radius: Value = 0.05
     radius: Value | None = None
+    rule: Literal["arc", "tangent"] = "arc"
 
 
 class FollowersSpec(Section):
@@ -58,9 +62,10 @@ class CameraSpec(Section):
     half_angle: Value
 
 
-class FormationFigures(FiguresSpec):
-    """[figures]: animate: the seconds that a second of the animation shows; 0: none."""
+class FormationFigures(Section):
+    """[figures]: at how many instants robots are drawn; animate: the seconds in one, 0: none."""
 
+    cones: Annotated[int, Field(ge=2, le=100)] = 4
     animate: Annotated[float, Field(ge=0)] = 0.0
 
 

@@ -44,23 +44,29 @@ def written(scenario: Scenario, result: Result, folder: Path, *, figures: bool) 
     make_folder(folder)
     files = [result.save(folder / "result.nc")]
     if figures:
-        from holdfast.presentation import style
-        from holdfast.presentation.histories import histories_figure
-        from holdfast.presentation.paths import paths_figure
-
-        chosen = scenario.figures
-        run = min(chosen.history, result.dataset.sizes["run"] - 1)
-        if scenario.course is not None:
-            return [*files, *_formation_files(scenario, result, folder)]
-        if scenario.plane is not None:
-            plane = paths_figure(result, scenario.plane, chosen.highlight, chosen.cones, run)
-            files += style.write(plane, folder, "paths")
-        files += style.write(histories_figure(result, run), folder, "histories")
+        drawn = _figures if scenario.course is None else _formation_figures
+        files += drawn(scenario, result, folder)
     return [*files, _summary(folder / "summary.json", result.summary())]
 
 
-def _formation_files(scenario: Scenario, result: Result, folder: Path) -> list[Path]:
-    """The map, the constraints, the animation where it is asked for, and the summary."""
+def _figures(scenario: Scenario, result: Result, folder: Path) -> list[Path]:
+    from holdfast.presentation import style
+    from holdfast.presentation.histories import histories_figure
+    from holdfast.presentation.paths import paths_figure
+    from holdfast.schema import FiguresSpec
+
+    chosen = scenario.figures
+    assert isinstance(chosen, FiguresSpec)
+    run = min(chosen.history, result.dataset.sizes["run"] - 1)
+    files = []
+    if scenario.plane is not None:
+        plane = paths_figure(result, scenario.plane, chosen.highlight, chosen.cones, run)
+        files += style.write(plane, folder, "paths")
+    return files + style.write(histories_figure(result, run), folder, "histories")
+
+
+def _formation_figures(scenario: Scenario, result: Result, folder: Path) -> list[Path]:
+    """The map, the constraints, and the animation where it is asked for."""
     from holdfast.formation_schema import FormationFigures
     from holdfast.patience import bar
     from holdfast.presentation import style
@@ -73,10 +79,11 @@ def _formation_files(scenario: Scenario, result: Result, folder: Path) -> list[P
 
     course, chosen = scenario.course, scenario.figures
     assert course is not None
+    assert isinstance(chosen, FormationFigures)
     ground = Ground([c.corners for c in course.environment.cells], course.arrows(), course.goal)
-    files = style.write(formation_figure(result, ground, max(chosen.cones, 2)), folder, "map")
+    files = style.write(formation_figure(result, ground, chosen.cones), folder, "map")
     files += style.write(constraints_figure(result), folder, "constraints")
-    if isinstance(chosen, FormationFigures) and chosen.animate:
+    if chosen.animate:
         with bar(f"{scenario.name}, animation") as tell:
             files.append(
                 write_animation(
@@ -87,7 +94,7 @@ def _formation_files(scenario: Scenario, result: Result, folder: Path) -> list[P
                     progress=lambda fraction: tell(f"{scenario.name}, animation", fraction),
                 )
             )
-    return [*files, _summary(folder / "summary.json", result.summary())]
+    return files
 
 
 def kernel_report(

@@ -16,7 +16,7 @@ from holdfast.compose import Composer
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.execution.closed_loop import Progress
 from holdfast.formation_scenario import Course, composed_formation, is_formation
-from holdfast.formation_schema import FormationSpec
+from holdfast.formation_schema import FormationFigures, FormationSpec
 from holdfast.kernel_scenario import KernelScenario, composed_kernel, is_kernel
 from holdfast.law_chain import composed_law
 from holdfast.maths.expression import parse_expression, parse_number
@@ -56,7 +56,7 @@ class Scenario:
     varied: Varied
     reference: Mapping[str, float]
     plane: tuple[str, str] | None
-    figures: FiguresSpec
+    figures: FiguresSpec | FormationFigures
     start_outside: bool
     safety: Safety | None = None
     course: Course | None = None

@@ -75,6 +75,10 @@ def test_upper_bound_of_6_25_has_the_wrong_sign():
     assert 1.2 in mine
     assert 1.5 not in mine
     assert turning_radii(1.0, 1.2, 0.6, 0.2).empty
+    assert turning_radii(1.0, 1.8, 0.1, 0.05).empty, "no circle fits into 10 cm"
+    for width in (-0.5, math.nan):
+        with pytest.raises(DefinitionError, match="next_width"):
+            turning_radii(1.0, 1.2, width, 0.2)
 
 
 @pytest.mark.parametrize(

@@ -95,11 +95,11 @@ def test_shortest_way_around_a_ring_is_taken():
         ({"a": box(0, 0, 5, 0.3)}, "cell 'a' is narrower than a robot"),
         (
             {"a": box(0, 0, 4, 2), "b": box(4, 1, 8, 3)},
-            "face 2 of cell 'a' and face 4 of cell 'b' share a part of each",
+            r"cells 'a' and 'b' share a part of a face of each, from \(4, 1\) to \(4, 2\)",
         ),
         (
             {"a": box(0, 0, 2, 4), "b": box(2, 0, 4, 2), "c": box(2, 2, 4, 6)},
-            "face 2 of cell 'a' opens to cells that end there and to one that does not",
+            r"the face of cell 'a' from \(2, 0\) to \(2, 4\) opens to cells that end there and to one",
         ),
     ],
 )  # fmt: skip

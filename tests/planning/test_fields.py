@@ -147,6 +147,6 @@ def test_cell_whose_field_cannot_be_mended_is_named(monkeypatch):
     cells, start = hall()
     route = plan_route(environment(cells, 0.1), start, np.mean(cells["beyond"], axis=0))
     with pytest.raises(
-        DefinitionError, match=r"the field of cell 'hall' does not point .* along face"
+        DefinitionError, match=r"the field of cell 'hall' does not point .* along its face"
     ):
         route_fields(route)

@@ -484,3 +484,12 @@ def test_turn_is_one_of_two():
             law(turn="left")
     with pytest.raises(DefinitionError, match="true or false"):
         hf.laws.follow_leader(as_printed="yes")
+
+
+def test_shipped_scenarios_keep_every_leader_in_view():
+    """200 starts from the far corners of the view; 1,000 leaders that move at random for a minute."""
+    corners = hf.load_scenario("ch6-line-of-sight").run()
+    assert corners.outcomes["reached goal"] == 200
+    assert corners.dataset["worst_constraint"].values[:, :2].min() > -1e-6, "all begin on both"
+    moving = hf.load_scenario("ch6-moving-leader").run()
+    assert moving.outcomes["stayed"] == 1000

@@ -153,21 +153,9 @@ def visibility_gains(
             raise DefinitionError(
                 f"{name} is {value!r}", expected="at least 0" if least == 0.0 else "above 0"
             )
-    if not half_angle < math.pi / 2:
-        raise DefinitionError(f"half_angle is {half_angle:g} rad", expected="below pi/2")
-    if not range_max * math.cos(half_angle) > distance:
-        raise DefinitionError(
-            f"the view ends {range_max * math.cos(half_angle):.4g} m ahead, the leader is to be at "
-            f"{distance:g} m",
-            expected="range_max cos(half_angle) > distance",
-        )
-    if distance < 2 * robot_radius:
-        raise DefinitionError(
-            f"at {distance:g} m two robots of radius {robot_radius:g} m touch",
-            expected="distance >= 2 robot_radius",
-        )
+    check_view(distance, range_max, half_angle, robot_radius)
     pair = _Pair(k1, distance, range_max, half_angle, leader_speed, softness, turn)
-    if not pair.nearest > 2 * robot_radius:
+    if not pair.nearest >= 2 * robot_radius:
         return GainWindow(
             math.nan,
             math.nan,
@@ -186,6 +174,23 @@ def visibility_gains(
         "at its far end",
         _remedy(pair),
     )
+
+
+def check_view(distance: float, range_max: float, half_angle: float, robot_radius: float) -> None:
+    """Raises `DefinitionError` where no follower can stay at that distance, or see so far."""
+    if not 0 < half_angle < math.pi / 2:
+        raise DefinitionError(f"half_angle is {half_angle:g} rad", expected="above 0, below pi/2")
+    if not range_max * math.cos(half_angle) > distance:
+        raise DefinitionError(
+            f"the view ends {range_max * math.cos(half_angle):.4g} m ahead, the leader is to be at "
+            f"{distance:g} m",
+            expected="range_max cos(half_angle) > distance",
+        )
+    if distance < 2 * robot_radius:
+        raise DefinitionError(
+            f"at {distance:g} m two robots of radius {robot_radius:g} m touch",
+            expected="distance >= 2 robot_radius",
+        )
 
 
 def _remedy(pair: _Pair) -> str:

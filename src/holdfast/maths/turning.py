@@ -79,6 +79,8 @@ def turning_radii(
     The thesis has the other sign before s, and RF for sqrt(RL^2 - rd^2): so it is with
     `as_printed`. Raises `DefinitionError` where there is no circle at all.
     """
+    if not 0 < next_width < math.inf:
+        raise DefinitionError(f"next_width is {next_width!r}", expected="above 0")
     follower = critical_radius(distance, width, robot_radius, as_printed=as_printed)
     s = math.sqrt(distance**2 - width**2 / 4)
     sine = width / (2 * distance)
@@ -86,6 +88,8 @@ def turning_radii(
     if as_printed:
         return TurningRadii(low, next_width + follower * sine + s, follower)
     far, rest = next_width + s, 1 - sine**2
+    if far < distance:  # on no circle is the leader within the next corridor
+        return TurningRadii(low, -math.inf, follower)
     high = (far - math.sqrt(far**2 - rest * (far**2 + (sine * distance) ** 2))) / rest
     return TurningRadii(low, high, follower)
 

@@ -19,6 +19,7 @@ from holdfast.errors import DefinitionError
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.law import Law
 from holdfast.maths.laws.follow_leader import SEEN
+from holdfast.maths.turning import turning_radii
 from holdfast.planning.environment import CLOSE, Passage, shown
 from holdfast.planning.fields import Fields
 from holdfast.planning.route import Leg, Route
@@ -39,8 +40,14 @@ TOUCH = 1e-3
 
 NEAR_GOAL = 0.1
 
+SQUARE = 0.05
+"""Cosines below this are those of right angles."""
+
 STRAIGHT = math.radians(5)
 """Below this change of heading there is no corner."""
+
+
+RULES = ("arc", "tangent")
 
 
 @dataclass(frozen=True)
@@ -48,25 +55,34 @@ class Corner:
     """low <= RL <= high [m] take all robots through; side +1 turns left, -1 right, 0 goes straight.
 
     radius: the one of them that leaves the most room to robots that come along the middle.
+    heading: what the leader turns to on the spot before the arc, with the rule "tangent".
     """
 
     side: int
     low: float
     high: float
     radius: float
+    heading: float | None = None
 
 
 @dataclass(frozen=True)
 class Convoy:
     """Who is to pass: the leader's `speed` [m/s] and `gain` kL [1/s], and the followers.
 
-    laws: one for each; distance [m]: of each behind the one before it.
+    laws: one for each; distance [m]: of each behind the one before it. rule: "arc", from the
+    heading that the leader has, or "tangent", that of the thesis for corners of right angles: from
+    the tangent to the circle about whose centre the follower would go round the corner.
     """
 
     speed: float
     gain: float
     laws: tuple[Law, ...]
     distance: float
+    rule: str = "arc"
+
+    def __post_init__(self) -> None:
+        if self.rule not in RULES:
+            raise DefinitionError(f"rule is {self.rule!r}", expected=" or ".join(map(repr, RULES)))
 
     @cached_property
     def answers(self) -> tuple[Evaluator, ...]:
@@ -117,7 +133,8 @@ def _driven(fields: Fields, number: int, convoy: Convoy, pose: Pose) -> Pose:
 def _turned(fields: Fields, number: int, convoy: Convoy, pose: Pose, taken: Corner) -> Pose:
     """Where the arc of a corner ends."""
     x, y, theta = pose
-    while taken.side:
+    theta = theta if taken.heading is None else taken.heading
+    for _ in range(MOST_STEPS if taken.side else 0):
         wanted = float(fields.headings(number + 1, np.array([[x, y]]))[0])
         if taken.side * math.remainder(wanted - theta, math.tau) <= 0:
             break
@@ -137,10 +154,13 @@ def _corner(
         return Corner(0, 0.0, math.inf, math.inf)
     ahead = np.array(following.cell.corners) - np.array(leg.exit.middle)
     depth = float((ahead @ np.array(leg.exit.normal)).max())
-    radii = np.linspace(1 / CANDIDATES, 1.0, CANDIDATES) * depth
-    if radius is not None:
-        radii = np.array([radius])
-    room = _clearance(fields, number, side, radii, convoy, pose)
+    if convoy.rule == "tangent":
+        radii, headings = _tangents(fields, number, convoy, side, depth, radius)
+    else:
+        radii = np.linspace(1 / CANDIDATES, 1.0, CANDIDATES) * depth
+        radii = radii if radius is None else np.array([radius])
+        headings = np.full(len(radii), pose[2])
+    room = _clearance(fields, number, side, radii, convoy, pose, headings)
     worst = room.min(axis=1)
     good = np.flatnonzero(worst >= -TOUCH)
     if not good.size:
@@ -149,14 +169,52 @@ def _corner(
         raise DefinitionError(
             f"{given} takes the robots around the corner from cell '{leg.cell.name}' to cell "
             f"'{following.cell.name}' at {shown(leg.exit.middle)}: on {radii[best]:.3g} m one of "
-            f"them goes {-worst[best]:.2g} m into a wall",
+            f"them goes {-worst[best]:.2g} m into a wall"
+            if np.isfinite(worst[best])
+            else f"{given} takes the leader from cell '{leg.cell.name}' to cell "
+            f"'{following.cell.name}' at {shown(leg.exit.middle)}: its arc does not end",
             remedy="take a smaller distance, fewer followers or other gains, or widen the cells",
         )
     ends = np.flatnonzero(np.diff(good) > 1)
     good = good[: ends[0] + 1] if ends.size else good  # the smallest ones that belong together
     along_the_middle = room[good, room.shape[1] // 2]
     best = good[int(np.argmax(along_the_middle))]
-    return Corner(side, float(radii[good[0]]), float(radii[good[-1]]), float(radii[best]))
+    heading = float(headings[best]) if convoy.rule == "tangent" else None
+    return Corner(side, float(radii[good[0]]), float(radii[good[-1]]), float(radii[best]), heading)
+
+
+def _tangents(
+    fields: Fields, number: int, convoy: Convoy, side: int, depth: float, radius: float | None
+) -> tuple[Array, Array]:
+    """Radii of (6.25), corrected, and the headings of the tangents at the exit."""
+    leg, following = fields.route.legs[number : number + 2]
+    assert leg.exit is not None
+    normal = np.array(leg.exit.normal)
+    beyond = normal if following.exit is None else np.array(following.exit.normal)
+    if following.exit is not None and abs(float(normal @ beyond)) > SQUARE:
+        raise DefinitionError(
+            f"from cell '{leg.cell.name}' to cell '{following.cell.name}' it is no right angle",
+            remedy="take the rule 'arc'",
+        )
+    width = leg.exit.width
+    found = turning_radii(convoy.distance, width, depth, fields.route.environment.robot_radius)
+    if found.empty and radius is None:
+        raise DefinitionError(
+            f"no radius takes the robots around the corner from cell '{leg.cell.name}' to cell "
+            f"'{following.cell.name}' at {shown(leg.exit.middle)}: at least {found.low:.3g} m for "
+            f"the follower, at most {found.high:.3g} m for the leader",
+            remedy="take the rule 'arc', a smaller distance, or a wider cell",
+        )
+    radii = np.linspace(found.low, found.high, 10) if radius is None else np.array([radius])
+    if radii.min() < convoy.distance:
+        raise DefinitionError(
+            f"radius {radii.min():g} m with the rule 'tangent'", expected="above the distance"
+        )
+    behind = np.sqrt(radii**2 - convoy.distance**2)
+    sine = width / (2 * convoy.distance)
+    cosine = math.sqrt(1 - sine**2)
+    inwards = np.arctan2(convoy.distance * cosine - behind * sine, width / 2 + behind * cosine)
+    return radii, math.atan2(normal[1], normal[0]) + side * inwards
 
 
 def _side(exit: Passage, fields: Fields, following: int) -> int:
@@ -167,7 +225,13 @@ def _side(exit: Passage, fields: Fields, following: int) -> int:
 
 
 def _clearance(
-    fields: Fields, number: int, side: int, radii: Array, convoy: Convoy, pose: Pose
+    fields: Fields,
+    number: int,
+    side: int,
+    radii: Array,
+    convoy: Convoy,
+    pose: Pose,
+    headings: Array,
 ) -> Array:
     """The least distance of any robot to where it would touch a wall, (radius, row).
 
@@ -181,7 +245,7 @@ def _clearance(
     count = len(radii) * len(rows)
     curve = np.repeat(side / radii, len(rows)) * convoy.speed
     at = np.tile(np.array(pose[:2]), (count, 1))
-    theta = np.full(count, pose[2])
+    theta = np.repeat(headings, len(rows))
     chain = np.tile(rows, (len(radii), 1, 1))  # (run, follower, 2)
     headed = np.tile(facing[:, None], (len(radii), len(convoy.laws)))
     turning = np.ones(count, dtype=bool)
@@ -205,6 +269,7 @@ def _clearance(
         if _beyond(following, route.goal, at):
             break
     room = _room(route, np.array(seen)).min(axis=(0, 2))
+    room[turning] = -np.inf  # an arc that does not end
     return room.reshape(len(radii), len(rows))
 
 

@@ -104,10 +104,6 @@ class Environment:
         """The border of the free space, as segments."""
         return _segments(shapely.simplify(self.free.buffer(-CLOSE, join_style="mitre"), 2 * CLOSE))
 
-    def cell_at(self, point: Sequence[float]) -> int | None:
-        """The first cell that the centre of a robot at `point` is in."""
-        return next((i for i, c in enumerate(self.inner) if c.contains(point)), None)
-
     def cells_at(self, point: Sequence[float]) -> set[int]:
         """All cells that the centre of a robot there is in: two on what they share."""
         return {i for i, c in enumerate(self.inner) if c.contains(point)}
@@ -202,8 +198,8 @@ def _offsets(cells: tuple[Cell, ...], touching: list[_Contact], radius: float) -
         if not one and not other:
             names = cells[contact.one[0]].name, cells[contact.other[0]].name
             raise DefinitionError(
-                f"face {contact.one[1] + 1} of cell '{names[0]}' and face "
-                f"{contact.other[1] + 1} of cell '{names[1]}' share a part of each",
+                f"cells '{names[0]}' and '{names[1]}' share a part of a face of each, from "
+                f"{shown(contact.a)} to {shown(contact.b)}",
                 remedy="split one of the cells there, so that it opens over all of a face",
             )
         for key, mine, theirs in (
@@ -214,9 +210,10 @@ def _offsets(cells: tuple[Cell, ...], touching: list[_Contact], radius: float) -
                 wanted.setdefault(key, set()).add(0.0 if theirs else radius)
     for (i, k), values in wanted.items():
         if len(values) > 1:
+            a, b = cells[i].side(k)
             raise DefinitionError(
-                f"face {k + 1} of cell '{cells[i].name}' opens to cells that end there and to one "
-                "that does not",
+                f"the face of cell '{cells[i].name}' from {shown(a)} to {shown(b)} opens to cells "
+                "that end there and to one that does not",
                 remedy="split the cell there",
             )
     return [

@@ -67,7 +67,7 @@ def route_fields(route: Route, exponent: float = 3.0) -> Fields:
         a, b = leg.cell.side(face)
         raise DefinitionError(
             f"the field of cell '{leg.cell.name}' does not point {'out' if out else 'inwards'} all "
-            f"along face {face + 1}, from {shown(a)} to {shown(b)}",
+            f"along its face from {shown(a)} to {shown(b)}",
             remedy="split the cell, so that its angles are smaller",
         )
     return Fields(route, tuple(fields), parameters)
@@ -115,11 +115,12 @@ def _wrong_faces(
 ) -> list[tuple[int, int]]:
     """(leg, face) where the field does not point inwards, or out at the exit.
 
-    On a face that is the exit in part, the rest is a wall.
+    On a face that is the exit in part, the rest is a wall. That of the goal leads straight to a
+    point of a convex cell, and so out of no face.
     """
     check = Evaluator([e for field in fields for e in field], [X, Y], values)
     wrong = []
-    for number, leg in enumerate(route.legs):
+    for number, leg in enumerate(route.legs[:-1]):
         for k, face in enumerate(leg.cell.faces):
             a, b = leg.cell.side(k)
             share = (np.arange(SAMPLES) + 0.5)[:, None] / SAMPLES  # the ends belong to two faces

@@ -17,10 +17,10 @@ def geojson_cells(path: str | Path) -> dict[str, list[Point]]:
     none, or has anything but polygons without holes.
     """
     try:
-        data = json.loads(Path(path).read_text("utf-8"))
+        data = json.loads(Path(path).read_text("utf-8-sig"))
     except OSError as error:
         raise DefinitionError(f"{path} cannot be read ({error.strerror})") from None
-    except ValueError:
+    except (ValueError, RecursionError):
         raise DefinitionError(f"{path} is no JSON file") from None
     features = data.get("features") if isinstance(data, dict) else None
     if not isinstance(features, list) or not features:
@@ -42,7 +42,7 @@ def _geojson_cell(feature: Any, number: int, path: str | Path) -> tuple[str, lis
         raise DefinitionError(f"{path}: feature {number} is {feature!r}")
     about = feature.get("properties")
     named = about.get("name") if isinstance(about, dict) else None
-    name = str(named or feature.get("id") or f"cell_{number}")
+    name = str(named or feature.get("id", f"cell_{number}"))
     shape = feature.get("geometry")
     shape = shape if isinstance(shape, dict) else {}
     kind = shape.get("type")

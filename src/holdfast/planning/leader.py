@@ -8,7 +8,7 @@ import sympy as sp
 
 from holdfast.maths.cell_field import direction_of
 from holdfast.maths.dipole import UNSEEN
-from holdfast.maths.functions import length, wrap
+from holdfast.maths.functions import length, magnitude, wrap
 from holdfast.maths.law import Law
 from holdfast.maths.quantity import Parameter, Quantity, symbol
 from holdfast.maths.switching import Switching, Transition
@@ -19,6 +19,9 @@ THETA = symbol("thetaL")
 POSE = (Quantity("xL", "m"), Quantity("yL", "m"), Quantity("thetaL", "rad", angle=True))
 
 STOPPED = "stop"
+
+ALIGNED = sp.Float(0.01)
+"""Headings [rad] that are so near are the same."""
 
 
 def lead_along(
@@ -32,8 +35,8 @@ def lead_along(
     """uL = speed, wL = -kL wrap(thetaL - phi) + d/dt phi along the field of each cell, (6.23).
 
     From the exit of a cell an arc of the corner's radius, wL = +-speed / RL, until the leader heads
-    as the field of the next cell does where it is; at the goal it stops. speed [m/s], kL = `gain`
-    [1/s], lengths in m.
+    as the field of the next cell does where it is; at the goal it stops. A corner with a heading
+    is begun by a turn on the spot. speed [m/s], kL = `gain` [1/s], lengths in m.
     """
     own = (
         Parameter("cruise", "m/s", "speed of the leader", value=speed, above=0.0),
@@ -45,6 +48,11 @@ def lead_along(
         Parameter(f"turn{n}", "1/m", "curvature of the arc, left positive", value=c.side / c.radius)
         for n, c in enumerate(corners, start=1)
         if c.side
+    )
+    turns += tuple(
+        Parameter(f"turn{n}_heading", "rad", "heading at the beginning of the arc", value=c.heading)
+        for n, c in enumerate(corners, start=1)
+        if c.heading is not None
     )
 
     def law(name: str, speed: sp.Expr, turn: sp.Expr) -> Law:
@@ -70,9 +78,16 @@ def lead_along(
             transitions.append(Transition(here, onwards, crossed))
             continue
         arc, curve = f"turn_{number}", symbol(f"turn{number}")
+        if corners[number - 1].heading is not None:
+            spot, off = f"align_{number}", wrap(THETA - symbol(f"turn{number}_heading"))
+            modes[spot] = law(spot, sp.S.Zero, -symbol("kL") * off)
+            transitions.append(Transition(here, spot, crossed))
+            transitions.append(Transition(spot, arc, ALIGNED - magnitude(off)))
+        else:
+            transitions.append(Transition(here, arc, crossed))
         modes[arc] = law(arc, cruise, cruise * curve)
         past = wrap(THETA - direction_of(fields.fields[number])) * curve
-        transitions += [Transition(here, arc, crossed), Transition(arc, onwards, past)]
+        transitions.append(Transition(arc, onwards, past))
     modes[STOPPED] = law(STOPPED, sp.S.Zero, sp.S.Zero)
     return Switching(
         name="lead_along",

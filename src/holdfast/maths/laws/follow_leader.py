@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import sympy as sp
 
 from holdfast.errors import DefinitionError
@@ -73,7 +75,7 @@ def follow_leader(
     gap = symbol("range") - symbol("distance")
     parameters = (*_gains(k1, k2, distance), _leader_speed(leader_speed))
     if as_printed:
-        hurry = -sgn(-gap)
+        hurry = sgn(gap)
     else:
         hurry = clip(gap / symbol("softness"), sp.S.NegativeOne, sp.S.One)
         parameters += (
@@ -120,7 +122,7 @@ def keep_footprint(
     turn = symbol("k1") * left / greatest(ahead, NEAR)
     corners = polygon(vertices)
     sides, numbers = side_parameters(corners)
-    if isinstance(distance, int | float):  # `Parameter` refuses what is none
+    if isinstance(distance, int | float) and math.isfinite(distance):  # else `Parameter` refuses
         for number, side in enumerate(edges(corners), start=1):
             if not side.ahead * distance < side.offset:
                 raise DefinitionError(
