@@ -248,14 +248,15 @@ def _clearance(
     theta = np.repeat(headings, len(rows))
     chain = np.tile(rows, (len(radii), 1, 1))  # (run, follower, 2)
     headed = np.tile(facing[:, None], (len(radii), len(convoy.laws)))
-    turning = np.ones(count, dtype=bool)
+    turning, gone = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
     seen = []
     length = (len(convoy.laws) + 1) * convoy.distance + math.pi / 2 * float(radii.max())
     for _ in range(math.ceil(length / convoy.speed / STEP)):
         wanted = fields.headings(number + 1, at)
         turning &= side * _wrapped(wanted - theta) > 0
         theta = np.where(turning, theta + curve * STEP, wanted)
-        at = at + convoy.speed * STEP * _unit(theta)
+        gone |= _gone(following, route.goal, at)  # what it does then is not of this corner
+        at = at + np.where(gone, 0.0, convoy.speed * STEP)[:, None] * _unit(theta)
         before = at
         for k, answer in enumerate(convoy.answers):
             apart = before - chain[:, k]
@@ -266,8 +267,6 @@ def _clearance(
             chain[:, k] += (speed * STEP)[:, None] * _unit(headed[:, k])
             headed[:, k] += turn * STEP
         seen.append(np.concatenate([at[:, None], chain], axis=1))
-        if _beyond(following, route.goal, at):
-            break
     room = _room(route, np.array(seen)).min(axis=(0, 2))
     room[turning] = -np.inf  # an arc that does not end
     return room.reshape(len(radii), len(rows))
@@ -293,12 +292,13 @@ def _wrapped(angle: Array) -> Array:
     return np.angle(np.exp(1j * angle))
 
 
-def _beyond(leg: Leg, goal: tuple[float, float], at: Array) -> bool:
-    """Whether every leader has left the next cell, or is at the goal."""
+def _gone(leg: Leg, goal: tuple[float, float], at: Array) -> npt.NDArray[np.bool_]:
+    """Which leaders have left the next cell, or are at the goal."""
     if leg.exit is None:
-        return bool((np.linalg.norm(at - np.array(goal), axis=1) < NEAR_GOAL).all())
-    outside = (at - np.array(leg.exit.middle)) @ np.array(leg.exit.normal)
-    return bool((outside > 0).all())
+        near: npt.NDArray[np.bool_] = np.linalg.norm(at - np.array(goal), axis=1) < NEAR_GOAL
+        return near
+    out: npt.NDArray[np.bool_] = (at - np.array(leg.exit.middle)) @ np.array(leg.exit.normal) > 0
+    return out
 
 
 def _rows(leg: Leg, pose: Pose, distance: float, followers: int) -> tuple[Array, Array]:
