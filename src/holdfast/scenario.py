@@ -16,7 +16,7 @@ from holdfast.compose import Composer
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.execution.closed_loop import Progress
 from holdfast.formation_scenario import Course, composed_formation, is_formation
-from holdfast.formation_schema import FormationFigures, FormationSpec
+from holdfast.formation_schema import FormationFigures, FormationHeader, FormationSpec
 from holdfast.kernel_scenario import KernelScenario, composed_kernel, is_kernel
 from holdfast.law_chain import composed_law
 from holdfast.maths.expression import parse_expression, parse_number
@@ -29,7 +29,7 @@ from holdfast.maths.units import check_unit, to_si
 from holdfast.maths.varied import Varied
 from holdfast.named_kernel import check_kernels
 from holdfast.safety_table import Safety, composed_safety
-from holdfast.schema import FiguresSpec, RunSpec, ScenarioSpec, VariedSpec
+from holdfast.schema import FiguresSpec, Header, RunSpec, ScenarioSpec, VariedSpec
 from holdfast.sources import read_tables, scenario_title
 from holdfast.system_table import composed_system
 
@@ -132,21 +132,27 @@ def composed(shown: str, text: str, spec: ScenarioSpec, runs: int | None = None)
         starts = spec.starts.model_copy(update={"states": given, "random": runs - len(given)})
         spec = spec.model_copy(update={"starts": starts})
         text += f"# runs: {runs}\n"
-    name = scenario_title(shown).strip(".") or "scenario"
-    return _composed(name, shown, text, spec)
+    return _composed(shown, text, spec)
+
+
+def _about(file: str, text: str, header: Header | FormationHeader) -> dict[str, Any]:
+    """What every scenario says of itself."""
+    return {
+        "name": scenario_title(file).strip(".") or "scenario",
+        "file": file,
+        "text": text,
+        "title": header.title,
+        "kind": header.kind,
+        "description": header.description,
+        "source": header.source,
+    }
 
 
 def _formation(file: str, text: str, spec: FormationSpec) -> Scenario:
     parts = composed_formation(file, spec)
     units = {q.name: q.unit for q in parts.system.states}
     return Scenario(
-        name=scenario_title(file).strip(".") or "scenario",
-        file=file,
-        text=text,
-        title=spec.scenario.title,
-        kind=spec.scenario.kind,
-        description=spec.scenario.description,
-        source=spec.scenario.source,
+        **_about(file, text, spec.scenario),
         system=parts.system,
         law=parts.law,
         region=parts.region,
@@ -164,7 +170,7 @@ def _formation(file: str, text: str, spec: FormationSpec) -> Scenario:
     )
 
 
-def _composed(name: str, file: str, text: str, spec: ScenarioSpec) -> Scenario:
+def _composed(file: str, text: str, spec: ScenarioSpec) -> Scenario:
     composer = Composer(file)
     system = composed_system(composer, spec.system)
     composer.drawn = _drawn(composer, system, spec.varied)
@@ -192,13 +198,7 @@ def _composed(name: str, file: str, text: str, spec: ScenarioSpec) -> Scenario:
         )
     units = {q.name: q.unit for q in system.states}
     return Scenario(
-        name=name,
-        file=file,
-        text=text,
-        title=spec.scenario.title,
-        kind=spec.scenario.kind,
-        description=spec.scenario.description,
-        source=spec.scenario.source,
+        **_about(file, text, spec.scenario),
         system=system,
         law=law,
         region=region,

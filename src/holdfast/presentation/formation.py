@@ -21,7 +21,7 @@ from holdfast.analysis.files import atomic_file
 from holdfast.analysis.result import Result
 from holdfast.maths.scene import Footprint
 from holdfast.presentation import style
-from holdfast.presentation.shapes import draw_fixed, evaluated, numbers
+from holdfast.presentation.shapes import draw_fixed, evaluated, numbers, seen_from
 
 Array = npt.NDArray[np.float64]
 
@@ -39,16 +39,16 @@ class Ground:
 
 def formation_figure(result: Result, ground: Ground, instants: int = 5, run: int = 0) -> Figure:
     """Paths of all robots of a run, with robots and views at instants evenly spaced in time."""
-    robots = _robots(result, run)
+    robots, bodies = _robots(result, run), _bodies(result)
     with style.look():
-        figure, axis = _map(ground, result, robots)
+        figure, axis = _map(ground, result)
         for number, (name, path) in enumerate(robots.items()):
             colour = style.LINES[number % len(style.LINES)]
             axis.plot(path[:, 0], path[:, 1], color=colour, label=name, zorder=4)
         count = len(next(iter(robots.values())))
         for number, k in enumerate(np.linspace(0, count - 1, instants).astype(int)):
             shade = 0.25 + 0.75 * (number + 1) / instants
-            _draw_robots(axis, result, robots, int(k), shade)
+            _draw_robots(axis, bodies, robots, int(k), shade)
         handles = [*axis.get_legend_handles_labels()[0]]
         handles.append(Line2D([], [], color=style.ORANGE, linewidth=5, alpha=0.35, label="view"))
         if ground.arrows.size:
@@ -136,13 +136,13 @@ def write_animation(
     progress: Callable[[float], None] | None = None,
 ) -> Path:
     """A GIF of one run, `speed` seconds of it in a second."""
-    robots = _robots(result, run)
+    robots, bodies = _robots(result, run), _bodies(result)
     time = result.dataset["time"].values
     count = len(next(iter(robots.values())))
     shown = np.arange(0.0, time[count - 1], speed / FRAMES_PER_SECOND)
     frames = np.searchsorted(time, shown).clip(0, count - 1)
     with style.look():
-        figure, axis = _map(ground, result, robots, scale=0.8)
+        figure, axis = _map(ground, result, scale=0.8)
         trails = [
             axis.plot([], [], color=style.LINES[n % len(style.LINES)], label=name, zorder=4)[0]
             for n, name in enumerate(robots)
@@ -156,7 +156,7 @@ def write_animation(
             k = int(frames[number])
             for line, trail in zip(trails, robots.values(), strict=True):
                 line.set_data(trail[: k + 1, 0], trail[: k + 1, 1])
-            moving.extend(_draw_robots(axis, result, robots, k, 1.0))
+            moving.extend(_draw_robots(axis, bodies, robots, k, 1.0))
             axis.set_title(f"{time[k]:.1f} s")
             return moving
 
@@ -188,9 +188,7 @@ def _robots(result: Result, run: int) -> dict[str, Array]:
     return found
 
 
-def _map(
-    ground: Ground, result: Result, robots: dict[str, Array], scale: float = 1.0
-) -> tuple[Figure, Axes]:
+def _map(ground: Ground, result: Result, scale: float = 1.0) -> tuple[Figure, Axes]:
     corners = np.array([p for cell in ground.cells for p in cell])
     low, high = corners.min(axis=0), corners.max(axis=0)
     size = high - low
@@ -221,28 +219,34 @@ def _map(
     return figure, axis
 
 
+def _bodies(result: Result) -> tuple[float, list[Array]]:
+    """The radius of a robot, and the corners (ahead, left) of what every follower sees."""
+    parameters = result.parameters or {}
+    values = numbers(parameters)
+    views = [shape for shape in result.scene if isinstance(shape, Footprint)]
+    corners = [np.array([evaluated(c, values) for c in view.corners]) for view in views]
+    return parameters["robot_radius"], corners
+
+
 def _draw_robots(
-    axis: Axes, result: Result, robots: dict[str, Array], k: int, shade: float
+    axis: Axes,
+    bodies: tuple[float, list[Array]],
+    robots: dict[str, Array],
+    k: int,
+    shade: float,
 ) -> list[Any]:
     """Discs with their headings, and the views of the followers, at one instant."""
-    values = numbers(result.parameters)
-    radius = (result.parameters or {})["robot_radius"]
-    views = [shape for shape in result.scene if isinstance(shape, Footprint)]
+    radius, views = bodies
     drawn: list[Any] = []
     for number, path in enumerate(robots.values()):
         x, y, theta = path[k]
         colour = style.LINES[number % len(style.LINES)]
-        drawn.append(
-            axis.add_patch(Circle((x, y), radius, facecolor="white", edgecolor=colour,
-                                  alpha=shade, zorder=5))
-        )  # fmt: skip
+        disc = Circle((x, y), radius, facecolor="white", edgecolor=colour, alpha=shade, zorder=5)
+        drawn.append(axis.add_patch(disc))
         nose = x + radius * np.cos(theta), y + radius * np.sin(theta)
         drawn += axis.plot([x, nose[0]], [y, nose[1]], color=colour, alpha=shade, zorder=6)
         if number:
-            corners = np.array([evaluated(c, values) for c in views[number - 1].corners])
-            ahead = np.array([np.cos(theta), np.sin(theta)])
-            left = np.array([-ahead[1], ahead[0]])
-            seen = (x, y) + corners[:, :1] * ahead + corners[:, 1:] * left
+            seen = seen_from(x, y, theta, views[number - 1])
             patch = Polygon(seen, facecolor=style.ORANGE, alpha=0.14 * shade, zorder=2)
             drawn.append(axis.add_patch(patch))
     return drawn

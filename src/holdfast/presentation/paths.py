@@ -21,7 +21,7 @@ from holdfast.execution.closed_loop import Outcome
 from holdfast.maths.quantity import symbol
 from holdfast.maths.scene import Cone, Footprint, Segment
 from holdfast.presentation import style
-from holdfast.presentation.shapes import draw_fixed, evaluated, numbers
+from holdfast.presentation.shapes import draw_fixed, evaluated, numbers, seen_from
 
 Array = npt.NDArray[np.float64]
 
@@ -251,6 +251,4 @@ def _outline(view: Cone | Footprint, values: Mapping[sp.Symbol, float]) -> Patch
             return None
         return Wedge((x, y), reach, np.degrees(heading - half), np.degrees(heading + half))
     corners = np.array([evaluated(corner, values) for corner in view.corners])
-    ahead = np.array([np.cos(heading), np.sin(heading)])
-    left = np.array([-ahead[1], ahead[0]])
-    return Polygon((x, y) + corners[:, :1] * ahead + corners[:, 1:] * left)
+    return Polygon(seen_from(x, y, heading, corners))

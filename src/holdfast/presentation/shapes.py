@@ -41,6 +41,13 @@ def labelled(axis: Axes) -> list[Artist]:
     ]
 
 
+def seen_from(x: float, y: float, heading: float, corners: Any) -> Any:
+    """Corners (ahead, left), shape (n, 2), of what is seen from there, in the plane."""
+    ahead = np.array([np.cos(heading), np.sin(heading)])
+    left = np.array([-ahead[1], ahead[0]])
+    return (x, y) + corners[:, :1] * ahead + corners[:, 1:] * left
+
+
 def numbers(parameters: Mapping[str, float] | None) -> dict[sp.Symbol, float]:
     """The values of parameters by their symbols."""
     return {symbol(k): v for k, v in (parameters or {}).items()}
