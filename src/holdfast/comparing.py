@@ -9,7 +9,9 @@ from holdfast.analysis.comparison import Comparison, Reference, Trial, trial
 from holdfast.checking import at, validated
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.execution.closed_loop import Progress
+from holdfast.formation_scenario import is_formation
 from holdfast.judging import composed_judge
+from holdfast.kernel_scenario import CLOSED_LOOP, is_kernel
 from holdfast.named_kernel import check_kernels
 from holdfast.scenario import Scenario, composed
 from holdfast.schema import AlterationSpec, CompareSpec, ScenarioSpec
@@ -41,6 +43,11 @@ def compare(
     Raises `ScenarioError` for unknown names and for a law or a case that cannot be composed.
     """
     shown, text, data = read_tables(name, [*overrides])
+    if is_formation(data) or is_kernel(shown, data):
+        raise ScenarioError(
+            f"{shown}: laws are compared in closed loops that run from many starts",
+            expected=f"a scenario of kind '{CLOSED_LOOP}'",
+        )
     base = validated(ScenarioSpec, data, shown)
     check_kernels(shown, data)
     if base.region is None:

@@ -6,10 +6,9 @@ import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import combinations, pairwise
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
 import sympy as sp
 
 from holdfast.analysis.starts import Starts
@@ -29,50 +28,17 @@ from holdfast.maths.switching import Switching
 from holdfast.maths.system import System
 from holdfast.maths.systems.leader_follower import leader_follower
 from holdfast.maths.units import to_si
-from holdfast.planning.corners import Convoy, Corner, Pose, route_corners
-from holdfast.planning.environment import Environment, environment
-from holdfast.planning.fields import Fields, route_fields
+from holdfast.planning.convoy import Convoy, Pose
+from holdfast.planning.corners import Corner, route_corners
+from holdfast.planning.course import Course
+from holdfast.planning.environment import CLOSE, Environment, environment
+from holdfast.planning.fields import route_fields
 from holdfast.planning.geojson import geojson_cells
 from holdfast.planning.leader import lead_along
 from holdfast.planning.route import plan_route
 
-Array = npt.NDArray[np.float64]
-
 WINDOWS = ("approach_leader", "follow_leader")
 """The laws whose gains have a known window."""
-
-
-@dataclass(frozen=True)
-class Course:
-    """What was planned: the fields of the route, and how its corners are taken."""
-
-    fields: Fields
-    corners: tuple[Corner, ...]
-    followers: int
-
-    @property
-    def environment(self) -> Environment:
-        return self.fields.route.environment
-
-    @property
-    def goal(self) -> tuple[float, float]:
-        return self.fields.route.goal
-
-    def arrows(self, apart: float = 0.4) -> Array:
-        """(x, y, direction) of the leader's fields at places of its cells, about `apart` [m]."""
-        found = []
-        for number, leg in enumerate(self.fields.route.legs):
-            corners = np.array(leg.cell.corners)
-            low, high = corners.min(axis=0), corners.max(axis=0)
-            counts = np.maximum(np.ceil((high - low) / apart), 1).astype(int)
-            x, y = (
-                a + (b - a) * (np.arange(n) + 0.5) / n
-                for a, b, n in zip(low, high, counts, strict=True)
-            )
-            places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-            places = places[[leg.cell.contains(place) for place in places]]
-            found.append(np.column_stack([places, self.fields.headings(number, places)]))
-        return np.vstack(found)
 
 
 @dataclass(frozen=True)
@@ -108,7 +74,13 @@ def composed_formation(file: str, spec: FormationSpec) -> Formation:
         _pose(file, f"followers.starts.{i}", given) for i, given in enumerate(spec.followers.starts)
     ]
     _check_together(file, free, starts)
-    laws = _laws(file, spec, radius)
+    view = {
+        "range_max": _si(file, "camera.range_max", spec.camera.range_max, "m"),
+        "half_angle": _si(file, "camera.half_angle", spec.camera.half_angle, "rad"),
+        "robot_radius": radius,
+    }
+    laws = _laws(file, spec, view)
+    _check_view(file, free, starts, view["range_max"], view["half_angle"])
     goal = [_si(file, "leader.goal", v, "m") for v in spec.leader.goal]
     lead = {
         name: _si(file, f"leader.{name}", getattr(spec.leader, name), unit)
@@ -124,7 +96,7 @@ def composed_formation(file: str, spec: FormationSpec) -> Formation:
         fields = route_fields(route, spec.leader.exponent)
         distance = next(p.value for p in laws[0].parameters if p.name == "distance")
         convoy = Convoy(lead["speed"], lead["gain"], laws, distance, spec.leader.rule)
-        corners = route_corners(fields, convoy, starts[0], radius=arc)
+        corners = route_corners(fields, convoy, starts, radius=arc)
         leader = lead_along(fields, corners, **lead)
         _check_first(free, route.legs[0].cell.name, starts)
     count = len(laws)
@@ -132,13 +104,7 @@ def composed_formation(file: str, spec: FormationSpec) -> Formation:
         system = chain(count)
     _check_speeds(file, system, lead["speed"], laws, corners)
     with at(file, "camera"):
-        region = chain_in_view(
-            count,
-            free.walls,
-            range_max=_si(file, "camera.range_max", spec.camera.range_max, "m"),
-            half_angle=_si(file, "camera.half_angle", spec.camera.half_angle, "rad"),
-            robot_radius=radius,
-        )
+        region = chain_in_view(count, free.walls, **view)
     with at(file, "followers.law"):
         law = joint_law(system, leader, laws)
     names = [q.name for q in system.states]
@@ -191,6 +157,38 @@ def _check_together(file: str, free: Environment, starts: list[Pose]) -> None:
         )
 
 
+def _check_view(
+    file: str, free: Environment, starts: list[Pose], reach: float, half_angle: float
+) -> None:
+    """Every follower has to see the robot before it at first, and none may touch another."""
+    names = robot_names(len(starts) - 1)
+    for (before, (ax, ay, _)), (name, (x, y, theta)) in pairwise(zip(names, starts, strict=True)):
+        who = "the leader" if before == "L" else f"follower {before}"
+        bearing = math.remainder(math.atan2(ay - y, ax - x) - theta, math.tau)
+        ahead = math.dist((x, y), (ax, ay)) * math.cos(bearing)
+        problem = ""
+        if abs(bearing) > half_angle + CLOSE:
+            problem = (
+                f"at a bearing of {bearing:.3g} rad, and sees {half_angle:.3g} rad to each side"
+            )
+        elif ahead > reach * math.cos(half_angle) + CLOSE:
+            problem = f"{ahead:.3g} m ahead, and sees {reach * math.cos(half_angle):.3g} m far"
+        elif not free.in_sight((x, y), (ax, ay)):
+            problem = "behind a wall"
+        if problem:
+            raise ScenarioError(
+                f"{file}: followers.starts.{int(name) - 1}: follower {name} does not see {who} at "
+                f"first: it has it {problem}"
+            )
+    for (one, here), (other, there) in combinations(zip(names, starts, strict=True), 2):
+        if math.dist(here[:2], there[:2]) < 2 * free.robot_radius - CLOSE:
+            raise ScenarioError(
+                f"{file}: robots {one} and {other} start {math.dist(here[:2], there[:2]):.3g} m "
+                "from each other and touch",
+                expected=f"at least {2 * free.robot_radius:g} m between their centres",
+            )
+
+
 def _check_first(free: Environment, first: str, starts: list[Pose]) -> None:
     """Followers that begin in a cell that the leader does not go through are not led out of it."""
     for name, (x, y, _) in zip(robot_names(len(starts) - 1)[1:], starts[1:], strict=True):
@@ -219,7 +217,7 @@ def _check_speeds(
             )
 
 
-def _laws(file: str, spec: FormationSpec, radius: float) -> tuple[Law, ...]:
+def _laws(file: str, spec: FormationSpec, view: Mapping[str, float]) -> tuple[Law, ...]:
     """The followers' laws, each with what it is told of the one before it; gains are checked."""
     count = len(spec.followers.starts)
     speeds = spec.followers.leader_speeds
@@ -251,7 +249,7 @@ def _laws(file: str, spec: FormationSpec, radius: float) -> tuple[Law, ...]:
             speed = _si(file, key, speeds[i], "m/s")
             with at(file, key):
                 told = _told(law, speed)
-        _check_gains(file, spec, told, i + 1, radius)
+        _check_gains(file, spec, told, i + 1, view)
         laws.append(told)
     return tuple(laws)
 
@@ -267,14 +265,11 @@ def _told(law: Law, speed: float) -> Law:
     )
 
 
-def _check_gains(file: str, spec: FormationSpec, law: Law, number: int, radius: float) -> None:
+def _check_gains(
+    file: str, spec: FormationSpec, law: Law, number: int, view: Mapping[str, float]
+) -> None:
     """Refuse distances that make no sense; warn of gains outside the window."""
     values = {p.name: p.value for p in law.parameters}
-    view = {
-        "range_max": _si(file, "camera.range_max", spec.camera.range_max, "m"),
-        "half_angle": _si(file, "camera.half_angle", spec.camera.half_angle, "rad"),
-        "robot_radius": radius,
-    }
     with at(file, "followers.law"):
         check_view(values["distance"], **view)
         if spec.followers.law.get("name") not in WINDOWS:

@@ -15,7 +15,7 @@ from holdfast.checking import at, validated
 from holdfast.compose import Composer
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.execution.closed_loop import Progress
-from holdfast.formation_scenario import Course, composed_formation, is_formation
+from holdfast.formation_scenario import composed_formation, is_formation
 from holdfast.formation_schema import FormationFigures, FormationHeader, FormationSpec
 from holdfast.kernel_scenario import KernelScenario, composed_kernel, is_kernel
 from holdfast.law_chain import composed_law
@@ -28,6 +28,7 @@ from holdfast.maths.system import System
 from holdfast.maths.units import check_unit, to_si
 from holdfast.maths.varied import Varied
 from holdfast.named_kernel import check_kernels
+from holdfast.planning.course import Course
 from holdfast.safety_table import Safety, composed_safety
 from holdfast.schema import FiguresSpec, Header, RunSpec, ScenarioSpec, VariedSpec
 from holdfast.sources import read_tables, scenario_title

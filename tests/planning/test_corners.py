@@ -14,9 +14,11 @@ from holdfast.maths.turning import (
     turning_radii,
     zero_off_tracking_gain,
 )
-from holdfast.planning.corners import Convoy, route_corners
+from holdfast.planning.convoy import Convoy
+from holdfast.planning.corners import route_corners
 from holdfast.planning.environment import environment
 from holdfast.planning.fields import route_fields
+from holdfast.planning.leader import lead_along
 from holdfast.planning.route import plan_route
 from tests.planning.test_environment import CORNER, box
 
@@ -159,8 +161,16 @@ def convoy(followers=1, **options):
     return Convoy(0.2, 2.0, (law,) * followers, 1.0)
 
 
+def in_line(followers, start, apart=1.0):
+    """Poses of a leader and of those behind it."""
+    x, y, theta = start
+    back = apart * np.arange(followers + 1)
+    return [(x - s * math.cos(theta), y - s * math.sin(theta), theta) for s in back]
+
+
 def corner(fields, number, convoy, start=(-3.0, 0.0, 0.0), **options):
-    return route_corners(fields, convoy, start, **options)[number]
+    starts = in_line(len(convoy.laws), start)
+    return route_corners(fields, convoy, starts, **options)[number]
 
 
 def test_arcs_without_a_jump_may_be_half_as_wide():
@@ -187,11 +197,69 @@ def test_corner_that_cannot_be_taken_is_named():
     with pytest.raises(
         DefinitionError, match=r"no radius .* from cell 'west' to cell 'south' at \(-0.1, 0\)"
     ):
-        corner(planned(narrow, (-3, 0), (0.1, -4)), 0, convoy(3))
+        corner(planned(narrow, (-2.5, 0), (0.1, -4)), 0, convoy(3), (-2.5, 0, 0))
     fields = planned(CORNER, (-3, 0), (0.6, -4.5))
     with pytest.raises(DefinitionError, match="the given radius takes the robots"):
         corner(fields, 0, convoy(), radius=0.3)
     assert corner(fields, 0, convoy(), radius=0.8).radius == 0.8
-    short = {"west": box(-1.2, -0.8, -0.2, 0.8), "south": CORNER["south"]}
-    with pytest.raises(DefinitionError, match="cell 'west' is too short for 2 robots"):
-        corner(planned(short, (-0.5, 0), (0.6, -4.5)), 0, convoy(2), (-0.5, 0, 0))
+
+
+def test_row_that_is_longer_than_a_cell_goes_through_it():
+    """Five robots, 4 m from the first to the last, and a cell of 2 m between two corners."""
+    cells = {
+        "west": box(-9, -1, -1, 1),
+        "middle": box(-1, -1, 1, 3),
+        "north": box(-1, 3, 9, 5),
+    }
+    goal = (8.0, 4.0)
+    fields = planned(cells, (-2.5, 0), goal)
+    starts = in_line(4, (-2.5, 0.0, 0.0), 1.05)
+    corners = route_corners(fields, convoy(4), starts)
+    assert [c.side for c in corners] == [1, -1]
+    moved = driven(fields, corners, convoy(4), starts, 100.0)
+    assert fields.route.environment.room(moved[..., :2]).min() > -1e-3
+    assert np.linalg.norm(moved[-1, 0, :2] - goal) < 0.1
+    assert np.hypot(*(moved[-1, :-1, :2] - moved[-1, 1:, :2]).T) == pytest.approx(1.0, abs=0.03)
+
+
+def driven(fields, corners, convoy, starts, seconds):
+    """Poses (time, robot, x y theta) by the compiled loop: the plan is not asked."""
+    from holdfast.maths.chain import chain, joint_law
+
+    system = chain(len(convoy.laws))
+    law = joint_law(system, lead_along(fields, corners, speed=convoy.speed), convoy.laws)
+    data = hf.simulate(
+        system, law, starts=[sum(starts, ())], horizon=seconds, sample_time=0.01, substeps=1,
+        record_every=0.1,
+    ).dataset  # fmt: skip
+    return data["state"].values[0].reshape(-1, len(starts), 3)
+
+
+def test_plan_moves_robots_as_the_loop_does():
+    """Steps of 2 cm against those of a hundredth of a second: some millimetres."""
+    fields = planned(CORNER, (-3, 0), (0.6, -4.5))
+    starts = [(-3.0, 0.2, -0.3), (-4.1, -0.3, 0.4)]
+    corners = route_corners(fields, convoy(), starts)
+    mine = convoy()
+    exact = driven(fields, corners, mine, starts, 15.0)
+    poses = np.array([starts])
+    on, off = np.array([True]), np.array([False])
+    for _ in range(round(14 / mine.step)):
+        poses, _ = mine.moved(fields, 0, poses, np.zeros(1), off, on)
+    then = exact[round(10 * mine.step * round(14 / mine.step))]
+    assert poses[0] == pytest.approx(then, abs=0.01)
+
+
+def test_robot_that_starts_towards_a_wall_is_named():
+    fields = planned(CORNER, (-3, 0), (0.6, -4.5))
+    with pytest.raises(
+        DefinitionError, match=r"the leader goes into a wall at \(-\d.*\), with the leader in cell"
+    ):
+        corner(fields, 0, convoy(), (-3.0, 0.55, 1.5))
+    blind = hf.Law(
+        "blind",
+        convoy().laws[0].reads,
+        {"uF": hf.symbol("range") / 8, "wF": 0 * hf.symbol("range")},
+    )
+    with pytest.raises(DefinitionError, match="follower 1 goes into a wall at"):
+        route_corners(fields, Convoy(0.2, 2.0, (blind,), 1.0), [(-3, 0, 0), (-4, 0.3, 0.8)])

@@ -469,7 +469,9 @@ def simulated_in(pair, law, region, corners, count, **settings):
         ([[0, 0], [1, 0], "corner"], "vertex 'corner'"),
         ([[0, 0], [1, 0], [math.inf, 1]], "two finite numbers"),
         ([[math.cos(a), math.sin(a)] for a in np.arange(5) * 0.8 * math.pi], "winds around twice"),
-        ("triangle", "has 8 vertices|vertex 't'"),
+        ("triangle", "has 0 vertices"),
+        (np.float64(3.0), "has 0 vertices"),
+        (np.eye(3), "two finite numbers"),
         ([[1.5, -1], [2, -1], [2, 1], [1.5, 1]], "distance = 1 m is beyond side"),
     ],
 )

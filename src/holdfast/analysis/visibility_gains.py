@@ -166,6 +166,14 @@ def visibility_gains(
     low, high = pair.low, pair.high
     if low <= high:
         return GainWindow(low, high, pair.nearest)
+    if high <= 0:
+        return GainWindow(
+            low,
+            0.0,
+            pair.nearest,
+            "at the far end of the view the follower is not faster than its leader",
+            _remedy(pair),
+        )
     return GainWindow(
         low,
         high,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import sympy as sp
 
@@ -100,11 +101,16 @@ def body_coordinates() -> tuple[sp.Expr, sp.Expr]:
     return -x * sp.cos(beta) - y * sp.sin(beta), x * sp.sin(beta) - y * sp.cos(beta)
 
 
+def _listed(value: Any) -> list[Any]:
+    """What a list, a tuple or an array contains; nothing for anything else."""
+    value = getattr(value, "tolist", lambda: value)()
+    return list(value) if isinstance(value, Sequence) and not isinstance(value, str) else []
+
+
 def _points(vertices: object, what: str) -> list[tuple[float, float]]:
-    listed = list(vertices) if isinstance(vertices, Sequence) else []
     points = []
-    for vertex in listed:
-        numbers = list(vertex) if isinstance(vertex, Sequence) else []
+    for vertex in _listed(vertices):
+        numbers = _listed(vertex)
         if len(numbers) != 2 or not all(
             isinstance(n, int | float) and math.isfinite(n) for n in numbers
         ):

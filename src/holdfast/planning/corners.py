@@ -1,44 +1,41 @@
 """How sharply a leader may turn from one cell into the next, so that those behind it pass too.
 
-The leader comes to the passage as its law brings it there from its start, then goes in an arc of
-radius RL until it heads as the field of the next cell does there, then along the field. Each
-follower goes by its law behind the one before it; its place at first is anywhere in the cell.
+All robots go from their starts as their laws bring them. Where the leader comes to a passage with
+a corner, it goes in an arc of radius RL until it heads as the field of the next cell does there.
+Radii are tried with the followers where they are then, and in a straight row at other places of
+the cell that is left.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-import shapely
 
 from holdfast.errors import DefinitionError
-from holdfast.execution.evaluate import Evaluator
-from holdfast.maths.law import Law
-from holdfast.maths.laws.follow_leader import SEEN
 from holdfast.maths.turning import turning_radii
-from holdfast.planning.environment import CLOSE, Passage, shown
+from holdfast.planning.convoy import Convoy, Pose, unit, wrapped
+from holdfast.planning.environment import Passage, shown
 from holdfast.planning.fields import Fields
-from holdfast.planning.route import Leg, Route
+from holdfast.planning.route import Leg
 
 Array = npt.NDArray[np.float64]
-Pose = tuple[float, float, float]
 
 CANDIDATES = 50
 PLACES = 7
 """How many radii, and how many places of the followers at first, are tried."""
 
-STEP = 0.04
-MOST_STEPS = 100_000
-"""Seconds of what is looked at, and how often."""
+ASIDE = 1.2
+"""How far aside of where the leader comes from the rows of followers are [rad]."""
 
 TOUCH = 1e-3
 """Into a wall by less [m] is not: places at first may be beside one."""
 
-NEAR_GOAL = 0.1
+ASTRAY = 10
+"""A leader that has gone this many times around its cell does not get out of it."""
 
 SQUARE = 0.05
 """Cosines below this are those of right angles."""
@@ -47,14 +44,11 @@ STRAIGHT = math.radians(5)
 """Below this change of heading there is no corner."""
 
 
-RULES = ("arc", "tangent")
-
-
 @dataclass(frozen=True)
 class Corner:
     """low <= RL <= high [m] take all robots through; side +1 turns left, -1 right, 0 goes straight.
 
-    radius: the one of them that leaves the most room to robots that come along the middle.
+    radius: the one in the middle of those tried.
     heading: what the leader turns to on the spot before the arc, with the rule "tangent".
     """
 
@@ -64,90 +58,94 @@ class Corner:
     radius: float
     heading: float | None = None
 
-
-@dataclass(frozen=True)
-class Convoy:
-    """Who is to pass: the leader's `speed` [m/s] and `gain` kL [1/s], and the followers.
-
-    laws: one for each; distance [m]: of each behind the one before it. rule: "arc", from the
-    heading that the leader has, or "tangent", that of the thesis for corners of right angles: from
-    the tangent to the circle about whose centre the follower would go round the corner.
-    """
-
-    speed: float
-    gain: float
-    laws: tuple[Law, ...]
-    distance: float
-    rule: str = "arc"
-
-    def __post_init__(self) -> None:
-        if self.rule not in RULES:
-            raise DefinitionError(f"rule is {self.rule!r}", expected=" or ".join(map(repr, RULES)))
-
-    @cached_property
-    def answers(self) -> tuple[Evaluator, ...]:
-        """(u, w) of every follower by its range and bearing."""
-        arguments = [q.symbol for q in SEEN]
-        return tuple(
-            Evaluator([law.outputs["uF"], law.outputs["wF"]], arguments, law.parameters)
-            for law in self.laws
-        )
+    @property
+    def curvature(self) -> float:
+        return self.side / self.radius
 
 
 def route_corners(
-    fields: Fields, convoy: Convoy, start: Pose, *, radius: float | None = None
+    fields: Fields, convoy: Convoy, starts: Sequence[Pose], *, radius: float | None = None
 ) -> tuple[Corner, ...]:
-    """The corners from leg to leg for a leader that starts there; `radius` [m] is taken if given.
+    """The corners from leg to leg for robots that start there; `radius` [m] is taken if given.
 
     Raises `DefinitionError`, naming the corner, where no radius takes all robots through without
-    touching a wall, or the given one does not.
+    touching a wall, or the given one does not; and where a robot touches a wall on its way.
     """
-    found = []
-    pose = start
-    for number in range(len(fields.route.legs) - 1):
-        pose = _driven(fields, number, convoy, pose)
-        found.append(_corner(fields, number, convoy, pose, radius))
-        pose = _turned(fields, number, convoy, pose, found[-1])
+    found: list[Corner] = []
+    poses = np.array([starts], dtype=float)
+    for number in range(len(fields.route.legs)):
+        if found and (heading := found[-1].heading) is not None:
+            poses[:, 0, 2] = heading
+        poses = _driven(fields, number, convoy, poses, found[-1].curvature if found else 0.0)
+        if fields.route.legs[number].exit is not None:
+            found.append(_corner(fields, number, convoy, poses, radius))
     return tuple(found)
 
 
-def _driven(fields: Fields, number: int, convoy: Convoy, pose: Pose) -> Pose:
-    """Where the leader leaves a cell, by (6.23) from a pose in it."""
-    exit = fields.route.legs[number].exit
-    assert exit is not None
-    place, theta = np.array([pose[:2]]), pose[2]
-    wanted = float(fields.headings(number, place)[0])
-    for _ in range(MOST_STEPS):
-        if float((place[0] - np.array(exit.middle)) @ np.array(exit.normal)) >= 0:
-            return float(place[0, 0]), float(place[0, 1]), theta
-        place = place + convoy.speed * STEP * _unit(np.array([theta]))
-        before, wanted = wanted, float(fields.headings(number, place)[0])
-        off = math.remainder(theta - before, math.tau)
-        theta += math.remainder(wanted - before, math.tau) - convoy.gain * STEP * off
+def _driven(fields: Fields, number: int, convoy: Convoy, poses: Array, curvature: float) -> Array:
+    """Where the robots are as the leader leaves the cell, or as all are at the goal."""
+    route = fields.route
+    leg = route.legs[number]
+    stride = convoy.speed * convoy.step
+    most = ASTRAY * (leg.cell.shape.length + convoy.length) / stride
+    rest = convoy.length / stride  # after the leader is at the goal
+    curve, turning, on = np.array([curvature]), np.array([True]), np.array([True])
+    for _ in range(math.ceil(most)):
+        before = poses
+        poses, turning = convoy.moved(fields, number, poses, curve, turning, on)
+        room = route.environment.room(poses[0, :, :2])
+        if room.min() < -TOUCH:
+            k = int(np.argmin(room))
+            who = f"follower {k}" if k else "the leader"
+            raise DefinitionError(
+                f"{who} goes into a wall at {shown(poses[0, k, :2])}, with the leader in cell "
+                f"'{leg.cell.name}'",
+                remedy="start it elsewhere, or take other gains or a smaller distance",
+            )
+        if on[0] and _gone(fields, number, convoy, poses)[0]:
+            if leg.exit is not None:
+                return _at_passage(leg.exit, before, poses)
+            on[0] = False
+        rest -= not on[0]
+        if rest < 0:
+            return poses
     raise DefinitionError(
-        f"the leader does not get out of cell '{fields.route.legs[number].cell.name}'",
+        f"the leader does not get out of cell '{leg.cell.name}'",
         remedy="let it start with its heading along the field, or raise its gain",
     )
 
 
-def _turned(fields: Fields, number: int, convoy: Convoy, pose: Pose, taken: Corner) -> Pose:
-    """Where the arc of a corner ends."""
-    x, y, theta = pose
-    theta = theta if taken.heading is None else taken.heading
-    for _ in range(MOST_STEPS if taken.side else 0):
-        wanted = float(fields.headings(number + 1, np.array([[x, y]]))[0])
-        if taken.side * math.remainder(wanted - theta, math.tau) <= 0:
-            break
-        x, y = x + convoy.speed * STEP * math.cos(theta), y + convoy.speed * STEP * math.sin(theta)
-        theta += taken.side * convoy.speed * STEP / taken.radius
-    return x, y, theta
+def _at_passage(exit: Passage, before: Array, after: Array) -> Array:
+    """Between two steps, where the leader is in the passage."""
+    far = [
+        float((p[0, 0, :2] - np.array(exit.middle)) @ np.array(exit.normal))
+        for p in (before, after)
+    ]
+    share = far[0] / (far[0] - far[1])
+    step = after - before
+    step[..., 2] = wrapped(step[..., 2])
+    found: Array = before + share * step
+    return found
+
+
+def _gone(fields: Fields, number: int, convoy: Convoy, poses: Array) -> npt.NDArray[np.bool_]:
+    """Which leaders have left the cell of a leg, or are at the goal."""
+    at, exit = poses[:, 0, :2], fields.route.legs[number].exit
+    found: npt.NDArray[np.bool_]
+    if exit is None:
+        found = (
+            np.linalg.norm(at - np.array(fields.route.goal), axis=1)
+            < 2 * convoy.speed * convoy.step
+        )
+    else:
+        found = (at - np.array(exit.middle)) @ np.array(exit.normal) > 0
+    return found
 
 
 def _corner(
-    fields: Fields, number: int, convoy: Convoy, pose: Pose, radius: float | None
+    fields: Fields, number: int, convoy: Convoy, poses: Array, radius: float | None
 ) -> Corner:
-    route = fields.route
-    leg, following = route.legs[number], route.legs[number + 1]
+    leg, following = fields.route.legs[number : number + 2]
     assert leg.exit is not None
     side = _side(leg.exit, fields, number + 1)
     if side == 0:
@@ -159,9 +157,9 @@ def _corner(
     else:
         radii = np.linspace(1 / CANDIDATES, 1.0, CANDIDATES) * depth
         radii = radii if radius is None else np.array([radius])
-        headings = np.full(len(radii), pose[2])
-    room = _clearance(fields, number, side, radii, convoy, pose, headings)
-    worst = room.min(axis=1)
+        headings = np.full(len(radii), poses[0, 0, 2])
+    rows = np.concatenate([poses, _rows(leg, poses[0, 0], convoy)])
+    worst = _clearance(fields, number + 1, side / radii, convoy, rows, headings)
     good = np.flatnonzero(worst >= -TOUCH)
     if not good.size:
         best = int(np.argmax(worst))
@@ -177,8 +175,7 @@ def _corner(
         )
     ends = np.flatnonzero(np.diff(good) > 1)
     good = good[: ends[0] + 1] if ends.size else good  # the smallest ones that belong together
-    along_the_middle = room[good, room.shape[1] // 2]
-    best = good[int(np.argmax(along_the_middle))]
+    best = good[len(good) // 2]
     heading = float(headings[best]) if convoy.rule == "tangent" else None
     return Corner(side, float(radii[good[0]]), float(radii[good[-1]]), float(radii[best]), heading)
 
@@ -224,95 +221,38 @@ def _side(exit: Passage, fields: Fields, following: int) -> int:
     return 0 if abs(turn) < STRAIGHT else (1 if turn > 0 else -1)
 
 
+def _rows(leg: Leg, leader: Array, convoy: Convoy) -> Array:
+    """Poses (row, robot, x y theta) with all followers in a line to the leader, in its cell."""
+    found = []
+    gaps = np.arange(len(convoy.laws) + 1)[:, None] * convoy.distance
+    for angle in leader[2] + np.linspace(-ASIDE, ASIDE, 241):
+        places = leader[:2] - gaps * unit(angle)
+        if all(leg.cell.contains(place) for place in places[1:]):
+            found.append(np.column_stack([places, np.full(len(places), angle)]))
+            found[-1][0, 2] = leader[2]
+    picked = sorted({round(i) for i in np.linspace(0, len(found) - 1, PLACES)}) if found else []
+    return np.array([found[i] for i in picked]).reshape(-1, len(gaps), 3)
+
+
 def _clearance(
-    fields: Fields,
-    number: int,
-    side: int,
-    radii: Array,
-    convoy: Convoy,
-    pose: Pose,
-    headings: Array,
+    fields: Fields, number: int, curvatures: Array, convoy: Convoy, rows: Array, headings: Array
 ) -> Array:
-    """The least distance of any robot to where it would touch a wall, (radius, row).
+    """The least distance of any robot to where it would touch a wall, by curvature.
 
-    Negative where it is in the wall. Rows are places of the followers at first: in a line from the
-    leader to wherever in the cell, from one side to the other.
+    Negative where it is in the wall; minus infinity where the arc does not end. The leader enters
+    the leg `number`, from the heading of its curvature.
     """
-    route = fields.route
-    leg, following = route.legs[number], route.legs[number + 1]
-    assert leg.exit is not None
-    rows, facing = _rows(leg, pose, convoy.distance, len(convoy.laws))
-    count = len(radii) * len(rows)
-    curve = np.repeat(side / radii, len(rows)) * convoy.speed
-    at = np.tile(np.array(pose[:2]), (count, 1))
-    theta = np.repeat(headings, len(rows))
-    chain = np.tile(rows, (len(radii), 1, 1))  # (run, follower, 2)
-    headed = np.tile(facing[:, None], (len(radii), len(convoy.laws)))
-    turning, gone = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
-    seen = []
-    length = (len(convoy.laws) + 1) * convoy.distance + math.pi / 2 * float(radii.max())
-    for _ in range(math.ceil(length / convoy.speed / STEP)):
-        wanted = fields.headings(number + 1, at)
-        turning &= side * _wrapped(wanted - theta) > 0
-        theta = np.where(turning, theta + curve * STEP, wanted)
-        gone |= _gone(following, route.goal, at)  # what it does then is not of this corner
-        at = at + np.where(gone, 0.0, convoy.speed * STEP)[:, None] * _unit(theta)
-        before = at
-        for k, answer in enumerate(convoy.answers):
-            apart = before - chain[:, k]
-            far = np.linalg.norm(apart, axis=1)
-            bearing = _wrapped(np.arctan2(apart[:, 1], apart[:, 0]) - headed[:, k])
-            speed, turn = answer.values(np.stack([far, bearing], axis=1)).T
-            before = chain[:, k].copy()
-            chain[:, k] += (speed * STEP)[:, None] * _unit(headed[:, k])
-            headed[:, k] += turn * STEP
-        seen.append(np.concatenate([at[:, None], chain], axis=1))
-    room = _room(route, np.array(seen)).min(axis=(0, 2))
-    room[turning] = -np.inf  # an arc that does not end
-    return room.reshape(len(radii), len(rows))
-
-
-def _room(route: Route, places: Array) -> Array:
-    """How far places of shape (..., 2) are from where a robot touches a wall."""
-    cells = [c.shape.buffer(CLOSE, join_style="mitre") for c in route.environment.inner]
-    inner = shapely.union_all(cells)
-    border = inner.boundary
-    shapely.prepare(inner)
-    shapely.prepare(border)
-    x, y = places[..., 0], places[..., 1]
-    gap = shapely.distance(shapely.points(x, y), border)
-    return np.where(shapely.contains_xy(inner, x, y), gap, -gap)
-
-
-def _unit(angle: Array) -> Array:
-    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-
-
-def _wrapped(angle: Array) -> Array:
-    return np.angle(np.exp(1j * angle))
-
-
-def _gone(leg: Leg, goal: tuple[float, float], at: Array) -> npt.NDArray[np.bool_]:
-    """Which leaders have left the next cell, or are at the goal."""
-    if leg.exit is None:
-        near: npt.NDArray[np.bool_] = np.linalg.norm(at - np.array(goal), axis=1) < NEAR_GOAL
-        return near
-    out: npt.NDArray[np.bool_] = (at - np.array(leg.exit.middle)) @ np.array(leg.exit.normal) > 0
-    return out
-
-
-def _rows(leg: Leg, pose: Pose, distance: float, followers: int) -> tuple[Array, Array]:
-    """Places (row, follower, 2) in a line behind the leader in the passage, and the headings."""
-    found, headings = [], []
-    for angle in pose[2] + np.linspace(-1.2, 1.2, 241):
-        row = np.array(pose[:2]) - np.outer(np.arange(1, followers + 1), _unit(angle)) * distance
-        if all(leg.cell.contains(place) for place in row):
-            found.append(row)
-            headings.append(angle)
-    if not found:
-        raise DefinitionError(
-            f"cell '{leg.cell.name}' is too short for {followers} robots, {distance:g} m each "
-            "behind the one before"
-        )
-    picked = np.unique(np.linspace(0, len(found) - 1, PLACES).astype(int))
-    return np.array([found[i] for i in picked]), np.array([headings[i] for i in picked])
+    environment = fields.route.environment
+    poses = np.tile(rows, (len(curvatures), 1, 1))
+    poses[:, 0, 2] = np.repeat(headings, len(rows))
+    curvature = np.repeat(curvatures, len(rows))
+    turning, on = np.ones(len(poses), dtype=bool), np.ones(len(poses), dtype=bool)
+    room = np.full(len(poses), np.inf)
+    length = convoy.length + convoy.distance + math.pi / 2 / float(np.abs(curvatures).min())
+    for _ in range(math.ceil(length / convoy.speed / convoy.step)):
+        poses, turning = convoy.moved(fields, number, poses, curvature, turning, on)
+        on &= ~_gone(fields, number, convoy, poses)  # what it does then is not of this corner
+        room = np.minimum(room, environment.room(poses[..., :2]).min(axis=1))
+    room[turning] = -np.inf
+    found: Array = room.reshape(len(curvatures), len(rows)).min(axis=1)
+    return found

@@ -104,6 +104,27 @@ class Environment:
         """The border of the free space, as segments."""
         return _segments(shapely.simplify(self.free.buffer(-CLOSE, join_style="mitre"), 2 * CLOSE))
 
+    @cached_property
+    def _roomy(self) -> tuple[shapely.Geometry, shapely.Geometry]:
+        """Where the centres of robots may be, and its border."""
+        inner = shapely.union_all([c.shape.buffer(CLOSE, join_style="mitre") for c in self.inner])
+        border = inner.boundary
+        shapely.prepare(inner)
+        shapely.prepare(border)
+        return inner, border
+
+    def room(self, places: Array) -> Array:
+        """How far robots at places (..., 2) are from touching a wall; negative where in it."""
+        inner, border = self._roomy
+        x, y = places[..., 0], places[..., 1]
+        gap = shapely.distance(shapely.points(x, y), border)
+        found: Array = np.where(shapely.contains_xy(inner, x, y), gap, -gap)
+        return found
+
+    def in_sight(self, one: Sequence[float], other: Sequence[float]) -> bool:
+        """Whether no wall is between two places."""
+        return bool(self.free.covers(shapely.LineString([one, other])))
+
     def cells_at(self, point: Sequence[float]) -> set[int]:
         """All cells that the centre of a robot there is in: two on what they share."""
         return {i for i, c in enumerate(self.inner) if c.contains(point)}

@@ -139,7 +139,8 @@ def write_animation(
     robots, bodies = _robots(result, run), _bodies(result)
     time = result.dataset["time"].values
     count = len(next(iter(robots.values())))
-    shown = np.arange(0.0, time[count - 1], speed / FRAMES_PER_SECOND)
+    end = time[count - 1]
+    shown = np.append(np.arange(0.0, end, speed / FRAMES_PER_SECOND), end)
     frames = np.searchsorted(time, shown).clip(0, count - 1)
     with style.look():
         figure, axis = _map(ground, result, scale=0.8)

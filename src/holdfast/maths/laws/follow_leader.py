@@ -90,8 +90,8 @@ def follow_leader(
         turn,
         parameters,
         "stay at a distance from a leader that moves, facing it",
-        "thesis (6.19), with rd on the line of sight"
-        + (", as printed" if as_printed else ", corrected"),
+        "thesis (6.19), with rd on the line of sight, "
+        + ("its sign as printed" if as_printed else "corrected"),
     )
 
 
