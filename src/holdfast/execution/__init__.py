@@ -1,4 +1,4 @@
 """How it runs: symbolic definitions to compiled functions to trajectories.
 
-The only home of Numba; SymPy appears in `translate.py` alone.
+The only home of Numba; SymPy appears where text is made.
 """

@@ -273,7 +273,6 @@ def simulate_runs(
                     for i in range(SIGNALS):
                         signal_out[run, row, i] = s[i]
                 if WATCHED:
-                    c0 = constraints(q, plant)
                     for j in range(WATCHED):
                         constraint_out[run, row, j] = c0[j]
             progress[0] += 1
@@ -282,7 +281,6 @@ def simulate_runs(
             # one sample interval
             k0 = field(t, q, u, mode, plant, gains, table)
             if WATCHED:
-                c0 = constraints(q, plant)
                 d0 = constraint_rates(q, k0, plant)
             elapsed = 0.0
             index = 0

@@ -9,6 +9,9 @@ from sympy.printing.pycode import PythonCodePrinter
 
 from holdfast.maths.quantity import SAMPLE_TIME, TIME, TIME_IN_MODE
 
+LONG = 40
+"""Lines of a function that is not copied to several places: the compiler's time goes with them."""
+
 
 class Printer(PythonCodePrinter):
     """Numba-compilable text for every expression holdfast can build."""
@@ -93,10 +96,15 @@ def function_source(
     results: Sequence[sp.Expr],
     *,
     scalar: bool = False,
+    several: bool = False,
 ) -> str:
-    """Source of one function; `unpack` maps an argument to the symbols it holds, in order."""
-    head = f"@inlined\ndef {name}({', '.join(arguments)}):"
-    return head + "\n" + body(unpack, results, scalar=scalar)
+    """Source of one function; `unpack` maps an argument to the symbols it holds, in order.
+
+    A long one that `several` places use is called there, and not copied to each.
+    """
+    text = body(unpack, results, scalar=scalar)
+    how = "apart" if several and text.count("\n") > LONG else "inlined"
+    return f"@{how}\ndef {name}({', '.join(arguments)}):\n{text}"
 
 
 def body(

@@ -6,12 +6,13 @@ inputs as tuples and the parameters as arrays, so that a sweep over gains compil
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import sympy as sp
 
 from holdfast.errors import SimulationError, suggestion
+from holdfast.execution.law_source import guard_source, law_source, looked_up, unpacked
 from holdfast.execution.printer import body, function_source
 from holdfast.execution.steppers import Tableau, stepper_source
 from holdfast.maths.bounds import LinearImage
@@ -157,6 +158,7 @@ def closed_loop_program(
             ("t", "q", "u", "d", "p"),
             {"q": q, "u": u, "d": d, "p": p},
             list(system.rates.values()),
+            several=True,
         ),
         function_source("disturbance", ("t", "p"), {"p": p}, still),
         function_source(
@@ -183,14 +185,18 @@ def closed_loop_program(
             {**seen, "p": p},
             list(switching.lookup.places) if switching.lookup else [],
         ),
-        _law_source(switching, system.input_names, seen, p),
-        _guard_source(switching, seen, p),
+        law_source(switching, system.input_names, seen, p),
+        guard_source(switching, seen, p),
         "@inlined\ndef signals(t, q, p, table):\n"
-        + _looked_up(switching)
-        + body(_unpacked(switching, seen, p), [switching.signals[n] for n in signals]),
-        function_source("constraints", ("q", "p"), {**state, "p": p}, c),
+        + looked_up(switching)
+        + body(unpacked(switching, seen, p), [switching.signals[n] for n in signals]),
+        function_source("constraints", ("q", "p"), {**state, "p": p}, c, several=True),
         function_source(
-            "constraint_rates", ("q", "qdot", "p"), {**state, "qdot": qdot, "p": p}, cdot
+            "constraint_rates",
+            ("q", "qdot", "p"),
+            {**state, "qdot": qdot, "p": p},
+            cdot,
+            several=True,
         ),
         function_source(
             "goal_level",
@@ -224,19 +230,6 @@ def closed_loop_program(
     )
 
 
-def _looked_up(switching: Switching) -> str:
-    """The line that looks up the function that a law uses."""
-    return "    look = look_up(table, places(t, q, p))\n" if switching.lookup else ""
-
-
-def _unpacked(
-    switching: Switching, state: Mapping[str, Sequence[sp.Symbol]], p: Sequence[sp.Symbol]
-) -> dict[str, Sequence[sp.Symbol]]:
-    """What the arrays of a law hold."""
-    look = {"look": switching.lookup.symbols} if switching.lookup else {}
-    return {**state, "p": p, **look}
-
-
 def _check_still(region: Region, varied: Varied) -> None:
     """Refuse to vary what the region is made of: starts are drawn in one and the same region."""
     used = set().union(*(x.expression.free_symbols for x in region.inequalities))
@@ -267,59 +260,6 @@ def _check_fit(system: System, switching: Switching) -> None:
                 f"law '{switching.name}' reads '{quantity.name}', which is no state of system "
                 f"'{system.name}', nor a disturbance of it"
             )
-
-
-def _law_source(
-    switching: Switching,
-    inputs: Sequence[str],
-    state: Mapping[str, Sequence[sp.Symbol]],
-    p: Sequence[sp.Symbol],
-) -> str:
-    lines = ["@inlined", f"def law(t, q, mode, p, table):\n{_looked_up(switching)}".rstrip()]
-    unpack = _unpacked(switching, state, p)
-    for number, mode in enumerate(switching.modes.values()):
-        last = number == len(switching.modes) - 1
-        if not last:
-            lines.append(f"    if mode == {number}:")
-        indent = "    " if last else "        "
-        results = [mode.outputs[n] for n in inputs]
-        if mode.safeguard is None:
-            results.append(sp.S.Zero)  # no slack
-            lines.append(body(unpack, results, indent=indent))
-            continue
-        guard, m = mode.safeguard, len(inputs)
-        for j, offset in enumerate(guard.offsets):
-            results += [*(guard.normals[n][j] for n in inputs), offset]
-        results += [guard.scales[n] for n in inputs]
-        # names of its own in each mode: Numba does not unify long tuples of different modes
-        asked, given = f"asked{number}", f"given{number}"
-        lines.append(body(unpack, results, indent=indent, give=f"{asked} ="))
-        end = len(results) - m
-        lines.append(
-            f"{indent}{given} = keep_within({asked}[:{m}], {asked}[{end}:], {asked}[{m}:{end}], "
-            f"{guard.hard})"
-        )
-        lines.append(f"{indent}return ({', '.join(f'{given}[{i}]' for i in range(m + 1))},)")
-    return "\n".join(lines)
-
-
-def _guard_source(
-    switching: Switching, state: Mapping[str, Sequence[sp.Symbol]], p: Sequence[sp.Symbol]
-) -> str:
-    numbers = {name: i for i, name in enumerate(switching.modes)}
-    lines = ["@inlined", "def next_mode(t, q, mode, time_in_mode, p):"]
-    for name, number in numbers.items():
-        leaving = [x for x in switching.transitions if x.source == name]
-        if not leaving:
-            continue
-        lines.append(f"    if mode == {number}:")
-        guards = [x.when for x in leaving]
-        lines.append(body({**state, "p": p}, guards, indent="        ", give="levels ="))
-        for i, transition in enumerate(leaving):
-            lines.append(f"        if levels[{i}] >= 0.0:")
-            lines.append(f"            return {numbers[transition.target]}")
-    lines.append("    return mode")
-    return "\n".join(lines)
 
 
 def _load_source(dimension: int) -> str:
