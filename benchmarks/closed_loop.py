@@ -1,7 +1,7 @@
 """Closed-loop trajectories per second: holdfast beside scipy, diffrax and hand-written JAX.
 
 Every contender simulates the same vehicle under the same law at 50 Hz in float64, side by
-side in one process. Their final states must agree before anything is timed. README.md says
+side in one process. Their final states must agree before anything is timed. docs/benchmarks.md says
 what each row is; `python benchmarks/closed_loop.py --help` lists the options.
 """
 

@@ -86,9 +86,21 @@ def test_scenario_files_in_the_documentation_load(tmp_path):
             re.findall(r"```toml\n(.*?)```", page.read_text("utf-8"), re.S)
         ):
             if "[scenario]" in text:
-                path = tmp_path / f"{page.stem}{number}.toml"
+                named = re.match(r"# (\S+\.toml)\n", text)  # other blocks may refer to it
+                path = tmp_path / (named[1] if named else f"{page.stem}{number}.toml")
                 path.write_text(text)
                 shorter = ["run.horizon=1"] if "[run]" in text else []
                 hf.load_scenario(str(path), shorter).run()
             else:
                 tomllib.loads(text)
+
+
+def test_site_has_every_page_and_the_reference_every_name():
+    pages = {p.name for p in (ROOT / "docs").glob("*.md")}
+    assert set(re.findall(r": (\w+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.M)) == pages
+    known = set(re.findall(r"^::: holdfast\.(\S+)$", (ROOT / "docs/api.md").read_text(), re.M))
+    catalogue = {"fields", "laws", "regions", "systems"}
+    assert set(hf.__all__) - catalogue - {"__version__"} <= known
+    entries = {f"maths.{k}.{f.__name__}" for k in catalogue for f in getattr(hf, k).ALL}
+    assert entries <= known
+    assert all(n in hf.__all__ or n in entries for n in known), "a name that there is not"

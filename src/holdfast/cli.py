@@ -14,7 +14,13 @@ from holdfast._version import __version__
 from holdfast.errors import GainWarning, HoldfastError, ScenarioError
 from holdfast.output import check_writable, make_folder
 from holdfast.patience import listen
-from holdfast.running import ANSWERED, compare_command, margin_command, run_command
+from holdfast.running import (
+    ANSWERED,
+    compare_command,
+    margin_command,
+    reproduce_command,
+    run_command,
+)
 
 BAD_INPUT, INTERRUPTED = 2, 130
 
@@ -157,7 +163,7 @@ def _numbers(text: str) -> list[float]:
         raise ScenarioError(f"--moment {text}", expected="numbers, such as 1,0,0") from None
 
 
-for _command in (run_command, compare_command, margin_command):
+for _command in (run_command, compare_command, margin_command, reproduce_command):
     cli.add_command(_command)
 
 

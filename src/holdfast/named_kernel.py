@@ -6,9 +6,6 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
-from importlib import resources
-from pathlib import Path
 from typing import Any
 
 from holdfast.analysis.result import load
@@ -18,7 +15,7 @@ from holdfast.execution.closed_loop import Progress
 from holdfast.execution.compile import cache_directory
 from holdfast.kernel_scenario import KernelScenario, composed_kernel, is_kernel
 from holdfast.kernel_schema import KINDS
-from holdfast.sources import merged, read_tables
+from holdfast.sources import code_digest, merged, read_tables
 
 DECISIVE = ("system", "region", "goal", "origin", "disturbance", "grid", "march")
 """The tables that a value depends on, beside the kind."""
@@ -89,7 +86,7 @@ def named_kernel(
     numbers = [(q.name, q.value) for q in scenario.system.parameters]  # those of a vehicle's file
     decisive = [scenario.kind, {n: data[n] for n in DECISIVE if n in data}, numbers]
     posed = json.dumps(decisive, sort_keys=True, default=str)
-    digest = hashlib.sha256(f"{_own_text()}{posed}".encode()).hexdigest()[:24]
+    digest = hashlib.sha256(f"{code_digest()}{posed}".encode()).hexdigest()[:24]
     return NamedKernel(name, scenario, digest)
 
 
@@ -123,12 +120,3 @@ def _loaded(path: str) -> ValueFunction:
     if not isinstance(found, ValueFunction):
         raise ScenarioError(f"{path} holds trajectories", expected="a value function")
     return found
-
-
-@cache
-def _own_text() -> str:
-    """A digest of the code that a value depends on, so that another version computes it anew."""
-    found = hashlib.sha256()
-    for path in sorted(Path(str(resources.files("holdfast"))).rglob("*.py")):
-        found.update(path.read_bytes())
-    return found.hexdigest()

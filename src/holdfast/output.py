@@ -183,16 +183,17 @@ def write_comparison(found: Comparison, folder: Path, *, figures: bool) -> list[
         from holdfast.presentation import style
 
         files += style.write(comparison_figure(found), folder, "comparison")
-    files.append(_text(folder / "comparison.txt", comparison_text(found) + "\n"))
+    files.append(write_text(folder / "comparison.txt", comparison_text(found) + "\n"))
     files.append(_summary(folder / "comparison.json", found.summary()))
     return files
 
 
 def _summary(path: Path, said: dict[str, Any]) -> Path:
-    return _text(path, json.dumps(said, indent=2) + "\n")
+    return write_text(path, json.dumps(said, indent=2) + "\n")
 
 
-def _text(path: Path, text: str) -> Path:
+def write_text(path: Path, text: str) -> Path:
+    """The file with this text, whole or not at all."""
     from holdfast.analysis.files import atomic_file
 
     with atomic_file(path) as partial:

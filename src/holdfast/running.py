@@ -1,4 +1,4 @@
-"""The commands that run scenarios: `run`, `compare` and `margin`."""
+"""The commands that run scenarios: `run`, `compare`, `margin` and `reproduce`."""
 
 from __future__ import annotations
 
@@ -223,6 +223,42 @@ def margin_command(
     if not found.answered:
         remedy = "raise march.horizon" if found.undecided else "look elsewhere with --between"
         click.echo(f"holdfast: the limit of {found.key} was not found; {remedy}", err=True)
+        sys.exit(NOT_ANSWERED)
+
+
+@click.command("reproduce")
+@click.option("--chapter", "chapters", type=int, multiple=True, help="A chapter (repeatable).")
+@click.option("--quick", is_flag=True, help="Of every chapter what takes seconds.")
+@click.option(
+    "--workers", type=click.IntRange(min=1), help="How many processes [default: one a core]."
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    default=Path("runs") / "thesis",
+    show_default=True,
+    help="Folder for the report; what is there already is not run again.",
+)
+def reproduce_command(
+    chapters: tuple[int, ...], quick: bool, workers: int | None, out: Path
+) -> None:
+    """Run what the thesis claims, and write a report: does it hold?
+
+    Every claim has a recorded verdict and number; exit status 1 says that one of them differs.
+    Interrupted, it goes on where it was.
+    """
+    from holdfast.reproduce import CHAPTERS, reproduce
+
+    check_writable(out)
+    with bar("reproducing") as tell:
+        judged = reproduce(out, chapters or CHAPTERS, quick=quick, workers=workers, progress=tell)
+    from holdfast.report import report_text, write_report
+
+    report = write_report(judged, out / "report.html")
+    click.echo(report_text(judged))
+    click.echo(f"  report: {report}")
+    if any(j.problems for j in judged):
+        click.echo("holdfast: not all verdicts and numbers are those recorded", err=True)
         sys.exit(NOT_ANSWERED)
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import copy
+import hashlib
 import tomllib
 from collections.abc import Iterable, Mapping
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -172,3 +174,12 @@ def _override(data: dict[str, Any], change: str) -> None:
         table[path[-1]] = parsed["value"]
     else:  # nothing after the sign takes the key away
         table.pop(path[-1], None)
+
+
+@cache
+def code_digest() -> str:
+    """A digest of the code that results depend on, so that another version computes them anew."""
+    found = hashlib.sha256()
+    for path in sorted(Path(str(resources.files("holdfast"))).rglob("*.py")):
+        found.update(path.read_bytes())
+    return found.hexdigest()

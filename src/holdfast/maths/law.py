@@ -50,7 +50,7 @@ class GainCondition:
 
 @dataclass(frozen=True)
 class Safeguard:
-    """Half-spaces sum_i normals[i][j] u_i <= offsets[j] that the inputs are kept in.
+    """Half-spaces sum_i normals_ij u_i <= offsets_j that the inputs are kept in.
 
     What a law asks for is replaced by the nearest input of them, in units of `scales`. Where
     there is none, those after the first `hard` are all relaxed by the same least amount.
@@ -83,7 +83,7 @@ class Safeguard:
 
 @dataclass(frozen=True)
 class Law:
-    """u_i = outputs[i](t, q; p).
+    """u_i = outputs_i(t, q; p).
 
     `reads` are the quantities the law may use, all of them measured: states, and disturbances
     that it is told at every instant; an output or signal with any other symbol is refused.

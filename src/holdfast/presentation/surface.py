@@ -22,6 +22,7 @@ from holdfast.presentation.view import check_same_states, told, where
 Array = npt.NDArray[np.float64]
 
 BODY, OTHER = "#7cc0e6", "#c4c4c4"
+DARK = 0.4
 _LIGHT = np.array([-0.3, -0.6, 0.75]) / np.linalg.norm([-0.3, -0.6, 0.75])
 _OUTSIDE = -1e12
 
@@ -97,17 +98,22 @@ def _draw_body(axis: Axes3D, faces: Array, span: Array, colour: str) -> None:
     """The triangles, bright where they face the light; in a vector file they are a picture."""
     if not len(faces):
         return
-    one, two = ((faces[:, k] - faces[:, 0]) / span for k in (1, 2))
-    normal = np.cross(one, two)
-    size = np.linalg.norm(normal, axis=1)
-    size[size == 0.0] = 1.0
-    bright = 0.4 + 0.6 * np.abs(normal @ _LIGHT) / size
-    colours = np.array(to_rgb(colour)) * bright[:, None]
+    colours = np.array(to_rgb(colour)) * brightness(faces, span)[:, None]
     axis.add_collection3d(
         Poly3DCollection(
             faces, facecolors=colours, edgecolors=colours, linewidths=0.1, rasterized=True
         )
     )
+
+
+def brightness(faces: Array, span: Array) -> Array:
+    """How bright triangles are, DARK to 1, in states scaled by `span`; either side is the front."""
+    one, two = ((faces[:, k] - faces[:, 0]) / span for k in (1, 2))
+    normal = np.cross(one, two)
+    size = np.linalg.norm(normal, axis=1)
+    size[size == 0.0] = 1.0
+    found: Array = DARK + (1 - DARK) * np.abs(normal @ _LIGHT) / size
+    return found
 
 
 def zero_surface(nodes: list[Array], values: npt.NDArray[np.float64]) -> Array:

@@ -1,0 +1,127 @@
+"""What the claims of the thesis came to, as one page that needs nothing else."""
+
+from __future__ import annotations
+
+import base64
+import json
+import shlex
+from collections.abc import Sequence
+from importlib import resources
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from PIL import Image
+from plotly.offline import get_plotlyjs  # type: ignore[import-untyped]
+
+from holdfast._version import __version__
+from holdfast.analysis.files import atomic_file
+from holdfast.claim_schema import TrialSpec
+from holdfast.reproduce import CONDITION, FAILS, HOLDS, Found, Judged, chapter
+
+SHOWN = ("map", "set", "paths", "law", "constraints", "histories")
+"""Figures of a trial by name, in the order in which the page shows them."""
+
+WIDTH, QUALITY = 1100, 82
+"""Pixels of a figure on the page, and how finely it is kept."""
+
+
+def write_report(judged: Sequence[Judged], path: Path) -> Path:
+    """Claims by chapter, with verdicts, numbers, figures and how to run them again, as HTML.
+
+    Opens without a network: the script that turns the figures is in the page.
+    """
+    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    text = (resources.files("holdfast") / "report.html.jinja").read_text("utf-8")
+    chapters = [
+        {
+            "number": number,
+            "title": chapter(number).title,
+            "claims": [_shown(j) for j in judged if j.chapter == number],
+        }
+        for number in sorted({j.chapter for j in judged})
+    ]
+    counts = {v: sum(j.verdict == v for j in judged) for v in (HOLDS, CONDITION, FAILS)}
+    page = environment.from_string(text).render(
+        version=__version__,
+        chapters=chapters,
+        counts=counts,
+        total=len(judged),
+        differing=[_shown(j) for j in judged if j.problems],
+        plotly=get_plotlyjs(),
+    )
+    with atomic_file(path) as partial:
+        partial.write_text(page, "utf-8")
+    return path
+
+
+def report_text(judged: Sequence[Judged]) -> str:
+    """The same in lines: chapter, verdict, where, what is said; what differs below."""
+    lines = ["The thesis, reproduced", ""]
+    for j in judged:
+        mark = "!" if j.problems else " "
+        lines.append(f"{mark} {j.chapter}  {j.verdict or 'no answer':<22} {j.claim.where}")
+        lines.append(f"     {j.claim.says}")
+        lines += [f"     differs: {problem}" for problem in j.problems]
+    differing = sum(bool(j.problems) for j in judged)
+    lines += ["", f"  {len(judged)} claims, {differing} differ from what is recorded"]
+    return "\n".join(lines)
+
+
+def _shown(judged: Judged) -> dict[str, Any]:
+    claim = judged.claim
+    return {
+        "id": f"chapter-{judged.chapter}-{claim.name.replace(' ', '-')}",
+        "claim": claim,
+        "verdict": judged.verdict or "no answer",
+        "kind": (judged.verdict or "no answer").replace(" ", "-"),
+        "problems": judged.problems,
+        "trials": [_trial(spec, found) for spec, found in judged.trials],
+    }
+
+
+def _trial(spec: TrialSpec, found: Found) -> dict[str, Any]:
+    low, high = spec.needs
+    drawn = found.folder / "interactive.json"
+    return {
+        "says": spec.says or "as stated",
+        "number": f"{found.number:.4g}" if found.number is not None else "refused",
+        "refusal": found.refusal,
+        "holds": found.within(spec),
+        "needs": f"{low:g}" if low == high else f"{low:g} to {high:g}",
+        "recorded": f"{spec.recorded:.4g}",
+        "unit": "" if spec.unit == "1" else spec.unit,
+        "what": spec.number or "value",
+        "command": command(spec),
+        "scenario": spec.scenario,
+        "text": _scenario_text(spec.scenario) if spec.scenario else "",
+        "figures": [_picture(found.folder / f"{n}.png") for n in SHOWN if n in found.figures],
+        "interactive": json.loads(drawn.read_text("utf-8")) if drawn.exists() else None,
+    }
+
+
+def command(spec: TrialSpec) -> str:
+    """What a user types to run the trial again."""
+    if spec.scenario is None:
+        said = ", ".join(f"{k}={v!r}" for k, v in spec.arguments.items())
+        return f"holdfast.{spec.function}({said})"
+    words = ["holdfast", "run", spec.scenario]
+    for change in spec.set:
+        words += ["--set", change]
+    if spec.runs is not None:
+        words += ["--runs", str(spec.runs)]
+    return shlex.join(words)
+
+
+def _scenario_text(name: str) -> str:
+    return (resources.files("holdfast") / "scenarios" / f"{name}.toml").read_text("utf-8")
+
+
+def _picture(path: Path) -> str:
+    """The figure as a data address, small enough for a page of many."""
+    with Image.open(path) as image:
+        image.thumbnail((WIDTH, 4 * WIDTH))
+        kept = BytesIO()
+        image.convert("RGB").save(kept, "WEBP", quality=QUALITY)
+    return "data:image/webp;base64," + base64.b64encode(kept.getvalue()).decode("ascii")
