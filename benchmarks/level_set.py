@@ -1,7 +1,8 @@
 """Marches over a grid: holdfast beside hj_reachability, and beside what the machine can do.
 
 The same grid, margin, scheme, dissipation, Runge-Kutta method and steps of the same length, in one
-process, in turns, after compilation; both use every core. docs/benchmarks.md says what each column is.
+process, in turns, after compilation; both use every core. docs/benchmarks.md says what each column
+is.
 
 python -m pip install -e ".[benchmark]" && python benchmarks/level_set.py
 """

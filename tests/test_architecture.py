@@ -54,7 +54,12 @@ def test_execution_knows_sympy_in_its_translators_only():
     """Of closed loops and their laws, and of sweeps over a grid; one printer serves both."""
     users = {p.name for p in SOURCE.glob("execution/*.py") if "sympy" in imported(p)}
     sweeps = {"schedule.py", "over_grid.py", "sweep.py"}
-    assert users == {"printer.py", "law_source.py", "translate.py"} | sweeps
+    assert (
+        users
+        == {"printer.py", "law_source.py", "translate.py"}
+        | {"c_printer.py", "c_source.py"}
+        | sweeps
+    )
 
 
 def test_mathematics_uses_no_arrays():

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from holdfast.comparing import compare
     from holdfast.derivation import Derivation, explain
     from holdfast.errors import GainWarning, HoldfastError
+    from holdfast.execution.c_source import export_c
     from holdfast.execution.closed_loop import Outcome
     from holdfast.margin import disturbance_margin
     from holdfast.maths import fields, laws, regions, systems
@@ -107,6 +108,7 @@ _HOME = {
     "comparing": ("compare",),
     "derivation": ("Derivation", "explain"),
     "errors": ("GainWarning", "HoldfastError"),
+    "execution.c_source": ("export_c",),
     "execution.closed_loop": ("Outcome",),
     "margin": ("disturbance_margin",),
     "maths": ("fields", "laws", "regions", "systems"),
@@ -203,6 +205,7 @@ __all__ = [
     "disturbance_margin",
     "exact_flow",
     "explain",
+    "export_c",
     "field_facts",
     "fields",
     "flow_line",

@@ -17,6 +17,7 @@ from holdfast.patience import listen
 from holdfast.running import (
     ANSWERED,
     compare_command,
+    export_command,
     margin_command,
     reproduce_command,
     run_command,
@@ -163,7 +164,13 @@ def _numbers(text: str) -> list[float]:
         raise ScenarioError(f"--moment {text}", expected="numbers, such as 1,0,0") from None
 
 
-for _command in (run_command, compare_command, margin_command, reproduce_command):
+for _command in (
+    run_command,
+    compare_command,
+    margin_command,
+    reproduce_command,
+    export_command,
+):
     cli.add_command(_command)
 
 

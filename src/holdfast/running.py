@@ -1,4 +1,4 @@
-"""The commands that run scenarios: `run`, `compare`, `margin` and `reproduce`."""
+"""The commands that take scenarios: `run`, `compare`, `margin`, `reproduce`, `export-c`."""
 
 from __future__ import annotations
 
@@ -260,6 +260,41 @@ def reproduce_command(
     if any(j.problems for j in judged):
         click.echo("holdfast: not all verdicts and numbers are those recorded", err=True)
         sys.exit(NOT_ANSWERED)
+
+
+@click.command("export-c")
+@click.argument("scenario")
+@click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Override a value, such as law.k1=0.2 (repeatable).",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="The file [default: SCENARIO.c].",
+)
+def export_command(scenario: str, overrides: tuple[str, ...], out: Path | None) -> None:
+    """Write the law of SCENARIO as one file of C99.
+
+    No allocation, no library but libm; with the modes of the law, what it remembers, and the limits
+    of the actuators. The comments of the file say what every number is.
+    """
+    from holdfast.execution.c_source import export_c
+    from holdfast.output import make_folder, write_text
+    from holdfast.scenario import Scenario, load_scenario
+
+    loaded = load_scenario(scenario, overrides)
+    if not isinstance(loaded, Scenario):
+        raise ScenarioError(f"{loaded.file}: a {loaded.kind} has no law to export")
+    path = out if out is not None else Path(f"{loaded.name}.c")
+    check_writable(path.parent)
+    text = export_c(loaded.system, loaded.law, loaded.name)
+    make_folder(path.parent)
+    write_text(path, text)
+    click.echo(f"written: {path} ({len(text.splitlines())} lines); its comments say what is what")
 
 
 def _state(text: str) -> dict[str, Any]:

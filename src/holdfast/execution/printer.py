@@ -70,15 +70,20 @@ class Printer(PythonCodePrinter):
 
     def _print_Pow(self, e: sp.Expr, rational: bool = False) -> str:  # noqa: N802
         base, exponent = e.as_base_exp()
-        text = f"({self._print(base)})"
-        if exponent.is_Integer and 1 <= abs(int(exponent)) <= 8:
-            power = " * ".join([text] * abs(int(exponent)))
-            return f"({power})" if exponent > 0 else f"(1.0 / ({power}))"
-        if exponent == sp.Rational(1, 2):
-            return f"math.sqrt({text})"
-        if exponent == sp.Rational(-1, 2):
-            return f"(1.0 / math.sqrt({text}))"
-        return f"({text} ** ({self._print(exponent)}))"
+        other = f"(%s ** ({self._print(exponent)}))"
+        return power(f"({self._print(base)})", exponent, "math.sqrt", other)
+
+
+def power(base: str, exponent: sp.Expr, root: str, other: str) -> str:
+    """A power as products, or by the function `root`, or as `other`, with %s for the base."""
+    if exponent.is_Integer and 1 <= abs(int(exponent)) <= 8:
+        product = " * ".join([base] * abs(int(exponent)))
+        return f"({product})" if exponent > 0 else f"(1.0 / ({product}))"
+    if exponent == sp.Rational(1, 2):
+        return f"{root}({base})"
+    if exponent == sp.Rational(-1, 2):
+        return f"(1.0 / {root}({base}))"
+    return other % base
 
 
 _PRINTER = Printer({"fully_qualified_modules": True})
@@ -121,8 +126,8 @@ def body(
     for argument, symbols in unpack.items():
         for i, s in enumerate(symbols):
             if s in used:
-                lines.append(f"{indent}{_name(s)} = {argument}[{i}]")
-    renamed = {s: sp.Symbol(_name(s), real=True) for s in used}
+                lines.append(f"{indent}{source_name(s)} = {argument}[{i}]")
+    renamed = {s: sp.Symbol(source_name(s), real=True) for s in used}
     results = [e.xreplace(renamed) for e in results]
     turning = set(renamed.values()).intersection(
         *({call.args[0] for e in results for call in e.atoms(f)} for f in (sp.sin, sp.cos))
@@ -145,6 +150,6 @@ def body(
     return "\n".join(lines)
 
 
-def _name(s: sp.Symbol) -> str:
+def source_name(s: sp.Symbol) -> str:
     """The name in the source: it ends in '_', as no argument and no name made here does."""
     return s.name if s in (TIME, TIME_IN_MODE, SAMPLE_TIME) else f"{s.name}_"

@@ -57,7 +57,8 @@ def set_data(value: ValueFunction) -> dict[str, Any] | None:
         f"{letter}axis": {"title": {"text": title}}
         for letter, title in zip("xyz", titles, strict=True)
     }
-    return _figure([body], scene={**scene, "aspectmode": "cube"})
+    camera = {"eye": {"x": 1.5, "y": 1.5, "z": 1.2}}
+    return _figure([body], scene={**scene, "aspectmode": "cube", "camera": camera})
 
 
 def paths_data(result: Result, plane: Sequence[str] | None) -> dict[str, Any] | None:

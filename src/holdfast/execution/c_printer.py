@@ -1,0 +1,103 @@
+"""Expressions as C99, with the conventions of the compiled closed loop."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import sympy as sp
+from sympy.printing.c import C99CodePrinter
+from sympy.printing.codeprinter import PrintMethodNotImplementedError
+
+from holdfast.errors import DefinitionError
+from holdfast.execution.printer import power, source_name
+
+HELPERS = """\
+static inline double hf_wrap(double x) {
+    return x - 6.283185307179586 * ceil((x - 3.141592653589793) / 6.283185307179586);
+}
+static inline double hf_sgn(double x) { return x >= 0.0 ? 1.0 : (x < 0.0 ? -1.0 : x); }
+static inline double hf_sign(double x) { return x > 0.0 ? 1.0 : (x < 0.0 ? -1.0 : 0.0 * x); }
+static inline double hf_least(double a, double b) { return a != a ? a : (a < b ? a : b); }
+static inline double hf_greatest(double a, double b) { return a != a ? a : (a > b ? a : b); }
+static inline double hf_select(double x, double a, double b) {
+    return x >= 0.0 ? a : (x < 0.0 ? b : x);
+}
+static inline double hf_length(double x, double y) { return sqrt(x * x + y * y); }
+"""
+
+_CALLS = {
+    "sgn": "hf_sgn",
+    "wrap": "hf_wrap",
+    "sign": "hf_sign",
+    "least": "hf_least",
+    "greatest": "hf_greatest",
+    "select": "hf_select",
+    "length": "hf_length",
+    "angle": "atan2",
+    "magnitude": "fabs",
+}
+_GUARDED = ("angle", "length")
+"""These have a third argument that only their derivatives use."""
+
+
+class CPrinter(C99CodePrinter):
+    """C99 for every expression of a law, with the conventions of the compiled closed loop."""
+
+    def __init__(self) -> None:
+        super().__init__({"strict": True})
+
+    def _print_Function(self, e: sp.Expr) -> str:  # noqa: N802
+        name = type(e).__name__
+        if name not in _CALLS:
+            return str(super()._print_Function(e))
+        arguments = e.args[:2] if name in _GUARDED else e.args
+        return f"{_CALLS[name]}({', '.join(self._print(a) for a in arguments)})"
+
+    def _print_sign(self, e: sp.Expr) -> str:
+        return f"hf_sign({self._print(e.args[0])})"
+
+    def _print_Integer(self, e: sp.Expr) -> str:  # noqa: N802
+        return f"{int(e)}.0"
+
+    def _number(self, e: sp.Expr) -> str:
+        return repr(float(e))
+
+    _print_Rational = _print_Float = _print_Half = _number  # noqa: N815
+    _print_Pi = _print_Exp1 = _print_NumberSymbol = _number  # noqa: N815
+
+    def _print_Pow(self, e: sp.Expr) -> str:  # noqa: N802
+        base, exponent = e.as_base_exp()
+        return power(
+            f"({self._print(base)})", exponent, "sqrt", f"pow(%s, {self._print(exponent)})"
+        )
+
+
+_PRINTER = CPrinter()
+
+
+def c_body(
+    unpack: Mapping[str, Sequence[sp.Symbol]],
+    results: Sequence[sp.Expr],
+    into: str,
+    indent: str = "    ",
+) -> str:
+    """Lines that unpack what is used, share subexpressions, and fill the array `into`."""
+    used: set[sp.Symbol] = set().union(*(e.free_symbols for e in results)) if results else set()
+    lines = [
+        f"{indent}const double {source_name(s)} = {argument}[{i}];"
+        for argument, symbols in unpack.items()
+        for i, s in enumerate(symbols)
+        if s in used
+    ]
+    renamed = {s: sp.Symbol(source_name(s), real=True) for s in used}
+    shared, reduced = sp.cse(
+        [e.xreplace(renamed) for e in results],
+        symbols=sp.numbered_symbols("c_", real=True),
+        order="none",
+    )
+    try:
+        lines += [f"{indent}const double {s} = {_PRINTER.doprint(e)};" for s, e in shared]
+        lines += [f"{indent}{into}[{i}] = {_PRINTER.doprint(e)};" for i, e in enumerate(reduced)]
+    except PrintMethodNotImplementedError as error:
+        raise DefinitionError(f"there is no C99 for this: {error}") from None
+    return "\n".join(lines)

@@ -1,0 +1,249 @@
+"""A law as one file of C99: no allocation, and no library but libm."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import sympy as sp
+
+from holdfast._version import __version__
+from holdfast.errors import DefinitionError
+from holdfast.execution.c_printer import HELPERS, c_body
+from holdfast.maths.bounds import LinearImage
+from holdfast.maths.law import Law
+from holdfast.maths.measurement import by_measurements
+from holdfast.maths.quantity import Parameter, Quantity, merge_parameters, symbol
+from holdfast.maths.switching import Switching, as_switching
+from holdfast.maths.system import System
+
+
+def export_c(system: System, law: Law | Switching, name: str = "controller") -> str:
+    """The law as C99, with its modes, what it remembers, and the limits of the actuators.
+
+    One file without allocation, that needs libm alone. `NAME_start` sets the first mode; at every
+    control sample `NAME_step` takes the time [s], what is measured and the parameters, gives what
+    the law asks for and what the actuators do, and returns the mode. Its numbers are those of the
+    compiled closed loop (to rounding).
+
+    Raises `DefinitionError` for a law that needs a table or solves a program at every sample (one
+    in a safeguard or a kernel), and for one that does not fit the system.
+    """
+    switching = as_switching(by_measurements(system, law))
+    return _File(system, switching, re.sub(r"\W", "_", name)).text()
+
+
+class _File:
+    def __init__(self, system: System, switching: Switching, name: str) -> None:
+        self.system, self.switching, self.name = system, switching, name
+        if switching.lookup is not None:
+            raise DefinitionError(f"law '{switching.name}' looks up a kernel: it has no C99 yet")
+        for mode in switching.modes.values():
+            if mode.safeguard is not None:
+                raise DefinitionError(
+                    f"law '{switching.name}' solves a program at every sample: it has no C99 yet",
+                    remedy="leave the safeguard out",
+                )
+        missing = set(system.input_names) ^ set(switching.output_names)
+        if missing:
+            raise DefinitionError(
+                f"law '{switching.name}' gives {', '.join(switching.output_names)}",
+                expected="the inputs " + ", ".join(system.input_names),
+            )
+        memory = switching.memory
+        self.kept = list(memory.quantities) if memory else []
+        read = {r.name for r in (*switching.reads, *(memory.reads if memory else ()))}
+        told = [d for d in system.disturbances if d.name in read]
+        self.seen: list[Quantity] = [*system.states, *told]
+        unknown = read - {q.name for q in (*self.seen, *self.kept)}
+        if unknown:
+            raise DefinitionError(
+                f"law '{switching.name}' reads '{min(unknown)}', which is no state"
+            )
+        self.inputs = [q.symbol for q in system.inputs]
+        self.image = system.input_bounds if isinstance(system.input_bounds, LinearImage) else None
+        self.actuators = list(self.image.actuators) if self.image else list(system.input_names)
+        self.parameters: tuple[Parameter, ...] = merge_parameters(
+            system.parameters, switching.parameters
+        )
+
+    def text(self) -> str:
+        n = self.name
+        used = [p for p in self.parameters if p.symbol in self._symbols()]
+        self.parameters = tuple(used)
+        values = "\n".join(
+            f"    {p.value!r}, /* {i} {p.name} [{p.unit}] {_plain(p.description)} */"
+            for i, p in enumerate(used)
+        )
+        sizes = {
+            "MODES": len(self.switching.modes),
+            "SEEN": len(self.seen),
+            "KEPT": max(len(self.kept), 1),
+            "INPUTS": len(self.inputs),
+            "ACTUATORS": len(self.actuators),
+            "PARAMETERS": max(len(used), 1),
+        }
+        upper = n.upper()
+        lines = [
+            f"/* {_plain(self.switching.name)}, for {_plain(self.system.name)}. Made by holdfast "
+            f"{__version__}.",
+            " *",
+            *(f" * seen[{i}]: {q.name} [{q.unit}]" for i, q in enumerate(self.seen)),
+            *(f" * command[{i}]: {q.name} [{q.unit}]" for i, q in enumerate(self.system.inputs)),
+            *(f" * actuators[{i}]: {a}" for i, a in enumerate(self.actuators)),
+            *(f" * mode {i}: {m}" for i, m in enumerate(self.switching.modes)),
+            " */",
+            "#include <math.h>",
+            "",
+            *(f"#define {upper}_{size} {count}" for size, count in sizes.items()),
+            "",
+            HELPERS,
+            "typedef struct {",
+            "    int mode, begun;",
+            f"    double since, kept[{upper}_KEPT];",
+            f"}} {n}_state;",
+            "",
+            f"const double {n}_parameters[{upper}_PARAMETERS] = {{",
+            values or "    0.0",
+            "};",
+            "",
+            self._start(),
+            "",
+            self._law(),
+            "",
+            self._next_mode(),
+            "",
+            self._limit(),
+            "",
+            *([self._remember(), ""] if self.kept else []),
+            self._step(),
+        ]
+        return "\n".join(lines) + "\n"
+
+    def _symbols(self) -> set[sp.Symbol]:
+        switching, memory = self.switching, self.switching.memory
+        used: list[sp.Expr] = [e for m in switching.modes.values() for e in m.outputs.values()]
+        used += [t.when for t in switching.transitions]
+        used += [*memory.initial.values(), *memory.following.values()] if memory else []
+        used += self._limits(self.inputs)
+        return set().union(*(e.free_symbols for e in used))
+
+    def _limits(self, command: Sequence[sp.Expr]) -> list[sp.Expr]:
+        """What the actuators do."""
+        bounds = self.system.input_bounds
+        asked = self.image.allocate(command) if self.image else tuple(command)
+        limits = self.image.of if self.image else bounds
+        return list(limits.saturate(asked) if limits else asked)
+
+    def _unpack(self) -> dict[str, Sequence[sp.Symbol]]:
+        return {
+            "seen": [q.symbol for q in self.seen],
+            "kept": [q.symbol for q in self.kept],
+            "p": [p.symbol for p in self.parameters],
+        }
+
+    def _start(self) -> str:
+        first = list(self.switching.modes).index(self.switching.initial)
+        return (
+            f"void {self.name}_start({self.name}_state *s) {{\n    s->mode = {first};\n"
+            "    s->begun = 0;\n    s->since = 0.0;\n"
+            f"    for (int i = 0; i < {self.name.upper()}_KEPT; i++) s->kept[i] = 0.0;\n}}"
+        )
+
+    def _law(self) -> str:
+        cases = []
+        for number, mode in enumerate(self.switching.modes.values()):
+            results = [mode.outputs[n] for n in self.system.input_names]
+            cases.append(
+                f"    case {number}: {{\n"
+                + c_body(self._unpack(), results, "command", "        ")
+                + "\n        break;\n    }"
+            )
+        return (
+            "static void law(double t, const double *seen, const double *kept, int mode,\n"
+            "                const double *p, double *command) {\n"
+            "    (void)t; (void)seen; (void)kept; (void)p;\n    switch (mode) {\n"
+            + "\n".join(cases)
+            + "\n    }\n}"
+        )
+
+    def _next_mode(self) -> str:
+        numbers = {name: i for i, name in enumerate(self.switching.modes)}
+        cases = []
+        for name, number in numbers.items():
+            leaving = [x for x in self.switching.transitions if x.source == name]
+            if not leaving:
+                continue
+            tests = [
+                f"        if (level[{i}] >= 0.0) return {numbers[x.target]};"
+                for i, x in enumerate(leaving)
+            ]
+            cases.append(
+                f"    case {number}: {{\n        double level[{len(leaving)}];\n"
+                + c_body(self._unpack(), [x.when for x in leaving], "level", "        ")
+                + "\n"
+                + "\n".join(tests)
+                + "\n        break;\n    }"
+            )
+        inside = "    switch (mode) {\n" + "\n".join(cases) + "\n    }\n" if cases else ""
+        return (
+            "static int next_mode(double t, const double *seen, const double *kept, int mode,\n"
+            "                     double time_in_mode, const double *p) {\n"
+            "    (void)t; (void)seen; (void)kept; (void)time_in_mode; (void)p;\n"
+            f"{inside}    return mode;\n}}"
+        )
+
+    def _limit(self) -> str:
+        unpack = {"command": self.inputs, "p": [p.symbol for p in self.parameters]}
+        return (
+            "static void limit(const double *command, const double *p, double *actuators) {\n"
+            "    (void)p;\n" + c_body(unpack, self._limits(self.inputs), "actuators") + "\n}"
+        )
+
+    def _remember(self) -> str:
+        memory = self.switching.memory
+        assert memory is not None
+        count = len(self.kept)
+        a = [symbol(n) for n in self.actuators]
+        produced = list(self.image.produce(a)) if self.image else self.inputs
+        made = {"actuators": a, "p": [p.symbol for p in self.parameters]}
+        u = {"u": self.inputs}
+        initial = [memory.initial[z.name] for z in self.kept]
+        following = [memory.following[z.name] for z in self.kept]
+        return (
+            "static void first(const double *seen, const double *p, double *kept) {\n"
+            "    (void)seen; (void)p;\n"
+            + c_body(self._unpack() | {"kept": []}, initial, "kept")
+            + "\n}\n\n"
+            "static void remember(double t, double sample_time, const double *seen,\n"
+            "                     const double *actuators, const double *p, double *kept) {\n"
+            f"    double u[{len(self.inputs)}], next[{count}];\n"
+            "    (void)t; (void)sample_time;\n    {\n"
+            + c_body(made, produced, "u", "        ")
+            + "\n    }\n"
+            + c_body(self._unpack() | u, following, "next")
+            + f"\n    for (int i = 0; i < {count}; i++) kept[i] = next[i];\n}}"
+        )
+
+    def _step(self) -> str:
+        n = self.name
+        begin = "    if (!s->begun) first(seen, p, s->kept);\n" if self.kept else ""
+        remember = (
+            "    remember(t, sample_time, seen, actuators, p, s->kept);\n" if self.kept else ""
+        )
+        return (
+            f"int {n}_step({n}_state *s, double t, double sample_time, const double *seen,\n"
+            "        const double *p, double *command, double *actuators) {\n"
+            "    (void)sample_time;\n"
+            f"{begin}    s->begun = 1;\n"
+            "    int mode = next_mode(t, seen, s->kept, s->mode, t - s->since, p);\n"
+            "    if (mode != s->mode) {\n        s->mode = mode;\n        s->since = t;\n    }\n"
+            "    law(t, seen, s->kept, mode, p, command);\n"
+            "    limit(command, p, actuators);\n"
+            f"{remember}    return mode;\n}}"
+        )
+
+
+def _plain(text: str) -> str:
+    """Text that may stand in a comment."""
+    return text.replace("*/", "* /").replace("/*", "/ *").replace("\n", " ")

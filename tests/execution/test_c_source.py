@@ -1,0 +1,144 @@
+"""Laws as C99: warnings are errors, the numbers are those of the compiled closed loop."""
+
+import ctypes
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.errors import DefinitionError
+from holdfast.execution.c_source import export_c
+from holdfast.execution.evaluate import Evaluator
+from holdfast.maths.bounds import LinearImage
+from holdfast.maths.quantity import TIME, TIME_IN_MODE
+from holdfast.maths.switching import as_switching
+
+HARNESS = """
+void laws(int count, const double *rows, int width, int mode, const double *p, double *out) {
+    for (int i = 0; i < count; i++) {
+        const double *row = rows + i * width;
+        double *to = out + i * (INPUTS + ACTUATORS + 1), kept[1] = {0.0};
+        law(row[width - 2], row, kept, mode, p, to);
+        limit(to, p, to + INPUTS);
+        to[INPUTS + ACTUATORS] =
+            next_mode(row[width - 2], row, kept, mode, row[width - 1], p);
+    }
+}
+"""
+STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2"]
+
+pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
+
+
+def built(folder, text, name, harness=""):
+    """The file as a library, with functions of the test behind it."""
+    upper = name.upper()
+    sizes = harness.replace("INPUTS", f"{upper}_INPUTS").replace("ACTUATORS", f"{upper}_ACTUATORS")
+    (folder / f"{name}.c").write_text(text + sizes)
+    library = folder / f"{name}.so"
+    alone = [*STRICT, "-c", str(folder / f"{name}.c"), "-o", str(folder / f"{name}.o")]
+    for command in (
+        alone,
+        [*STRICT, "-shared", "-fPIC", str(folder / f"{name}.c"), "-o", str(library), "-lm"],
+    ):
+        done = subprocess.run(["gcc", *command], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+    return ctypes.CDLL(str(library))
+
+
+def pointer(array):
+    return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+
+
+CASES = [
+    "ch2-integrator", "ch3-unknown-current", "ch4-unicycle", "ch4-chained-4",
+    "ch5-viable-goal-set", "ch5-current", "ch6-moving-leader",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_exported_law_is_the_law_at_a_hundred_thousand_states(name, tmp_path):
+    scenario = hf.load_scenario(name)
+    system, law = scenario.system, scenario.law
+    c = built(tmp_path, export_c(system, law, "law_"), "law_", HARNESS)
+    switching = as_switching(hf.maths.measurement.by_measurements(system, law))
+    read = {q.name for q in switching.reads}
+    seen = [q.symbol for q in (*system.states, *(d for d in system.disturbances if d.name in read))]
+    parameters = hf.maths.quantity.merge_parameters(system.parameters, switching.parameters)
+    count = 100_000 // len(switching.modes)
+    generator = np.random.default_rng(3)
+    rows = generator.uniform(-2.0, 2.0, (count, len(seen) + 2))
+    values = (ctypes.c_double * len(parameters)).in_dll(c, "law__parameters")
+    bounds = system.input_bounds
+    image = bounds if isinstance(bounds, LinearImage) else None
+    for number, mode in enumerate(switching.modes.values()):
+        command = [mode.outputs[n] for n in system.input_names]
+        asked = image.allocate(command) if image else command
+        limits = image.of if image else bounds
+        actuators = list(limits.saturate(asked)) if limits else list(asked)
+        leaving = [x for x in switching.transitions if switching.modes[x.source] is mode]
+        wanted = [*command, *actuators, *(x.when for x in leaving)]
+        exact = Evaluator(wanted, [*seen, TIME, TIME_IN_MODE], parameters).values(rows)
+        out = np.zeros((count, len(command) + len(actuators) + 1))
+        c.laws(count, pointer(rows), rows.shape[1], number, values, pointer(out))
+        width = len(command) + len(actuators)
+        assert np.abs(out[:, :width] - exact[:, :width]).max() <= 1e-12 * (
+            1 + np.abs(exact[:, :width]).max()
+        )
+        targets = np.full(count, number)
+        for i, x in reversed(list(enumerate(leaving))):
+            holds = exact[:, width + i] >= 0
+            targets[holds] = list(switching.modes).index(x.target)
+        assert np.array_equal(out[:, width], targets)
+
+
+OBSERVED = ["observer={measured = ['x', 'y', 'psi'], bandwidth = 5.0}"]
+
+
+@pytest.mark.parametrize(
+    ("name", "more"),
+    [
+        ("ch2-integrator", []),
+        ("ch5-viable-goal-set", []),
+        ("ch3-unknown-current", []),
+        ("ch5-nominal", OBSERVED),  # what it remembers is its estimate
+    ],
+)
+def test_supervisor_in_c_goes_through_the_same_modes(name, more, tmp_path):
+    """Every sample of recorded runs, one after the other: mode and actuators as recorded."""
+    sample_time = hf.load_scenario(name).settings["sample_time"]
+    changes = [f"run.record_every={sample_time}", "run.horizon=20", *more]
+    scenario = hf.load_scenario(name, changes, runs=8)
+    data = scenario.run().dataset
+    c = built(tmp_path, export_c(scenario.system, scenario.law, "law_"), "law_")
+    inputs = len(scenario.system.inputs)
+    acts = data["actuator"] if "actuator" in data and data.sizes.get("actuator") else data["input"]
+    command, actuators = np.zeros(inputs), np.zeros(acts.shape[2])
+    parameters = ctypes.c_double.in_dll(c, "law__parameters")
+    for run in range(8):
+        state = (ctypes.c_double * 128)()
+        c.law__start(ctypes.byref(state))
+        for k, t in enumerate(data["time"].values):
+            seen = np.ascontiguousarray(data["state"].values[run, k])
+            mode = c.law__step(
+                ctypes.byref(state), ctypes.c_double(t), ctypes.c_double(sample_time),
+                pointer(seen), ctypes.byref(parameters), pointer(command), pointer(actuators),
+            )  # fmt: skip
+            assert mode == data["mode"].values[run, k]
+            assert actuators == pytest.approx(acts.values[run, k], rel=1e-9, abs=1e-9)
+
+
+def test_what_has_no_c_is_refused():
+    scenario = hf.load_scenario("inspection")
+    with pytest.raises(DefinitionError, match="solves a program at every sample"):
+        export_c(scenario.system, scenario.law)
+    other = hf.systems.unicycle()
+    with pytest.raises(DefinitionError, match="expected the inputs"):
+        export_c(
+            other,
+            scenario.law.modes[scenario.law.initial].__class__(
+                "x", other.states, {"a": hf.symbol("x")}
+            ),
+        )
