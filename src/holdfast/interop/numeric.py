@@ -1,0 +1,111 @@
+"""A system in numbers, for libraries that call a function of arrays at every instant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+import sympy as sp
+
+from holdfast.errors import DefinitionError
+from holdfast.execution.evaluate import Evaluator
+from holdfast.maths.bounds import Box, LinearImage
+from holdfast.maths.law import Law
+from holdfast.maths.measurement import by_measurements
+from holdfast.maths.quantity import TIME, Parameter, merge_parameters, symbol
+from holdfast.maths.switching import Switching, as_switching
+from holdfast.maths.system import System
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Numeric:
+    """The rates of a system at (states, actuators, disturbances, t), and its limits.
+
+    Actuators are what the input bounds are a box of: the thrusters, or the inputs themselves.
+    """
+
+    system: System
+
+    @property
+    def image(self) -> LinearImage | None:
+        """What makes inputs of actuators, where they are not the same."""
+        bounds = self.system.input_bounds
+        return bounds if isinstance(bounds, LinearImage) else None
+
+    @property
+    def actuators(self) -> tuple[str, ...]:
+        """Their names."""
+        return tuple(self.image.actuators) if self.image else self.system.input_names
+
+    @cached_property
+    def _rates(self) -> Evaluator:
+        s = self.system
+        a = [symbol(n) for n in self.actuators]
+        made = self.image.produce(a) if self.image else a
+        fed = dict(zip([u.symbol for u in s.inputs], made, strict=True))
+        rates = [sp.sympify(e).xreplace(fed) for e in s.rates.values()]
+        moving = [*(q.symbol for q in s.states), *a, *(d.symbol for d in s.disturbances), TIME]
+        return Evaluator(rates, moving, s.parameters)
+
+    def rates(self, row: Array, given: Mapping[str, float] | None = None) -> Array:
+        """At one row of states, actuators, disturbances and t."""
+        found: Array = self._rates.values(row[np.newaxis], given)[0]
+        return found
+
+    def limits(self) -> tuple[Array, Array]:
+        """The least and the largest of every actuator; `DefinitionError` for other bounds."""
+        bounds = self.image.of if self.image else self.system.input_bounds
+        if not isinstance(bounds, Box):
+            raise DefinitionError(
+                f"the inputs of system '{self.system.name}' have no least and largest values",
+                expected="input bounds that are a box, or made by one",
+            )
+        values = {p.symbol: sp.Float(p.value) for p in self.system.parameters}
+        low, high = (
+            np.array([float(e.xreplace(values)) for e in ends])
+            for ends in (bounds.lower, bounds.upper)
+        )
+        return low, high
+
+
+def closed_expressions(
+    system: System, law: Law | Switching
+) -> tuple[list[sp.Expr], list[sp.Expr], tuple[Parameter, ...]]:
+    """Rates and inputs of the closed loop in states, disturbances and t, and the parameters.
+
+    The inputs follow the state at every instant, within their bounds. `DefinitionError` for a law
+    that is not a function of the state: one with modes, a memory, a safeguard or a kernel.
+    """
+    switching = as_switching(by_measurements(system, law))
+    (mode, *others) = switching.modes.values()
+    kind = (
+        "has modes" if others
+        else "remembers" if switching.memory
+        else "solves a program at every sample" if mode.safeguard
+        else "looks up a kernel" if switching.lookup
+        else ""
+    )  # fmt: skip
+    if kind:
+        raise DefinitionError(
+            f"law '{switching.name}' {kind}",
+            expected="a law that is a function of the state and of t",
+        )
+    if set(mode.outputs) != set(system.input_names):
+        raise DefinitionError(
+            f"law '{switching.name}' gives {', '.join(mode.outputs)}",
+            expected="the inputs " + ", ".join(system.input_names),
+        )
+    asked = [sp.sympify(mode.outputs[n]) for n in system.input_names]
+    bounds = system.input_bounds
+    if isinstance(bounds, LinearImage):
+        inputs = list(bounds.produce(bounds.of.saturate(bounds.allocate(asked))))
+    else:
+        inputs = list(bounds.saturate(asked)) if bounds else asked
+    fed = dict(zip([u.symbol for u in system.inputs], inputs, strict=True))
+    rates = [sp.sympify(e).xreplace(fed) for e in system.rates.values()]
+    return rates, inputs, merge_parameters(system.parameters, switching.parameters)

@@ -1,0 +1,134 @@
+"""Other libraries get the same vehicle: their answers are ours."""
+
+import math
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.errors import DefinitionError, OutputError
+
+
+def test_closed_loop_of_python_control_goes_the_same_way():
+    control = pytest.importorskip("control")
+    from holdfast.interop.control import closed_loop
+
+    scenario = hf.load_scenario("ch4-marine", ["run.horizon=20"], runs=1)
+    law = hf.track_velocity(
+        scenario.system,
+        hf.laws.dock_marine(scenario.system, k1=0.2, k2=2.0, freeze=0.01),
+        {"u": 5.0, "r": 5.0},
+    )
+    loop = closed_loop(scenario.system, law)
+    assert list(loop.output_labels) == ["x", "y", "psi", "u", "v", "r", "tau_u", "tau_r"]
+    ours = hf.simulate(
+        scenario.system, law, starts=[[-1, 0.5, 0, 0, 0, 0]], horizon=20, sample_time=0.02,
+        substeps=2, record_every=1.0, continuous=True,
+    ).dataset  # fmt: skip
+    times = ours["time"].values
+    found = control.input_output_response(
+        loop, times, np.zeros((loop.ninputs, len(times))), X0=[-1, 0.5, 0, 0, 0, 0],
+        solve_ivp_kwargs={"rtol": 1e-9, "atol": 1e-10},
+    )  # fmt: skip
+    assert pytest.approx(ours["state"].values[0], abs=1e-4) == found.states.T
+    changed = control.input_output_response(
+        loop, times, np.zeros((loop.ninputs, len(times))), X0=[-1, 0.5, 0, 0, 0, 0],
+        params={"k1": 0.1},
+    )  # fmt: skip
+    assert abs(changed.states[0, 5]) > abs(found.states[0, 5]) + 0.05, "a smaller gain is slower"
+
+
+def test_plant_of_python_control_is_linearised_as_it_should_be():
+    pytest.importorskip("control")
+    from holdfast.interop.control import closed_loop, plant
+
+    robot = plant(hf.systems.unicycle())
+    linear = robot.linearize([0, 0, 0], [1, 0])
+    assert pytest.approx(np.array([[0, 0, 0], [0, 0, 1], [0, 0, 0]]), abs=1e-5) == linear.A
+    assert pytest.approx(np.array([[1, 0], [0, 0], [0, 1]]), abs=1e-5) == linear.B
+    scenario = hf.load_scenario("ch2-integrator")
+    with pytest.raises(DefinitionError, match="has modes"):
+        closed_loop(scenario.system, scenario.law)
+
+
+@pytest.mark.filterwarnings("ignore:.*infinity")  # of observations: a position has no bound
+def test_environment_passes_the_checker_of_gymnasium():
+    gymnasium = pytest.importorskip("gymnasium")
+    from gymnasium.utils.env_checker import check_env
+
+    from holdfast.interop.gymnasium import Environment
+
+    vehicle, view = hf.systems.marine_vehicle(), hf.regions.camera_view()
+    box = {"x": (-2.0, -0.3), "y": (-1.6, 1.6), "psi": (-1.0, 1.0)}
+    made = Environment(vehicle, view, goal=hf.regions.near_pose(goal_x=-0.5), box=box, horizon=5)
+    check_env(made, skip_render_check=True)
+    assert isinstance(made, gymnasium.Env)
+    state, info = made.reset(seed=4)
+    assert made.reset(seed=4)[0] == pytest.approx(state)
+    assert max(info["constraints"].values()) <= 0
+    assert made.action_space.shape == (2,), "two thrusters"
+
+
+def test_environment_moves_as_the_simulation_does():
+    pytest.importorskip("gymnasium")
+    from holdfast.interop.gymnasium import Environment
+
+    vehicle, view = hf.systems.marine_vehicle(), hf.regions.camera_view()
+    made = Environment(vehicle, view, box={"x": (-1.2, -1.2)}, sample_time=0.05, substeps=4)
+    state, _ = made.reset(seed=0)
+    tau = hf.Law(
+        "push",
+        vehicle.states,
+        {"tau_u": hf.parse_expression("3", {}), "tau_r": hf.parse_expression("0", {})},
+    )
+    ours = hf.simulate(
+        vehicle, tau, starts=[state], region=view, horizon=4.0, sample_time=0.05, substeps=4,
+        record_every=0.05,
+    ).dataset  # fmt: skip
+    left = None
+    for k in range(80):
+        state, reward, over, _, _ = made.step(np.array([0.3, 0.3]))
+        assert state == pytest.approx(ours["state"].values[0, k + 1], abs=1e-9)
+        if over:
+            left = (k + 1) * 0.05
+            break
+    assert reward == -1.0
+    assert left == pytest.approx(float(ours["exit_time"].values[0]), abs=0.05)
+    with pytest.raises(DefinitionError, match="has no 'z'"):
+        Environment(vehicle, view, box={"z": (0, 1)})
+    made = Environment(vehicle, view, box={"x": (1.0, 2.0)})
+    with pytest.raises(DefinitionError, match="none of 10000 starts"):
+        made.reset(seed=0)
+
+
+def test_bag_holds_the_trajectories(tmp_path):
+    pytest.importorskip("rosbags")
+    from pathlib import Path
+
+    from rosbags.rosbag2 import Reader
+    from rosbags.typesys import Stores, get_typestore
+
+    from holdfast.interop.bag import write_bag
+
+    result = hf.load_scenario("inspection", ["run.horizon=4"], runs=3).run()
+    folder = write_bag(result, tmp_path / "bag", runs=[0, 2])
+    assert list(Path(folder).glob("*.mcap"))
+    store, data = get_typestore(Stores.ROS2_JAZZY), result.dataset
+    with Reader(folder) as bag:
+        assert {c.topic for c in bag.connections} == {
+            "/run_0/odometry", "/run_0/mode", "/run_2/odometry", "/run_2/mode",
+        }  # fmt: skip
+        seen = [c for c in bag.connections if c.topic == "/run_2/odometry"]
+        for k, (connection, stamp, raw) in enumerate(bag.messages(connections=seen)):
+            message = store.deserialize_cdr(raw, connection.msgtype)
+            state = data["state"].values[2, k]
+            place, turned = message.pose.pose.position, message.pose.pose.orientation
+            assert (place.x, place.y) == tuple(state[:2])
+            assert 2 * math.atan2(turned.z, turned.w) == pytest.approx(state[2], abs=1e-12)
+            assert message.twist.twist.angular.z == state[5]
+            assert stamp == round(float(data["time"].values[k]) * 1e9)
+        assert k == data.sizes["time"] - 1
+    with pytest.raises(OutputError, match="exists already"):
+        write_bag(result, tmp_path / "bag")
+    with pytest.raises(OutputError, match="has no state 'theta'"):
+        write_bag(result, tmp_path / "other", pose=("x", "y", "theta"))
