@@ -1,6 +1,7 @@
 """`holdfast reproduce`: verdicts come from numbers, work is not done twice, the page stands alone."""
 
 import json
+import os
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -9,7 +10,7 @@ import pytest
 
 from holdfast import reproduce as module
 from holdfast.claim_schema import ChapterSpec, TrialSpec
-from holdfast.errors import ScenarioError
+from holdfast.errors import OutputError, ScenarioError
 from holdfast.report import command, report_text, write_report
 from holdfast.reproduce import CHAPTERS, chapter, digest, number_in, reproduce, run_trial
 from holdfast.sources import scenario_names
@@ -85,6 +86,16 @@ def test_a_trial_that_was_interrupted_is_run_again(small, tmp_path):
     (place / "result.nc").write_text("half of it")
     judged = reproduce(tmp_path, [6], workers=1)
     assert judged[0].stated.number == pytest.approx(1 / 3)
+
+
+def killed(asked, folder):
+    os._exit(9)
+
+
+def test_a_process_that_is_killed_is_told(small, tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "run_trial", killed)
+    with pytest.raises(OutputError, match="was killed, perhaps for want of memory"):
+        reproduce(tmp_path, [6], workers=1)
 
 
 def test_trial_is_named_by_what_decides_it():

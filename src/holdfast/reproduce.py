@@ -12,14 +12,16 @@ import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from holdfast.checking import at, validated
 from holdfast.claim_schema import ChapterSpec, ClaimSpec, TrialSpec
-from holdfast.errors import HoldfastError, ScenarioError
+from holdfast.errors import HoldfastError, OutputError, ScenarioError
 from holdfast.output import make_folder, write_text
 from holdfast.sources import code_digest
 
@@ -123,9 +125,11 @@ def reproduce(
     call, after an interruption or not, runs what is missing.
 
     A trial that is refused or fails is told in `Judged.problems`. Raises `ScenarioError` for a
-    chapter without claims, `OutputError` for a folder that cannot be written.
+    chapter without claims, `OutputError` for a folder that cannot be written, and where the system
+    killed a process.
     """
-    claims = [(n, c) for n in chapters for c in chapter(n).claims if c.quick or not quick]
+    chosen = dict.fromkeys(chapters)
+    claims = [(n, c) for n in chosen for c in chapter(n).claims if c.quick or not quick]
     wanted = {digest(spec): spec for _, claim in claims for spec in _trials(claim)}
     places = {key: folder / "trials" / key for key in wanted}
     missing = {key: spec for key, spec in wanted.items() if not (places[key] / DONE).exists()}
@@ -152,6 +156,11 @@ def reproduce(
                 key = jobs[job]
                 name = missing.pop(key).scenario
                 tell(name or "reproducing")
+        except BrokenProcessPool:
+            raise OutputError(
+                "a process that ran a trial was killed, perhaps for want of memory",
+                remedy="run it again, with fewer --workers: what is done is kept",
+            ) from None
         finally:
             for process in list((pool._processes or {}).values()):
                 process.terminate()
@@ -187,12 +196,22 @@ def _trials(claim: ClaimSpec) -> Iterator[TrialSpec]:
 
 
 def digest(spec: TrialSpec) -> str:
-    """The name of what a trial gives: of what decides it, and of the code."""
+    """The name of what a trial gives: of what decides it, and of the code and its files."""
     asked = spec.model_dump(
         include={"scenario", "set", "runs", "function", "arguments", "number", "refused"}
     )
-    text = code_digest() + json.dumps(asked, sort_keys=True)
+    text = code_digest() + _files_digest() + json.dumps(asked, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:20]
+
+
+@cache
+def _files_digest() -> str:
+    """A digest of the scenarios and the vehicles, any of which another may name."""
+    found = hashlib.sha256()
+    for kind in ("scenarios", "vehicles"):
+        for path in sorted(Path(str(resources.files("holdfast") / kind)).glob("*.toml")):
+            found.update(path.read_bytes())
+    return found.hexdigest()
 
 
 # -- one trial, in a process of its own -------------------------------------------------------
