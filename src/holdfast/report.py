@@ -19,6 +19,7 @@ from holdfast._version import __version__
 from holdfast.analysis.files import atomic_file
 from holdfast.claim_schema import TrialSpec
 from holdfast.reproduce import CONDITION, FAILS, HOLDS, Found, Judged, chapter
+from holdfast.sources import read_text
 
 SHOWN = ("map", "set", "paths", "law", "constraints", "histories")
 """Figures of a trial by name, in the order in which the page shows them."""
@@ -34,11 +35,12 @@ def write_report(judged: Sequence[Judged], path: Path) -> Path:
     """
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     text = (resources.files("holdfast") / "report.html.jinja").read_text("utf-8")
+    claims = [_shown(j) for j in judged]
     chapters = [
         {
             "number": number,
             "title": chapter(number).title,
-            "claims": [_shown(j) for j in judged if j.chapter == number],
+            "claims": [c for c in claims if c["chapter"] == number],
         }
         for number in sorted({j.chapter for j in judged})
     ]
@@ -48,7 +50,7 @@ def write_report(judged: Sequence[Judged], path: Path) -> Path:
         chapters=chapters,
         counts=counts,
         total=len(judged),
-        differing=[_shown(j) for j in judged if j.problems],
+        differing=[c for c in claims if c["problems"]],
         plotly=get_plotlyjs(),
     )
     with atomic_file(path) as partial:
@@ -73,6 +75,7 @@ def _shown(judged: Judged) -> dict[str, Any]:
     claim = judged.claim
     return {
         "id": f"chapter-{judged.chapter}-{claim.name.replace(' ', '-')}",
+        "chapter": judged.chapter,
         "claim": claim,
         "verdict": judged.verdict or "no answer",
         "kind": (judged.verdict or "no answer").replace(" ", "-"),
@@ -86,7 +89,7 @@ def _trial(spec: TrialSpec, found: Found) -> dict[str, Any]:
     drawn = found.folder / "interactive.json"
     return {
         "says": spec.says or "as stated",
-        "number": f"{found.number:.4g}" if found.number is not None else "refused",
+        "number": _number(found),
         "refusal": found.refusal,
         "holds": found.within(spec),
         "needs": f"{low:g}" if low == high else f"{low:g} to {high:g}",
@@ -95,7 +98,7 @@ def _trial(spec: TrialSpec, found: Found) -> dict[str, Any]:
         "what": spec.number or "value",
         "command": command(spec),
         "scenario": spec.scenario,
-        "text": _scenario_text(spec.scenario) if spec.scenario else "",
+        "text": read_text(spec.scenario)[1] if spec.scenario else "",
         "figures": [_picture(found.folder / f"{n}.png") for n in SHOWN if n in found.figures],
         "interactive": json.loads(drawn.read_text("utf-8")) if drawn.exists() else None,
     }
@@ -114,8 +117,10 @@ def command(spec: TrialSpec) -> str:
     return shlex.join(words)
 
 
-def _scenario_text(name: str) -> str:
-    return (resources.files("holdfast") / "scenarios" / f"{name}.toml").read_text("utf-8")
+def _number(found: Found) -> str:
+    if found.number is not None:
+        return f"{found.number:.4g}"
+    return "refused" if found.refusal else "none"
 
 
 def _picture(path: Path) -> str:

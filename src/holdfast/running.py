@@ -21,17 +21,20 @@ if TYPE_CHECKING:
 ANSWERED, NOT_ANSWERED = 0, 1
 
 
+set_option = click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Override a value, such as law.k1=0.2 (repeatable).",
+)
+
+
 def file_options(command: Callable[..., None]) -> Callable[..., None]:
     """What every command that reads a scenario and writes files takes."""
     for option in (
         click.option("--no-figures", is_flag=True, help="Write the data only."),
-        click.option(
-            "--set",
-            "overrides",
-            multiple=True,
-            metavar="KEY=VALUE",
-            help="Override a value, such as law.k1=0.2 (repeatable).",
-        ),
+        set_option,
         click.option(
             "--out",
             type=click.Path(path_type=Path),
@@ -264,13 +267,7 @@ def reproduce_command(
 
 @click.command("export-c")
 @click.argument("scenario")
-@click.option(
-    "--set",
-    "overrides",
-    multiple=True,
-    metavar="KEY=VALUE",
-    help="Override a value, such as law.k1=0.2 (repeatable).",
-)
+@set_option
 @click.option(
     "--out",
     type=click.Path(path_type=Path, dir_okay=False),

@@ -63,17 +63,14 @@ class _File:
         self.inputs = [q.symbol for q in system.inputs]
         self.image = system.input_bounds if isinstance(system.input_bounds, LinearImage) else None
         self.actuators = list(self.image.actuators) if self.image else list(system.input_names)
-        self.parameters: tuple[Parameter, ...] = merge_parameters(
-            system.parameters, switching.parameters
-        )
+        used, known = self._symbols(), merge_parameters(system.parameters, switching.parameters)
+        self.parameters: tuple[Parameter, ...] = tuple(p for p in known if p.symbol in used)
 
     def text(self) -> str:
         n = self.name
-        used = [p for p in self.parameters if p.symbol in self._symbols()]
-        self.parameters = tuple(used)
         values = "\n".join(
             f"    {p.value!r}, /* {i} {p.name} [{p.unit}] {_plain(p.description)} */"
-            for i, p in enumerate(used)
+            for i, p in enumerate(self.parameters)
         )
         sizes = {
             "MODES": len(self.switching.modes),
@@ -81,7 +78,7 @@ class _File:
             "KEPT": max(len(self.kept), 1),
             "INPUTS": len(self.inputs),
             "ACTUATORS": len(self.actuators),
-            "PARAMETERS": max(len(used), 1),
+            "PARAMETERS": max(len(self.parameters), 1),
         }
         upper = n.upper()
         lines = [
@@ -125,13 +122,13 @@ class _File:
         used: list[sp.Expr] = [e for m in switching.modes.values() for e in m.outputs.values()]
         used += [t.when for t in switching.transitions]
         used += [*memory.initial.values(), *memory.following.values()] if memory else []
-        used += self._limits(self.inputs)
+        used += self._limits()
         return set().union(*(e.free_symbols for e in used))
 
-    def _limits(self, command: Sequence[sp.Expr]) -> list[sp.Expr]:
-        """What the actuators do."""
+    def _limits(self) -> list[sp.Expr]:
+        """What the actuators do at a command."""
         bounds = self.system.input_bounds
-        asked = self.image.allocate(command) if self.image else tuple(command)
+        asked = self.image.allocate(self.inputs) if self.image else tuple(self.inputs)
         limits = self.image.of if self.image else bounds
         return list(limits.saturate(asked) if limits else asked)
 
@@ -197,7 +194,7 @@ class _File:
         unpack = {"command": self.inputs, "p": [p.symbol for p in self.parameters]}
         return (
             "static void limit(const double *command, const double *p, double *actuators) {\n"
-            "    (void)p;\n" + c_body(unpack, self._limits(self.inputs), "actuators") + "\n}"
+            "    (void)p;\n" + c_body(unpack, self._limits(), "actuators") + "\n}"
         )
 
     def _remember(self) -> str:

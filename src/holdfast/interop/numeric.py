@@ -102,10 +102,7 @@ def closed_expressions(
         )
     asked = [sp.sympify(mode.outputs[n]) for n in system.input_names]
     bounds = system.input_bounds
-    if isinstance(bounds, LinearImage):
-        inputs = list(bounds.produce(bounds.of.saturate(bounds.allocate(asked))))
-    else:
-        inputs = list(bounds.saturate(asked)) if bounds else asked
+    inputs = list(bounds.saturate(asked)) if bounds else asked
     fed = dict(zip([u.symbol for u in system.inputs], inputs, strict=True))
     rates = [sp.sympify(e).xreplace(fed) for e in system.rates.values()]
     return rates, inputs, merge_parameters(system.parameters, switching.parameters)
