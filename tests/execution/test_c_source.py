@@ -130,6 +130,15 @@ def test_supervisor_in_c_goes_through_the_same_modes(name, more, tmp_path):
             assert actuators == pytest.approx(acts.values[run, k], rel=1e-9, abs=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("name", "called"), [("3d", "law_3d"), ("my-boat.2", "my_boat_2"), ("bât", "b_t"), ("", "law_")]
+)
+def test_any_name_is_one_in_c(name, called, tmp_path):
+    robot = hf.systems.unicycle()
+    c = built(tmp_path, export_c(robot, hf.laws.steer_unicycle(robot), name), called)
+    assert getattr(c, f"{called}_start")
+
+
 def test_what_has_no_c_is_refused():
     scenario = hf.load_scenario("inspection")
     with pytest.raises(DefinitionError, match="solves a program at every sample"):

@@ -21,7 +21,8 @@ from holdfast.maths.system import System
 def export_c(system: System, law: Law | Switching, name: str = "controller") -> str:
     """The law as C99, with its modes, what it remembers, and the limits of the actuators.
 
-    One file without allocation, that needs libm alone. `NAME_start` sets the first mode; at every
+    One file without allocation, that needs libm alone. NAME is `name` with underscores for what C
+    has no place for, and law_ before a digit. `NAME_start` sets the first mode; at every
     control sample `NAME_step` takes the time [s], what is measured and the parameters, gives what
     the law asks for and what the actuators do, and returns the mode. Its numbers are those of the
     compiled closed loop (to rounding).
@@ -30,7 +31,8 @@ def export_c(system: System, law: Law | Switching, name: str = "controller") -> 
     in a safeguard or a kernel), and for one that does not fit the system.
     """
     switching = as_switching(by_measurements(system, law))
-    return _File(system, switching, re.sub(r"\W", "_", name)).text()
+    called = re.sub(r"^(?=\d|$)", "law_", re.sub(r"\W", "_", name, flags=re.ASCII))
+    return _File(system, switching, called).text()
 
 
 class _File:
