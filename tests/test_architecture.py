@@ -25,7 +25,7 @@ def imported(path):
     [
         ("numba", ["execution/"]),
         ("matplotlib", ["presentation/"]),
-        ("click", ["cli.py", "running.py"]),
+        ("click", ["cli.py", "running.py", "campaigning.py"]),
         (
             "pydantic",
             [
@@ -42,6 +42,7 @@ def imported(path):
         ("control", ["interop/"]),
         ("gymnasium", ["interop/"]),
         ("rosbags", ["interop/"]),
+        ("distributed", ["interop/"]),
         ("shapely", ["planning/"]),
         ("networkx", ["planning/"]),
     ],

@@ -72,7 +72,7 @@ def test_verdicts_follow_from_the_numbers(small, tmp_path):
 def test_what_is_there_is_not_run_again(small, tmp_path, monkeypatch):
     first = reproduce(tmp_path, [6], workers=1)
     fractions = []
-    monkeypatch.setattr(module, "ProcessPoolExecutor", None)  # no process is made
+    monkeypatch.setattr(module, "processes", None)  # no process is made
     again = reproduce(tmp_path, [6], progress=lambda what, done: fractions.append(done))
     assert [j.verdict for j in again] == [j.verdict for j in first]
     assert fractions == [1.0]
@@ -88,12 +88,12 @@ def test_a_trial_that_was_interrupted_is_run_again(small, tmp_path):
     assert judged[0].stated.number == pytest.approx(1 / 3)
 
 
-def killed(asked, folder):
+def killed(asked):
     os._exit(9)
 
 
 def test_a_process_that_is_killed_is_told(small, tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "run_trial", killed)
+    monkeypatch.setattr(module, "_run", killed)
     with pytest.raises(OutputError, match="was killed, perhaps for want of memory"):
         reproduce(tmp_path, [6], workers=1)
 

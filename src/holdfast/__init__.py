@@ -16,6 +16,7 @@ from holdfast._version import __version__
 
 if TYPE_CHECKING:
     from holdfast.analysis.boundary import Boundary, contingent_cone, regulation_map
+    from holdfast.analysis.campaign import Campaign
     from holdfast.analysis.comparison import Comparison
     from holdfast.analysis.grid import Grid, grid
     from holdfast.analysis.margin import Margin
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
         viability_kernel,
     )
     from holdfast.analysis.visibility_gains import GainWindow, visibility_gains
+    from holdfast.campaign.sweep import sweep
     from holdfast.comparing import compare
     from holdfast.derivation import Derivation, explain
     from holdfast.errors import GainWarning, HoldfastError
@@ -71,6 +73,7 @@ if TYPE_CHECKING:
     from holdfast.maths.velocity_tracking import track_velocity
     from holdfast.maths.viability import viability_conditions
     from holdfast.maths.zeros import critical_points
+    from holdfast.presentation.campaign import campaign_figure
     from holdfast.presentation.comparison import comparison_figure
     from holdfast.presentation.flow_lines import flow_lines_figure
     from holdfast.presentation.histories import histories_figure
@@ -86,6 +89,7 @@ _HOME = {
     "analysis.boundary": ("Boundary", "contingent_cone", "regulation_map"),
     "analysis.comparison": ("Comparison",),
     "analysis.grid": ("Grid", "grid"),
+    "analysis.campaign": ("Campaign",),
     "analysis.margin": ("Margin",),
     "analysis.memory": ("march_memory",),
     "analysis.promise": ("Promise", "check_promise"),
@@ -110,6 +114,7 @@ _HOME = {
     "errors": ("GainWarning", "HoldfastError"),
     "execution.c_source": ("export_c",),
     "execution.closed_loop": ("Outcome",),
+    "campaign.sweep": ("sweep",),
     "margin": ("disturbance_margin",),
     "maths": ("fields", "laws", "regions", "systems"),
     "maths.bounds": ("Ball", "Box", "LinearImage", "Product"),
@@ -142,6 +147,7 @@ _HOME = {
     "presentation.comparison": ("comparison_figure",),
     "presentation.flow_lines": ("flow_lines_figure",),
     "presentation.histories": ("histories_figure",),
+    "presentation.campaign": ("campaign_figure",),
     "presentation.margin": ("margin_figure",),
     "presentation.optimal_input": ("optimal_input_figure",),
     "presentation.paths": ("paths_figure",),
@@ -159,6 +165,7 @@ __all__ = [
     "Ball",
     "Boundary",
     "Box",
+    "Campaign",
     "Comparison",
     "Derivation",
     "Field",
@@ -193,6 +200,7 @@ __all__ = [
     "Varied",
     "__version__",
     "backward_reachable_set",
+    "campaign_figure",
     "capture_basin",
     "check_promise",
     "check_viability",
@@ -243,6 +251,7 @@ __all__ = [
     "station_statistics",
     "subsystem",
     "surface_figure",
+    "sweep",
     "symbol",
     "systems",
     "track_velocity",

@@ -11,17 +11,11 @@ from typing import NoReturn
 import click
 
 from holdfast._version import __version__
+from holdfast.campaigning import export_command, reproduce_command, sweep_command
 from holdfast.errors import GainWarning, HoldfastError, ScenarioError
 from holdfast.output import check_writable, make_folder
 from holdfast.patience import listen
-from holdfast.running import (
-    ANSWERED,
-    compare_command,
-    export_command,
-    margin_command,
-    reproduce_command,
-    run_command,
-)
+from holdfast.running import ANSWERED, compare_command, margin_command, run_command
 
 BAD_INPUT, INTERRUPTED = 2, 130
 
@@ -168,6 +162,7 @@ for _command in (
     run_command,
     compare_command,
     margin_command,
+    sweep_command,
     reproduce_command,
     export_command,
 ):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from holdfast.analysis.marching import Marching
@@ -12,35 +12,18 @@ from holdfast.analysis.margin import Answer, Kept, Margin, Tried, search
 from holdfast.analysis.solve import set_on_grid
 from holdfast.analysis.value_function import ValueFunction
 from holdfast.checking import at
-from holdfast.errors import HoldfastError, ScenarioError, suggestion
+from holdfast.errors import ScenarioError, suggestion
 from holdfast.kernel_scenario import KernelScenario, composed_kernel, is_kernel
+from holdfast.knobs import CURRENT, check_number, find_knob
 from holdfast.maths.bounds import Ball, Bounds, Box, LinearImage, Product
 from holdfast.maths.quantity import TIME
 from holdfast.maths.region import Region
-from holdfast.maths.units import in_base_units, to_si
+from holdfast.maths.units import to_si
 from holdfast.sources import read_tables
 
 KERNELS = ("viability-kernel", "discriminating-kernel", "invariance-kernel")
-CURRENT = "current.speed"
-VELOCITIES, LIMIT = ("Vx", "Vy"), "current_limit"
-"""What the systems of the catalogue call the current, and its largest speed."""
-
-UNITS = {"march.horizon": "s"}
-"""Of the keys that are no quantities of a system."""
-
 UNUSED = ("checkpoint", "estimate_error", "check_outside")
 """Of [march]: they are about one march, and a search makes many."""
-
-
-@dataclass(frozen=True)
-class _Knob:
-    """What is turned: its key, what it is called and its unit, its value in the scenario."""
-
-    key: str
-    name: str
-    unit: str
-    own: float
-    settings: Callable[[float], tuple[str, ...]]
 
 
 def disturbance_margin(
@@ -87,12 +70,13 @@ def disturbance_margin(
                 f"{file}: march.{name}: a search over many marches does not use it",
                 remedy=f"take it away with --set march.{name}=",
             )
-    knob = _knob(own, data, of)
+    knob = find_knob(own, data, of)
+    value = check_number(own, data, knob)
 
     def composed(value: float) -> KernelScenario:
         return composed_kernel(*read_tables(scenario, [*changes, *knob.settings(value)]))
 
-    low, high = _interval(knob, between)
+    low, high = _interval(knob.key, value, between)
     close = tolerance if tolerance is not None else 0.01 * max(abs(low), abs(high))
     if not 0 < close < high - low:
         raise ScenarioError(
@@ -175,75 +159,14 @@ class _Trials:
         )
 
 
-def _knob(own: KernelScenario, data: Mapping[str, Any], key: str) -> _Knob:
-    if key == CURRENT:
-        return _current(own)
-    table: Any = data
-    for part in key.split("."):
-        table = table.get(part) if isinstance(table, Mapping) else None
-    name = next(n for n in reversed(key.split(".")) if n != "value" or n == key)
-    parameters = {q.name: q for q in own.system.parameters}
-    quantities = {q.name: q for q in (*own.system.parameters, *own.system.disturbances)}
-    unit = quantities[name].unit if name in quantities else UNITS.get(key, "1")
-    if table is None and key == f"system.{name}" and name in parameters:
-        table = parameters[name].value
-    if table is None:
-        known = [CURRENT, *_numbers(data, "")]
-        raise ScenarioError(f"{own.file}: no key '{key}'", remedy=suggestion(key, known))
-    try:
-        value = in_base_units(table)
-    except HoldfastError:
-        raise ScenarioError(
-            f"{own.file}: {key}: {table!r} is no number", expected="the key of a number"
-        ) from None
-    shown = name.replace("_", " ")
-    return _Knob(key, shown, unit, value, lambda v: (f"{key}={v!r}",))
-
-
-def _current(own: KernelScenario) -> _Knob:
-    """The speed of the current that is given, in its direction, or of one that is not."""
-    given = {n: v for n, v in own.options.get("disturbance", {}).items() if n in VELOCITIES}
-    speed = math.hypot(*given.values())
-    if given and not speed:
-        raise ScenarioError(
-            f"{own.file}: disturbance: the current that is given is zero, and has no direction",
-            remedy="give it one: --set disturbance.Vy=0.1",
-        )
-    if given:
-        shares = {n: v / speed for n, v in given.items()}
-        return _Knob(
-            CURRENT, "current", "m/s", speed,
-            lambda v: tuple(f"disturbance.{n}={v * share!r}" for n, share in shares.items()),
-        )  # fmt: skip
-    limits = [q for q in own.system.parameters if q.name == LIMIT]
-    felt = own.system.disturbance_bounds
-    if not limits or felt is None or limits[0].symbol not in felt.free_symbols:
-        raise ScenarioError(
-            f"{own.file}: system '{own.system.name}' is in no current",
-            expected=f"disturbances {' and '.join(VELOCITIES)} that are given, or '{LIMIT}'",
-            remedy="name the key of a number",
-        )
-    return _Knob(CURRENT, "current", "m/s", limits[0].value, lambda v: (f"system.{LIMIT}={v!r}",))
-
-
-def _numbers(data: Mapping[str, Any], prefix: str) -> list[str]:
-    found = []
-    for name, value in data.items():
-        if isinstance(value, Mapping):
-            found += _numbers(value, f"{prefix}{name}.")
-        elif isinstance(value, (int, float)) and not isinstance(value, bool):
-            found.append(prefix + name)
-    return found
-
-
-def _interval(knob: _Knob, between: tuple[float, float] | None) -> tuple[float, float]:
+def _interval(key: str, own: float, between: tuple[float, float] | None) -> tuple[float, float]:
     if between is None:
-        if not knob.own > 0:
+        if not own > 0:
             raise ScenarioError(
-                f"{knob.key} is {knob.own:g}", expected="a number above 0 to begin with",
+                f"{key} is {own:g}", expected="a number above 0 to begin with",
                 remedy="say where to look: --between LOW HIGH",
             )  # fmt: skip
-        return 0.0, 2.0 * knob.own
+        return 0.0, 2.0 * own
     low, high = (float(v) for v in between)
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise ScenarioError(f"between {low:g} and {high:g}", expected="LOW < HIGH")

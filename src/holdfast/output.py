@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from holdfast.errors import OutputError
 
 if TYPE_CHECKING:
+    from holdfast.analysis.campaign import Campaign
     from holdfast.analysis.comparison import Comparison
     from holdfast.analysis.margin import Margin
     from holdfast.analysis.result import Result
@@ -171,6 +172,20 @@ def write_margin(found: Margin, folder: Path, *, figures: bool) -> list[Path]:
         )
         files += style.write(drawn, folder, "margin")
     return files
+
+
+def write_campaign(
+    found: Campaign, folder: Path, variable: str | None, *, figures: bool
+) -> list[Path]:
+    """sweep.nc, sweep.json and the figure of a variable."""
+    make_folder(folder)
+    files = [found.save(folder / "sweep.nc")]
+    if figures:
+        from holdfast.presentation import style
+        from holdfast.presentation.campaign import campaign_figure
+
+        files += style.write(campaign_figure(found, variable), folder, "sweep")
+    return [*files, _summary(folder / "sweep.json", found.summary(variable))]
 
 
 def write_comparison(found: Comparison, folder: Path, *, figures: bool) -> list[Path]:

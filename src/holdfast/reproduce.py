@@ -5,25 +5,20 @@ from __future__ import annotations
 import hashlib
 import importlib
 import json
-import multiprocessing
 import os
-import signal
-import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from holdfast.checking import at, validated
 from holdfast.claim_schema import ChapterSpec, ClaimSpec, TrialSpec
-from holdfast.errors import HoldfastError, OutputError, ScenarioError
+from holdfast.errors import HoldfastError, ScenarioError
 from holdfast.output import make_folder, write_text
-from holdfast.sources import code_digest
+from holdfast.processes import answers, processes
+from holdfast.sources import code_digest, files_digest
 
 CHAPTERS = (2, 3, 4, 5, 6, 7)
 DONE = "trial.json"
@@ -143,28 +138,14 @@ def reproduce(
 
     tell("reproducing")
     if missing:
-        count = workers or os.cpu_count() or 1
-        context = multiprocessing.get_context("spawn")
-        pool = ProcessPoolExecutor(min(count, len(missing)), mp_context=context, initializer=_alone)
-        try:
-            jobs = {  # the last chapters take longest, and are begun first
-                pool.submit(run_trial, missing[key].model_dump(), places[key]): key
-                for key in reversed(missing)
-            }
-            for job in _finished(jobs, lambda: tell("reproducing")):
-                job.result()
-                key = jobs[job]
+        count = min(workers or os.cpu_count() or 1, len(missing))
+        asked = [  # the last chapters take longest, and are begun first
+            (key, (missing[key].model_dump(), places[key])) for key in reversed(missing)
+        ]
+        with processes(count) as pool:
+            for key, _ in answers(pool, _run, asked, len(asked), lambda: tell("reproducing")):
                 name = missing.pop(key).scenario
                 tell(name or "reproducing")
-        except BrokenProcessPool:
-            raise OutputError(
-                "a process that ran a trial was killed, perhaps for want of memory",
-                remedy="run it again, with fewer --workers: what is done is kept",
-            ) from None
-        finally:
-            for process in list((pool._processes or {}).values()):
-                process.terminate()
-            pool.shutdown(wait=True, cancel_futures=True)
     found = {key: _read(place) for key, place in places.items()}
     return tuple(
         Judged(
@@ -175,18 +156,6 @@ def reproduce(
         )
         for number, claim in claims
     )
-
-
-def _finished(jobs: Mapping[Future[None], str], wait: Callable[[], None]) -> Iterator[Future[None]]:
-    """The jobs as they end; `wait` is called meanwhile, and may raise."""
-    open_jobs = set(jobs)
-    while open_jobs:
-        try:
-            for job in as_completed(open_jobs, timeout=0.5):
-                open_jobs.discard(job)
-                yield job
-        except TimeoutError:
-            wait()
 
 
 def _trials(claim: ClaimSpec) -> Iterator[TrialSpec]:
@@ -200,27 +169,15 @@ def digest(spec: TrialSpec) -> str:
     asked = spec.model_dump(
         include={"scenario", "set", "runs", "function", "arguments", "number", "refused"}
     )
-    text = code_digest() + _files_digest() + json.dumps(asked, sort_keys=True)
+    text = code_digest() + files_digest() + json.dumps(asked, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:20]
-
-
-@cache
-def _files_digest() -> str:
-    """A digest of the scenarios and the vehicles, any of which another may name."""
-    found = hashlib.sha256()
-    for kind in ("scenarios", "vehicles"):
-        for path in sorted(Path(str(resources.files("holdfast") / kind)).glob("*.toml")):
-            found.update(path.read_bytes())
-    return found.hexdigest()
 
 
 # -- one trial, in a process of its own -------------------------------------------------------
 
 
-def _alone() -> None:
-    """In a process of its own: the one that waits is interrupted, and tells of what is wrong."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+def _run(asked: tuple[Mapping[str, Any], Path]) -> None:
+    run_trial(*asked)
 
 
 def run_trial(asked: Mapping[str, Any], folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""The commands that take scenarios: `run`, `compare`, `margin`, `reproduce`, `export-c`."""
+"""The commands that compute one scenario: `run`, `compare`, `margin`."""
 
 from __future__ import annotations
 
@@ -227,71 +227,6 @@ def margin_command(
         remedy = "raise march.horizon" if found.undecided else "look elsewhere with --between"
         click.echo(f"holdfast: the limit of {found.key} was not found; {remedy}", err=True)
         sys.exit(NOT_ANSWERED)
-
-
-@click.command("reproduce")
-@click.option("--chapter", "chapters", type=int, multiple=True, help="A chapter (repeatable).")
-@click.option("--quick", is_flag=True, help="Of every chapter what takes seconds.")
-@click.option(
-    "--workers", type=click.IntRange(min=1), help="How many processes [default: one a core]."
-)
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    default=Path("runs") / "thesis",
-    show_default=True,
-    help="Folder for the report; what is there already is not run again.",
-)
-def reproduce_command(
-    chapters: tuple[int, ...], quick: bool, workers: int | None, out: Path
-) -> None:
-    """Run what the thesis claims, and write a report: does it hold?
-
-    Every claim has a recorded verdict and number; exit status 1 says that one of them differs.
-    Interrupted, it goes on where it was.
-    """
-    from holdfast.reproduce import CHAPTERS, reproduce
-
-    check_writable(out)
-    with bar("reproducing") as tell:
-        judged = reproduce(out, chapters or CHAPTERS, quick=quick, workers=workers, progress=tell)
-    from holdfast.report import report_text, write_report
-
-    report = write_report(judged, out / "report.html")
-    click.echo(report_text(judged))
-    click.echo(f"  report: {report}")
-    if any(j.problems for j in judged):
-        click.echo("holdfast: not all verdicts and numbers are those recorded", err=True)
-        sys.exit(NOT_ANSWERED)
-
-
-@click.command("export-c")
-@click.argument("scenario")
-@set_option
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="The file [default: SCENARIO.c].",
-)
-def export_command(scenario: str, overrides: tuple[str, ...], out: Path | None) -> None:
-    """Write the law of SCENARIO as one file of C99.
-
-    No allocation, no library but libm; with the modes of the law, what it remembers, and the limits
-    of the actuators. The comments of the file say what every number is.
-    """
-    from holdfast.execution.c_source import export_c
-    from holdfast.output import make_folder, write_text
-    from holdfast.scenario import Scenario, load_scenario
-
-    loaded = load_scenario(scenario, overrides)
-    if not isinstance(loaded, Scenario):
-        raise ScenarioError(f"{loaded.file}: a {loaded.kind} has no law to export")
-    path = out if out is not None else Path(f"{loaded.name}.c")
-    check_writable(path.parent)
-    text = export_c(loaded.system, loaded.law, loaded.name)
-    make_folder(path.parent)
-    write_text(path, text)
-    click.echo(f"written: {path} ({len(text.splitlines())} lines); its comments say what is what")
 
 
 def _state(text: str) -> dict[str, Any]:

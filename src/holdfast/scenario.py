@@ -21,18 +21,18 @@ from holdfast.kernel_scenario import KernelScenario, composed_kernel, is_kernel
 from holdfast.law_chain import composed_law
 from holdfast.maths.expression import parse_expression, parse_number
 from holdfast.maths.law import Law
-from holdfast.maths.quantity import Parameter
 from holdfast.maths.region import Region
 from holdfast.maths.switching import Switching
 from holdfast.maths.system import System
-from holdfast.maths.units import check_unit, to_si
+from holdfast.maths.units import to_si
 from holdfast.maths.varied import Varied
 from holdfast.named_kernel import check_kernels
 from holdfast.planning.course import Course
 from holdfast.safety_table import Safety, composed_safety
-from holdfast.schema import FiguresSpec, Header, RunSpec, ScenarioSpec, VariedSpec
-from holdfast.sources import read_tables, scenario_title
+from holdfast.schema import FiguresSpec, Header, RunSpec, ScenarioSpec
+from holdfast.sources import overridden, read_tables, scenario_title
 from holdfast.system_table import composed_system
+from holdfast.varied_table import drawn_names, drawn_ranges
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,16 @@ class Scenario:
     safety: Safety | None = None
     course: Course | None = None
 
-    def run(self, progress: Progress | None = None) -> Result:
-        """Simulate every start of the scenario; the kernel of [safety] is computed before."""
+    @property
+    def runs(self) -> int:
+        """How many starts there are."""
+        return len(self.starts.states) + self.starts.random
+
+    def run(self, progress: Progress | None = None, part: range | None = None) -> Result:
+        """Simulate every start of the scenario; the kernel of [safety] is computed before.
+
+        part: of all runs those to simulate; every run is the same in any part.
+        """
         law = self.law
         if self.safety is not None:
             with at(self.file, "safety"):
@@ -74,6 +82,7 @@ class Scenario:
                 self.system,
                 law,
                 starts=self.starts,
+                part=part,
                 region=self.region,
                 goal=self.goal,
                 disturbance=self.disturbance,
@@ -101,27 +110,33 @@ def load_scenario(
     how many states of it its promise is tried from. Raises `ScenarioError` naming the file, the
     key, what was got and what is allowed.
     """
-    overrides = list(overrides)
-    shown, text, data = read_tables(name, overrides)
+    return scenario_of(*read_tables(name, overrides), runs, seed)
+
+
+def scenario_of(
+    shown: str, text: str, data: dict[str, Any], runs: int | None = None, seed: int | None = None
+) -> Scenario | KernelScenario:
+    """The scenario of tables that are not checked yet; `shown` is its name or file."""
     if is_formation(data):
         if runs is not None:
             raise ScenarioError(f"--runs: {shown} has one start", remedy="leave it out")
-        shown, text, data = read_tables(name, overrides + _seeded(seed))
+        text, data = _seeded(text, data, seed)
         return _formation(shown, text, validated(FormationSpec, data, shown))
     if is_kernel(shown, data):
         more = {"runs": runs, "seed": seed}
         given = {k: v for k, v in more.items() if v is not None}
         if given and "promise" not in data:
             raise ScenarioError(f"--{min(given)}: {shown} has no [promise]", remedy="leave it out")
-        overrides += [f"promise.{k}={v}" for k, v in given.items()]
-        return composed_kernel(*read_tables(name, overrides))
-    shown, text, data = read_tables(name, overrides + _seeded(seed))
+        return composed_kernel(
+            shown, *overridden(text, data, [f"promise.{k}={v}" for k, v in given.items()])
+        )
+    text, data = _seeded(text, data, seed)
     check_kernels(shown, data)
     return composed(shown, text, validated(ScenarioSpec, data, shown), runs)
 
 
-def _seeded(seed: int | None) -> list[str]:
-    return [] if seed is None else [f"run.seed={seed}"]
+def _seeded(text: str, data: dict[str, Any], seed: int | None) -> tuple[str, dict[str, Any]]:
+    return overridden(text, data, [] if seed is None else [f"run.seed={seed}"])
 
 
 def composed(shown: str, text: str, spec: ScenarioSpec, runs: int | None = None) -> Scenario:
@@ -174,11 +189,11 @@ def _formation(file: str, text: str, spec: FormationSpec) -> Scenario:
 def _composed(file: str, text: str, spec: ScenarioSpec) -> Scenario:
     composer = Composer(file)
     system = composed_system(composer, spec.system)
-    composer.drawn = _drawn(composer, system, spec.varied)
+    composer.drawn = drawn_names(composer, system, spec.varied)
     region = composer.region(spec.region, "region") if spec.region is not None else None
     law = composed_law(composer, spec, system, region)  # may use the region's parameters
     goal = composer.region(spec.goal, "goal") if spec.goal is not None else None
-    draws = _draws(composer, spec.varied)
+    draws = drawn_ranges(composer, spec.varied)
     values = {p.symbol: p.value for p in composer.known.values()}
     names = {n: e for n, e in composer.scope().items() if n not in system.state_names}
     timeless = {n: e for n, e in names.items() if n != "t"}
@@ -224,35 +239,6 @@ def _composed(file: str, text: str, spec: ScenarioSpec) -> Scenario:
         start_outside=spec.starts.outside,
         safety=composed_safety(file, spec, system),
     )
-
-
-def _drawn(composer: Composer, system: System, spec: VariedSpec) -> dict[str, Parameter]:
-    """The drawn names as parameters, for laws and goals that are written out and use them."""
-    moving = {q.name for q in (*system.states, *system.inputs, *system.disturbances)}
-    found = {}
-    for name, draw in spec.ranges.items():
-        with at(composer.file, f"varied.draws.{name}"):
-            if name in moving:
-                raise ScenarioError(
-                    f"'{name}' is a state, an input or a disturbance", expected="a parameter"
-                )
-            check_unit(draw.unit or "1")
-            found[name] = Parameter(name, draw.unit or "1", "drawn for every run", value=0.0)
-    return found
-
-
-def _draws(composer: Composer, spec: VariedSpec) -> dict[str, tuple[float, float]]:
-    """The ranges in SI units; the names that are new by now are declared."""
-    ranges = {}
-    for name, draw in spec.ranges.items():
-        with at(composer.file, f"varied.draws.{name}"):
-            unit = composer.known.get(name, composer.drawn[name]).unit
-            if draw.unit is not None and draw.unit != unit:
-                raise ScenarioError(f"'{name}' has the unit {unit}", expected=f"unit = '{unit}'")
-            low, high = draw.range
-            ranges[name] = (to_si(low, unit), to_si(high, unit))
-            composer.declare((composer.drawn[name],))
-    return ranges
 
 
 def _plane(file: str, wanted: tuple[str, str] | None, system: System) -> tuple[str, str] | None:

@@ -63,12 +63,20 @@ def read_tables(name: str, overrides: Iterable[str] = ()) -> tuple[str, str, dic
         raise ScenarioError(f"{shown}: not a TOML file: {error}") from None
     shipped = Path(str(resources.files("holdfast.scenarios")))
     _place(data, shipped if name in scenario_names() else Path(name).parent)
+    return shown, *overridden(text, data, overrides)
+
+
+def overridden(
+    text: str, data: dict[str, Any], overrides: Iterable[str]
+) -> tuple[str, dict[str, Any]]:
+    """Text and tables with `key=value` overrides; those given are not changed."""
     changes = list(overrides)
+    if not changes:
+        return text, data
+    data = copy.deepcopy(data)
     for change in changes:
         _override(data, change)
-    if changes:
-        text += "\n# overrides: " + "; ".join(changes) + "\n"
-    return shown, text, data
+    return f"{text}\n# overrides: {'; '.join(changes)}\n", data
 
 
 def _place(data: Mapping[str, Any], folder: Path) -> None:
@@ -165,15 +173,31 @@ def _override(data: dict[str, Any], change: str) -> None:
         parsed = {"value": value.strip()}
     if len(parsed) != 1:
         raise ScenarioError(f"--set {key}: more than one value")
-    table = data
+    table: Any = data
     for part in path[:-1]:
-        table = table.setdefault(part, {})
-        if not isinstance(table, dict):
+        if isinstance(table, list):
+            table = table[_place_in(table, part, change)]
+        else:
+            table = table.setdefault(part, {})
+        if not isinstance(table, dict | list):
             raise ScenarioError(f"--set {change}: '{part}' is no table")
+    last: Any = path[-1]
+    if isinstance(table, list):
+        last = _place_in(table, last, change)
     if value.strip():
-        table[path[-1]] = parsed["value"]
+        table[last] = parsed["value"]
+    elif isinstance(table, list):
+        del table[last]
     else:  # nothing after the sign takes the key away
-        table.pop(path[-1], None)
+        table.pop(last, None)
+
+
+def _place_in(table: list[Any], part: str, change: str) -> int:
+    if not (part.isdecimal() and int(part) < len(table)):
+        raise ScenarioError(
+            f"--set {change}: '{part}' of a list", expected=f"a place from 0 to {len(table) - 1}"
+        )
+    return int(part)
 
 
 @cache
@@ -182,4 +206,14 @@ def code_digest() -> str:
     found = hashlib.sha256()
     for path in sorted(Path(str(resources.files("holdfast"))).rglob("*.py")):
         found.update(path.read_bytes())
+    return found.hexdigest()
+
+
+@cache
+def files_digest() -> str:
+    """A digest of the scenarios and the vehicles, any of which another may name."""
+    found = hashlib.sha256()
+    for kind in ("scenarios", "vehicles"):
+        for path in sorted(Path(str(resources.files("holdfast") / kind)).glob("*.toml")):
+            found.update(path.read_bytes())
     return found.hexdigest()

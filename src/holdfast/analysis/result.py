@@ -121,13 +121,20 @@ class Result:
             "largest_slack": float(data["slack"].values.max(initial=0.0)),
         }
 
-    def _final_error(self) -> dict[str, dict[str, float | None]]:
-        errors: dict[str, dict[str, float | None]] = {}
+    def final_errors(self) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
+        """How far every run ends from the reference, by state (run); no number if it diverged."""
+        errors = {}
         for name, value in (self.reference or {}).items():
             final = self.dataset["state"].sel(state_name=name).isel(time=-1).values - value
             if bool(self.dataset["state_is_angle"].sel(state_name=name)):
                 final = (final + np.pi) % (2 * np.pi) - np.pi
-            size = np.abs(final[np.isfinite(final)])
+            errors[name] = np.abs(final)
+        return errors
+
+    def _final_error(self) -> dict[str, dict[str, float | None]]:
+        errors: dict[str, dict[str, float | None]] = {}
+        for name, final in self.final_errors().items():
+            size = final[np.isfinite(final)]
             # a run that diverged has no final state: then there is no worst one either
             errors[name] = {
                 "median": float(np.median(size)) if size.size else None,

@@ -33,6 +33,7 @@ def simulate(
     law: Law | Switching,
     *,
     starts: Starts | Sequence[Sequence[float]] | Array,
+    part: range | None = None,
     region: Region | None = None,
     goal: Region | None = None,
     horizon: float,
@@ -48,7 +49,8 @@ def simulate(
 ) -> Result:
     """Simulate `system` under `law` from every start and return a `Result`.
 
-    starts: a `Starts`, or an array of shape (runs, states). region: the inequalities to
+    starts: a `Starts`, or an array of shape (runs, states). part: the runs to simulate, of all that
+    there are; every run is the same in any part. region: the inequalities to
     watch; a run that violates one is marked as having left, and when. goal: where a run must
     be at the end to have reached it. horizon: seconds. stepper: "rk4", "bogacki-shampine" or
     "dormand-prince". disturbance: name -> number or expression of t. plant: parameters of the
@@ -110,16 +112,19 @@ def simulate(
         if system.input_bounds is not None:
             system.input_bounds.at(parameters)
     try:
-        initial = initial_states(system, region, loop, starts, chosen, start_outside)
+        initial = initial_states(system, region, loop, starts, chosen, start_outside, part)
     except SimulationError as error:
         error.key = "starts"
         raise
-    own = loop.varied(len(initial), chosen.seed)
-    _check_varied(program, own)
-    _check_disturbance(system, loop, chosen, dict(plant or {}), given, own)
+    first = part.start if part is not None else 0
+    own = loop.varied(len(initial), chosen.seed, first)
+    _check_varied(program, own, first)
+    _check_disturbance(system, loop, chosen, dict(plant or {}), given, own, first)
     seconds = {SAMPLE_TIME: 0.0 if chosen.continuous else chosen.sample_time}
     _warn_of_gains(program, values | seconds, own)
-    trajectories = loop.simulate(initial, chosen, plant=plant, varied=own, progress=progress)
+    trajectories = loop.simulate(
+        initial, chosen, plant=plant, varied=own, first=first, progress=progress
+    )
     scene = (*(region.scene if region else ()), *(goal.scene if goal else ()))
     return Result(
         dataset=to_dataset(
@@ -153,6 +158,7 @@ def _check_disturbance(
     plant: Mapping[str, float],
     given: Mapping[str, sp.Expr],
     own: Array,
+    first: int,
 ) -> None:
     """Refuse a disturbance that is not finite, or leaves its bounds, in any run."""
     if not system.disturbances:
@@ -180,7 +186,7 @@ def _check_disturbance(
                 key="disturbance",
             )
 
-    for run, row in enumerate(rows):
+    for run, row in enumerate(rows, first):
         real = {**plant, **dict(zip(names, row, strict=True))}
         samples = loop.disturbances(times, real)
         if not np.isfinite(samples).all():
@@ -188,7 +194,7 @@ def _check_disturbance(
                 f"a disturbance is not finite at some time of run {run}", key="disturbance"
             )
         extremes = [(run, times[i], samples[i]) for i in _extremes(samples)]
-        if bounds is not None and (bound_varies or run == 0):
+        if bounds is not None and (bound_varies or run == first):
             bound = bounds.at(values | {symbol(n): v for n, v in real.items()})
         if bound_varies:
             for where in extremes:
@@ -205,7 +211,7 @@ def _extremes(samples: Array) -> list[int]:
     return sorted({int(sizes.argmax()), *samples.argmin(axis=0), *samples.argmax(axis=0)})
 
 
-def _check_varied(program: ClosedLoopProgram, own: Array) -> None:
+def _check_varied(program: ClosedLoopProgram, own: Array, first: int) -> None:
     """Refuse a value of some run that its parameter may not have."""
     limits = {p.name: p.above for p in program.parameters}
     names = [*program.varied.names, *program.varied.plant]
@@ -213,7 +219,7 @@ def _check_varied(program: ClosedLoopProgram, own: Array) -> None:
         bad = np.flatnonzero(~(np.isfinite(own[:, j]) & (own[:, j] > limits[name])))
         if bad.size:
             raise SimulationError(
-                f"'{program.varied.labels[j]}' is {own[bad[0], j]:g} in run {bad[0]}",
+                f"'{program.varied.labels[j]}' is {own[bad[0], j]:g} in run {first + bad[0]}",
                 expected=f"above {limits[name]:g}"
                 if np.isfinite(limits[name])
                 else "a finite number",

@@ -16,6 +16,7 @@ from holdfast.maths.system import System
 
 _DRAWS = 200  # batches of random states tried for each group of active inequalities
 _INSIDE = 1e-9  # how far inside the boundary a start on it lies
+_BLOCK = 4096  # starts of a group that are found together
 
 
 @dataclass(frozen=True)
@@ -40,9 +41,11 @@ def initial_states(
     starts: Starts | Sequence[Sequence[float]] | Array,
     settings: Settings,
     start_outside: bool,
+    part: range | None = None,
 ) -> Array:
-    """The states of the starts; `SimulationError` for what cannot be one."""
+    """The states of the starts, or of a part of them; `SimulationError` for what cannot be one."""
     names = system.state_names
+    first = part.start if part is not None else 0
     if isinstance(starts, Starts):
         for given in (*starts.states, starts.box):
             for name in given:
@@ -55,8 +58,14 @@ def initial_states(
         fixed = fixed.reshape(-1, len(names))
         if starts.random < 0:
             raise SimulationError(f"{starts.random} random starts", expected="0 or more")
+        drawn = range(starts.random)
+        if part is not None:
+            drawn = range(max(0, first - len(fixed)), max(0, part.stop - len(fixed)))
+            fixed = fixed[part.start : part.stop]
+            if part.step != 1 or drawn.stop > starts.random:
+                raise SimulationError(f"part {part} of {len(starts.states) + starts.random} runs")
         parts = [fixed]
-        if starts.random:
+        if drawn:
             if not starts.box:
                 raise SimulationError(f"{starts.random} random starts need a box to be drawn from")
             low, high = (
@@ -69,10 +78,9 @@ def initial_states(
                         f"the box of '{name}' is [{a:g}, {b:g}]", expected="lowest first"
                     )
             if starts.active:
-                drawn = _on_boundary(system, region, starts, low, high, settings.seed)
+                parts.append(_on_boundary(system, region, starts, drawn, low, high, settings.seed))
             else:
-                drawn = loop.sample(low, high, starts.random, settings.seed)
-            parts.append(drawn)
+                parts.append(loop.sample(low, high, len(drawn), settings.seed, drawn.start))
         initial = np.vstack(parts)
     else:
         initial = np.array(starts, dtype=float)
@@ -81,6 +89,8 @@ def initial_states(
                 f"starts have the shape {initial.shape}",
                 expected=f"(runs, {len(names)}) for the states {', '.join(names)}",
             )
+        if part is not None:
+            initial = initial[part.start : part.stop]
     if len(initial) == 0:
         raise SimulationError("there are no runs", expected="at least one start")
     if not np.isfinite(initial).all():
@@ -93,7 +103,7 @@ def initial_states(
             name, unit = loop.program.constraints[j]
             state = ", ".join(f"{n}={v:g}" for n, v in zip(names, initial[run], strict=True))
             raise SimulationError(
-                f"start {run} ({state}) lies outside the region: {name} = "
+                f"start {first + run} ({state}) lies outside the region: {name} = "
                 f"{values[run, j]:.4g} {unit}",
                 expected=f"at most {settings.tolerance:g}",
                 remedy="move the start, or allow starts outside the region",
@@ -105,11 +115,16 @@ def _on_boundary(
     system: System,
     region: Region | None,
     starts: Starts,
+    drawn: range,
     low: Array,
     high: Array,
     seed: int,
 ) -> Array:
-    """Random states of the box at which the inequalities of a group are active together."""
+    """Random states of the box at which the inequalities of a group are active together.
+
+    drawn: which of them. They are found block by block, each with numbers of its own, so that they
+    are the same in any part.
+    """
     if region is None:
         raise SimulationError("starts where inequalities are active need a region")
     names = region.inequality_names
@@ -123,27 +138,34 @@ def _on_boundary(
     values = [c.expression for c in region.inequalities]
     slopes = [v.diff(states[i]) for v in values for i in free]
     evaluate = Evaluator([*values, *slopes], states, (*system.parameters, *region.parameters))
-    out = np.empty((starts.random, len(states)))
+    out = np.empty((len(drawn), len(states)))
+    groups = len(starts.active)
     for turn, group in enumerate(starts.active):
-        rows = np.arange(turn, starts.random, len(starts.active))
+        of_group = range(turn, starts.random, groups)
         chosen = [names.index(n) for n in group]
-        generator = np.random.Generator(np.random.Philox(key=[seed, turn]))
-        found = np.empty((0, len(states)))
-        for _ in range(_DRAWS):
-            if len(found) >= len(rows):
-                break
-            q = generator.uniform(low, high, (4 * len(rows) + 64, len(states)))
-            q = _moved(evaluate, q, chosen, free, len(values))
-            value = evaluate.values(q)[:, : len(values)]
-            good = (np.abs(value[:, chosen] + _INSIDE) < _INSIDE / 2).all(axis=1)
-            good &= (value <= 0).all(axis=1) & ((q >= low) & (q <= high)).all(axis=1)
-            found = np.vstack([found, q[good]])
-        if len(found) < len(rows):
-            raise SimulationError(
-                f"no states of the box found where {' and '.join(group)} are active together",
-                remedy="check that they meet in the box",
-            )
-        out[rows] = found[: len(rows)]
+        for block in range(-(-len(of_group) // _BLOCK)):
+            rows = np.array(of_group[block * _BLOCK : (block + 1) * _BLOCK])
+            wanted = (rows >= drawn.start) & (rows < drawn.stop)
+            if not wanted.any():
+                continue
+            random = np.random.Philox(key=[seed, turn], counter=[0, 0, 0, block])
+            generator = np.random.Generator(random)
+            found = np.empty((0, len(states)))
+            for _ in range(_DRAWS):
+                if len(found) >= len(rows):
+                    break
+                q = generator.uniform(low, high, (4 * len(rows) + 64, len(states)))
+                q = _moved(evaluate, q, chosen, free, len(values))
+                value = evaluate.values(q)[:, : len(values)]
+                good = (np.abs(value[:, chosen] + _INSIDE) < _INSIDE / 2).all(axis=1)
+                good &= (value <= 0).all(axis=1) & ((q >= low) & (q <= high)).all(axis=1)
+                found = np.vstack([found, q[good]])
+            if len(found) < len(rows):
+                raise SimulationError(
+                    f"no states of the box found where {' and '.join(group)} are active together",
+                    remedy="check that they meet in the box",
+                )
+            out[rows[wanted] - drawn.start] = found[: len(rows)][wanted]
     return out
 
 

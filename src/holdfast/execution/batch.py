@@ -15,8 +15,8 @@ from holdfast.execution.driver import *  # noqa: F403
 def sample_starts(first, last, lower, upper, plant, seed, watch, attempts, out):
     """Uniform states of the box that satisfy every inequality, by rejection.
 
-    Run i draws from its own counter, so it gets the same start in any batch. Returns the
-    first run that found none in `attempts` draws, or -1.
+    Run i draws from its own counter, so it gets the same start in any batch; `out` has a row for
+    each of first..last-1. Returns the first run that found none in `attempts` draws, or -1.
     """
     n = len(lower)
     for run in range(first, last):
@@ -24,10 +24,10 @@ def sample_starts(first, last, lower, upper, plant, seed, watch, attempts, out):
         for attempt in range(attempts):
             for i in range(n):
                 a, _ = two_uniforms(seed, run, attempt, i, START_STREAM)
-                out[run, i] = lower[i] + a * (upper[i] - lower[i])
+                out[run - first, i] = lower[i] + a * (upper[i] - lower[i])
             found = True
             if watch > 0:
-                c = constraints(as_tuple(out[run]), plant)
+                c = constraints(as_tuple(out[run - first]), plant)
                 for j in range(watch):
                     found = found and c[j] <= 0.0
             if found:
@@ -38,11 +38,11 @@ def sample_starts(first, last, lower, upper, plant, seed, watch, attempts, out):
 
 
 @compiled
-def draw_varied(lower, upper, seed, out):
-    """Uniform numbers of every run; run i draws from its own counter."""
+def draw_varied(first, lower, upper, seed, out):
+    """Uniform numbers of the runs from `first` on; run i draws from its own counter."""
     for run in range(out.shape[0]):
         for j in range(len(lower)):
-            a, _ = two_uniforms(seed, run, 0, j, VARIED_STREAM)
+            a, _ = two_uniforms(seed, first + run, 0, j, VARIED_STREAM)
             out[run, j] = lower[j] + a * (upper[j] - lower[j])
 
 

@@ -89,7 +89,7 @@ class ClosedLoop:
             if name not in values:
                 raise SimulationError(f"no parameter '{name}' in this closed loop")
             values[name] = float(value)
-        return np.array([*values.values(), 0.0], dtype=np.float64)
+        return np.array([*values.values(), *self.program.given, 0.0], dtype=np.float64)
 
     def constraints(self, states: Array) -> Array:
         """c_j of each state, shape (run, constraint)."""
@@ -107,14 +107,17 @@ class ClosedLoop:
             self.module.evaluate_disturbance(times, self.parameter_array(overrides), out)
         return out
 
-    def varied(self, runs: int, seed: int) -> Array:
-        """What every run has values of its own for: draws, values, values of the plant."""
+    def varied(self, runs: int, seed: int, first: int = 0) -> Array:
+        """What every run has values of its own for: draws, values, values of the plant.
+
+        first: which of the runs that share the seed is the first of these.
+        """
         chosen = self.program.varied
         if not chosen.expressions and not chosen.draws:
             return np.empty((runs, 0))
         draws = np.empty((runs, len(chosen.draws)))
         low, high = (np.array([r[i] for r in chosen.draws.values()]) for i in (0, 1))
-        self.module.draw_varied(low, high, np.uint64(seed), draws)
+        self.module.draw_varied(first, low, high, np.uint64(seed), draws)
         out = np.empty((runs, len(chosen.values) + len(chosen.plant)))
         self.module.evaluate_varied(self.parameter_array(), self._columns(chosen.draws), draws, out)
         return np.hstack([draws, out])
@@ -123,16 +126,16 @@ class ClosedLoop:
         order = [p.name for p in self.program.parameters]
         return np.array([order.index(n) for n in names], dtype=np.int64)
 
-    def sample(self, lower: Array, upper: Array, count: int, seed: int) -> Array:
-        """`count` uniform states of a box that satisfy every inequality.
+    def sample(self, lower: Array, upper: Array, count: int, seed: int, first: int = 0) -> Array:
+        """`count` uniform states of a box that satisfy every inequality, from the `first` on.
 
         Raises `SimulationError` when 100,000 draws find none for some run.
         """
         check_memory(8 * count * len(lower), f"{count} random starts")
         out = np.empty((count, len(lower)))
         failed = self.module.sample_starts(
-            0,
-            count,
+            first,
+            first + count,
             lower,
             upper,
             self.parameter_array(),
@@ -155,11 +158,13 @@ class ClosedLoop:
         *,
         plant: Mapping[str, float] | None = None,
         varied: Array | None = None,
+        first: int = 0,
         progress: Progress | None = None,
     ) -> Trajectories:
         """Simulate every start; `plant` replaces parameters of the vehicle but not of its law.
 
-        `varied` are the values of `varied()`, by default those.
+        `varied` are the values of `varied()`, by default those. `first`: which of the runs that
+        share the seed is the first of these.
 
         A run's result depends on the seed and its index alone, never on the threads. On
         KeyboardInterrupt the workers stop within one control sample.
@@ -176,7 +181,7 @@ class ClosedLoop:
         if program.continuous != settings.continuous:
             raise SimulationError("continuous control is compiled, not chosen for a run")
         if varied is None:
-            varied = self.varied(runs, settings.seed)
+            varied = self.varied(runs, settings.seed, first)
         shared = len(program.varied.names)
         columns_plant = self._columns((*program.varied.names, *program.varied.plant))
         own_gains = np.ascontiguousarray(varied[:, :shared])
@@ -220,10 +225,11 @@ class ClosedLoop:
         counters = [np.zeros(1, dtype=np.int64) for _ in bounds]
         law_values, plant_values = self.parameter_array(), self.parameter_array(plant)
 
-        def work(first: int, last: int, counter: npt.NDArray[np.int64]) -> None:
+        def work(start: int, stop_at: int, counter: npt.NDArray[np.int64]) -> None:
             self.module.simulate_runs(
+                start,
+                stop_at,
                 first,
-                last,
                 np.ascontiguousarray(starts),
                 plant_values,
                 law_values,

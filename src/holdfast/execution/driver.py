@@ -131,6 +131,7 @@ def field(t, q, u, mode, plant, gains, table):
 def simulate_runs(
     first,
     last,
+    before,
     starts,
     plant,
     gains,
@@ -174,6 +175,9 @@ def simulate_runs(
     progress,
 ):
     """Simulate the runs first..last-1; every output array is indexed by run.
+
+    They are runs `before` + first and so on of those that share the seed: a run draws its random
+    numbers by that place.
 
     `varied_plant` are columns of `plant` that every run has values of its own for, in its row
     of `own_plant`; the same of `gains`. A run chatters from the time on at which its mode
@@ -219,14 +223,14 @@ def simulate_runs(
             for i in range(n):
                 scratch[i] = past[back % (delay + 1), i]
             if noisy:
-                add_noise(noise, seed, run, back, scratch)
+                add_noise(noise, seed, before + run, back, scratch)
             seen = as_tuple(scratch) + felt(back * sample_time, plant)
             if k == 0:
                 memory = first_memory(seen, gains)
             seen = seen + memory
-            before = mode
+            last_mode = mode
             mode = next_mode(t, seen, mode, t - mode_since, gains)
-            if mode != before:
+            if mode != last_mode:
                 if switches[run] > 0:
                     shortest_dwell[run] = min(shortest_dwell[run], t - mode_since)
                 place = switches[run] % switch_limit

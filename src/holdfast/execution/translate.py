@@ -1,7 +1,7 @@
 """A system under a law to the source text of its closed loop.
 
 The text defines the functions that `driver.py` leaves open; each takes the state and the
-inputs as tuples and the parameters as arrays, so that a sweep over gains compiles once.
+inputs as tuples and the parameters as arrays, so that a sweep over gains or currents compiles once.
 """
 
 from __future__ import annotations
@@ -34,7 +34,10 @@ from holdfast.maths.varied import Varied
 
 @dataclass(frozen=True)
 class ClosedLoopProgram:
-    """The text of one closed loop and the meaning of each of its array columns."""
+    """The text of one closed loop and the meaning of each of its array columns.
+
+    given: numbers that follow the parameters, those of the disturbances.
+    """
 
     source: str
     states: tuple[Quantity, ...]
@@ -49,6 +52,7 @@ class ClosedLoopProgram:
     parameters: tuple[Parameter, ...]
     conditions: tuple[GainCondition, ...] = field(default=())
     varied: Varied = field(default_factory=Varied)
+    given: tuple[float, ...] = ()
     safeguarded: bool = False
     continuous: bool = False
     table: object = None
@@ -114,6 +118,12 @@ def closed_loop_program(
                 f"disturbance '{s.name}' uses '{sorted(map(str, unknown))[0]}'",
                 expected="an expression of t and declared parameters",
             )
+    # numbers are handed over as parameters are: another current is no other program
+    given = {s.name: e for s, e in zip(system.disturbances, still, strict=True) if e.is_Number}
+    given = {n: e for n, e in given.items() if n in disturbance and e.is_finite}
+    handed = {n: sp.Symbol(f"_given_{n}", real=True) for n in given}  # no user name begins so
+    still = [handed.get(s.name, e) for s, e in zip(system.disturbances, still, strict=True)]
+    p += handed.values()
     told = [(s.symbol, e) for s, e in zip(system.disturbances, still, strict=True)]
     measured = {r.symbol for r in (*switching.reads, *(memory.reads if memory else ()))}
     told = [(s, e) for s, e in told if s in measured]
@@ -224,6 +234,7 @@ def closed_loop_program(
         parameters=parameters,
         conditions=switching.conditions,
         varied=varied,
+        given=tuple(float(e) for e in given.values()),
         safeguarded=any(mode.safeguard for mode in switching.modes.values()),
         continuous=continuous,
         table=switching.lookup.table if switching.lookup else None,

@@ -46,13 +46,19 @@ def to_si(value: object, unit: str) -> float:
             return _finite(float(value), value)
         except OverflowError:
             raise UnitError("got a number out of range", expected="a finite number") from None
-    match = _TEXT.match(value) if len(value) <= MAX_LENGTH else None
-    if match is None:
+    parts = split(value)
+    if parts is None:
         raise UnitError(
             f"got {_shown(value)}", expected=f'a number in {unit}, or text such as "1.5 {unit}"'
         )
-    number, given = float(match[1]), (match[2] or unit).strip()
+    number, given = parts[0], parts[1] or unit
     return _finite(number if given == unit else convert(number, given, unit), value)
+
+
+def split(text: str) -> tuple[float, str] | None:
+    """The number and the unit, "" where there is none; None if it does not begin with a number."""
+    match = _TEXT.match(text) if len(text) <= MAX_LENGTH else None
+    return None if match is None else (float(match[1]), (match[2] or "").strip())
 
 
 def in_base_units(value: object) -> float:
@@ -60,16 +66,16 @@ def in_base_units(value: object) -> float:
 
     For where the wanted unit is known only later; `UnitError` for what is no value.
     """
-    match = _TEXT.match(value) if isinstance(value, str) and len(value) <= MAX_LENGTH else None
-    if match is None or not match[2]:
+    parts = split(value) if isinstance(value, str) else None
+    if parts is None or not parts[1]:
         return to_si(value, "1")
-    given = match[2].strip()
+    number, given = parts
     if given in _COMMON:
-        return float(match[1])
+        return number
     if given == "deg":
-        return math.radians(float(match[1]))
+        return math.radians(number)
     try:
-        quantity = _registry().Quantity(float(match[1]), _registry().Unit(_pint_text(given)))
+        quantity = _registry().Quantity(number, _registry().Unit(_pint_text(given)))
         return float(quantity.to_base_units().magnitude)
     except Exception:
         raise UnitError(f"'{given[:40]}' is no unit", expected="a unit such as 'm/s'") from None

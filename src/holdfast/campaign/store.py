@@ -1,0 +1,76 @@
+"""What is finished of a campaign, on disk: killed at any time, it loses nothing that is finished.
+
+SQLite keeps it, whose transactions are whole or not at all.
+"""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from holdfast.errors import OutputError
+
+Key = tuple[int, int]
+"""The cell, and the part of it."""
+
+
+class Store:
+    """The answers of the parts of one campaign, by `campaign`, its digest.
+
+    Answers of other campaigns in the same file are let be.
+    """
+
+    def __init__(self, connection: sqlite3.Connection, campaign: str) -> None:
+        self.connection, self.campaign = connection, campaign
+        with connection:
+            connection.execute(
+                "CREATE TABLE IF NOT EXISTS part (campaign TEXT, cell INTEGER, number INTEGER, "
+                "answer TEXT, PRIMARY KEY (campaign, cell, number))"
+            )
+
+    def finished(self) -> set[Key]:
+        """The parts that are there."""
+        rows = self.connection.execute(
+            "SELECT cell, number FROM part WHERE campaign = ?", (self.campaign,)
+        )
+        return set(rows)
+
+    def put(self, key: Key, answer: dict[str, Any]) -> None:
+        """Keep the answer of a part; it is on disk when this returns."""
+        with self.connection:
+            self.connection.execute(
+                "INSERT OR IGNORE INTO part VALUES (?, ?, ?, ?)",
+                (self.campaign, *key, json.dumps(answer)),
+            )
+
+    def answers(self, cell: int) -> list[dict[str, Any]]:
+        """Of every part of a cell, in order."""
+        rows = self.connection.execute(
+            "SELECT answer FROM part WHERE campaign = ? AND cell = ? ORDER BY number",
+            (self.campaign, cell),
+        )
+        return [json.loads(text) for (text,) in rows]
+
+
+@contextmanager
+def store(path: Path | None, campaign: str) -> Iterator[Store]:
+    """The store in that file, or in memory.
+
+    Raises `OutputError` where the file cannot be written, is no store, or the disk is full.
+    """
+    shown = path if path is not None else ":memory:"
+    try:
+        connection = sqlite3.connect(shown)
+        try:
+            yield Store(connection, campaign)
+        finally:
+            connection.close()
+    except sqlite3.DatabaseError as error:
+        raise OutputError(
+            f"{shown} cannot be used ({error})",
+            remedy="make room or choose another folder with --out: what it holds is kept",
+        ) from None
