@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from holdfast.analysis.comparison import Comparison, Reference, Trial, trial
+from holdfast.arguments import checked
 from holdfast.checking import at, validated
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.execution.closed_loop import Progress
@@ -21,6 +22,7 @@ LAW_TABLES = ("law", "redesign", "tracking", "safeguard", "observer", "safety")
 """What makes the law of a scenario."""
 
 
+@checked
 def compare(
     name: str,
     laws: Sequence[str] | None = None,
@@ -54,6 +56,10 @@ def compare(
         raise ScenarioError(f"{shown}: a comparison needs a [region]")
     own = scenario_title(shown)
     known = _known_laws(own, base.compare)
+    for what, given in (("laws", laws), ("cases", cases)):
+        if given is not None and (isinstance(given, str) or not len(given)):
+            raise ScenarioError(f"{what} is {given!r}", expected="a list of names, or None for all")
+    laws, cases = (None if given is None else list(given) for given in (laws, cases))
     chosen = {n: known.get(n) or _of_scenario(shown, n, known) for n in laws or known}
     table = base.compare.cases or {"as it is": AlterationSpec()}
     for case in cases or ():

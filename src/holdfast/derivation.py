@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.exposition import Equation, Step, steps
 from holdfast.mathematics import equations, latex, latex_name
@@ -107,6 +108,7 @@ def _wrapped(text: str) -> list[str]:
     return textwrap.wrap(text, 96, initial_indent="  ", subsequent_indent="  ")
 
 
+@checked
 def explain(
     system: System,
     moment: Sequence[float] | None = None,

@@ -25,6 +25,10 @@ class HoldfastError(Exception):
         super().__init__("; ".join(parts))
 
 
+class ArgumentError(HoldfastError):
+    """An argument of another kind than the function asks for."""
+
+
 class DefinitionError(HoldfastError):
     """A system, law, region or set of bounds that contradicts itself."""
 

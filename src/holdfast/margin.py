@@ -11,6 +11,7 @@ from holdfast.analysis.marching import Marching
 from holdfast.analysis.margin import Answer, Kept, Margin, Tried, search
 from holdfast.analysis.solve import set_on_grid
 from holdfast.analysis.value_function import ValueFunction
+from holdfast.arguments import checked
 from holdfast.checking import at
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.kernel_scenario import KernelScenario, composed_kernel, is_kernel
@@ -26,6 +27,7 @@ UNUSED = ("checkpoint", "estimate_error", "check_outside")
 """Of [march]: they are about one march, and a search makes many."""
 
 
+@checked
 def disturbance_margin(
     scenario: str,
     of: str = CURRENT,

@@ -11,6 +11,7 @@ import sympy as sp
 from holdfast.analysis.result import Result
 from holdfast.analysis.simulate import simulate
 from holdfast.analysis.starts import Starts
+from holdfast.arguments import checked
 from holdfast.checking import at, validated
 from holdfast.compose import Composer
 from holdfast.errors import ScenarioError, suggestion
@@ -101,6 +102,7 @@ class Scenario:
             )
 
 
+@checked
 def load_scenario(
     name: str, overrides: Iterable[str] = (), runs: int | None = None, seed: int | None = None
 ) -> Scenario | KernelScenario:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from holdfast.analysis.contingent_cone import ContingentCone, generators, qualified
 from holdfast.analysis.regulation_map import RegulationMap, input_half_spaces
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, SimulationError, suggestion
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.bounds import Ball, Bounds, Box, LinearImage, Product
@@ -22,6 +23,7 @@ from holdfast.maths.viability import ViabilityCondition, viability_conditions
 Array = npt.NDArray[np.float64]
 
 
+@checked
 class Boundary:
     """What viability asks at states of a region: compiled once, asked at many states.
 
@@ -101,23 +103,33 @@ class Boundary:
                 )
         return parts, active
 
+    @checked
     def worst(self, states: Array) -> Array:
         """max_j c_j of each state, shape (count,): the region is where it is <= 0."""
+        states = np.asarray(states, dtype=np.float64)
+        if states.ndim != 2 or states.shape[1] != len(self.system.states):
+            raise SimulationError(
+                f"states have the shape {states.shape}",
+                expected=f"(count, {len(self.system.states)})",
+            )
         parts, _ = self._parts(states, np.zeros(len(self.system.disturbances)))
         largest: Array = parts[0][:, :, 0].max(axis=1)
         return largest
 
+    @checked
     def active_set(self, state: Sequence[float]) -> tuple[str, ...]:
         """The names of the inequalities that are active, each once."""
         _, active = self._at(state, np.zeros(len(self.system.disturbances)))
         return tuple(dict.fromkeys(self.conditions[j].name for j in active))
 
+    @checked
     def outside(self, state: Sequence[float]) -> tuple[str, ...]:
         """The names of the inequalities that the state violates."""
         parts, _ = self._at(state, np.zeros(len(self.system.disturbances)))
         bad = np.flatnonzero(parts[0][:, 0] > self.tolerance)
         return tuple(dict.fromkeys(self.conditions[j].name for j in bad))
 
+    @checked
     def contingent_cone(self, state: Sequence[float]) -> ContingentCone:
         """T_K(q) at a state of the region; `SimulationError` outside it."""
         parts, active = self._at(state, np.zeros(len(self.system.disturbances)))
@@ -135,6 +147,7 @@ class Boundary:
                 expected="a state of the region",
             )
 
+    @checked
     def regulation_map(
         self,
         state: Sequence[float],
@@ -252,6 +265,7 @@ def _largest(bounds: Bounds, row: Array) -> float:
     return float(sum(max(c * float(a), c * float(b)) for c, a, b in sides if c))
 
 
+@checked
 def regulation_map(
     system: System,
     region: Region,
@@ -270,6 +284,7 @@ def regulation_map(
     return boundary.regulation_map(state, disturbance=disturbance, gains=gains)
 
 
+@checked
 def contingent_cone(
     system: System,
     region: Region,

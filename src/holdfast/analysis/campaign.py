@@ -11,6 +11,7 @@ import numpy.typing as npt
 import xarray as xr
 
 from holdfast.analysis.files import write_netcdf
+from holdfast.arguments import checked
 from holdfast.errors import OutputError, suggestion
 
 Array = npt.NDArray[np.float64]
@@ -47,6 +48,7 @@ class Campaign:
         """Whether every combination was run."""
         return "cell" not in self.dataset.dims
 
+    @checked
     def variable(self, name: str | None = None) -> xr.DataArray:
         """The variable of that name, by default what the campaign is about.
 
@@ -71,8 +73,10 @@ class Campaign:
         chosen = texts[self.dataset["refused"].values.ravel() == 1]
         return tuple(dict.fromkeys(str(t) for t in chosen))
 
+    @checked
     def values_of(self, cell: int) -> dict[str, float]:
         """The values of a cell by name, the cells counted in the order of the arrays."""
+        self._check(cell)
         if self.is_grid:
             shape = tuple(self.dataset.sizes[n] for n in self.names)
             places = np.unravel_index(cell, shape)
@@ -80,8 +84,16 @@ class Campaign:
             return {n: float(self.dataset[n].values[place]) for n, place in pairs}
         return {n: float(self.dataset[n].values[cell]) for n in self.names}
 
+    def _check(self, cell: int) -> None:
+        if not 0 <= cell < self.dataset["refused"].size or cell != int(cell):
+            raise OutputError(
+                f"no cell {cell}", expected=f"0 to {self.dataset['refused'].size - 1}"
+            )
+
+    @checked
     def command(self, cell: int) -> str:
         """What runs that cell alone."""
+        self._check(cell)
         return f"{self.dataset.attrs['command']} {self.dataset['settings'].values.ravel()[cell]}"
 
     def summary(self, variable: str | None = None) -> dict[str, Any]:
@@ -110,6 +122,7 @@ class Campaign:
                 found[name] = int(self.dataset[name].sum())
         return found
 
+    @checked
     def save(self, path: str | Path) -> Path:
         """Write NetCDF-4, whole or not at all; `OutputError` when the folder cannot be written."""
         return write_netcdf(self.dataset, path)

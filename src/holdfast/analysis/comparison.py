@@ -13,6 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.analysis.result import Result
+from holdfast.arguments import checked
+from holdfast.errors import ScenarioError
 from holdfast.execution.closed_loop import Outcome
 
 Array = npt.NDArray[np.float64]
@@ -147,9 +149,14 @@ class Comparison:
     references: Mapping[str, Reference] = field(default_factory=dict)
     unjudged: Mapping[str, str] = field(default_factory=dict)
 
+    @checked
     def of(self, law: str, case: str) -> Trial:
-        """The trial of that law in that case (KeyError if there is none)."""
-        return {(t.law, t.case): t for t in self.trials}[law, case]
+        """The trial of that law in that case; `ScenarioError` if there is none."""
+        known = {(t.law, t.case): t for t in self.trials}
+        if (law, case) not in known:
+            names = "; ".join(", ".join(pair) for pair in known)
+            raise ScenarioError(f"no trial of '{law}' in '{case}'", expected=f"one of {names}")
+        return known[law, case]
 
     def viable(self, law: str, case: str) -> Rate:
         found = self.of(law, case)

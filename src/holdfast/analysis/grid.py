@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.analysis.given import as_number, by_name, whole
+from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.march import KINDS
 from holdfast.maths.quantity import Quantity
@@ -78,6 +79,7 @@ class Grid:
         return math.prod(self.shape)
 
 
+@checked
 def grid(
     system: System,
     box: Mapping[str, tuple[float, float]],

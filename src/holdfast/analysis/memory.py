@@ -10,9 +10,11 @@ from holdfast.analysis.given import whole
 from holdfast.analysis.grid import Grid
 from holdfast.analysis.marching import Marching, marching_of
 from holdfast.analysis.posed import Posed
+from holdfast.arguments import checked
 from holdfast.execution.closed_loop import check_memory
 
 
+@checked
 def march_memory(
     grid: Grid,
     *,

@@ -10,11 +10,13 @@ import numpy as np
 import sympy as sp
 
 from holdfast.analysis.comparison import Rate
+from holdfast.analysis.given import whole
 from holdfast.analysis.places import Places
 from holdfast.analysis.result import Result
 from holdfast.analysis.safety_law import decided, safety_law, worst_disturbance
 from holdfast.analysis.simulate import simulate
 from holdfast.analysis.value_function import Array, ValueFunction
+from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.closed_loop import Outcome, Progress
 from holdfast.execution.evaluate import Evaluator
@@ -84,6 +86,7 @@ class Promise:
         }
 
 
+@checked
 def check_promise(
     system: System,
     value: ValueFunction,
@@ -120,6 +123,8 @@ def check_promise(
             f"a promise for {horizon:g} s of a value function that has not converged",
             expected=f"at most its horizon, {longest:g} s",
         )
+    whole("runs: ", runs, 1)
+    whole("seed: ", seed, 0)
     known = decided(system, value)
     steered = safety_law(system, value, law, sample_time=sample_time, rate=rate)
     generator = np.random.default_rng(seed)

@@ -14,6 +14,7 @@ import xarray as xr
 from holdfast.analysis.dataset import indexed
 from holdfast.analysis.files import write_netcdf
 from holdfast.analysis.value_function import ValueFunction, value_function
+from holdfast.arguments import checked
 from holdfast.errors import OutputError
 from holdfast.execution.closed_loop import Outcome
 
@@ -142,6 +143,7 @@ class Result:
             }
         return errors
 
+    @checked
     def save(self, path: str | Path) -> Path:
         """Write NetCDF-4, atomically: the file appears whole under its name or not at all.
 
@@ -158,6 +160,7 @@ def _by_name(values: xr.DataArray) -> dict[str, float | None]:
     }
 
 
+@checked
 def load(path: str | Path) -> Result | ValueFunction:
     """A saved result, without the shapes to draw, or a saved value function.
 

@@ -16,6 +16,7 @@ from holdfast.analysis.given import number
 from holdfast.analysis.places import Places
 from holdfast.analysis.posed import definition, with_disturbance
 from holdfast.analysis.value_function import Array, ValueFunction
+from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.hamiltonian import hamiltonian
@@ -38,6 +39,7 @@ MANY = 100_000
 """Nodes near the boundary that a margin is taken from."""
 
 
+@checked
 def safety_law(
     system: System,
     value: ValueFunction,
@@ -110,6 +112,7 @@ def _and_late(delay: float) -> str:
     return f" and a delay of {delay:g} s" if delay else ""
 
 
+@checked
 def sampled_margin(
     system: System, value: ValueFunction, sample_time: float, delay: float = 0.0
 ) -> float:

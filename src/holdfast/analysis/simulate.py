@@ -14,6 +14,7 @@ from holdfast._version import __version__
 from holdfast.analysis.dataset import to_dataset
 from holdfast.analysis.result import Result
 from holdfast.analysis.starts import Starts, initial_states
+from holdfast.arguments import checked
 from holdfast.errors import GainWarning, SimulationError, suggestion
 from holdfast.execution.closed_loop import Array, ClosedLoop, Progress
 from holdfast.execution.settings import Settings
@@ -28,6 +29,7 @@ from holdfast.maths.system import System
 from holdfast.maths.varied import Varied
 
 
+@checked
 def simulate(
     system: System,
     law: Law | Switching,

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.closed_loop import Array, ClosedLoop
 from holdfast.execution.evaluate import Evaluator
@@ -19,6 +20,7 @@ _INSIDE = 1e-9  # how far inside the boundary a start on it lies
 _BLOCK = 4096  # starts of a group that are found together
 
 
+@checked
 @dataclass(frozen=True)
 class Starts:
     """Initial states: `states`, each a mapping (states left out are 0), then `random` ones.

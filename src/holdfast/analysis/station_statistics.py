@@ -6,9 +6,11 @@ import numpy as np
 import xarray as xr
 
 from holdfast.analysis.result import Result
+from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 
 
+@checked
 def station_statistics(
     result: Result, radius: float, *, settled: float, heading: float = 0.1
 ) -> xr.Dataset:

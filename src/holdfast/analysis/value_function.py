@@ -13,7 +13,9 @@ import numpy.typing as npt
 import xarray as xr
 
 from holdfast.analysis.files import write_netcdf
+from holdfast.analysis.given import number
 from holdfast.analysis.grid import Axis, Grid
+from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.compile import compile_interpolation
 from holdfast.maths.quantity import Quantity
@@ -38,6 +40,7 @@ class ValueFunction:
         """The states, in the order of the axes."""
         return tuple(a.name for a in self.grid.axes)
 
+    @checked
     def values(self, time: float | None = None) -> Array:
         """The values at the nodes, at the end or at one of the times that were asked for."""
         data = self.dataset["value"]
@@ -50,6 +53,7 @@ class ValueFunction:
         found: Array = data.values
         return found
 
+    @checked
     def at(self, states: npt.ArrayLike, time: float | None = None) -> Array:
         """V at states of shape (count, states), linear between nodes; NaN outside the grid."""
         points = self._points(states)
@@ -57,6 +61,7 @@ class ValueFunction:
         compile_interpolation().interpolate_many(self._flat(time), points, *self._geometry(), out)
         return out
 
+    @checked
     def gradient(self, states: npt.ArrayLike, time: float | None = None) -> Array:
         """dV/dq at states of shape (count, states): central differences, interpolated."""
         points = self._points(states)
@@ -64,11 +69,13 @@ class ValueFunction:
         compile_interpolation().slopes_many(self._flat(time), points, *self._geometry(), out)
         return out
 
+    @checked
     def contains(self, states: npt.ArrayLike, margin: float = 0.0) -> npt.NDArray[np.bool_]:
         """Whether V > margin; a state outside the grid is not contained."""
         inside: npt.NDArray[np.bool_] = self.at(states) > margin
         return inside
 
+    @checked
     def fraction(self, time: float | None = None) -> float:
         """The share of the grid's box in the set, by the nodes (half a node at each end)."""
         weights = [np.ones(a.count) for a in self.grid.axes]
@@ -83,10 +90,12 @@ class ValueFunction:
             inside += float(share) * float(part)
         return inside / math.prod(float(w.sum()) for w in weights)
 
+    @checked
     def volume(self, time: float | None = None) -> float:
         """The volume of the set, in the product of the units of the states."""
         return self.fraction(time) * math.prod(a.high - a.low for a in self.grid.axes)
 
+    @checked
     def extent(self, time: float | None = None) -> dict[str, tuple[float, float]]:
         """State -> its least and largest value in the set, between nodes by linear interpolation.
 
@@ -115,15 +124,18 @@ class ValueFunction:
             return self
         return ValueFunction(self.dataset.isel(time=-1, drop=True), self.grid)
 
+    @checked
     def slice(self, **at: float) -> ValueFunction:
         """The value function with some states held, between nodes by linear interpolation."""
         data, axes = self.dataset["value"], self.grid.axes
         for name, value in at.items():
             axis = self._axis(name)
+            number(f"{name} = ", value, "a finite number", np.isfinite)
             data = _held(data, axis, float(value))
             axes = tuple(a for a in axes if a.name != name)
         return ValueFunction(data.to_dataset().assign_attrs(self.dataset.attrs), Grid(axes))
 
+    @checked
     def projection(self, *names: str) -> ValueFunction:
         """The largest value over all other states: the shadow of the set on those named."""
         for name in names:
@@ -133,6 +145,7 @@ class ValueFunction:
         axes = tuple(a for a in self.grid.axes if a.name in names)
         return ValueFunction(data.to_dataset().assign_attrs(self.dataset.attrs), Grid(axes))
 
+    @checked
     def save(self, path: str | Path) -> Path:
         """Write NetCDF-4, compressed, atomically; `OutputError` if the folder cannot be written."""
         return write_netcdf(self.dataset, path)

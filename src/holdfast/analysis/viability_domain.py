@@ -10,6 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.analysis.boundary import Boundary
+from holdfast.analysis.given import whole
+from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion
 
 Array = npt.NDArray[np.float64]
@@ -49,6 +51,7 @@ class ViabilityCheck:
         return self.states[index], float(self.margins[index]), self.active[index]
 
 
+@checked
 def check_viability(
     boundary: Boundary,
     box: Mapping[str, tuple[float, float]],
@@ -66,6 +69,7 @@ def check_viability(
     names = boundary.system.state_names
     if not (isinstance(count, int) and count >= 1):
         raise SimulationError(f"count is {count!r}", expected="a whole number, at least 1")
+    whole("seed: ", seed, 0)
     for name, sides in box.items():
         if name not in names:
             raise SimulationError(f"'{name}' is no state", remedy=suggestion(name, names))

@@ -10,11 +10,13 @@ from holdfast.analysis.grid import Grid
 from holdfast.analysis.marching import Problem
 from holdfast.analysis.solve import solve
 from holdfast.analysis.value_function import ValueFunction
+from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.maths.region import Region
 from holdfast.maths.system import System
 
 
+@checked
 def viability_kernel(
     system: System, region: Region, grid: Grid, horizon: float, **options: Any
 ) -> ValueFunction:
@@ -42,6 +44,7 @@ def _undecided(system: System, options: Mapping[str, Any]) -> bool:
     return bool(set(system.disturbance_names) - set(known))
 
 
+@checked
 def discriminating_kernel(
     system: System, region: Region, grid: Grid, horizon: float, **options: Any
 ) -> ValueFunction:
@@ -55,6 +58,7 @@ def discriminating_kernel(
     return solve(system, problem, grid, horizon, **options)
 
 
+@checked
 def invariance_kernel(
     system: System, region: Region, grid: Grid, horizon: float, **options: Any
 ) -> ValueFunction:
@@ -66,6 +70,7 @@ def invariance_kernel(
     return solve(system, problem, grid, horizon, **options)
 
 
+@checked
 def backward_reachable_set(
     system: System,
     target: Region,
@@ -84,6 +89,7 @@ def backward_reachable_set(
     return solve(system, problem, grid, horizon, **options)
 
 
+@checked
 def forward_reachable_set(
     system: System,
     start: Region,
@@ -105,6 +111,7 @@ def forward_reachable_set(
     return solve(system, problem, grid, horizon, **options)
 
 
+@checked
 def capture_basin(
     system: System,
     goal: Region,

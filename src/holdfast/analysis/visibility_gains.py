@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.laws.follow_leader import TURNS
 
@@ -106,6 +107,7 @@ class _Pair:
         return self.high - self.low
 
 
+@checked
 def visibility_gains(
     *,
     k1: float,

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.analysis.campaign import Campaign
+from holdfast.arguments import checked
 from holdfast.campaign.axes import Over, grid_cells, latin_cells, read_over
 from holdfast.campaign.cell import Part, run_part
 from holdfast.campaign.store import Key, store
@@ -34,6 +35,8 @@ Array = npt.NDArray[np.float64]
 PART = 5_000
 """Runs of a cell that are simulated together: what is in memory at a time."""
 
+MOST_PARTS = 20_000_000
+
 KEPT = "sweep-cells.db"
 COUNTS = ("starts.random", "starts.states")
 """What would give every cell as many runs of its own."""
@@ -42,6 +45,7 @@ TAKEN = ("cell", "note", "settings", "refused", "runs", "success", "viable", "fr
 """What means something else in a table."""
 
 
+@checked
 def sweep(
     scenario: str,
     over: Iterable[str],
@@ -87,6 +91,13 @@ def sweep(
     _check_some(shown, data, [settings[k] for k in (0, -1, len(cells) // 2)], runs, seed)
     total = own.runs if isinstance(own, Scenario) and own.course is None else 0
     parts = max(1, -(-total // PART))
+    if len(cells) * parts > MOST_PARTS:
+        raise ScenarioError(
+            f"{len(cells):,} cells of {total:,} runs",
+            expected=f"at most {MOST_PARTS * PART:,} runs",
+        )
+    if workers is not None and workers < 1:
+        raise ScenarioError(f"{workers} workers", expected="at least 1")
     if folder is not None:
         make_folder(folder)
     with ExitStack() as stack:

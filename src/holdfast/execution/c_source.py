@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import sympy as sp
 
 from holdfast._version import __version__
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.execution.c_printer import HELPERS, c_body
 from holdfast.maths.bounds import LinearImage
@@ -18,6 +19,7 @@ from holdfast.maths.switching import Switching, as_switching
 from holdfast.maths.system import System
 
 
+@checked
 def export_c(system: System, law: Law | Switching, name: str = "controller") -> str:
     """The law as C99, with its modes, what it remembers, and the limits of the actuators.
 

@@ -7,9 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 
 
+@checked
 @dataclass(frozen=True)
 class Settings:
     """How to simulate.

@@ -10,10 +10,11 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.functions import clip, least
 
@@ -28,6 +29,7 @@ def _expressions(values: Sequence[object], what: str) -> tuple[sp.Expr, ...]:
     return result
 
 
+@runtime_checkable
 class Bounds(Protocol):
     """What every set of admissible values answers."""
 
@@ -50,6 +52,12 @@ class Bounds(Protocol):
         ...
 
 
+def _check_count(values: Sequence[object], bounds: Bounds) -> None:
+    if len(values) != bounds.dimension:
+        raise DefinitionError(f"{len(values)} values", expected=f"{bounds.dimension}")
+
+
+@checked
 @dataclass(frozen=True)
 class Box:
     """lower_i <= u_i <= upper_i; entries are numbers or expressions in parameters."""
@@ -77,8 +85,10 @@ class Box:
     def free_symbols(self) -> set[sp.Symbol]:
         return set().union(*(e.free_symbols for e in self.lower + self.upper))
 
+    @checked
     def saturate(self, values: Sequence[sp.Expr]) -> tuple[sp.Expr, ...]:
         """Each component clipped: unbounded sides (oo) leave it alone."""
+        _check_count(values, self)
         result = []
         for value, low, high in zip(values, self.lower, self.upper, strict=True):
             unbounded = low == -sp.oo and high == sp.oo
@@ -89,13 +99,16 @@ class Box:
         sides = [tuple(e.subs(parameters) for e in side) for side in (self.lower, self.upper)]
         return Box(*sides)
 
+    @checked
     def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:
+        _check_count(values, self)
         return all(
             float(low) - slack <= value <= float(high) + slack
             for value, low, high in zip(values, self.lower, self.upper, strict=True)
         )
 
 
+@checked
 @dataclass(frozen=True)
 class Ball:
     """|u| <= radius in the Euclidean norm; the radius is a number or an expression."""
@@ -114,8 +127,10 @@ class Ball:
     def free_symbols(self) -> set[sp.Symbol]:
         return set(self.radius.free_symbols)
 
+    @checked
     def saturate(self, values: Sequence[sp.Expr]) -> tuple[sp.Expr, ...]:
         """Shortened to the radius, direction kept (the projection on the ball)."""
+        _check_count(values, self)
         size = sp.sqrt(sum((v**2 for v in values), start=sp.S.Zero))
         scale = least(1, self.radius / (size + sp.Float(1e-300)))
         return tuple(scale * v for v in values)
@@ -123,10 +138,13 @@ class Ball:
     def at(self, parameters: Mapping[sp.Symbol, sp.Expr | float]) -> Ball:
         return Ball(self.radius.subs(parameters), self.dimension)
 
+    @checked
     def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:
+        _check_count(values, self)
         return math.hypot(*values) <= float(self.radius) + slack
 
 
+@checked
 @dataclass(frozen=True)
 class LinearImage:
     """{ M a : a in `of` }, e.g. force and moment from two thrusters.
@@ -168,16 +186,19 @@ class LinearImage:
     def free_symbols(self) -> set[sp.Symbol]:
         return set(self.matrix.free_symbols) | self.of.free_symbols
 
+    @checked
     def allocate(self, values: Sequence[sp.Expr]) -> tuple[sp.Expr, ...]:
         """The actuator values that produce `values`, before saturation."""
         m = self.matrix
         inverse = m.inv() if m.is_square else m.T * (m * m.T).inv()
         return tuple(inverse * sp.Matrix(values))
 
+    @checked
     def saturate(self, values: Sequence[sp.Expr]) -> tuple[sp.Expr, ...]:
         """M times the saturated allocation."""
         return self.produce(self.of.saturate(self.allocate(values)))
 
+    @checked
     def produce(self, actuators: Sequence[sp.Expr]) -> tuple[sp.Expr, ...]:
         """M a, what the actuators bring about."""
         return tuple(self.matrix * sp.Matrix(actuators))
@@ -185,11 +206,13 @@ class LinearImage:
     def at(self, parameters: Mapping[sp.Symbol, sp.Expr | float]) -> LinearImage:
         return LinearImage(self.matrix.subs(parameters), self.of.at(parameters), self.actuators)
 
+    @checked
     def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:
         allocated = self.allocate([sp.Float(v) for v in values])
         return self.of.contains([float(a) for a in allocated], slack)
 
 
+@checked
 @dataclass(frozen=True)
 class Product:
     """A x B x ...: the first members in A, the next in B, each without regard to the others."""
@@ -209,6 +232,7 @@ class Product:
         ends = list(itertools.accumulate(part.dimension for part in self.parts))
         return [(b, values[e - b.dimension : e]) for b, e in zip(self.parts, ends, strict=True)]
 
+    @checked
     def saturate(self, values: Sequence[sp.Expr]) -> tuple[sp.Expr, ...]:
         """Each part saturated by itself."""
         return tuple(e for part, mine in self.split(values) for e in part.saturate(mine))
@@ -216,6 +240,7 @@ class Product:
     def at(self, parameters: Mapping[sp.Symbol, sp.Expr | float]) -> Product:
         return Product(tuple(part.at(parameters) for part in self.parts))
 
+    @checked
     def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:
         return all(part.contains(mine, slack) for part, mine in self.split(values))
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.field import Field
 
@@ -63,7 +64,8 @@ class CriticalPoint:
         return sum(sector.kind == kind for sector in self.sectors)
 
 
-def classify(field: Field, point: Sequence[object] | None = None) -> CriticalPoint:
+@checked
+def classify(field: Field, point: Sequence[sp.Expr | float] | None = None) -> CriticalPoint:
     """Sectors, index and kind of a planar field at one of its zeros, the origin by default.
 
     First for every value of the parameters above their limits, then, where a sign depends on
@@ -77,6 +79,8 @@ def classify(field: Field, point: Sequence[object] | None = None) -> CriticalPoi
             remedy="classify it plane by plane",
         )
     at = tuple(sp.sympify(c) for c in (point if point is not None else (0, 0)))
+    if len(at) != 2:
+        raise DefinitionError(f"a point with {len(at)} coordinates", expected="2")
     limits = [f"{p.name} > {p.above:g}" for p in field.parameters if p.symbol in field.any_values]
     used = sp.Tuple(*field.components).free_symbols
     limits = [t for t, p in zip(limits, field.any_values, strict=True) if p in used]
@@ -93,6 +97,7 @@ def classify(field: Field, point: Sequence[object] | None = None) -> CriticalPoi
         raise _refusal(field, "an undetermined sign") from None
 
 
+@checked
 def winding_number(
     field: Field, radius: float, centre: Sequence[float] = (0.0, 0.0), samples: int = 128
 ) -> int:
@@ -109,6 +114,11 @@ def winding_number(
         )
     if not (radius > 0 and math.isfinite(radius)):
         raise DefinitionError(f"radius {radius:g}", expected="a positive number")
+    if len(centre) != 2 or samples < 1:
+        raise DefinitionError(
+            f"{samples} samples around a centre with {len(centre)} coordinates",
+            expected="at least 1, and 2",
+        )
     function = field.function
 
     def direction(a: float) -> float:

@@ -10,10 +10,12 @@ from __future__ import annotations
 
 import ast
 import math
+import warnings
 from collections.abc import Mapping
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import ExpressionError, suggestion
 from holdfast.maths.functions import greatest, least, select
 from holdfast.maths.vocabulary import FORBIDDEN, FUNCTIONS, NUMERIC, pairwise
@@ -25,6 +27,7 @@ MAX_SIZE = 5000
 MAX_TREE_DEPTH = 150
 
 
+@checked
 def parse_expression(text: object, names: Mapping[str, sp.Expr]) -> sp.Expr:
     """The expression written in `text`; `names` maps every declared name to its symbol.
 
@@ -34,10 +37,14 @@ def parse_expression(text: object, names: Mapping[str, sp.Expr]) -> sp.Expr:
     if isinstance(text, bool) or not isinstance(text, (str, int, float)):
         raise ExpressionError(f"got {text!r}", expected="an expression in quotes or a number")
     if isinstance(text, (int, float)):
-        return _finite(float(text), str(text))
+        try:
+            return _finite(float(text), str(text))
+        except OverflowError:
+            raise ExpressionError("a number is out of range", expected="a finite number") from None
     return _Translator(text, names).expression()
 
 
+@checked
 def parse_condition(text: object, names: Mapping[str, sp.Expr]) -> sp.Expr:
     """The level expression of a condition such as "x < 0 and abs(y) > 0.5"."""
     if not isinstance(text, str):
@@ -81,7 +88,9 @@ class _Translator:
                 f"the expression has {len(text)} characters", expected=f"at most {MAX_LENGTH}"
             )
         try:
-            self.tree = ast.parse(self.text, mode="eval").body
+            with warnings.catch_warnings():  # "1if x else y" is one of them
+                warnings.simplefilter("error", SyntaxWarning)
+                self.tree = ast.parse(self.text, mode="eval").body
         except (SyntaxError, ValueError, MemoryError, RecursionError) as error:
             reason = getattr(error, "msg", None) or str(error) or type(error).__name__
             raise ExpressionError(

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.quantity import (
     Parameter,
@@ -23,6 +24,7 @@ LARGEST = 12
 """The most coordinates of a field of the catalogue."""
 
 
+@checked
 @dataclass(frozen=True)
 class Field:
     """F_i(x; parameters) = factor * components[i], one component for each coordinate.

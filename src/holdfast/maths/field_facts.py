@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.critical_points import CriticalPoint, Sector
 from holdfast.maths.field import Field
@@ -14,6 +15,7 @@ from holdfast.maths.zeros import critical_points
 _WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight")
 
 
+@checked
 def field_facts(field: Field) -> list[str]:
     """Sentences for a reader, each derived from the components, then the field's notes.
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.field import Field
 from holdfast.maths.planes import Vector, axially_symmetric, dot, frame, meridian
@@ -62,7 +63,8 @@ def loop_exponent(field: Field) -> sp.Expr | None:
     return exponent
 
 
-def flow_line(field: Field, start: Sequence[object]) -> FlowLine:
+@checked
+def flow_line(field: Field, start: Sequence[sp.Expr | float]) -> FlowLine:
     """The flow line through a start x0, at the parameters' values; the same units as x0.
 
     A start on the axis of p gives one of the two half-lines, any other a loop; a start in
@@ -115,7 +117,8 @@ def flow_line(field: Field, start: Sequence[object]) -> FlowLine:
     )
 
 
-def exact_flow(field: Field, start: Sequence[object], time: object) -> Vector:
+@checked
+def exact_flow(field: Field, start: Sequence[sp.Expr | float], time: sp.Expr | float) -> Vector:
     """x(t) of xdot = F(x), x(0) = x0, for the dipolar field of lambda = 2, by inversion.
 
         y = x/|x|^2,   y(t) = y(0) - p t

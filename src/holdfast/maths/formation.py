@@ -8,6 +8,7 @@ from functools import reduce
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.bounds import product
 from holdfast.maths.quantity import Quantity, merge_parameters, symbol
@@ -17,6 +18,7 @@ Pose = tuple[str, str, str]
 """The names of a planar position and of a heading."""
 
 
+@checked
 def renamed(system: System, names: Mapping[str, str], name: str = "") -> System:
     """The same system with other names for its quantities: { old: new }.
 
@@ -59,6 +61,7 @@ def renamed(system: System, names: Mapping[str, str], name: str = "") -> System:
     )
 
 
+@checked
 def side_by_side(*systems: System, name: str) -> System:
     """One system of several that do not touch; a parameter of the same name is the same number.
 
@@ -84,6 +87,7 @@ def side_by_side(*systems: System, name: str) -> System:
     )
 
 
+@checked
 def seen_from(
     leader: System, leader_pose: Pose, follower: System, follower_pose: Pose, *, pose: Pose
 ) -> System:

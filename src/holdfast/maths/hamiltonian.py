@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.bounds import Ball, Bounds, Box, LinearImage, Product, section
 from holdfast.maths.functions import greatest, least, magnitude, select, sgn
@@ -54,6 +55,7 @@ class Hamiltonian:
     separable: bool = True
 
 
+@checked
 def hamiltonian(
     system: System, *, inputs: str = "max", disturbances: str = "min", samples: int | None = None
 ) -> Hamiltonian:

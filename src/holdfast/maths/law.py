@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.lookup import Lookup
 from holdfast.maths.quantity import (
@@ -21,6 +22,7 @@ from holdfast.maths.quantity import (
 )
 
 
+@checked
 @dataclass(frozen=True)
 class GainCondition:
     """A stability condition value < limit on the gains, and what happens without it.
@@ -48,6 +50,7 @@ class GainCondition:
         )
 
 
+@checked
 @dataclass(frozen=True)
 class Safeguard:
     """Half-spaces sum_i normals_ij u_i <= offsets_j that the inputs are kept in.
@@ -81,6 +84,7 @@ class Safeguard:
         )
 
 
+@checked
 @dataclass(frozen=True)
 class Law:
     """u_i = outputs_i(t, q; p).

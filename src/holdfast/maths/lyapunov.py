@@ -6,6 +6,7 @@ import math
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.functions import least, select, wrap
 
@@ -37,6 +38,7 @@ def surge_gain_limit(
     return select(-weight, sideways, least(sideways, drag * (exponent - 1) / weight))
 
 
+@checked
 def ultimate_bound(k1: float, mu: float, current: float) -> float:
     """How far from its goal (5.31) leaves a vehicle in a current, in m: artanh(current/k1)/mu.
 

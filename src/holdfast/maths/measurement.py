@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.maths.law import Law
 from holdfast.maths.quantity import Quantity, merge_parameters
 from holdfast.maths.switching import Switching, Transition
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from holdfast.maths.system import System
 
 
+@checked
 @dataclass(frozen=True)
 class Measurement(Quantity):
     """A quantity that is measured: an expression of states and parameters."""

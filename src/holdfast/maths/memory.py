@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.quantity import (
     SAMPLE_TIME,
@@ -20,6 +21,7 @@ from holdfast.maths.quantity import (
 )
 
 
+@checked
 @dataclass(frozen=True)
 class Memory:
     """z(0) = initial(q), z(k+1) = following(q(k), z(k), u(k)) for the quantities z.

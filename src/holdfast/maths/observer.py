@@ -20,6 +20,7 @@ from dataclasses import replace
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.functions import wrap
 from holdfast.maths.law import Law
@@ -29,6 +30,7 @@ from holdfast.maths.switching import Switching, Transition, as_switching
 from holdfast.maths.system import System
 
 
+@checked
 def observe(
     system: System,
     law: Law | Switching,

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.critical_points import CriticalPoint, classify
 from holdfast.maths.field import Field
@@ -142,6 +143,7 @@ def axially_symmetric(field: Field) -> bool:
     )
 
 
+@checked
 def plane_by_plane(field: Field, count: int = 3, seed: int = 0) -> PlaneByPlane:
     """The critical point at the origin, classified in `count` planes through p.
 

@@ -11,6 +11,7 @@ from types import MappingProxyType
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.vocabulary import FUNCTIONS
 
@@ -27,11 +28,13 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _RESERVED = frozenset(("t", "time_in_mode", "sample_time", "pi", "diff", *FUNCTIONS))
 
 
+@checked
 def symbol(name: str) -> sp.Symbol:
     """The symbol of a declared name; everything in holdfast is real."""
     return sp.Symbol(name, real=True)
 
 
+@checked
 @dataclass(frozen=True)
 class Quantity:
     """A scalar with a name (used in expressions), a unit (SI), and whether it is an angle."""
@@ -58,6 +61,7 @@ class Quantity:
         return symbol(self.name)
 
 
+@checked
 @dataclass(frozen=True)
 class Parameter(Quantity):
     """A quantity with a value (above a limit), its source, and whether it is only assumed."""

@@ -24,6 +24,7 @@ from dataclasses import replace
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.functions import clip, least, select
 from holdfast.maths.law import Law
@@ -60,6 +61,7 @@ def switching_signals(
     return signals
 
 
+@checked
 def redesign(
     law: Law,
     region: Region,

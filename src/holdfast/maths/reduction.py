@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.bounds import Bounds, product, section
 from holdfast.maths.system import System
 
 
+@checked
 def promote(
     system: System,
     states: tuple[str, ...],
@@ -58,6 +60,7 @@ def promote(
     )
 
 
+@checked
 def subsystem(system: System, states: tuple[str, ...]) -> System:
     """The system of these states alone, whose rates do not depend on the others.
 

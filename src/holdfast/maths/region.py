@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.functions import greatest
 from holdfast.maths.quantity import (
@@ -23,6 +24,7 @@ from holdfast.maths.quantity import (
 from holdfast.maths.scene import Shape
 
 
+@checked
 @dataclass(frozen=True)
 class Inequality:
     """expression <= 0, in the unit given."""
@@ -36,6 +38,7 @@ class Inequality:
         object.__setattr__(self, "expression", sp.sympify(self.expression))
 
 
+@checked
 @dataclass(frozen=True)
 class Region:
     """K = { q : c_j(q) <= 0 for every j } (thesis (5.4), with its parameters).
@@ -72,9 +75,15 @@ class Region:
     def inequality_names(self) -> tuple[str, ...]:
         return tuple(c.name for c in self.inequalities)
 
+    @checked
     def inequality(self, name: str) -> Inequality:
-        """The inequality of that name (KeyError if there is none)."""
-        return {c.name: c for c in self.inequalities}[name]
+        """The inequality of that name; `DefinitionError` if there is none."""
+        if name not in self.inequality_names:
+            raise DefinitionError(
+                f"region '{self.name}' has no inequality {name!r}",
+                expected="one of " + ", ".join(self.inequality_names),
+            )
+        return self.inequalities[self.inequality_names.index(name)]
 
     @property
     def worst(self) -> sp.Expr:

@@ -21,6 +21,7 @@ from typing import Any, TypeVar, cast
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.bounds import Box, LinearImage
 from holdfast.maths.law import Law, Safeguard
@@ -35,6 +36,7 @@ L = TypeVar("L", bound=Law | Switching)
 Row = tuple[tuple[sp.Expr, ...], sp.Expr]
 
 
+@checked
 def safeguard(
     system: System,
     law: L,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 
 
@@ -25,6 +26,7 @@ class StationKeepingLimits:
     excess: float
 
 
+@checked
 def station_keeping_limits(
     speed_bound: float, lam: float = 3.0, *, k1: float = 1.5, r0: float = 0.1, k2: float = 5.0
 ) -> StationKeepingLimits:

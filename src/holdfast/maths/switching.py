@@ -8,6 +8,7 @@ from types import MappingProxyType
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.law import GainCondition, Law
 from holdfast.maths.lookup import Lookup
@@ -23,6 +24,7 @@ from holdfast.maths.quantity import (
 )
 
 
+@checked
 @dataclass(frozen=True)
 class Transition:
     """source -> target as soon as `when` >= 0.
@@ -39,6 +41,7 @@ class Transition:
         object.__setattr__(self, "when", sp.sympify(self.when))
 
 
+@checked
 @dataclass(frozen=True)
 class Switching:
     """Modes (each a `Law` with the same outputs), guarded transitions and the first mode.

@@ -10,6 +10,7 @@ from typing import Any
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.bounds import Bounds
 from holdfast.maths.measurement import Measurement
@@ -24,6 +25,7 @@ from holdfast.maths.quantity import (
 )
 
 
+@checked
 @dataclass(frozen=True)
 class PfaffianRow:
     """One constraint on the velocities: sum_i coefficients[i] * qdot_i = rhs.
@@ -40,6 +42,7 @@ class PfaffianRow:
         object.__setattr__(self, "rhs", sp.sympify(self.rhs))
 
 
+@checked
 @dataclass(frozen=True)
 class System:
     """States q, inputs u, disturbances d, parameters p, rates f and Pfaffian rows.
@@ -151,10 +154,11 @@ class System:
                 )
         return tuple(known[name] for name in names)
 
+    @checked
     def derivative(self, expression: sp.Expr) -> sp.Expr:
         """d/dt of an expression of the states along the rates (its Lie derivative)."""
-        terms = [expression.diff(q.symbol) * self.rates[q.name] for q in self.states]
-        return sp.Add(expression.diff(TIME), *terms)
+        terms = [sp.sympify(expression).diff(q.symbol) * self.rates[q.name] for q in self.states]
+        return sp.Add(sp.sympify(expression).diff(TIME), *terms)
 
     @property
     def undisturbed_rates(self) -> dict[str, sp.Expr]:

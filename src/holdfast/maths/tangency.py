@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.law import Law
 from holdfast.maths.region import Region
 from holdfast.maths.system import System
 
 
+@checked
 def outward_rates(system: System, region: Region, law: Law | None = None) -> dict[str, sp.Expr]:
     """d/dt c_j along the system, for every inequality: { name: grad c_j . f(q, u, d) }.
 

@@ -8,10 +8,12 @@ from dataclasses import dataclass, field
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.quantity import Parameter, frozen, symbol
 
 
+@checked
 @dataclass(frozen=True)
 class Varied:
     """Parameters that every run has values of its own for.

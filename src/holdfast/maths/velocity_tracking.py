@@ -7,6 +7,7 @@ from typing import overload
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.law import Law
 from holdfast.maths.quantity import TIME, Parameter, merge_parameters
@@ -22,6 +23,7 @@ def track_velocity(system: System, law: Switching, gains: Mapping[str, float]) -
 def track_velocity(
     system: System, law: Law | Switching, gains: Mapping[str, float]
 ) -> Law | Switching: ...
+@checked
 def track_velocity(
     system: System, law: Law | Switching, gains: Mapping[str, float]
 ) -> Law | Switching:

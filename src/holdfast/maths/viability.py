@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.functions import greatest, least, magnitude, select, sgn
 from holdfast.maths.region import Region
@@ -48,6 +49,7 @@ class ViabilityCondition:
     ties: tuple[sp.Expr, ...]
 
 
+@checked
 def viability_conditions(system: System, region: Region) -> tuple[ViabilityCondition, ...]:
     """One condition for each smooth piece of each inequality of `region`.
 

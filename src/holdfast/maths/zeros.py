@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.critical_points import CriticalPoint, classify
 from holdfast.maths.field import Field
@@ -47,6 +48,7 @@ def _span(box: Sequence[tuple[float, float]]) -> float:
     return max(b - a for a, b in box)
 
 
+@checked
 def critical_points(
     field: Field, box: Sequence[tuple[float, float]] = ((-2.0, 2.0), (-2.0, 2.0))
 ) -> Zeros:

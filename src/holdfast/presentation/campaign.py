@@ -18,6 +18,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import PercentFormatter
 
 from holdfast.analysis.campaign import Campaign
+from holdfast.arguments import checked
 from holdfast.errors import OutputError
 from holdfast.presentation import style
 
@@ -75,6 +76,7 @@ def _unit(unit: str) -> str:
     return "" if unit == "1" else f" {unit}"
 
 
+@checked
 def campaign_figure(found: Campaign, variable: str | None = None) -> Figure:
     """The variable over what was gone over; refused cells are hatched.
 

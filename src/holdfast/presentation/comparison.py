@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from holdfast.analysis.comparison import CONFIDENCE, Comparison, Rate, Trial
+from holdfast.arguments import checked
 from holdfast.presentation.style import LINES, WIDTH, look
 
 
@@ -107,6 +108,7 @@ MARKS: dict[str, dict[str, Any]] = {
 """What stands for a share in the figure."""
 
 
+@checked
 def comparison_figure(found: Comparison) -> Figure:
     """The rescue rate of every law in every case with its interval; rings: the viable fraction.
 

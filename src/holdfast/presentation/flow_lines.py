@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 
@@ -16,6 +17,8 @@ from matplotlib.patches import Patch, Wedge
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 
+from holdfast.arguments import checked
+from holdfast.errors import OutputError
 from holdfast.maths.critical_points import CriticalPoint
 from holdfast.maths.field import Field
 from holdfast.maths.field_facts import critical_point_name
@@ -32,6 +35,7 @@ _LOCAL = 0.22
 """Radius of the sectors of a local picture, as a part of the figure's reach."""
 
 
+@checked
 def flow_lines_figure(field: Field, *, reach: float = 1.0, planes: int = 4) -> Figure:
     """The flow lines of a field within `reach` of the origin, in the coordinates' unit.
 
@@ -40,6 +44,10 @@ def flow_lines_figure(field: Field, *, reach: float = 1.0, planes: int = 4) -> F
     dimensions: loops in `planes` planes through p. More, or no closed form: the picture in one
     plane through p, the same in all.
     """
+    if not 0 < reach < math.inf or planes < 1:
+        raise OutputError(
+            f"a reach of {reach:g} and {planes} planes", expected="above 0, and at least 1"
+        )
     if field.dimension == 3 and loop_exponent(field) is not None:
         return _spatial(field, reach, planes)
     inside = field if field.dimension == 2 else meridian(field)

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from holdfast.analysis.result import Result
+from holdfast.arguments import checked
 from holdfast.errors import OutputError
 from holdfast.presentation import style
 
@@ -28,6 +29,7 @@ class _Panel:
     zero: bool = False
 
 
+@checked
 def histories_figure(result: Result, run: int = 0) -> Figure:
     """States by unit, actuators (or inputs), constraints by unit and signals of one run.
 

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from holdfast.analysis.margin import Answer, Margin, Tried
+from holdfast.arguments import checked
 from holdfast.errors import OutputError
 from holdfast.presentation import level_sets, style
 
@@ -20,6 +21,7 @@ FITS = 56
 """Characters of a title on one line."""
 
 
+@checked
 def margin_figure(
     values: npt.ArrayLike,
     fractions: npt.ArrayLike,
@@ -45,6 +47,8 @@ def margin_figure(
         raise OutputError(
             f"{tried.size} values and {left.size} fractions", expected="one fraction for each value"
         )
+    if answers is not None and len(answers) != tried.size:
+        raise OutputError(f"{len(answers)} answers to {tried.size} values", expected="one for each")
     order = np.argsort(tried)
     tried, left = tried[order], left[order]
     if answers is None:

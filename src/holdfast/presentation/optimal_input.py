@@ -15,6 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from holdfast.analysis.value_function import ValueFunction
+from holdfast.arguments import checked
 from holdfast.errors import OutputError
 from holdfast.maths.scene import Shape
 from holdfast.presentation import level_sets, style
@@ -28,6 +29,7 @@ _ARROWS = 16
 """Along either axis."""
 
 
+@checked
 def optimal_input_figure(
     value: ValueFunction,
     inputs: Mapping[str, npt.ArrayLike],
@@ -111,7 +113,11 @@ def optimal_input_figure(
 def _table(value: ValueFunction, plane: tuple[str, str], what: str, array: npt.ArrayLike) -> Array:
     """An array of the caller as (second, first) of the plane."""
     counts = {a.name: a.count for a in value.grid.axes}
-    found, shape = np.asarray(array, dtype=np.float64), tuple(counts[n] for n in plane)
+    shape = tuple(counts[n] for n in plane)
+    try:
+        found = np.asarray(array, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise OutputError(f"'{what}' is {array!r}", expected="an array of numbers") from None
     if found.shape != shape:
         raise OutputError(
             f"'{what}' has the shape {found.shape}",

@@ -17,6 +17,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Polygon, Wedge
 
 from holdfast.analysis.result import Result
+from holdfast.arguments import checked
+from holdfast.errors import OutputError, suggestion
 from holdfast.execution.closed_loop import Outcome
 from holdfast.maths.quantity import symbol
 from holdfast.maths.scene import Cone, Footprint, Segment
@@ -37,6 +39,7 @@ _MAX_BOLD = 3000
 _SHOWN_RUNS = 300
 
 
+@checked
 def paths_figure(
     result: Result,
     plane: tuple[str, str] = ("x", "y"),
@@ -50,6 +53,9 @@ def paths_figure(
     """
     data = result.dataset
     names = [str(n) for n in data["state_name"].values]
+    for name in plane:
+        if name not in names:
+            raise OutputError(f"'{name}' is no state", remedy=suggestion(name, names))
     columns = [names.index(n) for n in plane]
     states = data["state"].values
     xy = states[:, :, columns]

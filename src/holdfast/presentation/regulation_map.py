@@ -10,10 +10,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from holdfast.analysis.regulation_map import RegulationMap
+from holdfast.arguments import checked
 from holdfast.errors import OutputError
 from holdfast.presentation import style
 
 
+@checked
 def regulation_map_figure(found: RegulationMap) -> Figure:
     """The bounds of the inputs, the edge of every active condition, and what is left.
 

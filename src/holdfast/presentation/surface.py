@@ -15,6 +15,7 @@ from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
 from holdfast.analysis.value_function import ValueFunction
+from holdfast.arguments import checked
 from holdfast.errors import OutputError
 from holdfast.presentation import level_sets, style
 from holdfast.presentation.view import check_same_states, told, where
@@ -27,6 +28,7 @@ _LIGHT = np.array([-0.3, -0.6, 0.75]) / np.linalg.norm([-0.3, -0.6, 0.75])
 _OUTSIDE = -1e12
 
 
+@checked
 def surface_figure(
     value: ValueFunction,
     *,

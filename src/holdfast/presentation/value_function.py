@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from holdfast.analysis.value_function import ValueFunction
+from holdfast.arguments import checked
 from holdfast.maths.scene import Shape
 from holdfast.presentation import level_sets, style
 from holdfast.presentation.shapes import draw_fixed, labelled
@@ -20,6 +21,7 @@ from holdfast.presentation.view import Held, View, check_same_states, look_at, t
 Array = npt.NDArray[np.float64]
 
 
+@checked
 def value_function_figure(
     value: ValueFunction,
     *,

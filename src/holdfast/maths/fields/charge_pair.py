@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.maths.field import Field
 from holdfast.maths.fields.electric_dipole import VACUUM_PERMITTIVITY
 from holdfast.maths.quantity import Parameter, Quantity, symbol
 
 
+@checked
 def charge_pair(
     *, charge: float = 1e-9, half_distance: float = 0.4, eps0: float = VACUUM_PERMITTIVITY
 ) -> Field:

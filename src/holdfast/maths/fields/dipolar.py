@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from holdfast.arguments import checked
 from holdfast.maths.dipole import dipolar_field
 from holdfast.maths.field import Field, coordinate_names, exact_moment
 from holdfast.maths.quantity import Parameter, Quantity, symbol
 
 
+@checked
 def dipolar(*, lam: float = 3.0, moment: Sequence[float] = (1.0, 0.0)) -> Field:
     """Dipolar field of any dimension N; its origin is a rose of two elliptic sectors.
 

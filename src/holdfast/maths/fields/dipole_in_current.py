@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.field import Field
 from holdfast.maths.fields.dipole_like import dipole_like
 
 
+@checked
 def dipole_in_current(*, lam: float = 3.0, current_x: float = 1.0, current_y: float = 1.0) -> Field:
     """Dipole-like field that a vehicle in the current v = (current_x, current_y) can follow.
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.dipole import dipole_like_field
 from holdfast.maths.field import Field, coordinate_names, exact_moment
 from holdfast.maths.quantity import Parameter, Quantity, symbol
 
 
+@checked
 def dipole_like(
     *, lam: float = 3.0, moment: Sequence[float] = (1.0, 0.0), exponential: bool = True
 ) -> Field:

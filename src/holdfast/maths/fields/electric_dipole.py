@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.dipole import dipolar_field
 from holdfast.maths.field import Field, coordinate_names, exact_moment
@@ -15,6 +16,7 @@ VACUUM_PERMITTIVITY = 8.8541878128e-12
 """eps0 in F/m (CODATA 2018)."""
 
 
+@checked
 def electric_dipole(
     *, moment: Sequence[float] = (1.0, 0.0, 0.0), eps0: float = VACUUM_PERMITTIVITY
 ) -> Field:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.dipole import UNSEEN, dipolar_field, field_angle
 from holdfast.maths.functions import least, length, select, sgn, wrap
@@ -13,6 +14,7 @@ from holdfast.maths.system import System
 from holdfast.maths.systems.marine_vehicle import surge_inertia, sway_inertia
 
 
+@checked
 def dock_marine(system: System, *, k1: float = 0.2, k2: float = 2.0, freeze: float = 0.01) -> Law:
     """Dock a marine vehicle at the origin with heading 0, exponentially.
 
@@ -53,6 +55,7 @@ def dock_marine(system: System, *, k1: float = 0.2, k2: float = 2.0, freeze: flo
     )
 
 
+@checked
 def project_marine(
     system: System, *, k1: float = 0.2, k2: float = 2.0, freeze: float = 1e-6
 ) -> Law:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.dipole import GUARD
 from holdfast.maths.functions import angle, length, sgn, wrap
@@ -12,6 +13,7 @@ from holdfast.maths.quantity import Parameter, symbol
 from holdfast.maths.system import System
 
 
+@checked
 def face_target(
     system: System,
     *,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.field_following import alignment, law_outputs
 from holdfast.maths.law import Law
@@ -12,6 +13,7 @@ from holdfast.maths.quantity import Parameter
 from holdfast.maths.system import System
 
 
+@checked
 def follow_field(
     system: System,
     *,

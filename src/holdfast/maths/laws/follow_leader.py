@@ -6,6 +6,7 @@ import math
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.footprint import edges, polygon, side_parameters
 from holdfast.maths.functions import clip, greatest, sgn
@@ -21,6 +22,7 @@ NEAR = sp.Float(1e-2)
 TURNS = ("bearing", "line_of_sight")
 
 
+@checked
 def approach_leader(
     *, k1: float = 0.6, k2: float = 0.8, distance: float = 1.0, turn: str = "bearing"
 ) -> Law:
@@ -47,6 +49,7 @@ def approach_leader(
     )
 
 
+@checked
 def follow_leader(
     *,
     k1: float = 0.6,
@@ -95,6 +98,7 @@ def follow_leader(
     )
 
 
+@checked
 def keep_footprint(
     *,
     k1: float = 0.6,

@@ -6,6 +6,7 @@ import math
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.dipole import UNSEEN, dipole_like_field, field_angle
 from holdfast.maths.functions import angle, greatest, least, length, select, sgn, wrap
@@ -19,6 +20,7 @@ from holdfast.maths.system import System
 APPROACH, PUSH, TURN = "approach", "push", "turn"
 
 
+@checked
 def hold_station(
     system: System,
     *,
@@ -178,6 +180,7 @@ def _sampling(*gains: str) -> tuple[GainCondition, ...]:
 AHEAD, ASTERN = "hold_ahead", "hold_astern"
 
 
+@checked
 def hold_station_unknown(
     system: System,
     *,

@@ -6,6 +6,7 @@ import math
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.dipole import GUARD
 from holdfast.maths.functions import angle, clip, greatest, least, length, magnitude, wrap
@@ -17,6 +18,7 @@ from holdfast.maths.system import System
 AHEAD, BACK = "ahead", "back"
 
 
+@checked
 def inspect_target(
     system: System,
     *,

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.functions import magnitude
 from holdfast.maths.law import Law
 from holdfast.maths.quantity import Parameter, symbol
 
 
+@checked
 def back_off(law: Law, *, creep: float = 0.02, as_printed: bool = False) -> Law:
     """Straight back: u = -(|u_convergent| + creep), r = 0; the viable law at the near limit.
 
@@ -20,6 +22,7 @@ def back_off(law: Law, *, creep: float = 0.02, as_printed: bool = False) -> Law:
     return _straight(law, "back_off", -1, creep, as_printed, "back from the near range limit")
 
 
+@checked
 def move_ahead(law: Law, *, creep: float = 0.02, as_printed: bool = False) -> Law:
     """Straight ahead: u = |u_convergent| + creep, r = 0; the viable law at the far limit.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.chained import Pole, steer_in_chained_coordinates
 from holdfast.maths.chained_search import find_chained_form
@@ -12,6 +13,7 @@ from holdfast.maths.switching import Switching
 from holdfast.maths.system import System
 
 
+@checked
 def steer_by_chained_form(
     system: System,
     *,

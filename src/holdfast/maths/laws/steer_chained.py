@@ -6,12 +6,14 @@ from collections.abc import Sequence
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.maths.chained import Pole, steer_in_chained_coordinates
 from holdfast.maths.switching import Switching
 from holdfast.maths.system import System, check_rates
 from holdfast.maths.systems.chained_form import chained_form
 
 
+@checked
 def steer_chained(
     system: System,
     *,

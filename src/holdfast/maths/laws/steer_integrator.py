@@ -6,6 +6,7 @@ import math
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.functions import greatest, least, length, magnitude, select, sgn
 from holdfast.maths.law import GainCondition, Law
@@ -18,6 +19,7 @@ STEER, ESCAPE = "steer", "escape"
 _TINY = sp.Float(1e-300)
 
 
+@checked
 def steer_integrator(
     system: System,
     *,
@@ -81,6 +83,7 @@ def steer_integrator(
     )
 
 
+@checked
 def follow_integrator(
     system: System,
     *,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.dipole import GUARD, dipolar_field, field_angle
 from holdfast.maths.functions import length, sgn, wrap
@@ -14,6 +15,7 @@ from holdfast.maths.system import System
 from holdfast.maths.systems.marine_vehicle import surge_inertia, sway_inertia
 
 
+@checked
 def steer_marine(
     system: System,
     *,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.dipole import UNSEEN, dipolar_field, field_angle
 from holdfast.maths.functions import least, length, magnitude, select, sgn, wrap
@@ -13,6 +14,7 @@ from holdfast.maths.system import System, check_rates
 from holdfast.maths.systems.unicycle import unicycle
 
 
+@checked
 def steer_unicycle(
     system: System, *, k1: float = 1.0, k: float = 4.0, lam: float = 3.0, freeze: float = 1e-4
 ) -> Law:
@@ -55,6 +57,7 @@ def steer_unicycle(
     )
 
 
+@checked
 def align_unicycle(
     system: System,
     *,

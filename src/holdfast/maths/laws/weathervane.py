@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.maths.dipole import UNSEEN
 from holdfast.maths.functions import angle, least, length, wrap
 from holdfast.maths.law import GainCondition, Law
@@ -12,6 +13,7 @@ from holdfast.maths.surge_and_turn import surge_and_turn
 from holdfast.maths.system import System
 
 
+@checked
 def weathervane(
     system: System,
     *,

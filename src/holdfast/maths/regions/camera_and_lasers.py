@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.maths.functions import magnitude
 from holdfast.maths.quantity import Parameter, Quantity, symbol
 from holdfast.maths.region import Inequality, Region
 from holdfast.maths.scene import Cone, Segment
 
 
+@checked
 def camera_and_lasers(
     *,
     half_angle: float = 0.5235987755982988,

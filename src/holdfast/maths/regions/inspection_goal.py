@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.maths.dipole import GUARD
 from holdfast.maths.functions import angle, greatest, least, length, magnitude, wrap
 from holdfast.maths.quantity import Parameter, Quantity, symbol
@@ -11,6 +12,7 @@ from holdfast.maths.region import Inequality, Region
 from holdfast.maths.scene import Circle
 
 
+@checked
 def inspection_goal(
     *,
     goal_x: float = -0.5,

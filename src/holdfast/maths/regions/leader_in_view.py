@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.maths.dipole import GUARD, UNSEEN
 from holdfast.maths.footprint import body_coordinates, polygon, side_parameters, triangle
 from holdfast.maths.functions import angle, length, magnitude
@@ -14,6 +15,7 @@ from holdfast.maths.scene import Circle, Footprint
 POSE = (Quantity("x", "m"), Quantity("y", "m"), Quantity("beta", "rad", angle=True))
 
 
+@checked
 def leader_in_view(
     *,
     range_max: float = 2.5,
@@ -60,6 +62,7 @@ def leader_in_view(
     )
 
 
+@checked
 def leader_in_footprint(*, vertices: object = None) -> Region:
     """The leader within a convex polygon in the follower's own frame, whatever the sensor.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from holdfast.arguments import checked
 from holdfast.maths.functions import magnitude, wrap
 from holdfast.maths.quantity import Parameter, symbol
 from holdfast.maths.region import Inequality, Region
@@ -14,6 +15,7 @@ TOLERANCES = {
 OTHER = ("near_rest", "how small any other state counts as there")
 
 
+@checked
 def near_origin(
     system: System, *, near: float = 0.01, near_angle: float = 0.02, near_rest: float = 0.01
 ) -> Region:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from holdfast.arguments import checked
 from holdfast.maths.dipole import GUARD
 from holdfast.maths.functions import greatest, length, magnitude, wrap
 from holdfast.maths.quantity import Parameter, Quantity, symbol
@@ -9,6 +10,7 @@ from holdfast.maths.region import Inequality, Region
 from holdfast.maths.scene import Circle
 
 
+@checked
 def near_pose(
     *,
     goal_x: float = -0.5,

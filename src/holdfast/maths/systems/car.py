@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.maths.quantity import Parameter, Quantity, symbol
 from holdfast.maths.system import PfaffianRow, System
 
 SOURCE = "R. M. Murray and S. S. Sastry, Nonholonomic motion planning, IEEE TAC 38(5), 1993"
 
 
+@checked
 def car(wheelbase: float = 0.5) -> System:
     """Car-like robot, by the position (x, y) of the middle of its rear axle.
 
@@ -43,6 +45,7 @@ def car(wheelbase: float = 0.5) -> System:
     )
 
 
+@checked
 def front_axle_car(wheelbase: float = 0.5) -> System:
     """Car-like robot, by the position (x, y) of the middle of its front axle.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from holdfast.arguments import checked
 from holdfast.maths.quantity import Quantity, symbol, whole_number
 from holdfast.maths.system import PfaffianRow, System
 
@@ -9,6 +10,7 @@ LARGEST = 12
 """Beyond this the inputs of any stabilising law pass all bounds."""
 
 
+@checked
 def chained_form(n: int = 3) -> System:
     """Chained form with n states, thesis (4.21); all quantities without unit.
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.maths.bounds import Ball, Box
 from holdfast.maths.quantity import Parameter, Quantity, symbol
 from holdfast.maths.system import PfaffianRow, System
 
 
+@checked
 def drifting_unicycle(
     speed_limit: float = 10.0, turn_limit: float = 50.0, current_limit: float = 0.5
 ) -> System:

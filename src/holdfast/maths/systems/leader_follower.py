@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.maths.dipole import UNSEEN
 from holdfast.maths.formation import renamed, seen_from
 from holdfast.maths.functions import angle, length
@@ -15,6 +16,7 @@ from holdfast.maths.system import System
 from holdfast.maths.systems.unicycle import unicycle
 
 
+@checked
 def leader_follower(
     *,
     speed_limit: float = 2.0,

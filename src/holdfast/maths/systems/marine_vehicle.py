@@ -6,6 +6,7 @@ import math
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.maths.bounds import Ball, Box, LinearImage
 from holdfast.maths.functions import magnitude
 from holdfast.maths.quantity import Quantity, symbol
@@ -33,6 +34,7 @@ PARAMETERS: dict[str, tuple[str, str, float]] = {
 """Name -> (unit, meaning, exclusive lower limit) of every parameter, in SI units."""
 
 
+@checked
 def marine_vehicle(
     vehicle: str = "videoray_pro_iii", as_printed: bool = False, **overrides: float
 ) -> System:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from holdfast.arguments import checked
 from holdfast.maths.quantity import Quantity, symbol
 from holdfast.maths.system import PfaffianRow, System
 
 
+@checked
 def nonholonomic_integrator() -> System:
     """Nonholonomic double integrator, thesis (2.17), (4.15); all quantities without unit.
 

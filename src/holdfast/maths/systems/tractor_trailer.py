@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.maths.quantity import Parameter, Quantity, symbol, whole_number
 from holdfast.maths.system import PfaffianRow, System
 
 LENGTHS = (0.5, 0.5, 0.5)
 
 
+@checked
 def tractor_trailer(
     trailers: int = 1,
     *,

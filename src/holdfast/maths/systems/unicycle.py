@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sympy as sp
 
+from holdfast.arguments import checked
 from holdfast.maths.bounds import Box
 from holdfast.maths.quantity import Parameter, Quantity, symbol
 from holdfast.maths.system import PfaffianRow, System
 
 
+@checked
 def unicycle(speed_limit: float = 1.0, turn_limit: float = 2.0) -> System:
     """Unicycle: xdot = v cos(psi), ydot = v sin(psi), psidot = r; thesis (2.10).
 

@@ -1,0 +1,279 @@
+"""What a public function is given: where it fails, which argument is to blame.
+
+One mechanism for all of them. Where an annotation asks for a number or an expression, text, NaN and
+other things are refused before anything is done. What else is of another kind makes a function fail
+somewhere inside: then its arguments are held against its annotations, and the one that does not fit
+is named. Where all fit, the fault is ours. Ranges, and what belongs together, a function refuses by
+itself.
+"""
+
+from __future__ import annotations
+
+import builtins
+import inspect
+import math
+import types
+import typing
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from functools import wraps
+from numbers import Real
+from os import PathLike
+from pathlib import Path
+from typing import Any, TypeVar
+
+import sympy as sp
+
+from holdfast.errors import ArgumentError
+
+T = TypeVar("T", bound=Callable[..., Any])
+
+LONGEST = 60
+LARGEST = 2.0**63
+SAMPLED = 1000
+"""Of a longer sequence only so many entries are looked at."""
+
+ARRAY = TypeVar("ARRAY")
+"""Stands for what becomes an array of numbers."""
+
+FAILURES = (
+    TypeError, AttributeError, ValueError, LookupError, ArithmeticError, AssertionError,
+    NotImplementedError,
+)  # fmt: skip
+
+Fault = str | None
+"""What was expected; None where the value fits."""
+
+Check = Callable[[Any], Fault]
+
+
+def checked(of: T) -> T:
+    """The function, or the class: it names the argument that made it fail (`ArgumentError`)."""
+    if isinstance(of, type):
+        of.__init__ = _checked(of.__init__, of.__name__)  # type: ignore[misc]
+        return of
+    return _checked(of, of.__name__)  # type: ignore[return-value]
+
+
+def _checked(function: Callable[..., Any], name: str) -> Callable[..., Any]:
+    signature = inspect.signature(function)
+    hints: dict[str, Any] = {}
+    early: dict[str, Check] = {}
+
+    def refuse(checks: Mapping[str, Check], arguments: Mapping[str, Any]) -> None:
+        for argument, check in checks.items():
+            if argument in arguments and (expected := check(arguments[argument])):
+                shown = f"{name}: {argument} is {_shown(arguments[argument])}"
+                raise ArgumentError(shown, expected=expected)
+
+    @wraps(function)
+    def call(*given: Any, **named: Any) -> Any:
+        if not hints:  # now, since a module may name what is defined below
+            hints.update(_hints(function, signature))
+            early.update({n: _check(h) for n, h in hints.items() if _is_numeric(h)})
+        try:
+            arguments = signature.bind(*given, **named).arguments
+        except TypeError as error:
+            allowed = ", ".join(n for n in signature.parameters if n != "self")
+            raise ArgumentError(f"{name}: {error}", expected=f"({allowed})") from None
+        refuse(early, arguments)
+        try:
+            return function(*given, **named)
+        except FAILURES:
+            refuse({n: _check(hint) for n, hint in hints.items()}, arguments)
+            raise
+
+    return call
+
+
+def _hints(function: Callable[..., Any], signature: inspect.Signature) -> dict[str, Any]:
+    """What the annotations say of every argument; several together are a list or a table."""
+    names = _Unknown(inspect.unwrap(function).__globals__)
+    known = typing.get_type_hints(function, localns=names)
+    known |= {n: ARRAY for n, raw in function.__annotations__.items() if raw == "npt.ArrayLike"}
+    found: dict[str, Any] = {"return": Any}
+    for name, parameter in signature.parameters.items():
+        hint = known.get(name, Any)
+        if parameter.kind is parameter.VAR_KEYWORD:
+            hint = Mapping[str, hint]  # type: ignore[valid-type]
+        elif parameter.kind is parameter.VAR_POSITIONAL:
+            hint = Sequence[hint]  # type: ignore[valid-type]
+        found[name] = hint
+    return found
+
+
+def _is_numeric(hint: Any) -> bool:
+    """Whether a number or an expression is asked for, or a list of expressions."""
+    inner = [h for h in typing.get_args(hint) if h not in (Ellipsis, type(None))]
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        return all(map(_is_numeric, inner))
+    listed = typing.get_origin(hint) in (tuple, Sequence)
+    if listed and len(inner) == 1:
+        return inner[0] is sp.Expr or sp.Expr in typing.get_args(inner[0])
+    return hint in (float, int, sp.Expr)
+
+
+class _Unknown(dict[str, Any]):
+    """Names that a module imports for its annotations alone: whatever they are, it is allowed."""
+
+    def __missing__(self, name: str) -> Any:
+        if hasattr(builtins, name):
+            raise KeyError(name)
+        return Any
+
+
+def _check(hint: Any) -> Check:
+    """What a value of that annotation has to be."""
+    origin, inner = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (typing.Union, types.UnionType):
+        return _either([_check(part) for part in inner])
+    if origin is typing.Literal:
+        shown = ", ".join(map(repr, inner))
+        return lambda value: None if value in inner else f"one of {shown}"
+    if hint is ARRAY:
+        return _array
+    if isinstance(hint, TypeVar):
+        parts = hint.__constraints__ or (hint.__bound__ or Any,)
+        return _either([_check(part) for part in parts])
+    if hint is None or hint is type(None):
+        return lambda value: None if value is None else "nothing"
+    if origin in (Callable, types.FunctionType) or hint is Callable:
+        return lambda value: None if callable(value) else "a function"
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return _table(inner)
+    if origin is tuple and inner and inner[-1] is not Ellipsis:
+        return _pair([_check(part) for part in inner])
+    if origin is tuple and inner:
+        return _several(_check(inner[0]), kind=tuple)
+    if isinstance(origin, type) and issubclass(origin, Iterable) and inner:
+        return _several(_check(inner[0]), kind=origin)
+    return _kind(hint if isinstance(hint, type) else origin)
+
+
+def _kind(kind: Any) -> Check:
+    if kind is float:
+        return _number
+    if kind is int:
+        return _whole
+    if kind is bool:
+        return lambda value: None if type(value).__name__ in ("bool", "bool_") else "true or false"
+    if kind is sp.Expr:
+        return _expression
+    if kind is Path:
+        return lambda value: None if isinstance(value, str | PathLike) else "a path"
+    known = isinstance(kind, type) and kind not in (object, Any)
+    if known and getattr(kind, "_is_runtime_protocol", not getattr(kind, "_is_protocol", False)):
+        article = "text" if kind is str else f"a {kind.__name__}"
+        return lambda value: None if isinstance(value, kind) else article
+    return _anything
+
+
+def _anything(value: Any) -> Fault:
+    return None
+
+
+def _as_float(value: Any) -> float:
+    """NaN for what is no real number, or out of range."""
+    if isinstance(value, sp.Expr):
+        known = value.is_number and value.is_extended_real
+    else:
+        known = isinstance(value, Real) and not isinstance(value, bool)
+        known = known or (getattr(value, "shape", None) == () and value.dtype.kind in "fiu")
+    try:
+        return float(value) if known else math.nan
+    except OverflowError:
+        return math.nan
+
+
+def _number(value: Any) -> Fault:
+    return "a number" if math.isnan(_as_float(value)) else None
+
+
+def _whole(value: Any) -> Fault:
+    """Whether 3.0 is one is for the function to say."""
+    fits = isinstance(value, bool) or abs(_as_float(value)) < LARGEST
+    return None if fits else "a whole number"
+
+
+def _expression(value: Any) -> Fault:
+    if isinstance(value, sp.Basic) or type(value).__name__.endswith("Matrix"):
+        return "an expression, not NaN" if value is sp.nan else None
+    return "an expression, or a number" if math.isnan(_as_float(value)) else None
+
+
+def _array(value: Any) -> Fault:
+    import numpy as np  # not before something has failed
+
+    try:
+        np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return "numbers"
+    return None
+
+
+NUMERIC = (_number, _whole, _expression)
+
+
+def _either(checks: Sequence[Check]) -> Check:
+    if _anything in checks:
+        return _anything
+
+    def check(value: Any) -> Fault:
+        faults = [c(value) for c in checks]
+        return None if None in faults else " or ".join(f for f in faults if f and f != "nothing")
+
+    return check
+
+
+def _table(inner: Sequence[Any]) -> Check:
+    entry = _check(inner[1]) if len(inner) == 2 else _anything
+    key = _check(inner[0]) if len(inner) == 2 else _anything
+
+    def check(value: Any) -> Fault:
+        if not isinstance(value, Mapping):
+            return "a table by name"
+        for name, one in value.items():
+            if fault := key(name) or entry(one):
+                return f"a table by name, of which every entry is {fault}"
+        return None
+
+    return check
+
+
+def _pair(checks: Sequence[Check]) -> Check:
+    def check(value: Any) -> Fault:
+        entries = _entries(value)
+        if entries is None or len(entries) != len(checks):
+            return f"{len(checks)} of them"
+        faults = (one(v) for one, v in zip(checks, entries, strict=True))
+        fault = next((f for f in faults if f), None)
+        return fault and f"{len(checks)} of them, each {fault}"
+
+    return check
+
+
+def _several(entry: Check, kind: type) -> Check:
+    def check(value: Any) -> Fault:
+        if kind is tuple and entry not in NUMERIC and not isinstance(value, tuple):
+            return "a tuple"
+        entries = _entries(value)
+        if entries is None:
+            iterable = isinstance(value, Iterable) and not isinstance(value, str | bytes | Mapping)
+            return "a list" if issubclass(kind, Sequence) or not iterable else None
+        fault = next((f for v in entries[:SAMPLED] if (f := entry(v))), None)
+        return fault and f"a list, each {fault}"
+
+    return check
+
+
+def _entries(value: Any) -> Sequence[Any] | None:
+    """Of a list, a tuple or an array with an axis."""
+    if isinstance(value, str | bytes | Mapping) or not isinstance(value, Collection):
+        return None
+    if getattr(value, "shape", (1,)) == () or not hasattr(value, "__getitem__"):
+        return None
+    return value  # type: ignore[return-value]
+
+
+def _shown(value: Any) -> str:
+    text = repr(value).split("\n")[0]
+    return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."

@@ -1,0 +1,477 @@
+"""Every public function, given nonsense in the place of each of its arguments, says what is wrong."""
+
+import contextlib
+import inspect
+import math
+import signal
+import warnings
+from functools import cache
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.errors import HoldfastError
+
+NAN, INF = math.nan, math.inf
+NONSENSE = {
+    "nan": NAN,
+    "inf": INF,
+    "-inf": -INF,
+    "none": None,
+    "empty text": "",
+    "text": "nonsense",
+    "empty list": [],
+    "empty table": {},
+    "list of nan": [NAN, NAN, NAN],
+    "list of text": ["a", "b"],
+    "table of nan": {"x": NAN},
+    "table of text": {"x": "nonsense"},
+    "array of nothing": np.zeros((0, 3)),
+    "array of three axes": np.zeros((2, 2, 2)),
+    "array of nan": np.full((2, 3), NAN),
+    "array of text": np.array(["a", "b"]),
+    "array of objects": np.array([object(), None], dtype=object),
+    "complex": 1j,
+    "minus one": -1,
+    "huge": 10**400,
+    "object": object(),
+    "class": int,
+}
+PATIENCE = 20
+x, y, v, k = (hf.symbol(n) for n in ("x", "y", "v", "k"))
+
+
+def line():
+    """x' = x + u + d, |u| <= 0.6, |d| <= push."""
+    u, d, push = (hf.symbol(n) for n in ("u", "d", "push"))
+    return hf.System(
+        name="line",
+        states=(hf.Quantity("x", "m"),),
+        inputs=(hf.Quantity("u", "m/s"),),
+        disturbances=(hf.Quantity("d", "m/s"),),
+        parameters=(hf.Parameter("push", "m/s", value=0.2),),
+        rates={"x": x + u + d},
+        input_bounds=hf.Box((-0.6,), (0.6,)),
+        disturbance_bounds=hf.Box((-push,), (push,)),
+    )
+
+
+def slider():
+    """x' = u."""
+    return hf.System(
+        name="slider",
+        states=(hf.Quantity("x", "m"),),
+        inputs=(hf.Quantity("u", "m/s"),),
+        rates={"x": hf.symbol("u")},
+        input_bounds=hf.Box((-0.6,), (0.6,)),
+    )
+
+
+def end():
+    return hf.Region("ends", (hf.Quantity("x", "m"),), (hf.Inequality("end", x**2 - 1, "m"),))
+
+
+@cache
+def value():
+    return hf.discriminating_kernel(line(), end(), over(), 1.0)
+
+
+def over():
+    return hf.grid(line(), {"x": (-1.2, 1.2)}, 21)
+
+
+def push_law(of=None):
+    return hf.Law("push", (hf.Quantity("x", "m"),), {"u": -2 * x})
+
+
+@cache
+def result():
+    return hf.simulate(
+        line(), push_law(), starts=[[0.1], [0.2]], region=end(), goal=end(), horizon=1.0
+    )
+
+
+def marched(**more):
+    return {"system": line(), "grid": over(), "horizon": 0.2, **more}
+
+
+@cache
+def station():
+    robot = hf.systems.drifting_unicycle()
+    law = hf.laws.hold_station(robot)
+    return hf.simulate(robot, law, starts=[[1.0, 0, 0]], horizon=1.0)
+
+
+def robots():
+    robot = hf.systems.unicycle()
+    names = [q.name for q in (*robot.states, *robot.inputs, *robot.parameters)]
+    return hf.renamed(robot, {n: f"{n}L" for n in names}), robot
+
+
+FUNCTIONS = {
+    "backward_reachable_set": lambda: marched(target=end(), disturbances="min"),
+    "forward_reachable_set": lambda: marched(start=end(), disturbances="max"),
+    "capture_basin": lambda: marched(goal=end(), region=None, arrival_steps=4),
+    "discriminating_kernel": lambda: marched(region=end()),
+    "invariance_kernel": lambda: marched(region=end()),
+    "viability_kernel": lambda: {
+        "system": slider(), "region": end(), "grid": hf.grid(slider(), {"x": (-1.2, 1.2)}, 21), "horizon": 0.2,
+    },
+    "check_promise": lambda: {
+        "system": line(), "value": value(), "region": end(), "goal": None, "law": push_law(), "runs": 4,
+        "margin": 0.1, "horizon": 0.2, "sample_time": 0.02, "rate": 2.0, "seed": 0,
+    },
+    "check_viability": lambda: {
+        "boundary": hf.Boundary(line(), end()), "box": {"x": (-1.2, 1.2)}, "count": 5, "seed": 0, "disturbance": "none",
+    },
+    "classify": lambda: {"field": hf.fields.dipolar(), "point": [0, 0]},
+    "compare": lambda: {
+        "name": "ch5-rescue", "laws": ["inspection"], "cases": ["5 N"], "overrides": ["run.horizon=0.5"], "runs": 1, "seed": 1,
+    },
+    "comparison_figure": lambda: {"found": comparison()},
+    "campaign_figure": lambda: {"found": campaign(), "variable": "refused"},
+    "contingent_cone": lambda: {
+        "system": line(), "region": end(), "state": [1.0], "parameters": {"push": 0.1}, "tolerance": 1e-6,
+    },
+    "critical_points": lambda: {"field": hf.fields.dipole_in_current(), "box": ((-2.0, 2.0), (-2.0, 2.0))},
+    "disturbance_margin": lambda: {
+        "scenario": "ch7-any-current", "of": "current.speed", "between": (0.1, 0.2), "tolerance": 0.09, "keep": [],
+        "overrides": ["grid.nodes=7", "march.horizon=0.1", "promise="],
+    },
+    "exact_flow": lambda: {"field": hf.fields.dipolar(lam=2.0), "start": [1.0, 0.5], "time": 0.2},
+    "explain": lambda: {"system": hf.systems.unicycle(), "moment": [1.0, 0.0], "limit": 60.0},
+    "export_c": lambda: {"system": line(), "law": push_law(), "name": "push"},
+    "field_facts": lambda: {"field": hf.fields.dipolar()},
+    "flow_line": lambda: {"field": hf.fields.dipolar(lam=2.0), "start": [1.0, 0.5]},
+    "flow_lines_figure": lambda: {"field": hf.fields.dipolar(), "reach": 1.0, "planes": 2},
+    "grid": lambda: {"system": line(), "box": {"x": (-1.0, 1.0)}, "nodes": 11, "ends": {"x": "extrapolated"}},
+    "hamiltonian": lambda: {"system": line(), "inputs": "max", "disturbances": "min", "samples": None},
+    "histories_figure": lambda: {"result": result(), "run": 0},
+    "load": lambda: {"path": "nowhere.nc"},
+    "load_scenario": lambda: {"name": "inspection", "overrides": ["law.k1=0.1"], "runs": 2, "seed": 3},
+    "march_memory": lambda: {"grid": over(), "capture": True, "moving": False, "times": 1, "least_times": True},
+    "margin_figure": lambda: {
+        "values": [0.1, 0.2], "fractions": [0.5, 0.0], "name": "current", "unit": "m/s", "threshold": 0.0, "answers": None,
+        "keeps": False,
+    },
+    "observe": lambda: {"system": line(), "law": push_law(), "measured": ["x"], "bandwidth": 2.0},
+    "optimal_input_figure": lambda: plane_figure(),
+    "outward_rates": lambda: {"system": line(), "region": end(), "law": push_law()},
+    "parse_condition": lambda: {"text": "x < 1", "names": {"x": x}},
+    "parse_expression": lambda: {"text": "x + 1", "names": {"x": x}},
+    "paths_figure": lambda: {"result": station(), "plane": ("x", "y"), "highlight": 1, "cones": 1, "cone_run": 0},
+    "plane_by_plane": lambda: {"field": hf.fields.electric_dipole(), "count": 1, "seed": 0},
+    "promote": lambda: {
+        "system": hf.systems.marine_vehicle(), "states": ("u", "r"), "bounds": hf.Box((-1, -1), (1, 1)), "disturbances": ("v",),
+        "disturbance_bounds": hf.Box((-0.1,), (0.1,)),
+    },
+    "redesign": lambda: redesigned(),
+    "regulation_map": lambda: {
+        "system": line(), "region": end(), "state": [1.0], "parameters": {"push": 0.1}, "tolerance": 1e-6,
+        "disturbance": "none", "gains": (1.0, 2.0),
+    },
+    "regulation_map_figure": lambda: {
+        "found": hf.regulation_map(hf.systems.unicycle(), near(), [1.0, 0.0, 0.0]),
+    },
+    "renamed": lambda: {"system": line(), "names": {"x": "z"}, "name": "other"},
+    "safeguard": lambda: {
+        "system": line(), "law": push_law(), "region": end(), "gains": (1.0, 4.0), "margins": {"end": 0.1},
+        "scales": {"u": 1.0}, "measured": False,
+    },
+    "safety_law": lambda: {
+        "system": line(), "value": value(), "law": push_law(), "rate": 2.0, "margin": 0.1, "sample_time": 0.02, "delay": 0.0,
+        "scales": {"u": 1.0},
+    },
+    "sampled_margin": lambda: {"system": line(), "value": value(), "sample_time": 0.02, "delay": 0.0},
+    "seen_from": lambda: {
+        "leader": robots()[0], "leader_pose": ("xL", "yL", "psiL"), "follower": robots()[1],
+        "follower_pose": ("x", "y", "psi"), "pose": ("x", "y", "psi"),
+    },
+    "simulate": lambda: {
+        "system": line(), "law": push_law(), "starts": [[0.1]], "part": range(1), "region": end(), "goal": end(), "horizon": 0.2,
+        "stepper": "rk4", "disturbance": {"d": 0.1}, "plant": {"push": 0.3}, "varied": hf.Varied(), "reference": {"x": 0.0},
+        "start_outside": False, "sample_time": 0.02, "substeps": 2, "record_every": 0.1, "tolerance": 0.0, "seed": 1,
+        "delay": 0.0, "switch_limit": 5, "noise_normal": {"x": 0.01}, "noise_uniform": {"x": 0.01},
+    },
+    "station_keeping_limits": lambda: {"speed_bound": 0.3, "lam": 3.0, "k1": 1.5, "r0": 0.1, "k2": 5.0},
+    "station_statistics": lambda: {"result": station(), "radius": 0.1, "settled": 0.5, "heading": 0.1},
+    "subsystem": lambda: {"system": hf.systems.marine_vehicle(), "states": ("u", "v", "r")},
+    "surface_figure": lambda: {"value": solid(), "at": None, "others": None, "label": "set", "view": (25.0, -60.0)},
+    "sweep": lambda: {
+        "scenario": "ch2-unicycle", "over": ["k=1:2:2"], "latin": None, "runs": 1, "seed": 1, "overrides": ["run.horizon=0.2"],
+        "executor": here(),
+    },
+    "symbol": lambda: {"name": "x"},
+    "track_velocity": lambda: {
+        "system": hf.systems.marine_vehicle(), "law": hf.laws.steer_marine(hf.systems.marine_vehicle()), "gains": {"u": 5.0, "r": 9.0},
+    },
+    "ultimate_bound": lambda: {"k1": 0.16, "mu": 1.5, "current": 0.05},
+    "value_function_figure": lambda: {
+        "value": solid(), "plane": ("x", "y"), "at": {"psi": 0.0}, "others": None, "label": "set", "scene": (), "parameters": {},
+    },
+    "viability_conditions": lambda: {"system": line(), "region": end()},
+    "visibility_gains": lambda: {
+        "k1": 0.6, "distance": 1.0, "range_max": 2.5, "half_angle": 0.6, "leader_speed": 0.2, "softness": 0.05, "turn": "bearing",
+        "robot_radius": 0.2,
+    },
+    "winding_number": lambda: {"field": hf.fields.dipolar(), "radius": 1.0, "centre": (0.0, 0.0), "samples": 64},
+}  # fmt: skip
+
+FINE = {
+    ("compare", "laws", "none"),  # all of them: minutes
+    ("compare", "cases", "none"),
+    ("sweep", "executor", "none"),  # processes of its own
+}
+"""What is no nonsense, and takes long."""
+
+SIDE_BY_SIDE = "side_by_side"  # takes as many systems as one likes
+
+CLASSES = {
+    "Ball": lambda: {"radius": 1, "dimension": 2},
+    "Box": lambda: {"lower": (-1,), "upper": (1,)},
+    "Boundary": lambda: {"system": line(), "region": end(), "parameters": {"push": 0.1}, "tolerance": 1e-6},
+    "Field": lambda: {
+        "name": "f", "coordinates": (hf.Quantity("x"), hf.Quantity("y")), "components": (x, y), "moment": (1, 0),
+        "parameters": (), "factor": 1, "unit": "1", "description": "", "source": "",
+    },
+    "GainCondition": lambda: {"value": k, "limit": 2, "consequence": "it ends", "source": "us", "closed": False},
+    "Inequality": lambda: {"name": "c", "expression": x - 1, "unit": "m", "description": ""},
+    "Law": lambda: {
+        "name": "law", "reads": (hf.Quantity("x"),), "outputs": {"u": x}, "parameters": (), "signals": {"s": x},
+        "conditions": (),
+    },
+    "LinearImage": lambda: {"matrix": hf.systems.marine_vehicle().input_bounds.matrix, "of": hf.Box((-1, -1), (1, 1)), "actuators": ("a", "b")},
+    "Measurement": lambda: {"name": "range", "unit": "m", "description": "", "angle": False, "expression": x},
+    "Memory": lambda: {
+        "quantities": (hf.Quantity("z"),), "initial": {"z": x}, "following": {"z": x}, "reads": (hf.Quantity("x"),),
+        "inputs": (), "parameters": (),
+    },
+    "Parameter": lambda: {"name": "k", "unit": "1", "description": "", "angle": False, "value": 1.0, "source": "", "assumed": False, "above": 0.0},
+    "PfaffianRow": lambda: {"coefficients": {"x": x}, "rhs": 0},
+    "Product": lambda: {"parts": (hf.Box((-1,), (1,)), hf.Ball(1, 2))},
+    "Quantity": lambda: {"name": "x", "unit": "rad", "description": "", "angle": True},
+    "Region": lambda: {"name": "r", "reads": (hf.Quantity("x"),), "inequalities": (hf.Inequality("c", x),), "parameters": (), "scene": ()},
+    "Starts": lambda: {"states": [{"x": 0.1}], "random": 1, "box": {"x": (-1.0, 1.0)}, "active": ()},
+    "Switching": lambda: {
+        "name": "s", "modes": {"a": push_law(), "b": push_law()}, "transitions": (hf.Transition("a", "b", x),), "initial": "a",
+        "signals": {"s": x}, "extra_parameters": (), "description": "", "source": "",
+    },
+    "System": lambda: {
+        "name": "s", "states": (hf.Quantity("x"),), "inputs": (hf.Quantity("u"),), "rates": {"x": hf.symbol("u")}, "parameters": (),
+        "disturbances": (), "input_bounds": hf.Box((-1,), (1,)), "disturbance_bounds": None, "pfaffian": (),
+    },
+    "Transition": lambda: {"source": "a", "target": "b", "when": x},
+    "Varied": lambda: {"draws": {"d": (0.0, 1.0)}, "values": {"k": hf.symbol("d")}, "plant": {"push": hf.symbol("d")}, "units": {"d": "m"}},
+}  # fmt: skip
+
+
+METHODS = {
+    "ValueFunction.values": lambda: (value(), {"time": None}),
+    "ValueFunction.at": lambda: (value(), {"states": [[0.1]], "time": None}),
+    "ValueFunction.gradient": lambda: (value(), {"states": [[0.1]], "time": None}),
+    "ValueFunction.contains": lambda: (value(), {"states": [[0.1]], "margin": 0.0}),
+    "ValueFunction.fraction": lambda: (value(), {"time": None}),
+    "ValueFunction.volume": lambda: (value(), {"time": None}),
+    "ValueFunction.extent": lambda: (value(), {"time": None}),
+    "ValueFunction.slice": lambda: (solid(), {"psi": 0.1}),
+    "Campaign.variable": lambda: (campaign(), {"name": "refused"}),
+    "Campaign.summary": lambda: (campaign(), {"variable": "refused"}),
+    "Campaign.values_of": lambda: (campaign(), {"cell": 0}),
+    "Campaign.command": lambda: (campaign(), {"cell": 0}),
+    "Comparison.of": lambda: (comparison(), {"law": "inspection", "case": "5 N"}),
+    "Boundary.worst": lambda: (hf.Boundary(line(), end()), {"states": [[0.1]]}),
+    "Boundary.active_set": lambda: (hf.Boundary(line(), end()), {"state": [1.0]}),
+    "Boundary.outside": lambda: (hf.Boundary(line(), end()), {"state": [1.0]}),
+    "Boundary.contingent_cone": lambda: (hf.Boundary(line(), end()), {"state": [1.0]}),
+    "Boundary.regulation_map": lambda: (
+        hf.Boundary(line(), end()), {"state": [1.0], "disturbance": "none", "gains": (1.0, 2.0)},
+    ),
+    "Region.inequality": lambda: (end(), {"name": "end"}),
+    "System.derivative": lambda: (line(), {"expression": x}),
+    "Ball.contains": lambda: (hf.Ball(1, 2), {"values": [0.1, 0.2], "slack": 0.0}),
+    "Box.contains": lambda: (hf.Box((-1,), (1,)), {"values": [0.1], "slack": 0.0}),
+    "Box.saturate": lambda: (hf.Box((-1,), (1,)), {"values": [x]}),
+}  # fmt: skip
+
+
+@cache
+def here():
+    from concurrent.futures import ThreadPoolExecutor
+
+    return ThreadPoolExecutor(1)
+
+
+@cache
+def campaign():
+    return hf.sweep(
+        "ch2-unicycle", ["k=1,2"], runs=1, overrides=["run.horizon=0.2"], executor=here()
+    )
+
+
+@cache
+def comparison():
+    return hf.compare("ch5-rescue", ["inspection"], ["5 N"], overrides=["run.horizon=0.5"], runs=1)
+
+
+def near():
+    quantities = (hf.Quantity("x", "m"), hf.Quantity("y", "m"))
+    return hf.Region("near", quantities, (hf.Inequality("far", x**2 + y**2 - 1, "m"),))
+
+
+@cache
+def solid():
+    robot = hf.systems.unicycle()
+    box = {"x": (-1.2, 1.2), "y": (-1.2, 1.2), "psi": (-np.pi, np.pi)}
+    return hf.viability_kernel(robot, near(), hf.grid(robot, box, 9), 0.2)
+
+
+def plane_figure():
+    from holdfast.analysis.safety_law import optimal_inputs
+
+    inputs, velocity = optimal_inputs(hf.systems.unicycle(), solid(), ("x", "y"), {"psi": 0.0})
+    return {
+        "value": solid(), "inputs": {n: inputs[n] for n in list(inputs)[:1]}, "velocity": velocity, "plane": ("x", "y"),
+        "at": {"psi": 0.0}, "others": None, "scene": (), "parameters": {},
+    }  # fmt: skip
+
+
+def redesigned():
+    vehicle = hf.systems.marine_vehicle()
+    law, view = hf.laws.steer_marine(vehicle), hf.regions.camera_view()
+    face = hf.laws.face_target(vehicle)
+    names = view.inequality_names
+    return {
+        "law": law, "region": view, "viable": dict.fromkeys(names, face),
+        "layers": dict.fromkeys(names, (-0.1, -0.03)), "as_printed": False,
+    }  # fmt: skip
+
+
+def catalogue():
+    """Every entry with the arguments it is built on, and those of its own."""
+    from holdfast.catalogue import leading_argument
+
+    for kind in (hf.systems, hf.laws, hf.regions, hf.fields):
+        for function in kind.ALL:
+            yield function, leading_argument(function)
+
+
+def built_on(function):
+    """A system that the entry is made for."""
+    for system in hf.systems.ALL:
+        try:
+            function(system())
+        except HoldfastError:
+            continue
+        return system()
+    raise AssertionError(function.__name__)
+
+
+def entry_arguments(function, leading):
+    signature = inspect.signature(function).parameters.values()
+    found = {
+        p.name: p.default for p in signature if p.default is not p.empty and p.kind != p.VAR_KEYWORD
+    }
+    if leading == "system":
+        found["system"] = built_on(function)
+    elif leading == "law":
+        found["law"] = hf.laws.steer_marine(hf.systems.marine_vehicle())
+    return found
+
+
+@contextlib.contextmanager
+def within(seconds):
+    """An answer in that time, or `TimeoutError`."""
+
+    def late(number, frame):
+        raise TimeoutError(f"no answer in {seconds} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(seconds)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def attempts(function, base):
+    """The calls with one argument replaced; what they gave that is neither an answer nor a refusal."""
+    wrong = []
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        function(**base) if function is not hf.load else None
+        for name, given in base.items():
+            for what, nonsense in NONSENSE.items():
+                if (function.__name__, name, what) in FINE:
+                    continue
+                try:
+                    with within(PATIENCE):
+                        function(**{**base, name: nonsense})
+                except HoldfastError as error:
+                    if len(str(error)) < 10:
+                        wrong.append(f"{name} = {what}: '{error}'")
+                except Exception as error:
+                    wrong.append(f"{name} = {what}: {type(error).__name__}: {error}"[:200])
+                else:
+                    number = isinstance(given, float) or (
+                        isinstance(given, int) and not isinstance(given, bool)
+                    )
+                    if number and what in (
+                        "nan",
+                        "text",
+                        "list of nan",
+                        "object",
+                        "complex",
+                        "array of nan",
+                    ):
+                        wrong.append(f"{name} = {what}: taken")
+    return wrong
+
+
+def close():
+    import matplotlib.pyplot as plt
+
+    plt.close("all")
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_nonsense_is_refused_by_functions(name):
+    wrong = attempts(getattr(hf, name), FUNCTIONS[name]())
+    close()
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize("name", CLASSES)
+def test_nonsense_is_refused_by_definitions(name):
+    wrong = attempts(getattr(hf, name), CLASSES[name]())
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize(
+    ("function", "leading"), list(catalogue()), ids=lambda f: getattr(f, "__name__", "")
+)
+def test_nonsense_is_refused_by_the_catalogue(function, leading):
+    wrong = attempts(function, entry_arguments(function, leading))
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_nonsense_is_refused_by_methods(name):
+    of, base = METHODS[name]()
+    wrong = attempts(getattr(of, name.split(".")[1]), base)
+    assert not wrong, "\n".join(wrong)
+
+
+def test_every_public_function_is_asked():
+    functions = {n for n in hf.__all__ if inspect.isfunction(getattr(hf, n))}
+    assert functions == set(FUNCTIONS) | {SIDE_BY_SIDE}
+
+
+def test_systems_side_by_side_are_systems():
+    for what, nonsense in NONSENSE.items():
+        with pytest.raises(HoldfastError):
+            hf.side_by_side(line(), nonsense, name="two")
+        if what != "text":
+            with pytest.raises(HoldfastError):
+                hf.side_by_side(line(), slider(), name=nonsense)
