@@ -1,10 +1,10 @@
 """What a public function is given: where it fails, which argument is to blame.
 
-One mechanism for all of them. Where an annotation asks for a number or an expression, text, NaN and
-other things are refused before anything is done. What else is of another kind makes a function fail
-somewhere inside: then its arguments are held against its annotations, and the one that does not fit
-is named. Where all fit, the fault is ours. Ranges, and what belongs together, a function refuses by
-itself.
+One mechanism for all of them. A function refuses by itself what is out of range or does not belong
+together. What is of another kind makes it fail somewhere inside: then its arguments are held
+against its annotations, and the one that does not fit is named. Where all fit, the fault is ours.
+What is no number is refused even where a function could do without it, and text is never read as an
+expression.
 """
 
 from __future__ import annotations
@@ -57,7 +57,8 @@ def checked(of: T) -> T:
 def _checked(function: Callable[..., Any], name: str) -> Callable[..., Any]:
     signature = inspect.signature(function)
     hints: dict[str, Any] = {}
-    early: dict[str, Check] = {}
+    before: dict[str, Check] = {}
+    after: dict[str, Check] = {}
 
     def refuse(checks: Mapping[str, Check], arguments: Mapping[str, Any]) -> None:
         for argument, check in checks.items():
@@ -69,18 +70,21 @@ def _checked(function: Callable[..., Any], name: str) -> Callable[..., Any]:
     def call(*given: Any, **named: Any) -> Any:
         if not hints:  # now, since a module may name what is defined below
             hints.update(_hints(function, signature))
-            early.update({n: _check(h) for n, h in hints.items() if _is_numeric(h)})
+            before.update({n: _check(h) for n, h in hints.items() if _takes_expressions(h)})
+            after.update({n: _check(h) for n, h in hints.items() if _is_number(h)})
         try:
             arguments = signature.bind(*given, **named).arguments
         except TypeError as error:
             allowed = ", ".join(n for n in signature.parameters if n != "self")
             raise ArgumentError(f"{name}: {error}", expected=f"({allowed})") from None
-        refuse(early, arguments)
+        refuse(before, arguments)
         try:
-            return function(*given, **named)
+            answer = function(*given, **named)
         except FAILURES:
             refuse({n: _check(hint) for n, hint in hints.items()}, arguments)
             raise
+        refuse(after, arguments)
+        return answer
 
     return call
 
@@ -101,15 +105,19 @@ def _hints(function: Callable[..., Any], signature: inspect.Signature) -> dict[s
     return found
 
 
-def _is_numeric(hint: Any) -> bool:
-    """Whether a number or an expression is asked for, or a list of expressions."""
-    inner = [h for h in typing.get_args(hint) if h not in (Ellipsis, type(None))]
-    if typing.get_origin(hint) in (typing.Union, types.UnionType):
-        return all(map(_is_numeric, inner))
-    listed = typing.get_origin(hint) in (tuple, Sequence)
-    if listed and len(inner) == 1:
-        return inner[0] is sp.Expr or sp.Expr in typing.get_args(inner[0])
-    return hint in (float, int, sp.Expr)
+def _is_number(hint: Any) -> bool:
+    """Whether a number is asked for, or a number or nothing."""
+    union = typing.get_origin(hint) in (typing.Union, types.UnionType)
+    parts = typing.get_args(hint) if union else (hint,)
+    return all(part in (float, int, type(None)) for part in parts)
+
+
+def _takes_expressions(hint: Any) -> bool:
+    """Whether an expression is asked for, or a list of them."""
+    origin, inner = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (typing.Union, types.UnionType, tuple, Sequence):
+        return any(map(_takes_expressions, inner))
+    return hint is sp.Expr
 
 
 class _Unknown(dict[str, Any]):

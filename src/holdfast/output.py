@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,9 +42,22 @@ def make_folder(folder: Path, option: str = "--out") -> None:
         ) from None
 
 
+def _saved(result: Result | ValueFunction | Campaign, path: Path) -> Path:
+    """The file; where it cannot be written the result is not lost, but beside other such."""
+    try:
+        return result.save(path)
+    except OutputError as error:
+        spare = Path(tempfile.mkdtemp(prefix="holdfast-")) / path.name
+        try:
+            result.save(spare)
+        except OutputError:
+            raise error from None
+        raise OutputError(error.cause, remedy=f"what was computed is in {spare}") from None
+
+
 def written(scenario: Scenario, result: Result, folder: Path, *, figures: bool) -> list[Path]:
     make_folder(folder)
-    files = [result.save(folder / "result.nc")]
+    files = [_saved(result, folder / "result.nc")]
     if figures:
         drawn = _figures if scenario.course is None else _formation_figures
         files += drawn(scenario, result, folder)
@@ -121,7 +135,7 @@ def _written_kernel(
 ) -> list[Path]:
     """result.nc, summary.json and the figures of a value function."""
     make_folder(folder)
-    files = [result.value.save(folder / "result.nc")]
+    files = [_saved(result.value, folder / "result.nc")]
     if figures:
         from holdfast.presentation import style
         from holdfast.presentation.value_function import value_function_figure
@@ -179,7 +193,7 @@ def write_campaign(
 ) -> list[Path]:
     """sweep.nc, sweep.json and the figure of a variable."""
     make_folder(folder)
-    files = [found.save(folder / "sweep.nc")]
+    files = [_saved(found, folder / "sweep.nc")]
     if figures:
         from holdfast.presentation import style
         from holdfast.presentation.campaign import campaign_figure
@@ -193,13 +207,14 @@ def write_comparison(found: Comparison, folder: Path, *, figures: bool) -> list[
     from holdfast.presentation.comparison import comparison_figure, comparison_text
 
     make_folder(folder)
-    files = []
+    files = [
+        write_text(folder / "comparison.txt", comparison_text(found) + "\n"),
+        _summary(folder / "comparison.json", found.summary()),
+    ]
     if figures:
         from holdfast.presentation import style
 
         files += style.write(comparison_figure(found), folder, "comparison")
-    files.append(write_text(folder / "comparison.txt", comparison_text(found) + "\n"))
-    files.append(_summary(folder / "comparison.json", found.summary()))
     return files
 
 

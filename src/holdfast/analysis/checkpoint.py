@@ -75,10 +75,9 @@ class Checkpoint:
                 np.savez(file, said=np.array(said), **arrays)
                 file.flush()
                 os.fsync(file.fileno())
-        except (OSError, OutputError) as error:
+        except OutputError as error:
             raise OutputError(
-                f"the checkpoint {self.path} cannot be written"
-                + (f" ({error.strerror})" if isinstance(error, OSError) else ""),
+                f"the checkpoint {error.cause}",
                 remedy="choose a folder that exists, with room for it",
             ) from None
         self.written = time.monotonic()

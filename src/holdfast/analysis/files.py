@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,10 @@ from holdfast.errors import OutputError
 
 if TYPE_CHECKING:
     import xarray as xr
+
+
+LITTLE = 1 << 20
+"""Bytes: less than this on a disk is no room."""
 
 
 class atomic_file:
@@ -25,27 +30,35 @@ class atomic_file:
                 dir=self.path.parent, prefix=f".{self.path.name}.", suffix=".partial"
             )
         except OSError as error:
-            raise OutputError(
-                f"{self.path} cannot be written ({error.strerror})",
-                remedy="choose another folder with --out",
-            ) from None
+            raise _refusal(self.path, error) from None
         os.close(handle)
         self.partial = Path(name)
         return self.partial
 
-    def __exit__(self, kind: object, problem: object, trace: object) -> None:
-        if kind is not None:
+    def __exit__(self, kind: object, problem: BaseException | None, trace: object) -> None:
+        if problem is not None:
             self.partial.unlink(missing_ok=True)
+            if isinstance(problem, OSError) or str(problem).startswith("NetCDF: "):
+                raise _refusal(self.path, problem) from None
             return
-        self.partial.chmod(0o666 & ~_umask())
         try:
+            self.partial.chmod(0o666 & ~_umask())
             os.replace(self.partial, self.path)
         except OSError as error:
             self.partial.unlink(missing_ok=True)
-            raise OutputError(
-                f"{self.path} cannot be written ({error.strerror})",
-                remedy="choose another folder with --out",
-            ) from None
+            raise _refusal(self.path, error) from None
+
+
+def _refusal(path: Path, problem: BaseException) -> OutputError:
+    """HDF5 does not say why it failed; a disk without room is the reason to think of."""
+    reason = getattr(problem, "strerror", None) or str(problem)
+    free = shutil.disk_usage(path.parent).free if path.parent.exists() else LITTLE
+    if free < LITTLE:
+        reason += f"; the disk has {free / 1024:.0f} KiB left"
+    return OutputError(
+        f"{path} cannot be written ({reason})",
+        remedy="make room, or choose another folder with --out",
+    )
 
 
 def write_netcdf(dataset: xr.Dataset, path: str | Path) -> Path:

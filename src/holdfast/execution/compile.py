@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import importlib.util
 import os
 import re
+import shutil
 import sys
 import tempfile
 from functools import cache
@@ -20,6 +22,9 @@ from holdfast.errors import OutputError
 MARK = "# -- joined from here on"
 
 _NUMBER = re.compile(r"(?<![\w.])(\d+\.\d*(e[+-]?\d+)?|\d+e[+-]?\d+)(?![\w.])")
+
+ROOM = 20 * 2**20
+"""Bytes: compiled code of a few closed loops."""
 
 CACHE_VARIABLE = "HOLDFAST_CACHE_DIR"
 """Environment variable that moves the cache."""
@@ -37,6 +42,8 @@ def cache_directory() -> Path:
         path.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path):
             pass
+        if shutil.disk_usage(path).free < ROOM:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     except OSError as error:
         if chosen:
             raise OutputError(

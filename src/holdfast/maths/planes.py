@@ -18,7 +18,7 @@ from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.critical_points import CriticalPoint, classify
 from holdfast.maths.field import Field
-from holdfast.maths.quantity import Quantity
+from holdfast.maths.quantity import Quantity, whole_number
 
 Vector = tuple[sp.Expr, ...]
 
@@ -143,6 +143,9 @@ def axially_symmetric(field: Field) -> bool:
     )
 
 
+MOST_PLANES = 1000
+
+
 @checked
 def plane_by_plane(field: Field, count: int = 3, seed: int = 0) -> PlaneByPlane:
     """The critical point at the origin, classified in `count` planes through p.
@@ -151,8 +154,7 @@ def plane_by_plane(field: Field, count: int = 3, seed: int = 0) -> PlaneByPlane:
     Raises `DefinitionError` where a plane through p is not invariant, so that no planar
     picture exists.
     """
-    if count < 1:
-        raise DefinitionError(f"{count} planes", expected="one or more")
+    whole_number(count, "the number of planes", 1, MOST_PLANES)
     if field.dimension > 2:
         residual = next((r for r in invariance_residuals(field) if r != 0), None)
         if residual is not None:
