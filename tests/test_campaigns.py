@@ -355,9 +355,12 @@ def test_kernels_are_swept_too(here, tmp_path):
 # -- killed, interrupted, resumed
 
 
+MANY = 400
+
+
 def begun(cart, folder, *more):
     code = HEARS + "from holdfast.cli import main; main()"
-    words = ["sweep", cart, "--over", "k=0.5:1.5:60", "--runs", "40", "--out", str(folder), *more]
+    words = ["sweep", cart, "--over", f"k=0.5:1.5:{MANY}", "--runs", "40", "--out", str(folder), *more]
     return subprocess.Popen(
         [sys.executable, "-c", code, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         text=True, start_new_session=True,
@@ -386,7 +389,7 @@ def test_killed_it_goes_on_where_it_was(cart, tmp_path, how):
     process.communicate(timeout=60)
     assert process.returncode == (-signal.SIGKILL if how == signal.SIGKILL else 130)
     before = rows(tmp_path)
-    assert 3 <= len(before) < 60
+    assert 3 <= len(before) < MANY
     assert not (tmp_path / "sweep.nc").exists()
     # what is finished is marked: it would be lost if it were done again
     with contextlib.closing(sqlite3.connect(tmp_path / module.KEPT)) as kept, kept:
@@ -400,9 +403,9 @@ def test_killed_it_goes_on_where_it_was(cart, tmp_path, how):
     assert again.returncode == 0, err
     after = rows(tmp_path)
     assert [r[:2] for r in after[: len(before)]] == [r[:2] for r in before]
-    assert sorted(r[1] for r in after) == list(range(60))
+    assert sorted(r[1] for r in after) == list(range(MANY))
     with xr.open_dataset(tmp_path / "sweep.nc") as data:
-        assert data.sizes["k"] == 60
+        assert data.sizes["k"] == MANY
         assert [str(v) for v in data["note"].values].count("marked") == 1
         assert (data["runs"].values == 40).all()
 

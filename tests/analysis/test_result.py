@@ -1,6 +1,9 @@
 """What is written can be read by others, says what it is, and appears whole or not at all."""
 
 import json
+import os
+import subprocess
+import sys
 
 import netCDF4
 import numpy as np
@@ -109,3 +112,95 @@ def test_unwritable_folder_and_foreign_files_are_refused(result, tmp_path):
     other.write_text("no")
     with pytest.raises(OutputError, match="cannot be read"):
         hf.load(other)
+
+
+@pytest.mark.parametrize("keep", [0.0, 0.001, 0.1, 0.5, 0.99, 0.9999])
+def test_a_file_that_was_cut_off_is_told(saved, tmp_path, keep):
+    whole = saved.read_bytes()
+    path = tmp_path / "cut.nc"
+    path.write_bytes(whole[: int(keep * len(whole))])
+    with pytest.raises(OutputError, match=r"cut\.nc cannot be read as NetCDF"):
+        hf.load(path)
+
+
+def test_damage_is_told_or_touches_no_number(result, saved, tmp_path):
+    """Bits are turned at random: what is read is what was written, or nothing is."""
+    whole, path = saved.read_bytes(), tmp_path / "damaged.nc"
+    generator = np.random.default_rng(1)
+    told = 0
+    for _ in range(150):
+        damaged = bytearray(whole)
+        for place in generator.integers(len(whole), size=8):
+            damaged[place] ^= 1 << int(generator.integers(8))
+        path.write_bytes(damaged)
+        try:
+            read = hf.load(path).dataset
+        except OutputError:
+            told += 1
+            continue
+        for name in ("state", "input", "constraint", "outcome", "goal_time", "worst_constraint"):
+            np.testing.assert_array_equal(read[name].values, result.dataset[name].values)
+    assert told > 10
+
+
+def test_a_result_of_an_older_version_is_told_and_what_is_optional_may_lack(saved, tmp_path):
+    with xr.open_dataset(saved) as data:
+        older = data.load().drop_vars("goal_time")
+        first = data.load().drop_vars(["shortest_dwell", "varied_name", "varied"])
+    first.encoding = {}
+    older.attrs["holdfast_version"] = "0.0.1"
+    older.to_netcdf(tmp_path / "older.nc")
+    with pytest.raises(OutputError, match=r"written by holdfast 0\.0\.1, lacks.*goal_time.*xarray"):
+        hf.load(tmp_path / "older.nc")
+    first.to_netcdf(tmp_path / "first.nc")
+    again = hf.load(tmp_path / "first.nc")
+    assert again.summary()["switching"] == {}
+    assert again.summary()["runs"] == 8
+
+
+@pytest.mark.parametrize("command", ["run", "kernel", "compare", "sweep"])
+def test_a_full_disk_is_told_and_nothing_is_lost(tmp_path, command):
+    """Files may grow to 3 KB: as on a full disk, the writing of more fails."""
+    words = {
+        "run": ["run", "ch2-unicycle", "--runs", "3", "--set", "run.horizon=1"],
+        "kernel": ["run", "ch7-any-current", "--set", "grid.nodes=9", "--set", "march.horizon=0.1", "--set", "promise="],
+        "compare": ["compare", "ch5-rescue", "--laws", "inspection", "--cases", "5 N", "--runs", "1", "--set", "run.horizon=1"],
+        "sweep": ["sweep", "ch2-unicycle", "--over", "k=1,2", "--runs", "1", "--set", "run.horizon=1"],
+    }[command]  # fmt: skip
+    old = tmp_path / "out" / "result.nc"
+    old.parent.mkdir()
+    old.write_text("old")
+    code = (
+        "import resource, sys\n"
+        "import holdfast.execution.compile as c\n"
+        "from holdfast.cli import main\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (3000, resource.RLIM_INFINITY))\n"
+        "main()"
+    )
+    warm = subprocess.run(
+        [sys.executable, "-m", "holdfast", *words, "--out", str(tmp_path / "warm")],
+        capture_output=True,
+        text=True,
+    )
+    assert warm.returncode == 0, warm.stderr
+    answer = subprocess.run(
+        [sys.executable, "-c", code, *words, "--out", str(old.parent)],
+        capture_output=True, text=True, env=os.environ | {"TMPDIR": str(tmp_path)},
+    )  # fmt: skip
+    assert answer.returncode == 2, answer.stderr
+    assert "cannot be" in answer.stderr
+    assert "Traceback" not in answer.stderr
+    assert old.read_text() == "old"
+    assert not list(old.parent.glob("*.partial"))
+
+
+def test_what_was_computed_is_kept_elsewhere_where_its_folder_is_full(
+    result, tmp_path, monkeypatch
+):
+    from holdfast.output import _saved
+
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    with pytest.raises(OutputError, match="what was computed is in") as caught:
+        _saved(result, tmp_path / "nowhere" / "result.nc")
+    kept = str(caught.value).rpartition(" ")[2]
+    assert hf.load(kept).outcomes == result.outcomes

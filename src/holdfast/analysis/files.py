@@ -67,9 +67,13 @@ def write_netcdf(dataset: xr.Dataset, path: str | Path) -> Path:
     encoding: dict[str, dict[str, Any]] = {}
     for name, variable in dataset.variables.items():
         if variable.dtype.kind == "U":
-            encoding[str(name)] = {"dtype": "S1"}  # characters, which MATLAB reads too
-        elif variable.ndim >= 2:
-            encoding[str(name)] = {"zlib": True, "complevel": 1, "shuffle": True}
+            encoding[str(name)] = {
+                "dtype": "S1",
+                "fletcher32": variable.size > 0,
+            }  # characters, which MATLAB reads too
+        elif variable.ndim >= 1 and variable.size:  # with checksums: damage does not go unnoticed
+            packed = {"zlib": True, "complevel": 1, "shuffle": True} if variable.ndim >= 2 else {}
+            encoding[str(name)] = {"fletcher32": True, **packed}
     with atomic_file(path) as partial:
         dataset.to_netcdf(partial, engine="netcdf4", format="NETCDF4", encoding=encoding)
     return path

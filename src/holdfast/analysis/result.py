@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from holdfast._version import __version__
+from holdfast.analysis.campaign import Campaign
 from holdfast.analysis.dataset import indexed
 from holdfast.analysis.files import write_netcdf
 from holdfast.analysis.value_function import ValueFunction, value_function
@@ -20,6 +22,14 @@ from holdfast.execution.closed_loop import Outcome
 
 if TYPE_CHECKING:
     from holdfast.maths.scene import Shape
+
+
+NEEDED = (
+    "time", "state", "input", "actuator", "mode", "constraint", "outcome", "exit_time", "goal_time",
+    "worst_constraint", "peak_input", "peak_actuator", "switches", "infeasible", "slack",
+    "state_name", "state_unit", "state_is_angle", "input_name", "constraint_name",
+)  # fmt: skip
+"""What a file needs to be a result."""
 
 
 @dataclass(frozen=True)
@@ -161,18 +171,34 @@ def _by_name(values: xr.DataArray) -> dict[str, float | None]:
 
 
 @checked
-def load(path: str | Path) -> Result | ValueFunction:
-    """A saved result, without the shapes to draw, or a saved value function.
+def load(path: str | Path) -> Result | ValueFunction | Campaign:
+    """A saved result, without the shapes to draw; a saved value function, or table of a sweep.
 
-    Raises `OutputError` if the file is not one of ours.
+    Raises `OutputError` if the file is damaged, is not one of ours, or lacks what this version of
+    holdfast needs.
     """
     try:
         dataset = xr.load_dataset(path, engine="netcdf4")
-    except (OSError, ValueError) as error:
+    except Exception as error:  # damaged files make the readers raise anything
         raise OutputError(f"{path} cannot be read as NetCDF ({error})") from None
     if "holdfast_version" not in dataset.attrs:
         raise OutputError(f"{path} was not written by holdfast")
+    try:
+        return _loaded(dataset)
+    except (KeyError, ValueError, TypeError) as error:
+        raise OutputError(
+            f"{path}, written by holdfast {dataset.attrs['holdfast_version']}, lacks what holdfast "
+            f"{__version__} needs, or is damaged ({error})",
+            remedy="xarray.open_dataset reads what is there; or compute it again",
+        ) from None
+
+
+def _loaded(dataset: xr.Dataset) -> Result | ValueFunction | Campaign:
     if "value" in dataset:
         return value_function(dataset)
+    if "over" in dataset.attrs:
+        return Campaign(dataset)
+    for name in NEEDED:
+        dataset[name]
     parameters, reference = (json.loads(dataset.attrs[n]) for n in ("parameters", "reference"))
     return Result(indexed(dataset), parameters=parameters, reference=reference)
