@@ -360,7 +360,17 @@ MANY = 400
 
 def begun(cart, folder, *more):
     code = HEARS + "from holdfast.cli import main; main()"
-    words = ["sweep", cart, "--over", f"k=0.5:1.5:{MANY}", "--runs", "40", "--out", str(folder), *more]
+    words = [
+        "sweep",
+        cart,
+        "--over",
+        f"k=0.5:1.5:{MANY}",
+        "--runs",
+        "40",
+        "--out",
+        str(folder),
+        *more,
+    ]
     return subprocess.Popen(
         [sys.executable, "-c", code, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         text=True, start_new_session=True,
@@ -518,3 +528,32 @@ def test_figure_shows_what_was_gone_over(cart, here, over, latin, panels, tmp_pa
     assert style.write(figure, tmp_path, "sweep")[0].stat().st_size > 5000
     with pytest.raises(HoldfastError, match="a campaign has no 'nonsense'"):
         hf.campaign_figure(found, "nonsense")
+
+
+# -- a million runs
+
+MILLION = """
+import sys
+from holdfast.campaign.cell import Part, run_part
+from holdfast.sources import code_digest, read_tables
+
+file, _, tables = read_tables(sys.argv[1], ["run.horizon=1", "noise=", "varied=", "disturbance="])
+size, total, done, held = 5_000, 1_000_000, 0, []
+for first in range(0, total, size):
+    part = Part(file, tables, (), total, None, first, first + size, 0, code_digest())
+    done += run_part(part)["numbers"]["runs"][1]
+    with open("/proc/self/statm") as said:
+        held.append(int(said.read().split()[1]) * 4096 / 2**20)
+print(done, max(held[:20]), max(held[20:]))
+"""
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="asks Linux for its memory")
+def test_a_million_runs_in_one_process_take_no_more_memory(cart):
+    answer = subprocess.run(
+        [sys.executable, "-c", MILLION, cart], capture_output=True, text=True, timeout=500
+    )
+    assert answer.returncode == 0, answer.stderr
+    done, early, late = map(float, answer.stdout.split())
+    assert done == 1_000_000
+    assert late < early + 8, "MiB"
