@@ -38,6 +38,37 @@ def test_closed_loop_of_python_control_goes_the_same_way():
     assert abs(changed.states[0, 5]) > abs(found.states[0, 5]) + 0.05, "a smaller gain is slower"
 
 
+@pytest.mark.parametrize("name", ["inspection", "ch2-integrator", "observed"])
+def test_sampled_loop_of_python_control_makes_the_very_steps(name):
+    """With modes, a safeguard, a memory: every sample as `simulate` has it."""
+    control = pytest.importorskip("control")
+    from holdfast.interop.control import sampled_loop
+
+    changes = ["run.sample_time=0.02", "run.substeps=2", "run.horizon=20", "run.record_every=0.02"]
+    scenario = hf.load_scenario("inspection" if name == "observed" else name, changes, runs=3)
+    law, disturbance = scenario.law, {}
+    if name == "observed":
+        law = hf.observe(scenario.system, law, measured=("x", "y", "psi"), bandwidth=5.0)
+        disturbance = {"Vx": -0.03, "Vy": 0.01}
+    ours = hf.simulate(
+        scenario.system, law, starts=scenario.starts, region=scenario.region, horizon=20,
+        record_every=0.02, disturbance=disturbance,
+    ).dataset  # fmt: skip
+    loop = sampled_loop(scenario.system, law)
+    times = ours["time"].values
+    fed = [np.full(len(times), disturbance.get(n, 0.0)) for n in scenario.system.disturbance_names]
+    start = np.zeros(loop.nstates)
+    run = int(ours["switches"].values.argmax())
+    assert ours["switches"].values[run] > 0 or name == "observed"
+    start[: ours.sizes["state"]] = ours["state"].values[run, 0]
+    start[-2] = loop.initial_mode
+    found = control.input_output_response(loop, times, np.array(fed) if fed else 0, X0=start)
+    states, inputs = (ours[n].values[run].T for n in ("state", "input"))
+    assert np.abs(found.outputs[: len(states)] - states).max() < 1e-12
+    assert np.abs(found.outputs[len(states) : -1] - inputs).max() < 1e-9
+    assert np.array_equal(found.outputs[-1], ours["mode"].values[run])
+
+
 def test_plant_of_python_control_is_linearised_as_it_should_be():
     pytest.importorskip("control")
     from holdfast.interop.control import closed_loop, plant

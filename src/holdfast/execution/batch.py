@@ -74,3 +74,36 @@ def evaluate_disturbance(times, plant, out):
         d = disturbance(times[i], plant)
         for j in range(out.shape[1]):
             out[i, j] = d[j]
+
+
+@compiled
+def one_sample(
+    t, fresh, start, held, mode, in_mode, plant, gains, table, sample_time, substeps, state_out,
+    held_out, input_out,
+):  # fmt: skip
+    """One control sample as `simulate_runs` has it, from a state, a memory and a mode.
+
+    `fresh`: nothing is remembered yet. Returns the mode and for how long it lasts at the end.
+    """
+    q = as_tuple(start)
+    seen = q + felt(t, plant)
+    memory = as_memory(held)
+    if fresh:
+        memory = first_memory(seen, gains)
+    seen = seen + memory
+    now = next_mode(t, seen, mode, in_mode, gains)
+    lasts = in_mode if now == mode else 0.0
+    asked = allocate(law(t, seen, now, gains, table), gains)
+    memory = next_memory(t, seen, produce(limit(asked, gains), gains), gains, sample_time)
+    u = produce(limit(asked, plant), plant)
+    h = sample_time / substeps
+    for k in range(substeps):
+        k0 = field(t + k * h, q, u, now, plant, gains, table)
+        q, _ = step(t + k * h, h, q, k0, u, now, plant, gains, table)
+    for i in range(len(state_out)):
+        state_out[i] = q[i]
+    for i in range(len(held_out)):
+        held_out[i] = memory[i]
+    for i in range(len(input_out)):
+        input_out[i] = u[i]
+    return now, lasts + sample_time

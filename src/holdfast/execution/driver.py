@@ -109,6 +109,11 @@ def as_tuple(values):
     raise NotImplementedError
 
 
+def as_memory(values):
+    """The entries of an array as the tuple of what is remembered."""
+    raise NotImplementedError
+
+
 def step(t, h, q, k0, u, mode, plant, gains, table):
     """One Runge-Kutta step: the new state and the error estimate."""
     raise NotImplementedError

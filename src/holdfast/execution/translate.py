@@ -53,6 +53,7 @@ class ClosedLoopProgram:
     conditions: tuple[GainCondition, ...] = field(default=())
     varied: Varied = field(default_factory=Varied)
     given: tuple[float, ...] = ()
+    remembered: tuple[str, ...] = ()
     safeguarded: bool = False
     continuous: bool = False
     table: object = None
@@ -216,7 +217,8 @@ def closed_loop_program(
             scalar=True,
         ),
         function_source("varied", ("p",), {"p": p}, list(varied.expressions)),
-        _load_source(len(q)),
+        _load_source("as_tuple", len(q)),
+        _load_source("as_memory", len(kept)),
         stepper_source(stepper, len(q)),
     ]
     modes = tuple(switching.modes)
@@ -235,6 +237,7 @@ def closed_loop_program(
         conditions=switching.conditions,
         varied=varied,
         given=tuple(float(e) for e in given.values()),
+        remembered=tuple(z.name for z in kept),
         safeguarded=any(mode.safeguard for mode in switching.modes.values()),
         continuous=continuous,
         table=switching.lookup.table if switching.lookup else None,
@@ -273,6 +276,6 @@ def _check_fit(system: System, switching: Switching) -> None:
             )
 
 
-def _load_source(dimension: int) -> str:
-    entries = ", ".join(f"values[{i}]" for i in range(dimension))
-    return f"@inlined\ndef as_tuple(values):\n    return ({entries},)"
+def _load_source(name: str, dimension: int) -> str:
+    entries = "".join(f"values[{i}], " for i in range(dimension)) or "0.0, "  # as `body` has it
+    return f"@inlined\ndef {name}(values):\n    return ({entries})"

@@ -8,8 +8,13 @@ from typing import Any
 import control  # type: ignore[import-untyped]
 import numpy as np
 import numpy.typing as npt
+import sympy as sp
 
+from holdfast.execution.closed_loop import ClosedLoop
 from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.settings import Settings
+from holdfast.execution.steppers import RK4
+from holdfast.execution.translate import closed_loop_program
 from holdfast.interop.numeric import Numeric, closed_expressions
 from holdfast.maths.law import Law
 from holdfast.maths.quantity import TIME
@@ -46,7 +51,7 @@ def closed_loop(system: System, law: Law | Switching) -> Any:
 
     The inputs follow the state at every instant, within their bounds, as `simulate` does with
     `continuous=True`. Raises `DefinitionError` for a law with modes, a memory, a safeguard or a
-    kernel: those are functions of more than the state.
+    kernel, which are functions of more than the state: see `sampled_loop`.
     """
     rates, inputs, parameters = closed_expressions(system, law)
     arguments = [
@@ -71,3 +76,52 @@ def closed_loop(system: System, law: Law | Switching) -> Any:
         outputs=[*system.state_names, *system.input_names],
         params={p.name: p.value for p in parameters},
     )
+
+
+def sampled_loop(
+    system: System, law: Law | Switching, *, sample_time: float = 0.02, substeps: int = 2
+) -> Any:
+    """The sampled closed loop as a `NonlinearIOSystem` in discrete time, dt = sample_time [s].
+
+    For every law: with modes, a memory, a safeguard, a kernel. Its states are those of the system,
+    what the law remembers, the number of the mode (`initial_mode` of the result at first) and the
+    seconds in it; all but the states of the system and the mode begin with 0. Inputs are the
+    disturbances, held for a sample; outputs the states of the system, its inputs, and the mode. The
+    very steps of `simulate`: classical Runge-Kutta, `substeps` of them a sample.
+
+    Raises `SimulationError` for times that cannot be used.
+    """
+    Settings(
+        horizon=sample_time, sample_time=sample_time, record_every=sample_time, substeps=substeps
+    )
+    program = closed_loop_program(
+        system, law, region=None, goal=None, stepper=RK4,
+        disturbance={name: sp.Float(0.0) for name in system.disturbance_names},
+    )  # fmt: skip
+    loop = ClosedLoop(program)
+    n, remembered = len(program.states), len(program.remembered)
+    table = np.zeros(1) if program.table is None else program.table
+
+    def sample(t: float, x: Array, d: Array, given: Mapping[str, float]) -> tuple[Array, Array]:
+        values = loop.parameter_array(given)
+        values[len(values) - 1 - len(program.given) : -1] = np.atleast_1d(d)[: len(program.given)]
+        after, fed = np.empty(n + remembered + 2), np.empty(len(program.inputs))
+        held, mode = np.ascontiguousarray(x[n : n + remembered]), int(x[-2])
+        after[-2:] = loop.module.one_sample(
+            float(t), t <= 0, np.ascontiguousarray(x[:n]), held, mode, float(x[-1]), values, values,
+            table, sample_time, substeps, after[:n], after[n : n + remembered], fed,
+        )  # fmt: skip
+        return after, np.concatenate([x[:n], fed, after[-2:-1]])
+
+    made = control.NonlinearIOSystem(
+        lambda t, x, d, params: sample(t, x, d, params)[0],
+        lambda t, x, d, params: sample(t, x, d, params)[1],
+        name=f"{system.name}_sampled",
+        states=[*system.state_names, *program.remembered, "mode", "time_in_mode"],
+        inputs=list(system.disturbance_names),
+        outputs=[*system.state_names, *system.input_names, "mode"],
+        params={p.name: p.value for p in program.parameters},
+        dt=sample_time,
+    )
+    made.initial_mode = program.initial_mode
+    return made
