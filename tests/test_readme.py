@@ -105,3 +105,26 @@ def test_site_has_every_page_and_the_reference_every_name():
     assert entries <= known
     others = {n for n in known if not n.startswith("interop.")}
     assert all(n in hf.__all__ or n in entries for n in others), "a name that there is not"
+
+
+EQUATIONS = {2: 21, 3: 11, 4: 40, 5: 41, 6: 25, 7: 7}
+"""The last number of every chapter."""
+
+
+def test_every_equation_of_the_thesis_has_its_place():
+    text = (ROOT / "docs" / "theory.md").read_text("utf-8")
+    rows = [line for line in text.splitlines() if line.startswith("|")]
+    found = set(re.findall(r"\((\d\.\d{1,2})[a-z]?\)", "\n".join(rows)))
+    for first, last in re.findall(r"\((\d\.\d{1,2})\)-\((\d\.\d{1,2})\)", "\n".join(rows)):
+        chapter, low, high = first[0], int(first[2:]), int(last[2:])
+        found |= {f"{chapter}.{k}" for k in range(low, high + 1)}
+    assert [
+        f"{c}.{k}" for c, n in EQUATIONS.items() for k in range(1, n + 1) if f"{c}.{k}" not in found
+    ] == []
+    source = ROOT / "src" / "holdfast"
+    for row in rows:
+        cells = [c.strip() for c in row.strip("|").split("|")]
+        files = re.findall(r"`([\w/]+\.py)`", cells[2]) if len(cells) == 4 else []
+        told = "".join((source / f).read_text("utf-8") for f in files)
+        for name in re.findall(r"`([\w.]+)`", cells[3]) if files else ():
+            assert name.split(".")[-1] in told, (name, files)
