@@ -19,13 +19,10 @@ with atheris.instrument_imports(include=["holdfast"]):
 
     import holdfast as hf
     from holdfast.errors import GainWarning, HoldfastError
-    from holdfast.execution.steppers import BY_NAME
-    from holdfast.execution.translate import closed_loop_program
     from holdfast.maths.expression import parse_condition, parse_expression
-    from holdfast.scenario import Scenario, scenario_of
-    from holdfast.sources import overridden, read_text
-
-from tests.hostile import VALUES, WORDS, base, inside, paths
+    from holdfast.scenario import scenario_of
+    from holdfast.sources import read_text
+    from tests.hostile import KEYS, VALUES, WORDS, base, go_through, inside, paths
 
 warnings.simplefilter("ignore", GainWarning)
 
@@ -66,23 +63,11 @@ def files(data):
         else:
             value = copy.deepcopy(provider.PickValueInList(VALUES))
             if isinstance(place, dict) and provider.ConsumeBool():
-                place[
-                    provider.PickValueInList(
-                        ["x", "y", "name", "unit", "value", "law", "a", "goal"]
-                    )
-                ] = value
+                place[provider.PickValueInList(KEYS)] = value
             else:
                 place[last] = value
     try:
-        changes = [provider.ConsumeUnicode(20)] if provider.ConsumeProbability() > 0.9 else []
-        text, tables = overridden("", tables, changes)
-        found = scenario_of("fuzz.toml", text, tables)
-        if isinstance(found, Scenario):
-            closed_loop_program(
-                found.system, found.law, region=found.region, goal=found.goal,
-                disturbance=found.disturbance, varied=found.varied,
-                stepper=BY_NAME.get(found.settings["stepper"], BY_NAME["rk4"]),
-            )  # fmt: skip
+        go_through(tables)
     except HoldfastError:
         return
 

@@ -5,6 +5,11 @@ For hypothesis (`test_hostile_input.py`) and for the coverage-guided fuzzer (`fu
 
 import tomllib
 
+from holdfast.execution.steppers import BY_NAME
+from holdfast.execution.translate import closed_loop_program
+from holdfast.scenario import Scenario, scenario_of
+from holdfast.sources import overridden
+
 WORDS = [
     "x", "y", "psi", "k1", "t", "pi", "0", "1", "2.5", "1e300", "1e-300", "-", "+", "*", "/", "**", "(", ")", ",",
     "<", "<=", ">", ">=", "==", " and ", " or ", "not ", "sin(", "cos(", "tan(", "asin(", "acos(", "atan2(", "sqrt(",
@@ -112,3 +117,14 @@ def inside(tables, way):
 def base(place):
     """One of the files, as tables that may be changed."""
     return tomllib.loads((UNICYCLE, CART, KERNEL)[place])
+
+
+def go_through(tables):
+    """From tables to the program of their closed loop, as far as they let it."""
+    found = scenario_of("odd.toml", *overridden("", tables, []))
+    if isinstance(found, Scenario):
+        closed_loop_program(
+            found.system, found.law, region=found.region, goal=found.goal,
+            disturbance=found.disturbance, varied=found.varied,
+            stepper=BY_NAME.get(found.settings["stepper"], BY_NAME["rk4"]),
+        )  # fmt: skip

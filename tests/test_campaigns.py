@@ -27,6 +27,7 @@ from holdfast.presentation import style
 from holdfast.scenario import scenario_of
 from holdfast.sources import read_tables
 from tests.test_cli import HEARS, holdfast
+from tests.test_margin import LINE
 
 CART = """
 [scenario]
@@ -70,30 +71,6 @@ x = 0
 horizon = 10
 sample_time = 0.05
 seed = 7
-"""
-
-LINE = """
-[scenario]
-title = "An unstable line"
-kind = "discriminating-kernel"
-
-[system]
-states = { x = { unit = "m" } }
-inputs = { u = { unit = "m/s", bounds = [-0.6, 0.6] } }
-disturbances = { d = { unit = "m/s", bounds = ["-push", "push"] } }
-parameters = { push = { value = 0.4, unit = "m/s" } }
-rates = { x = "x + u + d" }
-
-[region]
-constraints = { end = { expression = "abs(x) - 1", unit = "m" } }
-
-[grid]
-nodes = 101
-box = { x = [-1.2, 1.2] }
-
-[march]
-horizon = 60
-forever = true
 """
 
 

@@ -9,13 +9,11 @@ from hypothesis import strategies as st
 
 import holdfast as hf
 from holdfast.errors import GainWarning, HoldfastError
-from holdfast.execution.steppers import BY_NAME
-from holdfast.execution.translate import closed_loop_program
 from holdfast.maths.expression import parse_condition, parse_expression
 from holdfast.maths.units import check_unit, to_si
-from holdfast.scenario import Scenario, load_scenario, scenario_of
-from holdfast.sources import overridden, read_text
-from tests.hostile import KEYS, VALUES, WORDS, base, inside, paths
+from holdfast.scenario import load_scenario
+from holdfast.sources import read_text
+from tests.hostile import KEYS, VALUES, WORDS, base, go_through, inside, paths
 
 
 def attacked(tmp_path, name, *replacements):
@@ -219,13 +217,6 @@ def test_any_file_is_a_scenario_or_refused(which, data):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", GainWarning)
         try:
-            text, tables = overridden("", tables, [])
-            found = scenario_of("odd.toml", text, tables)
-            if isinstance(found, Scenario):
-                closed_loop_program(
-                    found.system, found.law, region=found.region, goal=found.goal,
-                    disturbance=found.disturbance, varied=found.varied,
-                    stepper=BY_NAME.get(found.settings["stepper"], BY_NAME["rk4"]),
-                )  # fmt: skip
+            go_through(tables)
         except HoldfastError:
             return

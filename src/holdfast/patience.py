@@ -62,6 +62,16 @@ def _bar(what: str, delay: float = 0.0) -> Any:
     )
 
 
+def _line(what: str, fraction: float, elapsed: float) -> str:
+    """How far it is, and how long it takes still."""
+    if not 0 < fraction < 1:
+        return f"{what}: {100 * fraction:.0f} %"
+    from tqdm import tqdm
+
+    left = tqdm.format_interval(elapsed * (1 - fraction) / fraction)
+    return f"{what}: {100 * fraction:.0f} %, {left} left"
+
+
 @contextmanager
 def bar(first: str) -> Iterator[Callable[[str, float], None]]:
     """A bar, and the function that tells it what is worked on and the finished fraction.
@@ -69,7 +79,7 @@ def bar(first: str) -> Iterator[Callable[[str, float], None]]:
     A line a minute where it is no terminal that standard error goes to.
     """
     with _bar(first) as shown:
-        written = time.monotonic()
+        begun = written = time.monotonic()
 
         def tell(what: str, fraction: float) -> None:
             nonlocal written
@@ -78,7 +88,7 @@ def bar(first: str) -> Iterator[Callable[[str, float], None]]:
             shown.update(100 * fraction - shown.n)
             if shown.disable and time.monotonic() - written >= _BETWEEN_LINES:
                 written = time.monotonic()
-                print(f"{what}: {100 * fraction:.0f} %", file=sys.stderr, flush=True)
+                print(_line(what, fraction, written - begun), file=sys.stderr, flush=True)
 
         yield tell
     heed()
