@@ -3,6 +3,7 @@
 import contextlib
 import io
 import re
+import shlex
 import tomllib
 from pathlib import Path
 
@@ -128,3 +129,39 @@ def test_every_equation_of_the_thesis_has_its_place():
         told = "".join((source / f).read_text("utf-8") for f in files)
         for name in re.findall(r"`([\w.]+)`", cells[3]) if files else ():
             assert name.split(".")[-1] in told, (name, files)
+
+
+def commands():
+    """Every line of a block of the documentation that calls holdfast, as the shell would split it."""
+    for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
+        blocks = re.findall(r"```(\w*)\n(.*?)```", page.read_text("utf-8"), re.S)
+        for block in (text for language, text in blocks if language in ("", "sh", "bash")):
+            for line in block.replace("\\\n", " ").splitlines():
+                for part in line.split("&&"):
+                    called = re.match(r"\s*holdfast ([^>#]+)", part)
+                    if called:
+                        yield page.name, shlex.split(called[1])
+
+
+def test_commands_of_the_documentation_are_understood():
+    """They parse, and what they name exists; running them all would take an hour."""
+    from holdfast.catalogue import KINDS
+    from holdfast.cli import cli
+    from holdfast.sources import scenario_names
+
+    shipped = {*scenario_names(), *(f.__name__ for k in KINDS.values() for f in k)}
+    seen = 0
+    for page, (name, *words) in commands():
+        if name.startswith("-"):
+            continue
+        command = cli.commands[name]
+        with command.make_context(
+            name, list(words)
+        ) as context:  # an option that there is not: error
+            about = context.params.get("scenario") or context.params.get("system")
+        assert about is None or about in shipped or about.endswith(".toml") or about.isupper(), (
+            page,
+            words,
+        )
+        seen += 1
+    assert seen > 40
