@@ -89,7 +89,7 @@ def test_generated_functions_agree_with_their_expressions(vehicle, backend):
         vehicle, law, region=region, goal=None, disturbance={"Vx": sp.Float(0.1)}, stepper=RK4
     )
     module = compile_closed_loop(program.source)
-    p = np.array([q.value for q in program.parameters])
+    p = np.array([*(q.value for q in program.parameters), *program.given])
     values = {q.symbol: q.value for q in program.parameters}
     generator = np.random.default_rng(0)
     for _ in range(5):

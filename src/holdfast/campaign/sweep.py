@@ -62,7 +62,7 @@ def sweep(
     """A scenario in every cell of a grid, or of a Latin hypercube, over any of its numbers.
 
     over: "law.k1=0.05:0.5:20" (lowest, highest, how many), "k1=0.01:1:9:log", "k1=0.1,0.2"; with
-    units "half_angle=20:40:5 deg". A key of the scenario, its last part where only one key ends in
+    units "half_angle=20:40 deg:5". A key of the scenario, its last part where only one key ends in
     it, or "current.speed". latin: that many cells of a Latin hypercube in the place of a grid; then
     "k1=0.05:0.5". runs: how many starts in every cell, the same in all of them. overrides: of all
     cells.

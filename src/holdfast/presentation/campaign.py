@@ -118,7 +118,7 @@ def campaign_figure(found: Campaign, variable: str | None = None) -> Figure:
         bar = figure.colorbar(scale, ax=axes, shrink=0.8, aspect=30)
         bar.set_label(_said(about))
         if _is_share(found, about):
-            bar.formatter = PercentFormatter(1.0, symbol=" %", decimals=_decimals(high - low))
+            bar.formatter = PercentFormatter(1.0, symbol=" %")
         others = ", mean over the others" if size > 1 and found.is_grid else ""
         figure.suptitle(f"{found.dataset.attrs['title']}{others}", fontsize=9)
         if found.refused:
@@ -203,10 +203,6 @@ def _is_log(found: Campaign, name: str) -> bool:
 
 def _is_share(found: Campaign, about: Any) -> bool:
     return f"{about.name}_low" in found.dataset or about.name == "fraction"
-
-
-def _decimals(span: float) -> int:
-    return 0 if span > 0.05 else 1
 
 
 def _named(found: Campaign, name: str) -> str:
