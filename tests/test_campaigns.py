@@ -256,7 +256,7 @@ def knob(scenario, name, overrides=()):
         ("ch7-any-current", "current.speed", 0.1, ("system.current_limit=0.1",)),
         ("inspection", "swing", 0.2, ("law.swing=0.2",)),
         ("inspection", "half_angle", "20.0 deg", ('region.half_angle="20.0 deg"',)),
-        ("inspection", "safeguard.gains.1", 4, ("safeguard.gains.1=4.0",)),
+        ("inspection", "safeguard.gains.1", 4, ("safeguard.gains.1=4",)),
         ("ch3-noise", "noise.uniform.x", 0.1, ("noise.uniform.x=0.1",)),
     ],
 )  # fmt: skip
@@ -315,6 +315,30 @@ def test_cells_that_are_refused_are_in_the_table_with_the_reason(cart, here, tmp
     assert answer.returncode == 1
     assert "1 cells refused" in answer.stdout
     assert (tmp_path / "sweep.png").exists()
+
+
+def test_keys_of_whole_numbers_are_swept_too(cart, here):
+    found = hf.sweep(cart, ["run.substeps=1:3:3", "seed=1,2"], executor=here, runs=4)
+    assert found.refused == 0
+    assert found.names == ("substeps", "seed")
+    unused = hf.sweep(cart, ["varied.draws.nonsense=1:2:2"], executor=here)
+    assert unused.refused == 2
+    assert "nothing depends on it" in unused.notes[0]
+
+
+def test_a_cell_that_fails_does_not_end_the_others(cart, here, monkeypatch):
+    from holdfast.campaign import cell
+
+    def failing(scenario, part=None):
+        if scenario.settings["substeps"] == 2:
+            raise ZeroDivisionError("of ours")
+        return run(scenario, part=part)
+
+    run = cell.Scenario.run
+    monkeypatch.setattr(cell.Scenario, "run", failing)
+    found = hf.sweep(cart, ["run.substeps=1:3:3"], executor=here, runs=4)
+    assert found.dataset["refused"].values.tolist() == [0, 1, 0]
+    assert found.notes == ("ZeroDivisionError: of ours",)
 
 
 def test_kernels_are_swept_too(here, tmp_path):

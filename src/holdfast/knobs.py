@@ -83,10 +83,14 @@ def check_number(own: Scenario | KernelScenario, data: Mapping[str, Any], knob: 
 
 def _setting(data: Mapping[str, Any], key: str) -> Callable[[Value], tuple[str, ...]]:
     def shown(value: Value) -> str:
-        return f'"{value}"' if isinstance(value, str) else repr(float(value))
+        if isinstance(value, str):
+            return f'"{value}"'
+        number = float(value)  # 4 and not 4.0: some keys are of whole numbers
+        return str(int(number)) if number.is_integer() and abs(number) < 1e15 else repr(number)
 
     if key.startswith(DRAWS):
-        drawn = data["varied"]["draws"][key.removeprefix(DRAWS).removesuffix(".range")]
+        draws = data.get("varied", {}).get("draws", {})
+        drawn = draws.get(key.removeprefix(DRAWS).removesuffix(".range"))
         place = f"{key.removesuffix('.range')}.range" if isinstance(drawn, Mapping) else key
         return lambda value: (f"{place}=[{shown(value)}, {shown(value)}]",)
     return lambda value: (f"{key}={shown(value)}",)

@@ -54,6 +54,8 @@ def run_part(part: Part) -> dict[str, Any]:
             numbers = _numbers(part)
         except HoldfastError as error:
             return {"refused": str(error)}
+        except Exception as error:  # one cell is not to end the others
+            return {"refused": f"{type(error).__name__}: {error}"}
     said = [str(w.message) for w in heard if issubclass(w.category, GainWarning)]
     return {"numbers": as_table(numbers), "note": "; ".join(dict.fromkeys(said))}
 
