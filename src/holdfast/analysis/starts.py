@@ -140,6 +140,21 @@ def _on_boundary(
     values = [c.expression for c in region.inequalities]
     slopes = [v.diff(states[i]) for v in values for i in free]
     evaluate = Evaluator([*values, *slopes], states, (*system.parameters, *region.parameters))
+
+    def find(chosen: list[int], count: int, generator: np.random.Generator) -> Array:
+        """So many states, or fewer, where the chosen inequalities are active together."""
+        found = np.empty((0, len(states)))
+        for _ in range(_DRAWS):
+            if len(found) >= count:
+                break
+            q = generator.uniform(low, high, (4 * count + 64, len(states)))
+            q = _moved(evaluate, q, chosen, free, len(values))
+            value = evaluate.values(q)[:, : len(values)]
+            good = (np.abs(value[:, chosen] + _INSIDE) < _INSIDE / 2).all(axis=1)
+            good &= (value <= 0).all(axis=1) & ((q >= low) & (q <= high)).all(axis=1)
+            found = np.vstack([found, q[good]])
+        return found[:count]
+
     out = np.empty((len(drawn), len(states)))
     groups = len(starts.active)
     for turn, group in enumerate(starts.active):
@@ -151,23 +166,13 @@ def _on_boundary(
             if not wanted.any():
                 continue
             random = np.random.Philox(key=[seed, turn], counter=[0, 0, 0, block])
-            generator = np.random.Generator(random)
-            found = np.empty((0, len(states)))
-            for _ in range(_DRAWS):
-                if len(found) >= len(rows):
-                    break
-                q = generator.uniform(low, high, (4 * len(rows) + 64, len(states)))
-                q = _moved(evaluate, q, chosen, free, len(values))
-                value = evaluate.values(q)[:, : len(values)]
-                good = (np.abs(value[:, chosen] + _INSIDE) < _INSIDE / 2).all(axis=1)
-                good &= (value <= 0).all(axis=1) & ((q >= low) & (q <= high)).all(axis=1)
-                found = np.vstack([found, q[good]])
+            found = find(chosen, len(rows), np.random.Generator(random))
             if len(found) < len(rows):
                 raise SimulationError(
                     f"no states of the box found where {' and '.join(group)} are active together",
                     remedy="check that they meet in the box",
                 )
-            out[rows[wanted] - drawn.start] = found[: len(rows)][wanted]
+            out[rows[wanted] - drawn.start] = found[wanted]
     return out
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
@@ -22,6 +23,10 @@ def cluster_executor(address: str) -> Iterator[tuple[Executor, int]]:
     Work of a worker that dies is done again by the others. Raises `ScenarioError` where nothing
     answers within 20 s, there are no workers, or the cluster is lost.
     """
+    if not re.search(r":\d+/?\Z", address):  # else it is looked for, for 40 s
+        raise ScenarioError(
+            f"--cluster {address}", expected="the address of a scheduler, such as tcp://host:8786"
+        )
     try:
         client: Any = _client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:

@@ -170,7 +170,10 @@ def _curve(found: Campaign, about: Any) -> Figure:
     figure, axis = plt.subplots(figsize=(0.62 * style.WIDTH, 3.0), layout="constrained")
     if f"{about.name}_low" in data:
         low, high = (data[f"{about.name}_{end}"].values[order] for end in ("low", "high"))
-        axis.fill_between(at, low, high, color=style.BLUE, alpha=0.2, linewidth=0, label="95 %")
+        axis.fill_between(
+            at, low, high, color=style.BLUE, alpha=0.2, linewidth=0, label="95 % interval"
+        )
+        figure.legend(loc="outside lower center")
     line = "-" if found.is_grid else ""
     axis.plot(at, values, f"o{line}", color=style.BLUE, markersize=3.5)
     for place in at[~np.isfinite(values)]:
