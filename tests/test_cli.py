@@ -15,6 +15,7 @@ import pytest
 import xarray as xr
 
 import holdfast as hf
+from tests.c_code import needs_gcc
 
 HEARS = (  # also where the tests run in the background, whose processes ignore the signal
     "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
@@ -417,3 +418,46 @@ def test_results_where_a_file_cannot_be_replaced_are_refused_in_one_line(tmp_pat
     assert "result.nc cannot be written" in answer.stderr
     assert "Traceback" not in answer.stderr
     assert [p.name for p in tmp_path.iterdir()] == ["result.nc"]
+
+
+# -- export-c
+
+
+@needs_gcc
+def test_exported_law_is_timed_by_the_compiler_that_is_here(tmp_path):
+    answer = holdfast("export-c", "wheeled_camera", "--set", "run.horizon=4", cwd=tmp_path)
+    assert answer.returncode == 0
+    assert re.search(
+        r"  \d+ ns a call on this machine \(\w+ -O2\), along 4 of its runs", answer.stdout
+    )
+    assert "wheeled_camera_step" in (tmp_path / "wheeled_camera.c").read_text()
+    alone = holdfast("export-c", "wheeled_camera", "--no-timing", "--out", "a.c", cwd=tmp_path)
+    assert "ns a call" not in alone.stdout
+    assert (tmp_path / "a.c").read_text() == (tmp_path / "wheeled_camera.c").read_text()
+
+
+@pytest.mark.parametrize(
+    ("compiler", "said"),
+    [
+        (None, "not timed: there is no C compiler here (cc, gcc, clang)"),
+        ("echo 'no licence' >&2; exit 3", "not timed: 'cc' failed: no licence"),
+        ("exit 3", "not timed: 'cc' failed: exit status 3"),
+    ],
+)
+def test_law_is_written_where_it_cannot_be_timed(compiler, said, tmp_path):
+    if compiler:
+        (tmp_path / "cc").write_text(f"#!/bin/sh\n{compiler}\n")
+        (tmp_path / "cc").chmod(0o755)
+    answer = holdfast(
+        "export-c", "wheeled_camera", "--set", "run.horizon=4", cwd=tmp_path, PATH=str(tmp_path)
+    )
+    assert answer.returncode == 0
+    assert said in answer.stdout
+    assert (tmp_path / "wheeled_camera.c").exists()
+
+
+def test_kernel_has_no_law_to_export(tmp_path):
+    answer = holdfast("export-c", "ch7-discriminating", cwd=tmp_path)
+    assert answer.returncode == 2
+    assert "a discriminating-kernel has no law to export" in answer.stderr
+    assert not list(tmp_path.iterdir())

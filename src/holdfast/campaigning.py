@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -12,6 +14,9 @@ from holdfast.errors import ScenarioError
 from holdfast.output import check_writable
 from holdfast.patience import bar
 from holdfast.running import NOT_ANSWERED, set_option, simulation_options
+
+if TYPE_CHECKING:
+    from holdfast.scenario import Scenario
 
 
 @click.command("sweep")
@@ -136,11 +141,20 @@ def reproduce_command(
     type=click.Path(path_type=Path, dir_okay=False),
     help="The file [default: SCENARIO.c].",
 )
-def export_command(scenario: str, overrides: tuple[str, ...], out: Path | None) -> None:
+@click.option(
+    "--timing/--no-timing",
+    default=True,
+    help="Compile it here and time it along runs of the scenario.",
+    show_default=True,
+)
+def export_command(
+    scenario: str, overrides: tuple[str, ...], out: Path | None, timing: bool
+) -> None:
     """Write the law of SCENARIO as one file of C99.
 
-    No allocation, no library but libm; with the modes of the law, what it remembers, and the limits
-    of the actuators. The comments of the file say what every number is.
+    No allocation, no library but libm; with the modes of the law, what it remembers, the program
+    of a safeguard, the table of a kernel, and the limits of the actuators. The comments of the file
+    say what every number is.
     """
     from holdfast.execution.c_source import export_c
     from holdfast.output import make_folder, write_text
@@ -151,7 +165,33 @@ def export_command(scenario: str, overrides: tuple[str, ...], out: Path | None) 
         raise ScenarioError(f"{loaded.file}: a {loaded.kind} has no law to export")
     path = out if out is not None else Path(f"{loaded.name}.c")
     check_writable(path.parent)
-    text = export_c(loaded.system, loaded.law, loaded.name)
-    make_folder(path.parent)
-    write_text(path, text)
+    with bar(f"{loaded.name}, preparing") as tell:
+        loaded = loaded.kept(lambda fraction: tell("the kernel", fraction))
+        text = export_c(loaded.system, loaded.law, loaded.name)
+        make_folder(path.parent)
+        write_text(path, text)
+        took = _timed(loaded, text, tell) if timing else ""
     click.echo(f"written: {path} ({len(text.splitlines())} lines); its comments say what is what")
+    if took:
+        click.echo(took)
+
+
+TIMED_RUNS = 4
+
+
+def _timed(scenario: Scenario, text: str, tell: Callable[[str, float], None]) -> str:
+    """The nanoseconds of a call, or why they are not known: the file is written in any case."""
+    from holdfast.errors import HoldfastError
+    from holdfast.execution.c_timing import time_law
+
+    runs = min(scenario.runs, TIMED_RUNS)
+    try:
+        result = scenario.run(lambda fraction: tell("runs to time it", fraction), range(runs))
+        states, sample_time = result.dataset["state"].values, scenario.settings["sample_time"]
+        found = time_law(text, scenario.name, states, float(sample_time))
+    except HoldfastError as error:
+        return f"  not timed: {error}"
+    return (
+        f"  {found.nanoseconds:.0f} ns a call on this machine ({found.compiler}), along {runs} "
+        "of its runs"
+    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import sympy as sp
@@ -38,7 +38,7 @@ from holdfast.varied_table import drawn_names, drawn_ranges
 
 @dataclass(frozen=True)
 class Scenario:
-    """A composed scenario, ready to run."""
+    """A composed scenario, ready to run; `law` is the one before [safety], which `kept` adds."""
 
     name: str
     file: str
@@ -68,16 +68,21 @@ class Scenario:
         """How many starts there are."""
         return len(self.starts.states) + self.starts.random
 
+    def kept(self, progress: Progress | None = None) -> Scenario:
+        """This scenario with the law kept in the kernel of [safety], which is computed."""
+        if self.safety is None:
+            return self
+        with at(self.file, "safety"):
+            timing = {n: float(self.settings[n]) for n in ("horizon", "sample_time", "delay")}
+            law = self.safety.kept(self.system, self.law, **timing, progress=progress)
+        return replace(self, law=law, safety=None)
+
     def run(self, progress: Progress | None = None, part: range | None = None) -> Result:
         """Simulate every start of the scenario; the kernel of [safety] is computed before.
 
         part: of all runs those to simulate; every run is the same in any part.
         """
-        law = self.law
-        if self.safety is not None:
-            with at(self.file, "safety"):
-                timing = {n: float(self.settings[n]) for n in ("horizon", "sample_time", "delay")}
-                law = self.safety.kept(self.system, law, **timing, progress=progress)
+        law = self.kept(progress).law
         with at(self.file, "run"):
             return simulate(
                 self.system,

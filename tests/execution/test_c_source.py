@@ -1,8 +1,6 @@
 """Laws as C99: warnings are errors, the numbers are those of the compiled closed loop."""
 
 import ctypes
-import shutil
-import subprocess
 
 import numpy as np
 import pytest
@@ -14,6 +12,7 @@ from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.bounds import LinearImage
 from holdfast.maths.quantity import TIME, TIME_IN_MODE
 from holdfast.maths.switching import as_switching
+from tests.c_code import built, needs_gcc, pointer
 
 HARNESS = """
 void laws(int count, const double *rows, int width, int mode, const double *p, double *out) {
@@ -27,30 +26,7 @@ void laws(int count, const double *rows, int width, int mode, const double *p, d
     }
 }
 """
-STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2"]
-
-pytestmark = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
-
-
-def built(folder, text, name, harness=""):
-    """The file as a library, with functions of the test behind it."""
-    upper = name.upper()
-    sizes = harness.replace("INPUTS", f"{upper}_INPUTS").replace("ACTUATORS", f"{upper}_ACTUATORS")
-    (folder / f"{name}.c").write_text(text + sizes)
-    library = folder / f"{name}.so"
-    alone = [*STRICT, "-c", str(folder / f"{name}.c"), "-o", str(folder / f"{name}.o")]
-    for command in (
-        alone,
-        [*STRICT, "-shared", "-fPIC", str(folder / f"{name}.c"), "-o", str(library), "-lm"],
-    ):
-        done = subprocess.run(["gcc", *command], capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-    return ctypes.CDLL(str(library))
-
-
-def pointer(array):
-    return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
-
+pytestmark = needs_gcc
 
 CASES = [
     "ch2-integrator", "ch3-unknown-current", "ch4-unicycle", "ch4-chained-4",
@@ -104,20 +80,24 @@ OBSERVED = ["observer={measured = ['x', 'y', 'psi'], bandwidth = 5.0}"]
         ("ch5-viable-goal-set", []),
         ("ch3-unknown-current", []),
         ("ch5-nominal", OBSERVED),  # what it remembers is its estimate
+        ("inspection", []),  # what it asks for is changed by a program
     ],
 )
 def test_supervisor_in_c_goes_through_the_same_modes(name, more, tmp_path):
     """Every sample of recorded runs, one after the other: mode and actuators as recorded."""
     sample_time = hf.load_scenario(name).settings["sample_time"]
     changes = [f"run.record_every={sample_time}", "run.horizon=20", *more]
-    scenario = hf.load_scenario(name, changes, runs=8)
+    same_as_recorded(hf.load_scenario(name, changes, runs=8), tmp_path)
+
+
+def same_as_recorded(scenario, folder):
     data = scenario.run().dataset
-    c = built(tmp_path, export_c(scenario.system, scenario.law, "law_"), "law_")
-    inputs = len(scenario.system.inputs)
+    c = built(folder, export_c(scenario.system, scenario.kept().law, "law_"), "law_")
+    inputs, sample_time = len(scenario.system.inputs), scenario.settings["sample_time"]
     acts = data["actuator"] if "actuator" in data and data.sizes.get("actuator") else data["input"]
     command, actuators = np.zeros(inputs), np.zeros(acts.shape[2])
     parameters = ctypes.c_double.in_dll(c, "law__parameters")
-    for run in range(8):
+    for run in range(data.sizes["run"]):
         state = (ctypes.c_double * 128)()
         c.law__start(ctypes.byref(state))
         for k, t in enumerate(data["time"].values):
@@ -130,6 +110,58 @@ def test_supervisor_in_c_goes_through_the_same_modes(name, more, tmp_path):
             assert actuators == pytest.approx(acts.values[run, k], rel=1e-9, abs=1e-9)
 
 
+FERRY = """
+[scenario]
+title = "a ferry"
+
+[system]
+states = {{ y = {{ unit = "m" }}, psi = {{ unit = "rad", angle = true }} }}
+inputs = {{ w = {{ unit = "rad/s", bounds = [-0.5, 0.5] }} }}
+disturbances = {{ drift = {{ unit = "m/s", bounds = [-0.1, 0.1] }} }}
+rates = {{ y = "sin(psi) + drift", psi = "w" }}
+
+[region]
+constraints = {{ bank = {{ expression = "abs(y) - 4", unit = "m" }} }}
+{more}
+"""
+KERNEL = """
+[grid]
+nodes = 41
+box = { y = [-5, 5], psi = ["-180 deg", "180 deg"] }
+ends = { psi = "periodic" }
+
+[march]
+horizon = 20
+forever = true
+"""
+KEPT = """
+[law]
+outputs = { w = "0.3*sin(0.2*t)" }
+
+[safety]
+kernel = "kernel.toml"
+
+[starts]
+random = 8
+box = { y = [-2, 2], psi = [-0.5, 0.5] }
+
+[run]
+horizon = 20
+sample_time = 0.05
+record_every = 0.05
+"""
+
+
+def test_law_that_is_kept_in_a_kernel_is_exported_with_it(tmp_path):
+    kind = 'a ferry"\nkind = "discriminating-kernel"'
+    (tmp_path / "kernel.toml").write_text(FERRY.format(more=KERNEL).replace('a ferry"', kind))
+    (tmp_path / "safe.toml").write_text(FERRY.format(more=KEPT))
+    scenario = hf.load_scenario(str(tmp_path / "safe.toml"))
+    same_as_recorded(scenario, tmp_path)
+    alone = scenario.run().dataset["input"] - 0.3 * np.sin(0.2 * scenario.run().dataset["time"])
+    assert abs(alone).max() > 0.1  # the kernel has changed it
+
+
 @pytest.mark.parametrize(
     ("name", "called"), [("3d", "law_3d"), ("my-boat.2", "my_boat_2"), ("bât", "b_t"), ("", "law_")]
 )
@@ -140,9 +172,7 @@ def test_any_name_is_one_in_c(name, called, tmp_path):
 
 
 def test_what_has_no_c_is_refused():
-    scenario = hf.load_scenario("inspection")
-    with pytest.raises(DefinitionError, match="solves a program at every sample"):
-        export_c(scenario.system, scenario.law)
+    scenario = hf.load_scenario("ch5-viable-goal-set")
     other = hf.systems.unicycle()
     with pytest.raises(DefinitionError, match="expected the inputs"):
         export_c(

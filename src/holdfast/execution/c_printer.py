@@ -53,6 +53,19 @@ class CPrinter(C99CodePrinter):
         arguments = e.args[:2] if name in _GUARDED else e.args
         return f"{_CALLS[name]}({', '.join(self._print(a) for a in arguments)})"
 
+    def _print_nearest_on_walls(self, e: sp.Expr) -> str:
+        return self._picked(2, e)
+
+    def _print_nearest_to_sight(self, e: sp.Expr) -> str:
+        return self._picked(4, e)
+
+    def _picked(self, points: int, e: sp.Expr) -> str:
+        """One of the results of a function of coordinates and of all walls."""
+        texts = [self._print(arg) for arg in e.args[1:]]
+        at, walls = ", ".join(texts[:points]), texts[points:]
+        ends = f"(const double[]){{{', '.join(walls)}}}"
+        return f"hf_{type(e).__name__}({int(e.args[0])}, {at}, {ends}, {len(walls) // 4})"
+
     def _print_sign(self, e: sp.Expr) -> str:
         return f"hf_sign({self._print(e.args[0])})"
 
@@ -84,12 +97,12 @@ def c_body(
     """Lines that unpack what is used, share subexpressions, and fill the array `into`."""
     used: set[sp.Symbol] = set().union(*(e.free_symbols for e in results)) if results else set()
     lines = [
-        f"{indent}const double {source_name(s)} = {argument}[{i}];"
+        f"{indent}const double {_name(s)} = {argument}[{i}];"
         for argument, symbols in unpack.items()
         for i, s in enumerate(symbols)
         if s in used
     ]
-    renamed = {s: sp.Symbol(source_name(s), real=True) for s in used}
+    renamed = {s: sp.Symbol(_name(s), real=True) for s in used}
     shared, reduced = sp.cse(
         [e.xreplace(renamed) for e in results],
         symbols=sp.numbered_symbols("c_", real=True),
@@ -101,3 +114,9 @@ def c_body(
     except PrintMethodNotImplementedError as error:
         raise DefinitionError(f"there is no C99 for this: {error}") from None
     return "\n".join(lines)
+
+
+def _name(s: sp.Symbol) -> str:
+    """Names that begin with an underscore are not for programs in C."""
+    name = source_name(s)
+    return f"hf{name}" if name.startswith("_") else name

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 
 import sympy as sp
@@ -11,12 +10,15 @@ from holdfast._version import __version__
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.execution.c_printer import HELPERS, c_body
+from holdfast.execution.c_text import c_file, c_name, c_table
 from holdfast.maths.bounds import LinearImage
 from holdfast.maths.law import Law
 from holdfast.maths.measurement import by_measurements
 from holdfast.maths.quantity import Parameter, Quantity, merge_parameters, symbol
 from holdfast.maths.switching import Switching, as_switching
 from holdfast.maths.system import System
+
+SLACK = "0 where an input was admissible, else by how much the safeguard was relaxed"
 
 
 @checked
@@ -27,27 +29,18 @@ def export_c(system: System, law: Law | Switching, name: str = "controller") -> 
     has no place for, and law_ before a digit. `NAME_start` sets the first mode; at every
     control sample `NAME_step` takes the time [s], what is measured and the parameters, gives what
     the law asks for and what the actuators do, and returns the mode. Its numbers are those of the
-    compiled closed loop (to rounding).
+    compiled closed loop (to rounding). What a safeguard lacks at a sample is `slack` of the state:
+    0 where an admissible input was found. The table of a kernel is in the file.
 
-    Raises `DefinitionError` for a law that needs a table or solves a program at every sample (one
-    in a safeguard or a kernel), and for one that does not fit the system.
+    Raises `DefinitionError` for a law that does not fit the system.
     """
     switching = as_switching(by_measurements(system, law))
-    called = re.sub(r"^(?=\d|$)", "law_", re.sub(r"\W", "_", name, flags=re.ASCII))
-    return _File(system, switching, called).text()
+    return _File(system, switching, c_name(name)).text()
 
 
 class _File:
     def __init__(self, system: System, switching: Switching, name: str) -> None:
         self.system, self.switching, self.name = system, switching, name
-        if switching.lookup is not None:
-            raise DefinitionError(f"law '{switching.name}' looks up a kernel: it has no C99 yet")
-        for mode in switching.modes.values():
-            if mode.safeguard is not None:
-                raise DefinitionError(
-                    f"law '{switching.name}' solves a program at every sample: it has no C99 yet",
-                    remedy="leave the safeguard out",
-                )
         missing = set(system.input_names) ^ set(switching.output_names)
         if missing:
             raise DefinitionError(
@@ -65,6 +58,7 @@ class _File:
                 f"law '{switching.name}' reads '{min(unknown)}', which is no state"
             )
         self.inputs = [q.symbol for q in system.inputs]
+        self.guards = {n: m.safeguard for n, m in switching.modes.items() if m.safeguard}
         self.image = system.input_bounds if isinstance(system.input_bounds, LinearImage) else None
         self.actuators = list(self.image.actuators) if self.image else list(system.input_names)
         used, known = self._symbols(), merge_parameters(system.parameters, switching.parameters)
@@ -72,6 +66,8 @@ class _File:
 
     def text(self) -> str:
         n = self.name
+        functions = [self._law(), self._next_mode(), self._limit()]
+        functions += [self._remember()] if self.kept else []
         values = "\n".join(
             f"    {p.value!r}, /* {i} {p.name} [{p.unit}] {_plain(p.description)} */"
             for i, p in enumerate(self.parameters)
@@ -93,15 +89,17 @@ class _File:
             *(f" * command[{i}]: {q.name} [{q.unit}]" for i, q in enumerate(self.system.inputs)),
             *(f" * actuators[{i}]: {a}" for i, a in enumerate(self.actuators)),
             *(f" * mode {i}: {m}" for i, m in enumerate(self.switching.modes)),
+            *([f" * {n}_state.slack: {SLACK}"] if self.guards else []),
             " */",
             "#include <math.h>",
             "",
             *(f"#define {upper}_{size} {count}" for size, count in sizes.items()),
             "",
             HELPERS,
+            *self._helpers("\n".join(functions)),
             "typedef struct {",
             "    int mode, begun;",
-            f"    double since, kept[{upper}_KEPT];",
+            f"    double since, slack, kept[{upper}_KEPT];",
             f"}} {n}_state;",
             "",
             f"const double {n}_parameters[{upper}_PARAMETERS] = {{",
@@ -110,13 +108,7 @@ class _File:
             "",
             self._start(),
             "",
-            self._law(),
-            "",
-            self._next_mode(),
-            "",
-            self._limit(),
-            "",
-            *([self._remember(), ""] if self.kept else []),
+            *(line for f in functions for line in (f, "")),
             self._step(),
         ]
         return "\n".join(lines) + "\n"
@@ -124,10 +116,23 @@ class _File:
     def _symbols(self) -> set[sp.Symbol]:
         switching, memory = self.switching, self.switching.memory
         used: list[sp.Expr] = [e for m in switching.modes.values() for e in m.outputs.values()]
+        used += [e for guard in self.guards.values() for e in guard.expressions]
+        used += switching.lookup.places if switching.lookup else ()
         used += [t.when for t in switching.transitions]
         used += [*memory.initial.values(), *memory.following.values()] if memory else []
         used += self._limits()
         return set().union(*(e.free_symbols for e in used))
+
+    def _helpers(self, functions: str) -> list[str]:
+        """What the functions need beside `HELPERS`."""
+        found = [c_file("walls")] if "hf_nearest_" in functions else []
+        if self.guards:
+            most = max(len(guard.offsets) for guard in self.guards.values())
+            found.append(f"#define HF_M {len(self.inputs)}\n#define HF_ROWS {most}\n")
+            found.append(c_file("nearest"))
+        if self.switching.lookup is not None:
+            found += [c_table(self.switching.lookup), c_file("interpolate")]
+        return found
 
     def _limits(self) -> list[sp.Expr]:
         """What the actuators do at a command."""
@@ -147,25 +152,43 @@ class _File:
         first = list(self.switching.modes).index(self.switching.initial)
         return (
             f"void {self.name}_start({self.name}_state *s) {{\n    s->mode = {first};\n"
-            "    s->begun = 0;\n    s->since = 0.0;\n"
+            "    s->begun = 0;\n    s->since = s->slack = 0.0;\n"
             f"    for (int i = 0; i < {self.name.upper()}_KEPT; i++) s->kept[i] = 0.0;\n}}"
         )
 
     def _law(self) -> str:
+        lookup, names = self.switching.lookup, self.system.input_names
+        unpack, look = self._unpack(), ""
+        if lookup is not None:
+            n = len(lookup.places)
+            places = c_body(unpack, lookup.places, "place", "        ")
+            look = f"    double place[{n}], look[{n + 1}];\n    {{\n{places}\n    }}\n"
+            look += "    hf_look_up(place, look);\n"
+            unpack |= {"look": lookup.symbols}
         cases = []
-        for number, mode in enumerate(self.switching.modes.values()):
-            results = [mode.outputs[n] for n in self.system.input_names]
-            cases.append(
-                f"    case {number}: {{\n"
-                + c_body(self._unpack(), results, "command", "        ")
-                + "\n        break;\n    }"
-            )
+        for number, (name, mode) in enumerate(self.switching.modes.items()):
+            results, into, ending = [mode.outputs[n] for n in names], "command", "return 0.0;"
+            asked = ""
+            if guard := self.guards.get(name):
+                m, count = len(names), len(guard.offsets)
+                for j, offset in enumerate(guard.offsets):
+                    results += [*(guard.normals[n][j] for n in names), offset]
+                results += [guard.scales[n] for n in names]
+                into, end = "asked", len(results) - m
+                asked = f"        double asked[{len(results)}];\n"
+                ending = (
+                    f"return hf_keep_within(asked, asked + {end}, asked + {m}, {count}, "
+                    f"{guard.hard}, command);"
+                )
+            body = c_body(unpack, results, into, "        ")
+            cases.append(f"    case {number}: {{\n{asked}{body}\n        {ending}\n    }}")
         return (
-            "static void law(double t, const double *seen, const double *kept, int mode,\n"
-            "                const double *p, double *command) {\n"
-            "    (void)t; (void)seen; (void)kept; (void)p;\n    switch (mode) {\n"
+            "/* Returns the slack of the safeguard. */\n"
+            "static double law(double t, const double *seen, const double *kept, int mode,\n"
+            "                  const double *p, double *command) {\n"
+            f"    (void)t; (void)seen; (void)kept; (void)p;\n{look}    switch (mode) {{\n"
             + "\n".join(cases)
-            + "\n    }\n}"
+            + "\n    }\n    return NAN;\n}"
         )
 
     def _next_mode(self) -> str:
@@ -239,7 +262,7 @@ class _File:
             f"{begin}    s->begun = 1;\n"
             "    int mode = next_mode(t, seen, s->kept, s->mode, t - s->since, p);\n"
             "    if (mode != s->mode) {\n        s->mode = mode;\n        s->since = t;\n    }\n"
-            "    law(t, seen, s->kept, mode, p, command);\n"
+            "    s->slack = law(t, seen, s->kept, mode, p, command);\n"
             "    limit(command, p, actuators);\n"
             f"{remember}    return mode;\n}}"
         )

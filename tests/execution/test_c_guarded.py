@@ -1,0 +1,150 @@
+"""Laws that solve a program at every sample, or look up a kernel, as C99."""
+
+import ctypes
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import holdfast as hf
+from holdfast.execution.c_source import export_c
+from holdfast.execution.c_text import c_file
+from holdfast.execution.closed_loop import ClosedLoop
+from holdfast.execution.compile import compile_closed_loop
+from holdfast.execution.steppers import RK4
+from holdfast.execution.translate import closed_loop_program
+from holdfast.maths.switching import as_switching
+from holdfast.maths.walls import sight_distance, wall_distance
+from tests.analysis.test_safety_law import BOX, WALLS, cart, swinging
+from tests.c_code import built, needs_gcc, pointer
+from tests.execution.test_nearest import FAMILIES, MOST_ROWS, answers, packed, programs
+
+pytestmark = needs_gcc
+
+PROGRAMS = """
+#include <math.h>
+#define HF_M {m}
+#define HF_ROWS {most}
+{text}
+void solved(int count, const double *wanted, const double *scales, const double *rows,
+            const long *counts, const long *hard, double *out) {{
+    for (int i = 0; i < count; i++)
+        out[i * {wide} + {m}] = hf_keep_within(
+            wanted + i * {m}, scales + i * {m}, rows + i * {most} * {wide}, counts[i], hard[i],
+            out + i * {wide});
+}}
+"""
+
+
+@pytest.mark.parametrize("m", [1, 2, 3, 4])
+def test_programs_in_c_have_the_very_answers_of_the_closed_loop(m, tmp_path):
+    text = PROGRAMS.format(m=m, wide=m + 1, most=MOST_ROWS, text=c_file("nearest"))
+    c = built(tmp_path, text, f"programs{m}")
+    for family in FAMILIES:
+        for badly_scaled in (False, True):
+            given = programs(family, m, badly_scaled, 1500)
+            expected = answers(given)
+            arrays = [np.ascontiguousarray(a) for a in packed(given).values()]
+            out = np.zeros_like(expected)
+            c.solved(len(given), *(pointer(a) for a in arrays), pointer(out))
+            assert np.array_equal(out, expected, equal_nan=True), (family.__name__, badly_scaled)
+
+
+LAWS = """
+void laws(int count, const double *rows, int width, int mode, const double *p, double *out) {
+    for (int i = 0; i < count; i++) {
+        const double *row = rows + i * width;
+        double *to = out + i * (INPUTS + ACTUATORS + 1), kept[1] = {0.0};
+        to[INPUTS + ACTUATORS] = law(row[width - 1], row, kept, mode, p, to);
+        limit(to, p, to + INPUTS);
+    }
+}
+"""
+SWEEP = """
+@compiled
+def sweep_laws(rows, mode, p, table, out):
+    for i in range(len(rows)):
+        row = rows[i]
+        given = law(row[{n}], ({seen} 0.0,), mode, p, table)
+        acts = limit(allocate(given, p), p)
+        for j in range({m}):
+            out[i, j] = given[j]
+        for j in range(out.shape[1] - {m} - 1):
+            out[i, {m} + j] = acts[j]
+        out[i, -1] = given[{m}]
+"""
+
+
+def kept_off_walls():
+    robot = hf.systems.unicycle()
+    x, y = (hf.symbol(n) for n in ("x", "y"))
+    ends = [sp.Float(v) for v in (-1.5, -1.0, 1.5, -1.0, 1.0, -1.0, 1.0, 1.5)]
+    clear = hf.Inequality("clear", sp.Float(0.3) - wall_distance((x, y), ends), "m")
+    line = sight_distance((x, y), (sp.Float(0.2), sp.Float(0.1)), ends)
+    sight = hf.Inequality("sight", sp.Float(0.1) - line, "m")
+    room = hf.Region("room", robot.states[:2], (clear, sight))
+    return robot, hf.safeguard(robot, hf.laws.steer_unicycle(robot), room)
+
+
+def scenario(name, *changes):
+    loaded = hf.load_scenario(name, list(changes))
+    return loaded.system, loaded.law
+
+
+def kernel(**options):
+    system = cart()
+    return hf.discriminating_kernel(system, WALLS, hf.grid(system, BOX, 41), horizon=3, **options)
+
+
+def kept_in_kernel():
+    return cart(), hf.safety_law(cart(), kernel(precision="float32"), swinging())
+
+
+def optimal():
+    return cart(), hf.safety_law(cart(), kernel())
+
+
+def at_the_time_left():
+    times = np.linspace(0.0, 1.0, 11)
+    system = cart(push=1.4)  # nothing is kept for ever
+    found = hf.discriminating_kernel(
+        system, WALLS, hf.grid(system, BOX, 41), horizon=1.0, times=times
+    )
+    return system, hf.safety_law(system, found, swinging(), margin=0.01)
+
+
+CASES = {
+    "inspection": lambda: scenario("inspection"),
+    "rescue": lambda: scenario("ch5-rescue"),
+    "walls": kept_off_walls,
+    "kernel": kept_in_kernel,
+    "optimal": optimal,
+    "time left": at_the_time_left,
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_exported_law_is_the_law_at_a_hundred_thousand_states(name, tmp_path):
+    system, law = CASES[name]()
+    c = built(tmp_path, export_c(system, law, "law_"), "law_", LAWS)
+    program = closed_loop_program(system, law, region=None, goal=None, disturbance={}, stepper=RK4)
+    n, m = len(system.states), len(system.inputs)
+    seen = "".join(f"row[{i}], " for i in range(n))
+    module = compile_closed_loop(program.source + SWEEP.format(n=n, m=m, seen=seen))
+    loop = ClosedLoop(program)
+    switching = as_switching(law)
+    table = np.zeros(1) if program.table is None else program.table
+    count = 100_000 // len(switching.modes)
+    rows = np.random.default_rng(5).uniform(-2.0, 2.0, (count, n + 1))
+    text = (tmp_path / "law_.c").read_text()
+    used = int(text.split("#define LAW__PARAMETERS ")[1].split()[0])
+    parameters = (ctypes.c_double * used).in_dll(c, "law__parameters")
+    for mode in range(len(switching.modes)):
+        expected = np.zeros((count, m + len(program.actuators or system.inputs) + 1))
+        module.sweep_laws(rows, mode, loop.parameter_array(), table, expected)
+        out = np.zeros_like(expected)
+        c.laws(count, pointer(rows), n + 1, mode, parameters, pointer(out))
+        assert np.isfinite(expected).all()
+        assert (expected[:, -1] >= 0).all()
+        apart = np.abs(out - expected).max(axis=0) / (1 + np.abs(expected).max(axis=0))
+        assert (apart <= 1e-12).all(), apart
