@@ -326,7 +326,7 @@ def test_keys_of_whole_numbers_are_swept_too(cart, here):
     assert "nothing depends on it" in unused.notes[0]
 
 
-def test_a_cell_that_fails_does_not_end_the_others(cart, here, monkeypatch):
+def test_a_cell_that_fails_does_not_end_the_others(cart, here, monkeypatch, tmp_path):
     from holdfast.campaign import cell
 
     def failing(scenario, part=None):
@@ -336,9 +336,28 @@ def test_a_cell_that_fails_does_not_end_the_others(cart, here, monkeypatch):
 
     run = cell.Scenario.run
     monkeypatch.setattr(cell.Scenario, "run", failing)
-    found = hf.sweep(cart, ["run.substeps=1:3:3"], executor=here, runs=4)
+    asked = {"over": ["run.substeps=1:3:3"], "executor": here, "runs": 4, "folder": tmp_path}
+    found = hf.sweep(cart, **asked)
     assert found.dataset["refused"].values.tolist() == [0, 1, 0]
     assert found.notes == ("ZeroDivisionError: of ours",)
+    monkeypatch.setattr(cell.Scenario, "run", run)
+    assert hf.sweep(cart, **asked).refused == 0, "what failed is tried again"
+    assert [r[1] for r in rows(tmp_path)] == [0, 2, 1]
+
+
+def test_a_refusal_is_not_tried_again(cart, here, tmp_path):
+    for _ in range(2):
+        found = hf.sweep(cart, ["sample_time=0.05,-1"], executor=here, runs=4, folder=tmp_path)
+        assert found.refused == 1
+        assert [r[1] for r in rows(tmp_path)] == [0, 1]
+
+
+def test_an_unknown_variable_is_refused_after_the_first_part(cart, here, tmp_path):
+    for wrong in ("sucess", "cell"):
+        with pytest.raises(OutputError, match=f"no '{wrong}'"):
+            hf.sweep(cart, ["k=1:2:9"], executor=here, runs=4, folder=tmp_path, show=wrong)
+    assert 1 <= len(rows(tmp_path)) < 9
+    assert hf.sweep(cart, ["k=1:2:3"], executor=here, runs=4, show="refused").refused == 0
 
 
 def test_kernels_are_swept_too(here, tmp_path):
@@ -490,6 +509,7 @@ def test_on_a_cluster_the_same_bit_for_bit_though_a_worker_is_killed(cart, here,
 
 
 def test_a_cluster_that_is_not_there_is_told(monkeypatch):
+    distributed = pytest.importorskip("distributed")
     from holdfast.interop import cluster
 
     monkeypatch.setattr(cluster, "PATIENCE", "1s")
@@ -499,6 +519,12 @@ def test_a_cluster_that_is_not_there_is_told(monkeypatch):
     ):
         pass
     with pytest.raises(ScenarioError, match="expected the address"), cluster_executor("nowhere"):
+        pass
+    with (
+        distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=None) as idle,
+        pytest.raises(ScenarioError, match="it has no workers"),
+        cluster_executor(idle.scheduler_address),
+    ):
         pass
 
 

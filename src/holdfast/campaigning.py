@@ -84,6 +84,7 @@ def sweep_command(
             runs=runs,
             seed=seed,
             overrides=overrides,
+            show=show,
             folder=folder,
             workers=workers,
             executor=executor,

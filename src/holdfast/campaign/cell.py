@@ -41,6 +41,7 @@ _last: tuple[object, Scenario | KernelScenario] | None = None
 def run_part(part: Part) -> dict[str, Any]:
     """{"numbers": a tally as lists, "note": warnings} or {"refused": why}.
 
+    "failed" is there where it was no refusal, but a failure, which may be gone another time.
     Raises `ScenarioError` where another version of holdfast asks.
     """
     if part.code != code_digest():
@@ -55,7 +56,7 @@ def run_part(part: Part) -> dict[str, Any]:
         except HoldfastError as error:
             return {"refused": str(error)}
         except Exception as error:  # one cell is not to end the others
-            return {"refused": f"{type(error).__name__}: {error}"}
+            return {"refused": f"{type(error).__name__}: {error}", "failed": True}
     said = [str(w.message) for w in heard if issubclass(w.category, GainWarning)]
     return {"numbers": as_table(numbers), "note": "; ".join(dict.fromkeys(said))}
 

@@ -33,7 +33,12 @@ class Store:
             )
 
     def finished(self) -> set[Key]:
-        """The parts that are there."""
+        """The parts that are there; those that failed are forgotten, to be tried again."""
+        with self.connection:
+            self.connection.execute(
+                "DELETE FROM part WHERE campaign = ? AND json_extract(answer, '$.failed')",
+                (self.campaign,),
+            )
         rows = self.connection.execute(
             "SELECT cell, number FROM part WHERE campaign = ?", (self.campaign,)
         )

@@ -20,7 +20,7 @@ from holdfast.arguments import checked
 from holdfast.campaign.axes import Over, grid_cells, latin_cells, read_over
 from holdfast.campaign.cell import Part, run_part
 from holdfast.campaign.store import Key, store
-from holdfast.campaign.table import Axis, campaign_table
+from holdfast.campaign.table import Axis, campaign_table, check_variable
 from holdfast.errors import GainWarning, HoldfastError, ScenarioError
 from holdfast.execution.closed_loop import available_cores
 from holdfast.kernel_scenario import KernelScenario
@@ -54,6 +54,7 @@ def sweep(
     runs: int | None = None,
     seed: int | None = None,
     overrides: Iterable[str] = (),
+    show: str | None = None,
     folder: Path | None = None,
     workers: int | None = None,
     executor: Executor | None = None,
@@ -71,13 +72,16 @@ def sweep(
     bounded whatever the number of runs: they are simulated 5,000 at a time, and counted. Where a
     cell is refused the table says why.
 
+    show: a variable that the table is to have: refused as soon as one part of a cell is known.
+
     folder: where finished parts are kept, in a file; a second call with the same scenario, code and
     arguments goes on from there. workers: how many processes, one a core by default (one, of a
     kernel, which uses all cores itself). executor: where to compute in place of them, such as
     `dask.distributed.Client(...).get_executor()`; `workers` is how much to ask of it at a time.
 
     Raises `ScenarioError` for a key or a scenario that cannot be used and where all cells tried
-    first are refused, `OutputError` for a folder that cannot be written.
+    first are refused, `OutputError` for a folder that cannot be written and a variable that there
+    is not.
     """
     overrides = tuple(overrides)
     shown, text, data = read_tables(scenario, overrides)
@@ -131,6 +135,7 @@ def sweep(
             for key, answer in answers(executor, run_part, asked, 2 * at_once, tell):
                 kept.put(key, answer)
                 there.add(key)
+                check_variable(show, answer)
                 tell()
         found = [kept.answers(cell) for cell in range(len(cells))]
     attributes = {

@@ -13,11 +13,12 @@ import xarray as xr
 from holdfast._version import __version__
 from holdfast.analysis.tally import from_table, put_together
 from holdfast.campaign.axes import Over
+from holdfast.errors import OutputError, suggestion
 from holdfast.knobs import Knob
 
 Array = npt.NDArray[np.float64]
 
-CELL = "cell"
+CELL, REFUSED = "cell", "refused"
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ def campaign_table(
         name: (dims, (v.astype(np.int64) if name in whole else v).reshape(shape), about[name])
         for name, v in columns.items()
     }
-    variables["refused"] = (
+    variables[REFUSED] = (
         dims, refused.reshape(shape), {"units": "1", "long_name": "1 where the cell was refused"},
     )  # fmt: skip
     for name, texts, says in (
@@ -94,6 +95,18 @@ def campaign_table(
         variables[name] = (dims, _texts(texts).reshape(shape), {"long_name": says})
     fixed = {"Conventions": "CF-1.11", "holdfast_version": __version__, "over": " ".join(names)}
     return xr.Dataset(variables, coordinates, {**fixed, **attributes})
+
+
+def check_variable(name: str | None, answer: Mapping[str, Any]) -> None:
+    """Raises `OutputError` where the table will have no variable of that name."""
+    if name in (None, REFUSED) or "numbers" not in answer:
+        return
+    entries = from_table(answer["numbers"]).items()
+    known = [column for entry_name, e in entries for column, *_ in e.numbers(entry_name)]
+    if name not in known:
+        raise OutputError(
+            f"a campaign has no '{name}'", remedy=suggestion(str(name), [*known, REFUSED])
+        )
 
 
 def _texts(texts: Sequence[str]) -> np.ndarray[Any, np.dtype[np.str_]]:

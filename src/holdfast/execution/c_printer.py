@@ -10,6 +10,7 @@ from sympy.printing.codeprinter import PrintMethodNotImplementedError
 
 from holdfast.errors import DefinitionError
 from holdfast.execution.printer import power, source_name
+from holdfast.maths.shared import exchanged, symbols_of
 
 HELPERS = """\
 static inline double hf_wrap(double x) {
@@ -95,7 +96,7 @@ def c_body(
     indent: str = "    ",
 ) -> str:
     """Lines that unpack what is used, share subexpressions, and fill the array `into`."""
-    used: set[sp.Symbol] = set().union(*(e.free_symbols for e in results)) if results else set()
+    used = symbols_of(results)
     lines = [
         f"{indent}const double {_name(s)} = {argument}[{i}];"
         for argument, symbols in unpack.items()
@@ -104,7 +105,7 @@ def c_body(
     ]
     renamed = {s: sp.Symbol(_name(s), real=True) for s in used}
     shared, reduced = sp.cse(
-        [e.xreplace(renamed) for e in results],
+        exchanged(results, renamed),
         symbols=sp.numbered_symbols("c_", real=True),
         order="none",
     )

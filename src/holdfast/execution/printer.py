@@ -8,6 +8,7 @@ import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
 
 from holdfast.maths.quantity import SAMPLE_TIME, TIME, TIME_IN_MODE
+from holdfast.maths.shared import exchanged, parts, symbols_of
 
 LONG = 40
 """Lines of a function that is not copied to several places: the compiler's time goes with them."""
@@ -121,21 +122,22 @@ def body(
     give: str = "return",
 ) -> str:
     """Its lines: unpacking, shared subexpressions, and what they are given to."""
-    used: set[sp.Symbol] = set().union(*(e.free_symbols for e in results)) if results else set()
+    used = symbols_of(results)
     lines = []
     for argument, symbols in unpack.items():
         for i, s in enumerate(symbols):
             if s in used:
                 lines.append(f"{indent}{source_name(s)} = {argument}[{i}]")
     renamed = {s: sp.Symbol(source_name(s), real=True) for s in used}
-    results = [e.xreplace(renamed) for e in results]
+    results = exchanged(results, renamed)
+    calls = [part for part in parts(results) if isinstance(part, (sp.sin, sp.cos))]
     turning = set(renamed.values()).intersection(
-        *({call.args[0] for e in results for call in e.atoms(f)} for f in (sp.sin, sp.cos))
+        *({call.args[0] for call in calls if isinstance(call, f)} for f in (sp.sin, sp.cos))
     )
     for a in sorted(turning, key=str):
         pair = {f(a): sp.Symbol(f"{a}{f.__name__}", real=True) for f in (sp.sin, sp.cos)}
         lines.append(f"{indent}{', '.join(map(str, pair.values()))} = sine_and_cosine({a})")
-        results = [e.xreplace(pair) for e in results]
+        results = exchanged(results, pair)
     shared, reduced = sp.cse(
         results,
         symbols=sp.numbered_symbols("c_", real=True),

@@ -26,6 +26,7 @@ from holdfast.maths.quantity import (
     symbol,
 )
 from holdfast.maths.region import Region
+from holdfast.maths.shared import symbols_of
 from holdfast.maths.switching import Switching, as_switching
 from holdfast.maths.system import System
 from holdfast.maths.tangency import check_reads
@@ -137,7 +138,7 @@ def closed_loop_program(
     used += [*memory.initial.values(), *memory.following.values()] if memory else []
     used += [*(x.when for x in switching.transitions), *switching.signals.values()]
     used += [*system.rates.values(), *(switching.lookup.places if switching.lookup else ())]
-    symbols = set().union(*(e.free_symbols for e in used))
+    symbols = symbols_of(used)
     for bounds in (system.input_bounds, system.disturbance_bounds):
         symbols |= bounds.free_symbols if bounds else set()
     for name in varied.draws:

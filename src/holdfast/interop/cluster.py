@@ -21,7 +21,7 @@ def cluster_executor(address: str) -> Iterator[tuple[Executor, int]]:
     """What computes on the cluster whose scheduler is there, and how many threads it has.
 
     Work of a worker that dies is done again by the others. Raises `ScenarioError` where nothing
-    answers within 20 s, there are no workers, or the cluster is lost.
+    answers within 20 s or no worker is there within them, or the cluster is lost.
     """
     if not re.search(r":\d+/?\Z", address):  # else it is looked for, for 40 s
         raise ScenarioError(
@@ -35,11 +35,13 @@ def cluster_executor(address: str) -> Iterator[tuple[Executor, int]]:
             remedy="begin one with `dask scheduler`, and workers with `dask worker ADDRESS`",
         ) from None  # fmt: skip
     with client:
-        cores = sum(client.nthreads().values())
-        if not cores:
+        try:
+            client.wait_for_workers(1, timeout=PATIENCE)  # that begins as this does
+        except OSError:
             raise ScenarioError(
                 f"--cluster {address}: it has no workers", remedy=f"dask worker {address}"
-            )
+            ) from None
+        cores = sum(client.nthreads().values())
         try:
             yield client.get_executor(pure=False), cores
         except (distributed.KilledWorker, distributed.CancelledError, OSError) as error:

@@ -19,6 +19,7 @@ jump: the sign and the number of turns are frozen, as a sampled controller holds
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import sympy as sp
@@ -33,6 +34,13 @@ class RealFunction(sp.Function):
 
     def _eval_is_real(self) -> bool:
         return True
+
+    def slope(self, slopes: Sequence[sp.Expr]) -> sp.Expr:
+        """The derivative, from those of the arguments."""
+        return sp.Add(*(self.fdiff(i + 1) * s for i, s in enumerate(slopes) if s != 0))
+
+    def _eval_derivative(self, s: sp.Symbol) -> sp.Expr:
+        return self.slope([a.diff(s) for a in self.args])
 
     def _latex(self, printer: Any, exp: str | None = None) -> str:
         """As it is read in a formula; `exp` is an exponent."""
@@ -98,9 +106,8 @@ class select(RealFunction):
         value = _number(x)
         return None if value is None else (a if value >= 0 else b)
 
-    def _eval_derivative(self, s: sp.Symbol) -> sp.Expr:
-        x, a, b = self.args
-        return select(x, a.diff(s), b.diff(s))
+    def slope(self, slopes: Sequence[sp.Expr]) -> sp.Expr:
+        return select(self.args[0], slopes[1], slopes[2])
 
 
 class least(RealFunction):
@@ -118,9 +125,8 @@ class least(RealFunction):
         numbers = cls._numbers(a, b)
         return None if numbers is None else (a if numbers[0] <= numbers[1] else b)
 
-    def _eval_derivative(self, s: sp.Symbol) -> sp.Expr:
-        a, b = self.args
-        return select(b - a, a.diff(s), b.diff(s))
+    def slope(self, slopes: Sequence[sp.Expr]) -> sp.Expr:
+        return select(self.args[1] - self.args[0], *slopes)
 
 
 class greatest(RealFunction):
@@ -138,9 +144,8 @@ class greatest(RealFunction):
         numbers = cls._numbers(a, b)
         return None if numbers is None else (a if numbers[0] >= numbers[1] else b)
 
-    def _eval_derivative(self, s: sp.Symbol) -> sp.Expr:
-        a, b = self.args
-        return select(a - b, a.diff(s), b.diff(s))
+    def slope(self, slopes: Sequence[sp.Expr]) -> sp.Expr:
+        return select(self.args[0] - self.args[1], *slopes)
 
 
 class angle(RealFunction):

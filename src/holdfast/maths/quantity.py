@@ -13,6 +13,7 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
+from holdfast.maths.shared import symbols_of
 from holdfast.maths.vocabulary import FUNCTIONS
 
 TIME = sp.Symbol("t", real=True)
@@ -143,7 +144,7 @@ def check_symbols(
     """Refuse an expression with a symbol that its owner does not declare."""
     known = set(allowed)
     for what, expression in expressions.items():
-        unknown = sorted(str(s) for s in expression.free_symbols - known)
+        unknown = sorted(str(s) for s in symbols_of([expression]) - known)
         if unknown:
             raise DefinitionError(
                 f"{what} of {owner} uses the undeclared name '{unknown[0]}'",

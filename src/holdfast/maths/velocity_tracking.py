@@ -11,6 +11,7 @@ from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.law import Law
 from holdfast.maths.quantity import TIME, Parameter, merge_parameters
+from holdfast.maths.shared import derivatives
 from holdfast.maths.switching import Switching
 from holdfast.maths.system import System
 
@@ -160,9 +161,10 @@ def _wanted_rates(system: System, law: Law, gains: Mapping[str, sp.Symbol]) -> d
         if name not in wanted:
             under_way.append(name)
             gamma = law.outputs[name]
-            slopes = {q: gamma.diff(q.symbol) for q in system.states}
-            feedforward = gamma.diff(TIME) + sp.Add(
-                *(slope * rate(q.name, name) for q, slope in slopes.items() if slope != 0)
+            slopes = derivatives(gamma, [*(q.symbol for q in system.states), TIME])
+            moving = [(q.name, slopes[q.symbol]) for q in system.states]
+            feedforward = slopes[TIME] + sp.Add(
+                *(slope * rate(q, name) for q, slope in moving if slope != 0)
             )
             error = system.states[system.state_names.index(name)].symbol - gamma
             wanted[name] = -gains[name] * error + feedforward
