@@ -3,7 +3,6 @@
 import contextlib
 import io
 import re
-import shlex
 import tomllib
 from pathlib import Path
 
@@ -71,31 +70,6 @@ def test_project_declares_the_python_it_needs():
     assert project["requires-python"] == ">=3.11"
 
 
-def test_examples_in_the_documentation_run(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    hf.load_scenario("inspection", ["run.horizon=4"], runs=3).run().save("result.nc")
-    for page in sorted((ROOT / "docs").glob("*.md")):
-        scope = {}
-        for code in re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), re.S):
-            with contextlib.redirect_stdout(io.StringIO()):
-                exec(code, scope)
-
-
-def test_scenario_files_in_the_documentation_load(tmp_path):
-    for page in sorted((ROOT / "docs").glob("*.md")):
-        for number, text in enumerate(
-            re.findall(r"```toml\n(.*?)```", page.read_text("utf-8"), re.S)
-        ):
-            if "[scenario]" in text:
-                named = re.match(r"# (\S+\.toml)\n", text)  # other blocks may refer to it
-                path = tmp_path / (named[1] if named else f"{page.stem}{number}.toml")
-                path.write_text(text)
-                shorter = ["run.horizon=1"] if "[run]" in text else []
-                hf.load_scenario(str(path), shorter).run()
-            else:
-                tomllib.loads(text)
-
-
 def test_site_has_every_page_and_the_reference_every_name():
     pages = {p.name for p in (ROOT / "docs").glob("*.md")}
     assert set(re.findall(r": (\w+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.M)) == pages
@@ -129,39 +103,3 @@ def test_every_equation_of_the_thesis_has_its_place():
         told = "".join((source / f).read_text("utf-8") for f in files)
         for name in re.findall(r"`([\w.]+)`", cells[3]) if files else ():
             assert name.split(".")[-1] in told, (name, files)
-
-
-def commands():
-    """Every line of a block of the documentation that calls holdfast, as the shell would split it."""
-    for page in [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]:
-        blocks = re.findall(r"```(\w*)\n(.*?)```", page.read_text("utf-8"), re.S)
-        for block in (text for language, text in blocks if language in ("", "sh", "bash")):
-            for line in block.replace("\\\n", " ").splitlines():
-                for part in line.split("&&"):
-                    called = re.match(r"\s*holdfast ([^>#]+)", part)
-                    if called:
-                        yield page.name, shlex.split(called[1])
-
-
-def test_commands_of_the_documentation_are_understood():
-    """They parse, and what they name exists; running them all would take an hour."""
-    from holdfast.catalogue import KINDS
-    from holdfast.cli import cli
-    from holdfast.sources import scenario_names
-
-    shipped = {*scenario_names(), *(f.__name__ for k in KINDS.values() for f in k)}
-    seen = 0
-    for page, (name, *words) in commands():
-        if name.startswith("-"):
-            continue
-        command = cli.commands[name]
-        with command.make_context(
-            name, list(words)
-        ) as context:  # an option that there is not: error
-            about = context.params.get("scenario") or context.params.get("system")
-        assert about is None or about in shipped or about.endswith(".toml") or about.isupper(), (
-            page,
-            words,
-        )
-        seen += 1
-    assert seen > 40

@@ -121,7 +121,7 @@ def unstable(dimension):
 @pytest.mark.parametrize(
     ("dimension", "nodes", "scheme", "share"),
     [(1, 41, "weno5", 0.15), (2, 41, "weno5", 0.15), (3, 31, "weno5", 0.5), (4, 17, "weno5", 0.5),
-     (5, 11, "weno5", 0.5), (6, 9, "weno5", 0.5)],
+     pytest.param(5, 11, "weno5", 0.5, marks=pytest.mark.heavy), (6, 9, "weno5", 0.5)],
 )  # fmt: skip
 def test_unstable_lines_in_every_dimension(dimension, nodes, scheme, share):
     """The half-widths of the kernel after a second, within a share of a cell."""
