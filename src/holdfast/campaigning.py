@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -171,23 +170,23 @@ def export_command(
         text = export_c(loaded.system, loaded.law, loaded.name)
         make_folder(path.parent)
         write_text(path, text)
-        took = _timed(loaded, text, tell) if timing else ""
     click.echo(f"written: {path} ({len(text.splitlines())} lines); its comments say what is what")
-    if took:
-        click.echo(took)
+    if timing:
+        click.echo(_timed(loaded, text))
 
 
 TIMED_RUNS = 4
 
 
-def _timed(scenario: Scenario, text: str, tell: Callable[[str, float], None]) -> str:
+def _timed(scenario: Scenario, text: str) -> str:
     """The nanoseconds of a call, or why they are not known: the file is written in any case."""
     from holdfast.errors import HoldfastError
     from holdfast.execution.c_timing import time_law
 
     runs = min(scenario.runs, TIMED_RUNS)
     try:
-        result = scenario.run(lambda fraction: tell("runs to time it", fraction), range(runs))
+        with bar("runs to time it") as tell:
+            result = scenario.run(lambda f: tell("runs to time it", f), range(runs))
         states, sample_time = result.dataset["state"].values, scenario.settings["sample_time"]
         found = time_law(text, scenario.name, states, float(sample_time))
     except HoldfastError as error:

@@ -127,7 +127,7 @@ FUNCTIONS = {
     },
     "classify": lambda: {"field": hf.fields.dipolar(), "point": [0, 0]},
     "compare": lambda: {
-        "name": "ch5-nominal", "laws": ["ch5-nominal"], "cases": None, "overrides": ["run.horizon=0.5"], "runs": 1, "seed": 1,
+        "name": "wheeled_camera", "laws": ["wheeled_camera"], "cases": None, "overrides": ["run.horizon=0.5"], "runs": 1, "seed": 1,
     },
     "comparison_figure": lambda: {"found": comparison()},
     "campaign_figure": lambda: {"found": campaign(), "variable": "refused"},

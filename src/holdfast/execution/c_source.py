@@ -15,6 +15,7 @@ from holdfast.maths.bounds import LinearImage
 from holdfast.maths.law import Law
 from holdfast.maths.measurement import by_measurements
 from holdfast.maths.quantity import Parameter, Quantity, merge_parameters, symbol
+from holdfast.maths.shared import symbols_of
 from holdfast.maths.switching import Switching, as_switching
 from holdfast.maths.system import System
 
@@ -117,11 +118,11 @@ class _File:
         switching, memory = self.switching, self.switching.memory
         used: list[sp.Expr] = [e for m in switching.modes.values() for e in m.outputs.values()]
         used += [e for guard in self.guards.values() for e in guard.expressions]
-        used += switching.lookup.places if switching.lookup else ()
+        used += switching.lookup.places if switching.lookup else []
         used += [t.when for t in switching.transitions]
         used += [*memory.initial.values(), *memory.following.values()] if memory else []
         used += self._limits()
-        return set().union(*(e.free_symbols for e in used))
+        return symbols_of(used)
 
     def _helpers(self, functions: str) -> list[str]:
         """What the functions need beside `HELPERS`."""
@@ -171,9 +172,7 @@ class _File:
             asked = ""
             if guard := self.guards.get(name):
                 m, count = len(names), len(guard.offsets)
-                for j, offset in enumerate(guard.offsets):
-                    results += [*(guard.normals[n][j] for n in names), offset]
-                results += [guard.scales[n] for n in names]
+                results += guard.rows(names)
                 into, end = "asked", len(results) - m
                 asked = f"        double asked[{len(results)}];\n"
                 ending = (

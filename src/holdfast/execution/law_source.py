@@ -48,9 +48,7 @@ def law_source(
             lines.append(f"{indent}return ({', '.join(places[n] for n in inputs)}, 0.0)")
             continue
         guard, m = mode.safeguard, len(inputs)
-        for j, offset in enumerate(guard.offsets):
-            results += [*(guard.normals[n][j] for n in inputs), offset]
-        results += [guard.scales[n] for n in inputs]
+        results += guard.rows(inputs)
         # names of its own in each mode: Numba does not unify long tuples of different modes
         asked, given = f"asked{number}", f"given{number}"
         lines.append(body(unpack, results, indent=indent, give=f"{asked} ="))

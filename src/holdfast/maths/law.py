@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -73,6 +73,12 @@ class Safeguard:
         """Every expression of it."""
         entries = (e for row in self.normals.values() for e in row)
         return (*entries, *self.offsets, *self.scales.values())
+
+    def rows(self, inputs: Sequence[str]) -> list[sp.Expr]:
+        """The normal and the offset of every half-space, one after the other, then the scales."""
+        pairs = enumerate(self.offsets)
+        rows = [e for j, offset in pairs for e in (*(self.normals[n][j] for n in inputs), offset)]
+        return [*rows, *(self.scales[n] for n in inputs)]
 
     def subs(self, values: Mapping[sp.Symbol, sp.Expr]) -> Safeguard:
         """The same with symbols replaced."""
