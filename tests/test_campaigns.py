@@ -343,6 +343,8 @@ def test_a_cell_that_fails_does_not_end_the_others(cart, here, monkeypatch, tmp_
     monkeypatch.setattr(cell.Scenario, "run", run)
     assert hf.sweep(cart, **asked).refused == 0, "what failed is tried again"
     assert [r[1] for r in rows(tmp_path)] == [0, 2, 1]
+    again = hf.sweep(cart, **asked)
+    assert again.refused == 0
 
 
 def test_a_refusal_is_not_tried_again(cart, here, tmp_path):
@@ -521,7 +523,9 @@ def test_a_cluster_that_is_not_there_is_told(monkeypatch):
     with pytest.raises(ScenarioError, match="expected the address"), cluster_executor("nowhere"):
         pass
     with (
-        distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=None) as idle,
+        distributed.LocalCluster(
+            n_workers=0, processes=False, dashboard_address=None, protocol="tcp://"
+        ) as idle,
         pytest.raises(ScenarioError, match="it has no workers"),
         cluster_executor(idle.scheduler_address),
     ):

@@ -21,11 +21,13 @@ Key = tuple[int, int]
 class Store:
     """The answers of the parts of one campaign, by `campaign`, its digest.
 
-    Answers of other campaigns in the same file are let be.
+    Answers of other campaigns in the same file are let be. What failed is not kept beyond this
+    call: the next one tries it again.
     """
 
     def __init__(self, connection: sqlite3.Connection, campaign: str) -> None:
         self.connection, self.campaign = connection, campaign
+        self.failed: dict[int, dict[int, dict[str, Any]]] = {}  # cell, part
         with connection:
             connection.execute(
                 "CREATE TABLE IF NOT EXISTS part (campaign TEXT, cell INTEGER, number INTEGER, "
@@ -33,12 +35,7 @@ class Store:
             )
 
     def finished(self) -> set[Key]:
-        """The parts that are there; those that failed are forgotten, to be tried again."""
-        with self.connection:
-            self.connection.execute(
-                "DELETE FROM part WHERE campaign = ? AND json_extract(answer, '$.failed')",
-                (self.campaign,),
-            )
+        """The parts that are there."""
         rows = self.connection.execute(
             "SELECT cell, number FROM part WHERE campaign = ?", (self.campaign,)
         )
@@ -46,6 +43,9 @@ class Store:
 
     def put(self, key: Key, answer: dict[str, Any]) -> None:
         """Keep the answer of a part; it is on disk when this returns."""
+        if answer.get("failed"):
+            self.failed.setdefault(key[0], {})[key[1]] = answer
+            return
         with self.connection:
             self.connection.execute(
                 "INSERT OR IGNORE INTO part VALUES (?, ?, ?, ?)",
@@ -55,10 +55,12 @@ class Store:
     def answers(self, cell: int) -> list[dict[str, Any]]:
         """Of every part of a cell, in order."""
         rows = self.connection.execute(
-            "SELECT answer FROM part WHERE campaign = ? AND cell = ? ORDER BY number",
+            "SELECT number, answer FROM part WHERE campaign = ? AND cell = ?",
             (self.campaign, cell),
         )
-        return [json.loads(text) for (text,) in rows]
+        found = {number: json.loads(text) for number, text in rows}
+        found |= self.failed.get(cell, {})
+        return [found[number] for number in sorted(found)]
 
 
 @contextmanager
