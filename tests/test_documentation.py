@@ -86,7 +86,7 @@ FEWER = {
     "reproduce": "--quick",
 }
 NOT_HERE = ("python -m pip ", "python -m pytest", "python benchmarks/", "dask ")
-"""Lines of a shell that the checks themselves run, that need peers, and that have a test of their own."""
+"""Lines of a shell that the checks themselves run, or that have tests of their own below."""
 
 
 def lines(page):
@@ -161,13 +161,27 @@ def test_commands_of_the_documentation_run(page, folder, monkeypatch):
 
 
 def test_shell_lines_are_of_commands_that_the_tests_know():
-    """Those that are not run here are known by name; the benchmarks that they name exist."""
+    """Of what is installed the extras exist: the checks themselves install them."""
     seen = [line for page in PAGES for line in typed(page)]
     assert sum(line.startswith("holdfast ") for line in seen) > 50
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
     for line in seen:
         assert line.startswith(("holdfast ", "gcc ", *NOT_HERE))
-        for script in re.findall(r"benchmarks/\w+\.py", line):
-            assert (ROOT / script).exists()
+        assert set(re.findall(r"\[(\w+)\]", line)) <= set(extras) or " pip " not in line
+    for extra in ("cluster", "interop"):
+        assert set(extras[extra]) <= set(extras["test"])
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize(
+    "line", [x for page in PAGES for x in typed(page) if x.startswith("python benchmarks/")]
+)
+def test_benchmarks_of_the_documentation_run(line):
+    for peer in ("jax", "diffrax", "hj_reachability"):
+        pytest.importorskip(peer, reason="the peers are not installed")
+    subprocess.run([sys.executable, *shlex.split(line)[1:]], cwd=ROOT, check=True)
 
 
 def test_cluster_of_the_documentation_computes(tmp_path, monkeypatch):
