@@ -58,8 +58,9 @@ def main() -> None:
         code = (
             "import time; from holdfast.scenario import load_scenario; import numba; "
             "t = time.perf_counter(); "
-            f"s = load_scenario({name!r}, ['run.horizon=0.2', 'run.record_every=0.2'], runs={runs}); "
-            "s.run(); print(time.perf_counter() - t)"
+            "short = ['run.horizon=0.2', 'run.record_every=0.2']; "
+            f"load_scenario({name!r}, short, runs={runs}).run(); "
+            "print(time.perf_counter() - t)"
         )
         with tempfile.TemporaryDirectory() as cache:
             cold = seconds(code, cache)
