@@ -138,7 +138,7 @@ def compare(new, was, first, last, near, slow):
     return int(changes), int(odd), int(fast)
 
 
-@swept
+@called
 def mark(marks, unit, several, place, nodes, stride, kind, ghosts):
     """The units within reach of several along an outer axis have to be computed again."""
     for k in range(-ghosts, ghosts + 1):
@@ -146,19 +146,21 @@ def mark(marks, unit, several, place, nodes, stride, kind, ghosts):
         if kind == PERIODIC:
             there = (there + nodes) % nodes
         if 0 <= there < nodes:
-            of = unit + (there - place) * stride
-            for j in range(of, of + several):
-                marks[j] = 1
+            of = np.uint64(unit + (there - place) * stride)
+            for j in range(np.uint64(several)):
+                marks[of + j] = 1
 
 
-@swept
+@called
 def mark_rows(marks, unit, row, tall, rows_of, many, stretches, kind, ghosts):
     """The same for the groups of rows that those within reach belong to."""
+    last = -1  # marked already; and so the loop is not made of vectors, which it is too short for
     for there in range(row - ghosts, row + tall + ghosts):
         if kind == PERIODIC:
             there = (there + rows_of) % rows_of
-        if 0 <= there < rows_of:
-            marks[unit + there // many * stretches] = 1
+        if 0 <= there < rows_of and there // many != last:
+            last = there // many
+            marks[np.uint64(unit + last * stretches)] = 1
 
 
 @entered
