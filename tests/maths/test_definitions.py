@@ -5,6 +5,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
+from holdfast.maths.lookup import Lookup
 
 X, Y, PSI, V = (hf.symbol(n) for n in ("x", "y", "psi", "v"))
 STATES = (hf.Quantity("x", "m"), hf.Quantity("y", "m"), hf.Quantity("psi", "rad", angle=True))
@@ -78,6 +79,15 @@ def test_switching_refuses_unknown_modes_and_unequal_outputs():
         hf.Switching("s", {"go": go}, (hf.Transition("go", "gone", X),))
     with pytest.raises(DefinitionError, match="undeclared name 'z'"):
         hf.Switching("s", {"go": go}, (hf.Transition("go", "go", hf.symbol("z")),))
+
+
+def test_guards_read_no_kernel():
+    """A law and its signals may; the modes are chosen before it is looked up."""
+    lookup = Lookup((X,), None)
+    go = hf.Law("go", (hf.Quantity("x", "m"),), {"u": lookup.value}, lookup=lookup)
+    hf.Switching("s", {"go": go}, signals={"V": lookup.value})
+    with pytest.raises(DefinitionError, match="guard go -> go"):
+        hf.Switching("s", {"go": go}, (hf.Transition("go", "go", lookup.value),))
 
 
 def test_region_refuses_duplicate_and_undeclared_names():

@@ -17,6 +17,7 @@ EXPRESSIONS = [
     angle(Y, X, K) * length(X, Y, sp.Float(1e-9)),
     magnitude(X - Y) * sgn(X) + wrap(X + 2 * Y) + greatest(X, Y) ** 2,
     sp.Abs(X * Y) + sp.sqrt(X) + sp.asin(X) + sp.sinh(Y),
+    sp.Piecewise((-X, X > 0), (Y * X, True)),
     sp.Integer(3),
 ]
 

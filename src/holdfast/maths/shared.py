@@ -50,14 +50,20 @@ def derivatives(expression: sp.Expr, by: Iterable[sp.Symbol]) -> dict[sp.Symbol,
 
 def _derivative(e: sp.Expr, s: sp.Symbol, known: dict[sp.Basic, sp.Expr]) -> sp.Expr:
     if e not in known:
-        known[e] = _by_chain(e, s, [_derivative(a, s, known) for a in e.args])
+        if isinstance(e, CHAINED):
+            known[e] = _by_chain(e, s, [_derivative(a, s, known) for a in e.args])
+        else:
+            known[e] = e.diff(s)
     return known[e]
+
+
+_OF_ONE = (sp.sin, sp.cos, sp.tan, sp.tanh, sp.exp, sp.log, sp.atan)
+CHAINED = (sp.Add, sp.Mul, sp.Pow, RealFunction, *_OF_ONE)
+"""Of all else the arguments may be no numbers: the conditions of a `Piecewise`."""
 
 
 def _by_chain(e: sp.Expr, s: sp.Symbol, slopes: Sequence[sp.Expr]) -> sp.Expr:
     """The derivative from those of the arguments."""
-    if not e.args:
-        return sp.S.One if e == s else sp.S.Zero
     if all(slope == 0 for slope in slopes):
         return sp.S.Zero
     if isinstance(e, sp.Add):
@@ -73,8 +79,4 @@ def _by_chain(e: sp.Expr, s: sp.Symbol, slopes: Sequence[sp.Expr]) -> sp.Expr:
     if isinstance(e, sp.Pow):
         base, exponent = e.args
         return e * (slopes[1] * sp.log(base) + slopes[0] * exponent / base)
-    if isinstance(e, RealFunction):
-        return e.slope(slopes)
-    if isinstance(e, (sp.sin, sp.cos, sp.tan, sp.tanh, sp.exp, sp.log, sp.atan)):
-        return e.fdiff(1) * slopes[0]
-    return e.diff(s)
+    return e.slope(slopes) if isinstance(e, RealFunction) else e.fdiff(1) * slopes[0]

@@ -86,12 +86,12 @@ class Switching:
                     remedy=suggestion(end, self.modes),
                 )
         allowed = [q.symbol for q in self.reads + self.parameters] + [TIME]
-        allowed += self.lookup.symbols if self.lookup else ()
         check_symbols(
             {f"guard {t.source} -> {t.target}": t.when for t in self.transitions},
             [*allowed, TIME_IN_MODE],
             owner,
         )
+        allowed += self.lookup.symbols if self.lookup else ()  # which guards have not
         check_symbols({f"signal '{k}'": e for k, e in self.signals.items()}, allowed, owner)
 
     @property
