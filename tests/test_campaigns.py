@@ -374,6 +374,17 @@ def test_kernels_are_swept_too(here, tmp_path):
     assert found.dataset["answered"].values.tolist() == [1, 1, 1]
 
 
+def test_what_an_empty_kernel_has_not_can_be_shown_of_the_others(here, tmp_path):
+    path = tmp_path / "line.toml"
+    more = 'most = { value = 0.6, unit = "m/s" }, push = {'
+    text = LINE.replace("[-0.6, 0.6]", '["-most", "most"]').replace("push = {", more)
+    path.write_text(text + "\n[promise]\nruns = 10\n", "utf-8")
+    found = hf.sweep(str(path), ["most=0.1,0.6"], executor=here, show="kept_0", folder=tmp_path)
+    assert found.variable().values[0] == 0
+    assert np.isnan(found.variable("kept_0").values[0])
+    assert found.variable("kept_0").values[1] == 1
+
+
 # -- killed, interrupted, resumed
 
 

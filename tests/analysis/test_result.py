@@ -102,6 +102,19 @@ def test_failure_while_writing_leaves_no_file_and_keeps_the_old_one(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_what_a_link_leads_to_is_written_and_what_is_no_file_stays(tmp_path):
+    link, file, pipe = (tmp_path / n for n in ("link", "file", "pipe"))
+    link.symlink_to(file)
+    with atomic_file(link) as partial:
+        partial.write_text("new")
+    assert link.is_symlink()
+    assert file.read_text() == "new"
+    os.mkfifo(pipe)
+    with pytest.raises(OutputError, match=r"pipe cannot be written \(it is there, and no file\)"):
+        atomic_file(pipe).__enter__()
+    assert pipe.is_fifo()
+
+
 def test_unwritable_folder_and_foreign_files_are_refused(result, tmp_path):
     with pytest.raises(OutputError, match="cannot be written"):
         result.save(tmp_path / "nowhere" / "result.nc")

@@ -19,12 +19,17 @@ LITTLE = 1 << 20
 
 
 class atomic_file:
-    """Context manager: a temporary path beside `path`, renamed to it on success only."""
+    """Context manager: a temporary path beside `path`, renamed to it on success only.
+
+    What a link leads to is replaced, not the link; a device, a pipe or a folder is refused.
+    """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        self.path = path.resolve()  # of a link, what it leads to
 
     def __enter__(self) -> Path:
+        if self.path.exists() and not self.path.is_file():
+            raise OutputError(f"{self.path} cannot be written (it is there, and no file)")
         try:
             handle, name = tempfile.mkstemp(
                 dir=self.path.parent, prefix=f".{self.path.name}.", suffix=".partial"

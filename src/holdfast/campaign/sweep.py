@@ -135,7 +135,8 @@ def sweep(
             for key, answer in answers(executor, run_part, asked, 2 * at_once, tell):
                 kept.put(key, answer)
                 there.add(key)
-                check_variable(show, answer)
+                if isinstance(own, Scenario):  # what a kernel gives depends on whether it is empty
+                    check_variable(show, answer)
                 tell()
         found = [kept.answers(cell) for cell in range(len(cells))]
     attributes = {
