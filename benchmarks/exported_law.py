@@ -35,8 +35,9 @@ def main() -> None:
     for name in NAMES:
         scenario = hf.load_scenario(name)
         text = hf.export_c(scenario.system, scenario.law, name)
-        states = scenario.run(part=range(min(RUNS, scenario.runs))).dataset["state"].values
-        found = time_law(text, name, states, scenario.settings["sample_time"])
+        data = scenario.run(part=range(min(RUNS, scenario.runs))).dataset
+        times, states = data["time"].values, data["state"].values
+        found = time_law(text, name, times, states, scenario.settings["sample_time"])
         modes = len(getattr(scenario.law, "modes", [1]))
         print(
             f"| `{name}` | {modes} | {len(text.splitlines())} | {stack(text)} "

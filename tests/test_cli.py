@@ -442,6 +442,10 @@ def test_exported_law_is_timed_by_the_compiler_that_is_here(tmp_path):
         (None, "not timed: there is no C compiler here (cc, gcc, clang)"),
         ("echo 'no licence' >&2; exit 3", "not timed: 'cc' failed: no licence"),
         ("exit 3", "not timed: 'cc' failed: exit status 3"),
+        (
+            "echo 'law.c: In main:\nlaw.c:7: error: no\nrest' >&2; exit 1",
+            "not timed: 'cc' failed: law.c:7: error: no",
+        ),
     ],
 )
 def test_law_is_written_where_it_cannot_be_timed(compiler, said, tmp_path):

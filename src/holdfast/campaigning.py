@@ -187,8 +187,8 @@ def _timed(scenario: Scenario, text: str) -> str:
     try:
         with bar("runs to time it") as tell:
             result = scenario.run(lambda f: tell("runs to time it", f), range(runs))
-        states, sample_time = result.dataset["state"].values, scenario.settings["sample_time"]
-        found = time_law(text, scenario.name, states, float(sample_time))
+        times, states = (result.dataset[n].values for n in ("time", "state"))
+        found = time_law(text, scenario.name, times, states, scenario.settings["sample_time"])
     except HoldfastError as error:
         return f"  not timed: {error}"
     return (

@@ -1,13 +1,15 @@
 """Laws as C99: warnings are errors, the numbers are those of the compiled closed loop."""
 
 import ctypes
+import re
 
 import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.errors import DefinitionError
+from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.c_source import export_c
+from holdfast.execution.c_timing import time_law, timed_rows
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.bounds import LinearImage
 from holdfast.maths.quantity import TIME, TIME_IN_MODE
@@ -169,6 +171,42 @@ def test_any_name_is_one_in_c(name, called, tmp_path):
     robot = hf.systems.unicycle()
     c = built(tmp_path, export_c(robot, hf.laws.steer_unicycle(robot), name), called)
     assert getattr(c, f"{called}_start")
+
+
+def test_numbers_and_names_of_any_kind_make_c(tmp_path):
+    """A number of NumPy; units and modes that would end a comment, or be letters in older C."""
+    k = hf.Parameter("k", "m*/s ??/", "half ???/ of /* it", value=np.linspace(0.1, 1, 3)[1])
+    x = hf.Quantity("x", "m")
+    law = hf.Law("steer", (x,), {"u": -hf.symbol("k") * x.symbol}, (k,))
+    u = hf.Quantity("u", "m/s")
+    system = hf.System(name="s", states=(x,), inputs=(u,), rates={"x": u.symbol})
+    both = hf.Switching("both\n*/ int", {"a*/b": law, "??/": law})
+    c = built(tmp_path, export_c(system, both, "law_"), "law_")
+    assert ctypes.c_double.in_dll(c, "law__parameters").value == 0.55
+
+
+@pytest.mark.parametrize("name", ["ch4-unicycle", "ch6-chain", "inspection"])
+def test_no_function_is_in_the_file_that_is_not_called(name):
+    """Of which some compilers warn."""
+    scenario = hf.load_scenario(name)
+    text = export_c(scenario.system, scenario.law, name)
+    defined = re.findall(r"^static .*?(\w+)\(", text, re.MULTILINE)
+    assert defined
+    for function in defined:
+        assert len(re.findall(rf"\b{function}\(", text)) > 1, function
+
+
+def test_law_is_timed_along_every_run_from_its_start_to_where_its_numbers_end(tmp_path):
+    times, states = np.array([0.0, 0.5]), np.arange(12.0).reshape(3, 2, 2)
+    states[1, 1] = np.nan
+    rows = [[1, 0, 0, 1], [0, 0.5, 2, 3], [1, 0, 4, 5], [1, 0, 8, 9], [0, 0.5, 10, 11]]
+    assert timed_rows(times, states).tolist() == rows
+    robot = hf.systems.unicycle()
+    text = export_c(robot, hf.laws.steer_unicycle(robot), "MY_UPPER_NAME")
+    found = time_law(text, "MY_UPPER_NAME", times, np.ones((3, 2, 3)), 0.02)
+    assert 0 < found.nanoseconds < 1e5
+    with pytest.raises(SimulationError, match="no state of its runs is a number"):
+        time_law(text, "MY_UPPER_NAME", times, np.full((3, 2, 3), np.nan), 0.02)
 
 
 def test_what_has_no_c_is_refused():

@@ -9,8 +9,8 @@ import sympy as sp
 from holdfast._version import __version__
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
-from holdfast.execution.c_printer import HELPERS, c_body
-from holdfast.execution.c_text import c_file, c_name, c_table
+from holdfast.execution.c_printer import c_body
+from holdfast.execution.c_text import c_comment, c_file, c_name, c_needed, c_table
 from holdfast.maths.bounds import LinearImage
 from holdfast.maths.law import Law
 from holdfast.maths.measurement import by_measurements
@@ -70,7 +70,7 @@ class _File:
         functions = [self._law(), self._next_mode(), self._limit()]
         functions += [self._remember()] if self.kept else []
         values = "\n".join(
-            f"    {p.value!r}, /* {i} {p.name} [{p.unit}] {_plain(p.description)} */"
+            f"    {float(p.value)!r}, {c_comment(f'{i} {p.name} [{p.unit}] {p.description}')}"
             for i, p in enumerate(self.parameters)
         )
         sizes = {
@@ -82,21 +82,21 @@ class _File:
             "PARAMETERS": max(len(self.parameters), 1),
         }
         upper = n.upper()
+        about = [
+            f"{self.switching.name}, for {self.system.name}. Made by holdfast {__version__}.",
+            "",
+            *(f"seen[{i}]: {q.name} [{q.unit}]" for i, q in enumerate(self.seen)),
+            *(f"command[{i}]: {q.name} [{q.unit}]" for i, q in enumerate(self.system.inputs)),
+            *(f"actuators[{i}]: {a}" for i, a in enumerate(self.actuators)),
+            *(f"mode {i}: {m}" for i, m in enumerate(self.switching.modes)),
+            *([f"{n}_state.slack: {SLACK}"] if self.guards else []),
+        ]
         lines = [
-            f"/* {_plain(self.switching.name)}, for {_plain(self.system.name)}. Made by holdfast "
-            f"{__version__}.",
-            " *",
-            *(f" * seen[{i}]: {q.name} [{q.unit}]" for i, q in enumerate(self.seen)),
-            *(f" * command[{i}]: {q.name} [{q.unit}]" for i, q in enumerate(self.system.inputs)),
-            *(f" * actuators[{i}]: {a}" for i, a in enumerate(self.actuators)),
-            *(f" * mode {i}: {m}" for i, m in enumerate(self.switching.modes)),
-            *([f" * {n}_state.slack: {SLACK}"] if self.guards else []),
-            " */",
+            c_comment(*about),
             "#include <math.h>",
             "",
             *(f"#define {upper}_{size} {count}" for size, count in sizes.items()),
             "",
-            HELPERS,
             *self._helpers("\n".join(functions)),
             "typedef struct {",
             "    int mode, begun;",
@@ -125,15 +125,15 @@ class _File:
         return symbols_of(used)
 
     def _helpers(self, functions: str) -> list[str]:
-        """What the functions need beside `HELPERS`."""
-        found = [c_file("walls")] if "hf_nearest_" in functions else []
+        """What the functions call."""
+        found = [c_needed(name, functions) for name in ("basics", "walls")]
         if self.guards:
             most = max(len(guard.offsets) for guard in self.guards.values())
             found.append(f"#define HF_M {len(self.inputs)}\n#define HF_ROWS {most}\n")
             found.append(c_file("nearest"))
         if self.switching.lookup is not None:
             found += [c_table(self.switching.lookup), c_file("interpolate")]
-        return found
+        return [text for text in found if text]
 
     def _limits(self) -> list[sp.Expr]:
         """What the actuators do at a command."""
@@ -265,8 +265,3 @@ class _File:
             "    limit(command, p, actuators);\n"
             f"{remember}    return mode;\n}}"
         )
-
-
-def _plain(text: str) -> str:
-    """Text that may stand in a comment."""
-    return text.replace("*/", "* /").replace("/*", "/ *").replace("\n", " ")

@@ -23,6 +23,31 @@ def c_file(name: str) -> str:
     return (files("holdfast.execution") / "c" / f"{name}.c").read_text("utf-8")
 
 
+def c_needed(name: str, text: str) -> str:
+    """Of the functions of such a file those that the text calls, and those that they call.
+
+    Compilers warn of functions that are not used. Blank lines stand between functions only.
+    """
+    found: list[str] = []
+    for block in reversed(c_file(name).split("\n\n")):
+        defined = re.search(r"^static .*?(\w+)\(", block, re.MULTILINE)
+        if defined and re.search(rf"\b{defined[1]}\(", text):
+            found.insert(0, block.rstrip("\n"))
+            text += block
+    return "".join(f"{block}\n\n" for block in found)
+
+
+def c_comment(*lines: str) -> str:
+    """A comment, whatever is in the lines."""
+    plain = [
+        re.sub(r"\?(?=\?)", "? ", " ".join(x.split()).replace("*/", "* /").replace("/*", "/ *"))
+        for x in lines
+    ]
+    if len(plain) == 1:
+        return f"/* {plain[0]} */"
+    return "/* " + "\n".join([plain[0], *(f" * {x}".rstrip() for x in plain[1:]), " */"])
+
+
 def c_table(lookup: Lookup) -> str:
     """What `interpolate.c` looks a value up in."""
     table: Any = lookup.table

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 import tempfile
@@ -28,29 +29,46 @@ class Timing:
     compiler: str
 
 
-def time_law(text: str, name: str, states: npt.NDArray[np.float64], sample_time: float) -> Timing:
+def time_law(
+    text: str,
+    name: str,
+    times: npt.NDArray[np.float64],
+    states: npt.NDArray[np.float64],
+    sample_time: float,
+) -> Timing:
     """The time of a step of the law that `export_c` wrote for `name`.
 
-    states: shape (..., states); the law is asked at one after the other, as in a run, but not at
-    what is no number, with what it is told of disturbances zero. The fastest of five times a fifth
-    of a second of a core.
+    times [s], states: shapes (times,) and (runs, times, states). The law goes along the runs, with
+    what it is told of disturbances zero; of a run that ended early, as far as there are numbers.
+    The fastest of five times a fifth of a second of a core.
 
-    Raises `SimulationError` where there is no compiler, or it does not make a program that runs.
+    Raises `SimulationError` where no state is a number, where there is no compiler, or where it
+    makes no program that runs.
     """
     compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
     if compiler is None:
         raise SimulationError(f"there is no C compiler here ({', '.join(COMPILERS)})")
-    called, states = c_name(name), states.reshape(-1, states.shape[-1])
-    states = states[np.isfinite(states).all(axis=1)]
-    main = c_file("timing").replace("NAME", called).replace("UPPER", called.upper())
+    rows = timed_rows(times, states)
+    if not len(rows):
+        raise SimulationError("no state of its runs is a number")
+    names = {"NAME": c_name(name), "UPPER": c_name(name).upper()}
+    main = re.sub("|".join(names), lambda found: names[found[0]], c_file("timing"))
     with tempfile.TemporaryDirectory(prefix="holdfast-") as folder:
-        source, program, rows = (Path(folder) / n for n in ("law.c", "law", "states"))
+        source, program, data = (Path(folder) / n for n in ("law.c", "law", "rows"))
         source.write_text(text + main, encoding="utf-8")
-        rows.write_bytes(np.ascontiguousarray(states, dtype=np.float64).tobytes())
+        data.write_bytes(rows.tobytes())
         _done([compiler, *OPTIONS, str(source), "-o", str(program), "-lm"])
-        count, width = states.shape
-        told = _done([str(program), str(rows), str(count), str(width), repr(sample_time)])
+        told = _done([str(program), str(data), *map(str, rows.shape), repr(float(sample_time))])
     return Timing(float(told), f"{Path(compiler).name} {OPTIONS[-1]}")
+
+
+def timed_rows(
+    times: npt.NDArray[np.float64], states: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """1 where a run begins, its time, its state; shape (rows, 2 + states)."""
+    begins = np.broadcast_to(np.arange(len(times)) == 0, states.shape[:2])
+    found = np.dstack([begins, np.broadcast_to(times, states.shape[:2]), states])
+    return np.ascontiguousarray(found[np.isfinite(states).all(axis=2)], dtype=np.float64)
 
 
 def _done(command: list[str]) -> str:
@@ -61,6 +79,7 @@ def _done(command: list[str]) -> str:
     except (OSError, subprocess.TimeoutExpired) as error:
         raise SimulationError(f"'{name}' could not be run ({error})") from None
     if done.returncode:
-        said = (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[0]
+        lines = done.stderr.strip().splitlines() or [f"exit status {done.returncode}"]
+        said = next((line for line in lines if "error" in line), lines[-1])
         raise SimulationError(f"'{name}' failed: {said}")
     return done.stdout
