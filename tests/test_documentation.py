@@ -138,6 +138,10 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("pages")
 
 
+TRIED: set[str] = set()
+"""Lines that stand on several pages are run on the first of them."""
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
 def test_commands_of_the_documentation_run(page, folder, monkeypatch):
     """In the order of the page, with the files that the page shows."""
@@ -154,6 +158,9 @@ def test_commands_of_the_documentation_run(page, folder, monkeypatch):
             continue
         if line.startswith(NOT_HERE) or "ADDRESS" in line:
             continue
+        if line in TRIED:
+            continue
+        TRIED.add(line)
         command, _, output = line.partition(" > ")
         words = shlex.split(command)[1:]
         assert called(shorter(words), output.strip()) == 0, line
