@@ -29,7 +29,7 @@ class atomic_file:
 
     def __enter__(self) -> Path:
         if self.path.exists() and not self.path.is_file():
-            raise OutputError(f"{self.path} cannot be written (it is there, and no file)")
+            raise _refusal(self.path, OSError("it is there, and no file"))
         try:
             handle, name = tempfile.mkstemp(
                 dir=self.path.parent, prefix=f".{self.path.name}.", suffix=".partial"
