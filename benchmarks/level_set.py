@@ -22,7 +22,7 @@ import numpy as np
 from level_sets import LevelSet, Peer, aircraft, game, limited_weno5, reach
 from machine import bytes_per_second, operations_per_second
 
-from holdfast.execution.closed_loop import available_cores
+from holdfast.execution.resources import available_cores
 
 PROBLEMS = {
     "aircraft": partial(aircraft, (51, 40, 50), 129),

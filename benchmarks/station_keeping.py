@@ -31,7 +31,7 @@ from holdfast.presentation import style
 
 LIMITS = {"speed_limit": 0.65, "turn_limit": 1.2}
 TRACKING = {"u": 5.8, "r": 9.0}
-# the switching law on the full vehicle, as in scenario ch3-dynamic; a larger ball for it
+# the switching law on the full vehicle, as in ch3-dynamic but without r2; a larger ball for it
 HOLD = {"r0": 0.1, "r1": 0.15, "k1": 0.25, "k2": 2.0, "k3": 1.6, "k4": 1.75, "k5": 0.9, **LIMITS}
 WIDE = {"r0": 0.3, "r1": 0.45}
 # its opponent: from k1 = 0.2 and k2 = 0.5 1/s on, no gains hold tighter or with less thrust

@@ -213,7 +213,18 @@ def test_bad_file_gets_one_clear_message_and_writes_nothing(
         (["run", "inspektion"], "did you mean 'inspection'"),
         (["run", "nowhere.toml"], "cannot be read (No such file"),
         (["run", "inspection", "--runs", "0"], "--runs is 0; expected at least 1"),
-        (["run", "inspection", "--runs", "many"], "'many' is not a valid integer"),
+        (
+            ["run", "inspection", "--runs", "many"],
+            "'many' is no whole number in digits, such as 200",
+        ),
+        (["run", "inspection", "--runs", "1e22"], "'1e22' is no whole number in digits"),
+        (["run", "inspection", "--runs", "1" + 22 * "0"], "is too large, expected less than 2^64"),
+        (["run", "inspection", "--seed", "9" * 5000], "is too large, expected less than 2^64"),
+        (["run", "inspection", "--runs", "2.0"], "'2.0' is no whole number in digits"),
+        (
+            ["run", "inspection", "--runs", str(2**63)],
+            "expected a whole number below 2^63",
+        ),
         (["run", "inspection", "--seed", "-1"], "seed is -1"),
         (["run", "inspection", "--set", "law.k1"], "expected key=value"),
         (["run", "inspection", "--set", "law.k11=1"], "did you mean 'k1'"),
@@ -368,8 +379,8 @@ def test_interruption_exits_130_and_leaves_no_partial_file(tmp_path):
 def test_an_interruption_that_a_library_swallows_is_remembered():
     code = (
         HEARS + "import os\n"
-        "from holdfast.patience import heed, listen\n"
-        "listen()\n"
+        "from holdfast.interruption import heed, listening\n"
+        "ears = listening(); ears.__enter__()\n"
         "heed()\n"
         "try: os.kill(os.getpid(), signal.SIGINT)\n"
         "except KeyboardInterrupt: pass\n"
@@ -431,7 +442,10 @@ def test_exported_law_is_timed_by_the_compiler_that_is_here(tmp_path):
         r"  \d+ ns a call on this machine \(\w+ -O2\), along 4 of its runs", answer.stdout
     )
     assert "wheeled_camera_step" in (tmp_path / "wheeled_camera.c").read_text()
+    assert "int wheeled_camera_step(" in (tmp_path / "wheeled_camera.h").read_text()
     alone = holdfast("export-c", "wheeled_camera", "--no-timing", "--out", "a.c", cwd=tmp_path)
+    assert "  header: a.h" in alone.stdout
+    assert (tmp_path / "a.h").read_text() == (tmp_path / "wheeled_camera.h").read_text()
     assert "ns a call" not in alone.stdout
     assert (tmp_path / "a.c").read_text() == (tmp_path / "wheeled_camera.c").read_text()
 
@@ -458,6 +472,13 @@ def test_law_is_written_where_it_cannot_be_timed(compiler, said, tmp_path):
     assert answer.returncode == 0
     assert said in answer.stdout
     assert (tmp_path / "wheeled_camera.c").exists()
+
+
+def test_law_and_header_are_never_one_file(tmp_path):
+    answer = holdfast("export-c", "wheeled_camera", "--no-timing", "--out", "a.h", cwd=tmp_path)
+    assert answer.returncode == 2
+    assert "would be one file; write --out a.c" in answer.stderr
+    assert not list(tmp_path.iterdir())
 
 
 def test_kernel_has_no_law_to_export(tmp_path):

@@ -12,11 +12,15 @@ import time
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import holdfast as hf
+from holdfast.analysis.solve import set_on_grid
 from holdfast.cli import main
 from holdfast.kernel_scenario import KernelScenario
+from holdfast.presentation.text import summary_text
+from holdfast.presentation.value_text import value_text
 from tests.c_code import STRICT, needs_gcc
 
 ROOT = Path(__file__).parent.parent
@@ -77,6 +81,7 @@ FEWER = {
     "run ch6-polygons": "--set run.horizon=2 --no-figures",
     "run of a kernel": "--set grid.nodes=31 --set promise.runs=10",
     "compare": "--runs 2 --set run.horizon=2",
+    "compare inspection": "--runs 2 --set run.horizon=2 --cases '5 N'",
     "compare ch5-rescue": "--runs 2 --set run.horizon=2 --laws convergent --cases '5 N'",
     "compare ch7-rescue": "--runs 2 --set run.horizon=2 --laws filter --cases '5 N' "
     "--set kernels.ch7-six-states.grid.nodes=9",
@@ -165,6 +170,59 @@ def test_commands_of_the_documentation_run(page, folder, monkeypatch):
         words = shlex.split(command)[1:]
         assert called(shorter(words), output.strip()) == 0, line
         print(f"{time.time() - begun:6.1f} s  {line}")
+
+
+@pytest.fixture(scope="module")
+def ferry(tmp_path_factory):
+    """The three files of the tutorial, run: what each found."""
+    (page,) = (p for p in DOCS if p.stem == "tutorial")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path_factory.mktemp("ferry"))
+        for text in blocks(page, "toml"):
+            if named(text):
+                Path(named(text)).write_text(text)
+        names = ("ferry", "ferry-kernel", "ferry-safe")
+        loaded = {name: hf.load_scenario(f"{name}.toml") for name in names}
+        yield {name: (scenario, scenario.run()) for name, scenario in loaded.items()}
+
+
+def printed(scenario, result):
+    """What `holdfast run` says of it, but for the files that it writes."""
+    if not isinstance(scenario, KernelScenario):
+        return summary_text(result)
+    region = set_on_grid(scenario.about, scenario.grid)
+    return value_text(result.value, result.promise, region, promised=True)
+
+
+@pytest.mark.parametrize("name", ["ferry", "ferry-kernel", "ferry-safe"])
+def test_tutorial_shows_what_its_scenarios_print(ferry, name):
+    """Every line but the times they took; so its counts of runs and samples are those of today."""
+    (page,) = (p for p in DOCS if p.stem == "tutorial")
+    said = printed(*ferry[name])
+    shown = [b for b in blocks(page, "") if b.startswith(said.splitlines()[0])]
+    assert len(shown) == 1
+    steady = re.compile(r", [\d.]+ m?s$", re.M)
+    assert steady.sub("", said).startswith(steady.sub("", shown[0].rstrip()))
+
+
+def test_tutorial_counts_the_ferries_that_its_kernel_can_save(ferry):
+    """254 of 300 start inside: five lost by the law alone, none when kept; of 46 outside 29 are."""
+    alone, safe = (ferry[n][1].dataset for n in ("ferry", "ferry-safe"))
+    starts = alone["state"].values[:, 0]
+    assert np.array_equal(starts, safe["state"].values[:, 0])
+    inside = ferry["ferry-kernel"][1].value.at(starts) > 0
+    alone, kept = (d["outcome"].values == hf.Outcome.LEFT for d in (alone, safe))
+    assert (inside.sum(), (~inside).sum()) == (254, 46)
+    assert ((alone & inside).sum(), (kept & inside).sum(), (kept & ~inside).sum()) == (5, 0, 29)
+
+
+def test_ferry_that_heads_for_a_bank_needs_the_room_that_the_tutorial_states(ferry):
+    """2.1 m, for a circle of 0.4 m/s / 0.3 rad/s = 1.3 m and the water."""
+    across = np.linspace(0, 3, 3001)
+    states = np.stack([across, np.full_like(across, np.pi / 2)], axis=1)
+    kept = ferry["ferry-kernel"][1].value.at(states) > 0
+    assert 3 - across[kept].max() == pytest.approx(2.1, abs=0.05)
+    assert pytest.approx(1.3, abs=0.05) == 0.4 / 0.3
 
 
 def test_shell_lines_are_of_commands_that_the_tests_know():

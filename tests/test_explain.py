@@ -112,7 +112,7 @@ inputs = { u = { unit = "m/s" }, r = { unit = "rad/s" } }
 disturbances = { Vx = { unit = "m/s" }, Vy = { unit = "m/s" } }
 rates = { x = "u*cos(psi) + Vx", y = "u*sin(psi) + Vy", psi = "r" }
 [[system.pfaffian]]
-row = { x = "-sin(psi)", y = "cos(psi)" }
+coefficients = { x = "-sin(psi)", y = "cos(psi)" }
 rhs = "Vy*cos(psi) - Vx*sin(psi)"
 """
 
@@ -121,7 +121,7 @@ ROWS_ALONE = """
 name = "sled"
 states = { x = { unit = "m" }, y = { unit = "m" }, psi = { unit = "rad", angle = true } }
 [[system.pfaffian]]
-row = { x = "-sin(psi)", y = "cos(psi)" }
+coefficients = { x = "-sin(psi)", y = "cos(psi)" }
 """
 
 

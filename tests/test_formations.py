@@ -85,15 +85,25 @@ def test_rule_of_the_thesis_with_the_exact_circle_is_safe_too():
         load_scenario("ch6-corridor", ["leader.rule=tangent"])
 
 
-@pytest.mark.parametrize("name", ["ch6-corridor-s", "ch6-polygons", "ch6-chain"])
+WORST = {
+    "ch6-corridor": (-0.389, -0.197, -0.50, -0.30, -0.60),
+    "ch6-corridor-s": (-0.403, -0.207, -0.47, -0.27, -0.60),
+    "ch6-polygons": (-0.390, -0.806, -0.46, -0.26, -0.60),
+    "ch6-chain": (-0.449, -0.948, -0.47, -0.27, -0.60),
+}
+"""Of all bearings, ranges, lines of sight, clearances and distances, as docs/formations.md says."""
+
+
+@pytest.mark.parametrize("name", WORST)
 def test_shipped_formations_arrive_with_everyone_in_view(name):
     scenario = load_scenario(name, QUICK)
     result = scenario.run()
     assert result.outcomes["reached goal"] == 1
     found = worst(result)
-    assert max(v for k, v in found.items() if k.startswith(("bearing", "range"))) < -0.15
-    assert max(v for k, v in found.items() if k.startswith(("clear", "sight"))) < -0.25
-    assert max(v for k, v in found.items() if k.startswith("apart")) < -0.5
+    kinds = ("bearing", "range", "sight", "clear", "apart")
+    worst_of = [max(v for k, v in found.items() if k.startswith(kind)) for kind in kinds]
+    assert worst_of[:2] == pytest.approx(WORST[name][:2], abs=6e-4)
+    assert worst_of[2:] == pytest.approx(WORST[name][2:], abs=6e-3)
     sides = [c.side for c in scenario.course.corners]
     assert {"ch6-corridor-s": [-1, 1, 1], "ch6-chain": [-1]}.get(name, sides) == sides
     if name == "ch6-polygons":
@@ -193,7 +203,7 @@ def test_cells_of_a_geojson_file_beside_the_scenario(tmp_path):
     assert {c.name for c in scenario.course.environment.cells} == set(cells)
     assert scenario.run().outcomes["reached goal"] == 1
     (tmp_path / "rooms.geojson").unlink()
-    with pytest.raises(ScenarioError, match=r"rooms\.geojson cannot be read"):
+    with pytest.raises(ScenarioError, match=r"rooms\.geojson: cannot be read"):
         load_scenario(str(tmp_path / "mine.toml"))
 
 
@@ -231,3 +241,15 @@ def test_random_corridors_that_are_planned_are_passed():
     found = [judged(corridor_of(generator, 4))[0] for _ in range(6)]
     assert set(found) <= {"kept", "no radius takes the robots around"}
     assert found.count("kept") >= 3
+
+
+@pytest.mark.heavy
+def test_every_random_corridor_that_is_planned_is_passed():
+    """200 corridors: 174 are planned and passed; of the others no corner can be taken."""
+    generator = np.random.default_rng(1)
+    found = [judged(corridor_of(generator, 4)) for _ in range(200)]
+    said = [outcome for outcome, _ in found]
+    assert said.count("kept") == 174
+    assert said.count("no radius takes the robots around") == 26
+    worst_of_all = np.max([constraints for _, constraints in found if constraints is not None], 0)
+    assert worst_of_all[0] == pytest.approx(-0.383, abs=2e-3), "bearing within the side of the view"

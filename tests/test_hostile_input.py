@@ -4,6 +4,7 @@ import copy
 import warnings
 
 import pytest
+import sympy as sp
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -70,6 +71,28 @@ def test_definitions_that_grow_without_bound_are_refused(tmp_path, definitions):
     )
     with pytest.raises(HoldfastError, match="too large once its definitions are put in"):
         load_scenario(file)
+
+
+def test_limits_of_a_file_are_those_of_the_page(tmp_path):
+    """10 MiB of text, 2,000 characters and 5,000 terms of an expression, powers of 64."""
+    x = hf.symbol("x")
+    assert hf.parse_expression("x**64", {"x": x}) == x**64
+    with pytest.raises(HoldfastError, match="at most 64"):
+        hf.parse_expression("x**65", {"x": x})
+    assert hf.parse_expression("x" + " " * 1999, {"x": x}) == x
+    with pytest.raises(HoldfastError, match=r"2001 characters.*at most 2000"):
+        hf.parse_expression("x" + " " * 2000, {"x": x})
+    many = {"many": sp.Add(*(hf.symbol(f"a{i}") for i in range(4_990)))}
+    assert hf.parse_expression("many + 1", many) == many["many"] + 1
+    with pytest.raises(HoldfastError, match="at most 5000 terms"):
+        hf.parse_expression("many + 1", {"many": many["many"] + sp.Add(*sp.symbols("b:20"))})
+    file = tmp_path / "mine.toml"
+    file.write_bytes(b"#" * 10 * 2**20)
+    with pytest.raises(HoldfastError, match="scenario"):
+        load_scenario(str(file))
+    file.write_bytes(b"#" * (10 * 2**20 + 1))
+    with pytest.raises(HoldfastError, match=r"is too large .* expected at most 10 MiB"):
+        load_scenario(str(file))
 
 
 @pytest.mark.parametrize(

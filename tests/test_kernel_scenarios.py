@@ -183,6 +183,111 @@ horizon = 20
         load_scenario(str(path), ["safeguard.gains=[1, 2]"])
 
 
+def test_kept_kernel_that_was_cut_is_computed_again(cart, tmp_path, monkeypatch):
+    monkeypatch.setenv("HOLDFAST_CACHE_DIR", str(tmp_path / "cache"))
+    values = named_kernel(cart).value().values()
+    (kept,) = (tmp_path / "cache").glob("value_*.nc")
+    whole = kept.read_bytes()
+    kept.write_bytes(whole[: len(whole) // 2])
+    assert np.array_equal(named_kernel(cart).value().values(), values)
+    assert np.array_equal(hf.load(kept).values(), values)
+
+
 def test_commands_know_the_kinds():
     assert "ch7-discriminating" in holdfast("list").stdout
     assert 'kind = "discriminating-kernel"' in holdfast("show", "ch7-discriminating").stdout
+
+
+def test_promise_that_falls_short_ends_with_exit_status_1(cart, tmp_path):
+    """From V > 0 alone, with inputs held for half a second: some are lost, and it is said."""
+    out = tmp_path / "out"
+    short = ["promise.margin=0", "promise.sample_time=0.5", "promise.runs=60", "grid.nodes=41"]
+    sets = [part for one in short for part in ("--set", one)]
+    done = holdfast("run", cart, "--out", str(out), "--no-figures", *sets)
+    assert done.returncode == 1
+    assert "holdfast: the promise falls short: " in done.stderr
+    assert "of 60 starts 0 m inside stay" in done.stderr
+    assert "Traceback" not in done.stderr
+    said = json.loads((out / "summary.json").read_text())["promise"]
+    assert not said["held"]
+    assert not said["confirmed"]
+    assert said["inside"][0]["count"] < 60
+    assert said["beaten"]
+    assert said["verdict"] in done.stderr
+
+
+def test_promise_of_an_empty_kernel_is_said_to_be_none(cart, tmp_path):
+    """Pushed harder than it can brake: the answer is the empty set, and nothing is promised."""
+    sets = ["--set", "system.disturbances.d.bounds=[-2, 2]", "--set", "grid.nodes=41"]
+    done = holdfast("run", cart, "--out", str(tmp_path), "--no-figures", *sets)
+    assert done.returncode == 0
+    assert "promise        none: the set is empty" in done.stdout
+
+
+def test_scale_of_a_constraint_is_read_and_a_depth_with_a_unit_is_refused(cart):
+    table = "region.constraints.left={expression='-1 - x', unit='m', scale='50 cm'}"
+    found = load_scenario(cart, [table, "promise.margin=0.5"])
+    assert [c.scale for c in found.region.inequalities] == [0.5, None]
+    assert found.region.margin_unit == "1"
+    assert found.promised["margin"] == 0.5
+    with pytest.raises(ScenarioError, match=r"promise.margin: '2 cm' inside region .* scale"):
+        load_scenario(cart, [table, "promise.margin=2 cm"])
+    with pytest.raises(ScenarioError, match=r"region.constraints.left: .*scale 0"):
+        load_scenario(cart, [table.replace("50 cm", "0 cm")])
+
+
+def test_scales_of_a_region_of_the_catalogue_are_a_table():
+    found = load_scenario("ch7-discriminating")
+    name = found.region.inequality_names[0]
+    scaled = load_scenario("ch7-discriminating", [f"region.scale.{name}='10 cm'"])
+    assert scaled.region.inequality(name).scale == pytest.approx(0.1)
+    with pytest.raises(ScenarioError, match=r"region.scale: .*no inequality"):
+        load_scenario("ch7-discriminating", ["region.scale.nowhere=1"])
+
+
+HELD = """
+[scenario]
+title = "held"
+[system]
+name = "cart"
+states = { x = { unit = "m" }, v = { unit = "m/s" } }
+inputs = { a = { unit = "m/s^2", bounds = [-1, 1] } }
+disturbances = { d = { unit = "m/s^2", bounds = [-0.5, 0.5] } }
+rates = { x = "v", v = "a + d" }
+[region]
+constraints = { left = { expression = "-1 - x", unit = "m" }, right = { expression = "x - 1", unit = "m" } }
+[law]
+name = "idle"
+outputs = { a = 0 }
+[safety]
+kernel = "KERNEL"
+alone = true
+[starts]
+states = [{ x = 0.2 }]
+[run]
+horizon = 0.2
+"""
+
+NARROW = "region.constraints.right={expression='x - 0.8', unit='m'}"
+
+
+def test_kernel_of_a_weaker_region_is_refused_for_safety(cart, tmp_path):
+    """The kernel keeps |x| <= 1; who asks for x <= 0.8 is told where the two differ."""
+    small = cart.replace("cart.toml", "small.toml")
+    text = CART.replace("nodes = 61", "nodes = 41").split("[promise]")[0]
+    (tmp_path / "small.toml").write_text(text)
+    path = tmp_path / "held.toml"
+    path.write_text(HELD.replace("KERNEL", small))
+    assert load_scenario(str(path)).run().viable == 1, "the same region"
+    told = r"held\.toml: safety: the kernel of '.*' is not one of region .*: at x = .*, v = .* it "
+    with pytest.raises(ScenarioError, match=told + "violates 'right' by 0.* m; compute the kernel"):
+        load_scenario(str(path), [NARROW]).run()
+    wider = load_scenario(str(path), [NARROW.replace("0.8", "1.1")])
+    assert wider.run().viable == 1, "a stronger kernel implies the region"
+    unknown = "region.constraints.right={expression='x - 2 + 0*v', unit='m'}"
+    assert load_scenario(str(path), [unknown]).run().viable == 1
+    saved = load_scenario(small).solve().save(tmp_path / "set.nc")
+    path.write_text(HELD.replace("KERNEL", str(saved)))
+    assert load_scenario(str(path)).run().viable == 1, "checked at the nodes, without its scenario"
+    with pytest.raises(ScenarioError, match="is not one of region"):
+        load_scenario(str(path), [NARROW]).run()

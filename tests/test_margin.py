@@ -101,7 +101,8 @@ def test_unstable_line_is_held_for_ever_by_an_input_stronger_than_the_push(line)
     for t in held:
         assert 2.4 * t.fraction / 2 == pytest.approx(0.6 - t.value, abs=0.03)
     assert found.answered
-    assert 0.55 < found.low < found.high < 0.61
+    assert found.low == pytest.approx(0.575, abs=0.002)
+    assert found.high <= found.low + found.tolerance
 
 
 def test_state_of_the_unstable_line_is_kept_for_ever_up_to_a_known_push(line):
@@ -146,7 +147,8 @@ def test_trials_begun_from_the_kernel_of_a_smaller_bound_are_the_same_in_fewer_s
     held = [(a, b) for a, b in pairs if b.answer is Answer.HELD]
     assert len(held) >= 3
     for a, b in held:
-        assert (a.answer, a.fraction) == (b.answer, b.fraction)
+        assert a.answer is b.answer
+        assert a.fraction == pytest.approx(b.fraction, rel=1e-4)
     assert sum(a.steps for a, _ in held) < 0.9 * sum(b.steps for _, b in held)
     for a, b in pairs:
         assert a.answer is b.answer or b.answer is Answer.UNDECIDED
@@ -174,9 +176,9 @@ def unstable(most, nodes=41):
 
 def test_kernel_begun_from_that_of_a_smaller_bound_is_that_begun_from_the_region():
     options = {"scheme": "upwind", "dissipation": "local", "band": 0.2}
-    before = hf.discriminating_kernel(*unstable(0.1), 300.0, **options)
-    cold = hf.discriminating_kernel(*unstable(0.2), 300.0, **options)
-    warm = hf.discriminating_kernel(*unstable(0.2), 300.0, **options, begin=before)
+    before = hf.discriminating_kernel(*unstable(0.05), 300.0, **options)
+    cold = hf.discriminating_kernel(*unstable(0.1), 300.0, **options)
+    warm = hf.discriminating_kernel(*unstable(0.1), 300.0, **options, begin=before)
     assert cold.dataset.attrs["converged"] == warm.dataset.attrs["converged"] == 1
     assert 0 < cold.volume() < before.volume()
     assert warm.dataset.attrs["steps"] < cold.dataset.attrs["steps"]
@@ -187,7 +189,7 @@ def test_kernel_begun_from_that_of_a_smaller_bound_is_that_begun_from_the_region
 
 def test_value_to_begin_with_has_to_be_one_of_the_same_question():
     plane, square, grid = unstable(0.2)
-    upwind = {"scheme": "upwind", "dissipation": "local"}
+    upwind = {"scheme": "upwind", "dissipation": "local", "band": 0.2}
     done = hf.discriminating_kernel(*unstable(0.1), 100.0, **upwind)
     short = hf.discriminating_kernel(*unstable(0.1), 0.5, **upwind)
     coarse = unstable(0.2, 51)[2]
@@ -205,6 +207,13 @@ def test_value_to_begin_with_has_to_be_one_of_the_same_question():
         hf.invariance_kernel(plane, square, grid, 5.0, begin=done, **upwind)
     with pytest.raises(SimulationError, match="cannot begin with another value"):
         hf.backward_reachable_set(plane, square, grid, 5.0, begin=done)
+
+
+@pytest.mark.heavy
+def test_current_of_any_direction_that_a_coarse_kernel_of_the_camera_stands_for_3_s():
+    found = hf.disturbance_margin("ch7-any-current", overrides=["grid.nodes=31"])
+    assert found.answered
+    assert found.low == pytest.approx(0.372, abs=0.003)
 
 
 def test_horizon_that_is_too_short_leaves_the_limit_open_and_says_so(cart):

@@ -84,7 +84,7 @@ def test_vehicle_is_found_beside_the_file_that_names_it(jobs):
     (jobs / "dock.toml").write_text(VEHICLE)
     for system in (load_scenario("../jobs/dock.toml").system, load_system("../jobs/dock.toml")):
         assert {p.name: p.value for p in system.parameters}["mass"] == 11.4
-    with pytest.raises(ScenarioError, match=r"vehicle file vehicles/mine.toml cannot be read"):
+    with pytest.raises(ScenarioError, match=r"vehicle file vehicles/mine.toml: cannot be read"):
         load_scenario("../jobs/dock.toml", ["system.vehicle=vehicles/mine.toml"])
 
 

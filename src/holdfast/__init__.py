@@ -21,13 +21,14 @@ if TYPE_CHECKING:
     from holdfast.analysis.grid import Grid, grid
     from holdfast.analysis.margin import Margin
     from holdfast.analysis.memory import march_memory
-    from holdfast.analysis.promise import Promise, check_promise
+    from holdfast.analysis.promise import check_promise
     from holdfast.analysis.result import Result, load
     from holdfast.analysis.safety_law import safety_law, sampled_margin
     from holdfast.analysis.simulate import simulate
     from holdfast.analysis.starts import Starts
     from holdfast.analysis.station_statistics import station_statistics
     from holdfast.analysis.value_function import ValueFunction
+    from holdfast.analysis.verdict import Promise
     from holdfast.analysis.viability_domain import check_viability
     from holdfast.analysis.viability_kernel import (
         backward_reachable_set,
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
     from holdfast.comparing import compare
     from holdfast.derivation import Derivation, explain
     from holdfast.errors import GainWarning, HoldfastError
-    from holdfast.execution.c_source import export_c
+    from holdfast.execution.c_source import export_c, export_c_header
     from holdfast.execution.closed_loop import Outcome
     from holdfast.margin import disturbance_margin
     from holdfast.maths import fields, laws, regions, systems
@@ -92,7 +93,8 @@ _HOME = {
     "analysis.campaign": ("Campaign",),
     "analysis.margin": ("Margin",),
     "analysis.memory": ("march_memory",),
-    "analysis.promise": ("Promise", "check_promise"),
+    "analysis.promise": ("check_promise",),
+    "analysis.verdict": ("Promise",),
     "analysis.result": ("Result", "load"),
     "analysis.safety_law": ("safety_law", "sampled_margin"),
     "analysis.simulate": ("simulate",),
@@ -112,7 +114,7 @@ _HOME = {
     "comparing": ("compare",),
     "derivation": ("Derivation", "explain"),
     "errors": ("GainWarning", "HoldfastError"),
-    "execution.c_source": ("export_c",),
+    "execution.c_source": ("export_c", "export_c_header"),
     "execution.closed_loop": ("Outcome",),
     "campaign.sweep": ("sweep",),
     "margin": ("disturbance_margin",),
@@ -214,6 +216,7 @@ __all__ = [
     "exact_flow",
     "explain",
     "export_c",
+    "export_c_header",
     "field_facts",
     "fields",
     "flow_line",

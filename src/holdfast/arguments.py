@@ -197,9 +197,14 @@ def _number(value: Any) -> Fault:
 
 
 def _whole(value: Any) -> Fault:
-    """Whether 3.0 is one is for the function to say."""
-    fits = isinstance(value, bool) or abs(_as_float(value)) < LARGEST
-    return None if fits else "a whole number"
+    """Whether 3.0 is one is for the function to say; True is none."""
+    size = abs(_as_float(value))
+    if size < LARGEST:
+        return None
+    beyond = isinstance(value, int) or LARGEST <= size < math.inf
+    return (
+        "a whole number below 2^63" if beyond and not isinstance(value, bool) else "a whole number"
+    )
 
 
 def _expression(value: Any) -> Fault:

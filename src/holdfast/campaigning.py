@@ -12,7 +12,7 @@ import click
 from holdfast.errors import ScenarioError
 from holdfast.output import check_writable
 from holdfast.patience import bar
-from holdfast.running import NOT_ANSWERED, set_option, simulation_options
+from holdfast.running import NOT_ANSWERED, WHOLE, set_option, simulation_options
 
 if TYPE_CHECKING:
     from holdfast.scenario import Scenario
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--latin",
-    type=int,
+    type=WHOLE,
     metavar="CELLS",
     help="A Latin hypercube of so many cells, with --over KEY=LOW:HIGH.",
 )
@@ -98,7 +98,7 @@ def sweep_command(
 
 
 @click.command("reproduce")
-@click.option("--chapter", "chapters", type=int, multiple=True, help="A chapter (repeatable).")
+@click.option("--chapter", "chapters", type=WHOLE, multiple=True, help="A chapter (repeatable).")
 @click.option("--quick", is_flag=True, help="Of every chapter what takes seconds.")
 @click.option(
     "--workers", type=click.IntRange(min=1), help="How many processes [default: one a core]."
@@ -139,7 +139,7 @@ def reproduce_command(
 @click.option(
     "--out",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="The file [default: SCENARIO.c].",
+    help="The file, and a header .h beside it [default: SCENARIO.c].",
 )
 @click.option(
     "--timing/--no-timing",
@@ -150,13 +150,14 @@ def reproduce_command(
 def export_command(
     scenario: str, overrides: tuple[str, ...], out: Path | None, timing: bool
 ) -> None:
-    """Write the law of SCENARIO as one file of C99.
+    """Write the law of SCENARIO as one file of C99, and its header for C and C++.
 
     No allocation, no library but libm; with the modes of the law, what it remembers, the program
     of a safeguard, the table of a kernel, and the limits of the actuators. The comments of the file
-    say what every number is.
+    say what every number is. Every name begins with that of the scenario, so that several laws can
+    be in one program.
     """
-    from holdfast.execution.c_source import export_c
+    from holdfast.execution.c_source import export_c, export_c_header
     from holdfast.output import make_folder, write_text
     from holdfast.scenario import Scenario, load_scenario
 
@@ -164,13 +165,22 @@ def export_command(
     if not isinstance(loaded, Scenario):
         raise ScenarioError(f"{loaded.file}: a {loaded.kind} has no law to export")
     path = out if out is not None else Path(f"{loaded.name}.c")
+    header = path.with_suffix(".h")
+    if header == path:
+        raise ScenarioError(
+            f"--out {path}: the law and its header would be one file",
+            remedy=f"write --out {path.with_suffix('.c')}",
+        )
     check_writable(path.parent)
     with bar(f"{loaded.name}, preparing") as tell:
         loaded = loaded.kept(lambda fraction: tell("the kernel", fraction))
         text = export_c(loaded.system, loaded.law, loaded.name)
+        declared = export_c_header(loaded.system, loaded.law, loaded.name)
         make_folder(path.parent)
         write_text(path, text)
+        write_text(header, declared)
     click.echo(f"written: {path} ({len(text.splitlines())} lines); its comments say what is what")
+    click.echo(f"  header: {header}")
     if timing:
         click.echo(_timed(loaded, text))
 

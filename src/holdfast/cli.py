@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import warnings
 from pathlib import Path
@@ -13,11 +12,12 @@ import click
 from holdfast._version import __version__
 from holdfast.campaigning import export_command, reproduce_command, sweep_command
 from holdfast.errors import GainWarning, HoldfastError, ScenarioError
+from holdfast.interruption import INTERRUPTED, SAID, end, listening
 from holdfast.output import check_writable, make_folder
-from holdfast.patience import listen
-from holdfast.running import ANSWERED, compare_command, margin_command, run_command
+from holdfast.running import ANSWERED, NOT_ANSWERED, compare_command, margin_command, run_command
+from holdfast.streams import forgiving
 
-BAD_INPUT, INTERRUPTED = 2, 130
+BAD_INPUT = 2
 
 
 def _a_number(context: click.Context, parameter: click.Parameter, value: float) -> float:
@@ -32,8 +32,9 @@ def _a_number(context: click.Context, parameter: click.Parameter, value: float) 
 def cli(debug: bool) -> None:
     """Viability control of nonholonomic systems.
 
-    Exit status: 0 answered, 1 not (a run diverged or chattered, no limit was found), 2 bad input,
-    130 interrupted.
+    Exit status: 0 answered, 1 not (a run diverged, chattered or left
+    its grid, a promise fell short, no limit was found), 2 bad input,
+    130 interrupted, 143 terminated.
     """
 
 
@@ -141,7 +142,7 @@ def explain_command(
         )
         text = derived.latex() if latex else derived.text()
     if markdown is not None:
-        from holdfast.analysis.files import atomic_file
+        from holdfast.writing import atomic_file
 
         make_folder(markdown.parent, "--markdown")
         with atomic_file(markdown) as partial:
@@ -171,7 +172,17 @@ for _command in (
 
 def main() -> NoReturn:
     """Run the command line and exit; every refusal is one message on standard error."""
-    listen()
+    with listening(), forgiving() as out:
+        try:
+            _main()
+        except SystemExit as ended:
+            out.flush()
+            if out.trouble and not ended.code:
+                _fail(f"standard output cannot be written ({out.trouble})", NOT_ANSWERED)
+            raise
+
+
+def _main() -> NoReturn:
     debug = "--debug" in sys.argv[1:]
     warnings.showwarning = _show_warning
     warnings.simplefilter("always", GainWarning)
@@ -184,25 +195,10 @@ def main() -> NoReturn:
             raise
         _fail(str(error), BAD_INPUT)
     except (click.exceptions.Abort, KeyboardInterrupt):
-        _interrupted()
+        end(INTERRUPTED, SAID)
     except click.ClickException as error:
         error.show()
         sys.exit(BAD_INPUT)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(ANSWERED)
-
-
-def _interrupted() -> NoReturn:
-    """Leave with 130 whatever was interrupted.
-
-    Where the interruption hit code that runs text (as `exec` in a library's import),
-    CPython remembers it as unhandled and would turn a plain exit into death by the signal.
-    """
-    click.echo("holdfast: interrupted; no partial file is left", err=True)
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(INTERRUPTED)
 
 
 def _fail(message: str, status: int) -> NoReturn:

@@ -9,7 +9,7 @@ from holdfast.analysis.comparison import Comparison, Reference, Trial, trial
 from holdfast.arguments import checked
 from holdfast.checking import at, validated
 from holdfast.errors import ScenarioError, suggestion
-from holdfast.execution.closed_loop import Progress
+from holdfast.execution.resources import Progress
 from holdfast.formation_scenario import is_formation
 from holdfast.judging import composed_judge
 from holdfast.kernel_scenario import CLOSED_LOOP, is_kernel
@@ -120,12 +120,20 @@ def compare(
     )
 
 
-def variant(name: str, law: str, case: str | None = None, runs: int | None = None) -> Scenario:
+def variant(
+    name: str,
+    law: str,
+    case: str | None = None,
+    runs: int | None = None,
+    overrides: Iterable[str] = (),
+) -> Scenario:
     """The scenario of that name with one law of its comparison, in one of its cases.
+
+    overrides: `key=value`, applied before the law and the case.
 
     Raises `ScenarioError` for an unknown law or case.
     """
-    shown, text, data = read_tables(name)
+    shown, text, data = read_tables(name, [*overrides])
     base = validated(ScenarioSpec, data, shown)
     known = _known_laws(scenario_title(shown), base.compare)
     data = _altered(data, known.get(law) or _of_scenario(shown, law, known))

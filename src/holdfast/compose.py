@@ -27,6 +27,7 @@ from holdfast.maths.region import Inequality, Region
 from holdfast.maths.switching import Switching, Transition
 from holdfast.maths.system import PfaffianRow, System
 from holdfast.maths.units import check_unit, to_si
+from holdfast.region_table import scaled_region
 from holdfast.scene_table import composed_shape
 from holdfast.schema import (
     BoundedSpec,
@@ -158,7 +159,8 @@ class Composer:
         for number, row in enumerate(spec.pfaffian):
             key = f"system.pfaffian.{number}"
             rhs = self._parsed({"rhs": row.rhs}, names, key)["rhs"]
-            rows.append(PfaffianRow(self._parsed(row.row, names, f"{key}.row"), rhs))
+            given = self._parsed(row.coefficients, names, f"{key}.coefficients")
+            rows.append(PfaffianRow(given, rhs))
         if rows and not spec.rates and not spec.inputs:
             return kinematic_system(
                 spec.name, states, tuple(rows), parameters, spec.description, spec.source
@@ -295,8 +297,9 @@ class Composer:
         """[region] or [goal]: a catalogue entry or one written by expressions."""
         if "constraints" not in table:
             self._need_name(table, key, "constraints")
-            built: Region = self.entry(regions.ALL, table, key)
-            return built
+            plain = {n: v for n, v in table.items() if n != "scale"}
+            built: Region = self.entry(regions.ALL, plain, key)
+            return scaled_region(self.file, built, table.get("scale", {}), key)
         spec = validated(RegionSpec, {"name": key, **table}, self.file, key)
         self.declare(self._parameters(spec.parameters, key))
         if key == "goal":
@@ -314,6 +317,7 @@ class Composer:
                         parse_expression(given.expression, names),
                         given.unit,
                         given.description,
+                        None if given.scale is None else to_si(given.scale, given.unit),
                     )
                 )
         shapes = tuple(

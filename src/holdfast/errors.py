@@ -53,6 +53,14 @@ class GainWarning(UserWarning):
     """A gain outside the range for which the law is known to converge."""
 
 
+class RenamedWarning(FutureWarning):
+    """A word that has been replaced by another, and is understood for one release more."""
+
+
+class CacheWarning(UserWarning):
+    """A cache of compiled code that is not used, since others could change what is in it."""
+
+
 def suggestion(name: str, known: Iterable[str]) -> str:
     """'did you mean ...?' for a misspelt name, or the list of the allowed ones."""
     choices = sorted(known)

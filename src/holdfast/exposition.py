@@ -14,7 +14,6 @@ from holdfast.maths.chained import POLE, chained_feedback, closed_loop_matrix, g
 from holdfast.maths.chained_search import ChainedForm, Search
 from holdfast.maths.field_following import Alignment, own_inputs
 from holdfast.maths.lie_algebra import Growth
-from holdfast.maths.numbers import value_at
 from holdfast.maths.pfaffian import Structure, inputs_at_rest, relative_degrees
 from holdfast.maths.quantity import Quantity, symbol
 from holdfast.maths.system import System
@@ -180,8 +179,7 @@ def _output(found: Structure) -> Step:
     body += [Equation(f"h_{i}", h) for i, h in enumerate(found.output, start=1)]
     sampler = found.sampler()
     at = sampler.generic_point(found.symbols, [*found.output_rate], "dh/dt")
-    rates = [[value_at(e, at) for e in row] for row in found.output_rate.tolist()]
-    rank_found = sampler.rank(rates)
+    rank_found = sampler.rank(found.output_rate.tolist(), at)
     body.append(
         f"dh/dt per unit of the {len(found.directions)} motions has rank {rank_found} for "
         f"{len(found.output)} output{'s' * (len(found.output) > 1)}."

@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from holdfast.schema import NoiseSpec, RunSpec
-from holdfast.schema_values import Name, Section, Text, Value
+from holdfast.schema import RunSpec
+from holdfast.schema_values import Name, NoiseSpec, Section, Text, Value
 
 
 class FormationHeader(Section):

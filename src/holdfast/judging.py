@@ -14,11 +14,10 @@ from holdfast.analysis.safety_law import decided
 from holdfast.analysis.value_function import ValueFunction
 from holdfast.checking import at
 from holdfast.errors import HoldfastError, ScenarioError
-from holdfast.execution.closed_loop import Progress
-from holdfast.kernel_scenario import KernelScenario
+from holdfast.execution.resources import Progress
+from holdfast.kernel_scenario import KernelScenario, depth_inside
 from holdfast.maths.region import Region
 from holdfast.maths.system import System
-from holdfast.maths.units import to_si
 from holdfast.named_kernel import NamedKernel, named_kernel
 from holdfast.scenario import Scenario
 from holdfast.schema import ScenarioSpec
@@ -91,7 +90,7 @@ def composed_judge(file: str, spec: ScenarioSpec) -> Judge | None:
     margin = None
     if given.margin is not None:
         with at(file, "compare.margin"):
-            margin = to_si(given.margin, found.about.inequalities[0].unit)
+            margin = depth_inside(given.margin, found.about)
             if not margin >= 0:
                 raise ScenarioError(f"got {margin:g}", expected="a number, at least 0")
     return Judge(given.kernel, margin)

@@ -9,13 +9,16 @@ from typing import Any
 from holdfast.analysis import viability_kernel as problems
 from holdfast.analysis.grid import Grid, grid
 from holdfast.analysis.marching import Marching
-from holdfast.analysis.promise import Promise, check_promise
+from holdfast.analysis.memory import check_trials
+from holdfast.analysis.promise import check_promise
 from holdfast.analysis.safety_law import KEPT, check_pace
 from holdfast.analysis.value_function import ValueFunction
+from holdfast.analysis.verdict import Promise
 from holdfast.checking import at, validated
 from holdfast.compose import Composer
 from holdfast.errors import ScenarioError, SimulationError, suggestion
-from holdfast.execution.closed_loop import Progress
+from holdfast.execution.resources import Progress
+from holdfast.execution.settings import Settings
 from holdfast.kernel_schema import KINDS, KernelSpec, MarchSpec, SetFiguresSpec
 from holdfast.maths.expression import parse_number
 from holdfast.maths.law import Law
@@ -82,6 +85,7 @@ class KernelScenario:
     grid: Grid
     horizon: float
     forever: bool
+    inner: bool
     options: Mapping[str, Any]
     promised: Mapping[str, Any] | None
     figures: SetFiguresSpec
@@ -104,11 +108,16 @@ class KernelScenario:
             value = function(
                 self.system, *about, self.grid, self.horizon, progress=progress, **self.options
             )
+            if self.inner:
+                value = value.inner()
         value.dataset.attrs.update(title=self.title, scenario=self.name, scenario_text=self.text)
         return value
 
     def run(self, progress: Progress | None = None) -> KernelResult:
         """The value function, and its promise tried in closed loop."""
+        if self.promised is not None:
+            with at(self.file, "promise"):  # before a march that may take long
+                check_trials(self.promised["runs"], len(self.system.states))
         share = 1.0 if self.promised is None else 0.6
 
         def first(fraction: float) -> None:
@@ -201,6 +210,11 @@ def composed_kernel(file: str, text: str, data: Mapping[str, Any]) -> KernelScen
                 f"{file}: march.{key}: unknown key",
                 remedy=suggestion(key, [*MarchSpec.model_fields, *allowed]),
             )
+    if spec.march.inner and not options.setdefault("estimate_error", True):
+        raise ScenarioError(
+            f"{file}: march.inner: there is no estimate of the error",
+            remedy="leave out estimate_error = false",
+        )
     if spec.disturbance:
         options["disturbance"] = {
             n: number(v, f"disturbance.{n}") for n, v in spec.disturbance.items()
@@ -227,11 +241,13 @@ def composed_kernel(file: str, text: str, data: Mapping[str, Any]) -> KernelScen
                 check_pace(p.rate, held)
         if p.horizon is not None:
             promised["horizon"] = seconds(p.horizon, "promise.horizon")
+        with at(file, "promise"):
+            Settings(promised.get("horizon", horizon), held, record_every=held)
         if p.margin is not None:
             found = about["goal"] or about["region"]
             assert found is not None
             with at(file, "promise.margin"):
-                promised["margin"] = to_si(p.margin, found.inequalities[0].unit)
+                promised["margin"] = depth_inside(p.margin, found)
     for name in spec.figures.plane or ():
         state(name, 0.0, "figures.plane")
     for name in spec.figures.inputs:
@@ -255,12 +271,26 @@ def composed_kernel(file: str, text: str, data: Mapping[str, Any]) -> KernelScen
         grid=over,
         horizon=horizon,
         forever=spec.march.forever,
+        inner=spec.march.inner,
         options=options,
         promised=promised,
         figures=spec.figures,
         held={n: state(n, v, f"figures.at.{n}") for n, v in spec.figures.at.items()},
         **about,
     )
+
+
+def depth_inside(value: object, region: Region) -> float:
+    """A depth inside a region, in the unit of its margin; a unit is refused where that has none."""
+    unit = region.margin_unit
+    if isinstance(value, str) and unit == "1" and {c.unit for c in region.inequalities} != {"1"}:
+        how = "by their scales" if len(region.units) < 2 else "in " + " and ".join(region.units)
+        raise SimulationError(
+            f"'{value}' inside region '{region.name}', whose constraints are measured {how}",
+            expected="a number: 0.5 is half of every scale",
+            remedy='give each constraint a scale, such as scale = "5 cm"',
+        )
+    return to_si(value, unit)
 
 
 def _check_tables(file: str, kind: str, spec: KernelSpec) -> None:

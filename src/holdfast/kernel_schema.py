@@ -41,7 +41,7 @@ class MarchSpec(Section):
 
     times: at which the value is kept, or how many, equally spaced from 0 to the horizon. forever:
     the question is the set that lasts, so that a march that has not converged at the horizon is no
-    answer.
+    answer. inner: the set less the cells by which it may be off, by the estimate of a coarser grid.
     """
 
     model_config = ConfigDict(extra="allow", strict=True, frozen=True)
@@ -51,6 +51,7 @@ class MarchSpec(Section):
     arrival_steps: Annotated[int, Field(ge=0)] | None = None
     disturbances: Literal["min", "max"] | None = None
     forever: bool = False
+    inner: bool = False
 
 
 class PromiseSpec(Section):

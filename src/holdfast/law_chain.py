@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 from holdfast.catalogue import accepted_parameters, arguments, wants_law
@@ -14,7 +13,6 @@ from holdfast.maths.expression import parse_condition, parse_number
 from holdfast.maths.law import Law
 from holdfast.maths.measurement import by_measurements
 from holdfast.maths.observer import observe
-from holdfast.maths.quantity import merge_parameters
 from holdfast.maths.redesign import redesign
 from holdfast.maths.region import Region
 from holdfast.maths.safeguard import safeguard
@@ -57,9 +55,11 @@ def _safeguarded(
     file = composer.file
     if region is None:
         raise ScenarioError(f"{file}: safeguard: needs a [region]")
+    more = None
     if spec.constraints:
-        region = _extended(composer, region, spec)
-    units = {c.name: c.unit for c in region.inequalities}
+        more = composer.region({"constraints": spec.constraints}, "safeguard")
+    inequalities = (*region.inequalities, *(more.inequalities if more is not None else ()))
+    units = {c.name: c.unit for c in inequalities}
     margins = {}
     for name, value in spec.margins.items():
         with at(file, f"safeguard.margins.{name}"):
@@ -71,6 +71,7 @@ def _safeguarded(
             system,
             law,
             region,
+            constraints=more,
             gains=spec.gains,
             margins=margins,
             scales=spec.scales,
@@ -78,18 +79,6 @@ def _safeguarded(
         )
     composer.declare(guarded.parameters)
     return guarded
-
-
-def _extended(composer: Composer, region: Region, spec: SafeguardSpec) -> Region:
-    """The region with the constraints that the safeguard alone keeps."""
-    more = composer.region({"constraints": spec.constraints}, "safeguard")
-    with at(composer.file, "safeguard.constraints"):
-        return replace(
-            region,
-            reads=tuple({q.name: q for q in (*region.reads, *more.reads)}.values()),
-            inequalities=(*region.inequalities, *more.inequalities),
-            parameters=merge_parameters(region.parameters, more.parameters),
-        )
 
 
 def _redesigned(

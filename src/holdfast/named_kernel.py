@@ -5,16 +5,24 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+import sympy as sp
+
 from holdfast.analysis.result import load
 from holdfast.analysis.value_function import ValueFunction
-from holdfast.errors import ScenarioError, suggestion
-from holdfast.execution.closed_loop import Progress
+from holdfast.errors import OutputError, ScenarioError, suggestion
 from holdfast.execution.compile import cache_directory
+from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.resources import Progress
 from holdfast.kernel_scenario import KernelScenario, composed_kernel, is_kernel
 from holdfast.kernel_schema import KINDS
+from holdfast.maths.quantity import symbol
+from holdfast.maths.region import Region
+from holdfast.maths.system import System
 from holdfast.sources import code_digest, merged, read_tables
 
 DECISIVE = ("system", "region", "goal", "origin", "disturbance", "grid", "march")
@@ -38,8 +46,9 @@ class NamedKernel:
         if self.scenario is None:
             return _loaded(self.name)
         kept = cache_directory() / f"value_{self.digest}.nc"
-        if kept.exists():
-            return _loaded(str(kept))
+        with suppress(OutputError):  # one that was cut, as by a full disk, is computed again
+            if kept.exists():
+                return _loaded(str(kept))
         value = self.scenario.solve(progress)
         value.save(kept)
         return value
@@ -113,6 +122,66 @@ def _altered(data: Mapping[str, Any]) -> Iterator[str]:
     for key, value in data.items():
         if isinstance(value, Mapping):
             yield from (value if key == "kernels" else _altered(value))
+
+
+def check_implies(
+    kernel: NamedKernel, value: ValueFunction, region: Region | None, system: System
+) -> None:
+    """Refuse a kernel with states that violate the region of the scenario that is kept in it.
+
+    A kernel whose region has the same inequalities, or more, needs no look. Of any other, all nodes
+    are looked at which are in the set at the last time or at an earlier one.
+    """
+    if region is None or _has_all(kernel.scenario, region, system):
+        return
+    names = value.names
+    for c in region.inequalities:
+        unknown = c.expression.free_symbols & {symbol(n) for n in system.state_names}
+        for name in sorted(str(s) for s in unknown):
+            if name not in names:
+                raise ScenarioError(
+                    f"the kernel of '{kernel.name}' knows nothing of '{name}', which "
+                    f"'{c.name}' of region '{region.name}' depends on",
+                    remedy="compute a kernel whose states have it, or watch the kernel's region",
+                )
+    data = value.dataset["value"]
+    numbers = data.max("time").values if "time" in data.dims else data.values
+    rows = Evaluator(
+        [c.expression for c in region.inequalities],
+        [a.state.symbol for a in value.grid.axes],
+        region.parameters,
+    )
+    nodes = [a.nodes for a in value.grid.axes]
+    for k, slab in enumerate(numbers):  # slab by slab, so that it takes little memory
+        places = np.nonzero(slab > 0)
+        count = len(places[0]) if places else int(slab > 0)
+        if not count:
+            continue
+        columns = [np.full(count, nodes[0][k])]
+        columns += [n[p] for n, p in zip(nodes[1:], places, strict=True)]
+        found = rows.values(np.stack(columns, axis=1))
+        row, j = np.unravel_index(int(found.argmax()), found.shape)
+        if found[row, j] > 1e-9:
+            c = region.inequalities[j]
+            shown = ", ".join(f"{n} = {v[row]:.3g}" for n, v in zip(names, columns, strict=True))
+            amount = f"{found[row, j]:.3g}" + ("" if c.unit == "1" else f" {c.unit}")
+            raise ScenarioError(
+                f"the kernel of '{kernel.name}' is not one of region '{region.name}': at {shown} "
+                f"it violates '{c.name}' by {amount}",
+                remedy="compute the kernel of this region, or watch the region of the kernel",
+            )
+
+
+def _has_all(scenario: KernelScenario | None, region: Region, system: System) -> bool:
+    """Whether every inequality of the region is one of the kernel's, with the same numbers."""
+    if scenario is None or scenario.region is None or scenario.goal is not None:
+        return False
+
+    def said(of: Region, plant: System) -> set[sp.Expr]:
+        values = {q.symbol: sp.Float(q.value) for q in (*plant.parameters, *of.parameters)}
+        return {c.expression.xreplace(values) for c in of.inequalities}
+
+    return said(region, system) <= said(scenario.region, scenario.system)
 
 
 def _loaded(path: str) -> ValueFunction:

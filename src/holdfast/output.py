@@ -122,7 +122,8 @@ def kernel_report(
     alike = {k: v for k, v in scenario.options.items() if k in ("band", "precision")}
     begun = set_on_grid(scenario.about, scenario.grid, **alike)  # in as little memory
     files = _written_kernel(scenario, result, begun, folder, figures=figures)
-    return value_text(result.value, result.promise, begun, files)
+    asked = scenario.promised is not None
+    return value_text(result.value, result.promise, begun, files, promised=asked)
 
 
 def _written_kernel(
@@ -224,7 +225,7 @@ def _summary(path: Path, said: dict[str, Any]) -> Path:
 
 def write_text(path: Path, text: str) -> Path:
     """The file with this text, whole or not at all."""
-    from holdfast.analysis.files import atomic_file
+    from holdfast.writing import atomic_file
 
     with atomic_file(path) as partial:
         partial.write_text(text, "utf-8")

@@ -14,37 +14,11 @@ from contextlib import contextmanager
 from typing import Any, NoReturn
 
 from holdfast.errors import ScenarioError
+from holdfast.interruption import heed
 
 BAR = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
 _SILENT, _TICK = 2.0, 0.5
 _BETWEEN_LINES = 60.0
-_told_to_stop = threading.Event()
-
-
-def listen() -> None:
-    """Remember an interruption, also where the code that it hits loses it.
-
-    Libraries that load machine code run callbacks from C, where an exception is only reported.
-    """
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, _stop)
-        sys.unraisablehook = _report_lost
-
-
-def _stop(number: int, frame: object) -> NoReturn:
-    _told_to_stop.set()
-    raise KeyboardInterrupt
-
-
-def _report_lost(lost: sys.UnraisableHookArgs) -> None:
-    if lost.exc_type is not KeyboardInterrupt:  # that one is remembered
-        sys.__unraisablehook__(lost)
-
-
-def heed() -> None:
-    """Raise the interruption that was lost, if there was one."""
-    if _told_to_stop.is_set():
-        raise KeyboardInterrupt
 
 
 def _bar(what: str, delay: float = 0.0) -> Any:

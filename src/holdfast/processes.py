@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import signal
 import sys
@@ -11,9 +10,11 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExe
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from itertools import islice
+from multiprocessing.context import SpawnContext, SpawnProcess
 from typing import Any, TypeVar
 
 from holdfast.errors import OutputError
+from holdfast.interruption import end_with_parent
 
 Key = TypeVar("Key", bound=Hashable)
 Answer = TypeVar("Answer")
@@ -27,8 +28,7 @@ def processes(count: int) -> Iterator[Executor]:
 
     Raises `OutputError` where one of them was killed.
     """
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(count, mp_context=context, initializer=_alone)
+    pool = ProcessPoolExecutor(count, mp_context=_Unheeding(), initializer=_alone)
     try:
         yield pool
     except BrokenProcessPool:
@@ -71,7 +71,25 @@ def answers(
             job.cancel()
 
 
+class _Begun(SpawnProcess):
+    """Does not heed an interruption while it begins either: it inherits what is blocked."""
+
+    def start(self) -> None:
+        if not hasattr(signal, "pthread_sigmask"):
+            super().start()
+            return
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            super().start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class _Unheeding(SpawnContext):
+    Process = _Begun
+
+
 def _alone() -> None:
     """In a process of its own: the one that waits is interrupted, and tells of what is wrong."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_parent()
     sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115

@@ -16,10 +16,10 @@ from PIL import Image
 from plotly.offline import get_plotlyjs  # type: ignore[import-untyped]
 
 from holdfast._version import __version__
-from holdfast.analysis.files import atomic_file
 from holdfast.claim_schema import TrialSpec
 from holdfast.reproduce import CONDITION, FAILS, HOLDS, Found, Judged, chapter
 from holdfast.sources import read_text
+from holdfast.writing import atomic_file
 
 SHOWN = ("map", "set", "paths", "law", "constraints", "histories")
 """Figures of a trial by name, in the order in which the page shows them."""

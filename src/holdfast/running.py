@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -20,6 +21,26 @@ if TYPE_CHECKING:
 
 ANSWERED, NOT_ANSWERED = 0, 1
 
+
+class WholeNumber(click.ParamType):  # type: ignore[type-arg]
+    """A whole number that is written in digits."""
+
+    name = "integer"
+
+    def convert(
+        self, value: Any, parameter: click.Parameter | None, context: click.Context | None
+    ) -> int:
+        text = str(value).strip()
+        shown = text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
+        if not re.fullmatch(r"[+-]?[0-9]+", text):
+            self.fail(f"'{shown}' is no whole number in digits, such as 200", parameter, context)
+        if len(text) > LONGEST or abs(int(text)) >= 2**64:
+            self.fail(f"{shown} is too large, expected less than 2^64", parameter, context)
+        return int(text)
+
+
+WHOLE = WholeNumber()
+LONGEST = 40
 
 set_option = click.option(
     "--set",
@@ -48,9 +69,9 @@ def file_options(command: Callable[..., None]) -> Callable[..., None]:
 def simulation_options(command: Callable[..., None]) -> Callable[..., None]:
     """What every command that simulates takes."""
     for option in (
-        click.option("--seed", type=int, help="Seed of every random number."),
+        click.option("--seed", type=WHOLE, help="Seed of every random number."),
         click.option(
-            "--runs", type=int, help="How many starts: the given states, then random ones."
+            "--runs", type=WHOLE, help="How many starts: the given states, then random ones."
         ),
         file_options,
     ):
@@ -88,7 +109,8 @@ def run_command(
     from holdfast.presentation.text import summary_text
 
     click.echo(summary_text(result, files))
-    diverged, chattered = (result.outcomes[n] for n in ("diverged", "chattered"))
+    outcomes = (result.outcomes[n] for n in ("diverged", "chattered", "left grid"))
+    diverged, chattered, astray = outcomes
     if diverged:
         click.echo(f"holdfast: {_runs(diverged)} diverged, with results up to there", err=True)
     if chattered:
@@ -98,7 +120,13 @@ def run_command(
             "second; what happens then depends on the sample time",
             err=True,
         )
-    if diverged or chattered:
+    if astray:
+        click.echo(
+            f"holdfast: {_runs(astray)} left the grid of the value function of the law, which says "
+            "nothing there",
+            err=True,
+        )
+    if diverged or chattered or astray:
         sys.exit(NOT_ANSWERED)
 
 
@@ -109,12 +137,16 @@ def _run_kernel(scenario: KernelScenario, folder: Path, *, figures: bool) -> Non
     if result.trouble:
         click.echo(f"holdfast: {result.trouble}", err=True)
         sys.exit(NOT_ANSWERED)
+    if result.promise is not None and result.promise.verdict:
+        click.echo(f"holdfast: {result.promise.verdict}", err=True)
     if not result.answers(scenario):
         click.echo(
             f"holdfast: not converged within {scenario.horizon:g} s, and the set that lasts was "
             "asked for; raise march.horizon",
             err=True,
         )
+        sys.exit(NOT_ANSWERED)
+    if result.promise is not None and result.promise.verdict:
         sys.exit(NOT_ANSWERED)
 
 

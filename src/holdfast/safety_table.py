@@ -9,12 +9,13 @@ from holdfast.analysis.safety_law import safety_law
 from holdfast.analysis.value_function import ValueFunction
 from holdfast.checking import at
 from holdfast.errors import ScenarioError
-from holdfast.execution.closed_loop import Progress
+from holdfast.execution.resources import Progress
 from holdfast.maths.law import Law
+from holdfast.maths.region import Region
 from holdfast.maths.switching import Switching
 from holdfast.maths.system import System
 from holdfast.maths.velocity_tracking import track_velocity
-from holdfast.named_kernel import NamedKernel, named_kernel
+from holdfast.named_kernel import NamedKernel, check_implies, named_kernel
 from holdfast.schema import SafetySpec, ScenarioSpec
 
 
@@ -37,13 +38,18 @@ class Safety:
         horizon: float,
         sample_time: float,
         delay: float,
+        region: Region | None = None,
         progress: Progress | None = None,
     ) -> Law | Switching:
-        """The law, kept in the kernel, for runs of `horizon`; the kernel is computed if need be."""
+        """The law, kept in the kernel, for runs of `horizon`; the kernel is computed if need be.
+
+        region: what the runs have to keep, which the kernel has to lie within.
+        """
         value = self.kernel.value(progress)
         if value.dataset.attrs["empty"]:
             raise ScenarioError(f"nothing is left of the kernel of '{self.kernel.name}'")
         self.kernel.check_horizon(value, horizon)
+        check_implies(self.kernel, value, region, system)
         if self.tracking is not None:
             return self._followed(system, value, delay)
         return safety_law(

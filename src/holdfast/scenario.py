@@ -15,7 +15,7 @@ from holdfast.arguments import checked
 from holdfast.checking import at, validated
 from holdfast.compose import Composer
 from holdfast.errors import ScenarioError, suggestion
-from holdfast.execution.closed_loop import Progress
+from holdfast.execution.resources import Progress
 from holdfast.formation_scenario import composed_formation, is_formation
 from holdfast.formation_schema import FormationFigures, FormationHeader, FormationSpec
 from holdfast.kernel_scenario import KernelScenario, composed_kernel, is_kernel
@@ -65,8 +65,8 @@ class Scenario:
 
     @property
     def runs(self) -> int:
-        """How many starts there are."""
-        return len(self.starts.states) + self.starts.random
+        """How many runs there are: one from every start, or one at every vertex of [varied]."""
+        return self.starts.count * len(self.varied.corners)
 
     def kept(self, progress: Progress | None = None) -> Scenario:
         """This scenario with the law kept in the kernel of [safety], which is computed."""
@@ -74,7 +74,9 @@ class Scenario:
             return self
         with at(self.file, "safety"):
             timing = {n: float(self.settings[n]) for n in ("horizon", "sample_time", "delay")}
-            law = self.safety.kept(self.system, self.law, **timing, progress=progress)
+            law = self.safety.kept(
+                self.system, self.law, **timing, region=self.region, progress=progress
+            )
         return replace(self, law=law, safety=None)
 
     def run(self, progress: Progress | None = None, part: range | None = None) -> Result:
@@ -218,6 +220,7 @@ def _composed(file: str, text: str, spec: ScenarioSpec) -> Scenario:
             expressions(spec.varied.values, "varied.values"),
             expressions(spec.varied.plant, "varied.plant"),
             {name: composer.known[name].unit for name in draws},
+            spec.varied.of_vertices,
         )
     units = {q.name: q.unit for q in system.states}
     return Scenario(
@@ -243,7 +246,7 @@ def _composed(file: str, text: str, spec: ScenarioSpec) -> Scenario:
         },
         plane=_plane(file, spec.figures.plane, system),
         figures=spec.figures,
-        start_outside=spec.starts.outside,
+        start_outside=spec.starts.start_outside,
         safety=composed_safety(file, spec, system),
     )
 
@@ -313,9 +316,9 @@ def _settings(
         "tolerance",
         "switch_limit",
         "seed",
+        "continuous",
     ):
         settings[name] = getattr(run, name)
-    settings["continuous"] = run.control == "continuous"
     for kind in ("uniform", "normal"):
         settings[f"noise_{kind}"] = {
             k: _si(file, f"noise.{kind}.{k}", v, units, k)

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field
 
 from holdfast.schema_values import (
     Bounds,
+    DrawSpec,
     Expression,
     Gains,
     Interval,
     Layer,
     Name,
+    NoiseSpec,
     Plane,
     Point,
+    Renamed,
     Section,
     Text,
     Value,
@@ -68,9 +71,15 @@ Parameters = dict[Name, ParameterSpec | Value]
 
 
 class PfaffianSpec(Section):
-    """One row of A(q) qdot = b: { row = { x = "-sin(psi)", ... }, rhs = "0" }."""
+    """One row of A(q) qdot = b: { coefficients = { x = "-sin(psi)", ... }, rhs = "0" }.
 
-    row: dict[Name, Expression]
+    The coefficients are those of the rates, the entries of A; what is left out is 0. rhs: the
+    entry of b, the sway or the current across the hull, where the row is not zero.
+    """
+
+    renamed: ClassVar[Renamed] = {"row": ("coefficients", {})}
+
+    coefficients: dict[Name, Expression]
     rhs: Expression = 0.0
 
 
@@ -121,11 +130,12 @@ class LawSpec(Section):
 
 
 class InequalitySpec(Section):
-    """expression <= 0 is safe."""
+    """expression <= 0 is safe. scale: how much of it counts as 1 when a depth is measured."""
 
     expression: Expression
     unit: str = "1"
     description: Text = ""
+    scale: Value | None = None
 
 
 class ShapeSpec(Section):
@@ -203,25 +213,29 @@ class StartsSpec(Section):
     """[starts]: given states, then random ones from a box; `every` for states not in it.
 
     active: lists of constraints; the random ones are moved to where those of a list, in turn, are
-    all active.
+    all active. start_outside: allow starts outside the region.
     """
+
+    renamed: ClassVar[Renamed] = {"outside": ("start_outside", {})}
 
     states: list[dict[Name, Value]] = Field(default_factory=list)
     random: Annotated[int, Field(ge=0)] = 0
     box: dict[Name, Interval] = Field(default_factory=dict)
     every: Interval | None = None
     active: list[list[Name]] = Field(default_factory=list)
-    outside: bool = False
+    start_outside: bool = False
 
 
 class RunSpec(Section):
     """[run]: how to simulate."""
 
+    renamed: ClassVar[Renamed] = {"control": ("continuous", {"continuous": True, "sampled": False})}
+
     horizon: Value
     sample_time: Value = 0.02
     substeps: int = 2
     record_every: Value = 0.1
-    control: Literal["sampled", "continuous"] = "sampled"
+    continuous: bool = False
     stepper: str = "rk4"
     absolute: float = 1e-9
     relative: float = 1e-9
@@ -231,26 +245,24 @@ class RunSpec(Section):
     seed: int = 0
 
 
-class NoiseSpec(Section):
-    """[noise]: half-widths of uniform and standard deviations of normal noise, per state."""
-
-    uniform: dict[Name, Value] = Field(default_factory=dict)
-    normal: dict[Name, Value] = Field(default_factory=dict)
-
-
-class DrawSpec(Section):
-    """{ range = ["-180 deg", "180 deg"], unit = "rad" }"""
-
-    range: Interval
-    unit: str | None = None
-
-
 class VariedSpec(Section):
-    """[varied]: what every run draws anew, and what follows from it."""
+    """[varied]: what every run draws anew, and what follows from it.
+
+    vertices: the draws that take their lowest and highest values instead, in every combination,
+    from every start; true for all of them.
+    """
 
     draws: dict[Name, DrawSpec | Interval] = Field(default_factory=dict)
     values: dict[Name, Expression] = Field(default_factory=dict)
     plant: dict[Name, Expression] = Field(default_factory=dict)
+    vertices: bool | list[Name] = False
+
+    @property
+    def of_vertices(self) -> list[str]:
+        """The names whose vertices are tried."""
+        if isinstance(self.vertices, bool):
+            return [*self.draws] if self.vertices else []
+        return self.vertices
 
     @property
     def ranges(self) -> dict[str, DrawSpec]:
@@ -304,8 +316,7 @@ class CompareSpec(Section):
 class ScenarioSpec(Section):
     """A whole scenario file; catalogue entries stay tables of { name, parameters }.
 
-    kernels: name -> tables that are altered in the scenarios that `kernel` keys name.
-    """
+    kernels: name -> tables that are altered in the scenarios that `kernel` keys name."""
 
     scenario: Header
     system: dict[str, Any]

@@ -2,11 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Annotated
+import warnings
+from collections.abc import Callable, Mapping
+from typing import Annotated, ClassVar
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError, WrapValidator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    ValidationError,
+    WrapValidator,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
+
+from holdfast.errors import RenamedWarning
 
 Value = float | str
 """A number in SI units, or text with a unit such as "30 deg"."""
@@ -43,7 +54,53 @@ Interval = Annotated[tuple[Value, Value], _Array, _two("numbers [low, high]")]
 Plane = Annotated[tuple[Name, Name], _Array, _two('names of states, such as ["x", "y"]')]
 
 
+Renamed = Mapping[str, tuple[str, Mapping[str, object]]]
+"""Former key -> the key that replaced it, and its former values -> those of now."""
+
+
 class Section(BaseModel):
-    """A table of the file: unknown keys are refused."""
+    """A table of the file: unknown keys are refused.
+
+    A key that was `renamed` is understood for one release, with a warning.
+    """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    renamed: ClassVar[Renamed] = {}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_former_keys(cls, data: object) -> object:
+        if not isinstance(data, Mapping):
+            return data
+        given = dict(data)
+        for former, (key, values) in cls.renamed.items():
+            if former not in given:
+                continue
+            value = given.pop(former)
+            if key in given:
+                raise ValueError(f"either '{key}' or its former name '{former}'")
+            if values and value not in values:
+                raise ValueError(f"{former} = {' or '.join(map(repr, values))}, now '{key}'")
+            given[key] = values[value] if values else value
+            shown = f" = {str(given[key]).lower()}" if values else ""
+            warnings.warn(
+                f"the key '{former}' is now '{key}': write {key}{shown}; the former word goes with "
+                "the next release",
+                RenamedWarning,
+                stacklevel=2,
+            )
+        return given
+
+
+class NoiseSpec(Section):
+    """[noise]: half-widths of uniform and standard deviations of normal noise, per state."""
+
+    uniform: dict[Name, Value] = Field(default_factory=dict)
+    normal: dict[Name, Value] = Field(default_factory=dict)
+
+
+class DrawSpec(Section):
+    """{ range = ["-180 deg", "180 deg"], unit = "rad" }"""
+
+    range: Interval
+    unit: str | None = None

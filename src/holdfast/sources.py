@@ -16,6 +16,7 @@ from holdfast.errors import ScenarioError, suggestion
 from holdfast.maths import fields, systems
 from holdfast.maths.field import Field
 from holdfast.maths.system import System
+from holdfast.reading import read_small_text
 
 PATHS: dict[tuple[str, str], tuple[str, ...]] = {
     ("system", "vehicle"): (".toml",),
@@ -43,12 +44,7 @@ def read_text(name: str) -> tuple[str, str]:
             f"unknown scenario '{name}'",
             remedy=suggestion(name, scenario_names()) + " (a file of your own ends in .toml)",
         )
-    try:
-        return name, Path(name).read_text("utf-8-sig")
-    except OSError as error:
-        raise ScenarioError(f"{name}: cannot be read ({error.strerror})") from None
-    except ValueError:
-        raise ScenarioError(f"{name}: is no text file in UTF-8") from None
+    return name, read_small_text(name)
 
 
 def read_tables(name: str, overrides: Iterable[str] = ()) -> tuple[str, str, dict[str, Any]]:

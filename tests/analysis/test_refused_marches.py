@@ -206,7 +206,7 @@ NO_NUMBERS = ("a", True, [1], math.nan, -1, 0)
 WRONG = {
     "cfl": ("expected a number above 0, at most 1", (*NO_NUMBERS, None, 1.5)),
     "band": ("expected a number above 0; infinite for none", (*NO_NUMBERS, None)),
-    "tolerance": ("expected a number above 0", NO_NUMBERS),
+    "tolerance": ("expected a number of cells above 0", NO_NUMBERS),
     "order": ("expected a whole number from 1 to 3", ("a", True, [1], math.nan, 0, 4, 3.0)),
     "threads": ("expected a whole number from 1 to 1024", (*NO_NUMBERS, 2.0, 2000)),
     "scheme": ("allowed: eno2, eno3, upwind, weno5", (None, True, [1], math.nan)),

@@ -1,10 +1,13 @@
 """What is written can be read by others, says what it is, and appears whole or not at all."""
 
+import gzip
 import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
+import matplotlib.pyplot as plt
 import netCDF4
 import numpy as np
 import pytest
@@ -13,6 +16,7 @@ import xarray as xr
 import holdfast as hf
 from holdfast.analysis.files import atomic_file
 from holdfast.errors import OutputError
+from holdfast.presentation.text import summary_text
 
 
 @pytest.fixture(scope="module")
@@ -28,10 +32,10 @@ def saved(result, tmp_path_factory):
 
 def test_file_holds_the_promised_variables_with_these_axes(saved):
     with xr.open_dataset(saved) as data:
-        assert data["state"].dims == ("run", "time", "state")
-        assert data["input"].dims == ("run", "time", "input")
+        assert data["state"].dims == ("run", "time", "state_name")
+        assert data["input"].dims == ("run", "time", "input_name")
         assert data["mode"].dims == ("run", "time")
-        assert data["constraint"].dims == ("run", "time", "constraint")
+        assert data["constraint"].dims == ("run", "time", "constraint_name")
         for name in ("outcome", "exit_time", "exit_constraint"):
             assert data[name].dims == ("run",)
         assert data["time"].attrs["units"] == "s"
@@ -45,6 +49,80 @@ def test_file_holds_the_promised_variables_with_these_axes(saved):
         assert '"k1": 0.16' in data.attrs["parameters"]
         assert data.attrs["holdfast_version"] == hf.__version__
         assert 'name = "steer_marine"' in data.attrs["scenario_text"]
+
+
+def test_xarray_alone_selects_by_name_in_every_file(saved, tmp_path):
+    """`state` along an axis `state` would be taken for a coordinate, and its names for a label."""
+    with xr.open_dataset(saved) as data:
+        assert not set(data.dims) & set(data.data_vars)
+        assert data.attrs["format_version"] == 2
+        heading = data["state"].sel(state_name="psi")
+        assert np.array_equal(heading.values, data["state"].values[:, :, 2])
+        for name, variable in data.data_vars.items():
+            for axis in (a for a in variable.dims if data.sizes[a]):
+                label = data[axis].values[-1]
+                last = variable.isel({axis: -1}).values
+                assert np.array_equal(variable.sel({axis: label}).values, last, equal_nan=True), (
+                    name
+                )
+    again = hf.load(hf.load(saved).save(tmp_path / "again.nc")).dataset
+    xr.testing.assert_identical(again, hf.load(saved).dataset)
+
+
+OLD = Path(__file__).parent / "format_1"
+"""Files that version 0.1.0 wrote before files had a format, and what it said of them."""
+
+
+def old(name, folder):
+    """A file of format 1, unpacked, and the answers of the version that wrote it."""
+    path = folder / f"{name}.nc"
+    path.write_bytes(gzip.decompress((OLD / f"{name}.nc.gz").read_bytes()))
+    return path, json.loads((OLD / f"{name}.json").read_text())
+
+
+def test_a_result_of_format_1_answers_as_it_did(tmp_path):
+    path, said = old("result", tmp_path)
+    found = hf.load(path)
+    data = found.dataset
+    for group, answers in said["summary"].items():
+        now = found.summary()[group]
+        if group == "outcomes":  # a run of that format could not be told to have left a grid
+            assert now.pop("left grid") == 0
+        assert now == answers, group
+    assert data["state"].sel(state_name="psi").values.tolist() == said["psi"]
+    assert data["actuator"].sel(actuator_name="starboard").values.tolist() == said["starboard"]
+    assert data["infeasible"].values.tolist() == said["infeasible"]
+    with xr.open_dataset(found.save(tmp_path / "new.nc")) as data:
+        assert data["state"].sel(state_name="psi").values.tolist() == said["psi"]
+    assert "no admissible input at 64 samples of 1 run" in summary_text(found)
+    plt.close(hf.histories_figure(found, 1))
+
+
+def test_a_kernel_and_a_sweep_of_format_1_answer_as_they_did(tmp_path):
+    path, said = old("kernel", tmp_path)
+    kernel = hf.load(path)
+    assert kernel.at([[-0.5, 0.0, 0.0]]).tolist() == said["at"]
+    summary = kernel.summary()
+    for name in ("converged", "empty", "reached_s", "region", "value_unit"):
+        assert summary[name] == said["summary"][name], name
+    path, said = old("sweep", tmp_path)
+    sweep = hf.load(path)
+    assert sweep.summary() == said["summary"]
+    assert sweep.variable("viable").values.tolist() == said["viable"]
+    assert sweep.command(1) == said["command"]
+
+
+@pytest.mark.parametrize("version", [3, 0, "two", 1.5])
+def test_a_file_of_an_unknown_format_is_refused_in_one_line(saved, tmp_path, version):
+    path = tmp_path / "newer.nc"
+    path.write_bytes(saved.read_bytes())
+    with netCDF4.Dataset(path, "a") as file:
+        file.format_version, file.holdfast_version = version, "9.1.0"
+    with pytest.raises(
+        OutputError, match=rf"newer\.nc has the format {version}, .*9\.1\.0"
+    ) as caught:
+        hf.load(path)
+    assert "\n" not in str(caught.value)
 
 
 def test_names_are_characters_that_every_netcdf_reader_knows(saved):

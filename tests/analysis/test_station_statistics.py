@@ -22,11 +22,11 @@ def result(*runs, switches=(), shortest=(), names=("x", "y", "psi")):
     return hf.Result(
         xr.Dataset(
             {
-                "state": (("run", "time", "state"), np.moveaxis(state, 1, 2)),
+                "state": (("run", "time", "state_name"), np.moveaxis(state, 1, 2)),
                 "switches": ("run", np.array(switches or [0] * count)),
                 "shortest_dwell": ("run", np.array(shortest or [np.inf] * count)),
             },
-            {"time": TIME, "run": np.arange(count), "state_name": ("state", list(names))},
+            {"time": TIME, "run": np.arange(count), "state_name": ("state_name", list(names))},
         )
     )
 
@@ -160,7 +160,7 @@ def test_every_run_has_its_own_numbers_and_units():
 def test_states_are_found_by_name():
     """The same run with the heading first."""
     whole = result(([0.9, 0.4, 0.09, 0.15, 0.02, 0.06, 0.05], [0.3] * 7)).dataset
-    turned = hf.Result(whole.isel(state=[2, 0, 1]))
+    turned = hf.Result(whole.isel(state_name=[2, 0, 1]))
     ordered = hf.station_statistics(hf.Result(whole), RADIUS, settled=SETTLED)
     xr.testing.assert_identical(hf.station_statistics(turned, RADIUS, settled=SETTLED), ordered)
 

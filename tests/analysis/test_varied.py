@@ -1,6 +1,7 @@
 """What differs from run to run, and what a law measures, on motions known in closed form."""
 
 import json
+import re
 import warnings
 from dataclasses import replace
 
@@ -21,6 +22,7 @@ from holdfast.execution.closed_loop import ClosedLoop
 from holdfast.execution.steppers import BY_NAME
 from holdfast.execution.translate import closed_loop_program
 from holdfast.maths.functions import magnitude
+from holdfast.presentation.text import summary_text
 
 X, U, D, C, G, K, S, V, SIZE = (
     hf.symbol(n) for n in ("x", "u", "d", "c", "g", "k", "s", "v", "size")
@@ -126,6 +128,67 @@ def test_values_are_computed_from_the_draws_of_their_run(result):
     k, s = own(result, "k"), own(result, "s")
     assert own(result, "c") == pytest.approx(np.log(s) + k**2 / 4, rel=1e-14)
     assert own(result, "g of the plant") == pytest.approx(NOMINAL * (1 + s / 2), rel=1e-15)
+
+
+# -- the vertices of the box of draws
+
+CORNERED = hf.Varied(DRAWS, VALUES, PLANT, vertices=("k", "s"))
+
+
+def test_every_start_is_tried_at_every_vertex():
+    """Three starts at 2 x 2 vertices; what is no vertex is drawn for each of the 12 runs."""
+    starts = np.array([[1.0], [0.5], [-0.5]])
+    found = run(starts=starts, varied=CORNERED)
+    k, s, v = (own(found, n).reshape(3, 4) for n in ("k", "s", "v"))
+    assert (k == [0.5, 0.5, 2.5, 2.5]).all()
+    assert (s == [0.5, 1.5, 0.5, 1.5]).all()
+    assert len(np.unique(v)) == 12
+    assert np.array_equal(states(found)[:, 0].reshape(3, 4), np.tile(starts, 4))
+    assert own(found, "c") == pytest.approx(np.log(s.ravel()) + k.ravel() ** 2 / 4, rel=1e-14)
+
+
+def test_a_part_of_the_runs_at_the_vertices_is_that_part_of_all():
+    starts = np.array([[1.0], [0.5], [-0.5]])
+    whole = run(starts=starts, varied=CORNERED).dataset
+    for part in (range(0, 4), range(3, 7), range(5, 12)):
+        found = run(starts=starts, varied=CORNERED, part=part).dataset
+        for name in ("varied", "state", "outcome"):
+            assert np.array_equal(found[name].values, whole[name].values[part.start : part.stop])
+
+
+def test_summary_counts_the_runs_of_each_vertex():
+    found = run(starts=np.array([[1.0], [0.5], [-0.5]]), varied=CORNERED)
+    reached = found.dataset["outcome"].values == hf.Outcome.REACHED
+    told = found.summary()["vertices"]
+    assert [(v["at"]["k"], v["at"]["s"]) for v in told] == [
+        (0.5, 0.5), (0.5, 1.5), (2.5, 0.5), (2.5, 1.5),
+    ]  # fmt: skip
+    assert [v["reached"] for v in told] == list(reached.reshape(3, 4).sum(axis=0))
+    assert {v["runs"] for v in told} == {3}
+    assert run(1).summary()["vertices"] == []
+    shown = summary_text(found)
+    assert "of 3 starts at each of 4 vertices" in shown
+    assert re.search(rf"k 2\.5, s 0\.5 +reached goal {told[2]['reached']}$", shown, re.M)
+
+
+@pytest.mark.parametrize(
+    ("vertices", "complaint"),
+    [
+        (("k", "q"), "vertices of 'q', which is not drawn"),
+        (("k", "k"), "names of draws, each once"),
+        ("ks", "names of draws, each once"),
+    ],
+)
+def test_vertices_of_anything_but_draws_are_refused(vertices, complaint):
+    with pytest.raises(DefinitionError, match=complaint):
+        hf.Varied(DRAWS, vertices=vertices)
+
+
+def test_more_vertices_than_anyone_can_wait_for_are_refused():
+    draws = {f"a{i}": (0.0, 1.0) for i in range(11)}
+    assert len(hf.Varied(draws, vertices=[*draws][:10]).corners) == 1024
+    with pytest.raises(DefinitionError, match=r"11 draws have 2,048 vertices.*at most 1,024"):
+        hf.Varied(draws, vertices=[*draws])
 
 
 # -- what they do
@@ -525,7 +588,7 @@ states = [{{ x = 1 }}, {{ x = 1 }}, {{ x = 1 }}]
 
 [run]
 horizon = 1
-control = "continuous"
+continuous = true
 """
 DIRECTION = 'direction = { range = ["-180 deg", "180 deg"], unit = "rad" }'
 
@@ -548,6 +611,20 @@ def test_scenario_draws_in_units(load):
     assert varied.draws["g"] == pytest.approx((0.5, 3.0))
     assert varied.draws["speed"] == pytest.approx((0.0, 1852 / 3600))
     assert varied.units == {"direction": "rad", "g": "m/s", "speed": "m/s"}
+
+
+def test_scenario_names_its_vertices_or_means_all_of_them(load):
+    draws = DIRECTION + "\ng = [0.5, 3]"
+    for tables, names in (
+        ("[varied]\nvertices = true", ("direction", "g")),
+        ('[varied]\nvertices = ["g"]', ("g",)),
+        ("", ()),
+    ):
+        scenario = load(draws=draws, tables=tables)
+        assert scenario.varied.vertices == names
+        assert scenario.runs == scenario.run().dataset.sizes["run"] == 3 * 2 ** len(names)
+    with pytest.raises(ScenarioError, match=r"line\.toml: varied.*vertices of 'gg'.*mean 'g'"):
+        load(draws=draws, tables='[varied]\nvertices = ["gg"]')
 
 
 def test_scenario_with_values_of_every_run_is_simulated_and_overridden(load):
@@ -688,3 +765,23 @@ def test_limit_of_switches_may_be_any_number(tmp_path):
         "ch3-noise", ["run.switch_limit=1000000000000", "run.horizon=1"], runs=2
     )
     assert scenario.run().outcomes["chattered"] == 0
+
+
+def test_limits_of_a_varied_thrust_are_those_of_every_run():
+    """What differs from run to run has a row for each; the rest is one number."""
+    push, force = hf.symbol("push"), hf.symbol("force")
+    cart = hf.System(
+        "cart", (hf.Quantity("x", "m"),), (hf.Quantity("push", "m/s"), hf.Quantity("tilt", "m/s")),
+        {"x": push}, parameters=(hf.Parameter("force", "m/s", value=1.0),),
+        input_bounds=hf.Box((-force, -sp.oo), (2 * force, 3)),
+    )  # fmt: skip
+    law = hf.Law("full", cart.states, {"push": sp.Float(9), "tilt": sp.Float(0)})
+    drawn = hf.Varied(draws={"force": (1, 2)})
+    each = hf.simulate(cart, law, starts=[[0.0]] * 3, horizon=0.1, varied=drawn).dataset
+    own = each["varied"].sel(varied_name="force")
+    assert np.array_equal(each["input_high"].sel(input_name="push"), 2 * own)
+    assert np.array_equal(each["input_low"].sel(input_name="push"), -own)
+    assert np.array_equal(each["peak_input"].sel(input_name="push"), 2 * own)
+    one = hf.simulate(cart, law, starts=[[0.0]], horizon=0.1).dataset
+    assert one["input_low"].values.tolist() == [-1.0, -np.inf]
+    assert one["input_high"].values.tolist() == [2.0, 3.0]

@@ -55,8 +55,8 @@ void laws(int count, const double *rows, int width, int mode, const double *p, d
     for (int i = 0; i < count; i++) {
         const double *row = rows + i * width;
         double *to = out + i * (INPUTS + ACTUATORS + 1), kept[1] = {0.0};
-        to[INPUTS + ACTUATORS] = law(row[width - 1], row, kept, mode, p, to);
-        limit(to, p, to + INPUTS);
+        to[INPUTS + ACTUATORS] = law__hf_law(row[width - 1], row, kept, mode, p, to);
+        law__hf_limit(to, p, to + INPUTS);
     }
 }
 """

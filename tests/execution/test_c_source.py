@@ -21,10 +21,10 @@ void laws(int count, const double *rows, int width, int mode, const double *p, d
     for (int i = 0; i < count; i++) {
         const double *row = rows + i * width;
         double *to = out + i * (INPUTS + ACTUATORS + 1), kept[1] = {0.0};
-        law(row[width - 2], row, kept, mode, p, to);
-        limit(to, p, to + INPUTS);
+        law__hf_law(row[width - 2], row, kept, mode, p, to);
+        law__hf_limit(to, p, to + INPUTS);
         to[INPUTS + ACTUATORS] =
-            next_mode(row[width - 2], row, kept, mode, row[width - 1], p);
+            law__hf_next_mode(row[width - 2], row, kept, mode, row[width - 1], p);
     }
 }
 """
@@ -96,7 +96,11 @@ def same_as_recorded(scenario, folder):
     data = scenario.run().dataset
     c = built(folder, export_c(scenario.system, scenario.kept().law, "law_"), "law_")
     inputs, sample_time = len(scenario.system.inputs), scenario.settings["sample_time"]
-    acts = data["actuator"] if "actuator" in data and data.sizes.get("actuator") else data["input"]
+    acts = (
+        data["actuator"]
+        if "actuator" in data and data.sizes.get("actuator_name")
+        else data["input"]
+    )
     command, actuators = np.zeros(inputs), np.zeros(acts.shape[2])
     parameters = ctypes.c_double.in_dll(c, "law__parameters")
     for run in range(data.sizes["run"]):

@@ -257,6 +257,7 @@ def test_chattering_in_the_goal_is_not_reaching_it():
         "reached goal": 0,
         "stayed": 0,
         "chattered": 1,
+        "left grid": 0,
         "left region": 0,
         "diverged": 0,
     }

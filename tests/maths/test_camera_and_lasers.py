@@ -79,6 +79,20 @@ def test_dots_bind_only_when_the_lasers_are_far_apart():
     assert ((wide[:, others] <= 0).all(axis=1) & (wide > 0).any(axis=1)).sum() > 20
 
 
+def test_forms_with_tangents_give_up_poses_that_see_the_target():
+    """(5.23) in tan(psi +- alpha) changes sign where that angle exceeds 90 degrees."""
+    generator = np.random.default_rng(0)
+    points = generator.uniform((-2.6, -1.6, -math.pi / 2), (0, 1.6, math.pi / 2), (40_000, 3))
+    c, (x, y, psi) = levels(points), points.T
+    low = y - x * np.tan(psi - math.pi / 6) + 0.1 <= 0
+    high = 0.1 - y + x * np.tan(psi + math.pi / 6) <= 0
+    ours = (c <= 0).all(axis=1)
+    theirs = (c[:, 2:] <= 0).all(axis=1) & low & high
+    assert not (theirs & ~ours).any()
+    assert (ours & ~theirs).sum() == 184
+    assert (np.abs(psi[ours & ~theirs]) + math.pi / 6 > math.pi / 2).all()
+
+
 def test_volume_of_the_safe_set():
     """Shares of the box on two grids: 0.10908 and 0.11162."""
     for nodes, share in ((51, 0.10908), (101, 0.11162)):

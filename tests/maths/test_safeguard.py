@@ -10,6 +10,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
+from holdfast.execution.closed_loop import SafeguardAnswer
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.functions import wrap
 
@@ -69,6 +70,52 @@ def test_filtered_acceleration_is_the_closed_form(double_integrator, restless, w
     assert (expected < np.clip(wanted, -1, 1) - 0.1).mean() > 0.2  # it has work to do
 
 
+def test_result_tells_what_the_law_asked_for_and_where_it_was_overruled(
+    double_integrator, restless, wall
+):
+    """Saturation at |a| = 1 alone is not the safeguard's doing, and is not counted as such."""
+    found = kept_from_the_wall(double_integrator, restless, wall, grid_of_safe_starts())
+    data = found.dataset
+    wanted = data["signal"].sel(signal_name="wanted").values
+    assert np.array_equal(data["nominal"].sel(input_name="a").values, wanted)
+    assert data["nominal"].attrs["units"] == "m/s^2"
+    x, v = (data["state"].sel(state_name=n).values for n in "xv")
+    admitted = -(K1 + K2) * v - K1 * K2 * (x - 1)
+    clear = np.abs(admitted - np.clip(wanted, -1, 1)) > 1e-6
+    overruled = (admitted < np.clip(wanted, -1, 1)) & clear
+    saturated = (np.abs(wanted) > 1) & ~overruled & clear
+    assert saturated.mean() > 0.1
+    assert np.abs(overruled.sum(axis=1) - data["overruled"].values).max() <= (~clear).sum()
+    assert (~clear).sum() < 1e-3 * clear.size
+    answers = data["safeguard"].values
+    assert np.array_equal((answers == SafeguardAnswer.OVERRULED)[clear], overruled[clear])
+    summary = found.summary()["safeguard"]
+    assert summary["samples_overruled"] == data["overruled"].values.sum() > 0
+    assert summary["runs_overruled"] == (data["overruled"].values > 0).sum()
+    assert (data["slack"].values == 0).all()
+
+
+def test_slack_of_every_sample_is_what_the_brake_lacks(double_integrator, restless, wall):
+    """At full brake a = -1: (k1 + k2) v + k1 k2 (x - 1) - 1 where that is above 0, else none."""
+    found = kept_from_the_wall(double_integrator, restless, wall, [[0.5, 2.0], [0.0, 0.0]])
+    data = found.dataset
+    x, v = (data["state"].sel(state_name=n).values for n in "xv")
+    lacking = (K1 + K2) * v + K1 * K2 * (x - 1) - 1
+    slack = data["slack"].values
+    assert slack == pytest.approx(np.maximum(lacking, 0), abs=1e-9)
+    assert data["slack"].dims == ("run", "time")
+    assert data["slack"].attrs["units"] == "m/s^2"
+    assert (slack > 0).sum(axis=1).tolist() == data["infeasible"].values.tolist()
+    assert np.array_equal(data["safeguard"].values == SafeguardAnswer.INFEASIBLE, slack > 0)
+    assert (data["overruled"].values >= data["infeasible"].values).all()
+
+
+def test_without_a_safeguard_there_is_no_nominal_command_and_no_slack(double_integrator, restless):
+    found = hf.simulate(double_integrator, restless, starts=[[0.0, 0.0]], horizon=0.2)
+    assert not {"nominal", "nominal_actuator", "slack", "overruled"} & set(found.dataset)
+    assert found.summary()["safeguard"] == {}
+
+
 @pytest.mark.parametrize("margin", [0.0, 0.2])
 def test_wall_is_never_reached_whatever_the_law_wants(double_integrator, restless, wall, margin):
     """From a grid of starts with dc/dt + k1 c <= 0, c + margin never exceeds 0; nothing relaxed."""
@@ -80,11 +127,9 @@ def test_wall_is_never_reached_whatever_the_law_wants(double_integrator, restles
     worst = found.dataset["worst_constraint"].values
     assert worst.max() <= -margin + 1e-9
     assert (worst > -margin - 0.02).mean() > 0.5  # most are driven against it
-    assert found.summary()["safeguard"] == {
-        "runs_relaxed": 0,
-        "samples_relaxed": 0,
-        "largest_slack": 0.0,
-    }
+    told = found.summary()["safeguard"]
+    assert told["runs_relaxed"] == told["samples_relaxed"] == told["largest_slack"] == 0
+    assert told["runs_overruled"] > 500
 
 
 def test_pressed_against_the_wall_it_stops_at_the_margin(double_integrator, restless, wall):
@@ -109,14 +154,13 @@ def test_too_weak_a_brake_is_an_outcome_and_the_run_goes_on(double_integrator, r
     assert found.outcomes["left region"] == 1
     count = int(data["infeasible"].values[0])
     assert data["infeasible"].values.tolist() == [count, 0]
-    slack = data["slack"].values[0]
+    slack = data["largest_slack"].values[0]
     v, x = 2.0, 0.5
     assert slack == pytest.approx(max(slack, (K1 + K2) * v + K1 * K2 * (x - 1) - 1))
-    assert found.summary()["safeguard"] == {
-        "runs_relaxed": 1,
-        "samples_relaxed": count,
-        "largest_slack": pytest.approx(slack),
-    }
+    told = found.summary()["safeguard"]
+    assert told["runs_relaxed"] == 1
+    assert told["samples_relaxed"] == count
+    assert told["largest_slack"] == pytest.approx(slack)
     end = data["state"].sel(state_name="x").values[0, -1]
     assert end <= 1.0 + 1e-9
     json.dumps(found.summary())
@@ -236,6 +280,19 @@ def test_target_stays_in_view_from_every_start_at_rest(kept_in_view):
     final = kept_in_view.dataset["state"].values[:, -1]
     there = (np.hypot(final[:, 0] + 0.5, final[:, 1]) < 0.03) & (np.abs(final[:, 2]) < 0.05)
     assert 0.2 < there.mean() < 0.5
+
+
+def test_nominal_thrusts_are_those_that_make_the_nominal_forces(kept_in_view, vehicle):
+    """tau = M a, and each thruster's limit of 5 N is in the result."""
+    data = kept_in_view.dataset
+    image = vehicle.input_bounds.at({p.symbol: p.value for p in vehicle.parameters})
+    matrix = np.array(image.matrix, dtype=float)
+    made = data["nominal_actuator"].values @ matrix.T
+    assert made == pytest.approx(data["nominal"].values, rel=1e-9, abs=1e-9)
+    assert np.abs(data["nominal_actuator"].values).max() > 5.0, "it asks for more than there is"
+    assert data["actuator_low"].values.tolist() == [-5.0, -5.0]
+    assert data["actuator_high"].values.tolist() == [5.0, 5.0]
+    assert data["input_high"].values == pytest.approx(5.0 * np.abs(matrix).sum(axis=1))
 
 
 def test_law_is_unchanged_wherever_it_is_safe_and_only_there(kept_in_view, vehicle, tracked, view):
@@ -428,3 +485,32 @@ def test_constraint_that_the_inputs_reach_too_late_is_refused(wall):
     slow = hf.System("slow", states, (hf.Quantity("a"),), {"x": V, "v": hf.symbol("s"), "s": A})
     law = hf.Law("go", states, {"a": sp.Float(1)})
     assert "relative degree is above 2" in refusal(slow, law, wall)
+
+
+# -- constraints of the safeguard's own
+
+
+def test_constraints_of_the_safeguard_alone_are_kept_and_are_no_part_of_the_region(
+    double_integrator, restless, wall
+):
+    """|v| <= 0.3 beside x <= 1: kept by both pieces, and a start beyond it has not left."""
+    slow = hf.Region(
+        "slow", double_integrator.states, (hf.Inequality("slow", abs(V) - 0.3, "m/s"),)
+    )
+    guarded = hf.safeguard(
+        double_integrator, restless, wall, constraints=slow, gains=(K1, K2), margins={"slow": 0.01}
+    )
+    assert len(guarded.safeguard.offsets) == 2 + 1 + 2  # thrust both ways, the wall, both pieces
+    data = hf.simulate(
+        double_integrator,
+        guarded,
+        starts=[[-0.5, 0.0], [0.0, 0.25], [-2.0, 0.5]],
+        region=wall,
+        varied=hf.Varied(draws=DRAWS),
+        horizon=20.0,
+        record_every=0.02,
+    ).dataset
+    assert (data["outcome"].values == hf.Outcome.STAYED).all()
+    speed = np.abs(data["state"].sel(state_name="v").values)
+    assert speed[:2].max() <= 0.3
+    assert speed[2, 200:].max() <= 0.3  # and the third is brought inside

@@ -81,6 +81,20 @@ def test_only_what_has_no_closed_form_is_sampled():
         assert number_at(h.disturbances["d"], at) == pytest.approx(-np.sign(q))
 
 
+def test_33_headings_get_half_a_percent_less_than_all_of_them():
+    """At worst, and a disturbance of as many headings costs so much less."""
+    for players, sign in (({"inputs": "max"}, 1), ({"inputs": "min"}, -1)):
+        h = hf.hamiltonian(system((sp.cos(H), sp.sin(H)), ("h",), TURN), samples=33, **players)
+        directions = np.linspace(0, 2 * math.pi, 257)
+        got = [
+            sign * number_at(h.value, {X: 0, Y: 0, p: math.cos(a), q: math.sin(a)})
+            for p, q in [h.costates]
+            for a in directions
+        ]
+        assert max(got) == pytest.approx(1.0)
+        assert 1 - min(got) == pytest.approx(0.005, abs=0.0005)
+
+
 @pytest.mark.parametrize("samples", [2, 9])
 def test_disturbance_that_multiplies_the_input_keeps_its_closed_form(samples):
     """x' = (1 + d) u, |d| <= 0.3: max_u min_d is 0.7 |p|, met at the ends of u."""

@@ -195,6 +195,12 @@ def test_constraint_degenerate_at_the_origin_is_refused(row, complaint):
         structure(system)
 
 
+@pytest.mark.parametrize("lam", [1.0, 0.5])
+def test_exponent_that_makes_no_rose_is_refused(lam):
+    with pytest.raises(DefinitionError, match=rf"'lam' is {lam:g}; expected above 1"):
+        hf.laws.follow_field(hf.systems.unicycle(), lam=lam)
+
+
 def test_dependent_rows_are_refused():
     with pytest.raises(DefinitionError, match="rank"):
         rows_only((*POSE, hf.Quantity("z")), NO_SLIP, NO_SLIP)
@@ -453,6 +459,17 @@ def test_chained_coordinates_of_a_tractor_are_those_of_the_literature(trailers):
     assert z[-2] == sp.tan(hf.symbol(f"psi{trailers}"))
 
 
+def test_coordinates_of_the_car_are_those_of_the_page():
+    """(x, tan(delta)/(L cos(psi)^3), tan(psi), y)."""
+    found = structure(hf.systems.car(wheelbase=0.3))
+    delta, wheelbase = hf.symbol("delta"), hf.symbol("wheelbase")
+    expected = (X, sp.tan(delta) / (wheelbase * sp.cos(PSI) ** 3), sp.tan(PSI), Y)
+    for coordinate, stated in zip(
+        find_chained_form(found).found.coordinates, expected, strict=True
+    ):
+        assert found.sampler().vanishes(coordinate - stated)
+
+
 def test_simplification_keeps_the_value():
     a, b = hf.symbol("a"), hf.symbol("b")
     for e in (
@@ -470,7 +487,7 @@ def test_simplification_keeps_the_value():
     [([], 0), ([[0.0, 0.0]], 0), ([[1, 2], [2, 4.0]], 1), ([[1, 2], [2, 5.0]], 2)],
 )
 def test_rank_of_numbers(rows, expected):
-    assert rank(rows) == expected
+    assert rank([Sampler({}).row(map(sp.Float, row), {}) for row in rows]) == expected
 
 
 def test_vanishing_is_not_claimed_where_nothing_is_a_number():

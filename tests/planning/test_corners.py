@@ -61,19 +61,41 @@ def test_critical_circle_touches_the_corner_and_that_of_6_24_goes_into_it(
         assert clearance(distance, width, robot, 0.9 * mine) < -0.005
 
 
-def test_upper_bound_of_6_25_has_the_wrong_sign():
-    """rd 1, w 1.2, r0 .2: at RL = 2 the leader is at x = 2.24 m of a corridor 1.2 m wide."""
+def farthest(distance, width, radius):
+    """How far from the exit of the first corridor a leader gets on its circle, by drawing it.
+
+    The follower is beside the wall at the exit and points at the leader, which is in the middle of
+    it. Both turn about a centre abeam of the follower, on the side of the wall.
+    """
+    leader, follower = np.zeros(2), np.array([-math.sqrt(distance**2 - width**2 / 4), -width / 2])
+    ahead = (leader - follower) / distance
+    centre = follower + math.sqrt(radius**2 - distance**2) * np.array([ahead[1], -ahead[0]])
+    assert math.hypot(*(leader - centre)) == pytest.approx(radius)
+    angles = np.linspace(-math.pi, math.pi, 200_001)
+    return float((centre[0] + radius * np.cos(angles)).max())
+
+
+def test_6_25_has_the_wrong_sign_before_the_radius_of_the_follower():
+    """RL <= w' + s + RF w / (2 rd): it is - RF w / (2 rd), and + s is right.
+
+    rd 1, w 1.2, r0 .2: at RL = 2 the leader is at x = 2.24 m of a corridor 1.2 m wide.
+    """
     mine, printed = (turning_radii(1.0, 1.2, 1.2, 0.2, as_printed=p) for p in (False, True))
     assert (mine.low, mine.high) == pytest.approx((1.147, 1.407), abs=1e-3)
-    assert printed.high == pytest.approx(2.337, abs=1e-3)
-
-    def reach(radius):
-        behind = math.sqrt(radius**2 - 1)
-        centre = -0.8 + behind * 0.6
-        return centre + radius
-
-    assert reach(mine.high) == pytest.approx(1.2, abs=1e-12)
-    assert reach(2.0) == pytest.approx(2.24, abs=0.01)
+    s, term = 0.8, printed.follower * 1.2 / 2
+    assert printed.high == pytest.approx(1.2 + s + term)
+    assert farthest(1.0, 1.2, mine.high) == pytest.approx(1.2, abs=1e-9)
+    follower = critical_radius(1.0, 1.2, 0.2)
+    centre = np.array([-0.8, -0.6]) + follower * np.array([0.6, -0.8])
+    inwards = math.degrees(math.atan2(-centre[0], -centre[1]))
+    assert inwards == pytest.approx(23.8, abs=0.05), "the tangent at the exit, from straight ahead"
+    assert farthest(1.0, 1.2, 2.0) == pytest.approx(2.24, abs=0.01)
+    least = math.hypot(1.0, printed.follower)  # where the follower's circle is the one in (6.25)
+    reach = farthest(1.0, 1.2, least)
+    assert reach == pytest.approx(least - s + term, abs=1e-9), "RL - s + RF w / (2 rd) <= w'"
+    assert reach != pytest.approx(least - s - term, abs=0.5), "as printed"
+    assert reach != pytest.approx(least + s - term, abs=0.5), "with the sign of s turned"
+    assert 1.2 + s - term == pytest.approx(1.6625, abs=1e-4)
     assert 1.2 in mine
     assert 1.5 not in mine
     assert turning_radii(1.0, 1.2, 0.6, 0.2).empty

@@ -142,6 +142,7 @@ FUNCTIONS = {
     "exact_flow": lambda: {"field": hf.fields.dipolar(lam=2.0), "start": [1.0, 0.5], "time": 0.2},
     "explain": lambda: {"system": hf.systems.unicycle(), "moment": [1.0, 0.0], "limit": 60.0},
     "export_c": lambda: {"system": line(), "law": push_law(), "name": "push"},
+    "export_c_header": lambda: {"system": line(), "law": push_law(), "name": "push"},
     "field_facts": lambda: {"field": hf.fields.dipolar()},
     "flow_line": lambda: {"field": hf.fields.dipolar(lam=2.0), "start": [1.0, 0.5]},
     "flow_lines_figure": lambda: {"field": hf.fields.dipolar(), "reach": 1.0, "planes": 2},
@@ -475,3 +476,16 @@ def test_systems_side_by_side_are_systems():
         if what != "text":
             with pytest.raises(HoldfastError):
                 hf.side_by_side(line(), slider(), name=nonsense)
+
+
+def test_true_is_no_number_of_a_run():
+    with pytest.raises(HoldfastError, match="run is True; expected a whole number"):
+        hf.histories_figure(result(), run=True)
+    with pytest.raises(HoldfastError, match=r"runs is 1e\+22; expected a whole number below 2\^63"):
+        hf.load_scenario("inspection", runs=1e22)
+
+
+@pytest.mark.parametrize("function", [hf.laws.back_off, hf.laws.move_ahead])
+def test_law_built_on_another_names_the_output_that_it_needs(function):
+    with pytest.raises(HoldfastError, match=r"needs a law with the output 'u'; .* which has v"):
+        function(hf.laws.steer_unicycle(hf.systems.unicycle()))

@@ -185,8 +185,7 @@ def test_output_h_reaches_the_goal_pose_from_a_third_of_random_starts(unicycle):
     """
     law = hf.laws.align_unicycle(unicycle, output="h", travel="forward", freeze=ARRIVED)
     came, right, opposite, _ = counts(unicycle, law)
-    assert 31 <= came <= 37
-    assert right <= 17 <= opposite
+    assert (came, right, opposite) == pytest.approx((34, 13, 21), abs=2)
     assert came == right + opposite
 
 
@@ -195,7 +194,7 @@ def test_output_angle_reaches_the_goal_pose_wherever_it_arrives(unicycle):
     law = hf.laws.align_unicycle(unicycle, output="angle", travel="forward", freeze=ARRIVED)
     came, right, _, farthest = counts(unicycle, law)
     assert came == right
-    assert 33 <= came <= 37
+    assert came == pytest.approx(35, abs=1)
     assert farthest > 20
 
 
@@ -230,7 +229,7 @@ def test_printed_2_15_hardly_ever_reaches_the_goal_pose(unicycle):
     }
     came, right, _, _ = counts(unicycle, replace(law, outputs=printed))
     assert came > 25
-    assert right <= 4
+    assert right == pytest.approx(2, abs=1)
 
 
 # -- the nonholonomic integrator
@@ -309,5 +308,5 @@ def test_other_branch_of_2_21_held_keeps_the_input_bounded(integrator):
     law = hf.laws.follow_integrator(integrator)
     data = solved(integrator, law, [[0, 0.5, 1], [1e-3, 0.5, 1], [1e-3, 0.5, -1]], 20.0)
     assert (data["switches"].values == 2).all()
-    assert data["peak_input"].values.max() < 2.3
+    assert data["peak_input"].values.max() == pytest.approx(2.2, abs=0.05)
     assert np.abs(data["state"].values[:, -1]).max() < 1e-6

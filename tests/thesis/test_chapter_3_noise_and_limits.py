@@ -49,16 +49,24 @@ def with_turn(law, change):
 # -- measurement noise (Fig. 3.8)
 
 
-def test_noise_makes_the_printed_logic_switch_as_counted():
-    """+-1 cm, +-.02 rad at 100 Hz, r1 = r0: 125 switches, 51 of them within 50 ms, in the
-    reference; the tail of .219 m is above what we see (.15 m, at most .20 in 40 runs)."""
-    result = run(
-        as_printed(hold(r1=0.1)), [[-1, -1, 0]] * 40, 0.01, noise_uniform=NOISE, record_every=0.01
-    )
-    counts = result.dataset["switches"].values
-    assert np.median(counts) == pytest.approx(125, rel=0.1)
+def within_50_ms(result):
+    """For each run, how many modes lasted less than 50 ms."""
     dwells = [np.diff(np.flatnonzero(np.diff(m))) * 0.01 for m in result.dataset["mode"].values]
-    assert np.median([(d < 0.0499).sum() for d in dwells]) == pytest.approx(51, rel=0.15)
+    return [int((d < 0.0499).sum()) for d in dwells]
+
+
+def test_noise_makes_the_printed_logic_switch_as_counted():
+    """+-1 cm, +-.02 rad at 100 Hz: 121 switches with one radius, 48 of them within 50 ms, and
+    53 with r1 = .13, none of them. Reference with one radius: 125, 51 and a tail of .219 m, above
+    what we see (.15 m, at most .20 in 40 runs)."""
+    settings = {"noise_uniform": NOISE, "record_every": 0.01}
+    starts = [[-1, -1, 0]] * 40
+    result = run(as_printed(hold(r1=0.1)), starts, 0.01, **settings)
+    assert np.median(result.dataset["switches"].values) == pytest.approx(121, abs=2)
+    assert np.median(within_50_ms(result)) == pytest.approx(48, abs=2)
+    two_radii = run(as_printed(hold()), starts, 0.01, **settings)
+    assert np.median(two_radii.dataset["switches"].values) == pytest.approx(53, abs=2)
+    assert max(within_50_ms(two_radii)) == 0
     assert 0.13 < np.median(held(result)["tail_radius"]) < 0.22
 
 
@@ -160,17 +168,17 @@ def cut(law):
     return replace(law, modes={**law.modes, "approach": replace(approach, outputs=outputs)})
 
 
-@pytest.mark.parametrize(("limit", "reference", "tail"), [(1.0, 65, 0.21), (0.5, 0, 0.19)])
-def test_slow_turn_needs_the_speed_to_be_scaled(limit, reference, tail):
-    """|u2| <= 1: 65 of 500 in the reference when merely cut; scaled 500, down to 0.5. (|u2| <= 3:
-    470 in the reference, on the law in continuous time; under our sampled control 500.)"""
+@pytest.mark.parametrize(("limit", "count", "tail"), [(1.0, 64, 0.21), (0.5, 64, 0.19)])
+def test_slow_turn_needs_the_speed_to_be_scaled(limit, count, tail):
+    """Merely cut to 1 rad/s or to 0.5 rad/s 64 of 500 enter, 65 and none in the reference; scaled
+    500. (|u2| <= 3: 470 in the reference in continuous time; under our sampled control 500.)"""
     system = hf.systems.drifting_unicycle(turn_limit=limit)
     law = hold(system)
     merely_cut = int(held(run(cut(law), poses(500), 0.005, system))["entered"].sum())
     scaled = held(run(law, poses(500), 0.005, system))
     assert bool(scaled["entered"].all())
     assert float(scaled["tail_radius"].max()) < tail
-    assert merely_cut == pytest.approx(reference, abs=10) or (merely_cut < 70 and limit < 1)
+    assert merely_cut == pytest.approx(count, abs=5)
 
 
 @pytest.mark.parametrize(("limit", "entered"), [(3.0, 484), (1.0, 278)])
@@ -181,7 +189,7 @@ def test_unknown_current_and_a_slow_turn_do_not_go_together(limit, entered):
     law = hf.laws.hold_station_unknown(system)
     true = {"Vx": -0.1, "Vy": 0.2}
     found = held(run(law, poses(500), 0.005, system, disturbance=true))
-    assert int(found["entered"].sum()) == pytest.approx(entered, abs=15)
+    assert int(found["entered"].sum()) == pytest.approx(entered, abs=5)
 
 
 # -- currents that are not what the law believes, or that change
@@ -202,7 +210,7 @@ def turned(degrees, size=1.0):
 def test_known_current_may_be_wrong_by_ten_degrees_or_by_half(degrees, size, share):
     """10 degrees, half and one and a half times: all enter; from 30 degrees on some do not."""
     found = held(run(hold(), poses(100), 0.005, disturbance=turned(degrees, size)))
-    assert float(found["entered"].mean()) == pytest.approx(share, abs=0.03)
+    assert float(found["entered"].mean()) == pytest.approx(share, abs=0.02 if share < 1 else 0)
 
 
 def test_current_of_the_opposite_direction_carries_the_vehicle_away():

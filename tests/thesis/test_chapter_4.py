@@ -153,8 +153,8 @@ def without_phidot(law):
     return replace(law, outputs=outputs)
 
 
-@pytest.mark.parametrize(("k", "least_changes", "arrive"), [(4.0, 20, True), (0.5, 300, False)])
-def test_dropping_phidot_makes_the_vehicle_slide(unicycle, k, least_changes, arrive):
+@pytest.mark.parametrize(("k", "sliding", "arrive"), [(4.0, 52, True), (0.5, 719, False)])
+def test_dropping_phidot_makes_the_vehicle_slide(unicycle, k, sliding, arrive):
     """The surface r . e = 0 attracts where k |theta - phi| < k1.
 
     From (0, 1, pi), control held for 10 ms: 52 changes of sense at k = 4, then it arrives; 719
@@ -164,7 +164,7 @@ def test_dropping_phidot_makes_the_vehicle_slide(unicycle, k, least_changes, arr
     law = with_gains(hf.laws.steer_unicycle(unicycle, freeze=1e-6), k=k)
     held = {"starts": [[0, 1, np.pi]], "step": 0.01, "continuous": False}
     rho, _, changes, _ = steered(unicycle, without_phidot(law), **held)
-    assert changes[0] > least_changes
+    assert changes[0] == pytest.approx(sliding, rel=0.05)
     assert (rho[0] < 1e-5) == arrive
     rho, _, changes, _ = steered(unicycle, law, **held)
     assert changes[0] == 0
@@ -198,7 +198,7 @@ def test_saturated_turn_rate_defeats_the_law(unicycle):
     law = hf.laws.steer_unicycle(unicycle, freeze=1e-6)
     rho, _, changes, _ = steered(unicycle, law, horizon=30.0, plant={"turn_limit": 1.0})
     arrived = rho < 0.01
-    assert 120 < arrived.sum() < 260
+    assert arrived.sum() == pytest.approx(189, abs=10)
     assert changes[~arrived].min() > 1000
 
 
@@ -360,7 +360,7 @@ def test_escape_started_by_the_size_of_the_input_keeps_it_bounded(integrator):
     assert after[:, 2] == pytest.approx(starts[:, 2], abs=2e-3)
     assert np.hypot(after[1:, 0], after[1:, 1]) == pytest.approx(np.sqrt(2) * np.abs(starts[1:, 2]))
     assert (data["switches"].values == 2).all()
-    assert data["peak_input"].values.max() < 2.26
+    assert data["peak_input"].values.max() == pytest.approx(2.25, abs=0.01)
     assert np.abs(data["state"].values[:, -1]).max() < 1e-6
 
 
@@ -444,8 +444,10 @@ def test_exact_pole_placement_converges_for_every_length_of_chain(n):
     assert np.abs(data["state"].values[0, -1]).max() < 2e-9
 
 
-@pytest.mark.parametrize(("n", "at_12"), [(3, 1.0), (4, 1.142e7), (5, np.inf), (6, np.inf)])
-def test_pole_placement_with_x1_frozen_does_not_converge(n, at_12):
+@pytest.mark.parametrize(
+    ("n", "at_12", "passes"), [(3, 1.0, None), (4, 1.142e7, None), (5, None, 8.1), (6, None, 5.7)]
+)
+def test_pole_placement_with_x1_frozen_does_not_converge(n, at_12, passes):
     """The same poles given to the matrix A1 of the thesis: |x2| after 12 s from ones (n = 5
     passes 1e9 after 8.1 s, n = 6 after 5.7 s; reference for other poles 5e12 and 2e19). The true poles
     for n = 3 are 0 and -3: x2 stays.."""
@@ -454,8 +456,9 @@ def test_pole_placement_with_x1_frozen_does_not_converge(n, at_12):
     system, law = chained(n, k1=1.0, poles=-2.0)
     law = with_gains(law, **{f"k{j}": c for j, c in enumerate(frozen, start=2)})
     data = solved(system, law, np.ones(n), 12.0)
-    if np.isinf(at_12):
+    if passes:
         assert data["outcome"].values[0] == hf.Outcome.DIVERGED
+        assert data["exit_time"].values[0] == pytest.approx(passes, abs=0.05)
     else:
         assert abs(data["state"].values[0, -1, 1]) == pytest.approx(at_12, rel=5e-3)
 

@@ -330,8 +330,8 @@ def test_current_that_jumps_pushes_the_vehicle_far_beyond_the_bound(vehicle):
         data = in_current(vehicle, law, somewhere(40), draws, angle, 1200.0, record_every=0.2)
         tail = from_goal(data)[:, data["time"].values > 300]
         worst[measured] = tail.max() / ultimate_bound(K1, MU, 0.05)
-    assert 1.3 < worst[True] < 1.6
-    assert 1.4 < worst[False] < 1.8
+    assert worst[True] == pytest.approx(1.46, abs=0.02)
+    assert worst[False] == pytest.approx(1.59, abs=0.02)
 
 
 # -- viability in a current ------------------------------------------------------------------------
@@ -379,7 +379,7 @@ def test_resting_pose_is_where_the_vehicle_ends(vehicle):
 
 
 @pytest.mark.parametrize(
-    ("angle", "low", "high"), [("pi", 0.93, 1.0), ("5*pi/6", 0.90, 1.0), ("0", 0.0, 0.2)]
+    ("angle", "low", "high"), [("pi", 0.95, 0.97), ("5*pi/6", 0.90, 1.0), ("0", 0.0, 0.2)]
 )
 def test_blend_keeps_the_view_in_a_current_away_from_the_wall_and_loses_it_towards_the_wall(
     angle, low, high
@@ -397,7 +397,8 @@ def test_blend_keeps_the_view_in_a_current_away_from_the_wall_and_loses_it_towar
         assert (np.hypot(states[:, 0] + 0.5, states[:, 1]) < 0.2155 + 0.01).all(), (
             "every run in the ball"
         )
-        assert not viable.all(), "no guarantee even there"
+        assert (viable.sum(), len(viable)) == (193, 201), "no guarantee even there"
+        assert np.hypot(states[0, 0] + 0.5, states[0, 1]) == pytest.approx(0.22, abs=0.005)
         assert data["worst_constraint"].values[0].max() <= 1e-3, "the start of Fig. 5.11"
 
 
@@ -425,7 +426,7 @@ def test_any_current_leaves_the_vehicle_near_the_goal_set_but_not_in_view():
     near = np.abs(np.hypot(end[:, 0], end[:, 1]) - 0.5) < 0.2155 + 0.01
     viable = (data["worst_constraint"].values <= 1e-3).all(axis=1)
     through = data["state"].values[:, :, 0].max(axis=1) > 0
-    assert near.mean() > 0.98
-    assert viable[off < 80].mean() > 0.93
+    assert len(near) - near.sum() == pytest.approx(1, abs=1)
+    assert viable[off < 80].mean() == pytest.approx(0.97, abs=0.01)
     assert viable[off > 100].mean() == 0
     assert through[off > 100].mean() > 0.95, "through the wall, which the law does not know of"

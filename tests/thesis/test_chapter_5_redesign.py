@@ -106,7 +106,7 @@ def on_two(pair, psi, half=0.10, near=0.35, far=2.0):
     return np.stack([x, y, psi], axis=1)[(c[others] <= 0).all(axis=0)][:100]
 
 
-PAIRS = {(0, 3): (0.58, 0.58), (1, 3): (0.61, 0.61), (0, 2): (0.70, 0.97), (1, 2): (0.71, 0.96)}
+PAIRS = {(0, 3): (0.58, 0.58), (1, 3): (0.56, 0.56), (0, 2): (0.72, 0.96), (1, 2): (0.67, 0.96)}
 
 
 @pytest.mark.parametrize("pair", PAIRS)
@@ -116,7 +116,7 @@ def test_two_active_constraints_defeat_the_minimum_even_kinematically(vehicle, p
     assert len(poses) == 100
     for printed, expected in zip((True, False), PAIRS[pair], strict=True):
         data = kinematic_runs(vehicle, blend(vehicle, range_laws=printed), poses)
-        assert viable(data).mean() == pytest.approx(expected, abs=0.09)
+        assert viable(data).mean() == pytest.approx(expected, abs=0.011)
         assert not viable(data).all()
 
 
@@ -140,7 +140,7 @@ def test_both_edges_of_the_view_at_once_defeat_it_too(vehicle):
         substeps=1,
         record_every=100.0,
     ).dataset
-    assert viable(data).mean() == pytest.approx(0.39, abs=0.08)
+    assert viable(data).mean() == pytest.approx(0.39, abs=0.011)
 
 
 @pytest.mark.parametrize(
@@ -173,7 +173,7 @@ def full_runs(changes, poses):
 def test_full_vehicle_as_printed_hardly_ever_keeps_the_view(poses):
     """(5.26), (5.28) and the range laws as the thesis has them, from a file, with 5 N."""
     data = full_runs(["redesign.as_printed=true"], poses)
-    assert viable(data).mean() < 0.3
+    assert viable(data).mean() == pytest.approx(0.20, abs=0.01)
     assert (data["outcome"].values == hf.Outcome.REACHED).mean() < 0.3
 
 
@@ -207,6 +207,14 @@ def test_scenario_of_fig_5_5_leaves_the_view_for_four_seconds_and_arrives():
     assert time[c[:, 0] > 0][[0, -1]] == pytest.approx([2.55, 6.35], abs=0.06)
     assert states[-1, :3] == pytest.approx([-0.5, 0, 0], abs=0.02)
     assert data["outcome"].values[0] == hf.Outcome.LEFT
+
+
+def test_two_of_twenty_starts_more_keep_the_view_under_the_convergent_law():
+    data = hf.load_scenario("ch5-leaves-view", ["run.record_every=100.0"]).run().dataset
+    outcome = data["outcome"].values
+    assert outcome[0] == hf.Outcome.LEFT
+    assert (outcome[1:] == hf.Outcome.REACHED).sum() == 2
+    assert len(outcome) == 21
 
 
 def test_scenario_of_fig_5_9_lets_the_viable_law_step_in_and_hand_back():

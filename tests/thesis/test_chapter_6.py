@@ -495,3 +495,5 @@ def test_shipped_scenarios_keep_every_leader_in_view():
     assert corners.dataset["worst_constraint"].values[:, :2].min() > -1e-6, "all begin on both"
     moving = hf.load_scenario("ch6-moving-leader").run()
     assert moving.outcomes["stayed"] == 1000
+    nearest = moving.dataset["worst_constraint"].values[:, :2].max(axis=0)
+    assert nearest == pytest.approx([-0.0019, -0.0016], abs=2e-4), "rad of a side, m of the far end"

@@ -155,7 +155,7 @@ def test_projection_law_converges_only_as_one_over_time(vessels, projecting, nam
     """k1 T rho = .9996 (A), .9994 (B) at 600 s, reference .999; psi ~ 1/t, v ~ t^-4."""
     data = solved(vessels[name], projecting[name], START, 600.0, record_every=1.0, relative=1e-9)
     q, t = data["state"].values[0], data["time"].values
-    assert 600 * distance(q[-1]) == pytest.approx(1, abs=1e-3)
+    assert 600 * distance(q[-1]) == pytest.approx({"A": 0.9996, "B": 0.9994}[name], abs=1e-4)
     late = t > 100
     slopes = [
         np.polyfit(np.log(t[late]), np.log(np.abs(z[late])), 1)[0]
@@ -249,25 +249,24 @@ def collisions(vessel, law, starts, seconds=60.0):
 
 
 @pytest.mark.parametrize(
-    ("vessel", "k1", "least", "most"),
+    ("vessel", "k1", "lost"),
     [
-        ("A", 0.2, 0, 0),
-        ("A", 1.0, 0, 0),
-        ("A", 1.5, 25, 36),
-        ("A", 2.0, 30, 40),
-        ("A", 4.0, 34, 40),
-        ("B", 0.2, 0, 0),
-        ("B", 4.0, 0, 0),
-        ("B", 8.0, 25, 36),
+        ("A", 0.2, 0),
+        ("A", 1.0, 0),
+        ("A", 1.5, 31),
+        ("A", 2.0, 36),
+        ("A", 4.0, 40),
+        ("B", 0.2, 0),
+        ("B", 4.0, 0),
+        ("B", 8.0, 31),
     ],
 )
-def test_large_k1_sends_the_hull_sideways_into_the_origin(
-    vessels, projecting, vessel, k1, least, most
-):
+def test_large_k1_sends_the_hull_sideways_into_the_origin(vessels, projecting, vessel, k1, lost):
     """Of 40 starts, here: A 0, 0, 31, 36, 40; B 0, 0, 31. Reference: A k1 = 1: 0, 1.5: 32,
-    2: 38, 4: 38; B 4: 0, 8: 29. The bounds leave room for starts that rounding decides."""
+    2: 38, 4: 38; B 4: 0, 8: 29. Rounding may decide two starts."""
     law = with_gains(projecting[vessel], k1=k1)
-    assert least <= collisions(vessels[vessel], law, at_rest(0, 40)) <= most
+    found = collisions(vessels[vessel], law, at_rest(0, 40))
+    assert found == pytest.approx(lost, abs=2 if lost else 0)
 
 
 def test_gain_condition_of_the_appendix_is_neither_necessary_nor_sufficient(vessels, projecting):
@@ -304,10 +303,10 @@ def test_gain_limit_is_that_of_the_linearised_closed_loop(name):
 
 
 @pytest.mark.parametrize(
-    ("vessel", "k1", "least", "most"),
-    [("A", 0.3, 0, 0), ("A", 0.5, 22, 40), ("B", 0.5, 0, 0), ("B", 0.9, 0, 6), ("B", 1.2, 27, 40)],
+    ("vessel", "k1", "lost"),
+    [("A", 0.3, 0), ("A", 0.5, 29), ("B", 0.5, 0), ("B", 0.9, 2), ("B", 1.2, 33)],
 )
-def test_bounded_law_docks_only_below_its_gain_limit(vessels, docking, vessel, k1, least, most):
+def test_bounded_law_docks_only_below_its_gain_limit(vessels, docking, vessel, k1, lost):
     """Of 40 starts, collisions here: A .3: 0, .5: 29; B .5: 0, .9: 2, 1.2: 33. Reference: 0, 37;
     0, 1, 40. Close below the limit the sway dies out slowly."""
     law = with_gains(docking[vessel], k1=k1)
@@ -317,7 +316,7 @@ def test_bounded_law_docks_only_below_its_gain_limit(vessels, docking, vessel, k
             found = collisions(vessels[vessel], law, starts)
     else:
         found = collisions(vessels[vessel], law, starts)
-    assert least <= found <= most
+    assert found == pytest.approx(lost, abs=2 if lost else 0)
 
 
 @pytest.mark.parametrize(("vessel", "k1", "limit"), [("A", 0.5, "0.3999"), ("B", 1.2, "0.9702")])

@@ -8,7 +8,6 @@ the number of its steps alone, it goes on to the same bit.
 from __future__ import annotations
 
 import json
-import os
 import time
 import zipfile
 from collections.abc import Mapping
@@ -21,11 +20,11 @@ import numpy.typing as npt
 import sympy as sp
 
 from holdfast._version import __version__
-from holdfast.analysis.files import atomic_file
 from holdfast.analysis.posed import Posed
 from holdfast.analysis.record import Record
 from holdfast.errors import OutputError, SimulationError
-from holdfast.execution.march import Done
+from holdfast.execution.settling import Done
+from holdfast.writing import atomic_file, remove_left_over
 
 Array = npt.NDArray[Any]
 
@@ -50,10 +49,11 @@ class Checkpoint:
 
         Raises `SimulationError` for a file that is no checkpoint, or one of another problem.
         """
-        for left in self.path.parent.glob(f".{self.path.name}.*.partial"):
-            left.unlink(missing_ok=True)  # of a process that ended while it wrote
+        remove_left_over(self.path.parent)  # of a process that ended while it wrote
         if not self.path.exists():
             return Done()
+        if not self.path.is_file():
+            raise SimulationError(f"{self.path} is no file", remedy="choose another for it")
         try:
             with np.load(self.path, allow_pickle=False) as kept:
                 said = json.loads(str(kept["said"]))
@@ -73,8 +73,6 @@ class Checkpoint:
             with atomic_file(self.path) as partial, partial.open("wb") as file:
                 arrays: dict[str, Any] = {"values": values, **record.arrays()}
                 np.savez(file, said=np.array(said), **arrays)
-                file.flush()
-                os.fsync(file.fileno())
         except OutputError as error:
             raise OutputError(
                 f"the checkpoint {error.cause}",

@@ -49,7 +49,8 @@ class Trial:
     """One law in one case: what became of every run.
 
     viable (run): never left the region; rescued (run): viable, and in the goal at the end, where
-    there is one; length (run): of the path in the plane [m], not a number without a plane.
+    there is one; length (run): of the path in the plane [m], not a number without a plane;
+    vertices: what became of the runs at each vertex of what is varied.
     """
 
     law: str
@@ -64,6 +65,7 @@ class Trial:
     relaxed: int
     worst: dict[str, float | None]
     wall_time: float
+    vertices: Sequence[Mapping[str, Any]] = ()
 
 
 def trial(law: str, case: str, result: Result, plane: tuple[str, str] | None) -> Trial:
@@ -74,7 +76,9 @@ def trial(law: str, case: str, result: Result, plane: tuple[str, str] | None) ->
     if plane is not None:
         steps = [np.diff(data["state"].sel(state_name=n).values, axis=1) for n in plane]
         length = np.hypot(*steps).sum(axis=1)
-    viable = np.isin(outcome, (Outcome.STAYED, Outcome.REACHED, Outcome.CHATTERED))
+    viable = np.isin(
+        outcome, (Outcome.STAYED, Outcome.REACHED, Outcome.CHATTERED, Outcome.OFF_GRID)
+    )
     return Trial(
         law=law,
         case=case,
@@ -88,6 +92,7 @@ def trial(law: str, case: str, result: Result, plane: tuple[str, str] | None) ->
         relaxed=int((data["infeasible"].values > 0).sum()),
         worst=summary["worst_constraint"],
         wall_time=float(summary["wall_time_s"]),
+        vertices=tuple(summary["vertices"]),
     )
 
 
@@ -223,6 +228,7 @@ class Comparison:
             "runs_diverged": t.diverged,
             "runs_relaxed": t.relaxed,
             "worst_constraint": t.worst,
+            "vertices": [*t.vertices],
             "wall_time_s": t.wall_time,
         }
 

@@ -1,69 +1,27 @@
-"""Files that appear whole under their name, or not at all."""
+"""Data sets as NetCDF files, written whole or not at all, and read."""
 
 from __future__ import annotations
 
-import os
-import shutil
-import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from holdfast.errors import OutputError
+import xarray as xr
 
-if TYPE_CHECKING:
-    import xarray as xr
+from holdfast.execution.resources import check_memory
+from holdfast.reading import check_file
+from holdfast.writing import atomic_file, undisturbed
 
-
-LITTLE = 1 << 20
-"""Bytes: less than this on a disk is no room."""
-
-
-class atomic_file:
-    """Context manager: a temporary path beside `path`, renamed to it on success only.
-
-    What a link leads to is replaced, not the link; a device, a pipe or a folder is refused.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.path = path.resolve()  # of a link, what it leads to
-
-    def __enter__(self) -> Path:
-        if self.path.exists() and not self.path.is_file():
-            raise _refusal(self.path, OSError("it is there, and no file"))
-        try:
-            handle, name = tempfile.mkstemp(
-                dir=self.path.parent, prefix=f".{self.path.name}.", suffix=".partial"
-            )
-        except OSError as error:
-            raise _refusal(self.path, error) from None
-        os.close(handle)
-        self.partial = Path(name)
-        return self.partial
-
-    def __exit__(self, kind: object, problem: BaseException | None, trace: object) -> None:
-        if problem is not None:
-            self.partial.unlink(missing_ok=True)
-            if isinstance(problem, OSError) or str(problem).startswith("NetCDF: "):
-                raise _refusal(self.path, problem) from None
-            return
-        try:
-            self.partial.chmod(0o666 & ~_umask())
-            os.replace(self.partial, self.path)
-        except OSError as error:
-            self.partial.unlink(missing_ok=True)
-            raise _refusal(self.path, error) from None
+__all__ = ["atomic_file", "read_netcdf", "write_netcdf"]
 
 
-def _refusal(path: Path, problem: BaseException) -> OutputError:
-    """HDF5 does not say why it failed; a disk without room is the reason to think of."""
-    reason = getattr(problem, "strerror", None) or str(problem)
-    free = shutil.disk_usage(path.parent).free if path.parent.exists() else LITTLE
-    if free < LITTLE:
-        reason += f"; the disk has {free / 1024:.0f} KiB left"
-    return OutputError(
-        f"{path} cannot be written ({reason})",
-        remedy="make room, or choose another folder with --out",
-    )
+MARK = "holdfast_version"
+"""The attribute that every file of ours has."""
+
+FORMAT = 2
+"""The version of the files written here, in their attribute `format_version`.
+
+1: without the attribute; the axes of a result had the names of its variables.
+"""
 
 
 def write_netcdf(dataset: xr.Dataset, path: str | Path) -> Path:
@@ -80,11 +38,28 @@ def write_netcdf(dataset: xr.Dataset, path: str | Path) -> Path:
             packed = {"zlib": True, "complevel": 1, "shuffle": True} if variable.ndim >= 2 else {}
             encoding[str(name)] = {"fletcher32": True, **packed}
     with atomic_file(path) as partial:
-        dataset.to_netcdf(partial, engine="netcdf4", format="NETCDF4", encoding=encoding)
+        stamped = dataset.assign_attrs(format_version=FORMAT)
+
+        def write() -> None:
+            stamped.to_netcdf(partial, engine="netcdf4", format="NETCDF4", encoding=encoding)
+
+        undisturbed(write)  # an exception between two locks of HDF5 would close both for ever
     return path
 
 
-def _umask() -> int:
-    current = os.umask(0)
-    os.umask(current)
-    return current
+def read_netcdf(path: str | Path) -> xr.Dataset:
+    """All of the file, which is closed again; what is wrong with a damaged one, readers say.
+
+    Of a file that is not ours the attributes alone. Raises `HoldfastError` for what is no file, and
+    for what does not fit into memory.
+    """
+    check_file(path)
+
+    def read() -> xr.Dataset:
+        with xr.open_dataset(path, engine="netcdf4") as data:
+            if MARK not in data.attrs:
+                return xr.Dataset(attrs=data.attrs)
+            check_memory(data.nbytes, f"the numbers in {path}", "use a machine with more memory")
+            return data.load()
+
+    return undisturbed(read)

@@ -18,6 +18,9 @@ from holdfast.maths.system import System
 
 TURN = 2.0 * math.pi
 
+VARIABLES = ("value", "arrival", "outside", "time")
+"""The variables of a value function; its axes have the names of the states."""
+
 LARGEST_DIMENSION = 6
 
 
@@ -92,9 +95,9 @@ def grid(
     (the default of an angle over a whole turn), "extrapolated", "limited". An angle over part of a
     turn needs its ends said.
 
-    Raises `SimulationError` for a state without an interval, an empty or unbounded one, an angle
-    over more than a turn, a periodic axis that is not one turn of an angle, fewer than two nodes,
-    and more than six states.
+    Raises `SimulationError` for a state with the name of one of `VARIABLES` or without an interval,
+    for an interval that is empty or unbounded, an angle over more than a turn, a
+    periodic axis that is not one turn of an angle, fewer than two nodes, and more than six states.
     """
     if not isinstance(system, System):
         raise SimulationError(f"{system!r} for a system", expected="a System")
@@ -107,6 +110,13 @@ def grid(
             expected=f"at most {LARGEST_DIMENSION} for a grid",
             remedy="promote some to bounded inputs (promote)",
         )
+    for name in names:
+        if name in VARIABLES:
+            raise SimulationError(
+                f"a state has the name '{name}', which a value function has a variable for",
+                expected=f"states of other names than {', '.join(VARIABLES)}",
+                remedy="rename the state",
+            )
     tables: list[tuple[str, Mapping[str, object]]] = [("box", box), ("ends", ends)]
     if isinstance(nodes, Mapping):
         tables.append(("nodes", nodes))

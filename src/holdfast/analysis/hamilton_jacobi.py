@@ -31,8 +31,9 @@ from holdfast.analysis.posed import Posed
 from holdfast.analysis.record import Record
 from holdfast.analysis.value_function import ValueFunction, to_value_function
 from holdfast.errors import SimulationError
-from holdfast.execution.closed_loop import available_cores
-from holdfast.execution.march import Done, March
+from holdfast.execution.march import March
+from holdfast.execution.resources import available_cores
+from holdfast.execution.settling import Done
 from holdfast.maths.hamiltonian import Hamiltonian, hamiltonian
 from holdfast.maths.symmetry import check_symmetry
 
@@ -40,6 +41,15 @@ Array = npt.NDArray[Any]
 
 GROWTH_CHECKED = 25
 """Steps from one look at whether the value has grown to the next: they cost it nothing."""
+
+DEEPEST = 4.0
+"""Times the largest magnitude of the start value: the value is cut off so far below zero.
+
+Of an unstable system it would grow without end outside the set, and at a front of such a height the
+boundary would run ahead of what it is the boundary of."""
+
+ROUNDING = 64.0
+"""Last places by which a node may change in a step without being said to move."""
 
 LOOKED = 10
 """Steps from one look at whether the march has answered the question to the next."""
@@ -73,7 +83,6 @@ def marched(
     values, cell = obstacles.start, obstacles.cell
     if begin is not None:
         np.minimum(values, begin.ravel(), out=values)
-    slow = marching.tolerance if marching.tolerance is not None else 1e-3 * cell
     march = March(
         h,
         posed.parameters,
@@ -87,6 +96,7 @@ def marched(
         precision=marching.precision,
         threads=marching.threads or available_cores(),
     )
+    rounding = float(np.finfo(marching.precision).eps) / march.longest_step  # cells/s
     record = Record(posed, values)
     saved, done, enough = None, Done(), False
     if marching.checkpoint is not None:
@@ -102,13 +112,31 @@ def marched(
         nonlocal enough
         if progress is not None:
             progress(done.time / posed.horizon)
+        if record.arrival is not None and done.measured:
+            record.keep(done.time, now())  # before it converges: the first stop may be later
         if done.steps % GROWTH_CHECKED == 0:
             _check_growth(float(now().max()), obstacles.highest, cell, done.time)
         if saved is not None and saved.due:
             saved.save(done, now(), record)
         if until is not None and done.steps % LOOKED == 0:
             enough = until(to_value_function(grid, now().reshape(grid.shape), {}))
-        return enough or (done.moving == 0 and not posed.varies)
+        done.converged = done.measured and at_rest(done, now)
+        return enough or done.converged
+
+    def residual(done: Done) -> float:
+        """Cells that the set still moves at its present speed: over the rest of the horizon, in as
+        long again, and while a cell of the slowest axis is crossed, whichever is longest."""
+        rest = max(posed.horizon - done.time, done.time, march.crossing)
+        return float((done.speed + rounding) * rest)
+
+    def at_rest(done: Done, now: Callable[[], Array]) -> bool:
+        if posed.varies:
+            return False
+        if done.last == 0.0 and _all_on_one_side(now(), posed.limit):
+            return True
+        little = residual(done) <= marching.tolerance
+        still = done.settled(little and (done.slows or done.speed <= ROUNDING * rounding))
+        return (still and done.steps >= max(grid.shape)) or (little and done.fixed)
 
     done = march.run(
         values,
@@ -116,10 +144,9 @@ def marched(
         upper=obstacles.upper,
         lower=obstacles.lower,
         refresh=obstacles.refresh if any(r.moves for r in problem.regions) else None,
-        floor=-marching.band,
+        floor=-min(marching.band, DEEPEST * float(np.abs(obstacles.start).max())),
         ceiling=min(marching.band, obstacles.highest) if posed.beyond else marching.band,
-        near=-cell,
-        slow=slow,
+        nearest=1e-9 * obstacles.highest,
         keep=record.keep,
         tell=tell,
         done=done,
@@ -135,17 +162,17 @@ def marched(
         "system": posed.system.name,
         "disturbances": problem.disturbances,
         "region": problem.start.name,
-        "value_unit": problem.start.inequalities[0].unit,
+        "value_unit": problem.start.margin_unit,
         "horizon_s": posed.horizon,
         "reached_s": done.time,
         "start_time_s": posed.start_time,
         "depends_on_time": int(posed.varies),
-        "converged": int(done.moving == 0 and not posed.varies),
+        "converged": int(done.converged),
         "empty": int(largest <= 0),
         "ended_early": int(enough),
         "begun_from_another": int(begin is not None),
-        "tolerance_per_s": slow,
-        "nodes_moving": done.moving,
+        "tolerance_cells": marching.tolerance,
+        "residual_cells": residual(done),
         "ends_reached": _ends_reached(grid, values),
         "cell": cell,
         "scheme": marching.scheme,
@@ -189,6 +216,11 @@ def _ends_reached(grid: Grid, values: Array) -> str:
                 if (np.take(table, end, axis=i) > 0).any():
                     found.append(f"{axis.name} = {where:g}")
     return ", ".join(found)
+
+
+def _all_on_one_side(values: Array, limit: str) -> bool:
+    """Whether nothing is left of a set that shrinks, or nothing is left for one that grows."""
+    return not (values > 0 if limit == "shrink" else values <= 0).any()
 
 
 def _check_growth(largest: float, highest: float, cell: float, time: float) -> None:

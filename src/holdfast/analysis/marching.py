@@ -26,9 +26,15 @@ class Marching:
     default that of the scheme; dissipation: "global", "local" or "local-local"; cfl: share of the
     largest stable step; precision: "float64" or "float32"; band: the value is cut off at this
     distance from zero on either side, and what is beyond is settled and skipped, so that the cost
-    is that of the boundary; tolerance [1/s]: the march has converged when no node near the set
-    changes faster, by default a thousandth of the value's largest change between neighbours; skip:
-    leave out what is settled, which does not change the answer; threads: by default all cores.
+    is that of the boundary; skip: leave out what is settled, which does not change the answer;
+    threads: by default all cores.
+
+    tolerance [cells]: the march has converged when the boundary of the set, at the speed that it
+    still has, moves by no more than this share of a cell over the rest of the horizon, in as long
+    again as the march has gone, and while a cell is crossed along the slowest axis; and when that
+    speed falls. A node that is deeper inside counts by the share of its value that it loses. No
+    unit enters: seconds, metres and radians may be rescaled. `residual_cells` of the result is
+    what is left to move.
 
     checkpoint: a file that the state of the march is written to, at the start, every
     `checkpoint_every` s of wall time (60) and at the end, or a folder to put one in, named after
@@ -50,7 +56,7 @@ class Marching:
     cfl: float = 0.75
     precision: str = "float64"
     band: float = math.inf
-    tolerance: float | None = None
+    tolerance: float = 0.01
     skip: bool = True
     threads: int | None = None
     symmetry: Mapping[str, int] | None = None
@@ -72,8 +78,7 @@ class Marching:
             whole("order: ", self.order, 1, 3)
         number("cfl: ", self.cfl, "a number above 0, at most 1", lambda v: 0 < v <= 1)
         number("band: ", self.band, "a number above 0; infinite for none", lambda v: v > 0)
-        if self.tolerance is not None:
-            number("tolerance: ", self.tolerance, "a number above 0", lambda v: v > 0)
+        number("tolerance: ", self.tolerance, "a number of cells above 0", lambda v: v > 0)
         if self.threads is not None:
             whole("threads: ", self.threads, 1, 1024)
         for name in ("skip", "check_outside", "estimate_error"):

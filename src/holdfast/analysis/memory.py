@@ -11,7 +11,12 @@ from holdfast.analysis.grid import Grid
 from holdfast.analysis.marching import Marching, marching_of
 from holdfast.analysis.posed import Posed
 from holdfast.arguments import checked
-from holdfast.execution.closed_loop import check_memory
+from holdfast.execution.resources import check_memory
+
+
+def check_trials(runs: int, states: int) -> None:
+    """Refuse more runs of a promise than there is memory to draw their starts."""
+    check_memory(8 * 4 * runs * (2 * states + 4), f"the starts of {runs:,} runs", "try fewer")
 
 
 @checked

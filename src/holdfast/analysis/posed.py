@@ -12,9 +12,11 @@ import numpy.typing as npt
 import sympy as sp
 
 from holdfast.analysis.given import by_name, number, whole
+from holdfast.analysis.given_disturbance import check_given
 from holdfast.analysis.grid import Grid
 from holdfast.analysis.marching import Marching, Problem
 from holdfast.errors import SimulationError, suggestion
+from holdfast.execution.over_grid import over_grid
 from holdfast.execution.sweep_slopes import SCHEMES
 from holdfast.maths.bounds import section
 from holdfast.maths.quantity import TIME, Parameter, merge_parameters
@@ -140,6 +142,7 @@ def pose(
         for what in ("input", "disturbance")
         if (b := getattr(moved, f"{what}_bounds")) is not None
     }
+    check_given(system, said, numbers, (start_time, start_time + horizon))
     if marching.symmetry is not None:
         moved = replace(moved, **bounds)
     posed = Posed(
@@ -182,12 +185,44 @@ def check_inside(posed: Posed, start: npt.NDArray[np.floating]) -> None:
             continue
         for end, where in ((0, axis.low), (-1, axis.high)):
             if (np.take(table, end, axis=i) > 0).any():
+                within = f"abs({axis.name}) - {0.9 * max(-axis.low, axis.high):.3g}"
+                if _endless(posed, i, where):
+                    raise SimulationError(
+                        f"region '{region.name}' has no end along '{axis.name}', and no grid "
+                        "contains it",
+                        expected="a region that ends within the grid",
+                        remedy=f"add the constraint {within} <= 0 (of region "
+                        f"'camera_view': along_wall), or say ends = {{\"{axis.name}\": "
+                        '"extrapolated"} to take the consequences',
+                    )
                 raise SimulationError(
                     f"the grid cuts off region '{region.name}' at {axis.name} = {where:g}",
                     expected="a grid that contains the region",
                     remedy=f'widen it, or say ends = {{"{axis.name}": "limited"}} if the state '
                     'itself ends there, or "extrapolated" to take the consequences',
                 )
+
+
+FAR = (1e1, 1e2, 1e3)
+"""How many widths of a grid beyond its end a region is looked for, before it is called endless."""
+
+
+def _endless(posed: Posed, number: int, end: float) -> bool:
+    """Whether the region is still there far beyond an end of an axis, however far one looks."""
+    axis, region = posed.grid.axes[number], posed.problem.start
+    width = axis.high - axis.low
+    outwards = 1.0 if end == axis.high else -1.0
+    nodes = [a.nodes for a in posed.grid.axes]
+    nodes[number] = np.sort(end + outwards * width * np.array(FAR))
+    margin = over_grid(
+        region.margin,
+        [a.state.symbol for a in posed.grid.axes],
+        posed.parameters,
+        nodes,
+        precision=posed.marching.precision,
+    )
+    table = margin(posed.clock[0]).reshape([len(n) for n in nodes])
+    return all((np.take(table, k, axis=number) > 0).any() for k in range(len(FAR)))
 
 
 def _times(times: Sequence[float] | None, horizon: float) -> list[float]:

@@ -13,11 +13,11 @@ import xarray as xr
 
 from holdfast._version import __version__
 from holdfast.analysis.campaign import Campaign
-from holdfast.analysis.dataset import indexed
-from holdfast.analysis.files import write_netcdf
+from holdfast.analysis.dataset import from_format_1
+from holdfast.analysis.files import FORMAT, MARK, read_netcdf, write_netcdf
 from holdfast.analysis.value_function import ValueFunction, value_function
 from holdfast.arguments import checked
-from holdfast.errors import OutputError
+from holdfast.errors import HoldfastError, OutputError
 from holdfast.execution.closed_loop import Outcome
 
 if TYPE_CHECKING:
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 NEEDED = (
     "time", "state", "input", "actuator", "mode", "constraint", "outcome", "exit_time", "goal_time",
-    "worst_constraint", "peak_input", "peak_actuator", "switches", "infeasible", "slack",
-    "state_name", "state_unit", "state_is_angle", "input_name", "constraint_name",
+    "worst_constraint", "peak_input", "peak_actuator", "switches", "infeasible",
+    "largest_slack", "state_name", "state_unit", "state_is_angle", "input_name", "constraint_name",
 )  # fmt: skip
 """What a file needs to be a result."""
 
@@ -55,6 +55,7 @@ class Result:
                 Outcome.REACHED,
                 Outcome.STAYED,
                 Outcome.CHATTERED,
+                Outcome.OFF_GRID,
                 Outcome.LEFT,
                 Outcome.DIVERGED,
             )
@@ -64,7 +65,7 @@ class Result:
     def viable(self) -> int:
         """How many runs never left the region."""
         values = self.dataset["outcome"].values
-        kept = (Outcome.STAYED, Outcome.REACHED, Outcome.CHATTERED)
+        kept = (Outcome.STAYED, Outcome.REACHED, Outcome.CHATTERED, Outcome.OFF_GRID)
         return int(np.isin(values, kept).sum())
 
     @property
@@ -92,6 +93,7 @@ class Result:
             "in_goal_since": self._goal_times(),
             "switching": self._switching(),
             "safeguard": self._safeguard(),
+            "vertices": self._vertices(),
             "final_error": self._final_error(),
             "peak_input": _by_name(data["peak_input"].max("run")),
             "peak_actuator": _by_name(data["peak_actuator"].max("run")),
@@ -122,15 +124,51 @@ class Result:
         }
 
     def _safeguard(self) -> dict[str, float]:
-        """Runs in which no input was admissible at some sample; {} without a safeguard."""
+        """At how many samples of how many runs the safeguard changed the command, and at how many
+        it found no admissible input; {} without a safeguard.
+        """
         data = self.dataset
         if not data.attrs.get("safeguarded", 0):
             return {}
+        overruled = {}
+        if "overruled" in data:  # files of format 1 do not tell
+            counts = data["overruled"].values
+            overruled = {
+                "runs_overruled": int((counts > 0).sum()),
+                "samples_overruled": int(counts.sum()),
+            }
         return {
+            **overruled,
             "runs_relaxed": int((data["infeasible"].values > 0).sum()),
             "samples_relaxed": int(data["infeasible"].values.sum()),
-            "largest_slack": float(data["slack"].values.max(initial=0.0)),
+            "largest_slack": float(data["largest_slack"].values.max(initial=0.0)),
         }
+
+    def _vertices(self) -> list[dict[str, Any]]:
+        """What became of the runs at each vertex of what is varied; [] without vertices."""
+        data = self.dataset
+        names = json.loads(data.attrs.get("vertices", "[]"))
+        if not names:
+            return []
+        known = [str(n) for n in data["varied_name"].values]
+        values = data["varied"].values[:, [known.index(n) for n in names]]
+        outcome, infeasible = data["outcome"].values, data["infeasible"].values
+        viable = np.isin(outcome, (Outcome.STAYED, Outcome.REACHED, Outcome.CHATTERED))
+        found = []
+        for vertex in np.unique(values, axis=0):
+            mine = (values == vertex).all(axis=1)
+            found.append(
+                {
+                    "at": {n: float(v) for n, v in zip(names, vertex, strict=True)},
+                    "runs": int(mine.sum()),
+                    "viable": int(viable[mine].sum()),
+                    "reached": int((outcome[mine] == Outcome.REACHED).sum()),
+                    "runs_relaxed": int((infeasible[mine] > 0).sum()),
+                    "samples_relaxed": int(infeasible[mine].sum()),
+                    "worst_constraint": _by_name(data["worst_constraint"][mine].max("run")),
+                }
+            )
+        return found
 
     def final_errors(self) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
         """How far every run ends from the reference, by state (run); no number if it diverged."""
@@ -166,7 +204,7 @@ def _by_name(values: xr.DataArray) -> dict[str, float | None]:
     (dimension,) = values.dims
     return {
         str(name): float(value) if np.isfinite(value) else None
-        for name, value in zip(values[f"{dimension}_name"].values, values.values, strict=True)
+        for name, value in zip(values[dimension].values, values.values, strict=True)
     }
 
 
@@ -174,17 +212,25 @@ def _by_name(values: xr.DataArray) -> dict[str, float | None]:
 def load(path: str | Path) -> Result | ValueFunction | Campaign:
     """A saved result, without the shapes to draw; a saved value function, or table of a sweep.
 
-    Raises `OutputError` if the file is damaged, is not one of ours, or lacks what this version of
-    holdfast needs.
+    Files of older formats are read too. Raises `OutputError` if the file is damaged, is not one of
+    ours, has a newer format than this version knows, or lacks what it needs.
     """
     try:
-        dataset = xr.load_dataset(path, engine="netcdf4")
+        dataset = read_netcdf(path)
+    except HoldfastError as error:
+        raise OutputError(error.cause, expected=error.expected, remedy=error.remedy) from None
     except Exception as error:  # damaged files make the readers raise anything
         raise OutputError(f"{path} cannot be read as NetCDF ({error})") from None
-    if "holdfast_version" not in dataset.attrs:
+    if MARK not in dataset.attrs:
         raise OutputError(f"{path} was not written by holdfast")
+    version = dataset.attrs.pop("format_version", 1)
+    if not (isinstance(version, np.integer | int) and 1 <= version <= FORMAT):
+        raise OutputError(
+            f"{path} has the format {version}, this holdfast {__version__} reads 1 to {FORMAT}",
+            remedy=f"read it with holdfast {dataset.attrs['holdfast_version']} or later",
+        )
     try:
-        return _loaded(dataset)
+        return _loaded(dataset if version == FORMAT else from_format_1(dataset))
     except (KeyError, ValueError, TypeError) as error:
         raise OutputError(
             f"{path}, written by holdfast {dataset.attrs['holdfast_version']}, lacks what holdfast "
@@ -201,4 +247,4 @@ def _loaded(dataset: xr.Dataset) -> Result | ValueFunction | Campaign:
     for name in NEEDED:
         dataset[name]
     parameters, reference = (json.loads(dataset.attrs[n]) for n in ("parameters", "reference"))
-    return Result(indexed(dataset), parameters=parameters, reference=reference)
+    return Result(dataset, parameters=parameters, reference=reference)

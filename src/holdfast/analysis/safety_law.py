@@ -23,6 +23,7 @@ from holdfast.maths.hamiltonian import hamiltonian
 from holdfast.maths.law import Law
 from holdfast.maths.lookup import Lookup
 from holdfast.maths.quantity import TIME
+from holdfast.maths.region import Region
 from holdfast.maths.safety import against_the_worst, keep_value, optimal_law
 from holdfast.maths.switching import Switching
 from holdfast.maths.system import System
@@ -66,11 +67,12 @@ def safety_law(
     is used at its last.
 
     Raises `SimulationError` for a value function of another system, or one that says nothing
-    about what the inputs keep; for a rate that an input which is held, and late, cannot follow;
-    for a margin by default that no state has, and a delay without a `law`; and for a `law` that is
-    to arrive somewhere by a value that is not known down to the end.
+    about what the inputs keep; for an empty set; for a rate that an input which is held, and late,
+    cannot follow; for a margin by default that no state has, and a delay without a `law`; and for a
+    `law` that is to arrive somewhere by a value that is not known down to the end.
     """
     known = decided(system, value)
+    check_not_empty(value)
     lookup = lookup_of(value)
     if law is None:
         if delay:
@@ -97,6 +99,17 @@ def safety_law(
                 remedy="take a shorter sample time or delay, or give a margin",
             )
     return keep_value(known, law, lookup, rate=rate, margin=margin, scales=scales)
+
+
+def check_not_empty(value: ValueFunction) -> None:
+    """Raises `SimulationError` for a value function whose set is empty: no law keeps anything."""
+    said = value.dataset.attrs
+    if not float(value.values().max()) > 0:
+        raise SimulationError(
+            f"the {said['kind']} of '{said['region']}' is empty after {said['reached_s']:.3g} s: "
+            "no law keeps any state",
+            remedy="shorten the horizon, or give the inputs more or the disturbances less",
+        )
 
 
 def check_pace(rate: float, sample_time: float, delay: float = 0.0) -> None:
@@ -142,9 +155,18 @@ def sampled_margin(
         reach = margin  # that far inside a state may begin to fall to the boundary
 
 
-def worst_disturbance(system: System, value: ValueFunction, law: L) -> tuple[System, L]:
-    """System and law with the disturbance that lowers V the most, held as the inputs are."""
-    return against_the_worst(decided(system, value), law, lookup_of(value))
+def worst_disturbance(
+    system: System, value: ValueFunction, law: L, aimed_at: Region | None = None
+) -> tuple[System, L]:
+    """System and law with the disturbance that lowers V the most, held as the inputs are.
+
+    aimed_at: a region whose margin it lowers where the parameter `adversary_aim` is 1.
+    """
+    margin = None if aimed_at is None else aimed_at.margin
+    steps = [a.step for a in value.grid.axes]
+    parameters = () if aimed_at is None else aimed_at.parameters
+    known = decided(system, value)
+    return against_the_worst(known, law, lookup_of(value), margin, steps, parameters)
 
 
 def optimal_inputs(
@@ -202,7 +224,8 @@ def lookup_of(value: ValueFunction) -> Lookup:
         np.array(counts, dtype=np.int64),
         np.array(periodic),
     )
-    return Lookup(tuple(places), table, first)
+    unit = str(value.dataset.attrs.get("value_unit", "1"))
+    return Lookup(tuple(places), table, first, timed=times is not None, unit=unit)
 
 
 def _times(value: ValueFunction) -> Array | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,11 +16,12 @@ from holdfast.analysis.result import Result
 from holdfast.analysis.starts import Starts, initial_states
 from holdfast.arguments import checked
 from holdfast.errors import GainWarning, SimulationError, suggestion
-from holdfast.execution.closed_loop import Array, ClosedLoop, Progress
+from holdfast.execution.closed_loop import Array, ClosedLoop
+from holdfast.execution.resources import Progress
 from holdfast.execution.settings import Settings
 from holdfast.execution.steppers import BY_NAME
 from holdfast.execution.translate import ClosedLoopProgram, closed_loop_program
-from holdfast.maths.bounds import Bounds
+from holdfast.maths.bounds import Bounds, LinearImage, ranges
 from holdfast.maths.law import Law
 from holdfast.maths.quantity import SAMPLE_TIME, TIME, symbol
 from holdfast.maths.region import Region
@@ -56,7 +57,8 @@ def simulate(
     watch; a run that violates one is marked as having left, and when. goal: where a run must
     be at the end to have reached it. horizon: seconds. stepper: "rk4", "bogacki-shampine" or
     "dormand-prince". disturbance: name -> number or expression of t. plant: parameters of the
-    simulated vehicle that its law does not know of. varied: what differs from run to run.
+    simulated vehicle that its law does not know of. varied: what differs from run to run; with
+    `vertices`, every start is simulated at each of them.
     reference: the state to end at, for
     error statistics. start_outside: allow starts outside the region. The other settings are
     those of `Settings` (sample_time, substeps, record_every, continuous, tolerance,
@@ -113,8 +115,15 @@ def simulate(
     for parameters in (values, real):
         if system.input_bounds is not None:
             system.input_bounds.at(parameters)
+    turns = len(varied.corners) if varied is not None else 1
+    if isinstance(starts, Starts):
+        loop.check_room(starts.count * turns if part is None else len(part), chosen)
     try:
-        initial = initial_states(system, region, loop, starts, chosen, start_outside, part)
+        initial = _from_every_start(
+            lambda of: initial_states(system, region, loop, starts, chosen, start_outside, of),
+            turns,
+            part,
+        )
     except SimulationError as error:
         error.key = "starts"
         raise
@@ -144,13 +153,57 @@ def simulate(
                 "parameters": json.dumps({p.name: p.value for p in program.parameters}),
                 "plant": json.dumps(dict(plant or {})),
                 "reference": json.dumps(dict(reference or {})),
+                "vertices": json.dumps([*varied.vertices] if varied is not None else []),
                 **(attributes or {}),
             },
+            _limits(system, real, (*program.varied.names, *program.varied.plant), own),
         ),
         scene=scene,
         parameters={p.name: p.value for p in program.parameters},
         reference=reference,
     )
+
+
+def _limits(
+    system: System, values: Mapping[sp.Symbol, float], varied: Sequence[str], own: Array
+) -> dict[str, tuple[Array, Array]]:
+    """The least and the largest value of every input and actuator of the simulated vehicle.
+
+    Of every run, where they depend on what is varied.
+    """
+    bounds = system.input_bounds
+    if bounds is None:
+        return {}
+    sets: dict[str, Bounds] = {"input": bounds}
+    if isinstance(bounds, LinearImage):
+        sets["actuator"] = bounds.of
+    symbols = [symbol(n) for n in varied]
+    each = bool(bounds.free_symbols & set(symbols))
+    rows = [{**values, **dict(zip(symbols, row, strict=True))} for row in own] if each else [values]
+    found = {}
+    for axis, limited in sets.items():
+        ends = [e for pair in ranges(limited) for e in pair]
+        table = np.array([[_number(e, row) for e in ends] for row in rows])
+        low, high = table[:, ::2], table[:, 1::2]
+        found[axis] = (low, high) if each else (low[0], high[0])
+    return found
+
+
+def _number(e: sp.Expr, values: Mapping[sp.Symbol, float]) -> float:
+    return float(e.xreplace({s: sp.Float(float(values[s])) for s in e.free_symbols}))
+
+
+def _from_every_start(
+    initial: Callable[[range | None], Array], turns: int, part: range | None
+) -> Array:
+    """Every start so many times in a row, or the part of these runs that is asked for."""
+    if turns == 1:
+        return initial(part)
+    if part is None:
+        return np.repeat(initial(None), turns, axis=0)
+    of = range(part.start // turns, -(-part.stop // turns))
+    repeated = np.repeat(initial(of), turns, axis=0)
+    return repeated[part.start - of.start * turns : part.stop - of.start * turns]
 
 
 def _check_disturbance(

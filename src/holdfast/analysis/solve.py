@@ -12,6 +12,7 @@ import sympy as sp
 
 from holdfast.analysis.grid import Grid
 from holdfast.analysis.hamilton_jacobi import Progress, Until, marched
+from holdfast.analysis.inner import with_error_in_cells
 from holdfast.analysis.marching import Problem, marching_of
 from holdfast.analysis.posed import Posed, definition, pose
 from holdfast.analysis.value_function import ValueFunction, to_value_function
@@ -79,7 +80,8 @@ def solve(
     start = _begun(posed, begin, until)
     found = marched(posed, progress, start, until)
     if further:
-        found = with_error(found, [marched(other) for other in further])
+        rougher = [marched(other) for other in further]
+        found = with_error_in_cells(with_error(found, rougher), rougher[0])
     if marching.check_outside:
         found = with_outside(found, posed, marched)
     found.dataset.attrs["definition"] = definition(system)
@@ -147,5 +149,5 @@ def set_on_grid(
     nodes = [a.nodes if m else a.nodes[:1] for a, m in zip(grid.axes, matters, strict=True)]
     at = over_grid(region.margin, symbols, region.parameters, nodes, band=band, precision=precision)
     values = np.broadcast_to(at(0.0).reshape([len(n) for n in nodes]), grid.shape)
-    said = {"kind": "region", "region": region.name, "value_unit": region.inequalities[0].unit}
+    said = {"kind": "region", "region": region.name, "value_unit": region.margin_unit}
     return to_value_function(grid, values, said)

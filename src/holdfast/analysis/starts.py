@@ -35,6 +35,11 @@ class Starts:
     box: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     active: Sequence[Sequence[str]] = ()
 
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return len(self.states) + self.random
+
 
 def initial_states(
     system: System,

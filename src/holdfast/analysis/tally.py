@@ -119,4 +119,6 @@ def tally_of(result: Result) -> dict[str, Entry]:
     if data.attrs.get("safeguarded", 0):
         relaxed = float((data["infeasible"].values > 0).sum())
         found["relaxed"] = Entry("sum", relaxed, meaning="runs whose safeguard found no input")
+        overruled = float((data["overruled"].values > 0).sum())
+        found["overruled"] = Entry("sum", overruled, meaning="runs whose safeguard overruled")
     return found

@@ -22,7 +22,7 @@ from holdfast.campaign.cell import Part, run_part
 from holdfast.campaign.store import Key, store
 from holdfast.campaign.table import Axis, campaign_table, check_variable
 from holdfast.errors import GainWarning, HoldfastError, ScenarioError
-from holdfast.execution.closed_loop import available_cores
+from holdfast.execution.resources import available_cores
 from holdfast.kernel_scenario import KernelScenario
 from holdfast.knobs import CURRENT, find_knob, last_part
 from holdfast.output import make_folder

@@ -83,6 +83,7 @@ def one_sample(
 ):  # fmt: skip
     """One control sample as `simulate_runs` has it, from a state, a memory and a mode.
 
+    Behind the inputs `input_out` has what a safeguard was given, and its slack, where there is one.
     `fresh`: nothing is remembered yet. Returns the mode and for how long it lasts at the end.
     """
     q = as_tuple(start)
@@ -93,7 +94,8 @@ def one_sample(
     seen = seen + memory
     now = next_mode(t, seen, mode, in_mode, gains)
     lasts = in_mode if now == mode else 0.0
-    asked = allocate(law(t, seen, now, gains, table), gains)
+    command = law(t, seen, now, gains, table)
+    asked = allocate(command, gains)
     memory = next_memory(t, seen, produce(limit(asked, gains), gains), gains, sample_time)
     u = produce(limit(asked, plant), plant)
     h = sample_time / substeps
@@ -104,6 +106,12 @@ def one_sample(
         state_out[i] = q[i]
     for i in range(len(held_out)):
         held_out[i] = memory[i]
-    for i in range(len(input_out)):
+    m = len(u)
+    for i in range(m):
         input_out[i] = u[i]
+    if SAFEGUARDED:
+        wanted = nominal(command)
+        for i in range(m):
+            input_out[m + i] = wanted[i]
+        input_out[2 * m] = command[m]
     return now, lasts + sample_time

@@ -1,4 +1,10 @@
-"""A law as one file of C99: no allocation, and no library but libm."""
+"""A law as one file of C99 and its header: no allocation, and no library but libm.
+
+Every name at file scope begins with the name of the law, so that several laws can be in one
+program, and even in one translation unit. What other files see (sizes, the type of the state,
+parameters, `_start`, `_step`) is one block with an include guard. The header is that block, and the
+file of C repeats it, so that it compiles alone and with its header alike.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +16,7 @@ from holdfast._version import __version__
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.execution.c_printer import c_body
-from holdfast.execution.c_text import c_comment, c_file, c_name, c_needed, c_table
+from holdfast.execution.c_text import c_comment, c_file, c_name, c_needed, c_own, c_table
 from holdfast.maths.bounds import LinearImage
 from holdfast.maths.law import Law
 from holdfast.maths.measurement import by_measurements
@@ -31,12 +37,28 @@ def export_c(system: System, law: Law | Switching, name: str = "controller") -> 
     control sample `NAME_step` takes the time [s], what is measured and the parameters, gives what
     the law asks for and what the actuators do, and returns the mode. Its numbers are those of the
     compiled closed loop (to rounding). What a safeguard lacks at a sample is `slack` of the state:
-    0 where an admissible input was found. The table of a kernel is in the file.
+    0 where an admissible input was found. The table of a kernel is in the file. Every name at file
+    scope begins with NAME, or with its upper case. `export_c_header` gives the header.
 
     Raises `DefinitionError` for a law that does not fit the system.
     """
-    switching = as_switching(by_measurements(system, law))
-    return _File(system, switching, c_name(name)).text()
+    return _file(system, law, name).text()
+
+
+@checked
+def export_c_header(system: System, law: Law | Switching, name: str = "controller") -> str:
+    """The header of the file that `export_c` writes for this law and name, for C and for C++.
+
+    It declares the sizes, the type NAME_state, NAME_parameters, NAME_start and NAME_step. A program
+    may include the headers of several laws whose names differ in more than upper and lower case.
+
+    Raises `DefinitionError` for a law that does not fit the system.
+    """
+    return _file(system, law, name).header()
+
+
+def _file(system: System, law: Law | Switching, name: str) -> _File:
+    return _File(system, as_switching(by_measurements(system, law)), c_name(name))
 
 
 class _File:
@@ -65,14 +87,51 @@ class _File:
         used, known = self._symbols(), merge_parameters(system.parameters, switching.parameters)
         self.parameters: tuple[Parameter, ...] = tuple(p for p in known if p.symbol in used)
 
+    def header(self) -> str:
+        return "\n".join([self._about(), *self._interface()]) + "\n"
+
     def text(self) -> str:
-        n = self.name
+        n, upper = self.name, self.name.upper()
         functions = [self._law(), self._next_mode(), self._limit()]
         functions += [self._remember()] if self.kept else []
         values = "\n".join(
             f"    {float(p.value)!r}, {c_comment(f'{i} {p.name} [{p.unit}] {p.description}')}"
             for i, p in enumerate(self.parameters)
         )
+        helpers = "\n".join(self._helpers("\n".join(functions)))
+        lines = [
+            self._about(),
+            "#include <math.h>",
+            "",
+            *self._interface(),
+            "",
+            c_own(helpers, n),
+            f"const double {n}_parameters[{upper}_PARAMETERS] = {{",
+            values or "    0.0",
+            "};",
+            "",
+            self._start(),
+            "",
+            *(line for f in functions for line in (c_own(f, n), "")),
+            self._step(),
+        ]
+        return "\n".join(lines) + "\n"
+
+    def _about(self) -> str:
+        n = self.name
+        return c_comment(
+            f"{self.switching.name}, for {self.system.name}. Made by holdfast {__version__}.",
+            "",
+            *(f"seen[{i}]: {q.name} [{q.unit}]" for i, q in enumerate(self.seen)),
+            *(f"command[{i}]: {q.name} [{q.unit}]" for i, q in enumerate(self.system.inputs)),
+            *(f"actuators[{i}]: {a}" for i, a in enumerate(self.actuators)),
+            *(f"mode {i}: {m}" for i, m in enumerate(self.switching.modes)),
+            *([f"{n}_state.slack: {SLACK}"] if self.guards else []),
+        )
+
+    def _interface(self) -> list[str]:
+        """What other files see."""
+        n, upper = self.name, self.name.upper()
         sizes = {
             "MODES": len(self.switching.modes),
             "SEEN": len(self.seen),
@@ -81,38 +140,36 @@ class _File:
             "ACTUATORS": len(self.actuators),
             "PARAMETERS": max(len(self.parameters), 1),
         }
-        upper = n.upper()
-        about = [
-            f"{self.switching.name}, for {self.system.name}. Made by holdfast {__version__}.",
-            "",
-            *(f"seen[{i}]: {q.name} [{q.unit}]" for i, q in enumerate(self.seen)),
-            *(f"command[{i}]: {q.name} [{q.unit}]" for i, q in enumerate(self.system.inputs)),
-            *(f"actuators[{i}]: {a}" for i, a in enumerate(self.actuators)),
-            *(f"mode {i}: {m}" for i, m in enumerate(self.switching.modes)),
-            *([f"{n}_state.slack: {SLACK}"] if self.guards else []),
-        ]
-        lines = [
-            c_comment(*about),
-            "#include <math.h>",
+        return [
+            f"#ifndef {upper}_H",
+            f"#define {upper}_H",
+            "#ifdef __cplusplus",
+            'extern "C" {',
+            "#endif",
             "",
             *(f"#define {upper}_{size} {count}" for size, count in sizes.items()),
             "",
-            *self._helpers("\n".join(functions)),
             "typedef struct {",
             "    int mode, begun;",
             f"    double since, slack, kept[{upper}_KEPT];",
             f"}} {n}_state;",
             "",
-            f"const double {n}_parameters[{upper}_PARAMETERS] = {{",
-            values or "    0.0",
-            "};",
+            f"extern const double {n}_parameters[{upper}_PARAMETERS];",
+            f"void {n}_start({n}_state *s);",
+            f"{self._step_heading()};",
             "",
-            self._start(),
-            "",
-            *(line for f in functions for line in (f, "")),
-            self._step(),
+            "#ifdef __cplusplus",
+            "}",
+            "#endif",
+            "#endif",
         ]
-        return "\n".join(lines) + "\n"
+
+    def _step_heading(self) -> str:
+        n = self.name
+        return (
+            f"int {n}_step({n}_state *s, double t, double sample_time, const double *seen,\n"
+            "        const double *p, double *command, double *actuators)"
+        )
 
     def _symbols(self) -> set[sp.Symbol]:
         switching, memory = self.switching, self.switching.memory
@@ -183,8 +240,8 @@ class _File:
             cases.append(f"    case {number}: {{\n{asked}{body}\n        {ending}\n    }}")
         return (
             "/* Returns the slack of the safeguard. */\n"
-            "static double law(double t, const double *seen, const double *kept, int mode,\n"
-            "                  const double *p, double *command) {\n"
+            "static double hf_law(double t, const double *seen, const double *kept, int mode,\n"
+            "                     const double *p, double *command) {\n"
             f"    (void)t; (void)seen; (void)kept; (void)p;\n{look}    switch (mode) {{\n"
             + "\n".join(cases)
             + "\n    }\n    return NAN;\n}"
@@ -210,8 +267,8 @@ class _File:
             )
         inside = "    switch (mode) {\n" + "\n".join(cases) + "\n    }\n" if cases else ""
         return (
-            "static int next_mode(double t, const double *seen, const double *kept, int mode,\n"
-            "                     double time_in_mode, const double *p) {\n"
+            "static int hf_next_mode(double t, const double *seen, const double *kept, int mode,\n"
+            "                        double time_in_mode, const double *p) {\n"
             "    (void)t; (void)seen; (void)kept; (void)time_in_mode; (void)p;\n"
             f"{inside}    return mode;\n}}"
         )
@@ -219,7 +276,7 @@ class _File:
     def _limit(self) -> str:
         unpack = {"command": self.inputs, "p": [p.symbol for p in self.parameters]}
         return (
-            "static void limit(const double *command, const double *p, double *actuators) {\n"
+            "static void hf_limit(const double *command, const double *p, double *actuators) {\n"
             "    (void)p;\n" + c_body(unpack, self._limits(), "actuators") + "\n}"
         )
 
@@ -234,12 +291,12 @@ class _File:
         initial = [memory.initial[z.name] for z in self.kept]
         following = [memory.following[z.name] for z in self.kept]
         return (
-            "static void first(const double *seen, const double *p, double *kept) {\n"
+            "static void hf_first(const double *seen, const double *p, double *kept) {\n"
             "    (void)seen; (void)p;\n"
             + c_body(self._unpack() | {"kept": []}, initial, "kept")
             + "\n}\n\n"
-            "static void remember(double t, double sample_time, const double *seen,\n"
-            "                     const double *actuators, const double *p, double *kept) {\n"
+            "static void hf_remember(double t, double sample_time, const double *seen,\n"
+            "                        const double *actuators, const double *p, double *kept) {\n"
             f"    double u[{len(self.inputs)}], next[{count}];\n"
             "    (void)t; (void)sample_time;\n    {\n"
             + c_body(made, produced, "u", "        ")
@@ -249,19 +306,16 @@ class _File:
         )
 
     def _step(self) -> str:
-        n = self.name
-        begin = "    if (!s->begun) first(seen, p, s->kept);\n" if self.kept else ""
+        begin = "    if (!s->begun) hf_first(seen, p, s->kept);\n" if self.kept else ""
         remember = (
-            "    remember(t, sample_time, seen, actuators, p, s->kept);\n" if self.kept else ""
+            "    hf_remember(t, sample_time, seen, actuators, p, s->kept);\n" if self.kept else ""
         )
-        return (
-            f"int {n}_step({n}_state *s, double t, double sample_time, const double *seen,\n"
-            "        const double *p, double *command, double *actuators) {\n"
-            "    (void)sample_time;\n"
-            f"{begin}    s->begun = 1;\n"
-            "    int mode = next_mode(t, seen, s->kept, s->mode, t - s->since, p);\n"
+        body = (
+            f" {{\n    (void)sample_time;\n{begin}    s->begun = 1;\n"
+            "    int mode = hf_next_mode(t, seen, s->kept, s->mode, t - s->since, p);\n"
             "    if (mode != s->mode) {\n        s->mode = mode;\n        s->since = t;\n    }\n"
-            "    s->slack = law(t, seen, s->kept, mode, p, command);\n"
-            "    limit(command, p, actuators);\n"
+            "    s->slack = hf_law(t, seen, s->kept, mode, p, command);\n"
+            "    hf_limit(command, p, actuators);\n"
             f"{remember}    return mode;\n}}"
         )
+        return self._step_heading() + c_own(body, self.name)

@@ -37,6 +37,11 @@ def c_needed(name: str, text: str) -> str:
     return "".join(f"{block}\n\n" for block in found)
 
 
+def c_own(text: str, name: str) -> str:
+    """The text with the name of the law before every name of this package: hf_, HF_."""
+    return re.sub(r"\bHF_", f"{name.upper()}_HF_", re.sub(r"\bhf_", f"{name}_hf_", text))
+
+
 def c_comment(*lines: str) -> str:
     """A comment, whatever is in the lines."""
     plain = [

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import os
 import time
-from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from holdfast.errors import SimulationError
 from holdfast.execution.compile import compile_closed_loop
+from holdfast.execution.resources import Progress, available_cores, check_memory, run_threads
 from holdfast.execution.settings import Settings
 from holdfast.execution.translate import ClosedLoopProgram
 
 Array = npt.NDArray[np.float64]
-Progress = Callable[[float], None]
-"""Called now and then with the finished fraction."""
 
 
 class Outcome(IntEnum):
@@ -32,10 +28,28 @@ class Outcome(IntEnum):
     LEFT = 2
     DIVERGED = 3
     CHATTERED = 4
+    OFF_GRID = 5
 
     @property
     def label(self) -> str:
-        return ("stayed", "reached goal", "left region", "diverged", "chattered")[self]
+        return OUTCOMES[self]
+
+
+OUTCOMES = ("stayed", "reached goal", "left region", "diverged", "chattered", "left grid")
+"""The labels, in the order of `Outcome`. A run that left the grid asked its law where the value
+function of the law is not known, and did not leave its region."""
+
+
+class SafeguardAnswer(IntEnum):
+    """What a safeguard did with the command of its law at a sample."""
+
+    KEPT = 0
+    OVERRULED = 1
+    INFEASIBLE = 2
+
+    @property
+    def label(self) -> str:
+        return ("kept", "overruled", "no admissible input")[self]
 
 
 @dataclass(frozen=True)
@@ -43,13 +57,19 @@ class Trajectories:
     """What a batch of runs did; the first axis of every array but `time` is the run.
 
     state, input, actuator, signal, constraint: (run, time, ...); mode: (run, time).
+    nominal, nominal_actuator (run, time, ...): what the law asked for before its safeguard, as
+    inputs and as actuators; sample_slack (run, time): how far its conditions were relaxed;
+    safeguard (run, time): a `SafeguardAnswer`, -1 after the end of a run. They have no samples
+    where there is no safeguard.
     outcome, exit_time [s], exit_constraint (-1: none), goal_time [s] (since when the run is
     in the goal at its end), worst (run, constraint): the largest c_j over all of time,
     peak_input, peak_actuator: the largest magnitudes, switches: changes of mode,
-    shortest_dwell [s]: between two of them (infinite where there are not two), infeasible: control
-    samples at which the safeguard found no admissible input, slack: the most it needed, rejected:
-    adaptive steps refused, varied (run, name): what the run had values of its own for,
-    wall_time: seconds of simulation, without compilation.
+    shortest_dwell [s]: between two of them (infinite where there are not two), overruled: control
+    samples at which the safeguard changed the command, infeasible: those at which it found no
+    admissible input, largest_slack: the most it needed, rejected: adaptive steps refused,
+    off_grid [s]: when the law first asked its value function outside the grid (NaN: never), varied
+    (run, name): what the run had values of its own for, wall_time: seconds of simulation, without
+    compilation.
     """
 
     time: Array
@@ -59,6 +79,10 @@ class Trajectories:
     mode: npt.NDArray[np.int16]
     signal: Array
     constraint: Array
+    nominal: Array
+    nominal_actuator: Array
+    sample_slack: Array
+    safeguard: npt.NDArray[np.int8]
     outcome: npt.NDArray[np.int8]
     exit_time: Array
     exit_constraint: npt.NDArray[np.int16]
@@ -68,9 +92,11 @@ class Trajectories:
     peak_actuator: Array
     switches: npt.NDArray[np.int64]
     shortest_dwell: Array
+    overruled: npt.NDArray[np.int64]
     infeasible: npt.NDArray[np.int64]
-    slack: Array
+    largest_slack: Array
     rejected: npt.NDArray[np.int64]
+    off_grid: Array
     varied: Array
     wall_time: float = 0.0
 
@@ -118,6 +144,10 @@ class ClosedLoop:
         draws = np.empty((runs, len(chosen.draws)))
         low, high = (np.array([r[i] for r in chosen.draws.values()]) for i in (0, 1))
         self.module.draw_varied(first, low, high, np.uint64(seed), draws)
+        if chosen.vertices:  # every start at each of them in turn
+            turns = np.arange(first, first + runs) % len(chosen.corners)
+            places = [list(chosen.draws).index(name) for name in chosen.vertices]
+            draws[:, places] = np.array(chosen.corners)[turns]
         out = np.empty((runs, len(chosen.values) + len(chosen.plant)))
         self.module.evaluate_varied(self.parameter_array(), self._columns(chosen.draws), draws, out)
         return np.hstack([draws, out])
@@ -151,6 +181,17 @@ class ClosedLoop:
             )
         return out
 
+    def check_room(self, runs: int, settings: Settings) -> None:
+        """Refuse more runs than fit into memory, before anything is allocated."""
+        program, rows = self.program, settings.samples // settings.stride + 1
+        states, watch = len(program.states), len(program.constraints)
+        fed = len(program.inputs) + len(program.actuators)
+        moving = states + fed + len(program.signals) + (fed + 1 if program.safeguarded else 0)
+        varied = len(program.varied.labels)
+        once = 2 * states + varied + watch + fed + 8
+        needed = 8 * runs * (rows * (moving + watch + 1) + once)
+        check_memory(needed, f"{runs:,} runs of {rows:,} samples")
+
     def simulate(
         self,
         starts: Array,
@@ -175,9 +216,7 @@ class ClosedLoop:
         rows = samples // stride + 1
         watch = len(program.constraints)
 
-        columns = n + len(program.inputs) + len(program.actuators) + len(program.signals) + watch
-        check_memory(8 * runs * rows * (columns + 1), f"{runs} runs of {rows} samples")
-
+        self.check_room(runs, settings)
         if program.continuous != settings.continuous:
             raise SimulationError("continuous control is compiled, not chosen for a run")
         if varied is None:
@@ -189,6 +228,7 @@ class ClosedLoop:
         def blank(*shape: int) -> Array:
             return np.full((runs, *shape), np.nan)
 
+        kept = rows if program.safeguarded else 0
         names = [s.name for s in program.states]
         noise = np.zeros((2, n))
         for row, given in enumerate((settings.noise_uniform, settings.noise_normal)):
@@ -204,6 +244,10 @@ class ClosedLoop:
             mode=np.full((runs, rows), -1, dtype=np.int16),
             signal=blank(rows, len(program.signals)),
             constraint=blank(rows, watch),
+            nominal=blank(kept, len(program.inputs)),
+            nominal_actuator=blank(kept, len(program.actuators)),
+            sample_slack=blank(kept),
+            safeguard=np.full((runs, kept), -1, dtype=np.int8),
             outcome=np.zeros(runs, dtype=np.int8),
             exit_time=blank(),
             exit_constraint=np.full(runs, -1, dtype=np.int16),
@@ -213,9 +257,11 @@ class ClosedLoop:
             peak_actuator=np.zeros((runs, len(program.actuators))),
             switches=np.zeros(runs, dtype=np.int64),
             shortest_dwell=np.full(runs, np.inf),
+            overruled=np.zeros(runs, dtype=np.int64),
             infeasible=np.zeros(runs, dtype=np.int64),
-            slack=np.zeros(runs),
+            largest_slack=np.zeros(runs),
             rejected=np.zeros(runs, dtype=np.int64),
+            off_grid=blank(),
             varied=varied,
         )
         stop = np.zeros(1, dtype=np.int64)
@@ -257,6 +303,10 @@ class ClosedLoop:
                 result.mode,
                 result.signal,
                 result.constraint,
+                result.nominal,
+                result.nominal_actuator,
+                result.sample_slack,
+                result.safeguard,
                 result.outcome,
                 result.exit_time,
                 result.exit_constraint,
@@ -266,60 +316,16 @@ class ClosedLoop:
                 result.peak_actuator,
                 result.switches,
                 result.shortest_dwell,
+                result.overruled,
                 result.infeasible,
-                result.slack,
+                result.largest_slack,
                 result.rejected,
+                result.off_grid,
                 stop,
                 counter,
             )
 
         work(0, 0, np.zeros(1, dtype=np.int64))  # compile, or load, before the threads start
         began = time.perf_counter()
-        _run_threads(work, bounds, counters, threads, stop, runs * (samples + 1), progress)
+        run_threads(work, bounds, counters, threads, stop, runs * (samples + 1), progress)
         return replace(result, wall_time=time.perf_counter() - began)
-
-
-def check_memory(
-    needed: int, what: str, remedy: str = "raise record_every, or simulate fewer runs at a time"
-) -> None:
-    """Refuse what would not fit, before anything is allocated."""
-    if not hasattr(os, "sysconf"):
-        return
-    total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    if needed > 0.7 * total:
-        raise SimulationError(
-            f"{what} take {needed / 2**30:.3g} GiB, this machine has {total / 2**30:.3g}",
-            expected="at most 70 % of it",
-            remedy=remedy,
-        )
-
-
-def available_cores() -> int:
-    """The cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-def _run_threads(
-    work: Callable[..., Any],
-    bounds: list[tuple[int, int]],
-    counters: list[npt.NDArray[np.int64]],
-    threads: int,
-    stop: npt.NDArray[np.int64],
-    total: int,
-    progress: Progress | None,
-) -> None:
-    with ThreadPoolExecutor(threads) as pool:
-        jobs = {pool.submit(work, a, b, c) for (a, b), c in zip(bounds, counters, strict=True)}
-        try:
-            waiting = jobs
-            while waiting:
-                done, waiting = wait(waiting, timeout=0.05, return_when=FIRST_EXCEPTION)
-                for job in done:
-                    job.result()
-                if progress is not None:
-                    progress(min(1.0, sum(int(c[0]) for c in counters) / max(total, 1)))
-        except BaseException:
-            stop[0] = 1
-            raise

@@ -2,61 +2,25 @@
 
 from __future__ import annotations
 
-import errno
 import hashlib
-import importlib.util
-import os
 import re
-import shutil
 import sys
-import tempfile
-from functools import cache
+import threading
 from importlib import resources
+from importlib.abc import InspectLoader
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 
-import platformdirs
+from holdfast.execution.cache import cache_directory, keep_source
 
-from holdfast.errors import OutputError
+__all__ = ["cache_directory"]
 
 MARK = "# -- joined from here on"
 
 _NUMBER = re.compile(r"(?<![\w.])(\d+\.\d*(e[+-]?\d+)?|\d+e[+-]?\d+)(?![\w.])")
 
-ROOM = 20 * 2**20
-"""Bytes: compiled code of a few closed loops."""
-
-CACHE_VARIABLE = "HOLDFAST_CACHE_DIR"
-"""Environment variable that moves the cache."""
-
-
-def cache_directory() -> Path:
-    """Where generated source and compiled code are kept; created when missing.
-
-    A user cache that cannot be written is replaced by a temporary folder for this process;
-    one that was asked for and cannot be written is an `OutputError`.
-    """
-    chosen = os.environ.get(CACHE_VARIABLE)
-    path = Path(chosen) if chosen else Path(platformdirs.user_cache_dir("holdfast"))
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=path):
-            pass
-        if shutil.disk_usage(path).free < ROOM:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-    except OSError as error:
-        if chosen:
-            raise OutputError(
-                f"the cache folder {path} cannot be written ({error.strerror})",
-                remedy=f"set {CACHE_VARIABLE} to a folder that can",
-            ) from None
-        return _temporary()
-    return path
-
-
-@cache
-def _temporary() -> Path:
-    return Path(tempfile.mkdtemp(prefix="holdfast-"))
+_building = threading.RLock()
+"""A module is there for other threads when it has been executed."""
 
 
 def compile_closed_loop(source: str) -> ModuleType:
@@ -112,22 +76,34 @@ def _text(name: str) -> str:
 def _module(kind: str, text: str) -> ModuleType:
     """The module with this text.
 
-    The file is named by the digest of its text, so a changed definition is a new file and
-    an unchanged one is loaded, with Numba's machine code beside it.
+    It is named by the digest of its text, so that a changed definition is a new module, and an
+    unchanged one finds its machine code in the cache.
     """
     name = f"{kind}_" + hashlib.sha256(text.encode()).hexdigest()[:24]
-    if name in sys.modules:
+    with _building:
+        if name not in sys.modules:
+            sys.modules[name] = _executed(name, text)
         return sys.modules[name]
+
+
+class _Text(InspectLoader):
+    """Of a module whose text is known: its file is for who reads a traceback."""
+
+    def __init__(self, text: str, path: Path) -> None:
+        self.text, self.path = text, path
+
+    def get_source(self, fullname: str) -> str:
+        return self.text
+
+    def get_code(self, fullname: str) -> CodeType:
+        return self.source_to_code(self.text, self.path)
+
+
+def _executed(name: str, text: str) -> ModuleType:
     path = cache_directory() / f"{name}.py"
-    if not path.exists():
-        handle, partial = tempfile.mkstemp(dir=path.parent, suffix=".partial")
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-        os.replace(partial, path)
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
-        raise OutputError(f"the generated file {path} cannot be loaded")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
+    keep_source(path, text)
+    loader = _Text(text, path)
+    module = ModuleType(name)
+    module.__file__ = str(path)
+    loader.exec_module(module)
     return module

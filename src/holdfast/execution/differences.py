@@ -22,7 +22,12 @@ FUSED = {"contract"}  # multiplications and additions: the inner loops are made 
 swept = within(forceinline=True, fastmath=FUSED)
 called = within(fastmath=FUSED)
 counting = within(fastmath=FUSED | {"reassoc"})  # whole numbers: their sum has no order
-entered = njit(**OPTIONS, fastmath=FUSED)
+ranking = within(fastmath=FUSED | {"nnan", "nsz", "reassoc"})  # a maximum has no order either
+
+
+def entered(function):
+    """Machine code that Python may call, for threads that sweep."""
+    return kept(njit(**OPTIONS, fastmath=FUSED)(function))
 
 
 @swept
@@ -127,15 +132,45 @@ def lanes(count):
 
 
 @counting
-def compare(new, was, first, last, near, slow):
-    """Of the nodes from first to last: how many changed, are no numbers, still move."""
-    changes, odd, fast = 0.0, 0.0, 0.0
+def compare(new, was, first, last):
+    """Of the nodes from first to last: how many changed, and how many are not finite."""
+    changes, odd = 0.0, 0.0
     for j in range(np.uint64(first), np.uint64(last)):
         v, w = new[j], was[j]
         changes += 1.0 if v != w else 0.0
         odd += 0.0 if abs(v) < 1e300 else 1.0
-        fast += 1.0 if (abs(v - w) > slow) & (w > near) else 0.0
-    return int(changes), int(odd), int(fast)
+    return int(changes), int(odd)
+
+
+@swept
+def cell_changes(work, means, gaps, steps, count, size):
+    """work[size + j]: how much the value changes from a node to the next, on its flatter side.
+
+    The largest along the axes. Of the slopes mean - gap and mean + gap on either side the smaller
+    is ||mean| - |gap||.
+    """
+    size = np.uint64(size)
+    for i in range(len(steps)):
+        mean, gap, step = np.uint64(means + i * PITCH), np.uint64(gaps + i * PITCH), steps[i]
+        for j in range(lanes(count)):
+            change = float(step) * abs(abs(work[mean + j]) - abs(work[gap + j]))
+            so_far = work[size + j] if i > 0 else 0.0
+            work[size + j] = change if change > so_far else so_far
+
+
+@ranking
+def largest_move(new, was, work, size, count, side, nearest):
+    """The largest share of a cell, or of its distance from zero if that is more, that the value of
+    a node on that side of zero has moved."""
+    largest = 0.0
+    size = np.uint64(size)
+    for j in range(np.uint64(count)):
+        w, cell = side * was[j], work[size + j]
+        near = w if w > cell else cell
+        near = near if near > nearest else nearest
+        move = abs(new[j] - was[j]) / near if w > 0.0 else 0.0
+        largest = move if move > largest else largest
+    return largest
 
 
 @called

@@ -21,7 +21,9 @@ MOST_STEPS = 1_000_000  # adaptive steps within one control sample
 # -- the interface: replaced by the generated constants and functions -------------------
 
 WATCHED, SIGNALS, ACTUATORS = 0, 0, 0  # how many; Numba leaves out what a constant rules out
+SAFEGUARDED = False
 CONTINUOUS, ADAPTIVE, ORDER = False, False, 1
+LOOKED_UP, FIRST_STATE = 0, 0  # axes of the table of the law; the first of them that is a state
 
 
 def rates(t, q, u, d, p):
@@ -50,7 +52,15 @@ def produce(a, p):
 
 
 def law(t, q, mode, p, table):
-    """The commanded input in a mode, and the slack that its safeguard needed."""
+    """The commanded input in a mode, and the slack that its safeguard needed.
+
+    Where SAFEGUARDED, whether the safeguard overruled the law, and what the law had asked for.
+    """
+    raise NotImplementedError
+
+
+def nominal(answer):
+    """What the law had asked for, of what `law` returned."""
     raise NotImplementedError
 
 
@@ -164,6 +174,10 @@ def simulate_runs(
     mode_out,
     signal_out,
     constraint_out,
+    nominal_out,
+    nominal_actuator_out,
+    slack_out,
+    safeguard_out,
     outcome,
     exit_time,
     exit_constraint,
@@ -173,9 +187,11 @@ def simulate_runs(
     peak_actuator,
     switches,
     shortest_dwell,
+    overruled,
     infeasible,
-    slack,
+    largest_slack,
     rejected,
+    off_grid,
     stop,
     progress,
 ):
@@ -187,7 +203,10 @@ def simulate_runs(
     `varied_plant` are columns of `plant` that every run has values of its own for, in its row
     of `own_plant`; the same of `gains`. A run chatters from the time on at which its mode
     changed more than `switch_limit` times within a second. The law sees what was measured
-    `delay` samples ago. `infeasible` counts the samples at which its safeguard needed slack.
+    `delay` samples ago. Of its safeguard `overruled` counts the samples at
+    which it changed the command, `infeasible` those at which it needed slack; the arrays of what it
+    was given and of its slack are empty where there is none. `off_grid` is the first time at which
+    a law that reads a table was asked outside its grid.
 
     c_j > `tolerance` counts as leaving, located in time inside the step in which it happens.
     `stop[0]` set from outside ends the call early; `progress[0]` counts control samples.
@@ -245,10 +264,20 @@ def simulate_runs(
                 recent[place] = t
                 switches[run] += 1
                 mode_since = t
+            if LOOKED_UP:
+                outside = beyond_grid(table, places(t, seen, gains), FIRST_STATE)
+                if outside and math.isnan(off_grid[run]):
+                    off_grid[run] = t
+                    if outcome[run] == STAYED:
+                        outcome[run] = OFF_GRID
+                        exit_time[run] = t
             command = law(t, seen, mode, gains, table)
-            if command[m] > 0.0:
-                infeasible[run] += 1
-                slack[run] = max(slack[run], command[m])
+            if SAFEGUARDED:
+                if command[m + 1] > 0.0:
+                    overruled[run] += 1
+                if command[m] > 0.0:
+                    infeasible[run] += 1
+                    largest_slack[run] = max(largest_slack[run], command[m])
             asked = allocate(command, gains)
             memory = next_memory(t, seen, produce(limit(asked, gains), gains), gains, sample_time)
             a = limit(asked, plant)
@@ -277,6 +306,16 @@ def simulate_runs(
                     for i in range(ACTUATORS):
                         actuator_out[run, row, i] = a[i]
                 mode_out[run, row] = mode
+                if SAFEGUARDED:
+                    wanted = nominal(command)
+                    slack_out[run, row] = command[m]
+                    safeguard_out[run, row] = 2 if command[m] > 0.0 else int(command[m + 1])
+                    for i in range(m):
+                        nominal_out[run, row, i] = wanted[i]
+                    if ACTUATORS:
+                        wanted_actuators = allocate(wanted, gains)
+                        for i in range(ACTUATORS):
+                            nominal_actuator_out[run, row, i] = wanted_actuators[i]
                 if SIGNALS:
                     s = signals(t, seen, gains, table)
                     for i in range(SIGNALS):

@@ -74,6 +74,23 @@ def slopes_many(values, points, low, steps, shape, periodic, out):
 
 
 @inlined
+def beyond_grid(table, place, first):
+    """Whether a place is outside the grid, or is not a number, along an axis from `first` on.
+
+    A millionth of a cell is allowed for rounding at the ends.
+    """
+    _, low, steps, shape, periodic = table
+    outside = False
+    for i in range(first, len(shape)):
+        x = (place[i] - low[i]) / steps[i]
+        if periodic[i]:
+            outside = outside or not math.isfinite(x)
+        else:
+            outside = outside or not -1e-6 <= x <= shape[i] - 1 + 1e-6
+    return outside
+
+
+@inlined
 def look_up(table, place):
     """The value and its slopes at a place, or at the nearest place of the grid."""
     values, low, steps, shape, periodic = table

@@ -29,6 +29,12 @@ def law_source(
     state: Mapping[str, Sequence[sp.Symbol]],
     p: Sequence[sp.Symbol],
 ) -> str:
+    """The command in every mode, and the slack that its safeguard needed (0 without one).
+
+    Where some mode has a safeguard, two things follow: 1 where it overruled the law, else 0, and
+    the command that it was given.
+    """
+    guarded = any(mode.safeguard for mode in switching.modes.values())
     lines = ["@inlined", f"def law(t, q, mode, p, table):\n{looked_up(switching)}".rstrip()]
     unpack = unpacked(switching, state, p)
     same = _in_every_mode(switching, inputs)
@@ -45,7 +51,9 @@ def law_source(
             lines.append(body(unpack, results, indent=indent, give=f"{own} ="))
             places = {n: f"same[{i}]" for i, n in enumerate(same)}
             places |= {n: f"{own}[{i}]" for i, n in enumerate(n for n in inputs if n not in same)}
-            lines.append(f"{indent}return ({', '.join(places[n] for n in inputs)}, 0.0)")
+            command = [places[n] for n in inputs]
+            told = ["0.0", *command] if guarded else []
+            lines.append(f"{indent}return ({', '.join([*command, '0.0', *told])})")
             continue
         guard, m = mode.safeguard, len(inputs)
         results += guard.rows(inputs)
@@ -57,8 +65,18 @@ def law_source(
             f"{indent}{given} = keep_within({asked}[:{m}], {asked}[{end}:], {asked}[{m}:{end}], "
             f"{guard.hard})"
         )
-        lines.append(f"{indent}return ({', '.join(f'{given}[{i}]' for i in range(m + 1))},)")
+        told = [f"{given}[{i}]" for i in range(m + 1)]
+        told.append(f"overrules({asked}[:{m}], {given}, {asked}[{m}:{end}], {guard.hard})")
+        told += [f"{asked}[{i}]" for i in range(m)]
+        lines.append(f"{indent}return ({', '.join(told)})")
     return "\n".join(lines)
+
+
+def nominal_source(switching: Switching, inputs: int) -> str:
+    """The command before the safeguard, of what `law` returns."""
+    first = inputs + 2 if any(mode.safeguard for mode in switching.modes.values()) else 0
+    entries = "".join(f"answer[{first + i}], " for i in range(inputs)) or "0.0, "
+    return f"@inlined\ndef nominal(answer):\n    return ({entries})"
 
 
 def _in_every_mode(switching: Switching, inputs: Sequence[str]) -> dict[str, sp.Expr]:

@@ -24,7 +24,8 @@ import numpy.typing as npt
 from holdfast.errors import SimulationError
 from holdfast.execution.compile import compile_sweep
 from holdfast.execution.fold import Fold
-from holdfast.execution.over_grid import padded
+from holdfast.execution.over_grid import over_grid, padded
+from holdfast.execution.settling import Done
 from holdfast.execution.sweep import layout, sweep_source
 from holdfast.execution.sweep_slopes import SCHEMES
 from holdfast.execution.workers import Workers
@@ -39,6 +40,12 @@ KINDS = {"contained": 0, "extrapolated": 0, "periodic": 1, "limited": 2}
 STAGES = {1: ((1.0, 0.0),), 2: ((1.0, 0.0), (0.5, 1.0)), 3: ((1.0, 0.0), (0.25, 1.0), (2 / 3, 0.5))}
 """(weight, time) of the stages of the total-variation-diminishing Runge-Kutta methods
 (C.-W. Shu, S. Osher, J. Comput. Phys. 77, 1988)."""
+
+ALL_MEASURED, MEASURED = 64, 4
+"""Steps from the first for which it is measured how fast the set moves, then one in so many."""
+
+MOST_STEPS = 10**9
+"""Steps of a march: it would take days on the smallest grid."""
 
 FEW = 30_000
 """Nodes below which one thread is faster than several."""
@@ -55,20 +62,6 @@ class Method:
     dissipation: str = "local-local"
     cfl: float = 0.75
     skip: bool = True
-
-
-@dataclass
-class Done:
-    """time [s], steps; moving: nodes that changed faster than asked in the last step; computed:
-    stretches of nodes computed, of how many a full march would have; seconds: of wall time."""
-
-    time: float = 0.0
-    steps: int = 0
-    moving: int = -1
-    computed: int = 0
-    of: int = 0
-    seconds: float = 0.0
-    stopped: bool = False
 
 
 class March:
@@ -101,6 +94,7 @@ class March:
             precision=precision,
         )
         self.module = compile_sweep(source, precision)
+        self.hamiltonian, self.parameters = hamiltonian, parameters
         self.method = method
         self.shape = np.array([len(a) for a in axes], dtype=np.int64)
         self.axes = padded(axes)
@@ -124,14 +118,52 @@ class March:
     def _longest_step(self, at: Sequence[float]) -> float:
         """The largest step [s] that is stable with the speeds at those tau, times the chosen share.
 
-        Infinite where nothing moves.
+        Infinite where nothing moves. Raises `SimulationError` where a rate is not finite.
         """
         limits = np.zeros(len(self.speeds) + 1)
         for tau in at:
             rest = (self.axes, self.shape, self.steps, self.p, limits)
             self.module.fastest(self._time(tau), *rest)
+            for i in np.flatnonzero(~np.isfinite(limits[:-1])):
+                raise self._not_finite(int(i), tau)
         self.speeds[:] = limits[:-1]
         return self.method.cfl / float(limits[-1]) if limits[-1] > 0 else math.inf
+
+    def _speed(self, i: int, tau: float) -> Array:
+        """The largest speed along an axis at every node."""
+        at = over_grid(
+            self.hamiltonian.speeds[i],
+            [q.symbol for q in self.hamiltonian.system.states],
+            self.parameters,
+            [axis[:count] for axis, count in zip(self.axes, self.shape, strict=True)],
+        )
+        return at(self._time(tau)).reshape(self.shape)
+
+    def _not_finite(self, i: int, tau: float) -> SimulationError:
+        speed = self._speed(i, tau)
+        bad = ~np.isfinite(speed)
+        name = self.hamiltonian.system.states[i].name
+        return SimulationError(
+            f"the rate of '{name}' is not finite at {self.node(int(np.argmax(bad)))}"
+            + (f", and at {bad.sum() - 1:,} nodes more" if bad.sum() > 1 else ""),
+            expected="a rate that is finite at every node of the grid",
+            remedy="take an interval, or a number of nodes, that leaves these states out",
+        )
+
+    def node(self, place: int) -> str:
+        """The states at a node, by its place among all, as text."""
+        index = np.unravel_index(place, tuple(self.shape))
+        states = self.hamiltonian.system.states
+        return ", ".join(
+            f"{q.name} = {self.axes[i, k]:.6g}"
+            for i, (q, k) in enumerate(zip(states, index, strict=True))
+        )
+
+    @property
+    def crossing(self) -> float:
+        """How long it takes to cross a cell at the largest speed along the slowest axis [s]."""
+        moving = self.speeds > 0
+        return float((self.steps[moving] / self.speeds[moving]).max(initial=0.0))
 
     def _time(self, tau: float) -> float:
         return self.clock[0] + self.clock[1] * tau
@@ -146,8 +178,7 @@ class March:
         refresh: Callable[[float], None] | None = None,
         floor: float = -math.inf,
         ceiling: float = math.inf,
-        near: float = -math.inf,
-        slow: float = 0.0,
+        nearest: float = 0.0,
         keep: Callable[[float, Array], None] | None = None,
         tell: Callable[[Done, Callable[[], Array]], bool] | None = None,
         done: Done | None = None,
@@ -155,7 +186,8 @@ class March:
         """March `values` (flat; changed in place) to each of `times`, then `keep(time, values)`.
 
         refresh: puts into `upper` and `lower`, if they move, what they are at a time t.
-        A node counts as moving if it is above `near` and changes faster than `slow` [1/s].
+        nearest: distances from zero below it are rounding; the speed of the set is not relative to
+        less (`differences.largest_move`).
         `tell(done, values)` is called after every step, with a function that gives the values, and
         ends the march where it gives True.
         done: what has been done of the same march, up to `values`; it goes on from there.
@@ -173,7 +205,7 @@ class March:
         turn = np.zeros(1, dtype=np.int64)
         self.module.sweep(  # compiled, or loaded, before the time is taken
             turn, turn, 0.0, 0.0, 1.0, values, values, arrays[1], values, *bounds, floor, ceiling,
-            near, 0.0, flags[0], flags[1], flags[:0], *rest, np.zeros(3, dtype=np.int64),
+            nearest, flags[0], flags[1], flags[:0], *rest, np.zeros(3),
         )  # fmt: skip
         began, step = time.perf_counter() - done.seconds, math.nan
         with Workers(self.module, self.threads, self.places) as workers:
@@ -198,9 +230,13 @@ class March:
                 if dt != step or not self.method.skip or self.varying or refresh is not None:
                     flags[:] = 1
                     step = dt
-                found = np.zeros(3, dtype=np.int64)
+                found = np.zeros(3)
+                done.measured = (
+                    done.steps < ALL_MEASURED or done.steps % MEASURED == 0 or ends is not None
+                )
                 for s, (weight, fraction) in enumerate(stages):
                     last = s == order - 1
+                    own = flags[1:order] if last else flags[:0]
                     source = arrays[s]
                     out = arrays[1] if order == 1 else arrays[0 if last else s + 1]
                     here = flags[s] if order > 1 else flags[done.steps % 2]
@@ -213,24 +249,30 @@ class March:
                     found = workers.run(
                         self.module.sweep,
                         self._time(start + fraction * dt), dt, weight, source, arrays[0], out,
-                        arrays[0] if order == 1 else out, *bounds, floor, ceiling, near,
-                        slow * dt, here, there, flags[1:order] if last else flags[:0],
-                        *rest,
+                        arrays[0] if order == 1 else out, *bounds, floor, ceiling,
+                        nearest if last and done.measured else 0.0, here, there, own, *rest,
                     )  # fmt: skip
                     if self.fold is not None:
                         mirror(out, self.fold.needed)
                     done.computed += int(found[0])
                     if found[1]:
+                        at = self.node(int(np.argmax(~(np.abs(out) < 1e300))))
                         raise SimulationError(
-                            f"{found[1]} nodes are no finite numbers after {start + dt:g} s",
-                            remedy="take a smaller cfl, a lower order or a wider grid",
+                            f"the value is not finite at {at} after {start + dt:g} s"
+                            + (f", and at {found[1] - 1:,.0f} nodes more" if found[1] > 1 else ""),
+                            expected="rates that are finite and speeds that are bounded there",
+                            remedy="leave these states out of the grid, or take a smaller cfl or "
+                            "a lower order",
                         )
                 if order == 1:
                     arrays.reverse()
                 done.of += self.units * order
                 done.steps += 1
                 done.time = start + dt if ends is None else ends
-                done.moving = int(found[2])
+                if done.measured:
+                    done.moved(float(found[2]) / dt)
+                following = flags[0] if order > 1 else flags[done.steps % 2]
+                done.fixed = not following.any()
                 done.seconds = time.perf_counter() - began
                 if keep is not None and ends is not None:
                     keep(ends, now())
@@ -259,7 +301,21 @@ class March:
         count, longest = 1, self._longest_step((now,)) if self.varying else self.longest_step
         while (needed := math.ceil((end - now) / longest - 1e-9)) > count:
             count = needed
+            if count > MOST_STEPS:
+                raise self._too_many(count, longest, now)
             if self.varying:
                 dt = (end - now) / count
                 longest = self._longest_step((now, now + 0.5 * dt, now + dt))
         return count
+
+    def _too_many(self, count: int, longest: float, tau: float) -> SimulationError:
+        i = int(np.argmax(self.speeds / self.steps))
+        speed = self._speed(i, tau)
+        state = self.hamiltonian.system.states[i]
+        return SimulationError(
+            f"the march would take {count:.3g} steps of {longest:.3g} s: '{state.name}' moves at "
+            f"up to {speed.max():.3g} {state.unit}/s at {self.node(int(np.argmax(speed)))}, the "
+            f"median over the grid is {np.median(speed):.3g}",
+            expected=f"at most {MOST_STEPS:.0e} steps",
+            remedy="leave these states out of the grid, take a coarser grid or a shorter horizon",
+        )

@@ -18,6 +18,7 @@ from holdfast.execution.primitives import *  # noqa: F403
 CLOSE = 1e-10  # what counts as on a plane, relative to its distance
 PARALLEL = 1e-9  # the sine of the angle below which two planes are parallel
 APART = 1e-8  # the gap, relative to their distance, above which two such planes exclude each other
+ACTIVE = 1e-9  # the distance to a plane, relative to its terms, below which it holds a point back
 PULL = -1e6  # where the slack is wanted, in its own unit: so it is as small as it can be
 FAINT = 1e-6  # the size of a normal, against the largest, below which it does not set that unit
 
@@ -264,6 +265,34 @@ def solve(wanted, scales, constraints_, hard, result):
             size += (entry * scales[i]) ** 2
         if level > CLOSE * (math.sqrt(size) + abs(offset)):  # else it is on its plane
             result[m] = max(result[m], level)
+
+
+@inlined
+def overrules(wanted, given, constraints_, hard):
+    """1 where a constraint after the first `hard` is why `given` is not what was wanted, else 0.
+
+    `given` is what `keep_within` found. Where only the first `hard` ones hold it back, the wanted
+    input is beyond its bounds, and nothing but saturation took place.
+    """
+    m = len(wanted)
+    same = True
+    for i in range(m):
+        same = same and given[i] == wanted[i]
+    if given[m] > 0.0:
+        return 1.0
+    if same:
+        return 0.0
+    for j in range(hard, len(constraints_) // (m + 1)):
+        level = -constraints_[j * (m + 1) + m]
+        reach, size = abs(level), 0.0
+        for i in range(m):
+            entry = constraints_[j * (m + 1) + i]
+            level += entry * given[i]
+            reach += abs(entry * given[i])
+            size += abs(entry)
+        if size > 0.0 and level >= -ACTIVE * reach:
+            return 1.0
+    return 0.0
 
 
 @inlined

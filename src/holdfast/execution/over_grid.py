@@ -53,13 +53,16 @@ def padded(axes: Sequence[npt.NDArray[np.float64]]) -> npt.NDArray[np.float64]:
 
 
 def fastest_source(bounds: Sequence[sp.Expr], n: int, names: dict[sp.Symbol, str]) -> str:
-    """max over the grid of the speed along every axis, and of their sum over the steps."""
+    """max over the grid of the speed along every axis, and of their sum over the steps.
+
+    A speed that is NaN at a node is NaN over the grid.
+    """
     body, left, indent = _nest(bounds, n, names, all_nodes=False)
     body.append(f"{indent}total = 0.0")
     for i, e in enumerate(left):
         body += [
             f"{indent}v = {text_of(e)}",
-            f"{indent}out[{i}] = max(out[{i}], v)",
+            f"{indent}out[{i}] = v if not v <= out[{i}] and out[{i}] == out[{i}] else out[{i}]",
             f"{indent}total += v / steps[{i}]",
         ]
     body.append(f"{indent}out[{n}] = max(out[{n}], total)")

@@ -15,9 +15,14 @@ from numba.core.registry import CPUDispatcher
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
 
-OPTIONS = {"cache": True, "error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
+from holdfast.execution.cache import kept
 
-compiled = njit(**OPTIONS)
+OPTIONS = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
+
+
+def compiled(function):
+    """Machine code that Python may call."""
+    return kept(njit(**OPTIONS)(function))
 
 
 class Inlined(CPUDispatcher):
@@ -31,7 +36,7 @@ def within(**options):
     """A decorator of functions that only compiled code calls."""
 
     def decorate(function):
-        dispatcher = njit(**OPTIONS, no_cpython_wrapper=True, **options)(function)
+        dispatcher = kept(njit(**OPTIONS, no_cpython_wrapper=True, **options)(function))
         dispatcher.__class__ = Inlined
         return dispatcher
 

@@ -68,6 +68,7 @@ def sweep_source(
     sweep = _sweep(plan, rate, n, scheme, limit, names)
     text = [
         f"GHOSTS = {SCHEMES[scheme]}",
+        f"SIDE = {1 if limit == 'shrink' else -1}",
         single(sweep) if precision == "float32" else sweep,
     ]
     bounds = renamed(list(hamiltonian.speeds), names)
@@ -111,12 +112,18 @@ def _sweep(
     here = {sp.Symbol(s, real=True): sp.Symbol(f"{s}_", real=True) for s in outside}
     along = [name for name in (f"q{last}", *(name for name, _ in fixed)) if name in at_node]
     slopes = [f"{s}{i}" for s in "pg" for i in range(n)]
-    rows = [*along, *held, *slopes, "rate"]  # of numbers at the nodes of a run, in one memory
+    rows = [
+        *along,
+        *held,
+        *slopes,
+        "rate",
+        "size",
+    ]  # of numbers at the nodes of a run, in one memory
     row_of = {name: k for k, name in enumerate(rows)}
     outer = range(n - 2)
     head = (
         "def sweep(turn, slices, t, dt, weight, values, base, out, before, upper, lower, floor, "
-        "ceiling, near, slow, active, marks, own, shape, cut, steps, kinds, speeds, axes, p, "
+        "ceiling, nearest, active, marks, own, shape, cut, steps, kinds, speeds, axes, p, "
         "counts):"
     )
     body = [f"n{i} = shape[{i}]" for i in range(n)]
@@ -144,7 +151,7 @@ def _sweep(
         "at = np.zeros(2 * GHOSTS + 1, dtype=np.uint64)  # without a sign: never from the end",
         *slope_memory(n, scheme),
         "was = np.zeros(RUN + VECTOR, dtype=values.dtype)",
-        "wrong, moving, computed = 0, 0, 0",
+        "wrong, computed, fastest = 0, 0, 0.0",
         "block = 0",
         "while True:",
         "    slice_ = take(turn) % MOST_SLICES",
@@ -216,14 +223,18 @@ def _sweep(
         "    rate, values, was, count, here, float(dt), float(weight), base, out, before, upper,",
         "    lower, float(floor), float(ceiling),",
         ")",
+        "if nearest > 0.0:",
+        f"    cell_changes(work, {row_of['p0']} * PITCH, {row_of['g0']} * PITCH, steps, count, "
+        f"{row_of['size']} * PITCH)",
+        f"    move = largest_move(rate, was, work, {row_of['size']} * PITCH, count, SIDE, "
+        "float(nearest))",
+        "    fastest = max(fastest, move)",
         "low, high = several, 0",
         "for k in range(several):",
-        "    changes, odd, fast = compare(",
-        "        rate, was, min(k * unit_nodes, count), min((k + 1) * unit_nodes, count),",
-        "        float(near), float(slow),",
+        "    changes, odd = compare(",
+        "        rate, was, min(k * unit_nodes, count), min((k + 1) * unit_nodes, count)",
         "    )",
         "    wrong += odd",
-        "    moving += fast",
         "    if changes > 0:",
         "        low, high = min(low, k), k + 1",
         "        for s in range(own.shape[0]):",
@@ -245,7 +256,7 @@ def _sweep(
             f"        kinds[{by_row}], GHOSTS)",
         ]
     body += [indent + x for x in inner]
-    body += ["counts[0] += computed", "counts[1] += wrong", "counts[2] += moving"]
+    body += ["counts[0] += computed", "counts[1] += wrong", "counts[2] = fastest"]
     text = f"@entered\n{head}\n" + "\n".join("    " + x for x in body)
     # the sign that the rate is limited to is a constant of the text
     return f"{_ADVANCE.replace('LIMITED_RATE', LIMITS[limit].format('r'))}\n\n\n{text}"

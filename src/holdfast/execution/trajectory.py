@@ -11,7 +11,7 @@ from holdfast.execution.primitives import *  # noqa: F403
 
 # -- joined from here on
 
-STAYED, REACHED, LEFT, DIVERGED, CHATTERED = 0, 1, 2, 3, 4
+STAYED, REACHED, LEFT, DIVERGED, CHATTERED, OFF_GRID = 0, 1, 2, 3, 4, 5
 
 # purposes of random numbers, so that no two uses share a counter
 UNIFORM_STREAM, START_STREAM, NORMAL_STREAM, VARIED_STREAM = 1, 2, 3, 4

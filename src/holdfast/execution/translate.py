@@ -12,7 +12,13 @@ from dataclasses import dataclass, field
 import sympy as sp
 
 from holdfast.errors import SimulationError, suggestion
-from holdfast.execution.law_source import guard_source, law_source, looked_up, unpacked
+from holdfast.execution.law_source import (
+    guard_source,
+    law_source,
+    looked_up,
+    nominal_source,
+    unpacked,
+)
 from holdfast.execution.printer import body, function_source
 from holdfast.execution.steppers import Tableau, stepper_source
 from holdfast.maths.bounds import LinearImage
@@ -37,7 +43,9 @@ from holdfast.maths.varied import Varied
 class ClosedLoopProgram:
     """The text of one closed loop and the meaning of each of its array columns.
 
-    given: numbers that follow the parameters, those of the disturbances.
+    given: numbers that follow the parameters, those of the disturbances. slack_units: the units of
+    the conditions that a safeguard relaxes, each once. value_signal: the signal that is the value
+    of a kernel.
     """
 
     source: str
@@ -56,6 +64,9 @@ class ClosedLoopProgram:
     given: tuple[float, ...] = ()
     remembered: tuple[str, ...] = ()
     safeguarded: bool = False
+    slack_units: tuple[str, ...] = ()
+    signal_units: tuple[str, ...] = ()
+    value_signal: str = ""
     continuous: bool = False
     table: object = None
 
@@ -150,7 +161,9 @@ def closed_loop_program(
             )
     limits = image.of if image else system.input_bounds
     a = [symbol(n) for n in image.actuators] if image else u
-    signals = list(switching.signals)
+    signals, lookup = list(switching.signals), switching.lookup
+    values = [n for n, e in switching.signals.items() if lookup and e == lookup.value]
+    guards = [mode.safeguard for mode in switching.modes.values() if mode.safeguard]
     c = [x.expression for x in region.inequalities] if region else []
     qdot = [sp.Symbol(f"_qdot{i}", real=True) for i in range(len(q))]  # no user name begins so
     cdot = [sum((e.diff(s) * r for s, r in zip(q, qdot, strict=True)), sp.S.Zero) for e in c]
@@ -159,9 +172,12 @@ def closed_loop_program(
         "WATCHED": len(c),
         "SIGNALS": len(signals),
         "ACTUATORS": len(image.actuators) if image else 0,
+        "SAFEGUARDED": bool(guards),
         "CONTINUOUS": continuous,
         "ADAPTIVE": stepper.adaptive,
         "ORDER": stepper.order,
+        "LOOKED_UP": len(lookup.places) if lookup else 0,
+        "FIRST_STATE": int(lookup.timed) if lookup else 0,
     }
     functions = [
         "\n".join(f"{name} = {value!r}" for name, value in constants.items()),
@@ -198,6 +214,7 @@ def closed_loop_program(
             list(switching.lookup.places) if switching.lookup else [],
         ),
         law_source(switching, system.input_names, seen, p),
+        nominal_source(switching, len(u)),
         guard_source(switching, seen, p),
         "@inlined\ndef signals(t, q, p, table):\n"
         + looked_up(switching)
@@ -239,7 +256,10 @@ def closed_loop_program(
         varied=varied,
         given=tuple(float(e) for e in given.values()),
         remembered=tuple(z.name for z in kept),
-        safeguarded=any(mode.safeguard for mode in switching.modes.values()),
+        safeguarded=bool(constants["SAFEGUARDED"]),
+        slack_units=tuple(dict.fromkeys(u for guard in guards for u in guard.units)),
+        signal_units=tuple(lookup.unit if lookup and n in values else "1" for n in signals),
+        value_signal=values[0] if values else "",
         continuous=continuous,
         table=switching.lookup.table if switching.lookup else None,
     )

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-Counts = npt.NDArray[np.int64]
+Counts = npt.NDArray[np.float64]
 
 PATIENCE = 100_000
 """How often to look before going to sleep: for some 100 microseconds."""
@@ -59,10 +59,10 @@ class Workers:
                 other.go.release()
 
     def run(self, function: Callable[..., None], *arguments: Any) -> Counts:
-        """The sum of what they count."""
+        """The sums of the first two that they count, the largest of the third."""
 
         def job() -> Counts:
-            counts = np.zeros(3, dtype=np.int64)
+            counts = np.zeros(3)
             function(self.turn, self._slices, *arguments, counts)
             return counts
 
@@ -70,7 +70,9 @@ class Workers:
         found = job()
         for other in self._others:
             self.watch(self._waits, other.waits, self.stage + 1, PATIENCE)
-            found += other.result()
+            theirs = other.result()
+            found[:2] += theirs[:2]
+            found[2] = max(found[2], theirs[2])
         return found
 
 
@@ -88,7 +90,7 @@ class _Other(threading.Thread):
         self.go.acquire()
         self.done.acquire()
         self.waits = np.zeros(1, dtype=np.int64)
-        self.found: Counts | BaseException = np.zeros(3, dtype=np.int64)
+        self.found: Counts | BaseException = np.zeros(3)
 
     def run(self) -> None:
         first = 1

@@ -86,8 +86,9 @@ def sampled_loop(
     For every law: with modes, a memory, a safeguard, a kernel. Its states are those of the system,
     what the law remembers, the number of the mode (`initial_mode` of the result at first) and the
     seconds in it; all but the states of the system and the mode begin with 0. Inputs are the
-    disturbances, held for a sample; outputs the states of the system, its inputs, and the mode. The
-    very steps of `simulate`: classical Runge-Kutta, `substeps` of them a sample.
+    disturbances, held for a sample; outputs the states of the system, its inputs, with a safeguard
+    `nominal_INPUT`, what the law asked for before it, and its `slack`, and last the mode. The very
+    steps of `simulate`: classical Runge-Kutta, `substeps` of them a sample.
 
     Raises `SimulationError` for times that cannot be used.
     """
@@ -101,11 +102,14 @@ def sampled_loop(
     loop = ClosedLoop(program)
     n, remembered = len(program.states), len(program.remembered)
     table = np.zeros(1) if program.table is None else program.table
+    told = list(system.input_names)
+    if program.safeguarded:
+        told += [*(f"nominal_{name}" for name in system.input_names), "slack"]
 
     def sample(t: float, x: Array, d: Array, given: Mapping[str, float]) -> tuple[Array, Array]:
         values = loop.parameter_array(given)
         values[len(values) - 1 - len(program.given) : -1] = np.atleast_1d(d)[: len(program.given)]
-        after, fed = np.empty(n + remembered + 2), np.empty(len(program.inputs))
+        after, fed = np.empty(n + remembered + 2), np.empty(len(told))
         held, mode = np.ascontiguousarray(x[n : n + remembered]), int(x[-2])
         after[-2:] = loop.module.one_sample(
             float(t), t <= 0, np.ascontiguousarray(x[:n]), held, mode, float(x[-1]), values, values,
@@ -119,7 +123,7 @@ def sampled_loop(
         name=f"{system.name}_sampled",
         states=[*system.state_names, *program.remembered, "mode", "time_in_mode"],
         inputs=list(system.disturbance_names),
-        outputs=[*system.state_names, *system.input_names, "mode"],
+        outputs=[*system.state_names, *told, "mode"],
         params={p.name: p.value for p in program.parameters},
         dt=sample_time,
     )

@@ -48,7 +48,7 @@ class Bounds(Protocol):
         ...
 
     def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:
-        """Whether the numbers lie in a set without parameters (within `slack`)."""
+        """Whether the numbers lie in a set without parameters, within this share of its size."""
         ...
 
 
@@ -102,10 +102,12 @@ class Box:
     @checked
     def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:
         _check_count(values, self)
-        return all(
-            float(low) - slack <= value <= float(high) + slack
-            for value, low, high in zip(values, self.lower, self.upper, strict=True)
-        )
+        for value, *ends in zip(values, self.lower, self.upper, strict=True):
+            low, high = map(float, ends)
+            more = slack * max((abs(e) for e in (low, high) if math.isfinite(e)), default=0.0)
+            if not low - more <= value <= high + more:
+                return False
+        return True
 
 
 @checked
@@ -141,7 +143,7 @@ class Ball:
     @checked
     def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:
         _check_count(values, self)
-        return math.hypot(*values) <= float(self.radius) + slack
+        return math.hypot(*values) <= float(self.radius) * (1.0 + slack)
 
 
 @checked
@@ -243,6 +245,30 @@ class Product:
     @checked
     def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:
         return all(part.contains(mine, slack) for part, mine in self.split(values))
+
+
+def ranges(bounds: Bounds) -> list[tuple[sp.Expr, sp.Expr]]:
+    """The least and the largest value of every member of the set."""
+    if isinstance(bounds, Box):
+        return list(zip(bounds.lower, bounds.upper, strict=True))
+    if isinstance(bounds, Ball):
+        return [(-bounds.radius, bounds.radius)] * bounds.dimension
+    if isinstance(bounds, Product):
+        return [pair for part in bounds.parts for pair in ranges(part)]
+    assert isinstance(bounds, LinearImage)
+    rows = [list(bounds.matrix.row(i)) for i in range(bounds.dimension)]
+    if isinstance(bounds.of, Ball):
+        sizes = [bounds.of.radius * sp.sqrt(sp.Add(*(e**2 for e in row))) for row in rows]
+        return [(-size, size) for size in sizes]
+    found = []
+    for row in rows:
+        ends = [
+            (e * low, e * high)
+            for e, low, high in zip(row, bounds.of.lower, bounds.of.upper, strict=True)
+            if e != 0
+        ]
+        found.append((sp.Add(*(sp.Min(*p) for p in ends)), sp.Add(*(sp.Max(*p) for p in ends))))
+    return found
 
 
 def product(first: Bounds | None, second: Bounds | None) -> Bounds | None:

@@ -10,15 +10,15 @@ specific to a system (thesis (7.3), (7.6), (7.7)).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
-from holdfast.maths.bounds import Ball, Bounds, Box, LinearImage, Product, section
-from holdfast.maths.functions import greatest, least, magnitude, select, sgn
+from holdfast.maths.bounds import Bounds, section
+from holdfast.maths.functions import greatest, least, magnitude, select
 from holdfast.maths.quantity import Quantity, frozen
 from holdfast.maths.sampled import (
     Point,
@@ -28,6 +28,7 @@ from holdfast.maths.sampled import (
     points_of,
     without_closed_form,
 )
+from holdfast.maths.supports import ends, reach, support
 from holdfast.maths.system import System
 
 
@@ -110,8 +111,8 @@ def hamiltonian(
         sets = zip(players, now, strict=True)
         return _case(list(sets), drift, p, spread, at)
 
-    answers = [_best([case(u, d) for d in points[1]], players[1].sign) for u in points[0]]
-    found = _best(answers, players[0].sign)
+    answers = [_best([case(u, d) for d in points[1]], players[1].sign, spread) for u in points[0]]
+    found = _best(answers, players[0].sign, spread)
     return Hamiltonian(
         system,
         tuple(p),
@@ -132,10 +133,15 @@ def hamiltonian(
 
 @dataclass(frozen=True)
 class _Case:
-    """H for some points of what is sampled, who chooses what, and the speeds."""
+    """H for some points of what is sampled, and who chooses what.
+
+    low, high: bounds of dH/dp_i for every p. tight_speeds: of |dH/dp_i| for p within the spread.
+    """
 
     value: sp.Expr
     chosen: Mapping[sp.Symbol, sp.Expr]
+    low: tuple[sp.Expr, ...]
+    high: tuple[sp.Expr, ...]
     speeds: tuple[sp.Expr, ...]
     tight_speeds: tuple[sp.Expr, ...]
 
@@ -166,24 +172,71 @@ def _case(
     return _Case(
         value,
         chosen,
+        tuple(a - w for a, w in zip(speeds, widths, strict=True)),
+        tuple(a + w for a, w in zip(speeds, widths, strict=True)),
         tuple(magnitude(a) + w for a, w in zip(speeds, widths, strict=True)),
         tuple(magnitude(a) + w for a, w in zip(tight, tight_widths, strict=True)),
     )
 
 
-def _best(cases: Sequence[_Case], sign: int) -> _Case:
-    """The case of the most (the least) value, by halves, so that expressions stay shallow."""
+def _best(cases: Sequence[_Case], sign: int, spread: sp.Matrix) -> _Case:
+    """The case of the most (the least) value.
+
+    Within the spread dp the lead of the best case b over case k changes by at most
+
+        S_k = sum_i |dH_b/dp_i - dH_k/dp_i| dp_i
+
+    so that a case which is further behind is the best for none of those p, and its speeds do not
+    count.
+    """
     if len(cases) == 1:
         return cases[0]
-    one, other = (_best(half, sign) for half in (cases[::2], cases[1::2]))
-    lead = sign * (one.value - other.value)
-    pick = greatest if sign > 0 else least
+    axes = range(len(spread))
+    first = _first(cases, sign)
+    tight: list[list[sp.Expr]] = [[] for _ in axes]
+    for case in cases:
+        swing = sum(
+            greatest(magnitude(case.high[i] - first.low[i]), magnitude(first.high[i] - case.low[i]))
+            * spread[i]
+            for i in axes
+        )
+        room = swing - sign * (first.value - case.value)  # below 0: the best nowhere near
+        for i in axes:
+            tight[i].append(select(room, case.tight_speeds[i], sp.S.Zero))
     return _Case(
-        pick(one.value, other.value),
-        {s: select(lead, e, other.chosen[s]) for s, e in one.chosen.items()},
-        tuple(greatest(a, b) for a, b in zip(one.speeds, other.speeds, strict=True)),
-        tuple(greatest(a, b) for a, b in zip(one.tight_speeds, other.tight_speeds, strict=True)),
+        first.value,
+        first.chosen,
+        tuple(_of_all(least, [c.low[i] for c in cases]) for i in axes),
+        tuple(_of_all(greatest, [c.high[i] for c in cases]) for i in axes),
+        tuple(_of_all(greatest, [c.speeds[i] for c in cases]) for i in axes),
+        tuple(_of_all(greatest, row) for row in tight),
     )
+
+
+def _first(cases: Sequence[_Case], sign: int) -> _Case:
+    """The case that has the most (the least) value at p itself, by halves."""
+    if len(cases) == 1:
+        return cases[0]
+    one, other = (_first(half, sign) for half in (cases[::2], cases[1::2]))
+    lead = sign * (one.value - other.value)
+
+    def pick(these: Sequence[sp.Expr], those: Sequence[sp.Expr]) -> tuple[sp.Expr, ...]:
+        return tuple(select(lead, a, b) for a, b in zip(these, those, strict=True))
+
+    return replace(
+        one,
+        value=(greatest if sign > 0 else least)(one.value, other.value),
+        chosen={s: select(lead, e, other.chosen[s]) for s, e in one.chosen.items()},
+        low=pick(one.low, other.low),
+        high=pick(one.high, other.high),
+    )
+
+
+def _of_all(pick: Callable[..., sp.Expr], values: Sequence[sp.Expr]) -> sp.Expr:
+    """The least or the greatest, by halves, so that expressions stay shallow."""
+    if len(values) == 1:
+        return values[0]
+    return pick(_of_all(pick, values[::2]), _of_all(pick, values[1::2]))
 
 
 def _check_bounded(
@@ -195,7 +248,7 @@ def _check_bounded(
             f"{owner} has no bounds for its {what}s",
             remedy=f"give {what} bounds: a kernel depends on what the {what}s can do",
         )
-    if bounds is not None and any(e.is_infinite for e in _ends(bounds)):
+    if bounds is not None and any(e.is_infinite for e in ends(bounds)):
         raise DefinitionError(
             f"{'an' if what == 'input' else 'a'} {what} of {owner} is unbounded",
             expected="finite bounds",
@@ -238,82 +291,11 @@ class _Player:
         """opt over the set of weights . u, and where it is attained."""
         if not self.members:
             return sp.S.Zero, {}
-        value, best = _support(self.bounds, list(weights), self.sign)
+        value, best = support(self.bounds, list(weights), self.sign)
         return value, dict(zip((q.symbol for q in self.members), best, strict=True))
 
     def reach(self, gain: sp.Matrix, p: sp.Matrix, spread: sp.Matrix) -> tuple[list[sp.Expr], ...]:
         """What it adds to each rate: centre and half-width, for any p, and for those near."""
         if self.bounds is None:
             return ([sp.S.Zero] * gain.rows,) * 4
-        return _reach(self.bounds, gain, p, spread, self.sign)
-
-
-def _ends(bounds: Bounds) -> tuple[sp.Expr, ...]:
-    """What is infinite where the set is not bounded."""
-    if isinstance(bounds, Product):
-        return tuple(e for part in bounds.parts for e in _ends(part))
-    of = bounds.of if isinstance(bounds, LinearImage) else bounds
-    if isinstance(of, Ball):
-        return (of.radius,)
-    assert isinstance(of, Box)
-    return (*of.lower, *of.upper)
-
-
-def _reach(
-    bounds: Bounds, gain: sp.Matrix, p: sp.Matrix, spread: sp.Matrix, sign: int
-) -> tuple[list[sp.Expr], ...]:
-    n = gain.rows
-    if isinstance(bounds, Product):
-        columns = [gain.col(j) for j in range(gain.cols)]
-        found = [
-            _reach(part, sp.Matrix.hstack(*mine), p, spread, sign)
-            for part, mine in bounds.split(columns)
-        ]
-        return tuple([sum(e) for e in zip(*same, strict=True)] for same in zip(*found, strict=True))
-    if isinstance(bounds, LinearImage):
-        return _reach(bounds.of, gain * bounds.matrix, p, spread, sign)
-    if isinstance(bounds, Ball):
-        width = [bounds.radius * sp.sqrt(sum(e**2 for e in gain.row(i))) for i in range(n)]
-        still = [sp.S.Zero] * n
-        return still, width, still, width
-    assert isinstance(bounds, Box)
-    low, high = bounds.lower, bounds.upper
-    middle = sp.Matrix([(a + b) / 2 for a, b in zip(low, high, strict=True)])
-    half = [(b - a) / 2 for a, b in zip(low, high, strict=True)]
-    sizes = gain.applyfunc(magnitude)
-    weights, ranges = gain.T * p, sizes.T * spread
-    # where no p within the spread changes the sign of a weight, that input does not switch
-    fixed = [
-        select(magnitude(w) - r, sp.S.One, sp.S.Zero) for w, r in zip(weights, ranges, strict=True)
-    ]
-    held = sp.Matrix([sign * h * f * sgn(w) for h, f, w in zip(half, fixed, weights, strict=True)])
-    loose = sp.Matrix([h * (1 - f) for h, f in zip(half, fixed, strict=True)])
-    centre = gain * middle
-    return (
-        list(centre),
-        list(sizes * sp.Matrix(half)),
-        list(centre + gain * held),
-        list(sizes * loose),
-    )
-
-
-def _support(
-    bounds: Bounds | None, weights: Sequence[sp.Expr], sign: int
-) -> tuple[sp.Expr, list[sp.Expr]]:
-    if isinstance(bounds, Product):
-        found = [_support(part, mine, sign) for part, mine in bounds.split(list(weights))]
-        return sum((v for v, _ in found), start=sp.S.Zero), [e for _, best in found for e in best]
-    if isinstance(bounds, LinearImage):
-        value, best = _support(bounds.of, list(bounds.matrix.T * sp.Matrix(weights)), sign)
-        return value, list(bounds.produce(best))
-    if isinstance(bounds, Ball):
-        size = sp.sqrt(sum((w**2 for w in weights), start=sp.S.Zero))
-        return sign * bounds.radius * size, [
-            sign * bounds.radius * w / (size + sp.Float(1e-300)) for w in weights
-        ]
-    assert isinstance(bounds, Box)
-    pairs = list(zip(bounds.lower, bounds.upper, strict=True))
-    middle, half = [(a + b) / 2 for a, b in pairs], [(b - a) / 2 for a, b in pairs]
-    terms = [m * w + sign * h * magnitude(w) for m, h, w in zip(middle, half, weights, strict=True)]
-    best = [m + sign * h * sgn(w) for m, h, w in zip(middle, half, weights, strict=True)]
-    return sum(terms, start=sp.S.Zero), best
+        return reach(self.bounds, gain, p, spread, self.sign)

@@ -56,13 +56,15 @@ class Safeguard:
     """Half-spaces sum_i normals_ij u_i <= offsets_j that the inputs are kept in.
 
     What a law asks for is replaced by the nearest input of them, in units of `scales`. Where
-    there is none, those after the first `hard` are all relaxed by the same least amount.
+    there is none, those after the first `hard` are all relaxed by the same least amount, the slack.
+    `units`: what that amount is counted in, one for every condition that is relaxed.
     """
 
     normals: Mapping[str, tuple[sp.Expr, ...]]
     offsets: tuple[sp.Expr, ...]
     hard: int
     scales: Mapping[str, sp.Expr]
+    units: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "normals", MappingProxyType(dict(self.normals)))
@@ -87,6 +89,7 @@ class Safeguard:
             tuple(e.xreplace(values) for e in self.offsets),
             self.hard,
             {n: e.xreplace(values) for n, e in self.scales.items()},
+            self.units,
         )
 
 
@@ -142,3 +145,12 @@ class Law:
     @property
     def output_names(self) -> tuple[str, ...]:
         return tuple(self.outputs)
+
+    def output(self, name: str, owner: str) -> sp.Expr:
+        """The output of that name; `DefinitionError` for a law that `owner` cannot be built on."""
+        if name not in self.outputs:
+            raise DefinitionError(
+                f"{owner} needs a law with the output '{name}'",
+                expected=f"another than '{self.name}', which has {', '.join(self.outputs)}",
+            )
+        return self.outputs[name]

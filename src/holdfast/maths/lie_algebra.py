@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-import mpmath
 import sympy as sp
 
-from holdfast.maths.numbers import Sampler, value_at
+from holdfast.maths.numbers import Bounded, Sampler, rank
 from holdfast.maths.pfaffian import Structure
 from holdfast.maths.trigonometry import plain
 
@@ -101,14 +100,14 @@ class _Span:
 
     def __init__(self, sampler: Sampler, at: dict[sp.Symbol, sp.Expr]) -> None:
         self.sampler, self.at, self.rank = sampler, at, 0
-        self.rows: list[list[mpmath.mpf]] = []
+        self.rows: list[list[Bounded]] = []
 
     def take(self, vector: sp.Matrix) -> bool:
         """Whether the vector is a new direction; then it is kept."""
-        row = [value_at(e, self.at) for e in vector]
-        if not all(map(mpmath.isfinite, row)):
+        row = self.sampler.row(vector, self.at)
+        if row is None:
             return False
-        grown = self.sampler.rank([*self.rows, row])
+        grown = rank([*self.rows, row])
         if grown == self.rank:
             return False
         self.rows.append(row)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import sympy as sp
 
@@ -15,11 +15,14 @@ class Lookup:
     `value` and `slopes` (dV/d place, one for every axis) stand for them in expressions. `table`
     holds the numbers; what it is made of is known where laws are run. first_time: where the first
     axis is the time that is left, the least that is known; below it the function stands still.
+    timed: whether the first axis is that time. unit: of V.
     """
 
     places: tuple[sp.Expr, ...]
     table: object = field(repr=False, compare=False)
     first_time: float = 0.0
+    timed: bool = False
+    unit: str = "1"
 
     @property
     def value(self) -> sp.Symbol:
@@ -35,4 +38,4 @@ class Lookup:
 
     def subs(self, values: Mapping[sp.Symbol, sp.Expr]) -> Lookup:
         """The same function, looked up where the symbols have these values."""
-        return Lookup(tuple(e.xreplace(values) for e in self.places), self.table, self.first_time)
+        return replace(self, places=tuple(e.xreplace(values) for e in self.places))

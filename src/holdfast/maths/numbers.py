@@ -1,4 +1,10 @@
-"""Expressions at random points, to fifty digits: whether they vanish, the rank of matrices."""
+"""Expressions at random points, to fifty digits: whether they vanish, the rank of matrices.
+
+A number that comes out of terms that cancel is known to within the rounding of those terms, and
+counts as zero where it is below that. Every number here is evaluated together with the size of what
+cancels in it (`measured`), and nothing else decides what is zero: a vector is never rescaled before
+its zeros are told from its small entries.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +19,8 @@ from holdfast.errors import DefinitionError
 _DIGITS = 50
 _TRIALS, _WANTED = 60, 6
 _EXACT, _DECIMAL = 1e-35, 1e-13
-"""What counts as rounding, relative to the terms: of exact expressions at fifty digits, and of
-expressions in which someone wrote a decimal number."""
+"""What counts as rounding, relative to the terms that cancel: of exact expressions at fifty digits,
+and of expressions in which someone wrote a decimal number."""
 
 
 class Sampler:
@@ -62,15 +68,13 @@ class Sampler:
 
         False where it is a number at too few of them.
         """
-        terms = sp.Add.make_args(sp.sympify(expression))
-        free = set().union(*(t.free_symbols for t in terms))
+        free = sp.sympify(expression).free_symbols
         tested = 0
         for number in range(_TRIALS):
-            at = self.point(free, number)
-            values = [value_at(t, at) for t in terms]
-            if not all(map(mpmath.isfinite, values)):
+            value, size = measured(expression, self.point(free, number))
+            if not mpmath.isfinite(value):
                 continue
-            if not self._nothing(mpmath.fsum(values), max(map(abs, values))):
+            if abs(value) > self.rounding * size:
                 return False
             tested += 1
             if tested == _WANTED:
@@ -78,18 +82,81 @@ class Sampler:
         return False
 
     def nonzero(self, expression: sp.Expr, at: Mapping[sp.Symbol, sp.Expr]) -> bool:
-        """Whether the value there is a number and not zero, on the expression's own scale."""
-        value = value_at(expression, at)
-        points = (self.point(set(expression.free_symbols), number) for number in range(4))
-        sizes = [abs(v) for v in (value_at(expression, p) for p in points) if mpmath.isfinite(v)]
-        return bool(mpmath.isfinite(value)) and not self._nothing(value, max(sizes, default=1.0))
+        """Whether the value there is a number and not zero."""
+        value, size = measured(expression, at)
+        return bool(mpmath.isfinite(value)) and bool(abs(value) > self.rounding * size)
 
-    def rank(self, rows: Sequence[Sequence[mpmath.mpf]]) -> int:
-        """The rank of a matrix of numbers, whatever the scales of its rows and columns."""
-        return rank(rows, self.rounding)
+    def row(
+        self, expressions: Iterable[sp.Expr], at: Mapping[sp.Symbol, sp.Expr]
+    ) -> list[Bounded] | None:
+        """The values there, each with a bound of its error; None where one is no number."""
+        found = [measured(e, at) for e in expressions]
+        if not all(mpmath.isfinite(value) for value, _ in found):
+            return None
+        return [(value, self.rounding * size) for value, size in found]
 
-    def _nothing(self, value: mpmath.mpf, scale: mpmath.mpf) -> bool:
-        return bool(abs(value) <= max(self.rounding * scale, 1e-38))
+    def rank(self, rows: Iterable[Iterable[sp.Expr]], at: Mapping[sp.Symbol, sp.Expr]) -> int:
+        """The rank there of the rows that are numbers there, whatever their scales."""
+        found = [self.row(expressions, at) for expressions in rows]
+        return rank([row for row in found if row is not None])
+
+
+Bounded = tuple[mpmath.mpf, mpmath.mpf]
+"""A value and a bound of its error."""
+
+
+def measured(expression: sp.Expr, at: Mapping[sp.Symbol, sp.Expr]) -> Bounded:
+    """The value of an expression at a point, and the size of the terms that cancel in it.
+
+    The size is what the error of the value is, per unit of relative rounding of every operation:
+    |a| + |b| for a + b, however small the sum. Both are nan where the value is no real number.
+    """
+    known: dict[sp.Basic, Bounded] = {}
+    with mpmath.workdps(_DIGITS):
+        return _measured(sp.sympify(expression), at, known)
+
+
+_NONE = (mpmath.mpf("nan"), mpmath.mpf("nan"))
+
+
+def _measured(
+    e: sp.Basic, at: Mapping[sp.Symbol, sp.Expr], known: dict[sp.Basic, Bounded]
+) -> Bounded:
+    if e not in known:
+        parts = [_measured(a, at, known) for a in e.args]
+        if any(not mpmath.isfinite(value) for value, _ in parts):
+            known[e] = _NONE
+        elif isinstance(e, sp.Add):
+            known[e] = mpmath.fsum(v for v, _ in parts), mpmath.fsum(s for _, s in parts)
+        elif isinstance(e, sp.Mul):
+            known[e] = _product(parts)
+        else:
+            known[e] = _applied(e, parts, at)
+    return known[e]
+
+
+def _product(parts: Sequence[Bounded]) -> Bounded:
+    value, size = mpmath.mpf(1), mpmath.mpf(0)
+    for v, s in parts:
+        value, size = value * v, size * abs(v) + abs(value) * s
+    return value, size
+
+
+def _applied(e: sp.Basic, parts: Sequence[Bounded], at: Mapping[sp.Symbol, sp.Expr]) -> Bounded:
+    """Of a symbol, a number, or a function of arguments that are known."""
+    if not parts:
+        value = value_at(e, at)
+        return value, abs(value)
+    # the slopes are taken at the values of the arguments, which stand in for them
+    arguments = [sp.Dummy() for _ in parts]
+    f = e.func(*arguments)
+    here = {a: sp.Float(v, _DIGITS) for a, (v, _) in zip(arguments, parts, strict=True)}
+    value = value_at(e.func(*(here[a] for a in arguments)), {})
+    size = abs(value)
+    for argument, part, (_, s) in zip(arguments, e.args, parts, strict=True):
+        if s != 0 and not part.is_number:
+            size += abs(value_at(f.diff(argument), here)) * s
+    return value, size
 
 
 def value_at(expression: sp.Expr, at: Mapping[sp.Symbol, sp.Expr]) -> mpmath.mpf:
@@ -104,35 +171,50 @@ def value_at(expression: sp.Expr, at: Mapping[sp.Symbol, sp.Expr]) -> mpmath.mpf
         return +real._to_mpmath(mpmath.mp.prec)
 
 
-def rank(rows: Sequence[Sequence[mpmath.mpf]], rounding: float = _DECIMAL) -> int:
-    """The rank of a matrix of numbers, by elimination with complete pivoting.
+def rank(rows: Sequence[Sequence[Bounded]]) -> int:
+    """The rank of a matrix of numbers with bounds of their errors, by complete pivoting.
 
-    Rows and columns are brought to one scale first; entries below `rounding` of their row
-    count as zero.
+    A pivot counts where it is above its own error, which the elimination carries along. Rows and
+    columns are brought to one scale, errors and all, for the choice of the pivots alone.
     """
     with mpmath.workdps(_DIGITS):
-        matrix = [list(map(mpmath.mpf, row)) for row in rows]
+        matrix = [list(row) for row in rows]
         for _ in range(2):
-            matrix = [_scaled(row, rounding) for row in matrix]
-            columns = [_scaled(list(c), 0.0) for c in zip(*matrix, strict=True)]
+            matrix = [_scaled(row) for row in matrix]
+            columns = [_scaled(column) for column in zip(*matrix, strict=True)]
             matrix = [list(row) for row in zip(*columns, strict=True)]
-        found, least = 0, mpmath.sqrt(rounding)
+        found = 0
         while matrix and matrix[0]:
-            places = ((i, j) for i in range(len(matrix)) for j in range(len(matrix[0])))
-            i, j = max(places, key=lambda ij: abs(matrix[ij[0]][ij[1]]))
-            pivot = matrix[i][j]
-            if abs(pivot) <= least:
+            places = [(i, j) for i in range(len(matrix)) for j in range(len(matrix[0]))]
+            i, j = max(places, key=lambda ij: _known(matrix[ij[0]][ij[1]]))
+            if _known(matrix[i][j]) == 0:
                 break
             found += 1
             top = matrix.pop(i)
             matrix = [
-                [a - row[j] / pivot * b for a, b in zip(row, top, strict=True)] for row in matrix
+                [_reduced(a, row[j], top[j], b) for a, b in zip(row, top, strict=True)]
+                for row in matrix
             ]
+            for row in matrix:
+                del row[j]
         return found
 
 
-def _scaled(values: list[mpmath.mpf], rounding: float) -> list[mpmath.mpf]:
-    size = max(map(abs, values), default=mpmath.mpf(0))
+def _known(entry: Bounded) -> mpmath.mpf:
+    """The size of an entry, 0 where it is within its error."""
+    value, error = entry
+    return abs(value) if abs(value) > error else mpmath.mpf(0)
+
+
+def _reduced(a: Bounded, beside: Bounded, pivot: Bounded, above: Bounded) -> Bounded:
+    """a - (beside / pivot) above, and the bound of its error."""
+    share, value = beside[0] / pivot[0], above[0] / pivot[0]
+    error = a[1] + abs(share) * above[1] + abs(value) * (beside[1] + abs(share) * pivot[1])
+    return a[0] - share * above[0], error
+
+
+def _scaled(entries: Sequence[Bounded]) -> list[Bounded]:
+    size = max(map(_known, entries), default=mpmath.mpf(0))
     if size <= 0:
-        return values
-    return [v / size if abs(v) > rounding * size else mpmath.mpf(0) for v in values]
+        return list(entries)
+    return [(value / size, error / size) for value, error in entries]

@@ -1,18 +1,22 @@
 """A set of states given by named inequalities c_j(q) <= 0.
 
 The one sign convention of holdfast: c <= 0 is safe, as in chapters 5 and 6. Chapter 7 of
-the thesis calls l > 0 safe; l = -max_j c_j is formed here (`Region.margin`) and nowhere else.
+the thesis calls l > 0 safe; l = -max_j c_j / s_j is formed here (`Region.margin`) and nowhere else,
+with s_j the scale of the inequality: the amount of it, in its unit, that counts as 1. Scales change
+no set. They say how metres weigh against radians when a depth inside is measured.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
-from holdfast.maths.functions import greatest
+from holdfast.maths.functions import greatest, magnitude
 from holdfast.maths.quantity import (
     TIME,
     Parameter,
@@ -27,15 +31,27 @@ from holdfast.maths.scene import Shape
 @checked
 @dataclass(frozen=True)
 class Inequality:
-    """expression <= 0, in the unit given."""
+    """expression <= 0, in the unit given. scale: how much of it, in that unit, counts as 1."""
 
     name: str
     expression: sp.Expr
     unit: str = "1"
     description: str = ""
+    scale: float | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "expression", sp.sympify(self.expression))
+        expression = sp.sympify(self.expression).replace(sp.Abs, magnitude)  # its kink is known
+        object.__setattr__(self, "expression", expression)
+        if self.scale is not None and not 0 < self.scale < math.inf:
+            raise DefinitionError(
+                f"inequality '{self.name}' has the scale {self.scale:g}",
+                expected="a finite number above 0",
+            )
+
+    @property
+    def scaled(self) -> sp.Expr:
+        """c_j / s_j, or c_j itself where no scale is given."""
+        return self.expression if self.scale is None else self.expression / sp.Float(self.scale)
 
 
 @checked
@@ -85,15 +101,42 @@ class Region:
             )
         return self.inequalities[self.inequality_names.index(name)]
 
+    @checked
+    def with_scales(self, scales: Mapping[str, float]) -> Region:
+        """The same set with these scales; `DefinitionError` for a name that is no inequality."""
+        for name in scales:
+            self.inequality(name)
+        return replace(
+            self,
+            inequalities=tuple(
+                replace(c, scale=float(scales[c.name])) if c.name in scales else c
+                for c in self.inequalities
+            ),
+        )
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The different units of the inequalities that have no scale."""
+        return tuple(dict.fromkeys(c.unit for c in self.inequalities if c.scale is None))
+
+    @property
+    def margin_unit(self) -> str:
+        """The unit of `margin`: that of all inequalities, or "1" where they have scales.
+
+        Where units differ and nothing has a scale, 1 m counts as much as 1 rad; the unit is "1".
+        """
+        scaled = any(c.scale is not None for c in self.inequalities)
+        return "1" if scaled or len(self.units) > 1 else self.units[0]
+
     @property
     def worst(self) -> sp.Expr:
-        """max_j c_j(q): the region is where this is <= 0."""
-        value = self.inequalities[0].expression
+        """max_j c_j(q) / s_j: the region is where this is <= 0."""
+        value = self.inequalities[0].scaled
         for c in self.inequalities[1:]:
-            value = greatest(value, c.expression)
+            value = greatest(value, c.scaled)
         return value
 
     @property
     def margin(self) -> sp.Expr:
-        """l = -max_j c_j(q), the convention of chapter 7: safe where positive."""
+        """l = -max_j c_j(q) / s_j, the convention of chapter 7: safe where positive."""
         return -self.worst

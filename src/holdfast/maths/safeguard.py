@@ -42,6 +42,7 @@ def safeguard(
     law: L,
     region: Region,
     *,
+    constraints: Region | None = None,
     gains: tuple[float, float] = (1.0, 4.0),
     margins: Mapping[str, float] | None = None,
     scales: Mapping[str, float] | None = None,
@@ -49,12 +50,13 @@ def safeguard(
 ) -> L:
     """`law`, with its inputs changed no more than the viability of `region` asks.
 
-    gains: (k1, k2) in 1/s, above 0. margins: name of an inequality -> m_j >= 0 in its own unit,
-    how far inside the boundary to stay. scales: input -> the change of it that counts as much as
-    a change of another by its own scale; half the width of its bounds where they are finite,
-    else 1. measured: the law is told the disturbances; else it takes them for what it believes
-    in, or zero. Where no input is admissible, all conditions are relaxed by the same least
-    amount, and the run counts how often.
+    constraints: inequalities that are kept beside those of the region. A run that violates one of
+    them has not left the region. gains: (k1, k2) in 1/s, above 0. margins: name of an inequality
+    -> m_j >= 0 in its own unit, how far inside the boundary to stay. scales: input -> the change of
+    it that counts as much as a change of another by its own scale; half the width of its bounds
+    where they are finite, else 1. measured: the law is told the disturbances; else it takes them
+    for what it believes in, or zero. Where no input is admissible, all conditions are relaxed by
+    the same least amount, and the run counts how often.
 
     A `Switching` is treated mode by mode. Raises `DefinitionError` for a law that does not give
     the system's inputs, a condition of relative degree above 2, inputs bounded by a ball or by
@@ -69,6 +71,7 @@ def safeguard(
         raise DefinitionError(
             f"measured of the safeguard is {measured!r}", expected="true or false"
         )
+    region = region if constraints is None else _joined(region, constraints)
     given = _table("margins", margins)
     for name, value in given.items():
         if name not in region.inequality_names:
@@ -92,7 +95,10 @@ def safeguard(
         ),
     )
     bounds = input_rows(system)
-    conditions = [_condition(c, c.name in given) for c in viability_conditions(system, region)]
+    kept = viability_conditions(system, region)
+    conditions = [_condition(c, c.name in given) for c in kept]
+    own = {c.name: c.unit for c in region.inequalities}
+    units = tuple(over_time(own[c.name], c.relative_degree) for c in kept)
     chosen = input_scales(system, _table("scales", scales))
 
     def guarded(law: Law) -> Law:
@@ -116,6 +122,7 @@ def safeguard(
                 offsets=tuple(b for _, b in rows),
                 hard=len(bounds),
                 scales=chosen,
+                units=units,
             ),
         )
 
@@ -125,12 +132,27 @@ def safeguard(
     return cast(L, guarded(law))
 
 
+def _joined(region: Region, more: Region) -> Region:
+    """The inequalities of both regions."""
+    return replace(
+        region,
+        reads=tuple({q.name: q for q in (*region.reads, *more.reads)}.values()),
+        inequalities=(*region.inequalities, *more.inequalities),
+        parameters=merge_parameters(region.parameters, more.parameters),
+    )
+
+
 def _condition(c: ViabilityCondition, kept_away: bool) -> Row:
     k1, k2 = symbol("kappa1"), symbol("kappa2")
     depth = c.value + (symbol(f"margin_{c.name}") if kept_away else 0)
     if c.relative_degree == 1:
         return c.effect, -(c.drift + k1 * depth)
     return c.effect, -(c.drift + (k1 + k2) * c.rate + k1 * k2 * depth)
+
+
+def over_time(unit: str, order: int) -> str:
+    """The unit of a rate of change of that order."""
+    return f"{unit}/s" if order == 1 else f"{unit}/s^{order}"
 
 
 def check_fit(system: System, law: Law) -> None:

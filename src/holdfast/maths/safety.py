@@ -11,7 +11,7 @@ so that it is left alone well inside, and taken over the more the nearer it come
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar, cast
 
@@ -23,17 +23,27 @@ from holdfast.maths.hamiltonian import Hamiltonian, hamiltonian
 from holdfast.maths.law import Law, Safeguard
 from holdfast.maths.lookup import Lookup
 from holdfast.maths.quantity import Parameter, merge_parameters, symbol
-from holdfast.maths.safeguard import check_fit, input_rows, input_scales
+from holdfast.maths.safeguard import check_fit, input_rows, input_scales, over_time
 from holdfast.maths.switching import Switching
 from holdfast.maths.system import System
 
 L = TypeVar("L", bound=Law | Switching)
 
 
+ADVERSARY_AIM = symbol("adversary_aim")
+"""A parameter of `against_the_worst`: 0 lowers the value, 1 lowers a margin."""
+
+
 def _at_slopes(
     system: System, lookup: Lookup, h: Hamiltonian, table: Mapping[str, sp.Expr]
 ) -> dict[str, sp.Expr]:
-    costates = dict(zip(h.costates, lookup.slopes[-len(system.states) :], strict=True))
+    return _at_costates(h, table, lookup.slopes[-len(system.states) :])
+
+
+def _at_costates(
+    h: Hamiltonian, table: Mapping[str, sp.Expr], slopes: Sequence[sp.Expr]
+) -> dict[str, sp.Expr]:
+    costates = dict(zip(h.costates, slopes, strict=True))
     return {name: e.xreplace(costates) for name, e in table.items()}
 
 
@@ -113,6 +123,7 @@ def keep_value(
                 offsets=tuple(b for _, b in rows),
                 hard=len(bounds),
                 scales=chosen,
+                units=(over_time(lookup.unit, 1),),
             ),
         )
 
@@ -122,13 +133,41 @@ def keep_value(
     return cast(L, kept(law))
 
 
-def against_the_worst(system: System, law: L, lookup: Lookup) -> tuple[System, L]:
+def _difference(function: sp.Expr, state: sp.Symbol, step: float) -> sp.Expr:
+    """The central difference over one step, which exists where the function has a kink too."""
+    half = sp.Float(step / 2)
+    above, below = (function.xreplace({state: state + s * half}) for s in (1, -1))
+    return (above - below) / sp.Float(step)
+
+
+def against_the_worst(
+    system: System,
+    law: L,
+    lookup: Lookup,
+    margin: sp.Expr | None = None,
+    steps: Sequence[float] = (),
+    parameters: tuple[Parameter, ...] = (),
+) -> tuple[System, L]:
     """The system and the law with the worst disturbance, chosen at every sample as the inputs are.
 
-    The disturbances become inputs; what bounds there are, the law has been saturated by.
+    The disturbances become inputs; what bounds there are, the law has been saturated by. They lower
+    the value along its gradient, or where the parameter `adversary_aim` is 1 the `margin`, an
+    expression of the states and `parameters`, along its differences over `steps`.
     """
     h = hamiltonian(system)
-    worst = _at_slopes(system, lookup, h, h.disturbances)
+    slopes: Sequence[sp.Expr] = lookup.slopes[-len(system.states) :]
+    if margin is not None:
+        aimed = [
+            _difference(margin, q.symbol, step)
+            for q, step in zip(system.states, steps, strict=True)
+        ]
+        slopes = [
+            select(ADVERSARY_AIM - sp.Rational(1, 2), a, b)
+            for a, b in zip(aimed, slopes, strict=True)
+        ]
+        aim = Parameter(ADVERSARY_AIM.name, "1", "what the disturbance lowers", value=0.0)
+        parameters = (*parameters, aim)
+    worst = _at_costates(h, h.disturbances, slopes)
     open_system = replace(
         system,
         inputs=(*system.inputs, *system.disturbances),
@@ -158,7 +197,7 @@ def against_the_worst(system: System, law: L, lookup: Lookup) -> tuple[System, L
             mode,
             reads=tuple(q for q in reads.values() if q not in system.disturbances),
             outputs={**outputs, **worst},
-            parameters=merge_parameters(mode.parameters, system.parameters),
+            parameters=merge_parameters(mode.parameters, system.parameters, parameters),
             lookup=lookup,
             safeguard=guard,
         )

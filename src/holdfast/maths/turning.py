@@ -76,8 +76,10 @@ def turning_radii(
         sqrt(rd^2 + RF^2) <= RL,   RL - s + sqrt(RL^2 - rd^2) w / (2 rd) <= w_next
 
     RF is `critical_radius`; the second keeps the leader in the next corridor, `next_width` wide.
-    The thesis has the other sign before s, and RF for sqrt(RL^2 - rd^2): so it is with
-    `as_printed`. Raises `DefinitionError` where there is no circle at all.
+    The centre of the leader's circle is at x = -s + RF w / (2 rd). The thesis adds that last term
+    to the bound instead of subtracting it (RL <= w_next + s + RF w / (2 rd)), and takes the least
+    RF for sqrt(RL^2 - rd^2): so it is with `as_printed`. Raises `DefinitionError` where there is
+    no circle at all.
     """
     if not 0 < next_width < math.inf:
         raise DefinitionError(f"next_width is {next_width!r}", expected="above 0")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import sympy as sp
@@ -11,6 +12,9 @@ import sympy as sp
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.quantity import Parameter, frozen, symbol
+
+MOST_VERTICES = 1024
+"""Of a box of draws: ten of them, from every start."""
 
 
 @checked
@@ -22,20 +26,24 @@ class Varied:
     parameter becomes one. values: parameter -> expression of the draws, of values before it and
     of other parameters; law and plant both get it. plant: the same for the simulated vehicle
     alone, whose law keeps the nominal value. units: of the new names, "1" where not given.
+    vertices: the draws that are not drawn at random but take their lowest and their highest value
+    in every combination, from every start: run i is start i // n at the vertex i mod n of n = 2^k.
+    A rate over random draws is an average over their box; the vertices are its corners.
 
     A current of unknown direction: draws = {"direction": (-pi, pi)}, and the disturbance
     Vx = 0.2 cos(direction). A law that is told the current: values = {"current_x": ...}.
 
     What a catalogue function checks when it is called (r1 >= r0) is not checked again.
 
-    Raises `DefinitionError` for a range that is none, a parameter that is varied twice, or a
-    value that uses one after it.
+    Raises `DefinitionError` for a range that is none, a parameter that is varied twice, a
+    value that uses one after it, or vertices of what is not drawn or of more than ten draws.
     """
 
     draws: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     values: Mapping[str, sp.Expr] = field(default_factory=dict)
     plant: Mapping[str, sp.Expr] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
+    vertices: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         for name, given in self.draws.items():
@@ -52,6 +60,7 @@ class Varied:
                     expected="two finite numbers, lowest first",
                     key=f"varied.draws.{name}",
                 )
+        self._check_vertices()
         twice = set(self.draws) & set(self.values)
         if twice:
             raise DefinitionError(f"'{min(twice)}' is both drawn and given a value")
@@ -65,6 +74,35 @@ class Varied:
                 raise DefinitionError(
                     f"the value of '{name}' uses '{min(map(str, ahead))}', which comes after it"
                 )
+
+    def _check_vertices(self) -> None:
+        chosen = self.vertices
+        if isinstance(chosen, str) or len(set(chosen)) < len(chosen):
+            raise DefinitionError(
+                f"vertices are {chosen!r}",
+                expected="names of draws, each once",
+                key="varied.vertices",
+            )
+        for name in chosen:
+            if name not in self.draws:
+                raise DefinitionError(
+                    f"vertices of '{name}', which is not drawn",
+                    remedy=suggestion(name, self.draws),
+                    key="varied.vertices",
+                )
+        if 2 ** len(chosen) > MOST_VERTICES:
+            raise DefinitionError(
+                f"{len(chosen)} draws have {2 ** len(chosen):,} vertices, tried from every start",
+                expected=f"at most {MOST_VERTICES:,}",
+                remedy="name the draws that matter, and let the others be drawn at random",
+                key="varied.vertices",
+            )
+        object.__setattr__(self, "vertices", tuple(chosen))
+
+    @property
+    def corners(self) -> tuple[tuple[float, ...], ...]:
+        """The values of `vertices` at every vertex, the last name varied first; one () if none."""
+        return tuple(itertools.product(*(self.draws[name] for name in self.vertices)))
 
     def __bool__(self) -> bool:
         return bool(self.draws or self.values or self.plant)

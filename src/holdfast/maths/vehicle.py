@@ -11,6 +11,7 @@ from pathlib import Path
 from holdfast.errors import HoldfastError, ScenarioError, suggestion
 from holdfast.maths.quantity import Parameter
 from holdfast.maths.units import convert, to_si
+from holdfast.reading import read_small_text
 
 
 @dataclass(frozen=True)
@@ -44,9 +45,9 @@ def load_vehicle(
     if name.endswith(".toml"):
         shown = name
         try:
-            text = Path(name).read_text("utf-8-sig")
-        except (OSError, ValueError) as error:
-            raise ScenarioError(f"vehicle file {name} cannot be read ({error})") from None
+            text = read_small_text(name)
+        except ScenarioError as error:
+            raise ScenarioError(f"vehicle file {error.cause}", expected=error.expected) from None
     else:
         if name not in vehicle_names():
             raise ScenarioError(

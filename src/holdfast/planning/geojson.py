@@ -6,8 +6,12 @@ import json
 from pathlib import Path
 from typing import Any
 
-from holdfast.errors import DefinitionError
+from holdfast.errors import DefinitionError, ScenarioError
 from holdfast.planning.environment import Point
+from holdfast.reading import read_small_text
+
+MOST = 100 * 2**20
+"""Bytes of a map."""
 
 
 def geojson_cells(path: str | Path) -> dict[str, list[Point]]:
@@ -17,9 +21,9 @@ def geojson_cells(path: str | Path) -> dict[str, list[Point]]:
     none, or has anything but polygons without holes.
     """
     try:
-        data = json.loads(Path(path).read_text("utf-8-sig"))
-    except OSError as error:
-        raise DefinitionError(f"{path} cannot be read ({error.strerror})") from None
+        data = json.loads(read_small_text(path, MOST))
+    except ScenarioError as error:
+        raise DefinitionError(error.cause, expected=error.expected) from None
     except (ValueError, RecursionError):
         raise DefinitionError(f"{path} is no JSON file") from None
     features = data.get("features") if isinstance(data, dict) else None

@@ -87,7 +87,12 @@ def _columns(cells: Iterable[str], wide: Sequence[int]) -> str:
 
 def _remarks(t: Trial) -> list[str]:
     counts = {"chattered": t.chattered, "diverged": t.diverged, "relaxed": t.relaxed}
-    return [f"{count} {what}" for what, count in counts.items() if count]
+    told = [f"{count} {what}" for what, count in counts.items() if count]
+    if t.vertices:
+        least = min(t.vertices, key=lambda v: v["viable"])
+        share = f"{least['viable']} of {least['runs']} or more"
+        told.append(f"{share} viable at each of {len(t.vertices)} vertices")
+    return told
 
 
 def _rate(rate: Rate | None) -> str:

@@ -17,11 +17,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon
 
-from holdfast.analysis.files import atomic_file
 from holdfast.analysis.result import Result
 from holdfast.maths.scene import Footprint
 from holdfast.presentation import style
 from holdfast.presentation.shapes import draw_fixed, evaluated, numbers, seen_from
+from holdfast.writing import atomic_file
 
 Array = npt.NDArray[np.float64]
 
@@ -166,12 +166,26 @@ def write_animation(
         if progress is not None:
             tell = lambda n, total: progress((n + 1) / total)  # noqa: E731
         with atomic_file(path) as partial:
-            named = partial.with_suffix(".gif")  # the writer goes by the ending
-            writer = PillowWriter(fps=FRAMES_PER_SECOND)
-            animation.save(str(named), writer=writer, dpi=100, progress_callback=tell)
-            named.replace(partial)
+            writer = _GifWriter(fps=FRAMES_PER_SECOND)
+            animation.save(str(partial), writer=writer, dpi=100, progress_callback=tell)
         plt.close(figure)
     return path
+
+
+class _GifWriter(PillowWriter):
+    """Whatever the name of the file ends in."""
+
+    def finish(self) -> None:
+        first, *others = self._frames  # type: ignore[attr-defined]
+        duration = int(1000 / self.fps)
+        first.save(
+            self.outfile,
+            format="gif",
+            save_all=True,
+            append_images=others,
+            duration=duration,
+            loop=0,
+        )
 
 
 def _robots(result: Result, run: int) -> dict[str, Array]:

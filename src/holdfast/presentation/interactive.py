@@ -22,8 +22,6 @@ Array = npt.NDArray[np.float64]
 MOST_RUNS, MOST_PLACES = 40, 150
 """Paths, and places of each, that are drawn: the rest would make the page heavy."""
 
-KEPT, LOST = style.BLUE, style.RED
-
 
 def set_data(value: ValueFunction) -> dict[str, Any] | None:
     """The body of a set of three states, at its last time, as a Plotly figure; None for others."""
@@ -64,7 +62,7 @@ def set_data(value: ValueFunction) -> dict[str, Any] | None:
 def paths_data(result: Result, plane: Sequence[str] | None) -> dict[str, Any] | None:
     """The paths of runs in the plane, time at every place; None without a plane.
 
-    Runs that left the region, or had no end, are red; of many runs the first are drawn.
+    The colour is that of the outcome; of many runs the first are drawn.
     """
     data = result.dataset
     names = [str(n) for n in data["state_name"].values]
@@ -74,7 +72,6 @@ def paths_data(result: Result, plane: Sequence[str] | None) -> dict[str, Any] | 
     units = [str(data["state_unit"].values[c]) for c in columns]
     time = data["time"].values
     places = np.unique(np.linspace(0, len(time) - 1, MOST_PLACES).astype(int))
-    lost = (Outcome.LEFT, Outcome.DIVERGED, Outcome.CHATTERED)
     traces: list[Any] = []
     shown: set[str] = set()
     for run in range(min(data.sizes["run"], MOST_RUNS)):
@@ -89,7 +86,7 @@ def paths_data(result: Result, plane: Sequence[str] | None) -> dict[str, Any] | 
                 customdata=_short(time[places][kept]),
                 hovertemplate=f"run {run}, %{{customdata}} s<br>(%{{x}}, %{{y}})<extra></extra>",
                 mode="lines",
-                line={"width": 1.3, "color": LOST if outcome in lost else KEPT},
+                line={"width": 1.3, "color": style.OUTCOMES[outcome]},
                 name=label,
                 legendgroup=label,
                 showlegend=label not in shown,

@@ -27,13 +27,6 @@ from holdfast.presentation.shapes import draw_fixed, evaluated, numbers, seen_fr
 
 Array = npt.NDArray[np.float64]
 
-_OUTCOME_COLOURS = {
-    Outcome.REACHED: style.GREEN,
-    Outcome.STAYED: style.SKY,
-    Outcome.LEFT: style.RED,
-    Outcome.DIVERGED: style.BLACK,
-    Outcome.CHATTERED: style.PURPLE,
-}
 _MAX_POINTS = 160
 _MAX_BOLD = 3000
 _SHOWN_RUNS = 300
@@ -141,7 +134,7 @@ def _draw_ensemble(axis: Axes, data: Any, xy: Array) -> None:
         if not count:
             continue
         members = members[members < shown]
-        colour = _OUTCOME_COLOURS[outcome]
+        colour = style.OUTCOMES[outcome]
         many = outcome in (Outcome.REACHED, Outcome.STAYED)
         axis.add_collection(
             LineCollection(

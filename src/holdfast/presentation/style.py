@@ -15,7 +15,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from holdfast.analysis.files import atomic_file
+from holdfast.execution.closed_loop import Outcome
+from holdfast.writing import atomic_file
 
 # Okabe-Ito, told apart by readers who do not see all colours
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK, GREY = (
@@ -30,6 +31,14 @@ BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK, GREY = (
 )
 LINES = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY, BLACK)
 MODES = (GREEN, RED, BLUE, ORANGE, PURPLE, SKY)
+
+OUTCOMES: dict[Outcome, str] = dict(
+    zip(Outcome, (SKY, GREEN, RED, BLACK, PURPLE, ORANGE, BLUE), strict=False)
+)
+"""The colour of every outcome, in every figure: stayed, reached goal, left, diverged, chattered."""
+
+OVERRULED, INFEASIBLE = ORANGE, BLACK
+"""What marks the samples at which a safeguard overruled its law, or found no admissible input."""
 
 WIDTH = 7.2
 """Inches: the text width of a page."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import xarray as xr
 
 from holdfast.analysis.result import Result
+
+SHOWN_VERTICES = 16
 
 
 def summary_text(result: Result, files: Sequence[Path] = ()) -> str:
@@ -23,6 +26,8 @@ def summary_text(result: Result, files: Sequence[Path] = ()) -> str:
         lines.append(f"  reached goal   {_share(summary['outcomes']['reached goal'], runs)}")
     if summary["outcomes"]["chattered"]:
         lines.append(f"  chattered      {_share(summary['outcomes']['chattered'], runs)}")
+    if summary["outcomes"]["left grid"]:
+        lines.append(f"  left the grid  {_share(summary['outcomes']['left grid'], runs)}")
     if summary["outcomes"]["diverged"]:
         lines.append(f"  diverged       {_share(summary['outcomes']['diverged'], runs)}")
     since = summary["in_goal_since"]
@@ -36,16 +41,8 @@ def summary_text(result: Result, files: Sequence[Path] = ()) -> str:
         if (shortest := switching["shortest_dwell"]) is not None:
             lines.append(f"  shortest dwell {shortest:.3g} s")
     if guard := summary["safeguard"]:
-        relaxed = guard["runs_relaxed"]
-        lines.append(
-            "  safeguard      "
-            + (
-                f"no admissible input at {guard['samples_relaxed']} samples of {relaxed} "
-                f"run{'s' if relaxed != 1 else ''}: relaxed by up to {guard['largest_slack']:.3g}"
-                if relaxed
-                else "an admissible input at every sample"
-            )
-        )
+        lines += _safeguard(data, guard)
+    lines += _vertices(summary["vertices"], bool(constraints), bool(data.attrs.get("goal")))
     if constraints:
         units = _units(data, "constraint")
         exits = [int((data["exit_constraint"].values == j).sum()) for j in range(len(constraints))]
@@ -75,6 +72,41 @@ def summary_text(result: Result, files: Sequence[Path] = ()) -> str:
         folder = files[0].parent
         lines.append(f"  files in {folder}: " + ", ".join(f.name for f in files))
     return "\n".join(lines)
+
+
+def _safeguard(data: xr.Dataset, guard: dict[str, float]) -> list[str]:
+    """At how many samples of how many runs it overruled the law, or found no admissible input."""
+
+    def counted(what: str) -> str:
+        runs = int(guard[f"runs_{what}"])
+        return f"{int(guard[f'samples_{what}'])} samples of {runs} run{'s' if runs != 1 else ''}"
+
+    answers = ["an admissible input at every sample"]
+    if guard["runs_relaxed"]:
+        units = str(data["slack"].attrs["units"]) if "slack" in data else ""
+        by = f"{guard['largest_slack']:.3g}" + (f" {units}" if units and "," not in units else "")
+        answers = [f"no admissible input at {counted('relaxed')}: relaxed by up to {by}"]
+    if "runs_overruled" in guard:
+        answers.insert(0, f"overruled the law at {counted('overruled')}")
+    return [f"  {'safeguard' if k == 0 else '':<15}{text}" for k, text in enumerate(answers)]
+
+
+def _vertices(found: Sequence[Mapping[str, Any]], constrained: bool, to_goal: bool) -> list[str]:
+    """A line for each vertex, those that keep or bring home the fewest runs first."""
+    if not found:
+        return []
+    worst_first = sorted(found, key=lambda v: (v["viable"], v["reached"]))
+    lines = ["", f"  of {found[0]['runs']} starts at each of {len(found)} vertices"]
+    for vertex in worst_first[:SHOWN_VERTICES]:
+        at = ", ".join(f"{n} {v:.4g}" for n, v in vertex["at"].items())
+        counts = [f"viable {vertex['viable']}"] if constrained else []
+        counts += [f"reached goal {vertex['reached']}"] if to_goal else []
+        if vertex["samples_relaxed"]:
+            counts.append(f"no admissible input at {vertex['samples_relaxed']} samples")
+        lines.append(f"    {at:<32} " + ", ".join(counts))
+    if len(found) > SHOWN_VERTICES:
+        lines.append(f"    no worse at the {len(found) - SHOWN_VERTICES} others (summary.json)")
+    return lines
 
 
 def _share(count: int, total: int) -> str:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from holdfast.analysis.promise import Promise, Trials
 from holdfast.analysis.value_function import ValueFunction
+from holdfast.analysis.verdict import Promise, Trials
 
 
 def value_text(
@@ -15,10 +16,13 @@ def value_text(
     promise: Promise | None = None,
     begun: ValueFunction | None = None,
     files: Sequence[Path] = (),
+    *,
+    promised: bool = False,
 ) -> str:
     """The set, how it was found, what it is worth, what the closed loops did, the files.
 
     begun: the value function that the march began with, for the share that is left of it.
+    promised: whether a promise was asked for.
     """
     said = value.dataset.attrs
     axes = value.grid.axes
@@ -54,6 +58,11 @@ def value_text(
     )
     if promise is not None:
         lines += ["", *_promise(promise)]
+    elif promised and said["empty"]:
+        lines += [
+            "",
+            "  promise        none: the set is empty, and there is no state to start from",
+        ]
     if files:
         folder = files[0].parent
         lines += ["", f"  files in {folder}: " + ", ".join(f.name for f in files)]
@@ -77,11 +86,12 @@ def _converged(value: ValueFunction) -> str:
     said = value.dataset.attrs
     if said["empty"]:
         return f"yes: nothing is left after {said['reached_s']:.3g} s"
+    left = f"{said['residual_cells']:.2g} cells left to move" if "residual_cells" in said else ""
     if said["converged"]:
-        return f"yes: after {said['reached_s']:.3g} s nothing changes any more"
+        return f"yes: after {said['reached_s']:.3g} s, {left or 'nothing changes any more'}"
     return (
-        f"no: {said['nodes_moving']:,} nodes still change at {said['horizon_s']:g} s, and the set "
-        "is one for that long only"
+        f"no: {left or 'some nodes still change'} at {said['horizon_s']:g} s, and the set is one "
+        "for that long only"
     )
 
 
@@ -98,6 +108,8 @@ def _worth(value: ValueFunction) -> list[tuple[str, str]]:
                 "coarser grid",
             )
         )
+    if "inner_cells" in said:
+        found.append(("inner", f"worn away by {said['inner_cells']} cells, its estimated error"))
     if "nodes_from_outside" in said:
         found.append(
             ("from outside", f"{said['nodes_from_outside']:,} nodes depend on what is there")
@@ -109,21 +121,32 @@ def _promise(promise: Promise) -> list[str]:
     lines = [
         f"  promise        {promise.law}, held for {1000 * promise.sample_time:g} ms, over "
         f"{promise.horizon:g} s, from random states",
-        f"    at least {promise.margin:.3g} {promise.unit} inside",
+        f"    at least {promise.depth} inside, as {100 * promise.share:.3g} % of the set are",
     ]
     lines += [f"      {_trials(t, promise)}" for t in promise.inside]
     if promise.outside is not None:
-        lines.append(f"    at least {promise.margin:.3g} {promise.unit} outside, in the region")
+        lines.append(f"    at least {promise.depth_outside} outside, in the region")
         lines.append(f"      {_trials(promise.outside, promise)}")
+    beaten = Counter((b.by, b.outcome) for b in promise.beaten)
+    lines += [
+        f"    {count} first beaten by {by}: {outcome}" for (by, outcome), count in beaten.items()
+    ]
+    if promise.confirmed:
+        lines.append("    confirmed: every start is kept against every disturbance tried")
+    else:
+        lines.append(f"    {promise.verdict}")
     return lines
 
 
 def _trials(trials: Trials, promise: Promise) -> str:
     low, high = trials.kept.interval
     text = (
-        f"against {trials.what + ':':<24} {trials.kept.count} of {trials.kept.total} "
+        f"against {trials.what + ':':<38} {trials.kept.count} of {trials.kept.total} "
         f"{promise.aim} ({low:.3f} to {high:.3f})"
     )
     if math.isfinite(trials.excursion):
-        text += f", worst constraint {trials.excursion:+.4f} {promise.unit}"
+        text += f", worst constraint {trials.excursion:+.4f}"
+        text += "" if promise.unit == "1" else f" {promise.unit}"
+    if trials.off_grid:
+        text += f", {trials.off_grid} left the grid"
     return text

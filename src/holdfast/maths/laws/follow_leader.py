@@ -146,6 +146,7 @@ def keep_footprint(
             tuple(-symbol("firmness") * c - symbol("leader_speed") for c in slack),
             hard=0,
             scales={"uF": sp.S.One, "wF": sp.S.One},
+            units=("m/s",) * len(sides),
         ),
         parameters=(
             Parameter("k1", "1/s", "rate of approach", value=k1, above=0.0),

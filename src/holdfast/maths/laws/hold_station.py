@@ -9,7 +9,7 @@ import sympy as sp
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.dipole import UNSEEN, dipole_like_field, field_angle
-from holdfast.maths.functions import angle, greatest, least, length, select, sgn, wrap
+from holdfast.maths.functions import angle, clip, greatest, least, length, select, sgn, wrap
 from holdfast.maths.law import GainCondition, Law
 from holdfast.maths.quantity import SAMPLE_TIME, TIME, Parameter, symbol
 from holdfast.maths.station_keeping import station_keeping_limits
@@ -18,6 +18,9 @@ from holdfast.maths.switching import Switching, Transition
 from holdfast.maths.system import System
 
 APPROACH, PUSH, TURN = "approach", "push", "turn"
+
+ALIGNED = math.acos(0.8)
+"""How far [rad] a heading may be off that of pushing for a vehicle that turns home at once."""
 
 
 @checked
@@ -29,11 +32,13 @@ def hold_station(
     current_y: float = 0.2,
     r0: float = 0.1,
     r1: float = 0.13,
+    r2: float | None = None,
     k1: float = 1.5,
     k2: float = 5.0,
     k3: float = 1.5,
     k4: float = 5.0,
     k5: float = 5.0,
+    k6: float = 4.0,
     lam: float = 3.0,
     speed_limit: float | None = None,
     turn_limit: float | None = None,
@@ -54,6 +59,17 @@ def hold_station(
     while pushing: that one goes back to approaching. The ball is left by about 0.03/k2 m
     in the current of the thesis, by up to five times that in others.
 
+    A vehicle with inertia is carried out of the ball while it turns into the current, and the
+    flow lines that lead back from there ask for a whole turn. With `r2` [m] the vehicle pushes on
+    until |r| > r2, slows down while it points the wrong way, and leans towards the line of the
+    current through the station:
+
+        push:     u = -k3 sgn(vx) |v| max(0, cos e),     r = -k4 e
+                  e = wrap(psi - phi_p - sgn(vx) clip(k6 d, +-0.9 acos(1/k3)))
+
+    with the distance d [m] from that line and its gain `k6` [1/m]. It then turns home only where
+    |d| <= r1, and straight from `approach` only with a heading within `ALIGNED` of phi_p.
+
     Both inputs stay within `speed_limit` [m/s] and `turn_limit` [rad/s], which are the system's
     where it has them, else must be given; while approaching, the vehicle goes slower where the
     field turns faster than 0.8 turn_limit. For the full marine vehicle u and r are velocities
@@ -61,11 +77,13 @@ def hold_station(
 
     `current_x`, `current_y` [m/s] are the current the law believes in; with `measured` it reads
     the true one at every instant instead, which may vary slowly. Raises `DefinitionError` for
-    r1 < r0, k3 <= 1 (the current would win) or a current that is believed to be zero.
+    r1 < r0, r2 < r1, k3 <= 1 (the current would win) or a current that is believed to be zero.
     """
     vehicle = surge_and_turn("hold_station", system, speed_limit, turn_limit)
     if not r1 >= r0:
         raise DefinitionError(f"r1 = {r1:g} is below r0 = {r0:g}", expected="r1 >= r0")
+    if r2 is not None and not r2 >= r1:
+        raise DefinitionError(f"r2 = {r2:g} is below r1 = {r1:g}", expected="r2 >= r1")
     _check_push(k3)
     if not isinstance(measured, bool):
         raise DefinitionError(f"measured of hold_station is {measured!r}", expected="true or false")
@@ -102,6 +120,13 @@ def hold_station(
         Parameter("lam", "1", "exponent lambda of the field", value=lam, above=1),
         *vehicle.limits,
     )
+    if r2 is not None:
+        parameters += (
+            Parameter("r2", "m", "radius beyond which pushing is given up", value=r2, above=0.0),
+            Parameter(
+                "k6", "1/m", "gain of the distance from the current's line", value=k6, above=0
+            ),
+        )
     conditions = _sampling("k2", "k4", "k5")
     if not measured:
         need = station_keeping_limits(1.0, lam, r0=r0).least_k1  # per m/s of current
@@ -125,18 +150,30 @@ def hold_station(
     outward = x * vx + y * vy  # r . v
     inside, outside = s["r0"] - rho, rho - s["r1"]
     inward = -outward - sp.Float(math.ulp(0.0))
+    off, push = psi - upstream, -k["k3"] * side * speed
+    turn_home, push_on = least(inside, greatest(inward, -TIME)), least(inside, outward)
+    pushed_out, lost = least(outside, inward), least(outside, outward)
+    if r2 is not None:
+        aside = y * sp.cos(upstream) - x * sp.sin(upstream)
+        most = sp.Rational(9, 10) * sp.acos(1 / k["k3"])
+        off = psi - upstream - side * clip(symbol("k6") * aside, -most, most)
+        push = push * greatest(sp.cos(off), sp.S.Zero)
+        aligned = sp.cos(psi - upstream) - math.cos(ALIGNED)
+        turn_home, push_on = least(turn_home, aligned), inside
+        pushed_out = least(pushed_out, s["r1"] - greatest(aside, -aside))
+        lost = rho - symbol("r2")
     return Switching(
         name="hold_station",
         modes={
             APPROACH: law(APPROACH, surge, -k["k2"] * wrap(psi - phi) + turn),
-            PUSH: law(PUSH, -k["k3"] * side * speed, -k["k4"] * wrap(psi - upstream)),
+            PUSH: law(PUSH, push, -k["k4"] * wrap(off)),
             TURN: law(TURN, sp.S.Zero, -k["k5"] * wrap(psi)),
         },
         transitions=(
-            Transition(APPROACH, TURN, least(inside, greatest(inward, -TIME))),
-            Transition(APPROACH, PUSH, least(inside, outward)),
-            Transition(PUSH, TURN, least(outside, inward)),
-            Transition(PUSH, APPROACH, least(outside, outward)),
+            Transition(APPROACH, TURN, turn_home),
+            Transition(APPROACH, PUSH, push_on),
+            Transition(PUSH, TURN, pushed_out),
+            Transition(PUSH, APPROACH, lost),
             Transition(TURN, APPROACH, least(outside, outward)),
         ),
         initial=APPROACH,

@@ -36,7 +36,7 @@ def _straight(
 ) -> Law:
     if not isinstance(as_printed, bool):
         raise DefinitionError(f"as_printed of {name} is {as_printed!r}", expected="true or false")
-    wanted = law.outputs["u"]
+    wanted = law.output("u", name)
     speed = wanted if as_printed else direction * (magnitude(wanted) + symbol("creep"))
     return Law(
         name=name,

@@ -1,0 +1,230 @@
+"""The folder of compiled code: only what this user wrote is executed, what is damaged is remade.
+
+Machine code is kept as pickles, which whoever writes them can make do anything. So a folder that
+others may write to is not used, nor a file that is not this user's, and every file begins with the
+digest of what follows, so that one that was cut is compiled again.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import pickle
+import shutil
+import stat
+import sys
+import tempfile
+import warnings
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numba
+import platformdirs
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.serialize import dumps
+
+from holdfast.errors import CacheWarning, OutputError
+from holdfast.writing import atomic_file, discarded_at_the_end
+
+ROOM = 20 * 2**20
+"""Bytes: compiled code of a few closed loops."""
+
+CACHE_VARIABLE = "HOLDFAST_CACHE_DIR"
+"""Environment variable that moves the cache."""
+
+PRIVATE = 0o600
+_VERSIONS = f"{numba.__version__} {sys.version}"
+
+
+def cache_directory() -> Path:
+    """Where generated source and compiled code are kept; created when missing, for this user alone.
+
+    A user cache that cannot be written, or that others may write to, is replaced by a temporary
+    folder for this process; one that was asked for is then an `OutputError`.
+    """
+    chosen = os.environ.get(CACHE_VARIABLE)
+    path = Path(chosen) if chosen else Path(platformdirs.user_cache_dir("holdfast"))
+    try:
+        path = path.resolve()
+        _make_private(path)
+        with tempfile.TemporaryFile(dir=path):
+            pass
+        if shutil.disk_usage(path).free < ROOM:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        reason = distrust(path)
+    except (OSError, RuntimeError) as error:  # the latter for a link to itself
+        if chosen:
+            raise OutputError(
+                f"the cache folder {path} cannot be written "
+                f"({getattr(error, 'strerror', None) or error})",
+                remedy=f"set {CACHE_VARIABLE} to a folder that can",
+            ) from None
+        return _temporary()
+    if not reason:
+        return path
+    cause = f"the cache folder {path} is not used: {reason}, and what is in it is executed"
+    remedy = f"take the right away (chmod go-w), or set {CACHE_VARIABLE} to a folder of your own"
+    if chosen:
+        raise OutputError(cause, remedy=remedy)
+    _warn_once(f"{cause}; every run compiles anew; {remedy}")
+    return _temporary()
+
+
+def distrust(folder: Path) -> str:
+    """Why others could change what is in the folder; "" where they cannot."""
+    if not hasattr(os, "geteuid"):
+        return ""
+    me = os.geteuid()
+    for place in (folder, *folder.parents):
+        found = place.stat()
+        if found.st_uid != me and (place == folder or found.st_uid != 0):
+            return f"{place} belongs to another user"
+        shared = stat.S_ISVTX & found.st_mode and place != folder  # as /tmp: each has his own there
+        if _others_write(found) and not shared:
+            return f"others may write to {place}"
+    return ""
+
+
+def _others_write(found: os.stat_result) -> bool:
+    if found.st_mode & stat.S_IWOTH:
+        return True
+    return bool(found.st_mode & stat.S_IWGRP) and not _own_group(found.st_gid)
+
+
+@cache
+def _own_group(number: int) -> bool:
+    """Whether nobody but this user, or the administrator, is in the group."""
+    import grp
+    import pwd
+
+    try:
+        me, group = pwd.getpwuid(os.geteuid()), grp.getgrgid(number)
+    except KeyError:
+        return False
+    alone = set(group.gr_mem) <= {me.pw_name, "root"}
+    return alone and number == me.pw_gid and group.gr_name in (me.pw_name, "root")
+
+
+def _make_private(path: Path) -> None:
+    for place in reversed((path, *path.parents)):
+        if not place.exists():
+            place.mkdir(mode=0o700, exist_ok=True)
+    path.mkdir(exist_ok=True)  # says so where it is no folder
+
+
+@cache
+def _temporary() -> Path:
+    return discarded_at_the_end(Path(tempfile.mkdtemp(prefix="holdfast-")))
+
+
+@cache
+def _warn_once(message: str) -> None:
+    warnings.warn(message, CacheWarning, stacklevel=2)
+
+
+def keep_source(path: Path, text: str) -> None:
+    """The file with this text, for who reads a traceback: it is the text that is executed."""
+    try:
+        if path.read_text("utf-8") == text:
+            return
+    except (OSError, ValueError):
+        pass  # not there, or no text any more
+    with atomic_file(path, PRIVATE) as partial:
+        partial.write_text(text, "utf-8")
+
+
+def kept(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function of Numba, with its machine code in this cache."""
+    function._cache = _Cache(function.py_func)  # type: ignore[attr-defined]
+    return function
+
+
+class _Place:
+    """What Numba asks of the place of a cache."""
+
+    def __init__(self, source: str) -> None:
+        self._py_file = source
+
+    def ensure_cache_path(self) -> None:
+        """It is there."""
+
+
+class _Impl(CompileResultCacheImpl):
+    def __init__(self, function: Any) -> None:
+        self._lineno = function.__code__.co_firstlineno
+        self._locator = _Place(function.__code__.co_filename)
+        self._filename_base = f"{function.__module__}.{function.__qualname__}-{self._lineno}"
+
+
+class _Cache(FunctionCache):
+    """As Numba's, but a file for every signature, checked before it is read."""
+
+    _impl_class = _Impl
+
+    def __init__(self, function: Any) -> None:
+        self._name = repr(function)
+        self._py_func = function
+        self._impl = _Impl(function)
+        stamp = _stamp(function.__code__.co_filename)
+        self._cache_file: Any = _Files(self._impl.filename_base, stamp)
+        self._enabled = True
+
+    @property
+    def cache_path(self) -> str:
+        return str(cache_directory())
+
+
+@cache
+def _stamp(source: str) -> str:
+    """Of the text of a module: a generated one has the digest of it for a name already."""
+    try:
+        return hashlib.sha256(Path(source).read_bytes()).hexdigest()
+    except OSError:
+        return source
+
+
+class _Files:
+    """The machine code of one function, by its signature and the machine."""
+
+    def __init__(self, name: str, stamp: str) -> None:
+        self.name = "".join(c if c.isalnum() or c in "._-" else "_" for c in name)
+        self.stamp = stamp
+
+    def _place(self, key: object) -> tuple[Path, bytes]:
+        """The file, and what it is for."""
+        about = f"{_VERSIONS}\n{self.stamp}\n{key!r}".encode()
+        digest = hashlib.sha256(about).hexdigest()[:24]
+        return cache_directory() / f"{self.name}-{digest}.code", about
+
+    def load(self, key: object) -> Any:
+        """What was saved; None where there is nothing, or nothing that can be trusted."""
+        path, about = self._place(key)
+        try:
+            with path.open("rb") as file:
+                found = os.fstat(file.fileno())
+                if hasattr(os, "geteuid") and found.st_uid != os.geteuid():
+                    return None
+                if _others_write(found) and os.name != "nt":
+                    return None
+                digest, data = file.read(hashlib.sha256().digest_size), file.read()
+        except OSError:
+            return None
+        if hashlib.sha256(about + data).digest() != digest:
+            return None
+        return pickle.loads(data)
+
+    def save(self, key: object, data: object) -> None:
+        """Kept for the next process; without room for it the next compiles again."""
+        path, about = self._place(key)
+        pickled: bytes = dumps(data)  # type: ignore[no-untyped-call]
+        try:
+            with atomic_file(path, PRIVATE) as partial:
+                partial.write_bytes(hashlib.sha256(about + pickled).digest() + pickled)
+        except OutputError:
+            return
+
+    def flush(self) -> None:
+        """Numba's name for forgetting all of it: there is no index to forget."""

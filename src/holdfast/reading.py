@@ -1,0 +1,58 @@
+"""Files of the user: regular files of a bounded size are read, never a device or a pipe."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+from holdfast.errors import ScenarioError
+
+MOST_TEXT = 10 * 2**20
+"""Bytes of a text file: a scenario takes a few thousand."""
+
+
+def check_file(path: str | Path) -> None:
+    """Refuse what is no regular file, also where a link leads to it; one that is missing too."""
+    try:
+        mode = os.stat(path).st_mode
+    except (OSError, ValueError) as error:  # the latter for a NUL in the name
+        reason = getattr(error, "strerror", None) or "this is no name of a file"
+        raise ScenarioError(f"{path}: cannot be read ({reason})") from None
+    if not stat.S_ISREG(mode):
+        raise ScenarioError(f"{path}: cannot be read ({_kind(mode)})", expected="a file")
+
+
+def read_small_text(path: str | Path, most: int = MOST_TEXT) -> str:
+    """The text of a file in UTF-8, with or without a byte order mark.
+
+    Raises `ScenarioError` for what cannot be read, is no regular file, no text or too large.
+    """
+    check_file(path)
+    try:
+        with open(path, "rb") as file:
+            data = file.read(most + 1)
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read ({error.strerror})") from None
+    if len(data) > most:
+        size = os.stat(path).st_size / 2**20
+        raise ScenarioError(
+            f"{path}: is too large ({size:,.0f} MiB)", expected=f"at most {most // 2**20} MiB"
+        )
+    try:
+        return data.decode("utf-8-sig").replace("\r\n", "\n")
+    except ValueError:
+        raise ScenarioError(f"{path}: is no text file in UTF-8") from None
+
+
+def _kind(mode: int) -> str:
+    for kind, name in (
+        (stat.S_ISDIR, "it is a folder"),
+        (stat.S_ISFIFO, "it is a pipe"),
+        (stat.S_ISCHR, "it is a device"),
+        (stat.S_ISBLK, "it is a device"),
+        (stat.S_ISSOCK, "it is a socket"),
+    ):
+        if kind(mode):
+            return name
+    return "it is no file"

@@ -1,0 +1,65 @@
+"""Standard output and standard error that may be closed, full, or read no more."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+
+class Stream:
+    """A stream whose failures do not end the program: `trouble` says what could not be written.
+
+    A reader that has read enough, as `head` has, is no trouble.
+    """
+
+    def __init__(self, stream: Any) -> None:
+        self.stream = stream
+        self.muted = False
+        self.trouble = ""
+
+    def write(self, text: str) -> int:
+        if not self.muted:
+            self._tried(lambda: self.stream.write(text))
+        return len(text)
+
+    def flush(self) -> None:
+        if not self.muted:
+            self._tried(self.stream.flush)
+
+    def _tried(self, act: Any) -> None:
+        try:
+            act()
+        except OSError as error:
+            self.muted = True
+            if not isinstance(error, BrokenPipeError):
+                self.trouble = error.strerror or str(error)
+            with suppress(OSError):  # what is in its buffer goes nowhere, and nobody is told
+                nowhere = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(nowhere, self.stream.fileno())
+                os.close(nowhere)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
+
+
+@contextmanager
+def forgiving() -> Iterator[Stream]:
+    """Both streams such ones; those that the caller has closed lead nowhere. Gives the output."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:  # or the next file that is opened would be taken for a stream
+            os.open(os.devnull, os.O_RDWR)
+    before = sys.stdout, sys.stderr
+    out, error = (Stream(stream if stream is not None else io.StringIO()) for stream in before)
+    sys.stdout, sys.stderr = out, error
+    try:
+        yield out
+    finally:
+        out.flush()
+        error.flush()
+        sys.stdout, sys.stderr = before

@@ -1,0 +1,175 @@
+"""Files that appear whole under their name, or not at all, and whose remains are removed.
+
+A file is written beside its place under the name of the process that writes it, and renamed at the
+end. What a killed process leaves is removed by the next process that writes to the same folder.
+"""
+
+from __future__ import annotations
+
+import atexit
+import os
+import re
+import secrets
+import shutil
+import socket
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+from holdfast.errors import OutputError
+
+T = TypeVar("T")
+
+LITTLE = 1 << 20
+"""Bytes: less than this on a disk is no room."""
+
+LONGEST = 80
+"""Bytes of a file's name that are part of the name it is written under."""
+
+_HOST = re.sub(r"[^A-Za-z0-9]+", "_", socket.gethostname())[:60] or "host"
+_LEFT_OVER = re.compile(r"\..*\.by-(?P<host>\w+)-(?P<process>\d+)-[0-9a-f]{16}\.partial")
+_unfinished: set[Path] = set()
+
+
+class atomic_file:
+    """Context manager: a temporary path beside `path`, renamed to it on success only.
+
+    What a link leads to is replaced, not the link; a device, a pipe or a folder is refused. The
+    file is on the disk before it has its name, so that a power cut leaves the old one or the new.
+    """
+
+    def __init__(self, path: Path, mode: int = 0o666) -> None:
+        self.path = path.resolve()  # of a link, what it leads to
+        self.mode = mode
+
+    def __enter__(self) -> Path:
+        if self.path.exists() and not self.path.is_file():
+            raise _refusal(self.path, OSError("it is there, and no file"))
+        remove_left_over(self.path.parent)
+        name = self.path.name.encode()[:LONGEST].decode(errors="ignore")
+        token = secrets.token_hex(8)
+        self.partial = self.path.with_name(f".{name}.by-{_HOST}-{os.getpid()}-{token}.partial")
+        _unfinished.add(self.partial)  # before it is there: an interruption may come at any time
+        try:
+            os.close(os.open(self.partial, os.O_CREAT | os.O_EXCL | os.O_WRONLY, self.mode))
+        except OSError as error:
+            _unfinished.discard(self.partial)
+            raise _refusal(self.path, error) from None
+        return self.partial
+
+    def __exit__(self, kind: object, problem: BaseException | None, trace: object) -> None:
+        try:
+            if problem is None:
+                _on_disk(self.partial)
+                os.replace(self.partial, self.path)
+        except OSError as error:
+            raise _refusal(self.path, error) from None
+        finally:
+            self._discard()
+        if isinstance(problem, OSError):
+            raise _refusal(self.path, problem) from None
+        if problem is not None and str(problem).startswith("NetCDF: "):
+            raise _refusal(self.path, problem) from None
+
+    def _discard(self) -> None:
+        self.partial.unlink(missing_ok=True)
+        _unfinished.discard(self.partial)
+
+
+def _on_disk(path: Path) -> None:
+    with path.open("r+b") as file:
+        os.fsync(file.fileno())
+
+
+def remove_left_over(folder: Path) -> None:
+    """Remove the unfinished files of processes of this machine that have ended."""
+    try:
+        found = [(entry, _LEFT_OVER.fullmatch(entry)) for entry in os.listdir(folder)]
+    except OSError:
+        return  # who writes there is told
+    for entry, match in found:
+        path = folder / entry
+        if match is None or match["host"] != _HOST or path in _unfinished:
+            continue
+        process = int(match["process"])
+        if process == os.getpid() or not _is_running(process):
+            try:
+                path.unlink(missing_ok=True)
+            except OSError:
+                continue  # somebody else's
+
+
+def _is_running(process: int) -> bool:
+    if os.name == "nt":  # where the signal 0 is no question
+        return True
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+def discarded_at_the_end(folder: Path) -> Path:
+    """The folder, which is removed when the process ends."""
+    _unfinished.add(folder)
+    return folder
+
+
+@atexit.register
+def discard_unfinished() -> None:
+    """Remove every file that this process has not finished: it ends now."""
+    for path in list(_unfinished):
+        try:
+            path.unlink(missing_ok=True)
+        except OSError:
+            shutil.rmtree(path, ignore_errors=True)
+
+
+def undisturbed(work: Callable[[], T]) -> T:
+    """What `work` returns, done in a thread that no signal interrupts.
+
+    An exception in the midst of a library that takes locks, as HDF5's do, would leave them taken
+    for ever. An interruption is raised here as soon as the work is done.
+    """
+    answers: list[T] = []
+    failures: list[BaseException] = []
+    done = threading.Lock()
+    done.acquire()
+
+    def run() -> None:
+        try:
+            answers.append(work())
+        except BaseException as error:
+            failures.append(error)
+        finally:
+            done.release()
+
+    threading.Thread(target=run, name="holdfast-undisturbed", daemon=True).start()
+    interruption: BaseException | None = None
+    while True:
+        try:
+            while not (answers or failures):
+                done.acquire(timeout=0.1)
+            break
+        except BaseException as error:
+            interruption = error
+    if interruption is not None:
+        raise interruption
+    if failures:
+        raise failures[0]
+    return answers[0]
+
+
+def _refusal(path: Path, problem: BaseException) -> OutputError:
+    """HDF5 does not say why it failed; a disk without room is the reason to think of."""
+    reason = getattr(problem, "strerror", None) or str(problem)
+    free = shutil.disk_usage(path.parent).free if path.parent.exists() else LITTLE
+    if free < LITTLE:
+        reason += f"; the disk has {free / 1024:.0f} KiB left"
+    return OutputError(
+        f"{path} cannot be written ({reason})",
+        remedy="make room, or choose another folder with --out",
+    )

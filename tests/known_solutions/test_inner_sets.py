@@ -1,0 +1,159 @@
+"""The inner set of a value function: no state of it is lost, on problems whose kernels are known."""
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.errors import ScenarioError, SimulationError
+from holdfast.scenario import load_scenario
+
+X, V, U, D = (hf.symbol(n) for n in ("x", "v", "u", "d"))
+STATES = (hf.Quantity("x", "m"), hf.Quantity("v", "m/s"))
+WALLS = hf.Region("walls", STATES[:1], (
+    hf.Inequality("left", -1 - X, "m"), hf.Inequality("right", X - 1, "m"),
+))  # fmt: skip
+COUNT = 20_000
+
+
+def line(nodes):
+    """x' = 2x + u/2, |u| <= 1: |x| <= 1/4 can be held; V jumps there."""
+    system = hf.System(
+        "line", STATES[:1], (hf.Quantity("u", "m/s"),), {"x": 2 * X + U / 2},
+        input_bounds=hf.Box((-1,), (1,)),
+    )  # fmt: skip
+    grid = hf.grid(system, {"x": (-1.2, 1.2)}, nodes)
+    value = hf.viability_kernel(system, WALLS, grid, 20, scheme="upwind", estimate_error=True)
+    states = np.random.default_rng(0).uniform(-1, 1, (COUNT, 1))
+    return value, states, np.abs(states[:, 0]) <= 0.25
+
+
+def cart(nodes):
+    """x'' = u + d brakes at 1/2 before both walls."""
+    system = hf.System(
+        "cart", STATES, (hf.Quantity("u", "m/s^2"),), {"x": V, "v": U + D},
+        disturbances=(hf.Quantity("d", "m/s^2"),),
+        input_bounds=hf.Box((-1,), (1,)), disturbance_bounds=hf.Box((-0.5,), (0.5,)),
+    )  # fmt: skip
+    grid = hf.grid(system, {"x": (-1.3, 1.3), "v": (-1.8, 1.8)}, nodes)
+    value = hf.discriminating_kernel(system, WALLS, grid, 6, estimate_error=True)
+    x, v = np.random.default_rng(0).uniform((-1, -1.8), (1, 1.8), (COUNT, 2)).T
+    return value, np.stack([x, v], axis=1), (v <= np.sqrt(1 - x)) & (v >= -np.sqrt(1 + x))
+
+
+def population(nodes):
+    """x' = x y, y' = u (Aubin and Saint-Pierre)."""
+    system = hf.System(
+        "population", STATES, (hf.Quantity("u", "m/s^2"),), {"x": X * V, "v": U},
+        input_bounds=hf.Box((-0.5,), (0.5,)),
+    )  # fmt: skip
+    region = hf.Region("size", STATES[:1], (
+        hf.Inequality("least", 0.2 - X, "m"), hf.Inequality("most", X - 3, "m"),
+    ))  # fmt: skip
+    grid = hf.grid(system, {"x": (0.06, 3.14), "v": (-2.2, 2.2)}, nodes)
+    value = hf.viability_kernel(system, region, grid, 10, scheme="upwind", estimate_error=True)
+    x, v = np.random.default_rng(0).uniform((0.2, -2), (3, 2), (COUNT, 2)).T
+    exact = (v <= np.sqrt(np.log(3 / x))) & (v >= -np.sqrt(np.log(x / 0.2)))
+    return value, np.stack([x, v], axis=1), exact
+
+
+def lake(nodes):
+    """Phosphorus P' = -0.8 P + L + P^8/(1 + P^8) <= 1.4 of a load L >= 0.1 that falls by 0.09."""
+    load, mass = hf.symbol("L"), hf.symbol("P")
+    states = (hf.Quantity("L", "1"), hf.Quantity("P", "1"))
+    system = hf.System(
+        "lake", states, (hf.Quantity("u", "1"),),
+        {"L": U, "P": -0.8 * mass + load + mass**8 / (1 + mass**8)},
+        input_bounds=hf.Box((-0.09,), (0.09,)),
+    )  # fmt: skip
+    region = hf.Region("clear", states, (
+        hf.Inequality("less_load", 0.1 - load), hf.Inequality("more_load", load - 1),
+        hf.Inequality("less", -mass), hf.Inequality("more", mass - 1.4),
+    ))  # fmt: skip
+    grid = hf.grid(system, {"L": (0.0, 1.1), "P": (-0.1, 1.5)}, nodes)
+    value = hf.viability_kernel(system, region, grid, 60, scheme="upwind", estimate_error=True)
+    start = np.random.default_rng(0).uniform((0.1, 0), (1, 1.4), (COUNT, 2))
+    a, p = start.T
+    exact, step = np.ones(COUNT, dtype=bool), 0.02
+
+    def rate(a, p):
+        return -0.8 * p + a + p**8 / (1 + p**8)
+
+    for _ in range(3000):  # the load falls as fast as it can: P is least in all ways at once
+        then = np.maximum(a - 0.09 * step, 0.1)
+        k1 = rate(a, p)
+        k2 = rate((a + then) / 2, p + step / 2 * k1)
+        a, p = then, np.minimum(p + step * k2, 3.0)
+        exact &= p <= 1.4
+    return value, start, exact
+
+
+@pytest.mark.parametrize(
+    ("problem", "nodes", "false", "share"),
+    [
+        (line, 33, (0.034, 0.041), 0.45),
+        (line, 65, (0.0, 0.0), 0.67),
+        (line, 201, (0.0, 0.0), 0.94),
+        (lake, 41, (0.006, 0.008), 0.81),
+        (lake, 81, (0.0105, 0.0125), 0.91),
+        (population, 41, (0.008, 0.013), 0.63),
+        (population, 81, (0.003, 0.007), 0.89),
+        (cart, 41, (0.0, 0.0), 0.81),
+    ],
+)
+def test_no_state_of_an_inner_set_is_lost(problem, nodes, false, share):
+    """false: the part of the set itself that is; share: the part of the exact set that is inner."""
+    value, states, exact = problem(nodes)
+    claimed, inner = value.contains(states), value.inner().contains(states)
+    assert false[0] <= (claimed & ~exact).sum() / claimed.sum() <= false[1]
+    assert not (inner & ~exact).any()
+    assert not (inner & ~claimed).any()
+    assert (inner & exact).sum() / exact.sum() == pytest.approx(share, abs=0.01)
+
+
+def test_grids_that_have_nothing_in_common_have_no_inner_set():
+    value = line(33)[0]
+    apart = hf.ValueFunction(value.dataset.assign_attrs(error_reach=0), value.grid)
+    with pytest.raises(SimulationError, match="off by more than 20 cells"):
+        apart.inner()
+
+
+def test_inner_set_needs_an_estimate_of_the_error():
+    value = line(65)[0]
+    bare = hf.ValueFunction(value.dataset.drop_attrs().assign_attrs(cell=0.1), value.grid)
+    with pytest.raises(SimulationError, match="estimate_error=True"):
+        bare.inner()
+
+
+LINE = """
+[scenario]
+title = "a line"
+kind = "viability-kernel"
+[system]
+states = { x = { unit = "m" } }
+inputs = { u = { unit = "m/s", bounds = [-1, 1] } }
+rates = { x = "2*x + 0.5*u" }
+[region]
+constraints = { left = { expression = "-1 - x", unit = "m" }, right = { expression = "x - 1", unit = "m" } }
+[grid]
+nodes = 65
+box = { x = [-1.2, 1.2] }
+[march]
+horizon = 20
+scheme = "upwind"
+inner = true
+[promise]
+runs = 40
+horizon = 5
+sample_time = "2 ms"
+"""
+
+
+def test_promise_checks_the_inner_set_of_a_scenario(tmp_path):
+    path = tmp_path / "line.toml"
+    path.write_text(LINE)
+    found = load_scenario(str(path)).run()
+    assert found.value.dataset.attrs["inner_cells"] == 2
+    assert found.value.extent()["x"][1] < 0.25
+    assert found.promise.held
+    with pytest.raises(ScenarioError, match=r"march\.inner: there is no estimate"):
+        load_scenario(str(path), ["march.estimate_error=false"])

@@ -1,0 +1,250 @@
+"""A scenario file and Python say the same thing by the same word."""
+
+import inspect
+
+import pytest
+
+import holdfast as hf
+from holdfast import kernel_schema, schema
+from holdfast.analysis.marching import Marching
+from holdfast.errors import RenamedWarning, ScenarioError
+from holdfast.execution.settings import Settings
+from holdfast.maths.scene import Circle, Cone, Segment
+from holdfast.scenario import load_scenario
+
+OBJECTS = {"system", "law", "region", "value", "result", "progress"}
+"""Arguments that are made from other tables of the file, or belong to a running program."""
+
+TABLES = {
+    # table: (its schema, what it is in Python, keys of files alone, arguments of Python alone)
+    "the file": (
+        schema.ScenarioSpec,
+        [hf.simulate],
+        {
+            "scenario": "says what the file is",
+            "run": "the settings of simulate, below",
+            "noise": "noise_uniform and noise_normal, below",
+            "figures": "arguments of the figures, below",
+            "compare": "hf.compare, below",
+            "redesign": "hf.redesign, below",
+            "tracking": "hf.track_velocity: its gains by the names of velocities",
+            "safeguard": "hf.safeguard, below",
+            "observer": "hf.observe, below",
+            "safety": "hf.safety_law, below",
+            "kernels": "alters other files",
+        },
+        {
+            "part": "the command line divides the work",
+            "attributes": "the file stores its own text",
+            "horizon": "in [run]",
+            "stepper": "in [run]",
+            "start_outside": "in [starts]",
+            "settings": "in [run]",
+        },
+    ),
+    "[starts]": (
+        schema.StartsSpec,
+        [hf.Starts],
+        {
+            "every": "short for the same interval of every state of the box",
+            "start_outside": "an argument of simulate, since starts may be an array",
+        },
+        {},
+    ),
+    "[run]": (
+        schema.RunSpec,
+        [Settings],
+        {"stepper": "an argument of simulate"},
+        {
+            "noise_uniform": "in [noise]",
+            "noise_normal": "in [noise]",
+            "threads": "of the machine, not of the experiment",
+        },
+    ),
+    "[varied]": (schema.VariedSpec, [hf.Varied], {}, {"units": "in the draws"}),
+    "[redesign]": (
+        schema.RedesignSpec,
+        [hf.redesign],
+        {"parameters": "of the laws that the table names"},
+        {},
+    ),
+    "[safeguard]": (
+        schema.SafeguardSpec,
+        [hf.safeguard],
+        {},
+        {},
+    ),
+    "[observer]": (schema.ObserverSpec, [hf.observe], {}, {}),
+    "[safety]": (
+        schema.SafetySpec,
+        [hf.safety_law],
+        {"kernel": "the file that computes the value", "alone": "in Python: no law is given"},
+        {"sample_time": "in [run]", "delay": "in [run]", "scales": "in [safeguard]"},
+    ),
+    "[compare]": (
+        schema.CompareSpec,
+        [hf.compare],
+        {"title": "of the file's own law", "kernel": "a file", "margin": "of that kernel"},
+        {"name": "the file itself", "overrides": "--set", "seed": "in [run]"},
+    ),
+    "[figures]": (
+        schema.FiguresSpec,
+        [hf.paths_figure],
+        {"history": "the run of histories_figure: a table has one word for each figure"},
+        {"cone_run": "the file draws those of the run of the history"},
+    ),
+    "[[system.pfaffian]]": (schema.PfaffianSpec, [hf.PfaffianRow], {}, {}),
+    "[system]": (
+        schema.SystemSpec,
+        [hf.System],
+        {},
+        {
+            "input_bounds": "bounds, at each input",
+            "disturbance_bounds": "bounds, at each disturbance",
+            "samples": "of the file's kernel: [march] samples",
+        },
+    ),
+    "a state": (schema.QuantitySpec, [hf.Quantity], {}, {"name": "the key"}),
+    "a parameter": (
+        schema.ParameterSpec,
+        [hf.Parameter],
+        {},
+        {"name": "the key", "angle": "of states alone", "above": "of catalogue entries alone"},
+    ),
+    "a measurement": (
+        schema.MeasurementSpec,
+        [hf.Measurement],
+        {},
+        {"name": "the key", "angle": "of states alone"},
+    ),
+    "[law]": (
+        schema.LawSpec,
+        [hf.Law, hf.Switching],
+        {"definitions": "Python has variables"},
+        {
+            "conditions": "of catalogue entries alone",
+            "believed": "of catalogue entries alone",
+            "safeguard": "[safeguard]",
+            "lookup": "[safety]",
+            "memory": "[observer]",
+            "extra_parameters": "parameters of a law with modes are in one table",
+        },
+    ),
+    "a transition": (
+        schema.TransitionSpec,
+        [hf.Transition],
+        {"from": "source: 'from' is no name in Python", "to": "target, beside it"},
+        {"source": "from", "target": "to"},
+    ),
+    "a constraint": (schema.InequalitySpec, [hf.Inequality], {}, {"name": "the key"}),
+    "[region]": (
+        schema.RegionSpec,
+        [hf.Region],
+        {
+            "constraints": "inequalities: messages and results call them constraints too",
+            "definitions": "Python has variables",
+        },
+        {"inequalities": "constraints", "reads": "what the expressions contain"},
+    ),
+    "a shape": (
+        schema.ShapeSpec,
+        [Segment, Circle, Cone, hf.maths.scene.Footprint],
+        {"kind": "the class"},
+        {},
+    ),
+    "[grid]": (kernel_schema.GridSpec, [hf.grid], {}, {}),
+    "[march]": (
+        kernel_schema.MarchSpec,
+        [hf.capture_basin, hf.backward_reachable_set],
+        {
+            "times": "of every problem, among its options",
+            "forever": "what the exit status answers",
+            "inner": "ValueFunction.inner of the answer",
+        },
+        {"goal": "[goal]", "grid": "[grid]", "target": "[goal]", "options": "in [march]"},
+    ),
+    "[promise]": (kernel_schema.PromiseSpec, [hf.check_promise], {}, {"goal": "[goal]"}),
+}
+
+
+def words_of(function):
+    return set(inspect.signature(function).parameters)
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_key_of_a_file_and_argument_of_python_are_one_word(table):
+    """What differs is listed, each with its reason; a new difference fails here."""
+    spec, functions, of_files, of_python = TABLES[table]
+    keys = {field.alias or name for name, field in spec.model_fields.items()}
+    words = set().union(*map(words_of, functions)) - OBJECTS
+    assert keys - words - OBJECTS == set(of_files), "keys that Python does not know"
+    assert words - keys == set(of_python), "arguments that files do not know"
+
+
+def test_kernel_file_passes_every_option_of_a_march_on():
+    assert kernel_schema.MarchSpec.model_config["extra"] == "allow"
+    assert {"order", "precision", "tolerance"} <= set(Marching.__dataclass_fields__)
+
+
+def test_noise_of_a_file_is_the_noise_of_python_by_two_words():
+    keys = {f"noise_{kind}" for kind in schema.NoiseSpec.model_fields}
+    assert keys == {n for n in Settings.__dataclass_fields__ if n.startswith("noise")}
+
+
+FORMER = """
+[scenario]
+title = "a sled"
+[system]
+states = { x = { unit = "m" }, y = { unit = "m" }, psi = { unit = "rad", angle = true } }
+[[system.pfaffian]]
+COEFFICIENTS = { x = "-sin(psi)", y = "cos(psi)" }
+[law]
+outputs = { w1 = "1", w2 = "0" }
+[region]
+constraints = { near = { expression = "x - 1", unit = "m" } }
+[starts]
+states = [{ x = 2 }]
+OUTSIDE = true
+[run]
+horizon = 1
+CONTINUOUS
+"""
+NOW = {
+    "COEFFICIENTS": "coefficients",
+    "OUTSIDE": "start_outside",
+    "CONTINUOUS": "continuous = true",
+}
+
+
+def load(folder, **former):
+    text = FORMER
+    for key, word in (NOW | former).items():
+        text = text.replace(key, word)
+    (folder / "sled.toml").write_text(text)
+    return load_scenario(str(folder / "sled.toml"))
+
+
+@pytest.mark.parametrize(
+    ("key", "word", "told"),
+    [
+        ("COEFFICIENTS", "row", "the key 'row' is now 'coefficients'"),
+        ("OUTSIDE", "outside", "the key 'outside' is now 'start_outside'"),
+        ("CONTINUOUS", 'control = "continuous"', "'control' is now 'continuous': write .* = true"),
+    ],
+)
+def test_former_word_is_understood_with_a_warning(key, word, told, tmp_path):
+    now = load(tmp_path)
+    with pytest.warns(RenamedWarning, match=told):
+        before = load(tmp_path, **{key: word})
+    assert before.settings == now.settings
+    assert before.settings["continuous"] is True
+    assert before.start_outside is now.start_outside is True
+    assert before.system == now.system
+
+
+def test_word_beside_its_former_one_is_refused(tmp_path):
+    twice = 'continuous = true\ncontrol = "sampled"'
+    with pytest.raises(ScenarioError, match="either 'continuous' or its former name 'control'"):
+        load(tmp_path, CONTINUOUS=twice)
+    with pytest.raises(ScenarioError, match="'continuous' or 'sampled', now 'continuous'"):
+        load(tmp_path, CONTINUOUS='control = "smooth"')

@@ -1,0 +1,189 @@
+"""What README and docs/rescue.md say of `holdfast compare inspection`: its starts, horizon, cases."""
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import holdfast as hf
+from holdfast.analysis.comparison import Rate
+from holdfast.comparing import variant
+from holdfast.maths.lyapunov import surge_gain_limit
+
+ROOT = Path(__file__).parents[2]
+STILL = ("5 N", "0.3 N", "corners", "model")
+
+
+@pytest.fixture(scope="module")
+def results():
+    """600 starts of the box of `inspection`, 150 s, in every case of its comparison."""
+    whole = ["run.record_every=150.0"]
+    return {
+        case: variant("inspection", "inspection", case, 600, whole).run()
+        for case in (*STILL, "current")
+    }
+
+
+def test_every_start_stays_in_view_in_every_case_that_the_readme_names(results):
+    for case, result in results.items():
+        runs = 2400 if case == "model" else 600
+        assert (result.viable, result.dataset.sizes["run"]) == (runs, runs), case
+        assert max(result.summary()["worst_constraint"].values()) <= 1e-3, case
+
+
+def test_every_corner_of_a_model_wrong_by_a_fifth_keeps_every_start(results):
+    """Inertia and drag both 20 % up or down: 600 of 600 at each of the four vertices."""
+    vertices = results["model"].summary()["vertices"]
+    corners = sorted((v["at"]["inertia"], v["at"]["drag"]) for v in vertices)
+    assert corners == [(0.8, 0.8), (0.8, 1.2), (1.2, 0.8), (1.2, 1.2)]
+    for v in vertices:
+        assert (v["runs"], v["viable"], v["reached"], v["samples_relaxed"]) == (600, 600, 600, 0)
+
+
+def test_an_input_is_admissible_at_every_sample_but_at_the_start_on_two_limits_with_weak_thrusters(
+    results,
+):
+    """0.3 N cannot brake at once the start that lies on two limits: 17 samples of 20 ms."""
+    for case, result in results.items():
+        samples = result.dataset["infeasible"].values
+        if case == "0.3 N":
+            assert np.flatnonzero(samples).tolist() == [1]
+            assert samples[1] == 17
+        else:
+            assert samples.max() == 0, case
+
+
+def test_vehicle_arrives_in_still_water_and_does_not_in_a_current(results):
+    """It cannot move sideways: in 0.1 m/s of any direction none of 600 is at the pose at 150 s.
+
+    Half of them are more than 7 m along the wall by then, one 86 m: the region has no limit there.
+    """
+    for case in STILL:
+        assert results[case].success_fraction == 1, case
+    assert results["current"].outcomes["reached goal"] == 0
+    carried = np.abs(results["current"].dataset["state"].values[:, -1, 1])
+    assert np.median(carried) == pytest.approx(7.1, abs=0.5)
+    assert carried.max() == pytest.approx(86, abs=3)
+
+
+def test_third_of_the_starts_goes_straight_to_the_pose_and_few_turn_back_twice(results):
+    """5 N: 207 of 600 need no turn back, 360 one and 33 two; a turn ends two legs."""
+    turns = (results["5 N"].dataset["switches"].values + 1) // 2
+    assert np.bincount(turns).tolist() == [207, 360, 33]
+
+
+def test_table_of_the_flagship_is_what_its_comparison_gives(results):
+    """docs/rescue.md, case by case: viable, at the pose at the end, without an admissible input."""
+    page = (ROOT / "docs" / "rescue.md").read_text("utf-8")
+    section = page[page.index("## The flagship, case by case") :].split("\n## ")[0]
+    lines = re.findall(r"^\|.*$", section, re.M)[2:]
+    rows = [[c.strip() for c in line.strip("|").split("|")] for line in lines]
+    for row, case in zip(rows, ("5 N", "0.3 N", "corners", "model", "current"), strict=True):
+        result = results[case]
+        counts = {
+            "runs": result.dataset.sizes["run"],
+            "viable": result.viable,
+            "reached": result.outcomes["reached goal"],
+            "runs_relaxed": int((result.dataset["infeasible"].values > 0).sum()),
+        }
+        for c in result.summary()["vertices"] or [counts]:
+            assert row[1:3] == [f"{c['viable']} of {c['runs']}", str(c["reached"])], case
+            assert int(re.match(r"\d+", row[3])[0]) == c["runs_relaxed"], case
+
+
+def test_intervals_of_the_rates_of_600_starts_are_those_stated():
+    """docs/rescue.md: of .97 .95 to .98, of 1 .994 to 1."""
+    low, high = Rate(582, 600).interval
+    assert (low, high) == pytest.approx((0.95, 0.98), abs=0.005)
+    assert Rate(600, 600).interval == pytest.approx((0.994, 1), abs=5e-4)
+
+
+def test_intervals_of_the_rates_judged_by_the_kernel_are_those_stated():
+    """docs/rescue.md: of 1 .998 to 1 (5 N) and .993 to 1 (1 N), .02 and .04 elsewhere."""
+    for total, least in ((2383, 0.998), (579, 0.993)):
+        assert Rate(total, total).interval == pytest.approx((least, 1), abs=5e-4)
+    for total, rates, most in (
+        (2383, (0.193, 0.928, 0.924, 0.932), 0.02),
+        (579, (0.986, 0.974, 0.988), 0.02),
+        (579, (0.458,), 0.041),
+    ):
+        for rate in rates:
+            low, high = Rate(round(rate * total), total).interval
+            assert max(high - rate, rate - low) < most
+
+
+def test_gains_of_the_flagship_are_below_the_gain_limit_at_every_corner_of_the_model():
+    """k1 mu = 0.18 1/s; the least limit of (5.18), 0.234 1/s, has more inertia and less drag."""
+    scenario = hf.load_scenario("inspection")
+    p = {q.name: sp.Float(q.value) for q in (*scenario.system.parameters, *scenario.law.parameters)}
+    inertias = p["mass"] - p["Xudot"], p["mass"] - p["Yvdot"]
+    limits = {
+        (m, d): float(surge_gain_limit(d * p["Yv"], *(m * i for i in inertias), sp.Integer(3)))
+        for m in (0.8, 1.2)
+        for d in (0.8, 1.2)
+    }
+    assert float(p["k1"] * p["mu"]) == pytest.approx(0.18)
+    assert min(limits, key=limits.get) == (1.2, 0.8)
+    assert limits[1.2, 0.8] == pytest.approx(0.234, abs=5e-4)
+
+
+def test_vehicle_that_is_told_the_current_seldom_changes_its_leg(results):
+    """The law without a limit of the heading changed its mode 2,240 times a minute."""
+    assert results["current"].summary()["switching"]["worst_per_minute"] < 30
+
+
+@pytest.mark.heavy
+def test_starts_that_a_measured_current_takes_lie_millimetres_before_a_limit():
+    """Of 2,400 starts five: within 5 mm or 5 mrad of a limit, across it by 4 mm within 0.1 s."""
+    data = (
+        variant("inspection", "inspection", "current", 2400, ["run.record_every=150.0"])
+        .run()
+        .dataset
+    )
+    lost = np.flatnonzero(data["outcome"].values == hf.Outcome.LEFT)
+    assert len(lost) == 5
+    assert data["exit_time"].values[lost].max() < 0.1
+    assert data["constraint"].values[lost, 0].max(axis=1).min() > -5e-3
+    assert data["worst_constraint"].values[lost].max() < 4e-3
+    assert data["infeasible"].values.max() == 0
+
+
+def test_numbers_of_the_readme_are_these():
+    text = " ".join((ROOT / "README.md").read_text("utf-8").split())
+    (sentence,) = re.findall(r"Of 600 starts[^.]*(?:\.\d[^.]*)*\.", text)
+    for words in ("0.3 N", "two constraints active", "every corner", "0.1 m/s", "measured"):
+        assert words in sentence, words
+
+
+def test_legs_of_the_comparison_of_laws_are_those_of_the_flagship():
+    """What docs/rescue.md says of the legs of `ch5-rescue` is said of `inspection`."""
+    ours, theirs = (hf.load_scenario(n) for n in ("inspection", "ch5-rescue"))
+    assert ours.law == theirs.law
+    assert ours.region == theirs.region
+
+
+# -- the sampling of docs/rescue.md, `benchmarks/sampling.py`
+
+
+@pytest.fixture(scope="module")
+def sampled():
+    sys.path.insert(0, str(ROOT / "benchmarks"))
+    try:
+        import sampling
+    finally:
+        sys.path.pop(0)
+    return lambda *given: sampling.viable("ch5-rescue", "5 N", *given)
+
+
+def test_a_tenth_of_a_second_between_samples_and_as_much_delay_cost_no_start(sampled):
+    """60 starts, 150 s: 50 Hz with 0.1 s, 20 Hz with 0.05 s, 10 Hz with 0.1 s of delay."""
+    for period, delay in ((0.02, 0.1), (0.05, 0.05), (0.1, 0.1)):
+        assert sampled(period, delay, 60) == 60, (period, delay)
+
+
+def test_a_fifth_of_a_second_between_samples_and_as_much_delay_lose_nearly_every_start(sampled):
+    assert sampled(0.2, 0.0, 60) == 60
+    assert sampled(0.2, 0.2, 60) < 10
