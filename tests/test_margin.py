@@ -1,6 +1,7 @@
 """How large a disturbance a kernel stands: exact limits, beginnings from other kernels, refusals."""
 
 import json
+import math
 import re
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 import holdfast as hf
 from holdfast.analysis.margin import Answer, Tried, search
 from holdfast.errors import ScenarioError, SimulationError
+from holdfast.presentation.margin import margin_text
 from tests.test_cli import holdfast
 
 CART = """
@@ -241,7 +243,7 @@ def test_limit_that_is_none_is_found_out():
     """Held up to 0.3 and again between 0.6 and 0.8: not monotone."""
     trials = search(
         lambda v, *_: tried(v, v <= 0.3 or 0.6 < v < 0.8), 0.0, 1.0, 0.01,
-        monotone=False, widen=False,
+        monotone=False, end=1.0,
     )  # fmt: skip
     found = margin(trials)
     assert found.low <= 0.3 < found.high <= found.low + 0.01
@@ -255,9 +257,9 @@ def margin(trials):
 
 
 def test_interval_grows_while_everything_holds():
-    trials = search(lambda v, *_: tried(v, v < 5.5), 0.0, 1.0, 0.1, monotone=True, widen=True)
+    trials = search(lambda v, *_: tried(v, v < 5.5), 0.0, 1.0, 0.1, monotone=True, end=math.inf)
     assert margin(trials).low == pytest.approx(5.5, abs=0.1)
-    trials = search(lambda v, *_: tried(v, v < 5.5), 0.0, 1.0, 0.1, monotone=True, widen=False)
+    trials = search(lambda v, *_: tried(v, v < 5.5), 0.0, 1.0, 0.1, monotone=True, end=1.0)
     assert margin(trials).high is None
     assert not margin(trials).answered
 
@@ -311,6 +313,25 @@ def test_command_exits_1_where_no_limit_is_found(tmp_path, cart):
     answer = holdfast(*arguments, "--keep", "x")
     assert answer.returncode == 2
     assert "expected a state, such as x=-0.8" in answer.stderr
+
+
+def test_search_for_a_given_current_ends_at_the_bounds_of_the_system():
+    few = ["grid.nodes=11", "march.horizon=0.1"]
+    found = hf.disturbance_margin("ch7-discriminating", overrides=few)
+    assert found.low == max(t.value for t in found.trials) == 0.5
+    assert found.high is None
+    assert "nothing is lost up to 0.5 m/s, where the bounds of the system end" in margin_text(found)
+    few.append("system.current_limit=2")
+    found = hf.disturbance_margin("ch7-discriminating", overrides=few)
+    assert max(t.value for t in found.trials) > 1.0
+
+
+def test_search_over_the_horizon_is_not_held_by_the_samples_of_the_promise():
+    found = hf.disturbance_margin(
+        "ch7-any-current", "march.horizon", between=(1.0, 1.755), tolerance=0.2,
+        overrides=["grid.nodes=11"],
+    )  # fmt: skip
+    assert any(t.value % 0.02 > 1e-3 for t in found.trials)
 
 
 def test_speed_of_a_given_current_keeps_its_direction():

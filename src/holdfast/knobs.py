@@ -9,6 +9,7 @@ from typing import Any
 
 import sympy as sp
 
+from holdfast.analysis.given_disturbance import largest_factor
 from holdfast.errors import HoldfastError, ScenarioError, suggestion
 from holdfast.kernel_scenario import KernelScenario
 from holdfast.maths.units import in_base_units
@@ -34,7 +35,8 @@ Number = tuple[str, float | None]
 class Knob:
     """What is turned: its key, what it is called, its unit, its value in the scenario if any.
 
-    settings: the KEY=VALUE that a value makes, for --set.
+    settings: the KEY=VALUE that a value makes, for --set. limit: the largest value within the
+    bounds of the system, of a current that is given to a kernel.
     """
 
     key: str
@@ -42,6 +44,7 @@ class Knob:
     unit: str
     own: float | None
     settings: Callable[[Value], tuple[str, ...]]
+    limit: float = math.inf
 
 
 def find_knob(own: Scenario | KernelScenario, data: Mapping[str, Any], name: str) -> Knob:
@@ -169,7 +172,16 @@ def _current(own: Scenario | KernelScenario, data: Mapping[str, Any]) -> Knob:
         wanted = in_base_units(value)
         return tuple(f"{key}={wanted * share!r}" for key, share in shares.items())
 
-    return Knob(CURRENT, "current", "m/s", speed, settings)
+    return Knob(CURRENT, "current", "m/s", speed, settings, _limit(own, felt, speed))
+
+
+def _limit(
+    own: Scenario | KernelScenario, felt: Mapping[str, sp.Expr], speed: float
+) -> float:
+    """The largest speed in that direction that the bounds of the system allow a kernel."""
+    if isinstance(own, KernelScenario):
+        return speed * largest_factor(own.system, felt)
+    return math.inf
 
 
 def _made_of(number: Knob, factor: float) -> Knob:

@@ -15,7 +15,7 @@ from holdfast.arguments import checked
 from holdfast.checking import at
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.kernel_scenario import KernelScenario, composed_kernel, is_kernel
-from holdfast.knobs import CURRENT, check_number, find_knob
+from holdfast.knobs import CURRENT, Knob, check_number, find_knob
 from holdfast.maths.bounds import Ball, Bounds, Box, LinearImage, Product
 from holdfast.maths.quantity import TIME
 from holdfast.maths.region import Region
@@ -23,6 +23,9 @@ from holdfast.maths.units import to_si
 from holdfast.sources import read_tables
 
 KERNELS = ("viability-kernel", "discriminating-kernel", "invariance-kernel")
+UNUSED_TABLES = ("promise", "law")
+"""What a kernel is tried with: a search tries none."""
+
 UNUSED = ("checkpoint", "estimate_error", "check_outside")
 """Of [march]: they are about one march, and a search makes many."""
 
@@ -44,7 +47,7 @@ def disturbance_margin(
     of: a key of the scenario, such as "system.current_limit", or "current.speed": the speed of the
     current that is given, in its direction, or the largest speed of one that is not. between: where
     the limit is looked for, by default from 0 to twice the value of the scenario, and further up
-    while everything holds. tolerance: how close the limit is enclosed, by default a hundredth of
+    while everything holds, to the bounds of the system for a current that is given. tolerance: how close the limit is enclosed, by default a hundredth of
     the upper end. keep: states, by name (those left out are 0), and regions that the kernel has to
     contain. The kernel is one for the horizon of the scenario; with [march] forever = true it is
     the set that lasts.
@@ -76,20 +79,23 @@ def disturbance_margin(
     value = check_number(own, data, knob)
 
     def composed(value: float) -> KernelScenario:
-        return composed_kernel(*read_tables(scenario, [*changes, *knob.settings(value)]))
+        file, text, data = read_tables(scenario, [*changes, *knob.settings(value)])
+        used = {name: table for name, table in data.items() if name not in UNUSED_TABLES}
+        return composed_kernel(file, text, used)
 
-    low, high = _interval(knob.key, value, between)
+    low, high = _interval(knob, value, between)
     close = tolerance if tolerance is not None else 0.01 * max(abs(low), abs(high))
     if not 0 < close < high - low:
         raise ScenarioError(
             f"the tolerance is {close:g}", expected=f"above 0 and below {high - low:g}"
         )
+    end = knob.limit if between is None else high
     kept = _kept(own, keep)
     monotone = _can_do_more(composed(low), composed(high))
     given = {n: v for n, v in own.options.items() if n in Marching.__dataclass_fields__}
     warm = warm_start and monotone and own.forever and Marching(**given).monotone
     trials = _Trials(composed, kept, warm, knob.name, progress)
-    found = search(trials.attempt, low, high, close, monotone=monotone, widen=between is None)
+    found = search(trials.attempt, low, high, close, monotone=monotone, end=end)
     result = Margin(
         title=own.title,
         scenario=scenario if scenario.endswith(".toml") else own.name,
@@ -102,6 +108,7 @@ def disturbance_margin(
         tolerance=close,
         monotone=monotone,
         trials=found,
+        end=knob.limit,
     )
     if result.low is not None:
         result = replace(result, settings=(*changes, *knob.settings(result.low)))
@@ -161,14 +168,16 @@ class _Trials:
         )
 
 
-def _interval(key: str, own: float, between: tuple[float, float] | None) -> tuple[float, float]:
+def _interval(
+    knob: Knob, own: float, between: tuple[float, float] | None
+) -> tuple[float, float]:
     if between is None:
         if not own > 0:
             raise ScenarioError(
-                f"{key} is {own:g}", expected="a number above 0 to begin with",
+                f"{knob.key} is {own:g}", expected="a number above 0 to begin with",
                 remedy="say where to look: --between LOW HIGH",
             )  # fmt: skip
-        return 0.0, 2.0 * own
+        return 0.0, min(2.0 * own, knob.limit)
     low, high = (float(v) for v in between)
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise ScenarioError(f"between {low:g} and {high:g}", expected="LOW < HIGH")

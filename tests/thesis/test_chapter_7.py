@@ -325,7 +325,7 @@ REACHED = "system.disturb.v=[-0.62, 0.62]"
         ("ch7-any-current", (REACHED, "system.current_limit=0.25"), 2.8),
     ],
 )
-def test_kernels_of_three_seconds_are_empty_before_nine(name, sets, gone):
+def test_kernels_of_three_seconds_are_empty_soon_after(name, sets, gone):
     value, reached = left_of(name, 12, *sets)
     assert value.dataset.attrs["empty"]
     assert reached == pytest.approx(gone, abs=0.05)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -14,6 +15,9 @@ from holdfast.maths.system import System
 
 LOOKED_AT = 257
 """Times of the horizon at which a disturbance that depends on time is held against its bounds."""
+
+WITHOUT_END = 1e9
+"""A factor beyond which bounds do not matter."""
 
 
 def check_given(
@@ -41,6 +45,28 @@ def check_given(
                 expected=f"values within {_said(bounds)}",
                 remedy="give a smaller disturbance, or widen the bounds of the system",
             )
+
+
+def largest_factor(system: System, given: Mapping[str, sp.Expr]) -> float:
+    """By how much a constant disturbance that is given can be multiplied within its bounds."""
+    bounds = section(system.disturbance_bounds, [d.name in given for d in system.disturbances])
+    if bounds is None:
+        return math.inf
+    numbers = {q.symbol: sp.Float(q.value) for q in system.parameters}
+    bounds = bounds.at(numbers)
+    values = [float(given[n].xreplace(numbers)) for n in system.disturbance_names if n in given]
+
+    def allowed(factor: float) -> bool:
+        return bounds.contains([factor * v for v in values], 0.0)
+
+    low, high = 0.0, 1.0
+    while allowed(high):
+        low, high = high, 2 * high
+        if high > WITHOUT_END:
+            return math.inf
+    while (middle := 0.5 * (low + high)) not in (low, high):
+        low, high = (middle, high) if allowed(middle) else (low, middle)
+    return low
 
 
 def _said(bounds: Bounds) -> str:

@@ -63,7 +63,7 @@ class Margin:
 
     keeps: whether the set has to contain something, or only not to be empty; monotone: whether a
     larger value can only take away, by the bounds of the disturbances themselves; settings: those
-    of the scenario at `low`.
+    of the scenario at `low`; end: the largest value that the bounds of the system allow.
     """
 
     title: str
@@ -78,6 +78,7 @@ class Margin:
     monotone: bool
     trials: tuple[Tried, ...]
     settings: tuple[str, ...] = ()
+    end: float = math.inf
 
     @property
     def low(self) -> float | None:
@@ -130,13 +131,13 @@ def search(
     tolerance: float,
     *,
     monotone: bool,
-    widen: bool,
+    end: float,
 ) -> tuple[Tried, ...]:
     """Try values until the limit is known within `tolerance`, or cannot be.
 
     attempt: called with a value, the share of the work that is done, and its own. monotone: the
-    ends alone are tried before the bisection, else values all over the interval. widen: the upper
-    end is doubled while everything holds.
+    ends alone are tried before the bisection, else values all over the interval. end: the upper
+    end is doubled up to there while everything holds.
 
     With undecided values in between the limit is followed from both sides, so that they are as few
     as they can be.
@@ -166,9 +167,9 @@ def search(
     for k in range(DOUBLED + 1):
         values = [low, high] if monotone else list(np.linspace(low, high, SCANNED))
         held = [tried(float(v)) is Answer.HELD for v in values]
-        if not (widen and all(held)) or k == DOUBLED:
+        if not all(held) or high >= end or k == DOUBLED:
             break
-        low, high = high, 2 * high
+        low, high = high, min(2 * high, end)
     last = _last_held(ordered())
     if last is None or last == max(trials):
         return tuple(ordered())

@@ -158,6 +158,7 @@ def _limit(found: Margin, unit: str) -> str:
         least = found.trials[0]
         return f"none found: {least.value:.4g}{unit} is {_what(least)} already"
     if high is None:
-        return f"none found: up to {low:.4g}{unit} nothing is lost"
+        bounds = ", where the bounds of the system end" if low >= found.end else ""
+        return f"none found: nothing is lost up to {low:.4g}{unit}{bounds}"
     wide = "" if found.answered else f", not as close as {found.tolerance:.2g}{unit}"
     return f"between {low:.4g} and {high:.4g}{unit}{wide}"
