@@ -1,11 +1,16 @@
-"""What sampling rate and what delay the safeguards of the inspection task stand.
+"""What sampling rate and what delay the safeguards and the filters over kernels stand.
 
 Every law runs from the same starts at several sampling rates and delays; printed is how many runs
-never leave the view.  python benchmarks/sampling.py [starts]
+never leave the view. The filters over the kernel in six states run from moving starts of which the
+kernel says that they can be kept by 2 cm (two kernels of three minutes, computed once).
+
+  python benchmarks/sampling.py [starts]
 """
 
 import sys
+from collections.abc import Callable
 
+import holdfast as hf
 from holdfast.comparing import variant
 
 LAWS = {
@@ -16,6 +21,11 @@ LAWS = {
     "convergent (5.18), safeguarded": ("safeguarded", "5 N"),
 }
 """Title -> law and case of `holdfast compare ch5-rescue`; its legs are those of `inspection`."""
+FILTERS = {
+    "off, kept in the kernel, 5 N": "5 N",
+    "off, kept in the kernel, 1 N": "1 N",
+}
+"""Title -> case of `holdfast compare ch7-rescue`."""
 PERIODS = (0.01, 0.02, 0.05, 0.1, 0.2)
 DELAYS = (0.0, 0.05, 0.1, 0.2, 0.3)
 STEP = 0.01  # of the integration [s]
@@ -23,27 +33,46 @@ STEP = 0.01  # of the integration [s]
 
 def viable(law: str, case: str, period: float, delay: float, starts: int) -> int:
     """How many of so many random starts stay in view, sampled and delayed like that."""
-    timing = {
+    return variant("ch5-rescue", law, case, starts, timing(period, delay, 150)).run().viable
+
+
+def kept(case: str, period: float, delay: float, starts: int) -> tuple[int, int]:
+    """How many stay under the filter, and of how many that can, of ten times so many starts."""
+    changes = timing(period, delay, 3)
+    found = hf.compare("ch7-rescue", ["filter"], [case], runs=10 * starts, overrides=changes)
+    rate = found.of_kernel("filter", case)
+    return rate.count, rate.total
+
+
+def timing(period: float, delay: float, horizon: float) -> list[str]:
+    """The overrides of a closed loop that is sampled and delayed like that."""
+    values = {
         "sample_time": period, "delay": delay, "substeps": max(1, round(period / STEP)),
-        "record_every": 150.0,
+        "record_every": float(horizon),
     }  # fmt: skip
-    changes = [f"run.{key}={value}" for key, value in timing.items()]
-    return variant("ch5-rescue", law, case, starts, changes).run().viable
+    return [f"run.{key}={value}" for key, value in values.items()]
+
+
+def table(title: str, cell: Callable[[float, float], int]) -> None:
+    print(f"\n{title}\n{'':>10}", end="")
+    print("".join(f"{f'{d:g} s':>8}" for d in DELAYS), " (delay)")
+    for period in PERIODS:
+        print(f"{1 / period:>7.0f} Hz", end="")
+        for delay in DELAYS:
+            shown = cell(period, delay) if whole(delay, period) else ""
+            print(f"{shown:>8}", end="", flush=True)
+        print()
 
 
 def main() -> None:
     starts = int(sys.argv[1]) if len(sys.argv) > 1 else 600
     for title, (law, case) in LAWS.items():
-        print(f"\n{title}: viable of {starts}\n{'':>10}", end="")
-        print("".join(f"{f'{d:g} s':>8}" for d in DELAYS), " (delay)")
-        for period in PERIODS:
-            found = [
-                f"{viable(law, case, period, delay, starts):>8}"
-                if whole(delay, period)
-                else f"{'':>8}"
-                for delay in DELAYS
-            ]
-            print(f"{1 / period:>7.0f} Hz{''.join(found)}", flush=True)
+        table(f"{title}: viable of {starts}", lambda p, d, x=(law, case): viable(*x, p, d, starts))
+    for title, case in FILTERS.items():
+        of = kept(case, PERIODS[0], 0.0, starts)[1]
+        table(
+            f"{title}: viable of {of} inside", lambda p, d, case=case: kept(case, p, d, starts)[0]
+        )
 
 
 def whole(delay: float, period: float) -> bool:

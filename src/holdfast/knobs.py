@@ -175,9 +175,7 @@ def _current(own: Scenario | KernelScenario, data: Mapping[str, Any]) -> Knob:
     return Knob(CURRENT, "current", "m/s", speed, settings, _limit(own, felt, speed))
 
 
-def _limit(
-    own: Scenario | KernelScenario, felt: Mapping[str, sp.Expr], speed: float
-) -> float:
+def _limit(own: Scenario | KernelScenario, felt: Mapping[str, sp.Expr], speed: float) -> float:
     """The largest speed in that direction that the bounds of the system allow a kernel."""
     if isinstance(own, KernelScenario):
         return speed * largest_factor(own.system, felt)

@@ -44,13 +44,14 @@ def disturbance_margin(
 ) -> Margin:
     """The largest number for which the kernel of a scenario is not empty, or contains `keep`.
 
-    of: a key of the scenario, such as "system.current_limit", or "current.speed": the speed of the
-    current that is given, in its direction, or the largest speed of one that is not. between: where
-    the limit is looked for, by default from 0 to twice the value of the scenario, and further up
-    while everything holds, to the bounds of the system for a current that is given. tolerance: how close the limit is enclosed, by default a hundredth of
-    the upper end. keep: states, by name (those left out are 0), and regions that the kernel has to
-    contain. The kernel is one for the horizon of the scenario; with [march] forever = true it is
-    the set that lasts.
+    of: a key of the scenario, such as "system.current_limit", or "current.speed": the speed of
+    the current that is given, in its direction, or the largest speed of one that is not.
+    between: where the limit is looked for, by default from 0 to twice the value of the
+    scenario, and further up while everything holds, to the bounds of the system for a current
+    that is given. tolerance: how close the limit is enclosed, by default a hundredth of the
+    upper end. keep: states, by name (those left out are 0), and regions that the kernel has to
+    contain. The kernel is one for the horizon of the scenario; with [march] forever = true it
+    is the set that lasts.
 
     Where a larger number does nothing but enlarge the bounds of the disturbances, it can only take
     away; the limit is bisected at once. Else values all over the interval are tried first, to see
@@ -168,9 +169,7 @@ class _Trials:
         )
 
 
-def _interval(
-    knob: Knob, own: float, between: tuple[float, float] | None
-) -> tuple[float, float]:
+def _interval(knob: Knob, own: float, between: tuple[float, float] | None) -> tuple[float, float]:
     if between is None:
         if not own > 0:
             raise ScenarioError(

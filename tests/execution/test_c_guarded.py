@@ -148,3 +148,36 @@ def test_exported_law_is_the_law_at_a_hundred_thousand_states(name, tmp_path):
         assert (expected[:, -1] >= 0).all()
         apart = np.abs(out - expected).max(axis=0) / (1 + np.abs(expected).max(axis=0))
         assert (apart <= 1e-12).all(), apart
+
+
+ONE_STEP = """
+int outside(const double *seen) {
+    law_state s;
+    double command[LAW_INPUTS], actuators[LAW_ACTUATORS];
+    law_start(&s);
+    law_step(&s, 0.0, 0.02, seen, law_parameters, command, actuators);
+    return s.outside;
+}
+"""
+
+
+def test_law_of_a_kernel_in_c_says_that_it_was_asked_outside_its_grid(tmp_path):
+    system, value = cart(), kernel()
+    text = hf.export_c(system, hf.safety_law(system, value), "law")
+    assert "law_state.outside: 1 where" in hf.export_c_header(
+        system, hf.safety_law(system, value), "law"
+    )
+    c = built(tmp_path, text + ONE_STEP, "outside")
+    low, high = zip(*BOX.values(), strict=True)
+    wide = np.random.default_rng(1).uniform(np.array(low) - 1, np.array(high) + 1, (500, 2))
+    corners = [(low[0], high[1]), (high[0], low[1])]
+    states = np.concatenate([wide, corners])
+    seen = np.zeros((len(states), 8))
+    seen[:, :2] = states
+    found = np.array([c.outside(pointer(row)) for row in seen], dtype=bool)
+    assert np.array_equal(found, np.isnan(value.at(states)))
+    assert found[:500].any()
+    assert not found[:500].all()
+    for odd in ((np.nan, 0.0), (0.0, np.inf)):
+        seen[0, :2] = odd
+        assert c.outside(pointer(seen[0])) == 1

@@ -27,18 +27,21 @@ from holdfast.maths.system import System
 
 SLACK = "0 where an input was admissible, else by how much the safeguard was relaxed"
 
+OUTSIDE = "1 where the table of the kernel was asked outside its grid: the nearest place answered"
+
 
 @checked
 def export_c(system: System, law: Law | Switching, name: str = "controller") -> str:
     """The law as C99, with its modes, what it remembers, and the limits of the actuators.
 
     One file without allocation, that needs libm alone. NAME is `name` with underscores for what C
-    has no place for, and law_ before a digit. `NAME_start` sets the first mode; at every
-    control sample `NAME_step` takes the time [s], what is measured and the parameters, gives what
-    the law asks for and what the actuators do, and returns the mode. Its numbers are those of the
-    compiled closed loop (to rounding). What a safeguard lacks at a sample is `slack` of the state:
-    0 where an admissible input was found. The table of a kernel is in the file. Every name at file
-    scope begins with NAME, or with its upper case. `export_c_header` gives the header.
+    has no place for, and law_ before a digit. `NAME_start` sets the first mode; at every control
+    sample `NAME_step` takes the time [s], what is measured and the parameters, gives what the law
+    asks for and what the actuators do, and returns the mode. Its numbers are those of the compiled
+    closed loop (to rounding). What a safeguard lacks at a sample is `slack` of the state: 0 where
+    an admissible input was found. The table of a kernel is in the file; `outside` of the state is 1
+    at a sample at which it was asked outside its grid. Every name at file scope begins with NAME,
+    or with its upper case. `export_c_header` gives the header.
 
     Raises `DefinitionError` for a law that does not fit the system.
     """
@@ -64,8 +67,7 @@ def _file(system: System, law: Law | Switching, name: str) -> _File:
 class _File:
     def __init__(self, system: System, switching: Switching, name: str) -> None:
         self.system, self.switching, self.name = system, switching, name
-        missing = set(system.input_names) ^ set(switching.output_names)
-        if missing:
+        if set(system.input_names) ^ set(switching.output_names):
             raise DefinitionError(
                 f"law '{switching.name}' gives {', '.join(switching.output_names)}",
                 expected="the inputs " + ", ".join(system.input_names),
@@ -92,7 +94,8 @@ class _File:
 
     def text(self) -> str:
         n, upper = self.name, self.name.upper()
-        functions = [self._law(), self._next_mode(), self._limit()]
+        functions = [self._place()] if self.switching.lookup else []
+        functions += [self._law(), self._next_mode(), self._limit()]
         functions += [self._remember()] if self.kept else []
         values = "\n".join(
             f"    {float(p.value)!r}, {c_comment(f'{i} {p.name} [{p.unit}] {p.description}')}"
@@ -127,6 +130,7 @@ class _File:
             *(f"actuators[{i}]: {a}" for i, a in enumerate(self.actuators)),
             *(f"mode {i}: {m}" for i, m in enumerate(self.switching.modes)),
             *([f"{n}_state.slack: {SLACK}"] if self.guards else []),
+            *([f"{n}_state.outside: {OUTSIDE}"] if self.switching.lookup else []),
         )
 
     def _interface(self) -> list[str]:
@@ -150,7 +154,7 @@ class _File:
             *(f"#define {upper}_{size} {count}" for size, count in sizes.items()),
             "",
             "typedef struct {",
-            "    int mode, begun;",
+            "    int mode, begun, outside;",
             f"    double since, slack, kept[{upper}_KEPT];",
             f"}} {n}_state;",
             "",
@@ -210,7 +214,7 @@ class _File:
         first = list(self.switching.modes).index(self.switching.initial)
         return (
             f"void {self.name}_start({self.name}_state *s) {{\n    s->mode = {first};\n"
-            "    s->begun = 0;\n    s->since = s->slack = 0.0;\n"
+            "    s->begun = s->outside = 0;\n    s->since = s->slack = 0.0;\n"
             f"    for (int i = 0; i < {self.name.upper()}_KEPT; i++) s->kept[i] = 0.0;\n}}"
         )
 
@@ -219,8 +223,9 @@ class _File:
         unpack, look = self._unpack(), ""
         if lookup is not None:
             n = len(lookup.places)
-            places = c_body(unpack, lookup.places, "place", "        ")
-            look = f"    double place[{n}], look[{n + 1}];\n    {{\n{places}\n    }}\n"
+            look = (
+                f"    double place[{n}], look[{n + 1}];\n    hf_place(t, seen, kept, p, place);\n"
+            )
             look += "    hf_look_up(place, look);\n"
             unpack |= {"look": lookup.symbols}
         cases = []
@@ -245,6 +250,16 @@ class _File:
             f"    (void)t; (void)seen; (void)kept; (void)p;\n{look}    switch (mode) {{\n"
             + "\n".join(cases)
             + "\n    }\n    return NAN;\n}"
+        )
+
+    def _place(self) -> str:
+        assert self.switching.lookup is not None
+        return (
+            "static void hf_place(double t, const double *seen, const double *kept,\n"
+            "                     const double *p, double *place) {\n"
+            "    (void)t; (void)seen; (void)kept; (void)p;\n"
+            + c_body(self._unpack(), self.switching.lookup.places, "place", "    ")
+            + "\n}"
         )
 
     def _next_mode(self) -> str:
@@ -306,15 +321,19 @@ class _File:
         )
 
     def _step(self) -> str:
-        begin = "    if (!s->begun) hf_first(seen, p, s->kept);\n" if self.kept else ""
+        asked, begin = "", "    if (!s->begun) hf_first(seen, p, s->kept);\n" if self.kept else ""
         remember = (
             "    hf_remember(t, sample_time, seen, actuators, p, s->kept);\n" if self.kept else ""
         )
+        if lookup := self.switching.lookup:
+            asked = f"    double place[{len(lookup.places)}];\n"
+            asked += "    hf_place(t, seen, s->kept, p, place);\n"
+            asked += "    s->outside = hf_off_grid(place);\n"
         body = (
             f" {{\n    (void)sample_time;\n{begin}    s->begun = 1;\n"
             "    int mode = hf_next_mode(t, seen, s->kept, s->mode, t - s->since, p);\n"
             "    if (mode != s->mode) {\n        s->mode = mode;\n        s->since = t;\n    }\n"
-            "    s->slack = hf_law(t, seen, s->kept, mode, p, command);\n"
+            f"{asked}    s->slack = hf_law(t, seen, s->kept, mode, p, command);\n"
             "    hf_limit(command, p, actuators);\n"
             f"{remember}    return mode;\n}}"
         )

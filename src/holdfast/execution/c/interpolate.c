@@ -31,6 +31,16 @@ static double hf_interpolate(const double *q) {
     return total;
 }
 
+/* 1 for a place that is not on the grid, or not a number. */
+static int hf_off_grid(const double *place) {
+    for (int i = 0; i < HF_AXES; i++) {
+        const double x = (place[i] - hf_low[i]) / hf_steps[i];
+        if (!isfinite(x)) return 1;
+        if (!hf_periodic[i] && !(-1e-9 <= x && x <= hf_shape[i] - 1 + 1e-9)) return 1;
+    }
+    return 0;
+}
+
 /* out[0]: the value at a place, or at the nearest place of the grid; then its slopes: central
  * differences, one-sided at the ends of the grid. */
 static void hf_look_up(const double *place, double *out) {
