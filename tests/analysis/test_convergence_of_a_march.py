@@ -51,6 +51,8 @@ def test_vessel_that_a_current_carries_away_is_lost_whatever_the_size_of_the_sea
     found = hf.viability_kernel(vessel, sea, grid, 7 * DAY, estimate_error=True)
     said = found.dataset.attrs
     assert said["empty"]
+    assert said["converged"]
+    assert said["residual_cells"] == 0
     assert said["reached_s"] == pytest.approx(100e3 / 0.5, rel=0.02)
     early = hf.viability_kernel(vessel, sea, grid, DAY).dataset.attrs
     assert not early["converged"]

@@ -129,10 +129,14 @@ def marched(
         rest = max(posed.horizon - done.time, done.time, march.crossing)
         return float((done.speed + rounding) * rest)
 
+    def decided(done: Done, now: Array) -> bool:
+        """Whether nothing is left, or everything, and no node changes side again."""
+        return not posed.varies and done.last == 0.0 and _all_on_one_side(now, posed.limit)
+
     def at_rest(done: Done, now: Callable[[], Array]) -> bool:
         if posed.varies:
             return False
-        if done.last == 0.0 and _all_on_one_side(now(), posed.limit):
+        if decided(done, now()):
             return True
         little = residual(done) <= marching.tolerance
         still = done.settled(little and (done.slows or done.speed <= ROUNDING * rounding))
@@ -172,7 +176,7 @@ def marched(
         "ended_early": int(enough),
         "begun_from_another": int(begin is not None),
         "tolerance_cells": marching.tolerance,
-        "residual_cells": residual(done),
+        "residual_cells": 0.0 if decided(done, values) else residual(done),
         "ends_reached": _ends_reached(grid, values),
         "cell": cell,
         "scheme": marching.scheme,
