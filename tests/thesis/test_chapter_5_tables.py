@@ -1,7 +1,7 @@
 """The tables of docs/rescue.md and docs/viable_redesign.md, from what the pages name."""
 
+import importlib
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +37,7 @@ RELAXED = {
 
 def rows(heading, page=PAGE):
     """The table under a heading, row by row: its first cell and the others."""
-    section = page[page.index(heading) :].split("\n## ")[0]
+    section = re.split(r"\n#+ ", page[page.index(heading) :], maxsplit=1)[0]
     table = re.search(r"((?:^\|.*\n)+)", section, re.M)[1].splitlines()[2:]
     return {c[0]: c[1:] for c in ([x.strip() for x in r.strip("|").split("|")] for r in table)}
 
@@ -56,21 +56,34 @@ def test_row_of_the_table_of_rescue_rates_is_what_the_comparison_gives(title):
             assert found.of(law, case).relaxed == RELAXED.get((law, case), 0), law
 
 
+@pytest.fixture
+def sampling(monkeypatch):
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    return importlib.import_module("sampling")
+
+
 @pytest.mark.heavy
-@pytest.mark.parametrize("title", rows("## What sampling"))
-def test_row_of_the_table_of_sampling_is_what_the_benchmark_gives(title):
-    sys.path.insert(0, str(ROOT / "benchmarks"))
-    try:
-        import sampling
-    finally:
-        sys.path.pop(0)
+@pytest.mark.parametrize("title", rows("### The safeguards"))
+def test_row_of_the_table_of_sampling_is_what_the_benchmark_gives(title, sampling):
     name, rate = re.fullmatch(r"(.+), (\d+) Hz", title).groups()
     law, case = sampling.LAWS[name]
     period = 1 / int(rate)
-    for delay, cell in zip(sampling.DELAYS, rows("## What sampling")[title], strict=True):
+    for delay, cell in zip(sampling.DELAYS, rows("### The safeguards")[title], strict=True):
         assert sampling.whole(delay, period) == (cell != "-")
         if cell != "-":
             assert sampling.viable(law, case, period, delay, 600) == int(cell), delay
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("title", rows("### The filters"))
+def test_row_of_the_table_of_filters_is_what_the_benchmark_gives(title, sampling):
+    name, rate = re.fullmatch(r"(.+), (\d+) Hz", title).groups()
+    case, period = sampling.FILTERS[name], 1 / int(rate)
+    inside = {"5 N": 2383, "1 N": 579}[case]
+    for delay, cell in zip(sampling.DELAYS, rows("### The filters")[title], strict=True):
+        assert sampling.whole(delay, period) == (cell != "-")
+        if cell != "-":
+            assert sampling.kept(case, period, delay, 600) == (int(cell), inside), delay
 
 
 REDESIGN = (ROOT / "docs" / "viable_redesign.md").read_text("utf-8")

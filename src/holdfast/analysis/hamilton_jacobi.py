@@ -125,9 +125,10 @@ def marched(
 
     def residual(done: Done) -> float:
         """Cells that the set still moves at its present speed: over the rest of the horizon, in as
-        long again, and while a cell of the slowest axis is crossed, whichever is longest."""
+        long again, and while a cell of the slowest axis is crossed, whichever is longest; at most
+        all cells of every axis."""
         rest = max(posed.horizon - done.time, done.time, march.crossing)
-        return float((done.speed + rounding) * rest)
+        return min(float((done.speed + rounding) * rest), float(sum(grid.shape)))
 
     def decided(done: Done, now: Array) -> bool:
         """Whether nothing is left, or everything, and no node changes side again."""
