@@ -131,7 +131,7 @@ FAST = "varied.draws.speed={range = [0.5, 0.5], unit = 'm/s'}"
 
 
 def around(x, y):
-    box = f"x = [{-x}, {x}], y = [{-y}, {y}]" if x < 1 else f"x = [{x}, {x}], y = [{y}, {y}]"
+    box = f"x = [{-x}, {x}], y = [{-y}, {y}]" if abs(x) < 1 else f"x = [{x}, {x}], y = [{y}, {y}]"
     return f"starts.box={{ {box}, psi = ['-180 deg', '180 deg'] }}"
 
 
@@ -148,7 +148,7 @@ def around(x, y):
             (15, 31.0, 1.070, 93),
         )
     ]
-    + [([FAST, around(0.1, 0.1)], 10_000, 22.1, 1.364, 5952)]
+    + [([FAST, around(0.1, 0.1)], 10_000, 22.1, 1.364, 5894)]
     + [([FAST, around(x, 2)], 2_500, 34.1, 0.320, 0) for x in (-2, 2)]
     + [([FAST, around(x, -2)], 2_500, 34.1, 0.320, 0) for x in (-2, 2)],
     ids=lambda v: v[0] if isinstance(v, list) else None,
