@@ -13,10 +13,7 @@ from holdfast.scenario import load_scenario
 from holdfast.sources import scenario_names
 from tests.test_cli import holdfast
 
-CART = """
-[scenario]
-title = "cart between walls"
-kind = "discriminating-kernel"
+PLANT = """
 [system]
 name = "cart"
 states = { x = { unit = "m" }, v = { unit = "m/s" } }
@@ -25,9 +22,14 @@ disturbances = { d = { unit = "m/s^2", bounds = [-0.5, 0.5] } }
 rates = { x = "v", v = "a + d" }
 [region]
 constraints = { left = { expression = "-1 - x", unit = "m" }, right = { expression = "x - 1", unit = "m" } }
-[grid]
+"""
+CART = f"""
+[scenario]
+title = "cart between walls"
+kind = "discriminating-kernel"
+{PLANT}[grid]
 nodes = 61
-box = { x = ["-130 cm", 1.3], v = [-1.8, 1.8] }
+box = {{ x = ["-130 cm", 1.3], v = [-1.8, 1.8] }}
 [march]
 horizon = 10
 forever = true
@@ -245,25 +247,17 @@ def test_scales_of_a_region_of_the_catalogue_are_a_table():
         load_scenario("ch7-discriminating", ["region.scale.nowhere=1"])
 
 
-HELD = """
+HELD = f"""
 [scenario]
 title = "held"
-[system]
-name = "cart"
-states = { x = { unit = "m" }, v = { unit = "m/s" } }
-inputs = { a = { unit = "m/s^2", bounds = [-1, 1] } }
-disturbances = { d = { unit = "m/s^2", bounds = [-0.5, 0.5] } }
-rates = { x = "v", v = "a + d" }
-[region]
-constraints = { left = { expression = "-1 - x", unit = "m" }, right = { expression = "x - 1", unit = "m" } }
-[law]
+{PLANT}[law]
 name = "idle"
-outputs = { a = 0 }
+outputs = {{ a = 0 }}
 [safety]
 kernel = "KERNEL"
 alone = true
 [starts]
-states = [{ x = 0.2 }]
+states = [{{ x = 0.2 }}]
 [run]
 horizon = 0.2
 """

@@ -37,7 +37,7 @@ SWITCHING, SWINGING = "switching extremes", "random swings"
 class Schedules:
     """Disturbances along a schedule: one set of expressions for all kinds, and what is drawn.
 
-    kinds: by which bound the coordinate of each name is, "box" or "ball".
+    coordinates: by which bound each coordinate is held, "box" or "ball".
     """
 
     expressions: dict[str, sp.Expr]
