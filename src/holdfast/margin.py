@@ -77,6 +77,11 @@ def disturbance_margin(
                 remedy=f"take it away with --set march.{name}=",
             )
     knob = find_knob(own, data, of)
+    if knob.key.partition(".")[0] in UNUSED_TABLES:
+        raise ScenarioError(
+            f"{file}: {knob.key}: no kernel depends on it",
+            expected="a number of the system, the region, the disturbance, the grid or the march",
+        )
     value = check_number(own, data, knob)
 
     def composed(value: float) -> KernelScenario:
