@@ -15,8 +15,8 @@ import numpy as np
 from tqdm import tqdm
 
 import holdfast as hf
-from holdfast.named_kernel import named_kernel
-from holdfast.scenario import load_scenario
+from holdfast.scenario.kernel_reference import named_kernel
+from holdfast.scenario.load import load_scenario
 
 SCENARIO, GAME, WHOLE = "ch7-rescue", "ch7-discriminating", "ch7-six-states"
 STILL = {"Vx": 0.0, "Vy": 0.0}

@@ -32,8 +32,8 @@ def seconds(code: str, cache: str) -> float:
 
 
 def main() -> None:
-    from holdfast.scenario import Scenario, load_scenario
-    from holdfast.sources import scenario_names
+    from holdfast.scenario.files import scenario_names
+    from holdfast.scenario.load import Scenario, load_scenario
 
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", help="a part of the name")
@@ -44,8 +44,8 @@ def main() -> None:
             continue
         name, *overrides = entry.split()
         code = (
-            "import time; from holdfast.derivation import explain; "
-            "from holdfast.sources import load_system; t = time.perf_counter(); "
+            "import time; from holdfast.studies.derivation import explain; "
+            "from holdfast.scenario.files import load_system; t = time.perf_counter(); "
             f"d = explain(load_system({name!r}, {overrides!r})); d.text(); d.markdown(); "
             "print(time.perf_counter() - t)"
         )
@@ -56,7 +56,7 @@ def main() -> None:
             continue  # a kernel is marched: level_set.py
         runs = 1 if loaded.course is None else None  # robots on a course have one start
         code = (
-            "import time; from holdfast.scenario import load_scenario; import numba; "
+            "import time; from holdfast.scenario.load import load_scenario; import numba; "
             "t = time.perf_counter(); "
             "short = ['run.horizon=0.2', 'run.record_every=0.2']; "
             f"load_scenario({name!r}, short, runs={runs}).run(); "

@@ -9,7 +9,7 @@ import sys
 
 import numpy as np
 
-from holdfast.scenario import load_scenario
+from holdfast.scenario.load import load_scenario
 
 GRID = {
     "leg_margin": (0.01, 0.02, 0.045, 0.08),

@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 
 import holdfast as hf
-from holdfast.sources import scenario_names
+from holdfast.scenario.files import scenario_names
 
 NODES = {1: 101, 2: 41, 3: 21, 4: 11, 5: 9, 6: 9}
 

@@ -15,7 +15,7 @@ import numpy as np
 import sympy as sp
 
 import holdfast as hf
-from holdfast.analysis.grid import Grid
+from holdfast.analysis.reachability.grid import Grid
 
 Array = np.ndarray
 

@@ -11,7 +11,7 @@ import tempfile
 from pathlib import Path
 
 import holdfast as hf
-from holdfast.execution.c_timing import time_law
+from holdfast.execution.codegen.c_timing import time_law
 
 NAMES = (
     "ch4-unicycle", "ch3-unknown-current", "ch4-chained-4", "ch5-viable-goal-set", "ch6-chain",

@@ -15,7 +15,7 @@ import numpy as np
 from tqdm import tqdm
 
 import holdfast as hf
-from holdfast.scenario import load_scenario
+from holdfast.scenario.load import load_scenario
 
 HELD = 0.36
 SPEED_LIMITS = (0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.8)

@@ -18,9 +18,9 @@ import sympy as sp
 from task import array_functions
 
 import holdfast as hf
-from holdfast.analysis.grid import Grid
-from holdfast.analysis.posed import with_disturbance
-from holdfast.analysis.solve import set_on_grid
+from holdfast.analysis.reachability.grid import Grid
+from holdfast.analysis.reachability.problem import with_disturbance
+from holdfast.analysis.reachability.solve import set_on_grid
 
 Array = np.ndarray
 

@@ -16,8 +16,8 @@ import numpy as np
 
 import holdfast as hf
 from holdfast.errors import HoldfastError
-from holdfast.formation_scenario import composed_formation
-from holdfast.formation_schema import FormationSpec
+from holdfast.scenario.formation import composed_formation
+from holdfast.scenario.schema.formation import FormationSpec
 
 WIDTHS, LENGTHS = (1.0, 2.2), (3.0, 6.0)
 

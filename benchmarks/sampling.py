@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable
 
 import holdfast as hf
-from holdfast.comparing import variant
+from holdfast.studies.comparison.compare import variant
 
 LAWS = {
     "legs, safeguarded": ("ch5-rescue", "5 N"),

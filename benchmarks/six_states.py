@@ -13,9 +13,9 @@ import resource
 import time
 from dataclasses import dataclass
 
-from holdfast.analysis.solve import set_on_grid
+from holdfast.analysis.reachability.solve import set_on_grid
 from holdfast.execution.resources import available_cores
-from holdfast.scenario import load_scenario
+from holdfast.scenario.load import load_scenario
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from matplotlib.lines import Line2D
 from tqdm import tqdm
 
 import holdfast as hf
-from holdfast.presentation import style
+from holdfast.presentation.figures import style
 
 LIMITS = {"speed_limit": 0.65, "turn_limit": 1.2}
 TRACKING = {"u": 5.8, "r": 9.0}

@@ -136,7 +136,7 @@ def closed_loop(
 
 
 def array_functions(xp: ModuleType) -> dict[str, Callable[..., Any]]:
-    """The functions of `holdfast.maths.functions` for a module like NumPy."""
+    """The functions of `holdfast.maths.expressions.functions` for a module like NumPy."""
     return {
         "sgn": lambda x: xp.where(x >= 0, 1.0, -1.0),
         "wrap": lambda x: x - 2 * math.pi * xp.ceil((x - math.pi) / (2 * math.pi)),

@@ -14,12 +14,12 @@ import tomllib
 import numpy as np
 from numba import njit
 
-from holdfast.comparing import variant
+from holdfast.execution.codegen.closed_loop_source import closed_loop_program
 from holdfast.execution.compile import compile_closed_loop
-from holdfast.execution.steppers import RK4
-from holdfast.execution.translate import closed_loop_program
-from holdfast.maths.switching import as_switching
-from holdfast.sources import read_text
+from holdfast.execution.simulation.steppers import RK4
+from holdfast.maths.definitions.switching import as_switching
+from holdfast.scenario.files import read_text
+from holdfast.studies.comparison.compare import variant
 
 COUNT = 200_000
 

@@ -19,9 +19,9 @@ with atheris.instrument_imports(include=["holdfast"]):
 
     import holdfast as hf
     from holdfast.errors import GainWarning, HoldfastError
-    from holdfast.maths.expression import parse_condition, parse_expression
-    from holdfast.scenario import scenario_of
-    from holdfast.sources import read_text
+    from holdfast.maths.expressions.parser import parse_condition, parse_expression
+    from holdfast.scenario.files import read_text
+    from holdfast.scenario.load import scenario_of
     from tests.hostile import KEYS, VALUES, WORDS, base, go_through, inside, paths
 
 warnings.simplefilter("ignore", GainWarning)

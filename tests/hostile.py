@@ -5,10 +5,10 @@ For hypothesis (`test_hostile_input.py`) and for the coverage-guided fuzzer (`fu
 
 import tomllib
 
-from holdfast.execution.steppers import BY_NAME
-from holdfast.execution.translate import closed_loop_program
-from holdfast.scenario import Scenario, scenario_of
-from holdfast.sources import overridden
+from holdfast.execution.codegen.closed_loop_source import closed_loop_program
+from holdfast.execution.simulation.steppers import BY_NAME
+from holdfast.scenario.files import overridden
+from holdfast.scenario.load import Scenario, scenario_of
 
 WORDS = [
     "x", "y", "psi", "k1", "t", "pi", "0", "1", "2.5", "1e300", "1e-300", "-", "+", "*", "/", "**", "(", ")", ",",

@@ -17,15 +17,15 @@ import xarray as xr
 from scipy.stats import qmc
 
 import holdfast as hf
-from holdfast.campaign import sweep as module
-from holdfast.campaign.axes import grid_cells, latin_cells, read_over
-from holdfast.campaign.store import store
 from holdfast.errors import HoldfastError, OutputError, ScenarioError
 from holdfast.interop.cluster import cluster_executor
-from holdfast.knobs import find_knob
-from holdfast.presentation import style
-from holdfast.scenario import scenario_of
-from holdfast.sources import read_tables
+from holdfast.presentation.figures import style
+from holdfast.scenario.files import read_tables
+from holdfast.scenario.load import scenario_of
+from holdfast.studies.scenario_parameter import find_knob
+from holdfast.studies.sweep import sweep as module
+from holdfast.studies.sweep.axes import grid_cells, latin_cells, read_over
+from holdfast.studies.sweep.store import store
 from tests.test_cli import HEARS, holdfast
 from tests.test_margin import LINE
 
@@ -142,8 +142,8 @@ def test_part_of_the_starts_on_edges_is_that_of_the_whole():
 
 
 def test_another_number_of_a_disturbance_is_no_other_program():
-    from holdfast.execution.steppers import BY_NAME
-    from holdfast.execution.translate import closed_loop_program
+    from holdfast.execution.codegen.closed_loop_source import closed_loop_program
+    from holdfast.execution.simulation.steppers import BY_NAME
 
     def source(speed):
         s = hf.load_scenario("ch3-known-current", [f"disturbance.Vx={speed}"])
@@ -327,7 +327,7 @@ def test_keys_of_whole_numbers_are_swept_too(cart, here):
 
 
 def test_a_cell_that_fails_does_not_end_the_others(cart, here, monkeypatch, tmp_path):
-    from holdfast.campaign import cell
+    from holdfast.studies.sweep import cell
 
     def failing(scenario, part=None):
         if scenario.settings["substeps"] == 2:
@@ -392,7 +392,7 @@ MANY = 400
 
 
 def begun(cart, folder, *more):
-    code = HEARS + "from holdfast.cli import main; main()"
+    code = HEARS + "from holdfast.commands.main import main; main()"
     words = [
         "sweep",
         cart,
@@ -576,8 +576,8 @@ def test_figure_shows_what_was_gone_over(cart, here, over, latin, panels, tmp_pa
 
 MILLION = """
 import sys
-from holdfast.campaign.cell import Part, run_part
-from holdfast.sources import code_digest, read_tables
+from holdfast.studies.sweep.cell import Part, run_part
+from holdfast.scenario.files import code_digest, read_tables
 
 file, _, tables = read_tables(sys.argv[1], ["run.horizon=1", "noise=", "varied=", "disturbance="])
 size, total, done, held = 5_000, 1_000_000, 0, []

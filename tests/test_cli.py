@@ -44,7 +44,7 @@ def test_version_is_printed():
 def test_version_and_help_import_nothing_heavy():
     code = (
         "import sys; sys.argv = ['holdfast', '--version']\n"
-        "from holdfast.cli import main\n"
+        "from holdfast.commands.main import main\n"
         "try: main()\nexcept SystemExit: pass\n"
         "heavy = {'numpy', 'sympy', 'numba', 'xarray', 'matplotlib'} & set(sys.modules)\n"
         "sys.exit(f'imported {heavy}' if heavy else 0)"
@@ -189,8 +189,8 @@ BAD_FILES = [
 def test_bad_file_gets_one_clear_message_and_writes_nothing(
     edit, complaint, tmp_path, capsys, monkeypatch
 ):
-    from holdfast import cli
-    from holdfast.sources import read_text
+    from holdfast.commands import main as cli
+    from holdfast.scenario.files import read_text
 
     (tmp_path / "mine.toml").write_text(edit(read_text("ch5-viable-goal-set")[1]))
     monkeypatch.chdir(tmp_path)
@@ -333,7 +333,7 @@ def test_bar_is_drawn_on_a_terminal_alone(tmp_path):
 
 
 def test_log_gets_a_line_a_minute(capsys, monkeypatch):
-    from holdfast import patience
+    from holdfast.studies import progress as patience
 
     now = iter([0.0, 30.0, 61.0, 61.0, 100.0, 121.0, 121.0])
     monkeypatch.setattr(patience, "time", SimpleNamespace(monotonic=lambda: next(now)))
@@ -351,7 +351,7 @@ def test_interruption_exits_130_and_leaves_no_partial_file(tmp_path):
     out = tmp_path / "out"
     process, terminal = on_a_terminal(
         "-c",
-        HEARS + "from holdfast.cli import main; main()",
+        HEARS + "from holdfast.commands.main import main; main()",
         "run",
         "inspection",
         "--runs",
@@ -379,7 +379,7 @@ def test_interruption_exits_130_and_leaves_no_partial_file(tmp_path):
 def test_an_interruption_that_a_library_swallows_is_remembered():
     code = (
         HEARS + "import os\n"
-        "from holdfast.interruption import heed, listening\n"
+        "from holdfast.host.interruption import heed, listening\n"
         "ears = listening(); ears.__enter__()\n"
         "heed()\n"
         "try: os.kill(os.getpid(), signal.SIGINT)\n"

@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.analysis.solve import set_on_grid
-from holdfast.cli import main
-from holdfast.kernel_scenario import KernelScenario
-from holdfast.presentation.text import summary_text
-from holdfast.presentation.value_text import value_text
+from holdfast.analysis.reachability.solve import set_on_grid
+from holdfast.commands.main import main
+from holdfast.presentation.text.runs import summary_text
+from holdfast.presentation.text.values import value_text
+from holdfast.scenario.kernel import KernelScenario
 from tests.c_code import STRICT, needs_gcc
 
 ROOT = Path(__file__).parent.parent

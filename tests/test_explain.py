@@ -7,8 +7,8 @@ import sys
 import pytest
 
 import holdfast as hf
-from holdfast.catalogue import example
-from holdfast.sources import load_system
+from holdfast.maths.catalogue.signature import example
+from holdfast.scenario.files import load_system
 
 
 def run(*arguments, cwd=None):

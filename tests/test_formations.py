@@ -13,11 +13,11 @@ from random_corridors import judged
 
 import holdfast as hf
 from holdfast.errors import GainWarning, ScenarioError
-from holdfast.maths.chain import chain, joint_law
+from holdfast.maths.formations.chain import chain, joint_law
 from holdfast.planning.corners import Corner
 from holdfast.planning.course import Course
 from holdfast.planning.leader import lead_along
-from holdfast.scenario import load_scenario
+from holdfast.scenario.load import load_scenario
 
 QUICK = ["run.sample_time=0.01", "run.record_every=0.1"]
 

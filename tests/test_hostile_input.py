@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 import holdfast as hf
 from holdfast.errors import GainWarning, HoldfastError
-from holdfast.maths.expression import parse_condition, parse_expression
-from holdfast.maths.units import check_unit, to_si
-from holdfast.scenario import load_scenario
-from holdfast.sources import read_text
+from holdfast.maths.definitions.units import check_unit, to_si
+from holdfast.maths.expressions.parser import parse_condition, parse_expression
+from holdfast.scenario.files import read_text
+from holdfast.scenario.load import load_scenario
 from tests.hostile import KEYS, VALUES, WORDS, base, go_through, inside, paths
 
 

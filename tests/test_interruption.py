@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from holdfast.writing import atomic_file, remove_left_over, undisturbed
+from holdfast.host.writing import atomic_file, remove_left_over, undisturbed
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals")
 
@@ -20,7 +20,7 @@ BIG = """
 import os, sys, threading, time
 import numpy as np, xarray as xr
 from pathlib import Path
-from holdfast.analysis.files import write_netcdf
+from holdfast.analysis.simulation.files import write_netcdf
 folder = Path(sys.argv[1])
 numbers = np.random.default_rng(0).random((100, 1500))
 data = xr.Dataset({f"v{k}": (("run", "time"), numbers + k) for k in range(8)})
@@ -67,15 +67,15 @@ def hung(where):
     return f"""
 import sys, threading, time
 from holdfast.analysis import files
-from holdfast.writing import atomic_file
+from holdfast.host.writing import atomic_file
 def write(dataset, path):
     with atomic_file(path) as partial:
         partial.write_text("half")
         print("writing", flush=True)
         {where}
 files.write_netcdf = write
-import holdfast.analysis.result
-holdfast.analysis.result.write_netcdf = write
+import holdfast.analysis.simulation.result
+holdfast.analysis.simulation.result.write_netcdf = write
 from holdfast.__main__ import main
 sys.argv[1:] = ["run", "ch2-unicycle", "--no-figures", "--out", sys.argv[1]]
 main()
@@ -169,7 +169,7 @@ def test_processes_end_with_the_one_that_began_them(tmp_path):
     code = """
 import os, sys, time
 from pathlib import Path
-from holdfast.processes import processes
+from holdfast.studies.process_pool import processes
 if __name__ == "__main__":
     with processes(1) as pool:
         print(pool.submit(os.getpid).result(), flush=True)

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.analysis.comparison import Comparison, Reference
-from holdfast.analysis.safety_law import safety_law
-from holdfast.comparing import variant
+from holdfast.analysis.safety.safety_filter import safety_law
+from holdfast.analysis.simulation.law_comparison import Comparison, Reference
 from holdfast.errors import DefinitionError, HoldfastError, ScenarioError
-from holdfast.judging import Judge
-from holdfast.named_kernel import named_kernel
-from holdfast.presentation.comparison import comparison_text
-from holdfast.scenario import load_scenario
+from holdfast.presentation.studies.comparison import comparison_text
+from holdfast.scenario.kernel_reference import named_kernel
+from holdfast.scenario.load import load_scenario
+from holdfast.studies.comparison.compare import variant
+from holdfast.studies.comparison.kernel_reference import Judge
 from tests.test_cli import holdfast
 
 CART = """

@@ -7,10 +7,10 @@ import pytest
 
 import holdfast as hf
 from holdfast.errors import ScenarioError
-from holdfast.kernel_scenario import KernelScenario
-from holdfast.named_kernel import named_kernel
-from holdfast.scenario import load_scenario
-from holdfast.sources import scenario_names
+from holdfast.scenario.files import scenario_names
+from holdfast.scenario.kernel import KernelScenario
+from holdfast.scenario.kernel_reference import named_kernel
+from holdfast.scenario.load import load_scenario
 from tests.test_cli import holdfast
 
 PLANT = """

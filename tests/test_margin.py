@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.analysis.margin import Answer, Tried, search
+from holdfast.analysis.reachability.bisection import Answer, Tried, search
 from holdfast.errors import ScenarioError, SimulationError
-from holdfast.presentation.margin import margin_text
+from holdfast.presentation.studies.margin import margin_text
 from tests.test_cli import holdfast
 
 CART = """

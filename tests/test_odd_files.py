@@ -11,9 +11,9 @@ import xarray as xr
 
 import holdfast as hf
 from holdfast.errors import HoldfastError, OutputError
-from holdfast.maths.vehicle import load_vehicle
+from holdfast.maths.definitions.vehicle_file import load_vehicle
 from holdfast.planning.geojson import geojson_cells
-from holdfast.scenario import load_scenario
+from holdfast.scenario.load import load_scenario
 from tests.test_cli import FAST, ONE_STATE, holdfast
 from tests.test_interruption import started
 

@@ -4,11 +4,11 @@ from importlib import resources
 
 import pytest
 
-from holdfast.comparing import compare
 from holdfast.errors import ScenarioError
-from holdfast.named_kernel import named_kernel
-from holdfast.scenario import load_scenario
-from holdfast.sources import load_system, read_text
+from holdfast.scenario.files import load_system, read_text
+from holdfast.scenario.kernel_reference import named_kernel
+from holdfast.scenario.load import load_scenario
+from holdfast.studies.comparison.compare import compare
 from tests.test_kernel_scenarios import CART
 
 LOOP = f"""

@@ -36,7 +36,7 @@ def test_fraction_in_the_readme_is_the_measured_one():
 
 
 def test_commands_of_the_readme_name_things_that_exist():
-    from holdfast.describe import describe
+    from holdfast.studies.catalogue import describe
 
     for name in re.findall(r"^holdfast (?:show|run|explain) ([\w-]+)", README, re.M):
         assert describe(name)

@@ -8,12 +8,19 @@ from html.parser import HTMLParser
 
 import pytest
 
-from holdfast import reproduce as module
-from holdfast.claim_schema import ChapterSpec, TrialSpec
 from holdfast.errors import OutputError, ScenarioError
-from holdfast.report import command, report_text, write_report
-from holdfast.reproduce import CHAPTERS, chapter, digest, number_in, reproduce, run_trial
-from holdfast.sources import scenario_names
+from holdfast.scenario.files import scenario_names
+from holdfast.scenario.schema.claims import ChapterSpec, TrialSpec
+from holdfast.studies.thesis import reproduce as module
+from holdfast.studies.thesis.report import command, report_text, write_report
+from holdfast.studies.thesis.reproduce import (
+    CHAPTERS,
+    chapter,
+    digest,
+    number_in,
+    reproduce,
+    run_trial,
+)
 
 RADIUS = {"distance": 1.0, "width": 1.6, "robot_radius": 0.2}
 
@@ -51,7 +58,7 @@ def small(monkeypatch):
     ]
     spec = ChapterSpec.model_validate({"title": "circles", "claims": claims})
     monkeypatch.setattr(module, "chapter", lambda number: spec)
-    monkeypatch.setattr("holdfast.report.chapter", lambda number: spec)
+    monkeypatch.setattr("holdfast.studies.thesis.report.chapter", lambda number: spec)
     return spec
 
 

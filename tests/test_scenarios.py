@@ -5,9 +5,9 @@ import pytest
 
 import holdfast as hf
 from holdfast.errors import ScenarioError
-from holdfast.kernel_scenario import KernelScenario
-from holdfast.scenario import load_scenario
-from holdfast.sources import scenario_names
+from holdfast.scenario.files import scenario_names
+from holdfast.scenario.kernel import KernelScenario
+from holdfast.scenario.load import load_scenario
 
 CLOSED_LOOPS = [n for n in scenario_names() if load_scenario(n).kind == "closed-loop"]
 """Formations have one start; `test_formations.py` runs them."""
@@ -142,7 +142,7 @@ horizon = 30
     ],
 )
 def test_mistake_in_a_users_own_definition_names_the_key(tmp_path, old, new, complaint):
-    from holdfast.sources import read_text
+    from holdfast.scenario.files import read_text
 
     text = read_text("wheeled_camera")[1]
     assert old in text

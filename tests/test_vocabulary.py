@@ -5,12 +5,13 @@ import inspect
 import pytest
 
 import holdfast as hf
-from holdfast import kernel_schema, schema
-from holdfast.analysis.marching import Marching
+from holdfast.analysis.reachability.options import Marching
 from holdfast.errors import RenamedWarning, ScenarioError
-from holdfast.execution.settings import Settings
-from holdfast.maths.scene import Circle, Cone, Segment
-from holdfast.scenario import load_scenario
+from holdfast.execution.simulation.settings import Settings
+from holdfast.maths.definitions.scene import Circle, Cone, Footprint, Segment
+from holdfast.scenario.load import load_scenario
+from holdfast.scenario.schema import closed_loop as schema
+from holdfast.scenario.schema import kernel as kernel_schema
 
 OBJECTS = {"system", "law", "region", "value", "result", "progress"}
 """Arguments that are made from other tables of the file, or belong to a running program."""
@@ -148,7 +149,7 @@ TABLES = {
     ),
     "a shape": (
         schema.ShapeSpec,
-        [Segment, Circle, Cone, hf.maths.scene.Footprint],
+        [Segment, Circle, Cone, Footprint],
         {"kind": "the class"},
         {},
     ),

@@ -8,11 +8,11 @@ from typing import NoReturn
 def main() -> NoReturn:
     """Run the command line and exit; an interruption while it is loaded ends it too."""
     try:
-        from holdfast.interruption import listening
+        from holdfast.host.interruption import listening
 
         try:
             with listening():
-                from holdfast.cli import main as run
+                from holdfast.commands.main import main as run
 
                 run()
         finally:

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.analysis.comparison import Rate
+from holdfast.analysis.simulation.law_comparison import Rate
 from holdfast.errors import HoldfastError
-from holdfast.presentation.comparison import comparison_text
+from holdfast.presentation.studies.comparison import comparison_text
 
 CART = """
 [scenario]

@@ -7,7 +7,7 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.analysis.depth import a_cell_inside
+from holdfast.analysis.safety.depth import a_cell_inside
 from holdfast.errors import SimulationError
 
 X, Y = hf.symbol("x"), hf.symbol("y")

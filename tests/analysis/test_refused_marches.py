@@ -11,7 +11,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError, HoldfastError, SimulationError
-from holdfast.execution import closed_loop
+from holdfast.execution.simulation import closed_loop
 
 X, V, U, D = (hf.symbol(n) for n in ("x", "v", "u", "d"))
 STATES = (hf.Quantity("x", "m"), hf.Quantity("v", "m/s"))

@@ -14,9 +14,9 @@ import pytest
 import xarray as xr
 
 import holdfast as hf
-from holdfast.analysis.files import atomic_file
+from holdfast.analysis.simulation.files import atomic_file
 from holdfast.errors import OutputError
-from holdfast.presentation.text import summary_text
+from holdfast.presentation.text.runs import summary_text
 
 
 @pytest.fixture(scope="module")
@@ -264,7 +264,7 @@ def test_a_full_disk_is_told_and_nothing_is_lost(tmp_path, command):
     code = (
         "import resource, sys\n"
         "import holdfast.execution.compile as c\n"
-        "from holdfast.cli import main\n"
+        "from holdfast.commands.main import main\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (3000, resource.RLIM_INFINITY))\n"
         "main()"
     )
@@ -288,7 +288,7 @@ def test_a_full_disk_is_told_and_nothing_is_lost(tmp_path, command):
 def test_what_was_computed_is_kept_elsewhere_where_its_folder_is_full(
     result, tmp_path, monkeypatch
 ):
-    from holdfast.output import _saved
+    from holdfast.studies.write_results import _saved
 
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     with pytest.raises(OutputError, match="what was computed is in") as caught:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.analysis.adversary import CONSTANT, SWINGING, SWITCHING, schedules
+from holdfast.analysis.safety.adversary import CONSTANT, SWINGING, SWITCHING, schedules
 from holdfast.errors import DefinitionError, SimulationError
-from holdfast.execution.closed_loop import SafeguardAnswer
+from holdfast.execution.simulation.closed_loop import SafeguardAnswer
 
 X, V, U, D = (hf.symbol(n) for n in ("x", "v", "u", "d"))
 STATES = (hf.Quantity("x", "m"), hf.Quantity("v", "m/s"))

@@ -18,11 +18,11 @@ from holdfast.errors import (
     ScenarioError,
     SimulationError,
 )
-from holdfast.execution.closed_loop import ClosedLoop
-from holdfast.execution.steppers import BY_NAME
-from holdfast.execution.translate import closed_loop_program
-from holdfast.maths.functions import magnitude
-from holdfast.presentation.text import summary_text
+from holdfast.execution.codegen.closed_loop_source import closed_loop_program
+from holdfast.execution.simulation.closed_loop import ClosedLoop
+from holdfast.execution.simulation.steppers import BY_NAME
+from holdfast.maths.expressions.functions import magnitude
+from holdfast.presentation.text.runs import summary_text
 
 X, U, D, C, G, K, S, V, SIZE = (
     hf.symbol(n) for n in ("x", "u", "d", "c", "g", "k", "s", "v", "size")

@@ -7,14 +7,14 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.execution.c_source import export_c
-from holdfast.execution.c_text import c_file
-from holdfast.execution.closed_loop import ClosedLoop
+from holdfast.execution.codegen.c_source import export_c
+from holdfast.execution.codegen.c_text import c_file
+from holdfast.execution.codegen.closed_loop_source import closed_loop_program
 from holdfast.execution.compile import compile_closed_loop
-from holdfast.execution.steppers import RK4
-from holdfast.execution.translate import closed_loop_program
-from holdfast.maths.switching import as_switching
-from holdfast.maths.walls import sight_distance, wall_distance
+from holdfast.execution.simulation.closed_loop import ClosedLoop
+from holdfast.execution.simulation.steppers import RK4
+from holdfast.maths.definitions.switching import as_switching
+from holdfast.maths.formations.walls import sight_distance, wall_distance
 from tests.analysis.test_safety_law import BOX, WALLS, cart, swinging
 from tests.c_code import built, needs_gcc, pointer
 from tests.execution.test_nearest import FAMILIES, MOST_ROWS, answers, packed, programs

@@ -8,12 +8,13 @@ import pytest
 
 import holdfast as hf
 from holdfast.errors import DefinitionError, SimulationError
-from holdfast.execution.c_source import export_c
-from holdfast.execution.c_timing import time_law, timed_rows
+from holdfast.execution.codegen.c_source import export_c
+from holdfast.execution.codegen.c_timing import time_law, timed_rows
 from holdfast.execution.evaluate import Evaluator
-from holdfast.maths.bounds import LinearImage
-from holdfast.maths.quantity import TIME, TIME_IN_MODE
-from holdfast.maths.switching import as_switching
+from holdfast.maths.definitions.bounds import LinearImage
+from holdfast.maths.definitions.measurement import by_measurements
+from holdfast.maths.definitions.quantity import TIME, TIME_IN_MODE, merge_parameters
+from holdfast.maths.definitions.switching import as_switching
 from tests.c_code import built, needs_gcc, pointer
 
 HARNESS = """
@@ -41,10 +42,10 @@ def test_exported_law_is_the_law_at_a_hundred_thousand_states(name, tmp_path):
     scenario = hf.load_scenario(name)
     system, law = scenario.system, scenario.law
     c = built(tmp_path, export_c(system, law, "law_"), "law_", HARNESS)
-    switching = as_switching(hf.maths.measurement.by_measurements(system, law))
+    switching = as_switching(by_measurements(system, law))
     read = {q.name for q in switching.reads}
     seen = [q.symbol for q in (*system.states, *(d for d in system.disturbances if d.name in read))]
-    parameters = hf.maths.quantity.merge_parameters(system.parameters, switching.parameters)
+    parameters = merge_parameters(system.parameters, switching.parameters)
     count = 100_000 // len(switching.modes)
     generator = np.random.default_rng(3)
     rows = generator.uniform(-2.0, 2.0, (count, len(seen) + 2))

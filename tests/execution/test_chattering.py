@@ -11,7 +11,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import SimulationError
-from holdfast.maths.functions import least, magnitude
+from holdfast.maths.expressions.functions import least, magnitude
 
 X, U = hf.symbol("x"), hf.symbol("u")
 STEEPNESS, DWELL, REST, UNTIL, GROWTH = (

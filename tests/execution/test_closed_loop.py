@@ -6,7 +6,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import GainWarning, SimulationError
-from holdfast.maths.functions import greatest, least, magnitude, select, sgn, wrap
+from holdfast.maths.expressions.functions import greatest, least, magnitude, select, sgn, wrap
 from tests.conftest import constant_law
 
 X, V = hf.symbol("x"), hf.symbol("v")

@@ -6,7 +6,13 @@ import sympy as sp
 from scipy.integrate import solve_ivp
 
 import holdfast as hf
-from holdfast.execution.steppers import ALL, BOGACKI_SHAMPINE, DORMAND_PRINCE, RK4, Tableau
+from holdfast.execution.simulation.steppers import (
+    ALL,
+    BOGACKI_SHAMPINE,
+    DORMAND_PRINCE,
+    RK4,
+    Tableau,
+)
 
 
 @pytest.mark.parametrize("tableau", ALL, ids=lambda t: t.name)

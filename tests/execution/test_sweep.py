@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.execution.march import March, Method
+from holdfast.execution.level_set.march import March, Method
 
 C = (0.7, -0.4, 0.9, -0.2)
 KINDS = ("extrapolated", "periodic", "limited")

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 import holdfast as hf
 from holdfast.errors import OutputError, SimulationError
+from holdfast.execution.codegen.closed_loop_source import closed_loop_program
+from holdfast.execution.codegen.printer import function_source
 from holdfast.execution.compile import cache_directory, compile_closed_loop
-from holdfast.execution.printer import function_source
-from holdfast.execution.steppers import RK4
-from holdfast.execution.translate import closed_loop_program
-from holdfast.maths.functions import angle, greatest, least, length, select, sgn, wrap
+from holdfast.execution.simulation.steppers import RK4
+from holdfast.maths.expressions.functions import angle, greatest, least, length, select, sgn, wrap
 from tests.conftest import number_at
 
 X, Y = hf.symbol("x"), hf.symbol("y")

@@ -5,7 +5,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.errors import ScenarioError, SimulationError
-from holdfast.scenario import load_scenario
+from holdfast.scenario.load import load_scenario
 
 X, V, U, D = (hf.symbol(n) for n in ("x", "v", "u", "d"))
 STATES = (hf.Quantity("x", "m"), hf.Quantity("v", "m/s"))

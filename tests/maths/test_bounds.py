@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.maths.bounds import product, ranges
+from holdfast.maths.definitions.bounds import product, ranges
 
 A, B, L, F = (hf.symbol(n) for n in ("a", "b", "l", "F"))
 reals = st.floats(-50, 50)

@@ -7,7 +7,7 @@ from scipy.linalg import expm
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.maths.chained import (
+from holdfast.maths.nonholonomic.chained_feedback import (
     chained_feedback,
     checked_gains,
     closed_loop_matrix,

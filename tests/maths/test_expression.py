@@ -10,7 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from holdfast.errors import ExpressionError
-from holdfast.maths.expression import FUNCTIONS, parse_condition, parse_expression
+from holdfast.maths.expressions.parser import FUNCTIONS, parse_condition, parse_expression
 
 NAMES = {n: sp.Symbol(n, real=True) for n in ("x", "y", "theta")}
 VALUES = {"x": 0.7, "y": -1.3, "theta": 2.1}

@@ -9,20 +9,25 @@ import sympy as sp
 from scipy.integrate import solve_ivp
 
 from holdfast.errors import DefinitionError
-from holdfast.maths import fields
-from holdfast.maths.critical_points import classify, winding_number
-from holdfast.maths.field import Field
-from holdfast.maths.field_facts import field_facts
-from holdfast.maths.flow_lines import exact_flow, first_integral, flow_line, loop_exponent
-from holdfast.maths.planes import (
+from holdfast.maths.catalogue import fields
+from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
+from holdfast.maths.reference_fields.critical_points import classify, winding_number
+from holdfast.maths.reference_fields.facts import field_facts
+from holdfast.maths.reference_fields.field import Field
+from holdfast.maths.reference_fields.flow_lines import (
+    exact_flow,
+    first_integral,
+    flow_line,
+    loop_exponent,
+)
+from holdfast.maths.reference_fields.meridian_planes import (
     axially_symmetric,
     frame,
     invariance_residuals,
     meridian,
     plane_by_plane,
 )
-from holdfast.maths.quantity import Parameter, Quantity, symbol
-from holdfast.maths.zeros import critical_points
+from holdfast.maths.reference_fields.zeros import critical_points
 
 X, Y, Z = (symbol(n) for n in "xyz")
 LAM = symbol("lam")

@@ -6,8 +6,8 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.maths.dipole import dipolar_field, field_angle
-from holdfast.maths.lyapunov import surge_gain_limit
+from holdfast.maths.control.lyapunov import surge_gain_limit
+from holdfast.maths.reference_fields.dipole import dipolar_field, field_angle
 from tests.conftest import number_at
 
 X, Y, LAM = (hf.symbol(n) for n in ("x", "y", "lam"))

@@ -7,7 +7,16 @@ import sympy as sp
 from hypothesis import given
 from hypothesis import strategies as st
 
-from holdfast.maths.functions import angle, clip, greatest, least, length, select, sgn, wrap
+from holdfast.maths.expressions.functions import (
+    angle,
+    clip,
+    greatest,
+    least,
+    length,
+    select,
+    sgn,
+    wrap,
+)
 
 X, Y = sp.symbols("x y", real=True)
 reals = st.floats(-20, 20, allow_nan=False).map(lambda v: round(v, 6))

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.maths.kernel import kinematic_system
-from holdfast.maths.lie_algebra import growth
-from holdfast.maths.numbers import Sampler, measured, rank
-from holdfast.maths.pfaffian import structure
+from holdfast.maths.expressions.random_points import Sampler, measured, rank
+from holdfast.maths.nonholonomic.lie_algebra import growth
+from holdfast.maths.nonholonomic.null_space import kinematic_system
+from holdfast.maths.nonholonomic.structure import structure
 
 X, Y, Z, PSI = (hf.symbol(n) for n in ("x", "y", "z", "psi"))
 STATES = (

@@ -6,7 +6,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.maths.redesign import switching_signals
+from holdfast.maths.control.blended_redesign import switching_signals
 from tests.conftest import number_at
 
 X = hf.symbol("x")

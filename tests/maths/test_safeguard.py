@@ -10,9 +10,9 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.execution.closed_loop import SafeguardAnswer
 from holdfast.execution.evaluate import Evaluator
-from holdfast.maths.functions import wrap
+from holdfast.execution.simulation.closed_loop import SafeguardAnswer
+from holdfast.maths.expressions.functions import wrap
 
 K1, K2 = 1.0, 4.0
 X, V, A, W = (hf.symbol(n) for n in "xvaw")

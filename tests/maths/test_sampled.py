@@ -121,7 +121,7 @@ def test_disturbance_that_multiplies_the_input_keeps_its_closed_form(samples):
     ],
 )
 def test_points_lie_in_the_set_and_reach_its_ends(bounds, samples, count):
-    from holdfast.maths.sampled import points_of
+    from holdfast.maths.games.sampled_inputs import points_of
 
     members = [hf.symbol(f"m{i}") for i in range(bounds.dimension)]
     points = points_of(bounds, members, set(members), samples)
@@ -138,7 +138,7 @@ def test_points_lie_in_the_set_and_reach_its_ends(bounds, samples, count):
 
 def test_what_jumps_is_not_taken_for_affine():
     """The derivative of sgn is zero, and that of wrap is one: neither makes a constant gain."""
-    from holdfast.maths.functions import select, sgn, wrap
+    from holdfast.maths.expressions.functions import select, sgn, wrap
 
     for rate in (sgn(U), wrap(3 * U), select(U, 2, -1)):
         s = system((rate, Y), ("u",), UNIT)

@@ -4,9 +4,18 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.maths.functions import angle, clip, greatest, length, magnitude, select, sgn, wrap
-from holdfast.maths.shared import derivatives, exchanged, parts, symbols_of
-from holdfast.maths.switching import as_switching
+from holdfast.maths.definitions.switching import as_switching
+from holdfast.maths.expressions.functions import (
+    angle,
+    clip,
+    greatest,
+    length,
+    magnitude,
+    select,
+    sgn,
+    wrap,
+)
+from holdfast.maths.expressions.traversal import derivatives, exchanged, parts, symbols_of
 
 X, Y, K = (hf.symbol(n) for n in ("x", "y", "k"))
 EXPRESSIONS = [

@@ -13,7 +13,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError, ScenarioError
-from holdfast.maths.surge_and_turn import surge_and_turn
+from holdfast.maths.control.surge_and_turn import surge_and_turn
 
 LAWS = {
     f.__name__: f for f in (hf.laws.hold_station, hf.laws.hold_station_unknown, hf.laws.weathervane)

@@ -6,13 +6,13 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.maths.chained_search import find_chained_form
-from holdfast.maths.field_following import alignment
-from holdfast.maths.kernel import kinematic_system, signed_minors
-from holdfast.maths.lie_algebra import bracket, growth
-from holdfast.maths.numbers import Sampler, rank, value_at
-from holdfast.maths.pfaffian import structure
-from holdfast.maths.trigonometry import plain
+from holdfast.maths.expressions.random_points import Sampler, rank, value_at
+from holdfast.maths.expressions.trigonometry import plain
+from holdfast.maths.nonholonomic.chained_search import find_chained_form
+from holdfast.maths.nonholonomic.field_following import alignment
+from holdfast.maths.nonholonomic.lie_algebra import bracket, growth
+from holdfast.maths.nonholonomic.null_space import kinematic_system, signed_minors
+from holdfast.maths.nonholonomic.structure import structure
 from tests.conftest import number_at
 
 X, Y, PSI, LAM = (hf.symbol(n) for n in ("x", "y", "psi", "lam"))

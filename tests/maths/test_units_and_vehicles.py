@@ -3,9 +3,9 @@
 import pytest
 
 from holdfast.errors import HoldfastError, ScenarioError
-from holdfast.maths.systems.marine_vehicle import PARAMETERS
-from holdfast.maths.units import UnitError, check_unit, to_si
-from holdfast.maths.vehicle import load_vehicle, vehicle_names
+from holdfast.maths.catalogue.systems.marine_vehicle import PARAMETERS
+from holdfast.maths.definitions.units import UnitError, check_unit, to_si
+from holdfast.maths.definitions.vehicle_file import load_vehicle, vehicle_names
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,9 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.maths.cell_field import blended, direction_of, exit_field
-from holdfast.maths.footprint import edges, polygon
-from holdfast.maths.functions import greatest
+from holdfast.maths.expressions.functions import greatest
+from holdfast.maths.formations.cell_field import blended, direction_of, exit_field
+from holdfast.maths.formations.footprint import edges, polygon
 from holdfast.planning.environment import environment
 from holdfast.planning.fields import DEPTH, route_fields
 from holdfast.planning.route import plan_route

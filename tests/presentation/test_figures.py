@@ -7,9 +7,9 @@ from matplotlib.colors import same_color, to_rgb
 
 import holdfast as hf
 from holdfast.errors import OutputError
-from holdfast.presentation import style
-from holdfast.presentation.interactive import paths_data
-from holdfast.presentation.text import summary_text
+from holdfast.presentation.figures import style
+from holdfast.presentation.html.interactive import paths_data
+from holdfast.presentation.text.runs import summary_text
 
 
 @pytest.fixture(scope="module", params=["inspection", "ch5-viable-goal-set", "wheeled_camera"])

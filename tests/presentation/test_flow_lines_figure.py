@@ -6,10 +6,10 @@ import pytest
 from matplotlib.patches import Wedge
 
 import holdfast as hf
-from holdfast.maths import fields
-from holdfast.maths.field import Field
-from holdfast.presentation import style
-from holdfast.presentation.flow_lines import flow_lines_figure
+from holdfast.maths.catalogue import fields
+from holdfast.maths.reference_fields.field import Field
+from holdfast.presentation.figures import style
+from holdfast.presentation.figures.flow_lines import flow_lines_figure
 
 
 def text_of(figure):

@@ -6,10 +6,10 @@ import pytest
 from matplotlib.quiver import Quiver
 
 import holdfast as hf
-from holdfast.analysis.grid import Axis, Grid
-from holdfast.analysis.value_function import to_value_function
+from holdfast.analysis.reachability.grid import Axis, Grid
+from holdfast.analysis.reachability.value_function import to_value_function
 from holdfast.errors import OutputError
-from holdfast.presentation.optimal_input import NEGATIVE, POSITIVE
+from holdfast.presentation.figures.optimal_input import NEGATIVE, POSITIVE
 
 
 @pytest.fixture(autouse=True)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.analysis.grid import Axis, Grid
-from holdfast.analysis.value_function import to_value_function
+from holdfast.analysis.reachability.grid import Axis, Grid
+from holdfast.analysis.reachability.value_function import to_value_function
 from holdfast.errors import OutputError
-from holdfast.presentation.surface import zero_surface
+from holdfast.presentation.figures.surface import zero_surface
 
 
 @pytest.fixture(autouse=True)

@@ -6,11 +6,11 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.analysis.grid import Axis, Grid
-from holdfast.analysis.value_function import to_value_function
+from holdfast.analysis.reachability.grid import Axis, Grid
+from holdfast.analysis.reachability.value_function import to_value_function
 from holdfast.errors import OutputError, SimulationError
-from holdfast.maths.scene import Circle, Segment
-from holdfast.presentation import level_sets
+from holdfast.maths.definitions.scene import Circle, Segment
+from holdfast.presentation.figures import level_sets
 
 STATES = {
     "x": ("m", -2.0, 2.0, "contained"),

@@ -328,7 +328,7 @@ def solid():
 
 
 def plane_figure():
-    from holdfast.analysis.safety_law import optimal_inputs
+    from holdfast.analysis.safety.safety_filter import optimal_inputs
 
     inputs, velocity = optimal_inputs(hf.systems.unicycle(), solid(), ("x", "y"), {"psi": 0.0})
     return {
@@ -350,7 +350,7 @@ def redesigned():
 
 def catalogue():
     """Every entry with the arguments it is built on, and those of its own."""
-    from holdfast.catalogue import leading_argument
+    from holdfast.maths.catalogue.signature import leading_argument
 
     for kind in (hf.systems, hf.laws, hf.regions, hf.fields):
         for function in kind.ALL:

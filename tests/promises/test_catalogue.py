@@ -5,13 +5,13 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.catalogue import example
-from holdfast.describe import describe
+from holdfast.execution.codegen.closed_loop_source import closed_loop_program
 from holdfast.execution.compile import compile_closed_loop
-from holdfast.execution.steppers import RK4
-from holdfast.execution.translate import closed_loop_program
-from holdfast.maths.planes import meridian
-from holdfast.maths.vehicle import vehicle_names
+from holdfast.execution.simulation.steppers import RK4
+from holdfast.maths.catalogue.signature import example
+from holdfast.maths.definitions.vehicle_file import vehicle_names
+from holdfast.maths.reference_fields.meridian_planes import meridian
+from holdfast.studies.catalogue import describe
 from tests.conftest import number_at
 
 VEHICLES = [hf.systems.marine_vehicle(name) for name in vehicle_names()]

@@ -12,7 +12,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.maths.functions import magnitude, select, wrap
+from holdfast.maths.expressions.functions import magnitude, select, wrap
 from tests.thesis.closed_loops import solved, with_gains
 
 X, Y, PSI = (hf.symbol(n) for n in ("x", "y", "psi"))

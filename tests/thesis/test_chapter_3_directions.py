@@ -17,7 +17,7 @@ import station_keeping as study
 from tqdm import tqdm
 
 import holdfast as hf
-from holdfast.scenario import load_scenario
+from holdfast.scenario.load import load_scenario
 
 ROOT = Path(__file__).parents[2]
 

@@ -5,8 +5,8 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.scenario import load_scenario
-from holdfast.sources import scenario_names
+from holdfast.scenario.files import scenario_names
+from holdfast.scenario.load import load_scenario
 
 STAYS_WITHIN = {
     "ch3-known-current": 0.133,

@@ -12,9 +12,9 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.maths.chained import chained_feedback
-from holdfast.maths.dipole import dipolar_field
-from holdfast.maths.functions import angle, greatest, magnitude, select, sgn, wrap
+from holdfast.maths.expressions.functions import angle, greatest, magnitude, select, sgn, wrap
+from holdfast.maths.nonholonomic.chained_feedback import chained_feedback
+from holdfast.maths.reference_fields.dipole import dipolar_field
 from tests.thesis.closed_loops import solved, with_gains
 
 X, Y, PSI = (hf.symbol(n) for n in ("x", "y", "psi"))

@@ -10,8 +10,8 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.maths.functions import magnitude, wrap
-from holdfast.maths.lyapunov import ultimate_bound
+from holdfast.maths.control.lyapunov import ultimate_bound
+from holdfast.maths.expressions.functions import magnitude, wrap
 from tests.conftest import number_at
 
 K1, MU = 0.16, 1.5

@@ -9,9 +9,9 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.analysis.comparison import Rate
-from holdfast.comparing import variant
-from holdfast.maths.lyapunov import surge_gain_limit
+from holdfast.analysis.simulation.law_comparison import Rate
+from holdfast.maths.control.lyapunov import surge_gain_limit
+from holdfast.studies.comparison.compare import variant
 
 ROOT = Path(__file__).parents[2]
 STILL = ("5 N", "0.3 N", "corners", "model")

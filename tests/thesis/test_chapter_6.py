@@ -12,10 +12,10 @@ import sympy as sp
 import holdfast as hf
 from holdfast.errors import DefinitionError
 from holdfast.execution.evaluate import Evaluator
-from holdfast.maths.footprint import polygon
-from holdfast.maths.functions import sgn
-from holdfast.maths.laws.follow_leader import SEEN
-from holdfast.maths.measurement import by_measurements
+from holdfast.maths.catalogue.laws.follow_leader import SEEN
+from holdfast.maths.definitions.measurement import by_measurements
+from holdfast.maths.expressions.functions import sgn
+from holdfast.maths.formations.footprint import polygon
 from tests.conftest import number_at
 
 X, Y, BETA = (hf.symbol(n) for n in ("x", "y", "beta"))

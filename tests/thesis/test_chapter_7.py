@@ -8,9 +8,9 @@ from forward_reach import row as reached_row
 from six_states import solved
 
 import holdfast as hf
-from holdfast.analysis.solve import set_on_grid
+from holdfast.analysis.reachability.solve import set_on_grid
 from holdfast.errors import DefinitionError
-from holdfast.scenario import load_scenario
+from holdfast.scenario.load import load_scenario
 from tests.conftest import number_at
 
 GAME_INPUTS = hf.Box((-1.21, -1.465), (1.21, 1.465))

@@ -13,8 +13,8 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.maths.functions import magnitude
-from holdfast.maths.lyapunov import docking_metric
+from holdfast.maths.control.lyapunov import docking_metric
+from holdfast.maths.expressions.functions import magnitude
 from tests.thesis.closed_loops import solved, with_gains
 
 TOTALS = {"mass": 1.0, "Xudot": -0.94, "Yvdot": -5.05, "Iz": 0.0059, "Nrdot": -0.0059}

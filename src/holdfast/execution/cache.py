@@ -27,7 +27,7 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.serialize import dumps
 
 from holdfast.errors import CacheWarning, OutputError
-from holdfast.writing import atomic_file, discarded_at_the_end
+from holdfast.host.writing import atomic_file, discarded_at_the_end
 
 ROOM = 20 * 2**20
 """Bytes: compiled code of a few closed loops."""

@@ -17,6 +17,10 @@ __all__ = ["cache_directory"]
 
 MARK = "# -- joined from here on"
 
+DRIVER = ("driver", "crossings", "batch")
+QUADRATIC_PROGRAM, INTERPOLATION = "simulation/quadratic_program", "interpolate"
+FINITE_DIFFERENCES, STENCILS = "level_set/finite_differences", "level_set/stencils"
+
 _NUMBER = re.compile(r"(?<![\w.])(\d+\.\d*(e[+-]?\d+)?|\d+e[+-]?\d+)(?![\w.])")
 
 _building = threading.RLock()
@@ -25,19 +29,19 @@ _building = threading.RLock()
 
 def compile_closed_loop(source: str) -> ModuleType:
     """The module of one closed loop: the driver with the generated `source` in its place."""
-    parts = (_text(f"{name}.py").partition(MARK)[2] for name in ("driver", "crossings", "batch"))
-    above = "\n".join(map(_import, ("nearest", "interpolate", "trajectory")))
+    parts = (_text(f"simulation/{name}").partition(MARK)[2] for name in DRIVER)
+    above = "\n".join(map(_import, (QUADRATIC_PROGRAM, INTERPOLATION, "simulation/trajectory")))
     return _module("loop", "\n\n".join([above, *parts, source]))
 
 
 def compile_functions(source: str) -> ModuleType:
     """The module of functions that stand alone, with the primitives that they use."""
-    return _module("functions", f"{_import('nearest')}\n\n{source}")
+    return _module("functions", f"{_import(QUADRATIC_PROGRAM)}\n\n{source}")
 
 
 def compile_sweep(source: str, precision: str = "float64") -> ModuleType:
     """The module of a march over a grid: the slopes, in a precision, with the `source`."""
-    return _module("sweep", f"{_import('slopes', precision)}\n\n\n{source}")
+    return _module("sweep", f"{_import(FINITE_DIFFERENCES, precision)}\n\n\n{source}")
 
 
 def single(text: str) -> str:
@@ -50,18 +54,19 @@ def single(text: str) -> str:
 
 def compile_interpolation() -> ModuleType:
     """The module of `interpolate.py`."""
-    return _shared("interpolate")
+    return _shared(INTERPOLATION)
 
 
 def _shared(name: str, precision: str = "float64") -> ModuleType:
     """The module of a file that is the same for every program, so that it is compiled once."""
-    above, mark, text = _text(f"{name}.py").partition(MARK)
+    above, mark, text = _text(name).partition(MARK)
     if precision == "float32":
         above, text = single(above), single(text)
+    kind = name.rpartition("/")[2]
     if not mark:
-        return _module(name, above)
-    below = "differences" if name == "slopes" else "primitives"
-    return _module(name, f"{_import(below, precision)}\n{text}")
+        return _module(kind, above)
+    below = STENCILS if name == FINITE_DIFFERENCES else "primitives"
+    return _module(kind, f"{_import(below, precision)}\n{text}")
 
 
 def _import(name: str, precision: str = "float64") -> str:
@@ -70,7 +75,7 @@ def _import(name: str, precision: str = "float64") -> str:
 
 
 def _text(name: str) -> str:
-    return (resources.files("holdfast.execution") / name).read_text("utf-8")
+    return (resources.files("holdfast.execution") / f"{name}.py").read_text("utf-8")
 
 
 def _module(kind: str, text: str) -> ModuleType:

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.errors import DefinitionError, SimulationError
+from holdfast.execution.codegen.printer import function_source
 from holdfast.execution.compile import compile_functions
-from holdfast.execution.printer import function_source
-from holdfast.maths.quantity import Parameter
+from holdfast.maths.definitions.quantity import Parameter
 
 Array = npt.NDArray[np.float64]
 

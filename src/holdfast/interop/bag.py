@@ -11,7 +11,7 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from holdfast.analysis.result import Result
+from holdfast.analysis.simulation.result import Result
 from holdfast.errors import OutputError
 
 NANO = 1_000_000_000

@@ -10,16 +10,16 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from holdfast.execution.closed_loop import ClosedLoop
+from holdfast.execution.codegen.closed_loop_source import closed_loop_program
 from holdfast.execution.evaluate import Evaluator
-from holdfast.execution.settings import Settings
-from holdfast.execution.steppers import RK4
-from holdfast.execution.translate import closed_loop_program
+from holdfast.execution.simulation.closed_loop import ClosedLoop
+from holdfast.execution.simulation.settings import Settings
+from holdfast.execution.simulation.steppers import RK4
 from holdfast.interop.numeric import Numeric, closed_expressions
-from holdfast.maths.law import Law
-from holdfast.maths.quantity import TIME
-from holdfast.maths.switching import Switching
-from holdfast.maths.system import System
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.quantity import TIME
+from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.definitions.system import System
 
 Array = npt.NDArray[np.float64]
 

@@ -12,8 +12,8 @@ import numpy.typing as npt
 from holdfast.errors import DefinitionError
 from holdfast.execution.evaluate import Evaluator
 from holdfast.interop.numeric import Numeric
-from holdfast.maths.region import Region
-from holdfast.maths.system import System
+from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.system import System
 
 Array = npt.NDArray[np.float64]
 

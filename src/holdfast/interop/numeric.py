@@ -12,12 +12,12 @@ import sympy as sp
 
 from holdfast.errors import DefinitionError
 from holdfast.execution.evaluate import Evaluator
-from holdfast.maths.bounds import Box, LinearImage
-from holdfast.maths.law import Law
-from holdfast.maths.measurement import by_measurements
-from holdfast.maths.quantity import TIME, Parameter, merge_parameters, symbol
-from holdfast.maths.switching import Switching, as_switching
-from holdfast.maths.system import System
+from holdfast.maths.definitions.bounds import Box, LinearImage
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.measurement import by_measurements
+from holdfast.maths.definitions.quantity import TIME, Parameter, merge_parameters, symbol
+from holdfast.maths.definitions.switching import Switching, as_switching
+from holdfast.maths.definitions.system import System
 
 Array = npt.NDArray[np.float64]
 

@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from holdfast.errors import DefinitionError
 from holdfast.execution.evaluate import Evaluator
-from holdfast.maths.law import Law
-from holdfast.maths.laws.follow_leader import SEEN
+from holdfast.maths.catalogue.laws.follow_leader import SEEN
+from holdfast.maths.definitions.law import Law
 from holdfast.planning.fields import Fields
 
 Array = npt.NDArray[np.float64]

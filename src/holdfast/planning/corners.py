@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.errors import DefinitionError
-from holdfast.maths.turning import turning_radii
+from holdfast.maths.formations.turning_radii import turning_radii
 from holdfast.planning.convoy import Convoy, Pose, unit, wrapped
 from holdfast.planning.environment import Passage, shown
 from holdfast.planning.fields import Fields

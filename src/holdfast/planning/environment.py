@@ -14,7 +14,7 @@ import shapely
 import shapely.ops
 
 from holdfast.errors import DefinitionError
-from holdfast.maths.footprint import Edge, edges, polygon
+from holdfast.maths.formations.footprint import Edge, edges, polygon
 
 Array = npt.NDArray[np.float64]
 Point = tuple[float, float]

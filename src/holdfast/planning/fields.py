@@ -12,8 +12,14 @@ import numpy.typing as npt
 
 from holdfast.errors import DefinitionError
 from holdfast.execution.evaluate import Evaluator
-from holdfast.maths.cell_field import Field, blended, direction_of, exit_field, goal_field
-from holdfast.maths.quantity import Parameter, symbol
+from holdfast.maths.definitions.quantity import Parameter, symbol
+from holdfast.maths.formations.cell_field import (
+    Field,
+    blended,
+    direction_of,
+    exit_field,
+    goal_field,
+)
 from holdfast.planning.environment import CLOSE, shown
 from holdfast.planning.route import Leg, Route
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from holdfast.errors import DefinitionError, ScenarioError
+from holdfast.host.reading import read_small_text
 from holdfast.planning.environment import Point
-from holdfast.reading import read_small_text
 
 MOST = 100 * 2**20
 """Bytes of a map."""

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import sympy as sp
 
-from holdfast.maths.cell_field import direction_of
-from holdfast.maths.dipole import UNSEEN
-from holdfast.maths.functions import length, magnitude, wrap
-from holdfast.maths.law import Law
-from holdfast.maths.quantity import Parameter, Quantity, symbol
-from holdfast.maths.switching import Switching, Transition
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
+from holdfast.maths.definitions.switching import Switching, Transition
+from holdfast.maths.expressions.functions import length, magnitude, wrap
+from holdfast.maths.formations.cell_field import direction_of
+from holdfast.maths.reference_fields.dipole import UNSEEN
 from holdfast.planning.corners import Corner
 from holdfast.planning.fields import Fields, X, Y
 

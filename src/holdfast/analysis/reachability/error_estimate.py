@@ -1,0 +1,154 @@
+"""What a value function is worth: how far the grid puts it off, and what rests on what is outside.
+
+Both are found by marching the problem again, on coarser grids and with other ends.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.analysis.reachability.grid import Axis, Grid
+from holdfast.analysis.reachability.obstacles import largest_change
+from holdfast.analysis.reachability.problem import Posed, check_counts
+from holdfast.analysis.reachability.value_function import ValueFunction
+from holdfast.errors import HoldfastError, SimulationError
+
+Array = npt.NDArray[Any]
+
+LEAST_ORDER = 0.5
+"""A lower observed order says that the grids are too coarse for one; it is taken for this."""
+
+
+def coarser(posed: Posed, count: int) -> list[Posed]:
+    """The same problem with half as many cells along every axis, and again half, `count` times.
+
+    Raises `SimulationError` where the cells along an axis are no multiple of 2 (of 4), so that the
+    grids would have no nodes in common, or where a grid is too coarse for the scheme.
+    """
+    found: list[Posed] = []
+    for k in range(1, count + 1):
+        grid = Grid(tuple(_thinned(a, 2**k) for a in posed.grid.axes))
+        try:
+            check_counts(grid, posed.marching.scheme)
+        except HoldfastError as error:
+            raise SimulationError(
+                f"a grid of 1/{2**k} of the cells has {error.cause}",
+                expected=error.expected,
+                remedy="take more nodes, or leave out estimate_error",
+            ) from None
+        found.append(replace(posed.aside(f"coarse{k}"), grid=grid))
+    return found
+
+
+def _thinned(axis: Axis, factor: int) -> Axis:
+    last = axis.ends != "periodic"
+    cells = axis.count - last
+    if cells % factor:
+        nodes = cells // factor * factor + last
+        raise SimulationError(
+            f"{cells} cells along '{axis.name}'",
+            expected=f"a multiple of {factor}, for an estimate of the error",
+            remedy=f"take {nodes} or {nodes + factor} nodes",
+        )
+    return replace(axis, count=cells // factor + last)
+
+
+def with_error(found: ValueFunction, coarse: Sequence[ValueFunction]) -> ValueFunction:
+    """`found`, on cells of size h, with an estimate of its error from those of 2 h (and 4 h).
+
+    With a scheme of order p the error of V_h is (V_h - V_2h) / (2^p - 1), to first order (L. F.
+    Richardson, 1911). The boundaries of the sets have corners, where every scheme falls back: p is
+    taken for 1, so that the error is the whole difference, or with a third grid it is observed,
+
+        p = log2( |V_2h - V_4h| / |V_h - V_2h| ),   root mean squares near the boundary
+
+    Near the boundary are the common nodes where V_h or V_2h is within one change over a cell of
+    zero; where there are none, all. Attributes:
+
+    error_order         p: 1, or as observed; one below 0.5 is taken for 0.5
+    error_largest       largest |V_h - V_2h| / (2^p - 1) near the boundary, in the value's unit
+    error_rms           its root mean square
+    error_cells         how far off the boundary lies, in cells: the error over the change of V
+                        from cell to cell; 95 % of the nodes near the boundary are below
+    volume_coarse       the volume on 2 h, to be compared with `volume`
+    """
+    thin = tuple(slice(None, None, 2) for _ in found.grid.axes)
+    fine = found.values()
+    apart = fine[thin] - coarse[0].values()
+    near = _near(fine[thin], coarse[0])
+    order = 1.0
+    if len(coarse) > 1:
+        further = coarse[0].values()[thin] - coarse[1].values()
+        both = _near(coarse[0].values()[thin], coarse[1])
+        small, large = _rms(apart[thin][both]), _rms(further[both])
+        if small > 0 and large > 0:
+            order = max(math.log2(large / small), LEAST_ORDER)
+    error = np.abs(apart[near]) / (2.0**order - 1.0)
+    slopes = np.zeros(apart.shape)
+    for i in range(fine.ndim):
+        slopes += np.gradient(fine, axis=i)[thin] ** 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        cells = np.where(error > 0, error / np.sqrt(slopes[near]), 0.0)
+    attributes = {
+        "error_order": order,
+        "error_largest": float(error.max()),
+        "error_rms": _rms(error),
+        "error_cells": float(np.quantile(cells, 0.95, method="higher")),
+        "volume_coarse": coarse[0].volume(),
+    }
+    return replace(found, dataset=found.dataset.assign_attrs(attributes))
+
+
+def _near(fine: Array, coarse: ValueFunction) -> Array:
+    values = coarse.values()
+    cell = largest_change(values) or math.inf
+    near = (np.abs(fine) <= cell) | (np.abs(values) <= cell)
+    return near if near.any() else np.ones_like(near)
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values, dtype=np.float64))))
+
+
+def with_outside(
+    found: ValueFunction, posed: Posed, march: Callable[[Posed], ValueFunction]
+) -> ValueFunction:
+    """`found`, with what of it rests on what is beyond the open ends of the grid.
+
+    There the value is continued, which is a guess. So the problem is solved twice more, as if
+    whoever leaves the grid had lost, and as if they had won:
+
+        lost    the set is what needs nothing from outside:    V <= distance to the ends
+        won     what is not in the set, is not in any case:    V >= -distance to the ends
+
+    A node in the set both times is in it, and one in neither is not, whatever is outside (but for
+    the error of the scheme, and half a cell at the ends themselves). This asks about the answer
+    itself, where a look at which way the characteristics cross the ends would ask about the ends
+    only: what enters there may matter for none of the nodes, or for all.
+
+    `outside` is 0 at the nodes whose side does not depend on it, 1 at those that are in the set by
+    what is outside, -1 at those that are not in it, but might be if it were all won beyond.
+    Attributes: nodes_from_outside and nodes_kept_outside count the two, share_from_outside is
+    the part of the set's nodes.
+    """
+    inside = found.values() > 0
+    lost, won = (
+        march(replace(posed.aside(what), beyond=what)).values() > 0 for what in ("lost", "won")
+    )
+    gained, missed = inside & ~lost, ~inside & won
+    side = gained.astype(np.int8) - missed.astype(np.int8)
+    text = "1 in the set by what is outside the grid, -1 not in it by what is outside, 0 sure"
+    names = [a.name for a in found.grid.axes]
+    dataset = found.dataset.assign(outside=(names, side, {"units": "1", "long_name": text}))
+    attributes = {
+        "nodes_from_outside": int(gained.sum()),
+        "share_from_outside": float(gained.sum() / max(inside.sum(), 1)),
+        "nodes_kept_outside": int(missed.sum()),
+    }
+    return replace(found, dataset=dataset.assign_attrs(attributes))

@@ -1,0 +1,82 @@
+"""A disturbance that is given, held against the bounds of its system."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import sympy as sp
+
+from holdfast.errors import SimulationError
+from holdfast.maths.definitions.bounds import Ball, Bounds, Box, LinearImage, Product, section
+from holdfast.maths.definitions.quantity import TIME
+from holdfast.maths.definitions.system import System
+
+LOOKED_AT = 257
+"""Times of the horizon at which a disturbance that depends on time is held against its bounds."""
+
+WITHOUT_END = 1e9
+"""A factor beyond which bounds do not matter."""
+
+
+def check_given(
+    system: System,
+    given: Mapping[str, sp.Expr],
+    numbers: Mapping[sp.Symbol, sp.Float],
+    interval: tuple[float, float],
+) -> None:
+    """Refuse a disturbance that is given outside its bounds, at any of many times."""
+    which = [d.name in given for d in system.disturbances]
+    bounds = section(system.disturbance_bounds, which)
+    if bounds is None:
+        return
+    bounds = bounds.at(numbers)
+    names = [n for n in system.disturbance_names if n in given]
+    values = [given[n].xreplace(dict(numbers)) for n in names]
+    moves = any(v.has(TIME) for v in values)
+    for time in np.linspace(*interval, LOOKED_AT if moves else 1):
+        now = [float(v.subs(TIME, float(time))) for v in values]
+        if not bounds.contains(now):
+            when = f" at {time:g} s" if moves else ""
+            shown = ", ".join(f"{n} = {v:g}" for n, v in zip(names, now, strict=True))
+            raise SimulationError(
+                f"a disturbance is given outside its bounds: {shown}{when}",
+                expected=f"values within {_said(bounds)}",
+                remedy="give a smaller disturbance, or widen the bounds of the system",
+            )
+
+
+def largest_factor(system: System, given: Mapping[str, sp.Expr]) -> float:
+    """By how much a constant disturbance that is given can be multiplied within its bounds."""
+    bounds = section(system.disturbance_bounds, [d.name in given for d in system.disturbances])
+    if bounds is None:
+        return math.inf
+    numbers = {q.symbol: sp.Float(q.value) for q in system.parameters}
+    bounds = bounds.at(numbers)
+    values = [float(given[n].xreplace(numbers)) for n in system.disturbance_names if n in given]
+
+    def allowed(factor: float) -> bool:
+        return bounds.contains([factor * v for v in values], 0.0)
+
+    low, high = 0.0, 1.0
+    while allowed(high):
+        low, high = high, 2 * high
+        if high > WITHOUT_END:
+            return math.inf
+    while (middle := 0.5 * (low + high)) not in (low, high):
+        low, high = (middle, high) if allowed(middle) else (low, middle)
+    return low
+
+
+def _said(bounds: Bounds) -> str:
+    """A set of numbers as text."""
+    if isinstance(bounds, Ball):
+        return f"a ball of radius {float(bounds.radius):g}"
+    if isinstance(bounds, Product):
+        return " and ".join(_said(part) for part in bounds.parts)
+    if isinstance(bounds, Box):
+        sides = zip(bounds.lower, bounds.upper, strict=True)
+        return " x ".join(f"[{float(a):g}, {float(b):g}]" for a, b in sides)
+    assert isinstance(bounds, LinearImage)
+    return "the image of " + _said(bounds.of)

@@ -1,0 +1,171 @@
+"""A grid over the states of a system: nodes, and what is beyond the ends of every axis."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.analysis.reachability.given import as_number, by_name, whole
+from holdfast.arguments import checked
+from holdfast.errors import SimulationError, suggestion
+from holdfast.execution.level_set.march import KINDS
+from holdfast.maths.definitions.quantity import Quantity
+from holdfast.maths.definitions.system import System
+
+TURN = 2.0 * math.pi
+
+VARIABLES = ("value", "arrival", "outside", "time")
+"""The variables of a value function; its axes have the names of the states."""
+
+LARGEST_DIMENSION = 6
+
+
+@dataclass(frozen=True)
+class Axis:
+    """`count` nodes from low to high; of a periodic axis, whose ends are one, high is left out.
+
+    ends: "extrapolated" (linearly, away from zero), "contained": the same, and the region has to
+    lie within, "periodic", or "limited": the state itself is limited there, and nothing leaves.
+    """
+
+    state: Quantity
+    low: float
+    high: float
+    count: int
+    ends: str
+
+    @property
+    def name(self) -> str:
+        return self.state.name
+
+    @property
+    def step(self) -> float:
+        return (self.high - self.low) / (self.count - (self.ends != "periodic"))
+
+    @property
+    def nodes(self) -> npt.NDArray[np.float64]:
+        return self.low + self.step * np.arange(self.count, dtype=np.float64)
+
+    @property
+    def reflected(self) -> npt.NDArray[np.int64]:
+        """At which place the node is whose state is that of this one times -1.
+
+        Raises `SimulationError` where there is none.
+        """
+        middle = -2.0 * self.low / self.step  # the sum of the places of a node and its reflection
+        whole = round(middle)
+        fits = self.ends == "periodic" or whole == self.count - 1
+        if not fits or abs(middle - whole) > 1e-9 * self.count:
+            raise SimulationError(
+                f"the nodes along '{self.name}' are not reflected onto one another",
+                expected="an interval with 0 in its middle, for a symmetry",
+            )
+        return (whole - np.arange(self.count, dtype=np.int64)) % self.count
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The axes in the order of the system's states."""
+
+    axes: tuple[Axis, ...]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return tuple(a.count for a in self.axes)
+
+    @property
+    def nodes(self) -> int:
+        return math.prod(self.shape)
+
+
+@checked
+def grid(
+    system: System,
+    box: Mapping[str, tuple[float, float]],
+    nodes: int | Mapping[str, int],
+    ends: Mapping[str, str] | None = None,
+) -> Grid:
+    """The grid over `box` (state -> (low, high)); `nodes` along every axis, or along each by name.
+
+    ends: state -> "contained" (the default: a region that is kept has to lie within), "periodic"
+    (the default of an angle over a whole turn), "extrapolated", "limited". An angle over part of a
+    turn needs its ends said.
+
+    Raises `SimulationError` for a state with the name of one of `VARIABLES` or without an interval,
+    for an interval that is empty or unbounded, an angle over more than a turn, a
+    periodic axis that is not one turn of an angle, fewer than two nodes, and more than six states.
+    """
+    if not isinstance(system, System):
+        raise SimulationError(f"{system!r} for a system", expected="a System")
+    names = system.state_names
+    by_name("box", box, '{"x": (0, 1)}')
+    ends = dict(by_name("ends", {} if ends is None else ends, '{"x": "limited"}'))
+    if len(names) > LARGEST_DIMENSION:
+        raise SimulationError(
+            f"system '{system.name}' has {len(names)} states",
+            expected=f"at most {LARGEST_DIMENSION} for a grid",
+            remedy="promote some to bounded inputs (promote)",
+        )
+    for name in names:
+        if name in VARIABLES:
+            raise SimulationError(
+                f"a state has the name '{name}', which a value function has a variable for",
+                expected=f"states of other names than {', '.join(VARIABLES)}",
+                remedy="rename the state",
+            )
+    tables: list[tuple[str, Mapping[str, object]]] = [("box", box), ("ends", ends)]
+    if isinstance(nodes, Mapping):
+        tables.append(("nodes", nodes))
+    for what, table in tables:
+        for name in table:
+            if name not in names:
+                raise SimulationError(
+                    f"{what} of '{name}', which is no state", remedy=suggestion(name, names)
+                )
+    return Grid(tuple(_axis(q, box, nodes, ends.get(q.name)) for q in system.states))
+
+
+def _axis(
+    q: Quantity,
+    box: Mapping[str, tuple[float, float]],
+    nodes: int | Mapping[str, int],
+    ends: str | None,
+) -> Axis:
+    if q.name not in box:
+        raise SimulationError(f"the grid has no interval for '{q.name}'")
+    wanted = nodes.get(q.name) if isinstance(nodes, Mapping) else nodes
+    count = whole(f"nodes along '{q.name}': ", wanted, 2)
+    given = box[q.name]
+    pair = isinstance(given, (tuple, list, np.ndarray)) and len(given) == 2
+    low, high = (as_number(v) for v in given) if pair else (None, None)
+    if low is None or high is None:
+        raise SimulationError(
+            f"the interval of '{q.name}' is {given!r}", expected="two numbers, (low, high)"
+        )
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise SimulationError(
+            f"the interval of '{q.name}' is [{low:g}, {high:g}]", expected="low < high"
+        )
+    once = q.angle and math.isclose(high - low, TURN, rel_tol=1e-9)
+    if q.angle and high - low > TURN * (1 + 1e-9):
+        raise SimulationError(
+            f"the interval of the angle '{q.name}' is {high - low:g} rad", expected="at most 2 pi"
+        )
+    if q.angle and not once and ends is None:
+        raise SimulationError(
+            f"the interval of the angle '{q.name}' is {high - low:g} rad, not a whole turn",
+            expected="2 pi",
+            remedy='or say what is beyond its ends: ends = {"' + q.name + '": "contained"}',
+        )
+    ends = ends or ("periodic" if once else "contained")
+    if not isinstance(ends, str) or ends not in KINDS:
+        raise SimulationError(f"ends of '{q.name}': '{ends}'", remedy=suggestion(str(ends), KINDS))
+    if ends == "periodic" and not once:
+        raise SimulationError(
+            f"'{q.name}' is periodic over [{low:g}, {high:g}]", expected="an angle over 2 pi"
+        )
+    return Axis(q, low, high, count, ends)

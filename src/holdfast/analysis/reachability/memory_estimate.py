@@ -1,0 +1,73 @@
+"""How much memory a march takes, known before it begins."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from holdfast.analysis.reachability.given import whole
+from holdfast.analysis.reachability.grid import Grid
+from holdfast.analysis.reachability.options import Marching, marching_of
+from holdfast.analysis.reachability.problem import Posed
+from holdfast.arguments import checked
+from holdfast.execution.resources import check_memory
+
+
+def check_trials(runs: int, states: int) -> None:
+    """Refuse more runs of a promise than there is memory to draw their starts."""
+    check_memory(8 * 4 * runs * (2 * states + 4), f"the starts of {runs:,} runs", "try fewer")
+
+
+@checked
+def march_memory(
+    grid: Grid,
+    *,
+    capture: bool = False,
+    moving: bool = False,
+    times: int = 0,
+    least_times: bool | None = None,
+    **options: Any,
+) -> int:
+    """The bytes of the arrays of a march over `grid` at its peak.
+
+    capture: of a capture basin, with its `least_times` unless they are not wanted (arrival_steps =
+    0); moving: something depends on time; times: how many values are asked for; options: those of
+    `Marching` that count are precision, order (or scheme), estimate_error and check_outside.
+
+    In units of the value at every node: one for each stage of the Runge-Kutta method (two at
+    least), two obstacles where there are, two for each of the times (one until the end of the
+    march), four to ask what is outside, one to estimate the error; for the least times two, and 8
+    bytes a node. The compiled march and its libraries take some 300 MB more, whatever the grid.
+
+    Raises `SimulationError` for options that cannot be used.
+    """
+    wanted = capture if least_times is None else least_times
+    count = whole("times: ", times, 0)
+    return _bytes(grid, marching_of(options), capture or moving, count, wanted)
+
+
+def memory_of(posed: Posed) -> int:
+    """The same for a problem that is posed."""
+    obstacles = posed.problem.limit == "free" or posed.varies
+    times = len(posed.asked) if posed.several else 0
+    return _bytes(posed.grid, posed.marching, obstacles, times, bool(posed.arrival_steps))
+
+
+def check_fits(posed: Posed) -> None:
+    """Refuse a march that would not fit into the memory of this machine."""
+    remedy = "take fewer nodes"
+    if posed.marching.precision == "float64":
+        remedy += ', or precision="float32"'
+    check_memory(memory_of(posed), f"{posed.grid.nodes:,} nodes", remedy)
+
+
+def _bytes(grid: Grid, marching: Marching, obstacles: bool, times: int, arrivals: bool) -> int:
+    arrays = 1 + max(marching.method.order - 1, 1) + 2 * obstacles + 2 * arrivals
+    if marching.check_outside:
+        arrays += 4
+    elif marching.estimate_error:
+        arrays += 1
+    arrays = max(arrays + times, 2 * times + 1)
+    size = np.dtype(marching.precision).itemsize
+    return grid.nodes * (size * arrays + 8 * arrivals)

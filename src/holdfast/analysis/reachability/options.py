@@ -1,0 +1,155 @@
+"""What is marched over a grid, and how."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from holdfast.analysis.reachability.given import by_name, number, whole
+from holdfast.errors import SimulationError, suggestion
+from holdfast.execution.level_set.march import Method
+from holdfast.execution.level_set.schemes import SCHEMES
+from holdfast.execution.level_set.sweep_source import DISSIPATIONS
+from holdfast.maths.definitions.region import Region
+
+
+@dataclass(frozen=True)
+class Marching:
+    """How a problem is solved.
+
+    scheme: "upwind", "eno2", "eno3" or "weno5"; order: of the Runge-Kutta method, 1 to 3, by
+    default that of the scheme; dissipation: "global", "local" or "local-local"; cfl: share of the
+    largest stable step; precision: "float64" or "float32"; band: the value is cut off at this
+    distance from zero on either side, and what is beyond is settled and skipped, so that the cost
+    is that of the boundary; skip: leave out what is settled, which does not change the answer;
+    threads: by default all cores.
+
+    tolerance [cells]: the march has converged when the boundary of the set, at the speed that it
+    still has, moves by no more than this share of a cell over the rest of the horizon, in as long
+    again as the march has gone, and while a cell is crossed along the slowest axis; and when that
+    speed falls. A node that is deeper inside counts by the share of its value that it loses. No
+    unit enters: seconds, metres and radians may be rescaled. `residual_cells` of the result is
+    what is left to move.
+
+    checkpoint: a file that the state of the march is written to, at the start, every
+    `checkpoint_every` s of wall time (60) and at the end, or a folder to put one in, named after
+    the problem. The same problem goes on from it, to the same bit; another is refused. It stays
+    when the march has ended, so that a result that was not saved is not lost: remove it then.
+
+    symmetry: state -> -1 for those that change sign in a reflection that leaves the problem as it
+    is; half of the grid is computed then. It is checked symbolically (`maths/symmetry.py`).
+
+    samples: where the rates have no closed form in an input or a disturbance, the points along
+    every coordinate of its set that are looked at (`maths/sampled.py`); by default the system's.
+
+    estimate_error, check_outside: what the answer is worth, by further marches (`worth.py`).
+    """
+
+    scheme: str = "weno5"
+    order: int | None = None
+    dissipation: str = "local-local"
+    cfl: float = 0.75
+    precision: str = "float64"
+    band: float = math.inf
+    tolerance: float = 0.01
+    skip: bool = True
+    threads: int | None = None
+    symmetry: Mapping[str, int] | None = None
+    checkpoint: str | Path | None = None
+    checkpoint_every: float = 60.0
+    samples: int | None = None
+    estimate_error: bool | str = False
+    check_outside: bool = False
+
+    def __post_init__(self) -> None:
+        for name, known in (
+            ("scheme", tuple(SCHEMES)),
+            ("dissipation", DISSIPATIONS),
+            ("precision", ("float64", "float32")),
+        ):
+            if (value := getattr(self, name)) not in known:
+                raise SimulationError(f"{name}: {value!r}", remedy=suggestion(str(value), known))
+        if self.order is not None:
+            whole("order: ", self.order, 1, 3)
+        number("cfl: ", self.cfl, "a number above 0, at most 1", lambda v: 0 < v <= 1)
+        number("band: ", self.band, "a number above 0; infinite for none", lambda v: v > 0)
+        number("tolerance: ", self.tolerance, "a number of cells above 0", lambda v: v > 0)
+        if self.threads is not None:
+            whole("threads: ", self.threads, 1, 1024)
+        for name in ("skip", "check_outside", "estimate_error"):
+            value = getattr(self, name)
+            also = name == "estimate_error" and value == "order"
+            if not (isinstance(value, (bool, np.bool_)) or also):
+                both = name == "estimate_error"
+                expected = 'True, False or "order"' if both else "True or False"
+                raise SimulationError(f"{name}: {value!r}", expected=expected)
+        if self.symmetry is not None:
+            by_name("symmetry", self.symmetry, '{"y": -1}')
+        if self.checkpoint is not None and not isinstance(self.checkpoint, (str, Path)):
+            raise SimulationError(f"checkpoint: {self.checkpoint!r}", expected="a file or a folder")
+        number("checkpoint_every: ", self.checkpoint_every, "seconds, at least 0", lambda v: v >= 0)
+        if self.checkpoint is None and self.checkpoint_every != 60.0:
+            raise SimulationError(
+                "checkpoint_every without a checkpoint", remedy="say checkpoint=a file or a folder"
+            )
+
+    @property
+    def method(self) -> Method:
+        order = self.order or {"upwind": 1, "eno2": 2}.get(self.scheme, 3)
+        return Method(self.scheme, order, self.dissipation, self.cfl, self.skip)
+
+    @property
+    def monotone(self) -> bool:
+        """Whether a step keeps the order of two values: less everywhere before, less after."""
+        return (
+            self.method.order == 1 and self.scheme == "upwind" and self.dissipation != "local-local"
+        )
+
+    def aside(self, name: str, kind: str) -> Marching:
+        """For a further march that tells what the first is worth; its checkpoint is named so."""
+        path = self.checkpoint
+        if path is not None:
+            path = self.checkpoint_file(kind)
+            path = path.with_name(f"{path.name}.{name}")
+        return replace(self, checkpoint=path, estimate_error=False, check_outside=False)
+
+    def checkpoint_file(self, kind: str) -> Path:
+        path = Path(self.checkpoint or ".")
+        return path / f"{kind}.checkpoint" if path.is_dir() else path
+
+
+def marching_of(options: Mapping[str, Any]) -> Marching:
+    """The options as they were given, with a refusal of unknown names."""
+    for name in options:
+        if name not in Marching.__dataclass_fields__:
+            raise SimulationError(
+                f"unknown option '{name}'", remedy=suggestion(name, Marching.__dataclass_fields__)
+            )
+    return Marching(**options)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is marched: the region it begins with, what becomes of it, and the obstacles.
+
+    limit: "shrink" if `start` is to be kept, "grow" if it is to be reached, "free" if it is to be
+    reached within `above`. inputs, disturbances: "max" or "min", what each player makes of the
+    value. backwards: the dynamics run in reverse.
+    """
+
+    kind: str
+    limit: str
+    start: Region
+    inputs: str = "max"
+    disturbances: str = "min"
+    above: Region | None = None
+    backwards: bool = False
+
+    @property
+    def regions(self) -> tuple[Region, ...]:
+        return (self.start,) if self.above is None else (self.start, self.above)

@@ -1,0 +1,97 @@
+"""Disturbances that try to break a promise: with the state in view, or along a schedule.
+
+With the state in view the disturbance lowers the value along its gradient, or the margin of the
+constraints. Both are greedy, and the first believes in the value that is on trial. The schedules
+do not: every coordinate of a bound follows
+
+    amplitude clip(gain (sin(pace t + phase) + bias), -1, 1)
+
+which is a constant extreme at pace 0, switches between extremes where the gain is large, and
+swings where it is 1. Numbers are drawn for every run; paces are spread evenly over their logarithm,
+from one change in a horizon to one in a few samples, so that no unit of time is preferred.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import sympy as sp
+
+from holdfast.maths.definitions.bounds import Ball, Bounds, Box, LinearImage, Product
+from holdfast.maths.definitions.quantity import TIME, symbol
+from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.variation import Varied
+from holdfast.maths.expressions.functions import clip
+
+Range = tuple[float, float]
+
+STEEP = 1e6
+"""The gain at which a swing is a switch."""
+
+CONSTANT, INSIDE = "constant extremes", "constants within the bounds"
+SWITCHING, SWINGING = "switching extremes", "random swings"
+
+
+@dataclass(frozen=True)
+class Schedules:
+    """Disturbances along a schedule: one set of expressions for all kinds, and what is drawn.
+
+    coordinates: by which bound each coordinate is held, "box" or "ball".
+    """
+
+    expressions: dict[str, sp.Expr]
+    coordinates: tuple[str, ...]
+
+    def drawn(self, kind: str, horizon: float, sample_time: float) -> Varied:
+        """What every run draws for a kind, one of CONSTANT, INSIDE, SWITCHING, SWINGING."""
+        paces = (math.log(math.pi / horizon), math.log(math.pi / (5.0 * sample_time)))
+        if kind in (CONSTANT, INSIDE):
+            paces = (-700.0, -700.0)  # exp(-700) t does not move
+        gain = 1.0 if kind == SWINGING else STEEP
+        draws: dict[str, Range] = {"schedule_gain": (gain, gain)}
+        for number, bound in enumerate(self.coordinates):
+            either = kind == INSIDE or (bound == "ball" and kind != SWINGING)
+            least = -1.0 if either else 1.0
+            draws[f"schedule_amplitude_{number}"] = (least, 1.0)
+            draws[f"schedule_pace_{number}"] = (paces[0], max(paces))
+            draws[f"schedule_phase_{number}"] = (-math.pi, math.pi)
+            draws[f"schedule_bias_{number}"] = (-0.9, 0.9) if kind == SWITCHING else (0.0, 0.0)
+        used = {s.name for e in self.expressions.values() for s in e.free_symbols}
+        draws = {n: ends for n, ends in draws.items() if n in used}
+        return Varied(draws, {}, {}, dict.fromkeys(draws, "1"))
+
+
+def schedules(system: System) -> Schedules:
+    """The disturbances of the system along schedules that stay within their bounds."""
+    coordinates: list[str] = []
+
+    def wave(bound: str) -> sp.Expr:
+        number = len(coordinates)
+        coordinates.append(bound)
+        amplitude, pace, phase, bias = (
+            symbol(f"schedule_{name}_{number}") for name in ("amplitude", "pace", "phase", "bias")
+        )
+        swing = sp.sin(sp.exp(pace) * TIME + phase) + bias
+        return amplitude * clip(symbol("schedule_gain") * swing, sp.S(-1), sp.S(1))
+
+    def of(bounds: Bounds) -> list[sp.Expr]:
+        if isinstance(bounds, Product):
+            return [e for part in bounds.parts for e in of(part)]
+        if isinstance(bounds, LinearImage):
+            return list(bounds.produce(of(bounds.of)))
+        if isinstance(bounds, Ball):
+            way = [wave("ball") for _ in range(bounds.dimension)]
+            size = sp.sqrt(sum(e**2 for e in way) + sp.Float(1e-12))
+            return [bounds.radius * e / size for e in way]
+        assert isinstance(bounds, Box)
+        pairs = zip(bounds.lower, bounds.upper, strict=True)
+        return [(a + b) / 2 + (b - a) / 2 * wave("box") for a, b in pairs]
+
+    assert system.disturbance_bounds is not None
+    expressions = dict(zip(system.disturbance_names, of(system.disturbance_bounds), strict=True))
+    read = set().union(*(r.free_symbols for r in system.rates.values()))
+    for q in system.disturbances:
+        if q.symbol not in read:  # nothing depends on it, nor on what it would draw
+            expressions[q.name] = sp.S.Zero
+    return Schedules(expressions, tuple(coordinates))

@@ -1,0 +1,123 @@
+"""Random states that are inside a set, or outside it, by as much as a promise is about."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.analysis.reachability.node_sampler import Places
+from holdfast.analysis.reachability.value_function import Array, ValueFunction
+from holdfast.errors import SimulationError
+from holdfast.execution.evaluate import Evaluator
+from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.system import System
+
+DRAWS, EMPTY_DRAWS = 400, 40
+"""Batches of states drawn before giving up, and before giving up where none is found at all."""
+
+SHARED = 2000
+"""States of the set that tell how much of it is as far inside as the starts are."""
+
+
+def inside_states(
+    value: ValueFunction,
+    generator: np.random.Generator,
+    runs: int,
+    margin: float | None,
+    loss: float,
+) -> tuple[Array, float, float]:
+    """Random states inside, how much of the set is as far inside, and the loss that was allowed."""
+    numbers = value.values()
+    within = Places(lambda k: numbers[k] > 0, numbers.shape)
+    for allowed in (loss, 0.0) if loss else (0.0,):
+
+        def deep(states: Array, allowed: float = allowed) -> Any:
+            if margin is not None:
+                return value.at(states) > margin
+            return a_cell_inside(value, states, above=allowed)
+
+        inside = _drawn(value, generator, runs, deep, within)
+        if inside is not None:
+            of = _drawn(value, generator, SHARED, lambda q: value.at(q) > 0, within)
+            assert of is not None
+            return inside, float(np.mean(deep(of))), allowed
+    shown = "a cell" if margin is None else f"{margin:g}"
+    raise SimulationError(
+        f"no state of the set is further inside than {shown}",
+        remedy="take a finer grid, or " + ("give a" if margin is None else "a smaller") + " margin",
+    )
+
+
+def outside_states(
+    value: ValueFunction,
+    generator: np.random.Generator,
+    runs: int,
+    margin: float | None,
+    region: Region | None,
+    system: System,
+) -> Array | None:
+    """Random states of the region outside the set, or None where there are none."""
+    numbers = value.values()
+    symbols = [q.symbol for q in system.states]
+    kept = None if region is None else Evaluator([region.margin], symbols, region.parameters)
+
+    def wanted(states: Array) -> Any:
+        if margin is None:
+            there = a_cell_inside(value, states, sign=-1)
+        else:
+            there = value.at(states) < -margin
+        return there if kept is None else there & (kept.values(states)[:, 0] > 0)
+
+    without = Places(lambda k: numbers[k] < -(margin or 0.0), numbers.shape)
+    return _drawn(value, generator, runs, wanted, without)
+
+
+def a_cell_inside(
+    value: ValueFunction, states: Array, *, sign: int = 1, above: float = 0.0
+) -> npt.NDArray[np.bool_]:
+    """Whether sign V > above at the states and at all states one cell away along every axis.
+
+    The change of V between neighbours counts where the states are, and not its unit. What is beyond
+    the end of a "limited" axis does not exist; beyond other ends nothing is known to be inside.
+    """
+    found: npt.NDArray[np.bool_] = sign * value.at(states) > above
+    for i, axis in enumerate(value.grid.axes):
+        for step in (-axis.step, axis.step):
+            moved = states.copy()
+            moved[:, i] += step
+            if axis.ends == "limited" or (sign < 0 and axis.ends != "periodic"):
+                moved[:, i] = np.clip(moved[:, i], axis.low, axis.high)
+            with np.errstate(invalid="ignore"):
+                found &= sign * value.at(moved) > above
+    return found
+
+
+def _drawn(
+    value: ValueFunction, generator: np.random.Generator, count: int, wanted: Any, nodes: Places
+) -> Array | None:
+    """States around the nodes chosen, uniform in their cells, for which `wanted` holds."""
+    if not len(nodes):
+        return None
+    axes = value.grid.axes
+    found: list[Array] = []
+    have = 0
+    for batch in range(DRAWS):
+        if batch == EMPTY_DRAWS and not have:
+            break
+        picked = nodes.at(generator.choice(len(nodes), 4 * count))
+        points = np.stack(
+            [
+                a.low + a.step * (k + generator.uniform(-0.5, 0.5, len(k)))
+                for a, k in zip(axes, picked, strict=True)
+            ],
+            axis=1,
+        )
+        with np.errstate(invalid="ignore"):
+            points = points[wanted(points)]
+        found.append(points)
+        have += len(points)
+        if have >= count:
+            return np.vstack(found)[:count]
+    return None

@@ -1,0 +1,340 @@
+"""From a value function to a law that runs."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import pairwise
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.analysis.reachability.given import number
+from holdfast.analysis.reachability.node_sampler import Places
+from holdfast.analysis.reachability.problem import definition, with_disturbance
+from holdfast.analysis.reachability.value_function import Array, ValueFunction
+from holdfast.arguments import checked
+from holdfast.errors import SimulationError
+from holdfast.execution.evaluate import Evaluator
+from holdfast.maths.control.value_filter import against_the_worst, keep_value, optimal_law
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.lookup import Lookup
+from holdfast.maths.definitions.quantity import TIME
+from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.definitions.system import System
+from holdfast.maths.games.hamiltonian import hamiltonian
+
+L = TypeVar("L", bound=Law | Switching)
+
+KEPT = ("viability-kernel", "discriminating-kernel", "capture-basin", "backward-reachable-set")
+"""Problems whose value the inputs raise against the disturbances."""
+
+REACHED = ("capture-basin", "backward-reachable-set")
+"""Those of them in which a state is not to stay, but to arrive while time is left."""
+
+MANY = 100_000
+"""Nodes near the boundary that a margin is taken from."""
+
+
+@checked
+def safety_law(
+    system: System,
+    value: ValueFunction,
+    law: L | None = None,
+    *,
+    rate: float = 2.0,
+    margin: float | None = None,
+    sample_time: float = 0.02,
+    delay: float = 0.0,
+    scales: Mapping[str, float] | None = None,
+) -> L | Law:
+    """The law that keeps the state where V > 0.
+
+    Without `law` the optimal inputs, bang-bang within a box: max_u p . f with p = dV/dq (thesis
+    (7.3), (7.7)). With one, `law` changed no more, in units of `scales`, than
+
+        p . f(q, u, d) + rate (V - margin) >= 0   for every disturbance d
+
+    asks: left alone well inside, taken over towards the boundary. rate [1/s]. margin [unit of V]:
+    by default `sampled_margin`, what may be lost before the input answers: it is held for
+    `sample_time`, and what it answers was measured `delay` seconds ago. Where no admissible input
+    is enough, the least violation, which a run counts. A value function with several times is used
+    at the time that is left, and stands still below the first of them; a kernel that has converged
+    is used at its last.
+
+    Raises `SimulationError` for a value function of another system, or one that says nothing
+    about what the inputs keep; for an empty set; for a rate that an input which is held, and late,
+    cannot follow; for a margin by default that no state has, and a delay without a `law`; and for a
+    `law` that is to arrive somewhere by a value that is not known down to the end.
+    """
+    known = decided(system, value)
+    check_not_empty(value)
+    lookup = lookup_of(value)
+    if law is None:
+        if delay:
+            raise SimulationError(
+                f"the optimal inputs alone have no margin for a delay of {delay:g} s",
+                remedy="give a law, which is kept with one",
+            )
+        return optimal_law(known, lookup)
+    check_pace(rate, sample_time, delay)
+    kind = value.dataset.attrs["kind"]
+    if kind in REACHED and (len(lookup.places) == len(system.states) or lookup.first_time > 0):
+        raise SimulationError(
+            f"a law that is kept in a {kind} whose value is not known down to the end need not "
+            "arrive",
+            expected="values at equally spaced times from 0 to the horizon",
+            remedy="compute it with times=[0, ...], or take the optimal inputs alone",
+        )
+    if margin is None:
+        margin = sampled_margin(system, value, sample_time, delay)
+        if not margin < (deepest := float(value.values().max())):
+            raise SimulationError(
+                f"V may fall by {margin:.3g} before an input answers, held for {sample_time:g} s"
+                f"{_and_late(delay)}, and is nowhere above {deepest:.3g}",
+                remedy="take a shorter sample time or delay, or give a margin",
+            )
+    return keep_value(known, law, lookup, rate=rate, margin=margin, scales=scales)
+
+
+def check_not_empty(value: ValueFunction) -> None:
+    """Raises `SimulationError` for a value function whose set is empty: no law keeps anything."""
+    said = value.dataset.attrs
+    if not float(value.values().max()) > 0:
+        raise SimulationError(
+            f"the {said['kind']} of '{said['region']}' is empty after {said['reached_s']:.3g} s: "
+            "no law keeps any state",
+            remedy="shorten the horizon, or give the inputs more or the disturbances less",
+        )
+
+
+def check_pace(rate: float, sample_time: float, delay: float = 0.0) -> None:
+    """Raises `SimulationError` where an input that is held, and late, cannot follow the rate."""
+    if not 0 < rate * (sample_time + delay) <= 1:
+        raise SimulationError(
+            f"rate {rate:g} 1/s with a sample time of {sample_time:g} s{_and_late(delay)}",
+            expected="above 0, at most 1 / (sample_time + delay)",
+        )
+
+
+def _and_late(delay: float) -> str:
+    return f" and a delay of {delay:g} s" if delay else ""
+
+
+@checked
+def sampled_margin(
+    system: System, value: ValueFunction, sample_time: float, delay: float = 0.0
+) -> float:
+    """The most that V can fall before the input answers what was measured.
+
+    With a measurement that is `delay` old and an input held for `sample_time` [s]
+
+        delay max(-min_u min_d p . f) + sample_time max(-min_u min_d p . f + dV/dtau)
+
+    where tau is the time that is left, for a value that a law looks up at it (dV/dtau is the
+    difference between neighbouring times), else without it. The maxima are over the nodes at which
+    V is at most two cells, or that margin, from the boundary, or `MANY` of them. What has V above
+    it when measured has V > 0 until the next input, whatever the inputs and the disturbance do.
+
+    Raises `SimulationError` for a sample time or a delay that is none.
+    """
+    number(
+        "sample_time is ", sample_time, "a positive number of seconds", lambda v: 0 < v < math.inf
+    )
+    number("delay is ", delay, "a number of seconds, 0 or more", lambda v: 0 <= v < math.inf)
+    falls, reach = _Falls(system, value), 2.0 * float(value.dataset.attrs["cell"])
+    while True:
+        still, moving = falls.most(reach)
+        margin = delay * still + sample_time * moving
+        if margin <= reach:
+            return margin
+        reach = margin  # that far inside a state may begin to fall to the boundary
+
+
+def worst_disturbance(
+    system: System, value: ValueFunction, law: L, aimed_at: Region | None = None
+) -> tuple[System, L]:
+    """System and law with the disturbance that lowers V the most, held as the inputs are.
+
+    aimed_at: a region whose margin it lowers where the parameter `adversary_aim` is 1.
+    """
+    margin = None if aimed_at is None else aimed_at.margin
+    steps = [a.step for a in value.grid.axes]
+    parameters = () if aimed_at is None else aimed_at.parameters
+    known = decided(system, value)
+    return against_the_worst(known, law, lookup_of(value), margin, steps, parameters)
+
+
+def optimal_inputs(
+    system: System, value: ValueFunction, plane: tuple[str, str], held: Mapping[str, float]
+) -> tuple[dict[str, Array], tuple[Array, Array]]:
+    """At the nodes of a plane: the optimal inputs, and the two rates with the worst disturbance.
+
+    The states outside the plane are held. Arrays of shape (nodes of the first, of the second).
+    """
+    known = decided(system, value)
+    h = hamiltonian(known)
+    states = {q.name: q.symbol for q in known.states}
+    chosen = {q.symbol: h.inputs[q.name] for q in known.inputs}
+    chosen |= {q.symbol: h.disturbances[q.name] for q in known.disturbances}
+    rates = [known.rates[n].xreplace(chosen) for n in plane]
+    wanted = Evaluator(
+        [*h.inputs.values(), *rates], [*states.values(), *h.costates], known.parameters
+    )
+    axes = {a.name: a.nodes for a in value.grid.axes}
+    first, second = np.meshgrid(*(axes[n] for n in plane), indexing="ij")
+    columns = dict(held) | {plane[0]: first.ravel(), plane[1]: second.ravel()}
+    points = np.stack([np.broadcast_to(columns[n], first.size) for n in states], axis=1)
+    found = wanted.values(np.hstack([points, value.gradient(points)]), _parameters(value, known))
+    tables = [column.reshape(first.shape) for column in found.T]
+    return dict(zip(h.inputs, tables, strict=False)), (tables[-2], tables[-1])
+
+
+def lookup_of(value: ValueFunction) -> Lookup:
+    """The value function as a law looks it up."""
+    axes = value.grid.axes
+    places = [a.state.symbol for a in axes]
+    low, steps = [a.low for a in axes], [a.step for a in axes]
+    counts, periodic = [a.count for a in axes], [a.ends == "periodic" for a in axes]
+    times, first = _times(value), 0.0
+    if times is not None:
+        gaps = np.diff(times)
+        if not np.allclose(gaps, gaps[0], rtol=1e-6):
+            raise SimulationError(
+                "the times of the value function are not equally spaced",
+                remedy="ask for equally spaced ones, or for the last alone",
+            )
+        first = float(times[0])
+        places.insert(0, float(times[-1]) - TIME)
+        low.insert(0, float(times[0]))
+        steps.insert(0, float(gaps[0]))
+        counts.insert(0, len(times))
+        periodic.insert(0, False)
+        numbers = value.dataset["value"].values
+    else:
+        numbers = value.values()
+    table = (
+        np.ascontiguousarray(numbers).ravel(),
+        np.array(low),
+        np.array(steps),
+        np.array(counts, dtype=np.int64),
+        np.array(periodic),
+    )
+    unit = str(value.dataset.attrs.get("value_unit", "1"))
+    return Lookup(tuple(places), table, first, timed=times is not None, unit=unit)
+
+
+def _times(value: ValueFunction) -> Array | None:
+    """The times left that a law looks the value up at; None where it is always the last.
+
+    That is so where there is one only, and for a kernel that has converged.
+    """
+    data, said = value.dataset["value"], value.dataset.attrs
+    if "time" not in data.dims or data.sizes["time"] == 1:
+        return None
+    if said["converged"] and said["kind"] not in REACHED:
+        return None
+    times: Array = data["time"].values
+    return times
+
+
+def decided(system: System, value: ValueFunction) -> System:
+    """The system as the value function was computed for: with what disturbances were given."""
+    said = value.dataset.attrs
+    if said.get("kind") not in KEPT:
+        raise SimulationError(
+            f"a value function of the kind '{said.get('kind')}'",
+            expected="one of " + ", ".join(KEPT),
+        )
+    if said.get("disturbances") == "max":
+        raise SimulationError(
+            "the value counts on the disturbances, and a law cannot",
+            remedy='compute it with disturbances="min"',
+        )
+    if value.names != system.state_names or said["system"] != system.name:
+        raise SimulationError(
+            f"the value function is one of system '{said['system']}' with the states "
+            + ", ".join(value.names),
+            expected=f"system '{system.name}' with " + ", ".join(system.state_names),
+        )
+    if said.get("depends_on_time"):
+        raise SimulationError(
+            "the value function depends on time, and holds at the beginning of its problem only",
+            expected="a problem in which nothing depends on time, for a law",
+        )
+    numbers = json.loads(said["parameters"])
+    for q in system.parameters:
+        if q.name in numbers and float(q.value) != numbers[q.name]:
+            raise SimulationError(
+                f"the value function was computed with {q.name} = {numbers[q.name]:g}, the system "
+                f"has {q.value:g}",
+                remedy="compute it again; to simulate another vehicle under this law, use plant",
+            )
+    if said.get("definition") not in (None, definition(system)):
+        raise SimulationError(
+            f"the rates or the bounds of system '{system.name}' are not those that the value "
+            "function was computed for",
+            remedy="compute it again; to simulate another vehicle under this law, use plant",
+        )
+    known = with_disturbance(system, json.loads(said["disturbance"]))
+    return replace(known, samples=int(said.get("samples", 0)))
+
+
+class _Falls:
+    """How fast V may fall near the boundary, whatever the inputs and the disturbance do."""
+
+    def __init__(self, system: System, value: ValueFunction) -> None:
+        known = decided(system, value)
+        h = hamiltonian(known, inputs="min", disturbances="min")
+        states = [q.symbol for q in known.states]
+        self.value = value
+        self.rise = Evaluator([h.value], [*states, *h.costates], known.parameters)
+        self.parameters = _parameters(value, known)
+        times = _times(value)
+        known_at: list[float | None] = [None] if times is None else [float(t) for t in times]
+        self.spans = list(pairwise(known_at))
+        if known_at[0] != 0.0:  # below the first time V stands still
+            self.spans.insert(0, (known_at[0], known_at[0]))
+
+    def most(self, reach: float) -> tuple[float, float]:
+        """The largest fall of V [1/s] where 0 < V <= reach: at one time, and as time runs down.
+
+        At least 0. Between two times V is linear, so that its falls are at most those at the two.
+        """
+        still = moving = 0.0
+        for before, after in self.spans:
+            low, high = (self.value.values(t) for t in (before, after))
+            places = _near(low, high, reach)
+            if not len(places[0]):
+                continue
+            points = np.stack(
+                [a.nodes[k] for a, k in zip(self.value.grid.axes, places, strict=True)], axis=1
+            )
+            gap = 0.0 if before is None or after is None else after - before
+            drift = (high[places] - low[places]) / gap if gap else 0.0
+            for t in {before, after}:
+                slopes = self.value.gradient(points, t)
+                fall = -self.rise.values(np.hstack([points, slopes]), self.parameters)[:, 0]
+                still, moving = max(still, fall.max()), max(moving, (fall + drift).max())
+        return float(still), float(moving)
+
+
+def _near(low: Array, high: Array, reach: float) -> tuple[npt.NDArray[np.intp], ...]:
+    """Where one of two values is positive and one at most `reach`: all nodes, or `MANY` drawn."""
+
+    def holds(k: int) -> Any:
+        return (np.maximum(low[k], high[k]) > 0) & (np.minimum(low[k], high[k]) <= reach)
+
+    found = Places(holds, low.shape)
+    if len(found) > MANY:
+        return found.at(np.random.default_rng(0).choice(len(found), MANY, replace=False))
+    return found.at(np.arange(len(found)))
+
+
+def _parameters(value: ValueFunction, system: System) -> dict[str, float]:
+    numbers = json.loads(value.dataset.attrs["parameters"])
+    return {q.name: numbers[q.name] for q in system.parameters if q.name in numbers}

@@ -1,0 +1,295 @@
+"""Does a kernel keep its promise? Random states of it, its law, the trajectories that follow."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.analysis.reachability.given import whole
+from holdfast.analysis.reachability.memory_estimate import check_trials
+from holdfast.analysis.reachability.value_function import Array, ValueFunction
+from holdfast.analysis.safety.adversary import CONSTANT, INSIDE, SWINGING, SWITCHING, schedules
+from holdfast.analysis.safety.depth import inside_states, outside_states
+from holdfast.analysis.safety.safety_filter import (
+    check_not_empty,
+    decided,
+    safety_law,
+    sampled_margin,
+    worst_disturbance,
+)
+from holdfast.analysis.safety.verdict import Beaten, Promise, Trials
+from holdfast.analysis.simulation.law_comparison import Rate
+from holdfast.analysis.simulation.result import Result
+from holdfast.analysis.simulation.simulate import simulate
+from holdfast.arguments import checked
+from holdfast.errors import SimulationError
+from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.resources import Progress
+from holdfast.execution.simulation.closed_loop import Outcome
+from holdfast.maths.control.value_filter import ADVERSARY_AIM
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.variation import Varied
+from holdfast.maths.games.sampled_inputs import without_closed_form
+
+NO_DISTURBANCE = "no disturbance"
+OF_VALUE, OF_MARGIN = "the gradient of the value", "the gradient of the constraints"
+RESTARTS = "restarts from the nearest starts"
+ALL = "every disturbance tried"
+
+NEAREST, TRIES = 20, 10
+"""The restarts: one start in how many, those that came nearest, and how often each is tried."""
+
+
+@dataclass(frozen=True)
+class _Runs:
+    """What became of runs: kept, left the grid first, how near they came (large: near), when."""
+
+    kept: npt.NDArray[np.bool_]
+    off_grid: npt.NDArray[np.bool_]
+    near: Array
+    time: Array
+    outcome: npt.NDArray[Any]
+    excursion: float
+    relaxed: npt.NDArray[np.bool_]
+
+    def trials(self, what: str) -> Trials:
+        kept = Rate(int(self.kept.sum()), len(self.kept))
+        return Trials(what, kept, int(self.off_grid.sum()), self.excursion, int(self.relaxed.sum()))
+
+
+@checked
+def check_promise(
+    system: System,
+    value: ValueFunction,
+    region: Region | None,
+    *,
+    goal: Region | None = None,
+    law: Law | Switching | None = None,
+    runs: int = 1000,
+    margin: float | None = None,
+    horizon: float | None = None,
+    sample_time: float = 0.02,
+    rate: float = 2.0,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Promise:
+    """Simulate from `runs` random states of the kernel, and as many of the rest of `region`.
+
+    Every start is run against each of these, and is kept if it is kept against all: the disturbance
+    that lowers the value, the one that lowers the margin of the constraints, constant extremes,
+    constants within the bounds, extremes that switch, random swings; and the starts that came
+    nearest to being lost again, against ten more that switch.
+
+    region: what is kept, None where a goal is reached through anything. law: what the safety law
+    leaves alone as far as it can; None: the optimal inputs alone. margin [unit of V]: how far
+    inside to start; by default one cell and what an input that is held can lose: at all states a
+    cell away along an axis V is above `sampled_margin`, or above 0 where no state is as far inside.
+    horizon [s]: by default that of the value function, which a kernel that has not converged
+    promises nothing beyond. goal: of a capture basin, to be reached.
+
+    Raises `SimulationError` for a value function that promises nothing, or an empty one.
+    """
+    said = value.dataset.attrs
+    longest = float(said["horizon_s"])
+    if horizon is None:
+        horizon = longest
+    if horizon > longest and not said["converged"]:
+        raise SimulationError(
+            f"a promise for {horizon:g} s of a value function that has not converged",
+            expected=f"at most its horizon, {longest:g} s",
+        )
+    whole("runs: ", runs, 1)
+    check_trials(runs, len(system.states))
+    whole("seed: ", seed, 0)
+    known = decided(system, value)
+    check_not_empty(value)
+    if region is None and goal is None:
+        raise SimulationError("a promise to stay, and no region", remedy="give the region")
+    steered = safety_law(system, value, law, sample_time=sample_time, rate=rate)
+    generator = np.random.default_rng(seed)
+    loss = sampled_margin(system, value, sample_time) if margin is None and system.inputs else 0.0
+    inside, share, loss = inside_states(value, generator, runs, margin, loss)
+    beyond = outside_states(value, generator, runs, margin, region, known)
+    attack = _Attack(system, known, value, steered, region, goal, horizon, sample_time, seed)
+    found: dict[str, _Runs] = {}
+    steps = (7 if known.disturbances else 1) + 1
+
+    def run(what: str, starts: Array, count: int) -> _Runs:
+        def tell(fraction: float) -> None:
+            if progress is not None:
+                progress((count + fraction) / steps)
+
+        return attack.run(what, starts, tell)
+
+    kinds = (OF_VALUE, OF_MARGIN, CONSTANT, INSIDE, SWITCHING, SWINGING)
+    for count, what in enumerate(kinds if known.disturbances else (NO_DISTURBANCE,)):
+        found[what] = run(what, inside, count)
+    kept: Any = np.stack([r.kept for r in found.values()]).all(axis=0)
+    trials = [r.trials(what) for what, r in found.items()]
+    beaten = _beaten(inside, found)
+    if known.disturbances:
+        near = np.max([r.near for r in found.values()], axis=0)
+        order = np.argsort(-near, kind="stable")
+        again = order[kept[order]]
+        again = again[: max(1, runs // NEAREST)]
+        if len(again):
+            tried = run(RESTARTS, np.repeat(inside[again], TRIES, axis=0), 6)
+            beaten += _beaten(np.repeat(inside[again], TRIES, axis=0), {RESTARTS: tried}, TRIES)
+            stood: Any = tried.kept.reshape(-1, TRIES).all(axis=1)
+            off = tried.off_grid.reshape(-1, TRIES).any(axis=1) & ~stood
+            kept[again] &= stood
+            relaxed = int(tried.relaxed.reshape(-1, TRIES).any(axis=1).sum())
+            rate_again = Rate(int(stood.sum()), int(stood.size))
+            trials.append(Trials(RESTARTS, rate_again, int(off.sum()), tried.excursion, relaxed))
+        total = Trials(
+            ALL,
+            Rate(int(kept.sum()), runs),
+            sum(b.outcome == Outcome.OFF_GRID.label for b in beaten),
+            float(np.max([t.excursion for t in trials])),
+            max(t.relaxed for t in trials),
+        )
+        trials = [total, *trials]
+    lost = None
+    if beyond is not None:
+        what = OF_VALUE if known.disturbances else NO_DISTURBANCE
+        lost = run(what, beyond, steps - 1).trials(what)
+    return Promise(
+        law=steered.name,
+        margin=margin,
+        unit=str(said["value_unit"]),
+        horizon=horizon,
+        sample_time=sample_time,
+        inside=tuple(trials),
+        outside=lost,
+        aim="stay" if goal is None else "reach the goal",
+        beaten=tuple(beaten),
+        doubt=_doubt(said) or _doubt_of_samples(known),
+        held_loss=loss,
+        share=share,
+    )
+
+
+def _doubt(said: dict[str, Any]) -> str:
+    """Why no run can confirm the set: it touches ends beyond which its value is a guess."""
+    ends = said.get("ends_reached", "")
+    if not ends or said.get("nodes_from_outside") == 0:
+        return ""
+    return (
+        f"the set touches the open ends of the grid ({ends}), and rests on what is taken to be "
+        "beyond them; widen the grid until it does not"
+    )
+
+
+def _doubt_of_samples(system: System) -> str:
+    """Why no run can confirm the set: a disturbance may be worse between its points."""
+    found = without_closed_form(system) if system.samples else set()
+    names = [q.name for q in system.disturbances if q.symbol in found]
+    if not names:
+        return ""
+    return (
+        f"the disturbance {', '.join(names)} was looked at in {system.samples} points of every "
+        "coordinate, and what lies between them may be worse"
+    )
+
+
+@dataclass(frozen=True)
+class _Attack:
+    """The closed loop of a law, and the disturbances that it is tried against.
+
+    system: as it was defined; known: with the disturbances that the value was given.
+    """
+
+    system: System
+    known: System
+    value: ValueFunction
+    law: Law | Switching
+    region: Region | None
+    goal: Region | None
+    horizon: float
+    sample_time: float
+    seed: int
+
+    def run(self, what: str, starts: Array, tell: Callable[[float], None]) -> _Runs:
+        """What becomes of the starts against one kind of disturbance."""
+        plant, driven = self.known, self.law
+        settings: dict[str, Any] = {
+            "horizon": self.horizon,
+            "sample_time": self.sample_time,
+            "record_every": self.sample_time if self.goal is not None else self.horizon,
+            "seed": self.seed,
+            "start_outside": True,
+            "progress": tell,
+        }
+        if what in (OF_VALUE, OF_MARGIN):
+            aimed = self.goal or self.region
+            plant, driven = worst_disturbance(self.system, self.value, self.law, aimed)
+            aim = float(what == OF_MARGIN)
+            if any(r.has(ADVERSARY_AIM) for r in plant.rates.values()):
+                settings["varied"] = Varied({ADVERSARY_AIM.name: (aim, aim)})
+        elif what != NO_DISTURBANCE:
+            kind = SWITCHING if what == RESTARTS else what
+            found = schedules(self.known)
+            settings["disturbance"] = found.expressions
+            settings["varied"] = found.drawn(kind, self.horizon, self.sample_time)
+            settings["seed"] = self.seed + (what == RESTARTS)
+        result = simulate(plant, driven, starts=starts, region=self.region, **settings)
+        return self._judged(result)
+
+    def _judged(self, result: Result) -> _Runs:
+        data = result.dataset
+        outcome = data["outcome"].values
+        left = np.nan_to_num(data["exit_time"].values, nan=np.inf)
+        off = np.nan_to_num(data["off_grid_time"].values, nan=np.inf)
+        worst = data["worst_constraint"].values
+        if self.region is not None:
+            scales = [1.0 if c.scale is None else c.scale for c in self.region.inequalities]
+            worst = (worst / np.array(scales)).max(axis=1)
+        if self.goal is None:
+            gone = np.isin(outcome, (Outcome.LEFT, Outcome.DIVERGED))
+            kept, near, excursion = ~gone & np.isinf(off), worst, float(worst.max())
+        else:
+            states = data["state"].values
+            level = Evaluator(
+                [self.goal.worst], [q.symbol for q in self.system.states], self.goal.parameters
+            )
+            flat = states.reshape(-1, states.shape[2])
+            known = np.isfinite(flat).all(axis=1)  # the record of a run that diverged ends there
+            levels = level.values(np.where(known[:, None], flat, 0.0))[:, 0]
+            there = ((levels <= 0) & known).reshape(states.shape[:2])
+            first = np.where(there.any(axis=1), data["time"].values[there.argmax(axis=1)], np.inf)
+            lost = np.isin(outcome, (Outcome.LEFT, Outcome.DIVERGED))
+            kept = np.isfinite(first) & (first <= off) & ((first <= left) | ~lost)
+            near, excursion = first, math.nan
+        off_first = ~kept & np.isfinite(off) & (off <= left)
+        return _Runs(
+            kept,
+            off_first,
+            np.nan_to_num(near, nan=np.inf),
+            np.minimum(left, off),
+            np.where(off_first, int(Outcome.OFF_GRID), outcome),
+            excursion,
+            data["infeasible"].values > 0,
+        )
+
+
+def _beaten(starts: Array, found: dict[str, _Runs], each: int = 1) -> list[Beaten]:
+    """The starts that were not kept, by the first disturbance that beat them; `each`: how many
+    rows in turn are one start."""
+    beaten: dict[int, Beaten] = {}
+    for what, runs in found.items():
+        for row in map(int, np.flatnonzero(~runs.kept)):
+            if row // each not in beaten:
+                outcome = Outcome(int(runs.outcome[row])).label
+                if outcome in ("stayed", "chattered"):  # in the region, and not in the goal
+                    outcome = "did not arrive"
+                state = tuple(float(v) for v in starts[row])
+                beaten[row // each] = Beaten(state, what, outcome, float(runs.time[row]))
+    return list(beaten.values())

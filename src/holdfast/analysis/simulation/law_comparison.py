@@ -1,0 +1,240 @@
+"""Laws side by side: of the same starts, how many each keeps in the region and brings home.
+
+And of those that a viability kernel says can be kept: no law fails where none could have kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.analysis.simulation.result import Result
+from holdfast.arguments import checked
+from holdfast.errors import ScenarioError
+from holdfast.execution.simulation.closed_loop import Outcome
+
+Array = npt.NDArray[np.float64]
+
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class Rate:
+    """count of total, with Wilson's interval at the level `CONFIDENCE`."""
+
+    count: int
+    total: int
+
+    @property
+    def value(self) -> float:
+        return self.count / self.total
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        from scipy.stats import binomtest  # 22 MB that a march does not need
+
+        found = binomtest(self.count, self.total).proportion_ci(CONFIDENCE, method="wilson")
+        return float(found.low), float(found.high)
+
+    def summary(self) -> dict[str, Any]:
+        return {"count": self.count, "rate": self.value, "interval": list(self.interval)}
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One law in one case: what became of every run.
+
+    viable (run): never left the region; rescued (run): viable, and in the goal at the end, where
+    there is one; length (run): of the path in the plane [m], not a number without a plane;
+    vertices: what became of the runs at each vertex of what is varied.
+    """
+
+    law: str
+    case: str
+    viable: npt.NDArray[np.bool_]
+    rescued: npt.NDArray[np.bool_]
+    length: Array
+    in_goal_since: Array
+    switches: npt.NDArray[np.int64]
+    chattered: int
+    diverged: int
+    relaxed: int
+    worst: dict[str, float | None]
+    wall_time: float
+    vertices: Sequence[Mapping[str, Any]] = ()
+
+
+def trial(law: str, case: str, result: Result, plane: tuple[str, str] | None) -> Trial:
+    """What a comparison keeps of a result; the trajectories can be dropped then."""
+    data, summary = result.dataset, result.summary()
+    outcome = data["outcome"].values
+    length = np.full(len(outcome), np.nan)
+    if plane is not None:
+        steps = [np.diff(data["state"].sel(state_name=n).values, axis=1) for n in plane]
+        length = np.hypot(*steps).sum(axis=1)
+    viable = np.isin(
+        outcome, (Outcome.STAYED, Outcome.REACHED, Outcome.CHATTERED, Outcome.OFF_GRID)
+    )
+    return Trial(
+        law=law,
+        case=case,
+        viable=viable,
+        rescued=outcome == Outcome.REACHED if data.attrs["goal"] else viable,
+        length=length,
+        in_goal_since=data["goal_time"].values,
+        switches=data["switches"].values,
+        chattered=int((outcome == Outcome.CHATTERED).sum()),
+        diverged=int((outcome == Outcome.DIVERGED).sum()),
+        relaxed=int((data["infeasible"].values > 0).sum()),
+        worst=summary["worst_constraint"],
+        wall_time=float(summary["wall_time_s"]),
+        vertices=tuple(summary["vertices"]),
+    )
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The kernel that the laws of a case are judged by: its value V at every start.
+
+    value (run) [unit]: not a number beyond the grid; margin [unit]: how far inside, or outside, a
+    start counts; horizon [s]: for how long the kernel can be kept, infinite if it has converged.
+    """
+
+    kernel: str
+    value: Array
+    margin: float
+    unit: str
+    horizon: float
+
+    @property
+    def inside(self) -> npt.NDArray[np.bool_]:
+        """V > margin: some input keeps these."""
+        return self.value > self.margin
+
+    @property
+    def given_up(self) -> npt.NDArray[np.bool_]:
+        """V < -margin: by the kernel no input keeps these."""
+        return self.value < -self.margin
+
+    def summary(self) -> dict[str, Any]:
+        return {
+            "kernel": self.kernel,
+            "horizon_s": self.horizon if np.isfinite(self.horizon) else None,
+            "margin": self.margin,
+            "unit": self.unit,
+            "starts_inside": int(self.inside.sum()),
+            "starts_given_up": int(self.given_up.sum()),
+            "starts_beyond_grid": int(np.isnan(self.value).sum()),
+        }
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Every law in every case, on the same starts within a case.
+
+    The rescue rate of a law is the fraction of the starts from which the closed loop stays in the
+    region over the horizon and ends in the goal, where there is one. A detour is the length of a
+    rescued run's path over the shortest that any of the laws found from that start (not below
+    1 cm). references: the kernel of each case that one can be computed for; unjudged: the cases
+    that it cannot follow, and why.
+    """
+
+    title: str
+    scenario: str
+    laws: dict[str, str]
+    cases: dict[str, str]
+    trials: tuple[Trial, ...]
+    horizon: float
+    seed: int
+    to_goal: bool = True
+    references: Mapping[str, Reference] = field(default_factory=dict)
+    unjudged: Mapping[str, str] = field(default_factory=dict)
+
+    @checked
+    def of(self, law: str, case: str) -> Trial:
+        """The trial of that law in that case; `ScenarioError` if there is none."""
+        known = {(t.law, t.case): t for t in self.trials}
+        if (law, case) not in known:
+            names = "; ".join(", ".join(pair) for pair in known)
+            raise ScenarioError(f"no trial of '{law}' in '{case}'", expected=f"one of {names}")
+        return known[law, case]
+
+    def viable(self, law: str, case: str) -> Rate:
+        found = self.of(law, case)
+        return Rate(int(found.viable.sum()), len(found.viable))
+
+    def rescued(self, law: str, case: str) -> Rate:
+        found = self.of(law, case)
+        return Rate(int(found.rescued.sum()), len(found.rescued))
+
+    def of_kernel(self, law: str, case: str) -> Rate | None:
+        """Of the starts inside the kernel of that case, those rescued; None if there are none."""
+        return self._among(self.of(law, case).rescued, case, "inside")
+
+    def of_given_up(self, law: str, case: str) -> Rate | None:
+        """Of the starts that the kernel gives up, those that stayed in the region all the same."""
+        return self._among(self.of(law, case).viable, case, "given_up")
+
+    def _among(self, kept: npt.NDArray[np.bool_], case: str, which: str) -> Rate | None:
+        if case not in self.references:
+            return None
+        chosen = getattr(self.references[case], which)
+        return Rate(int(kept[chosen].sum()), int(chosen.sum())) if chosen.any() else None
+
+    def detours(self, law: str, case: str) -> Array:
+        """Of the rescued runs; empty where there is none."""
+        rows = [self.of(other, case) for other in self.laws]
+        lengths = np.array([np.where(t.rescued, t.length, np.inf) for t in rows])
+        shortest = np.maximum(lengths.min(axis=0), 0.01)
+        mine = self.of(law, case)
+        ratio: Array = (mine.length / shortest)[mine.rescued]
+        return np.maximum(ratio[np.isfinite(ratio)], 1.0)
+
+    def summary(self) -> dict[str, Any]:
+        """For comparison.json."""
+        return {
+            "scenario": self.scenario,
+            "title": self.title,
+            "seed": self.seed,
+            "horizon_s": self.horizon,
+            "confidence": CONFIDENCE,
+            "laws": dict(self.laws),
+            "cases": dict(self.cases),
+            "kernels": {case: r.summary() for case, r in self.references.items()},
+            "cases_without_kernel": dict(self.unjudged),
+            "trials": [self._summary(t) for t in self.trials],
+        }
+
+    def _summary(self, t: Trial) -> dict[str, Any]:
+        detours = self.detours(t.law, t.case)
+        since = t.in_goal_since[t.rescued & np.isfinite(t.in_goal_since)]
+        kernel, given_up = (f(t.law, t.case) for f in (self.of_kernel, self.of_given_up))
+        return {
+            "law": t.law,
+            "case": t.case,
+            "runs": len(t.viable),
+            "viable": self.viable(t.law, t.case).summary(),
+            "rescued": self.rescued(t.law, t.case).summary(),
+            "rescued_of_kernel": kernel.summary() if kernel else None,
+            "viable_of_given_up": given_up.summary() if given_up else None,
+            "detour": _spread(detours),
+            "in_goal_since": _spread(since),
+            "switches": _spread(t.switches[t.rescued]),
+            "runs_chattered": t.chattered,
+            "runs_diverged": t.diverged,
+            "runs_relaxed": t.relaxed,
+            "worst_constraint": t.worst,
+            "vertices": [*t.vertices],
+            "wall_time_s": t.wall_time,
+        }
+
+
+def _spread(values: Sequence[float] | npt.NDArray[Any]) -> dict[str, float | None]:
+    known = np.asarray(values, dtype=float)
+    if not len(known):
+        return {"median": None, "worst": None}
+    return {"median": float(np.median(known)), "worst": float(known.max())}

@@ -1,0 +1,297 @@
+"""Simulate a system under a law from many starts, and say how each run ended."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from holdfast._version import __version__
+from holdfast.analysis.simulation.dataset import to_dataset
+from holdfast.analysis.simulation.result import Result
+from holdfast.analysis.simulation.starts import Starts, initial_states
+from holdfast.arguments import checked
+from holdfast.errors import GainWarning, SimulationError, suggestion
+from holdfast.execution.codegen.closed_loop_source import ClosedLoopProgram, closed_loop_program
+from holdfast.execution.resources import Progress
+from holdfast.execution.simulation.closed_loop import Array, ClosedLoop
+from holdfast.execution.simulation.settings import Settings
+from holdfast.execution.simulation.steppers import BY_NAME
+from holdfast.maths.definitions.bounds import Bounds, LinearImage, ranges
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.quantity import SAMPLE_TIME, TIME, symbol
+from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.variation import Varied
+
+
+@checked
+def simulate(
+    system: System,
+    law: Law | Switching,
+    *,
+    starts: Starts | Sequence[Sequence[float]] | Array,
+    part: range | None = None,
+    region: Region | None = None,
+    goal: Region | None = None,
+    horizon: float,
+    stepper: str = "rk4",
+    disturbance: Mapping[str, float | sp.Expr] | None = None,
+    plant: Mapping[str, float] | None = None,
+    varied: Varied | None = None,
+    reference: Mapping[str, float] | None = None,
+    start_outside: bool = False,
+    attributes: Mapping[str, Any] | None = None,
+    progress: Progress | None = None,
+    **settings: Any,
+) -> Result:
+    """Simulate `system` under `law` from every start and return a `Result`.
+
+    starts: a `Starts`, or an array of shape (runs, states). part: the runs to simulate, of all that
+    there are; every run is the same in any part. region: the inequalities to
+    watch; a run that violates one is marked as having left, and when. goal: where a run must
+    be at the end to have reached it. horizon: seconds. stepper: "rk4", "bogacki-shampine" or
+    "dormand-prince". disturbance: name -> number or expression of t. plant: parameters of the
+    simulated vehicle that its law does not know of. varied: what differs from run to run; with
+    `vertices`, every start is simulated at each of them.
+    reference: the state to end at, for
+    error statistics. start_outside: allow starts outside the region. The other settings are
+    those of `Settings` (sample_time, substeps, record_every, continuous, tolerance,
+    noise_uniform, noise_normal, seed, threads, absolute, relative).
+
+    Warns with `GainWarning` when the gains violate a condition of the law. Raises
+    `SimulationError` for starts, disturbances or settings that cannot be used.
+    """
+    if stepper not in BY_NAME:
+        raise SimulationError(f"unknown stepper '{stepper}'", remedy=suggestion(stepper, BY_NAME))
+    for name in settings:
+        if name not in Settings.__dataclass_fields__:
+            raise SimulationError(
+                f"unknown setting '{name}'", remedy=suggestion(name, Settings.__dataclass_fields__)
+            )
+    chosen = Settings(horizon=horizon, **settings)
+    for name in reference or {}:
+        if name not in system.state_names:
+            raise SimulationError(f"reference of '{name}', which is no state", key="reference")
+    given = {k: sp.sympify(v) for k, v in (disturbance or {}).items()}
+    for name in given:
+        if name not in system.disturbance_names:
+            raise SimulationError(
+                f"system '{system.name}' has no disturbance '{name}'",
+                remedy=suggestion(name, system.disturbance_names),
+                key="disturbance",
+            )
+    for name in plant or {}:
+        if name not in (known := [p.name for p in system.parameters]):
+            raise SimulationError(
+                f"plant: system '{system.name}' has no parameter '{name}'",
+                remedy=suggestion(name, known),
+                key="plant",
+            )
+        if varied is not None and name in (*varied.names, *varied.plant):
+            raise SimulationError(
+                f"'{name}' of the plant is varied, and given a number too",
+                remedy="vary it under [varied.plant], or leave one of them out",
+                key="plant",
+            )
+    program = closed_loop_program(
+        system,
+        law,
+        region=region,
+        goal=goal,
+        disturbance=given,
+        stepper=BY_NAME[stepper],
+        continuous=chosen.continuous,
+        varied=varied,
+    )
+    loop = ClosedLoop(program)
+    values = {p.symbol: p.value for p in program.parameters}
+    real = values | {symbol(name): float(value) for name, value in (plant or {}).items()}
+    for parameters in (values, real):
+        if system.input_bounds is not None:
+            system.input_bounds.at(parameters)
+    turns = len(varied.corners) if varied is not None else 1
+    if isinstance(starts, Starts):
+        loop.check_room(starts.count * turns if part is None else len(part), chosen)
+    try:
+        initial = _from_every_start(
+            lambda of: initial_states(system, region, loop, starts, chosen, start_outside, of),
+            turns,
+            part,
+        )
+    except SimulationError as error:
+        error.key = "starts"
+        raise
+    first = part.start if part is not None else 0
+    own = loop.varied(len(initial), chosen.seed, first)
+    _check_varied(program, own, first)
+    _check_disturbance(system, loop, chosen, dict(plant or {}), given, own, first)
+    seconds = {SAMPLE_TIME: 0.0 if chosen.continuous else chosen.sample_time}
+    _warn_of_gains(program, values | seconds, own)
+    trajectories = loop.simulate(
+        initial, chosen, plant=plant, varied=own, first=first, progress=progress
+    )
+    scene = (*(region.scene if region else ()), *(goal.scene if goal else ()))
+    return Result(
+        dataset=to_dataset(
+            program,
+            trajectories,
+            chosen,
+            {
+                "holdfast_version": __version__,
+                "system": system.name,
+                "law": law.name,
+                "region": region.name if region else "",
+                "goal": goal.name if goal else "",
+                "stepper": stepper,
+                "wall_time_s": trajectories.wall_time,
+                "parameters": json.dumps({p.name: p.value for p in program.parameters}),
+                "plant": json.dumps(dict(plant or {})),
+                "reference": json.dumps(dict(reference or {})),
+                "vertices": json.dumps([*varied.vertices] if varied is not None else []),
+                **(attributes or {}),
+            },
+            _limits(system, real, (*program.varied.names, *program.varied.plant), own),
+        ),
+        scene=scene,
+        parameters={p.name: p.value for p in program.parameters},
+        reference=reference,
+    )
+
+
+def _limits(
+    system: System, values: Mapping[sp.Symbol, float], varied: Sequence[str], own: Array
+) -> dict[str, tuple[Array, Array]]:
+    """The least and the largest value of every input and actuator of the simulated vehicle.
+
+    Of every run, where they depend on what is varied.
+    """
+    bounds = system.input_bounds
+    if bounds is None:
+        return {}
+    sets: dict[str, Bounds] = {"input": bounds}
+    if isinstance(bounds, LinearImage):
+        sets["actuator"] = bounds.of
+    symbols = [symbol(n) for n in varied]
+    each = bool(bounds.free_symbols & set(symbols))
+    rows = [{**values, **dict(zip(symbols, row, strict=True))} for row in own] if each else [values]
+    found = {}
+    for axis, limited in sets.items():
+        ends = [e for pair in ranges(limited) for e in pair]
+        table = np.array([[_number(e, row) for e in ends] for row in rows])
+        low, high = table[:, ::2], table[:, 1::2]
+        found[axis] = (low, high) if each else (low[0], high[0])
+    return found
+
+
+def _number(e: sp.Expr, values: Mapping[sp.Symbol, float]) -> float:
+    return float(e.xreplace({s: sp.Float(float(values[s])) for s in e.free_symbols}))
+
+
+def _from_every_start(
+    initial: Callable[[range | None], Array], turns: int, part: range | None
+) -> Array:
+    """Every start so many times in a row, or the part of these runs that is asked for."""
+    if turns == 1:
+        return initial(part)
+    if part is None:
+        return np.repeat(initial(None), turns, axis=0)
+    of = range(part.start // turns, -(-part.stop // turns))
+    repeated = np.repeat(initial(of), turns, axis=0)
+    return repeated[part.start - of.start * turns : part.stop - of.start * turns]
+
+
+def _check_disturbance(
+    system: System,
+    loop: ClosedLoop,
+    settings: Settings,
+    plant: Mapping[str, float],
+    given: Mapping[str, sp.Expr],
+    own: Array,
+    first: int,
+) -> None:
+    """Refuse a disturbance that is not finite, or leaves its bounds, in any run."""
+    if not system.disturbances:
+        return
+    used = set().union(*(e.free_symbols for e in given.values()))
+    steps = 4 * settings.samples + 1 if TIME in used else 1
+    times = np.arange(steps, dtype=np.float64) * (settings.sample_time / 4)
+    bounds = system.disturbance_bounds
+    names = [*loop.program.varied.names, *loop.program.varied.plant]
+    varied = {symbol(n) for n in names}
+    bound_varies = bounds is not None and bool(bounds.free_symbols & varied)
+    rows = own if used & varied or bound_varies else own[:1]
+    values = {p.symbol: p.value for p in loop.program.parameters}
+    worst: list[tuple[int, float, Array]] = []
+
+    def check(run: int, time: float, sample: Array, bound: Bounds) -> None:
+        if not bound.contains([float(v) for v in sample]):
+            shown = ", ".join(
+                f"{n} = {v:.4g}" for n, v in zip(system.disturbance_names, sample, strict=True)
+            )
+            at = f"t = {time:.4g} s" + (f" of run {run}" if len(rows) > 1 else "")
+            raise SimulationError(
+                f"the disturbance leaves its bounds at {at}: {shown}",
+                remedy=f"reduce it, or raise the bound of system '{system.name}'",
+                key="disturbance",
+            )
+
+    for run, row in enumerate(rows, first):
+        real = {**plant, **dict(zip(names, row, strict=True))}
+        samples = loop.disturbances(times, real)
+        if not np.isfinite(samples).all():
+            raise SimulationError(
+                f"a disturbance is not finite at some time of run {run}", key="disturbance"
+            )
+        extremes = [(run, times[i], samples[i]) for i in _extremes(samples)]
+        if bounds is not None and (bound_varies or run == first):
+            bound = bounds.at(values | {symbol(n): v for n, v in real.items()})
+        if bound_varies:
+            for where in extremes:
+                check(*where, bound)
+        worst += extremes
+    if bounds is not None and not bound_varies:
+        for index in _extremes(np.array([w[2] for w in worst])):
+            check(*worst[index], bound)
+
+
+def _extremes(samples: Array) -> list[int]:
+    """The rows that decide for a box and for a ball: extreme components, extreme size."""
+    sizes = np.linalg.norm(samples, axis=1)
+    return sorted({int(sizes.argmax()), *samples.argmin(axis=0), *samples.argmax(axis=0)})
+
+
+def _check_varied(program: ClosedLoopProgram, own: Array, first: int) -> None:
+    """Refuse a value of some run that its parameter may not have."""
+    limits = {p.name: p.above for p in program.parameters}
+    names = [*program.varied.names, *program.varied.plant]
+    for j, name in enumerate(names):
+        bad = np.flatnonzero(~(np.isfinite(own[:, j]) & (own[:, j] > limits[name])))
+        if bad.size:
+            raise SimulationError(
+                f"'{program.varied.labels[j]}' is {own[bad[0], j]:g} in run {first + bad[0]}",
+                expected=f"above {limits[name]:g}"
+                if np.isfinite(limits[name])
+                else "a finite number",
+                key="varied",
+            )
+
+
+def _warn_of_gains(
+    program: ClosedLoopProgram, values: Mapping[sp.Symbol, float], own: Array
+) -> None:
+    """One warning for each condition that the gains violate, in some run at least."""
+    names = [symbol(n) for n in program.varied.names]
+    for condition in program.conditions:
+        involved = (condition.value + condition.limit).free_symbols & set(names)
+        rows = own if involved else own[:1]
+        found = [condition.violation({**values, **dict(zip(names, r, strict=False))}) for r in rows]
+        violated = [message for message in found if message]
+        if violated:
+            count = f" (in {len(violated)} of {len(rows)} runs)" if len(rows) > 1 else ""
+            warnings.warn(violated[0] + count, GainWarning, stacklevel=3)

@@ -1,0 +1,194 @@
+"""Where runs start: given states, random ones of the region, random ones of its edges."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from holdfast.arguments import checked
+from holdfast.errors import SimulationError, suggestion
+from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.simulation.closed_loop import Array, ClosedLoop
+from holdfast.execution.simulation.settings import Settings
+from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.system import System
+
+_DRAWS = 200  # batches of random states tried for each group of active inequalities
+_INSIDE = 1e-9  # how far inside the boundary a start on it lies
+_BLOCK = 4096  # starts of a group that are found together
+
+
+@checked
+@dataclass(frozen=True)
+class Starts:
+    """Initial states: `states`, each a mapping (states left out are 0), then `random` ones.
+
+    The random ones are uniform over the states of `box` (state -> (lowest, highest); states
+    left out are 0) that lie in the region. active: groups of names of inequalities; the random
+    states are moved to where those of a group are 0 together, the groups taking turns.
+    """
+
+    states: Sequence[Mapping[str, float]] = ()
+    random: int = 0
+    box: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    active: Sequence[Sequence[str]] = ()
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return len(self.states) + self.random
+
+
+def initial_states(
+    system: System,
+    region: Region | None,
+    loop: ClosedLoop,
+    starts: Starts | Sequence[Sequence[float]] | Array,
+    settings: Settings,
+    start_outside: bool,
+    part: range | None = None,
+) -> Array:
+    """The states of the starts, or of a part of them; `SimulationError` for what cannot be one."""
+    names = system.state_names
+    first = part.start if part is not None else 0
+    if isinstance(starts, Starts):
+        for given in (*starts.states, starts.box):
+            for name in given:
+                if name not in names:
+                    raise SimulationError(
+                        f"'{name}' is no state of system '{system.name}'",
+                        remedy=suggestion(name, names),
+                    )
+        fixed = np.array([[s.get(n, 0.0) for n in names] for s in starts.states], dtype=float)
+        fixed = fixed.reshape(-1, len(names))
+        if starts.random < 0:
+            raise SimulationError(f"{starts.random} random starts", expected="0 or more")
+        drawn = range(starts.random)
+        if part is not None:
+            drawn = range(max(0, first - len(fixed)), max(0, part.stop - len(fixed)))
+            fixed = fixed[part.start : part.stop]
+            if part.step != 1 or drawn.stop > starts.random:
+                raise SimulationError(f"part {part} of {len(starts.states) + starts.random} runs")
+        parts = [fixed]
+        if drawn:
+            if not starts.box:
+                raise SimulationError(f"{starts.random} random starts need a box to be drawn from")
+            low, high = (
+                np.array([starts.box.get(n, (0.0, 0.0))[i] for n in names], dtype=float)
+                for i in (0, 1)
+            )
+            for name, a, b in zip(names, low, high, strict=True):
+                if not a <= b:
+                    raise SimulationError(
+                        f"the box of '{name}' is [{a:g}, {b:g}]", expected="lowest first"
+                    )
+            if starts.active:
+                parts.append(_on_boundary(system, region, starts, drawn, low, high, settings.seed))
+            else:
+                parts.append(loop.sample(low, high, len(drawn), settings.seed, drawn.start))
+        initial = np.vstack(parts)
+    else:
+        initial = np.array(starts, dtype=float)
+        if initial.ndim != 2 or initial.shape[1] != len(names):
+            raise SimulationError(
+                f"starts have the shape {initial.shape}",
+                expected=f"(runs, {len(names)}) for the states {', '.join(names)}",
+            )
+        if part is not None:
+            initial = initial[part.start : part.stop]
+    if len(initial) == 0:
+        raise SimulationError("there are no runs", expected="at least one start")
+    if not np.isfinite(initial).all():
+        raise SimulationError("a start is not finite")
+    if not start_outside:
+        values = loop.constraints(initial)
+        bad = np.argwhere(~(values <= settings.tolerance))
+        if bad.size:
+            run, j = bad[0]
+            name, unit = loop.program.constraints[j]
+            state = ", ".join(f"{n}={v:g}" for n, v in zip(names, initial[run], strict=True))
+            raise SimulationError(
+                f"start {first + run} ({state}) lies outside the region: {name} = "
+                f"{values[run, j]:.4g} {unit}",
+                expected=f"at most {settings.tolerance:g}",
+                remedy="move the start, or allow starts outside the region",
+            )
+    return initial
+
+
+def _on_boundary(
+    system: System,
+    region: Region | None,
+    starts: Starts,
+    drawn: range,
+    low: Array,
+    high: Array,
+    seed: int,
+) -> Array:
+    """Random states of the box at which the inequalities of a group are active together.
+
+    drawn: which of them. They are found block by block, each with numbers of its own, so that they
+    are the same in any part.
+    """
+    if region is None:
+        raise SimulationError("starts where inequalities are active need a region")
+    names = region.inequality_names
+    for name in (n for group in starts.active for n in group):
+        if name not in names:
+            raise SimulationError(f"no inequality '{name}'", remedy=suggestion(name, names))
+    if not all(starts.active):
+        raise SimulationError("a group of active inequalities is empty")
+    states = [q.symbol for q in system.states]
+    free = [i for i in range(len(states)) if low[i] < high[i]]
+    values = [c.expression for c in region.inequalities]
+    slopes = [v.diff(states[i]) for v in values for i in free]
+    evaluate = Evaluator([*values, *slopes], states, (*system.parameters, *region.parameters))
+
+    def find(chosen: list[int], count: int, generator: np.random.Generator) -> Array:
+        """So many states, or fewer, where the chosen inequalities are active together."""
+        found = np.empty((0, len(states)))
+        for _ in range(_DRAWS):
+            if len(found) >= count:
+                break
+            q = generator.uniform(low, high, (4 * count + 64, len(states)))
+            q = _moved(evaluate, q, chosen, free, len(values))
+            value = evaluate.values(q)[:, : len(values)]
+            good = (np.abs(value[:, chosen] + _INSIDE) < _INSIDE / 2).all(axis=1)
+            good &= (value <= 0).all(axis=1) & ((q >= low) & (q <= high)).all(axis=1)
+            found = np.vstack([found, q[good]])
+        return found[:count]
+
+    out = np.empty((len(drawn), len(states)))
+    groups = len(starts.active)
+    for turn, group in enumerate(starts.active):
+        of_group = range(turn, starts.random, groups)
+        chosen = [names.index(n) for n in group]
+        for block in range(-(-len(of_group) // _BLOCK)):
+            rows = np.array(of_group[block * _BLOCK : (block + 1) * _BLOCK])
+            wanted = (rows >= drawn.start) & (rows < drawn.stop)
+            if not wanted.any():
+                continue
+            random = np.random.Philox(key=[seed, turn], counter=[0, 0, 0, block])
+            found = find(chosen, len(rows), np.random.Generator(random))
+            if len(found) < len(rows):
+                raise SimulationError(
+                    f"no states of the box found where {' and '.join(group)} are active together",
+                    remedy="check that they meet in the box",
+                )
+            out[rows[wanted] - drawn.start] = found[wanted]
+    return out
+
+
+def _moved(evaluate: Evaluator, q: Array, chosen: list[int], free: list[int], count: int) -> Array:
+    """By Gauss-Newton steps of least size to where the chosen inequalities are -`_INSIDE`."""
+    with np.errstate(all="ignore"):
+        for _ in range(12):
+            table = evaluate.values(q)
+            residual = table[:, chosen] + _INSIDE
+            jacobian = table[:, count:].reshape(len(q), count, len(free))[:, chosen]
+            usable = np.isfinite(residual).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
+            q, residual, jacobian = q[usable], residual[usable], jacobian[usable]
+            q[:, free] -= np.einsum("kij,kj->ki", np.linalg.pinv(jacobian), residual)
+    return q

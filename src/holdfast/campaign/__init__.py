@@ -1,1 +1,0 @@
-"""Campaigns: a scenario in many cells, each with values of its own for some of its numbers."""

@@ -1,0 +1,340 @@
+"""A law as one file of C99 and its header: no allocation, and no library but libm.
+
+Every name at file scope begins with the name of the law, so that several laws can be in one
+program, and even in one translation unit. What other files see (sizes, the type of the state,
+parameters, `_start`, `_step`) is one block with an include guard. The header is that block, and the
+file of C repeats it, so that it compiles alone and with its header alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import sympy as sp
+
+from holdfast._version import __version__
+from holdfast.arguments import checked
+from holdfast.errors import DefinitionError
+from holdfast.execution.codegen.c_printer import c_body
+from holdfast.execution.codegen.c_text import c_comment, c_file, c_name, c_needed, c_own, c_table
+from holdfast.maths.definitions.bounds import LinearImage
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.measurement import by_measurements
+from holdfast.maths.definitions.quantity import Parameter, Quantity, merge_parameters, symbol
+from holdfast.maths.definitions.switching import Switching, as_switching
+from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.traversal import symbols_of
+
+SLACK = "0 where an input was admissible, else by how much the safeguard was relaxed"
+
+OUTSIDE = "1 where the table of the kernel was asked outside its grid: the nearest place answered"
+
+
+@checked
+def export_c(system: System, law: Law | Switching, name: str = "controller") -> str:
+    """The law as C99, with its modes, what it remembers, and the limits of the actuators.
+
+    One file without allocation, that needs libm alone. NAME is `name` with underscores for what C
+    has no place for, and law_ before a digit. `NAME_start` sets the first mode; at every control
+    sample `NAME_step` takes the time [s], what is measured and the parameters, gives what the law
+    asks for and what the actuators do, and returns the mode. Its numbers are those of the compiled
+    closed loop (to rounding). What a safeguard lacks at a sample is `slack` of the state: 0 where
+    an admissible input was found. The table of a kernel is in the file; `outside` of the state is 1
+    at a sample at which it was asked outside its grid. Every name at file scope begins with NAME,
+    or with its upper case. `export_c_header` gives the header.
+
+    Raises `DefinitionError` for a law that does not fit the system.
+    """
+    return _file(system, law, name).text()
+
+
+@checked
+def export_c_header(system: System, law: Law | Switching, name: str = "controller") -> str:
+    """The header of the file that `export_c` writes for this law and name, for C and for C++.
+
+    It declares the sizes, the type NAME_state, NAME_parameters, NAME_start and NAME_step. A program
+    may include the headers of several laws whose names differ in more than upper and lower case.
+
+    Raises `DefinitionError` for a law that does not fit the system.
+    """
+    return _file(system, law, name).header()
+
+
+def _file(system: System, law: Law | Switching, name: str) -> _File:
+    return _File(system, as_switching(by_measurements(system, law)), c_name(name))
+
+
+class _File:
+    def __init__(self, system: System, switching: Switching, name: str) -> None:
+        self.system, self.switching, self.name = system, switching, name
+        if set(system.input_names) ^ set(switching.output_names):
+            raise DefinitionError(
+                f"law '{switching.name}' gives {', '.join(switching.output_names)}",
+                expected="the inputs " + ", ".join(system.input_names),
+            )
+        memory = switching.memory
+        self.kept = list(memory.quantities) if memory else []
+        read = {r.name for r in (*switching.reads, *(memory.reads if memory else ()))}
+        told = [d for d in system.disturbances if d.name in read]
+        self.seen: list[Quantity] = [*system.states, *told]
+        unknown = read - {q.name for q in (*self.seen, *self.kept)}
+        if unknown:
+            raise DefinitionError(
+                f"law '{switching.name}' reads '{min(unknown)}', which is no state"
+            )
+        self.inputs = [q.symbol for q in system.inputs]
+        self.guards = {n: m.safeguard for n, m in switching.modes.items() if m.safeguard}
+        self.image = system.input_bounds if isinstance(system.input_bounds, LinearImage) else None
+        self.actuators = list(self.image.actuators) if self.image else list(system.input_names)
+        used, known = self._symbols(), merge_parameters(system.parameters, switching.parameters)
+        self.parameters: tuple[Parameter, ...] = tuple(p for p in known if p.symbol in used)
+
+    def header(self) -> str:
+        return "\n".join([self._about(), *self._interface()]) + "\n"
+
+    def text(self) -> str:
+        n, upper = self.name, self.name.upper()
+        functions = [self._place()] if self.switching.lookup else []
+        functions += [self._law(), self._next_mode(), self._limit()]
+        functions += [self._remember()] if self.kept else []
+        values = "\n".join(
+            f"    {float(p.value)!r}, {c_comment(f'{i} {p.name} [{p.unit}] {p.description}')}"
+            for i, p in enumerate(self.parameters)
+        )
+        helpers = "\n".join(self._helpers("\n".join(functions)))
+        lines = [
+            self._about(),
+            "#include <math.h>",
+            "",
+            *self._interface(),
+            "",
+            c_own(helpers, n),
+            f"const double {n}_parameters[{upper}_PARAMETERS] = {{",
+            values or "    0.0",
+            "};",
+            "",
+            self._start(),
+            "",
+            *(line for f in functions for line in (c_own(f, n), "")),
+            self._step(),
+        ]
+        return "\n".join(lines) + "\n"
+
+    def _about(self) -> str:
+        n = self.name
+        return c_comment(
+            f"{self.switching.name}, for {self.system.name}. Made by holdfast {__version__}.",
+            "",
+            *(f"seen[{i}]: {q.name} [{q.unit}]" for i, q in enumerate(self.seen)),
+            *(f"command[{i}]: {q.name} [{q.unit}]" for i, q in enumerate(self.system.inputs)),
+            *(f"actuators[{i}]: {a}" for i, a in enumerate(self.actuators)),
+            *(f"mode {i}: {m}" for i, m in enumerate(self.switching.modes)),
+            *([f"{n}_state.slack: {SLACK}"] if self.guards else []),
+            *([f"{n}_state.outside: {OUTSIDE}"] if self.switching.lookup else []),
+        )
+
+    def _interface(self) -> list[str]:
+        """What other files see."""
+        n, upper = self.name, self.name.upper()
+        sizes = {
+            "MODES": len(self.switching.modes),
+            "SEEN": len(self.seen),
+            "KEPT": max(len(self.kept), 1),
+            "INPUTS": len(self.inputs),
+            "ACTUATORS": len(self.actuators),
+            "PARAMETERS": max(len(self.parameters), 1),
+        }
+        return [
+            f"#ifndef {upper}_H",
+            f"#define {upper}_H",
+            "#ifdef __cplusplus",
+            'extern "C" {',
+            "#endif",
+            "",
+            *(f"#define {upper}_{size} {count}" for size, count in sizes.items()),
+            "",
+            "typedef struct {",
+            "    int mode, begun, outside;",
+            f"    double since, slack, kept[{upper}_KEPT];",
+            f"}} {n}_state;",
+            "",
+            f"extern const double {n}_parameters[{upper}_PARAMETERS];",
+            f"void {n}_start({n}_state *s);",
+            f"{self._step_heading()};",
+            "",
+            "#ifdef __cplusplus",
+            "}",
+            "#endif",
+            "#endif",
+        ]
+
+    def _step_heading(self) -> str:
+        n = self.name
+        return (
+            f"int {n}_step({n}_state *s, double t, double sample_time, const double *seen,\n"
+            "        const double *p, double *command, double *actuators)"
+        )
+
+    def _symbols(self) -> set[sp.Symbol]:
+        switching, memory = self.switching, self.switching.memory
+        used: list[sp.Expr] = [e for m in switching.modes.values() for e in m.outputs.values()]
+        used += [e for guard in self.guards.values() for e in guard.expressions]
+        used += switching.lookup.places if switching.lookup else []
+        used += [t.when for t in switching.transitions]
+        used += [*memory.initial.values(), *memory.following.values()] if memory else []
+        used += self._limits()
+        return symbols_of(used)
+
+    def _helpers(self, functions: str) -> list[str]:
+        """What the functions call."""
+        found = [c_needed(name, functions) for name in ("basics", "walls")]
+        if self.guards:
+            most = max(len(guard.offsets) for guard in self.guards.values())
+            found.append(f"#define HF_M {len(self.inputs)}\n#define HF_ROWS {most}\n")
+            found.append(c_file("nearest"))
+        if self.switching.lookup is not None:
+            found += [c_table(self.switching.lookup), c_file("interpolate")]
+        return [text for text in found if text]
+
+    def _limits(self) -> list[sp.Expr]:
+        """What the actuators do at a command."""
+        bounds = self.system.input_bounds
+        asked = self.image.allocate(self.inputs) if self.image else tuple(self.inputs)
+        limits = self.image.of if self.image else bounds
+        return list(limits.saturate(asked) if limits else asked)
+
+    def _unpack(self) -> dict[str, Sequence[sp.Symbol]]:
+        return {
+            "seen": [q.symbol for q in self.seen],
+            "kept": [q.symbol for q in self.kept],
+            "p": [p.symbol for p in self.parameters],
+        }
+
+    def _start(self) -> str:
+        first = list(self.switching.modes).index(self.switching.initial)
+        return (
+            f"void {self.name}_start({self.name}_state *s) {{\n    s->mode = {first};\n"
+            "    s->begun = s->outside = 0;\n    s->since = s->slack = 0.0;\n"
+            f"    for (int i = 0; i < {self.name.upper()}_KEPT; i++) s->kept[i] = 0.0;\n}}"
+        )
+
+    def _law(self) -> str:
+        lookup, names = self.switching.lookup, self.system.input_names
+        unpack, look = self._unpack(), ""
+        if lookup is not None:
+            n = len(lookup.places)
+            look = (
+                f"    double place[{n}], look[{n + 1}];\n    hf_place(t, seen, kept, p, place);\n"
+            )
+            look += "    hf_look_up(place, look);\n"
+            unpack |= {"look": lookup.symbols}
+        cases = []
+        for number, (name, mode) in enumerate(self.switching.modes.items()):
+            results, into, ending = [mode.outputs[n] for n in names], "command", "return 0.0;"
+            asked = ""
+            if guard := self.guards.get(name):
+                m, count = len(names), len(guard.offsets)
+                results += guard.rows(names)
+                into, end = "asked", len(results) - m
+                asked = f"        double asked[{len(results)}];\n"
+                ending = (
+                    f"return hf_keep_within(asked, asked + {end}, asked + {m}, {count}, "
+                    f"{guard.hard}, command);"
+                )
+            body = c_body(unpack, results, into, "        ")
+            cases.append(f"    case {number}: {{\n{asked}{body}\n        {ending}\n    }}")
+        return (
+            "/* Returns the slack of the safeguard. */\n"
+            "static double hf_law(double t, const double *seen, const double *kept, int mode,\n"
+            "                     const double *p, double *command) {\n"
+            f"    (void)t; (void)seen; (void)kept; (void)p;\n{look}    switch (mode) {{\n"
+            + "\n".join(cases)
+            + "\n    }\n    return NAN;\n}"
+        )
+
+    def _place(self) -> str:
+        assert self.switching.lookup is not None
+        return (
+            "static void hf_place(double t, const double *seen, const double *kept,\n"
+            "                     const double *p, double *place) {\n"
+            "    (void)t; (void)seen; (void)kept; (void)p;\n"
+            + c_body(self._unpack(), self.switching.lookup.places, "place", "    ")
+            + "\n}"
+        )
+
+    def _next_mode(self) -> str:
+        numbers = {name: i for i, name in enumerate(self.switching.modes)}
+        cases = []
+        for name, number in numbers.items():
+            leaving = [x for x in self.switching.transitions if x.source == name]
+            if not leaving:
+                continue
+            tests = [
+                f"        if (level[{i}] >= 0.0) return {numbers[x.target]};"
+                for i, x in enumerate(leaving)
+            ]
+            cases.append(
+                f"    case {number}: {{\n        double level[{len(leaving)}];\n"
+                + c_body(self._unpack(), [x.when for x in leaving], "level", "        ")
+                + "\n"
+                + "\n".join(tests)
+                + "\n        break;\n    }"
+            )
+        inside = "    switch (mode) {\n" + "\n".join(cases) + "\n    }\n" if cases else ""
+        return (
+            "static int hf_next_mode(double t, const double *seen, const double *kept, int mode,\n"
+            "                        double time_in_mode, const double *p) {\n"
+            "    (void)t; (void)seen; (void)kept; (void)time_in_mode; (void)p;\n"
+            f"{inside}    return mode;\n}}"
+        )
+
+    def _limit(self) -> str:
+        unpack = {"command": self.inputs, "p": [p.symbol for p in self.parameters]}
+        return (
+            "static void hf_limit(const double *command, const double *p, double *actuators) {\n"
+            "    (void)p;\n" + c_body(unpack, self._limits(), "actuators") + "\n}"
+        )
+
+    def _remember(self) -> str:
+        memory = self.switching.memory
+        assert memory is not None
+        count = len(self.kept)
+        a = [symbol(n) for n in self.actuators]
+        produced = list(self.image.produce(a)) if self.image else self.inputs
+        made = {"actuators": a, "p": [p.symbol for p in self.parameters]}
+        u = {"u": self.inputs}
+        initial = [memory.initial[z.name] for z in self.kept]
+        following = [memory.following[z.name] for z in self.kept]
+        return (
+            "static void hf_first(const double *seen, const double *p, double *kept) {\n"
+            "    (void)seen; (void)p;\n"
+            + c_body(self._unpack() | {"kept": []}, initial, "kept")
+            + "\n}\n\n"
+            "static void hf_remember(double t, double sample_time, const double *seen,\n"
+            "                        const double *actuators, const double *p, double *kept) {\n"
+            f"    double u[{len(self.inputs)}], next[{count}];\n"
+            "    (void)t; (void)sample_time;\n    {\n"
+            + c_body(made, produced, "u", "        ")
+            + "\n    }\n"
+            + c_body(self._unpack() | u, following, "next")
+            + f"\n    for (int i = 0; i < {count}; i++) kept[i] = next[i];\n}}"
+        )
+
+    def _step(self) -> str:
+        asked, begin = "", "    if (!s->begun) hf_first(seen, p, s->kept);\n" if self.kept else ""
+        remember = (
+            "    hf_remember(t, sample_time, seen, actuators, p, s->kept);\n" if self.kept else ""
+        )
+        if lookup := self.switching.lookup:
+            asked = f"    double place[{len(lookup.places)}];\n"
+            asked += "    hf_place(t, seen, s->kept, p, place);\n"
+            asked += "    s->outside = hf_off_grid(place);\n"
+        body = (
+            f" {{\n    (void)sample_time;\n{begin}    s->begun = 1;\n"
+            "    int mode = hf_next_mode(t, seen, s->kept, s->mode, t - s->since, p);\n"
+            "    if (mode != s->mode) {\n        s->mode = mode;\n        s->since = t;\n    }\n"
+            f"{asked}    s->slack = hf_law(t, seen, s->kept, mode, p, command);\n"
+            "    hf_limit(command, p, actuators);\n"
+            f"{remember}    return mode;\n}}"
+        )
+        return self._step_heading() + c_own(body, self.name)

@@ -1,0 +1,85 @@
+"""How long an exported law takes on this machine, by the compiler that is here."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.errors import SimulationError
+from holdfast.execution.codegen.c_text import c_file, c_name
+
+COMPILERS = ("cc", "gcc", "clang")
+OPTIONS = ("-std=c99", "-O2")
+PATIENCE = 300.0
+"""Seconds after which a compiler, or the program, is given up."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Nanoseconds of a call of the step, and what compiled it."""
+
+    nanoseconds: float
+    compiler: str
+
+
+def time_law(
+    text: str,
+    name: str,
+    times: npt.NDArray[np.float64],
+    states: npt.NDArray[np.float64],
+    sample_time: float,
+) -> Timing:
+    """The time of a step of the law that `export_c` wrote for `name`.
+
+    times [s], states: shapes (times,) and (runs, times, states). The law goes along the runs, with
+    what it is told of disturbances zero; of a run that ended early, as far as there are numbers.
+    The fastest of five times a fifth of a second of a core.
+
+    Raises `SimulationError` where no state is a number, where there is no compiler, or where it
+    makes no program that runs.
+    """
+    compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
+    if compiler is None:
+        raise SimulationError(f"there is no C compiler here ({', '.join(COMPILERS)})")
+    rows = timed_rows(times, states)
+    if not len(rows):
+        raise SimulationError("no state of its runs is a number")
+    names = {"NAME": c_name(name), "UPPER": c_name(name).upper()}
+    main = re.sub("|".join(names), lambda found: names[found[0]], c_file("timing"))
+    with tempfile.TemporaryDirectory(prefix="holdfast-") as folder:
+        source, program, data = (Path(folder) / n for n in ("law.c", "law", "rows"))
+        source.write_text(text + main, encoding="utf-8")
+        data.write_bytes(rows.tobytes())
+        _done([compiler, *OPTIONS, str(source), "-o", str(program), "-lm"])
+        told = _done([str(program), str(data), *map(str, rows.shape), repr(float(sample_time))])
+    return Timing(float(told), f"{Path(compiler).name} {OPTIONS[-1]}")
+
+
+def timed_rows(
+    times: npt.NDArray[np.float64], states: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """1 where a run begins, its time, its state; shape (rows, 2 + states)."""
+    begins = np.broadcast_to(np.arange(len(times)) == 0, states.shape[:2])
+    found = np.dstack([begins, np.broadcast_to(times, states.shape[:2]), states])
+    return np.ascontiguousarray(found[np.isfinite(states).all(axis=2)], dtype=np.float64)
+
+
+def _done(command: list[str]) -> str:
+    """What it prints."""
+    name = Path(command[0]).name
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise SimulationError(f"'{name}' could not be run ({error})") from None
+    if done.returncode:
+        lines = done.stderr.strip().splitlines() or [f"exit status {done.returncode}"]
+        said = next((line for line in lines if "error" in line), lines[-1])
+        raise SimulationError(f"'{name}' failed: {said}")
+    return done.stdout

@@ -1,0 +1,321 @@
+"""A value on a grid marched in time, in parallel, skipping what is settled.
+
+    dW/dtau = H(tau, q, grad W),   limited to one sign where the problem says so,
+    and after every stage   lower <= W <= upper,   floor <= W <= ceiling
+
+A stretch of nodes is computed again only if something that it depends on has changed since. Where
+nothing has, the same numbers would come out, so the answer is that of the full march. Where the
+Hamiltonian or a bound depends on time t, of a clock that runs with tau or against it, all is
+computed, with steps that are stable at every stage.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.errors import SimulationError
+from holdfast.execution.compile import compile_sweep
+from holdfast.execution.level_set.mirrored_grid import Fold
+from holdfast.execution.level_set.over_grid import over_grid, padded
+from holdfast.execution.level_set.schemes import SCHEMES
+from holdfast.execution.level_set.settling import Done
+from holdfast.execution.level_set.sweep_source import layout, sweep_source
+from holdfast.execution.level_set.workers import Workers
+from holdfast.maths.definitions.quantity import TIME, Parameter
+from holdfast.maths.games.hamiltonian import Hamiltonian
+
+Array = npt.NDArray[Any]
+
+KINDS = {"contained": 0, "extrapolated": 0, "periodic": 1, "limited": 2}
+"""What is beyond the ends of an axis; the numbers of `differences.py`."""
+
+STAGES = {1: ((1.0, 0.0),), 2: ((1.0, 0.0), (0.5, 1.0)), 3: ((1.0, 0.0), (0.25, 1.0), (2 / 3, 0.5))}
+"""(weight, time) of the stages of the total-variation-diminishing Runge-Kutta methods
+(C.-W. Shu, S. Osher, J. Comput. Phys. 77, 1988)."""
+
+ALL_MEASURED, MEASURED = 64, 4
+"""Steps from the first for which it is measured how fast the set moves, then one in so many."""
+
+MOST_STEPS = 10**9
+"""Steps of a march: it would take days on the smallest grid."""
+
+FEW = 30_000
+"""Nodes below which one thread is faster than several."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """scheme: of the derivatives ("upwind", "eno2", "eno3", "weno5"); order: of the Runge-Kutta
+    method, 1 to 3; dissipation: of the Lax-Friedrichs flux ("global", "local", "local-local");
+    cfl: share of the largest stable step; skip: leave out what is settled."""
+
+    scheme: str = "weno5"
+    order: int = 3
+    dissipation: str = "local-local"
+    cfl: float = 0.75
+    skip: bool = True
+
+
+class March:
+    """Compiled sweeps of one Hamiltonian over one grid."""
+
+    def __init__(
+        self,
+        hamiltonian: Hamiltonian,
+        parameters: Sequence[Parameter],
+        axes: Sequence[Array],
+        steps: Sequence[float],
+        kinds: Sequence[str],
+        *,
+        method: Method,
+        limit: str,
+        clock: tuple[float, float] = (0.0, 1.0),
+        reflected: Sequence[npt.NDArray[np.int64]] | None = None,
+        precision: str = "float64",
+        threads: int = 1,
+    ) -> None:
+        """clock: the time t at tau = 0, and how fast it runs, 1 or -1. reflected: for every axis,
+        at which place of it the node is that always has the same value; half is computed then.
+        """
+        source = sweep_source(
+            hamiltonian,
+            parameters,
+            scheme=method.scheme,
+            dissipation=method.dissipation,
+            limit=limit,
+            precision=precision,
+        )
+        self.module = compile_sweep(source, precision)
+        self.hamiltonian, self.parameters = hamiltonian, parameters
+        self.method = method
+        self.shape = np.array([len(a) for a in axes], dtype=np.int64)
+        self.axes = padded(axes)
+        self.steps = np.array(steps, dtype=np.float64)
+        self.kinds = np.array([KINDS[k] for k in kinds], dtype=np.int64)
+        self.p = np.array([*(float(q.value) for q in parameters), 0.0])
+        self.nodes = math.prod(len(a) for a in axes)
+        self.threads = threads if self.nodes > FEW else 1
+        cut = layout([len(a) for a in axes])
+        self.cut = np.array(cut, dtype=np.int64)
+        local = cut[1] * cut[2]
+        self.units = math.prod(len(a) for a in axes[:-2]) * local
+        self.places = len(axes[0]) if len(axes) > 2 else local  # what threads share
+        ghosts = SCHEMES[method.scheme]
+        self.fold = Fold(reflected, kinds, cut, ghosts) if reflected is not None else None
+        self.clock = clock
+        self.varying = any(e.has(TIME) for e in (hamiltonian.value, *hamiltonian.speeds))
+        self.speeds = np.zeros(len(axes))  # largest along every axis, for a global dissipation
+        self.longest_step = self._longest_step((0.0,))
+
+    def _longest_step(self, at: Sequence[float]) -> float:
+        """The largest step [s] that is stable with the speeds at those tau, times the chosen share.
+
+        Infinite where nothing moves. Raises `SimulationError` where a rate is not finite.
+        """
+        limits = np.zeros(len(self.speeds) + 1)
+        for tau in at:
+            rest = (self.axes, self.shape, self.steps, self.p, limits)
+            self.module.fastest(self._time(tau), *rest)
+            for i in np.flatnonzero(~np.isfinite(limits[:-1])):
+                raise self._not_finite(int(i), tau)
+        self.speeds[:] = limits[:-1]
+        return self.method.cfl / float(limits[-1]) if limits[-1] > 0 else math.inf
+
+    def _speed(self, i: int, tau: float) -> Array:
+        """The largest speed along an axis at every node."""
+        at = over_grid(
+            self.hamiltonian.speeds[i],
+            [q.symbol for q in self.hamiltonian.system.states],
+            self.parameters,
+            [axis[:count] for axis, count in zip(self.axes, self.shape, strict=True)],
+        )
+        return at(self._time(tau)).reshape(self.shape)
+
+    def _not_finite(self, i: int, tau: float) -> SimulationError:
+        speed = self._speed(i, tau)
+        bad = ~np.isfinite(speed)
+        name = self.hamiltonian.system.states[i].name
+        return SimulationError(
+            f"the rate of '{name}' is not finite at {self.node(int(np.argmax(bad)))}"
+            + (f", and at {bad.sum() - 1:,} nodes more" if bad.sum() > 1 else ""),
+            expected="a rate that is finite at every node of the grid",
+            remedy="take an interval, or a number of nodes, that leaves these states out",
+        )
+
+    def node(self, place: int) -> str:
+        """The states at a node, by its place among all, as text."""
+        index = np.unravel_index(place, tuple(self.shape))
+        states = self.hamiltonian.system.states
+        return ", ".join(
+            f"{q.name} = {self.axes[i, k]:.6g}"
+            for i, (q, k) in enumerate(zip(states, index, strict=True))
+        )
+
+    @property
+    def crossing(self) -> float:
+        """How long it takes to cross a cell at the largest speed along the slowest axis [s]."""
+        moving = self.speeds > 0
+        return float((self.steps[moving] / self.speeds[moving]).max(initial=0.0))
+
+    def _time(self, tau: float) -> float:
+        return self.clock[0] + self.clock[1] * tau
+
+    def run(
+        self,
+        values: Array,
+        times: Sequence[float],
+        *,
+        upper: Array | None = None,
+        lower: Array | None = None,
+        refresh: Callable[[float], None] | None = None,
+        floor: float = -math.inf,
+        ceiling: float = math.inf,
+        nearest: float = 0.0,
+        keep: Callable[[float, Array], None] | None = None,
+        tell: Callable[[Done, Callable[[], Array]], bool] | None = None,
+        done: Done | None = None,
+    ) -> Done:
+        """March `values` (flat; changed in place) to each of `times`, then `keep(time, values)`.
+
+        refresh: puts into `upper` and `lower`, if they move, what they are at a time t.
+        nearest: distances from zero below it are rounding; the speed of the set is not relative to
+        less (`differences.largest_move`).
+        `tell(done, values)` is called after every step, with a function that gives the values, and
+        ends the march where it gives True.
+        done: what has been done of the same march, up to `values`; it goes on from there.
+        """
+        done = done or Done()
+        if done.stopped:
+            return done
+        order = self.method.order
+        stages = STAGES[order]
+        arrays = [values, *(values.copy() for _ in range(max(order - 1, 1)))]
+        flags = np.ones((max(order, 2), self.units), dtype=np.uint8)
+        none = np.empty(0, dtype=values.dtype)
+        bounds = (none if upper is None else upper, none if lower is None else lower)
+        rest = (self.shape, self.cut, self.steps, self.kinds, self.speeds, self.axes, self.p)
+        turn = np.zeros(1, dtype=np.int64)
+        self.module.sweep(  # compiled, or loaded, before the time is taken
+            turn, turn, 0.0, 0.0, 1.0, values, values, arrays[1], values, *bounds, floor, ceiling,
+            nearest, flags[0], flags[1], flags[:0], *rest, np.zeros(3),
+        )  # fmt: skip
+        began, step = time.perf_counter() - done.seconds, math.nan
+        with Workers(self.module, self.threads, self.places) as workers:
+
+            def mirror(array: Array, chosen: Array) -> Array:
+                """Of the half that is not computed, what lies at those places."""
+                if self.fold is not None:
+                    half = (
+                        array,
+                        self.shape,
+                        self.fold.places,
+                        self.fold.axis,
+                        chosen,
+                    )
+                    workers.run(self.module.mirror, *half)
+                return array
+
+            def now() -> Array:
+                return arrays[0] if self.fold is None else mirror(arrays[0], self.fold.rest)
+
+            for start, dt, ends in itertools.islice(self._steps(times), done.steps, None):
+                if dt != step or not self.method.skip or self.varying or refresh is not None:
+                    flags[:] = 1
+                    step = dt
+                found = np.zeros(3)
+                done.measured = (
+                    done.steps < ALL_MEASURED or done.steps % MEASURED == 0 or ends is not None
+                )
+                for s, (weight, fraction) in enumerate(stages):
+                    last = s == order - 1
+                    own = flags[1:order] if last else flags[:0]
+                    source = arrays[s]
+                    out = arrays[1] if order == 1 else arrays[0 if last else s + 1]
+                    here = flags[s] if order > 1 else flags[done.steps % 2]
+                    there = flags[(s + 1) % order] if order > 1 else flags[1 - done.steps % 2]
+                    if refresh is not None:  # what comes out is for the time of the next stage
+                        then = 1.0 if last else stages[s + 1][1]
+                        refresh(self._time(start + then * dt))
+                    if self.fold is not None:
+                        self.fold.narrow(here)
+                    found = workers.run(
+                        self.module.sweep,
+                        self._time(start + fraction * dt), dt, weight, source, arrays[0], out,
+                        arrays[0] if order == 1 else out, *bounds, floor, ceiling,
+                        nearest if last and done.measured else 0.0, here, there, own, *rest,
+                    )  # fmt: skip
+                    if self.fold is not None:
+                        mirror(out, self.fold.needed)
+                    done.computed += int(found[0])
+                    if found[1]:
+                        at = self.node(int(np.argmax(~(np.abs(out) < 1e300))))
+                        raise SimulationError(
+                            f"the value is not finite at {at} after {start + dt:g} s"
+                            + (f", and at {found[1] - 1:,.0f} nodes more" if found[1] > 1 else ""),
+                            expected="rates that are finite and speeds that are bounded there",
+                            remedy="leave these states out of the grid, or take a smaller cfl or "
+                            "a lower order",
+                        )
+                if order == 1:
+                    arrays.reverse()
+                done.of += self.units * order
+                done.steps += 1
+                done.time = start + dt if ends is None else ends
+                if done.measured:
+                    done.moved(float(found[2]) / dt)
+                following = flags[0] if order > 1 else flags[done.steps % 2]
+                done.fixed = not following.any()
+                done.seconds = time.perf_counter() - began
+                if keep is not None and ends is not None:
+                    keep(ends, now())
+                done.stopped = tell is not None and tell(done, now)
+                if done.stopped:
+                    break
+            now()
+        if arrays[0] is not values:
+            values[:] = arrays[0]
+        return done
+
+    def _steps(self, times: Sequence[float]) -> Iterator[tuple[float, float, float | None]]:
+        """Start and length of every step [s], and which of `times` it ends at."""
+        now = 0.0
+        for end in times:
+            while now < end:
+                count = self._count(now, end)
+                dt = (end - now) / count
+                several = 1 if self.varying else count
+                for k in range(several):
+                    yield now + k * dt, dt, end if k == count - 1 else None
+                now = end if several == count else now + dt
+
+    def _count(self, now: float, end: float) -> int:
+        """How many steps to take; with speeds that vary, so that the first is short enough."""
+        count, longest = 1, self._longest_step((now,)) if self.varying else self.longest_step
+        while (needed := math.ceil((end - now) / longest - 1e-9)) > count:
+            count = needed
+            if count > MOST_STEPS:
+                raise self._too_many(count, longest, now)
+            if self.varying:
+                dt = (end - now) / count
+                longest = self._longest_step((now, now + 0.5 * dt, now + dt))
+        return count
+
+    def _too_many(self, count: int, longest: float, tau: float) -> SimulationError:
+        i = int(np.argmax(self.speeds / self.steps))
+        speed = self._speed(i, tau)
+        state = self.hamiltonian.system.states[i]
+        return SimulationError(
+            f"the march would take {count:.3g} steps of {longest:.3g} s: '{state.name}' moves at "
+            f"up to {speed.max():.3g} {state.unit}/s at {self.node(int(np.argmax(speed)))}, the "
+            f"median over the grid is {np.median(speed):.3g}",
+            expected=f"at most {MOST_STEPS:.0e} steps",
+            remedy="leave these states out of the grid, take a coarser grid or a shorter horizon",
+        )

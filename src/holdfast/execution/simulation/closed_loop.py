@@ -1,0 +1,331 @@
+"""A batch of initial states to trajectories, in parallel over the runs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from types import ModuleType
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.errors import SimulationError
+from holdfast.execution.codegen.closed_loop_source import ClosedLoopProgram
+from holdfast.execution.compile import compile_closed_loop
+from holdfast.execution.resources import Progress, available_cores, check_memory, run_threads
+from holdfast.execution.simulation.settings import Settings
+
+Array = npt.NDArray[np.float64]
+
+
+class Outcome(IntEnum):
+    """How a trajectory ended."""
+
+    STAYED = 0
+    REACHED = 1
+    LEFT = 2
+    DIVERGED = 3
+    CHATTERED = 4
+    OFF_GRID = 5
+
+    @property
+    def label(self) -> str:
+        return OUTCOMES[self]
+
+
+OUTCOMES = ("stayed", "reached goal", "left region", "diverged", "chattered", "left grid")
+"""The labels, in the order of `Outcome`. A run that left the grid asked its law where the value
+function of the law is not known, and did not leave its region."""
+
+
+class SafeguardAnswer(IntEnum):
+    """What a safeguard did with the command of its law at a sample."""
+
+    KEPT = 0
+    OVERRULED = 1
+    INFEASIBLE = 2
+
+    @property
+    def label(self) -> str:
+        return ("kept", "overruled", "no admissible input")[self]
+
+
+@dataclass(frozen=True)
+class Trajectories:
+    """What a batch of runs did; the first axis of every array but `time` is the run.
+
+    state, input, actuator, signal, constraint: (run, time, ...); mode: (run, time).
+    nominal, nominal_actuator (run, time, ...): what the law asked for before its safeguard, as
+    inputs and as actuators; sample_slack (run, time): how far its conditions were relaxed;
+    safeguard (run, time): a `SafeguardAnswer`, -1 after the end of a run. They have no samples
+    where there is no safeguard.
+    outcome, exit_time [s], exit_constraint (-1: none), goal_time [s] (since when the run is
+    in the goal at its end), worst (run, constraint): the largest c_j over all of time,
+    peak_input, peak_actuator: the largest magnitudes, switches: changes of mode,
+    shortest_dwell [s]: between two of them (infinite where there are not two), overruled: control
+    samples at which the safeguard changed the command, infeasible: those at which it found no
+    admissible input, largest_slack: the most it needed, rejected: adaptive steps refused,
+    off_grid [s]: when the law first asked its value function outside the grid (NaN: never), varied
+    (run, name): what the run had values of its own for, wall_time: seconds of simulation, without
+    compilation.
+    """
+
+    time: Array
+    state: Array
+    input: Array
+    actuator: Array
+    mode: npt.NDArray[np.int16]
+    signal: Array
+    constraint: Array
+    nominal: Array
+    nominal_actuator: Array
+    sample_slack: Array
+    safeguard: npt.NDArray[np.int8]
+    outcome: npt.NDArray[np.int8]
+    exit_time: Array
+    exit_constraint: npt.NDArray[np.int16]
+    goal_time: Array
+    worst: Array
+    peak_input: Array
+    peak_actuator: Array
+    switches: npt.NDArray[np.int64]
+    shortest_dwell: Array
+    overruled: npt.NDArray[np.int64]
+    infeasible: npt.NDArray[np.int64]
+    largest_slack: Array
+    rejected: npt.NDArray[np.int64]
+    off_grid: Array
+    varied: Array
+    wall_time: float = 0.0
+
+
+class ClosedLoop:
+    """A compiled closed loop with its parameter values; the second process starts warm."""
+
+    def __init__(self, program: ClosedLoopProgram) -> None:
+        self.program = program
+        self.module: ModuleType = compile_closed_loop(program.source)
+
+    def parameter_array(self, overrides: Mapping[str, float] | None = None) -> Array:
+        """The parameter values in order, with some replaced by name."""
+        values = {p.name: float(p.value) for p in self.program.parameters}
+        for name, value in (overrides or {}).items():
+            if name not in values:
+                raise SimulationError(f"no parameter '{name}' in this closed loop")
+            values[name] = float(value)
+        return np.array([*values.values(), *self.program.given, 0.0], dtype=np.float64)
+
+    def constraints(self, states: Array) -> Array:
+        """c_j of each state, shape (run, constraint)."""
+        out = np.zeros((len(states), len(self.program.constraints)))
+        if out.size:
+            self.module.evaluate_constraints(
+                np.ascontiguousarray(states), self.parameter_array(), out.shape[1], out
+            )
+        return out
+
+    def disturbances(self, times: Array, overrides: Mapping[str, float] | None = None) -> Array:
+        """d(t), shape (time, disturbance)."""
+        out = np.zeros((len(times), len(self.program.disturbances)))
+        if out.size:
+            self.module.evaluate_disturbance(times, self.parameter_array(overrides), out)
+        return out
+
+    def varied(self, runs: int, seed: int, first: int = 0) -> Array:
+        """What every run has values of its own for: draws, values, values of the plant.
+
+        first: which of the runs that share the seed is the first of these.
+        """
+        chosen = self.program.varied
+        if not chosen.expressions and not chosen.draws:
+            return np.empty((runs, 0))
+        draws = np.empty((runs, len(chosen.draws)))
+        low, high = (np.array([r[i] for r in chosen.draws.values()]) for i in (0, 1))
+        self.module.draw_varied(first, low, high, np.uint64(seed), draws)
+        if chosen.vertices:  # every start at each of them in turn
+            turns = np.arange(first, first + runs) % len(chosen.corners)
+            places = [list(chosen.draws).index(name) for name in chosen.vertices]
+            draws[:, places] = np.array(chosen.corners)[turns]
+        out = np.empty((runs, len(chosen.values) + len(chosen.plant)))
+        self.module.evaluate_varied(self.parameter_array(), self._columns(chosen.draws), draws, out)
+        return np.hstack([draws, out])
+
+    def _columns(self, names: Iterable[str]) -> npt.NDArray[np.int64]:
+        order = [p.name for p in self.program.parameters]
+        return np.array([order.index(n) for n in names], dtype=np.int64)
+
+    def sample(self, lower: Array, upper: Array, count: int, seed: int, first: int = 0) -> Array:
+        """`count` uniform states of a box that satisfy every inequality, from the `first` on.
+
+        Raises `SimulationError` when 100,000 draws find none for some run.
+        """
+        check_memory(8 * count * len(lower), f"{count} random starts")
+        out = np.empty((count, len(lower)))
+        failed = self.module.sample_starts(
+            first,
+            first + count,
+            lower,
+            upper,
+            self.parameter_array(),
+            np.uint64(seed),
+            len(self.program.constraints),
+            100_000,
+            out,
+        )
+        if failed >= 0:
+            raise SimulationError(
+                f"no state of the region found in the box of random starts (run {failed})",
+                remedy="check that the box overlaps the region",
+            )
+        return out
+
+    def check_room(self, runs: int, settings: Settings) -> None:
+        """Refuse more runs than fit into memory, before anything is allocated."""
+        program, rows = self.program, settings.samples // settings.stride + 1
+        states, watch = len(program.states), len(program.constraints)
+        fed = len(program.inputs) + len(program.actuators)
+        moving = states + fed + len(program.signals) + (fed + 1 if program.safeguarded else 0)
+        varied = len(program.varied.labels)
+        once = 2 * states + varied + watch + fed + 8
+        needed = 8 * runs * (rows * (moving + watch + 1) + once)
+        check_memory(needed, f"{runs:,} runs of {rows:,} samples")
+
+    def simulate(
+        self,
+        starts: Array,
+        settings: Settings,
+        *,
+        plant: Mapping[str, float] | None = None,
+        varied: Array | None = None,
+        first: int = 0,
+        progress: Progress | None = None,
+    ) -> Trajectories:
+        """Simulate every start; `plant` replaces parameters of the vehicle but not of its law.
+
+        `varied` are the values of `varied()`, by default those. `first`: which of the runs that
+        share the seed is the first of these.
+
+        A run's result depends on the seed and its index alone, never on the threads. On
+        KeyboardInterrupt the workers stop within one control sample.
+        """
+        program = self.program
+        runs, n = starts.shape
+        samples, stride = settings.samples, settings.stride
+        rows = samples // stride + 1
+        watch = len(program.constraints)
+
+        self.check_room(runs, settings)
+        if program.continuous != settings.continuous:
+            raise SimulationError("continuous control is compiled, not chosen for a run")
+        if varied is None:
+            varied = self.varied(runs, settings.seed, first)
+        shared = len(program.varied.names)
+        columns_plant = self._columns((*program.varied.names, *program.varied.plant))
+        own_gains = np.ascontiguousarray(varied[:, :shared])
+
+        def blank(*shape: int) -> Array:
+            return np.full((runs, *shape), np.nan)
+
+        kept = rows if program.safeguarded else 0
+        names = [s.name for s in program.states]
+        noise = np.zeros((2, n))
+        for row, given in enumerate((settings.noise_uniform, settings.noise_normal)):
+            for name, size in given.items():
+                if name not in names:
+                    raise SimulationError(f"noise of '{name}', which is no state", key="noise")
+                noise[row, names.index(name)] = size
+        result = Trajectories(
+            time=np.arange(rows, dtype=np.float64) * (stride * settings.sample_time),
+            state=blank(rows, n),
+            input=blank(rows, len(program.inputs)),
+            actuator=blank(rows, len(program.actuators)),
+            mode=np.full((runs, rows), -1, dtype=np.int16),
+            signal=blank(rows, len(program.signals)),
+            constraint=blank(rows, watch),
+            nominal=blank(kept, len(program.inputs)),
+            nominal_actuator=blank(kept, len(program.actuators)),
+            sample_slack=blank(kept),
+            safeguard=np.full((runs, kept), -1, dtype=np.int8),
+            outcome=np.zeros(runs, dtype=np.int8),
+            exit_time=blank(),
+            exit_constraint=np.full(runs, -1, dtype=np.int16),
+            goal_time=blank(),
+            worst=np.full((runs, watch), -np.inf),
+            peak_input=np.zeros((runs, len(program.inputs))),
+            peak_actuator=np.zeros((runs, len(program.actuators))),
+            switches=np.zeros(runs, dtype=np.int64),
+            shortest_dwell=np.full(runs, np.inf),
+            overruled=np.zeros(runs, dtype=np.int64),
+            infeasible=np.zeros(runs, dtype=np.int64),
+            largest_slack=np.zeros(runs),
+            rejected=np.zeros(runs, dtype=np.int64),
+            off_grid=blank(),
+            varied=varied,
+        )
+        stop = np.zeros(1, dtype=np.int64)
+        threads = settings.threads or available_cores()
+        chunk = max(1, min(64, -(-runs // (4 * threads))))
+        bounds = [(a, min(a + chunk, runs)) for a in range(0, runs, chunk)]
+        counters = [np.zeros(1, dtype=np.int64) for _ in bounds]
+        law_values, plant_values = self.parameter_array(), self.parameter_array(plant)
+
+        def work(start: int, stop_at: int, counter: npt.NDArray[np.int64]) -> None:
+            self.module.simulate_runs(
+                start,
+                stop_at,
+                first,
+                np.ascontiguousarray(starts),
+                plant_values,
+                law_values,
+                columns_plant,
+                columns_plant[:shared],
+                varied,
+                own_gains,
+                np.zeros(1) if program.table is None else program.table,
+                noise,
+                bool(noise.any()),
+                np.uint64(settings.seed),
+                settings.sample_time,
+                samples,
+                stride,
+                int(settings.substeps),
+                settings.absolute,
+                settings.relative,
+                settings.tolerance,
+                program.initial_mode,
+                min(settings.switch_limit, samples + 2),  # never more than it can count
+                settings.delay_samples,
+                result.state,
+                result.input,
+                result.actuator,
+                result.mode,
+                result.signal,
+                result.constraint,
+                result.nominal,
+                result.nominal_actuator,
+                result.sample_slack,
+                result.safeguard,
+                result.outcome,
+                result.exit_time,
+                result.exit_constraint,
+                result.goal_time,
+                result.worst,
+                result.peak_input,
+                result.peak_actuator,
+                result.switches,
+                result.shortest_dwell,
+                result.overruled,
+                result.infeasible,
+                result.largest_slack,
+                result.rejected,
+                result.off_grid,
+                stop,
+                counter,
+            )
+
+        work(0, 0, np.zeros(1, dtype=np.int64))  # compile, or load, before the threads start
+        began = time.perf_counter()
+        run_threads(work, bounds, counters, threads, stop, runs * (samples + 1), progress)
+        return replace(result, wall_time=time.perf_counter() - began)

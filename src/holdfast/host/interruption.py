@@ -1,0 +1,141 @@
+"""An interruption ends the program, whatever it is doing, and leaves no unfinished file.
+
+Python raises an interruption between two of its own instructions. It comes late where a library
+computes, it is lost where a library calls back, and it may leave a lock taken that the program
+then waits for. So a thread hears the signal too: it ends the program that has not ended by
+itself within `GRACE`.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any, NoReturn
+
+from holdfast.host.writing import discard_unfinished
+
+INTERRUPTED = 128 + signal.SIGINT
+GRACE = 1.0
+"""Seconds."""
+
+SAID = "holdfast: interrupted; no partial file is left\n"
+_TERMINATIONS = tuple(
+    getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)
+)
+_told_to_stop = threading.Event()
+_ends = threading.Lock()
+_ears: list[socket.socket] = []
+"""What signals are heard by: kept, since the system knows their numbers only."""
+
+
+@contextmanager
+def listening() -> Iterator[None]:
+    """End on an interruption, with `INTERRUPTED`, and when terminated, with 128 + the signal.
+
+    An interruption is first raised, once, as `KeyboardInterrupt`. One that the caller ignores, as
+    the shell does for a program in the background, stays ignored.
+    """
+    before: dict[int, Any] = {}
+    if threading.current_thread() is threading.main_thread() and not _ears:
+        if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            before[signal.SIGINT] = signal.signal(signal.SIGINT, _stop)
+            sys.unraisablehook = _report_lost
+        before |= _hear_terminations()
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if before:
+            signal.set_wakeup_fd(-1)
+            for ear in _ears:
+                ear.close()
+            _ears.clear()
+
+
+def end_with_parent() -> None:
+    """In a process of its own: only the one that waits is interrupted, and this ends with it."""
+    import multiprocessing
+    from multiprocessing.connection import wait
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    _hear_terminations()
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        sentinel = parent.sentinel
+
+        def end_too() -> None:
+            wait([sentinel])
+            end(128 + signal.SIGTERM)
+
+        threading.Thread(target=end_too, name="holdfast-parent", daemon=True).start()
+
+
+def heed() -> None:
+    """Raise the interruption that was lost, if there was one."""
+    if _told_to_stop.is_set():
+        raise KeyboardInterrupt
+
+
+def end(status: int, said: str = "") -> NoReturn:
+    """Remove what is unfinished, say so, and leave at once.
+
+    Where the interruption hit code that runs text (as `exec` in a library's import), CPython
+    remembers it as unhandled and would turn a plain exit into death by the signal.
+    """
+    if not _ends.acquire(blocking=False):
+        time.sleep(60.0)  # another thread is at it
+    try:
+        discard_unfinished()
+        if said:
+            os.write(2, said.encode())  # past the locks of the streams
+    finally:
+        os._exit(status)
+
+
+def _hear_terminations() -> dict[int, Any]:
+    """What was done on them before. The thread hears every signal that has a handler."""
+    before = {
+        number: signal.signal(number, _ignored)
+        for number in _TERMINATIONS
+        if signal.getsignal(number) is signal.SIG_DFL
+    }
+    ear, mouth = socket.socketpair()
+    mouth.setblocking(False)
+    _ears[:] = [ear, mouth]
+    signal.set_wakeup_fd(mouth.fileno(), warn_on_full_buffer=False)
+    threading.Thread(target=_hear, args=(ear,), name="holdfast-signals", daemon=True).start()
+    return before
+
+
+def _hear(ear: socket.socket) -> None:
+    with suppress(OSError):
+        while heard := ear.recv(1):
+            if heard[0] == signal.SIGINT:
+                time.sleep(GRACE)
+                end(INTERRUPTED, "\n" + SAID)
+            if heard[0] in _TERMINATIONS:
+                end(128 + heard[0])
+
+
+def _ignored(number: int, frame: object) -> None:
+    """The thread hears it."""
+
+
+def _stop(number: int, frame: object) -> None:
+    if not _told_to_stop.is_set():  # a second one would only disturb what ends
+        _told_to_stop.set()
+        raise KeyboardInterrupt
+
+
+def _report_lost(lost: sys.UnraisableHookArgs) -> None:
+    if lost.exc_type is not KeyboardInterrupt:  # that one is remembered
+        sys.__unraisablehook__(lost)

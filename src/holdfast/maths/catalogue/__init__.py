@@ -1,0 +1,7 @@
+"""Ready systems, laws, regions and fields; an entry is a file, and its name in `ALL`."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__, submodules=["fields", "laws", "regions", "systems"]
+)

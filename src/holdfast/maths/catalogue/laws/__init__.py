@@ -1,0 +1,66 @@
+"""The catalogue of laws: one verb, one file; membership in `ALL` enrols it in the tests."""
+
+from holdfast.maths.catalogue.laws.dock_marine import dock_marine, project_marine
+from holdfast.maths.catalogue.laws.face_target import face_target
+from holdfast.maths.catalogue.laws.follow_field import follow_field
+from holdfast.maths.catalogue.laws.follow_leader import (
+    approach_leader,
+    follow_leader,
+    keep_footprint,
+)
+from holdfast.maths.catalogue.laws.hold_station import hold_station, hold_station_unknown
+from holdfast.maths.catalogue.laws.inspect_target import inspect_target
+from holdfast.maths.catalogue.laws.keep_range import back_off, move_ahead
+from holdfast.maths.catalogue.laws.steer_by_chained_form import steer_by_chained_form
+from holdfast.maths.catalogue.laws.steer_chained import steer_chained
+from holdfast.maths.catalogue.laws.steer_integrator import follow_integrator, steer_integrator
+from holdfast.maths.catalogue.laws.steer_marine import steer_marine
+from holdfast.maths.catalogue.laws.steer_unicycle import align_unicycle, steer_unicycle
+from holdfast.maths.catalogue.laws.weathervane import weathervane
+
+ALL = (
+    steer_marine,
+    face_target,
+    back_off,
+    move_ahead,
+    steer_unicycle,
+    align_unicycle,
+    steer_integrator,
+    follow_integrator,
+    steer_chained,
+    steer_by_chained_form,
+    follow_field,
+    dock_marine,
+    project_marine,
+    hold_station,
+    hold_station_unknown,
+    weathervane,
+    inspect_target,
+    approach_leader,
+    follow_leader,
+    keep_footprint,
+)
+
+__all__ = [
+    "ALL",
+    "align_unicycle",
+    "approach_leader",
+    "back_off",
+    "dock_marine",
+    "face_target",
+    "follow_field",
+    "follow_integrator",
+    "follow_leader",
+    "hold_station",
+    "hold_station_unknown",
+    "inspect_target",
+    "keep_footprint",
+    "move_ahead",
+    "project_marine",
+    "steer_by_chained_form",
+    "steer_chained",
+    "steer_integrator",
+    "steer_marine",
+    "steer_unicycle",
+    "weathervane",
+]

@@ -1,0 +1,195 @@
+"""Follow a leader by its range and bearing alone, and never lose sight of it: chapter 6."""
+
+from __future__ import annotations
+
+import math
+
+import sympy as sp
+
+from holdfast.arguments import checked
+from holdfast.errors import DefinitionError
+from holdfast.maths.definitions.law import Law, Safeguard
+from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
+from holdfast.maths.expressions.functions import clip, greatest, sgn
+from holdfast.maths.formations.footprint import edges, polygon, side_parameters
+
+SEEN = (Quantity("range", "m", "distance to the leader"), Quantity("bearing", "rad"))
+"""All that a follower reads: a law with these reads can know of the leader no more."""
+
+NEAR = sp.Float(1e-2)
+"""Below this the distance [m] ahead is not divided by: the robots have touched long before."""
+
+TURNS = ("bearing", "line_of_sight")
+
+
+@checked
+def approach_leader(
+    *, k1: float = 0.6, k2: float = 0.8, distance: float = 1.0, turn: str = "bearing"
+) -> Law:
+    """Go to `distance` from a leader that stands still, facing it; nominal, (6.12).
+
+        uF = k1 (range - rd)
+        wF = k2 bearing                                        turn = "bearing"
+        wF = k2 bearing + uF sin(bearing) / range              turn = "line_of_sight"
+
+    (6.12) with the desired position on the line of sight, where its field points along it: the
+    dipole plays no part. The second form adds the turn rate of the line of sight of a leader that
+    stands still, so that d/dt bearing = -k2 bearing, as the thesis has it; the first is what the
+    thesis computes its gains (6.17), (6.18) for. Gains that keep the leader in view:
+    `hf.visibility_gains`. k1, k2 [1/s], distance rd [m].
+    """
+    speed = symbol("k1") * (symbol("range") - symbol("distance"))
+    return _law(
+        "approach_leader",
+        speed,
+        turn,
+        _gains(k1, k2, distance),
+        "go to a distance from a leader that stands still, facing it",
+        "thesis (6.12), with rd on the line of sight",
+    )
+
+
+@checked
+def follow_leader(
+    *,
+    k1: float = 0.6,
+    k2: float = 0.8,
+    distance: float = 1.0,
+    leader_speed: float = 0.25,
+    softness: float = 0.05,
+    turn: str = "bearing",
+    as_printed: bool = False,
+) -> Law:
+    """Stay at `distance` from a leader that moves, facing it; perturbed, (6.19).
+
+        uF = k1 (range - rd) + uLM clip((range - rd) / softness, -1, 1)
+        wF = k2 bearing
+
+    uLM = `leader_speed`, the largest speed of the leader, is all that is known of how it moves.
+    turn = "line_of_sight" adds uF sin(bearing) / range to wF, the part of the turn rate of the
+    line of sight that the follower knows; (6.19b) asks for all of it, in the leader's frame, which
+    contains uL and wL. With `as_printed` the sign takes the place of the saturation, and chatters.
+    Gains that keep the leader in view: `hf.visibility_gains`. k1, k2 [1/s], lengths in m.
+    """
+    if not isinstance(as_printed, bool):
+        raise DefinitionError(
+            f"as_printed of follow_leader is {as_printed!r}", expected="true or false"
+        )
+    gap = symbol("range") - symbol("distance")
+    parameters = (*_gains(k1, k2, distance), _leader_speed(leader_speed))
+    if as_printed:
+        hurry = sgn(gap)
+    else:
+        hurry = clip(gap / symbol("softness"), sp.S.NegativeOne, sp.S.One)
+        parameters += (
+            Parameter(
+                "softness", "m", "width of the saturation that smooths the sign",
+                value=softness, above=0.0,
+            ),
+        )  # fmt: skip
+    return _law(
+        "follow_leader",
+        symbol("k1") * gap + symbol("leader_speed") * hurry,
+        turn,
+        parameters,
+        "stay at a distance from a leader that moves, facing it",
+        "thesis (6.19), with rd on the line of sight, "
+        + ("its sign as printed" if as_printed else "corrected"),
+    )
+
+
+@checked
+def keep_footprint(
+    *,
+    k1: float = 0.6,
+    distance: float = 1.0,
+    leader_speed: float = 0.25,
+    firmness: float = 1.0,
+    vertices: object = None,
+) -> Law:
+    """Stay behind a leader so that it moves straight to (rd, 0) of the follower's own frame.
+
+        wF = k1 Y / X,   uF = k1 (X - rd) + wF Y,   (X, Y) = range (cos(bearing), sin(bearing))
+
+    By which X' = -k1 (X - rd), Y' = -k1 Y while the leader stands still: no footprint that is
+    star-shaped about (rd, 0) is left, by any k1 [1/s]. While it moves, both are changed no more
+    than every side n . s <= b of the footprint asks, with the leader's worst motion of
+    uLM = `leader_speed`:
+
+        n . s' + uLM <= -firmness (n . s - b)
+
+    vertices: (X, Y) [m] of the footprint, in order, by default the triangle of `leader_in_view`;
+    convex, with (rd, 0) in it. distance rd [m], firmness [1/s].
+    """
+    bearing, gap = symbol("bearing"), symbol("range")
+    ahead, left = gap * sp.cos(bearing), gap * sp.sin(bearing)
+    turn = symbol("k1") * left / greatest(ahead, NEAR)
+    corners = polygon(vertices)
+    sides, numbers = side_parameters(corners)
+    if isinstance(distance, int | float) and math.isfinite(distance):  # else `Parameter` refuses
+        for number, side in enumerate(edges(corners), start=1):
+            if not side.ahead * distance < side.offset:
+                raise DefinitionError(
+                    f"distance = {distance:g} m is beyond side {number} of the footprint",
+                    expected="(distance, 0) inside the footprint",
+                )
+    slack = [s.ahead * ahead + s.left * left - s.offset for s in sides]
+    return Law(
+        name="keep_footprint",
+        reads=SEEN,
+        outputs={"uF": symbol("k1") * (ahead - symbol("distance")) + turn * left, "wF": turn},
+        safeguard=Safeguard(
+            {
+                "uF": tuple(-s.ahead for s in sides),
+                "wF": tuple(s.ahead * left - s.left * ahead for s in sides),
+            },
+            tuple(-symbol("firmness") * c - symbol("leader_speed") for c in slack),
+            hard=0,
+            scales={"uF": sp.S.One, "wF": sp.S.One},
+            units=("m/s",) * len(sides),
+        ),
+        parameters=(
+            Parameter("k1", "1/s", "rate of approach", value=k1, above=0.0),
+            Parameter("distance", "m", "distance rd to the leader", value=distance, above=0.0),
+            _leader_speed(leader_speed),
+            Parameter("firmness", "1/s", "how fast a side may be neared", value=firmness, above=0),
+            *numbers,
+        ),
+        description="keep a leader that moves in a convex footprint, going straight to its place",
+        source="after thesis section 6.6: any closed convex footprint; law and condition are ours",
+    )
+
+
+def _law(
+    name: str,
+    speed: sp.Expr,
+    turn: str,
+    parameters: tuple[Parameter, ...],
+    description: str,
+    source: str,
+) -> Law:
+    if turn not in TURNS:
+        raise DefinitionError(f"turn of {name} is {turn!r}", expected=" or ".join(map(repr, TURNS)))
+    wanted = symbol("k2") * symbol("bearing")
+    if turn == "line_of_sight":
+        wanted += speed * sp.sin(symbol("bearing")) / greatest(symbol("range"), NEAR)
+    return Law(
+        name=name,
+        reads=SEEN,
+        outputs={"uF": speed, "wF": wanted},
+        parameters=parameters,
+        description=description,
+        source=source,
+    )
+
+
+def _gains(k1: float, k2: float, distance: float) -> tuple[Parameter, ...]:
+    return (
+        Parameter("k1", "1/s", "gain of the distance", value=k1, above=0.0),
+        Parameter("k2", "1/s", "gain of the bearing", value=k2, above=0.0),
+        Parameter("distance", "m", "distance rd to the leader", value=distance, above=0.0),
+    )
+
+
+def _leader_speed(value: float) -> Parameter:
+    return Parameter("leader_speed", "m/s", "largest speed of the leader", value=value, above=0.0)

@@ -1,0 +1,168 @@
+"""Go to an inspection pose in front of a target by legs that keep the target in view."""
+
+from __future__ import annotations
+
+import math
+
+import sympy as sp
+
+from holdfast.arguments import checked
+from holdfast.errors import DefinitionError
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.quantity import Parameter, symbol
+from holdfast.maths.definitions.switching import Switching, Transition
+from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.functions import (
+    angle,
+    clip,
+    greatest,
+    least,
+    length,
+    magnitude,
+    wrap,
+)
+from holdfast.maths.reference_fields.dipole import GUARD
+
+AHEAD, BACK = "ahead", "back"
+
+
+@checked
+def inspect_target(
+    system: System,
+    *,
+    distance: float = 0.5,
+    k1: float = 0.2,
+    mu: float = 0.9,
+    kv: float = 2.0,
+    exponent: float = 1.5,
+    half_angle: float = 0.5235987755982988,
+    target_half_width: float = 0.10,
+    range_min: float = 0.35,
+    range_max: float = 2.0,
+    leg_margin: float = 0.045,
+    far_margin: float = 0.25,
+    turn_first: float = 0.25,
+    creep: float = 0.25,
+    swing: float = 0.1,
+    settle: float = 0.03,
+) -> Switching:
+    """Go to the pose (-distance, 0, 0) before a target at the origin that must stay in view.
+
+    In the log-polar coordinates s = ln(R / distance), beta = atan2(-y, -x) (the bearing of the
+    target) a vehicle whose heading is beta + delta moves along d beta / d s = tan(delta), ahead
+    or back, whatever its speed. The view allows |delta| <= leg(R) = alpha - half the angle of the
+    target - leg_margin, so that a single leg home suffices where |beta| <= tan(leg) |s|:
+
+        ahead: delta = clip(atan(n beta s / (s^2 + 0.02^2)), +-leg), u = k1 tanh(mu (R - R0))
+        back:  delta = -leg clip(beta / 0.1, +-1),                   u = -k1
+        r = -kv wrap(psi - beta - delta),    R0 = distance (1 - max(|beta| - settle, 0))
+
+    n = `exponent` > 1: the way home ends as beta ~ s^n, tangent to the goal's heading, as the
+    lines of the dipolar field with lambda = n / (n - 1) do. Ahead it goes as far as it can. Where
+    the leg ends before the target (s < 0.1, or 5 cm before the least range) with the bearing off by
+    more than `settle` [rad] and what the rest of the leg can mend, it backs up until one leg home
+    suffices, or to within `far_margin` [m] of the largest range `range_max`, but at least to 10 cm
+    beyond the least range: the two guards never hold at once. `swing` [rad] is what turning from
+    one leg to the other loses. Where the heading is off by more than `turn_first` [rad] the vehicle
+    slows down, to the share `creep` of its speed at last, but not where a range limit keeps it from
+    turning.
+
+    The law does not keep the view by itself: `safeguard` it. What is proved of it is only this
+    geometry; that it arrives is measured (docs/rescue.md). Keep k1 mu below the gain limit of the
+    vehicle and of every model of it that may be true (0.351 1/s for the VideoRay, 0.234 1/s with
+    20 % more inertia and 20 % less drag): beyond it the sway outpaces the approach.
+    Outputs: surge u [m/s], yaw rate r [rad/s].
+
+    Raises `DefinitionError` for exponent <= 1, a target that fills the view at `distance`, or a
+    pose outside the range limits.
+    """
+    values = {
+        "distance": (distance, "m", "distance of the pose from the target"),
+        "k1": (k1, "m/s", "top surge speed"),
+        "mu": (mu, "1/m", "steepness of the speed near the goal"),
+        "kv": (kv, "1/s", "heading gain"),
+        "exponent": (exponent, "1", "exponent n of the way home"),
+        "half_angle": (half_angle, "rad", "half angle of view alpha"),
+        "target_half_width": (target_half_width, "m", "half-width yT"),
+        "range_min": (range_min, "m", "least laser range Lmin"),
+        "range_max": (range_max, "m", "largest laser range Lmax"),
+        "leg_margin": (leg_margin, "rad", "how far the legs keep from the edge of the view"),
+        "far_margin": (far_margin, "m", "how far backing up keeps from the largest range"),
+        "turn_first": (turn_first, "rad", "heading error from which on it slows down"),
+        "creep": (creep, "1", "least share of the speed"),
+        "swing": (swing, "rad", "bearing lost in turning to the other leg"),
+        "settle": (settle, "rad", "bearing that is good enough at the pose"),
+    }
+    if not exponent > 1:
+        raise DefinitionError(f"exponent is {exponent:g}", expected="above 1")
+    if not half_angle - math.atan2(target_half_width, distance) > leg_margin:
+        raise DefinitionError(
+            f"the target leaves no room in the view at {distance:g} m",
+            expected="half_angle above that of the target and leg_margin",
+        )
+    if not range_min < distance < range_max - far_margin:
+        raise DefinitionError(
+            f"the pose at {distance:g} m is out of range",
+            expected=f"between {range_min:g} m and {range_max - far_margin:g} m",
+        )
+    positive = ("distance", "k1", "mu", "kv", "half_angle", "range_max", "turn_first")
+    parameters = tuple(
+        Parameter(name, unit, text, value=value, above=0 if name in positive else -math.inf)
+        for name, (value, unit, text) in values.items()
+    )
+    s = {name: symbol(name) for name in values}
+    x, y, psi = (symbol(name) for name in ("x", "y", "psi"))
+    guard = GUARD**2
+    radius, bearing = length(x, y, guard), angle(-y, -x, guard)
+    width, start = s["target_half_width"], s["distance"]
+    depth = sp.log((radius + GUARD**2) / start)
+    ends = (angle(-width - y, -x, guard), angle(width - y, -x, guard))
+    half = greatest(*(magnitude(wrap(bearing - end)) for end in ends))
+    leg = greatest(s["half_angle"] - half - s["leg_margin"], sp.S.Zero)
+    side = clip(bearing / sp.Rational(1, 10), -sp.S.One, sp.S.One)
+    near = sp.Rational(1, 50) ** 2
+    home = clip(sp.atan(s["exponent"] * bearing * depth / (depth**2 + near)), -leg, leg)
+
+    # the target's bearing that is not yet good enough keeps it moving
+    beyond = greatest(magnitude(bearing) - s["settle"], sp.S.Zero)
+    # where a range limit keeps the vehicle from turning, it is speed that frees it
+    pressed = {
+        AHEAD: 1 - (x + s["range_max"] * sp.cos(psi)) / sp.Rational(3, 10),
+        BACK: 1 + (x + s["range_min"] * sp.cos(psi)) / sp.Rational(1, 10),
+    }
+
+    def law(name: str, offset: sp.Expr, speed: sp.Expr) -> Law:
+        error = wrap(psi - bearing - offset)
+        share = sp.Rational(3, 2) - magnitude(error) / s["turn_first"]
+        share = clip(greatest(share, pressed[name]), s["creep"], sp.S.One)
+        surge = s["k1"] * speed * share
+        reads = system.quantities(("x", "y", "psi"), "inspect_target")
+        return Law(name, reads, {"u": surge, "r": -s["kv"] * error}, parameters)
+
+    # the leg in the middle of the way home stands for all of it
+    middle = sp.atan(width / sp.sqrt(radius * start))
+    usual = greatest(s["half_angle"] - middle - s["leg_margin"], sp.S.Zero)
+    reach = sp.tan(usual) * magnitude(depth)
+    suffices = greatest(reach - s["swing"], s["settle"] / 2) - magnitude(bearing)
+    too_little = magnitude(bearing) - sp.Rational(13, 10) * reach - s["settle"]
+    too_far = s["far_margin"] - x - s["range_max"] * sp.cos(psi)
+    too_near = sp.Rational(1, 20) + x + s["range_min"] * sp.cos(psi)
+    # Beyond 79.5 degrees the two range limits are so close that both guards would hold at once:
+    # a leg back ends only 5 cm beyond where the leg ahead would end.
+    clear = -sp.Rational(1, 20) - too_near
+    at_end = sp.Rational(1, 10)
+    far_enough = least(least(too_far, clear), depth - 2 * at_end)
+    return Switching(
+        name="inspect_target",
+        modes={
+            AHEAD: law(AHEAD, home, sp.tanh(s["mu"] * (radius - start + start * beyond))),
+            BACK: law(BACK, -side * leg, -sp.S.One),
+        },
+        transitions=(
+            Transition(AHEAD, BACK, least(too_little, greatest(at_end - depth, too_near))),
+            Transition(BACK, AHEAD, greatest(suffices, far_enough)),
+        ),
+        initial=AHEAD,
+        description="go to an inspection pose by legs that keep the target in view",
+        source="own; kinematics of thesis (5.14) in log-polar coordinates about the target",
+    )

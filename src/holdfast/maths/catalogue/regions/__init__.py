@@ -1,0 +1,29 @@
+"""The catalogue of regions; membership in `ALL` enrols an entry in the tests."""
+
+from holdfast.maths.catalogue.regions.camera_and_lasers import camera_and_lasers
+from holdfast.maths.catalogue.regions.camera_view import camera_view
+from holdfast.maths.catalogue.regions.inspection_goal import inspection_goal
+from holdfast.maths.catalogue.regions.leader_in_view import leader_in_footprint, leader_in_view
+from holdfast.maths.catalogue.regions.near_origin import near_origin
+from holdfast.maths.catalogue.regions.near_pose import near_pose
+
+ALL = (
+    camera_and_lasers,
+    camera_view,
+    inspection_goal,
+    leader_in_footprint,
+    leader_in_view,
+    near_origin,
+    near_pose,
+)
+
+__all__ = [
+    "ALL",
+    "camera_and_lasers",
+    "camera_view",
+    "inspection_goal",
+    "leader_in_footprint",
+    "leader_in_view",
+    "near_origin",
+    "near_pose",
+]

@@ -1,0 +1,78 @@
+"""How the functions of the catalogue are called: what each is built on and what it takes."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from holdfast.errors import DefinitionError, HoldfastError
+from holdfast.maths.catalogue import fields, laws, regions, systems
+from holdfast.maths.definitions.system import System
+
+KINDS: dict[str, tuple[Callable[..., Any], ...]] = {
+    "system": systems.ALL,
+    "law": laws.ALL,
+    "region": regions.ALL,
+    "field": fields.ALL,
+}
+
+
+def example(function: Callable[..., Any]) -> Any:
+    """The catalogue entry with its standard parameters.
+
+    A law is built on the first system of the catalogue that it is made for.
+    """
+    if leading_argument(function) == "law":
+        return function(laws.steer_marine(systems.marine_vehicle()))
+    if leading_argument(function) != "system":
+        return function()
+    refusal: HoldfastError | None = None
+    for system in systems.ALL:
+        try:
+            return function(system())
+        except DefinitionError as error:
+            refusal = refusal or error
+    raise refusal or DefinitionError(f"'{function.__name__}' is made for no system")
+
+
+def leading_argument(function: Callable[..., Any]) -> str:
+    """What a catalogue function is built on: "system", "law", or the name of a parameter."""
+    return next(iter(inspect.signature(function).parameters), "")
+
+
+def wants_law(function: Callable[..., Any]) -> bool:
+    """Whether a catalogue law is built on a convergent law, not on the system alone."""
+    return leading_argument(function) == "law"
+
+
+def arguments(function: Callable[..., Any], leading: int) -> tuple[list[str], list[str]]:
+    """The arguments after the first `leading` ones: those that are no numbers, and the numbers."""
+    named = list(inspect.signature(function).parameters.values())[leading:]
+    named = [a for a in named if a.kind is not a.VAR_KEYWORD]
+    numeric = [a.name for a in named if a.annotation in ("float", "float | None")]
+    return [a.name for a in named if a.name not in numeric], numeric
+
+
+def accepted_parameters(function: Callable[..., Any], parameters: Mapping[str, Any]) -> list[str]:
+    """The names of the parameters a catalogue function takes.
+
+    Its numeric keyword arguments, or all of the `parameters` of what it builds where it
+    takes any keyword.
+    """
+    signature = inspect.signature(function).parameters.values()
+    if any(p.kind is inspect.Parameter.VAR_KEYWORD for p in signature):
+        return list(parameters)
+    return [p.name for p in signature if p.name in parameters]
+
+
+def is_made_for(function: Callable[..., Any], system: System) -> bool:
+    """Whether the law can be built and gives inputs, or velocities for the inputs to track."""
+    if leading_argument(function) != "system":
+        return False
+    try:
+        outputs = set(function(system).output_names)
+    except DefinitionError:
+        return False
+    tracked = outputs <= set(system.state_names) and len(outputs) == len(system.inputs)
+    return tracked or outputs == set(system.input_names)

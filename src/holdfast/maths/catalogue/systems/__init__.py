@@ -1,0 +1,35 @@
+"""The catalogue of systems: one noun, one file; membership in `ALL` enrols it in the tests."""
+
+from holdfast.maths.catalogue.systems.car import car, front_axle_car
+from holdfast.maths.catalogue.systems.chained_form import chained_form
+from holdfast.maths.catalogue.systems.drifting_unicycle import drifting_unicycle
+from holdfast.maths.catalogue.systems.leader_follower import leader_follower
+from holdfast.maths.catalogue.systems.marine_vehicle import marine_vehicle
+from holdfast.maths.catalogue.systems.nonholonomic_integrator import nonholonomic_integrator
+from holdfast.maths.catalogue.systems.tractor_trailer import tractor_trailer
+from holdfast.maths.catalogue.systems.unicycle import unicycle
+
+ALL = (
+    marine_vehicle,
+    unicycle,
+    drifting_unicycle,
+    nonholonomic_integrator,
+    chained_form,
+    car,
+    front_axle_car,
+    tractor_trailer,
+    leader_follower,
+)
+
+__all__ = [
+    "ALL",
+    "car",
+    "chained_form",
+    "drifting_unicycle",
+    "front_axle_car",
+    "leader_follower",
+    "marine_vehicle",
+    "nonholonomic_integrator",
+    "tractor_trailer",
+    "unicycle",
+]

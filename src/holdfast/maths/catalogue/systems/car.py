@@ -1,0 +1,98 @@
+"""Car-like robot, by the position of its rear or of its front axle."""
+
+from __future__ import annotations
+
+import sympy as sp
+
+from holdfast.arguments import checked
+from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
+from holdfast.maths.definitions.system import PfaffianRow, System
+
+SOURCE = "R. M. Murray and S. S. Sastry, Nonholonomic motion planning, IEEE TAC 38(5), 1993"
+
+
+@checked
+def car(wheelbase: float = 0.5) -> System:
+    """Car-like robot, by the position (x, y) of the middle of its rear axle.
+
+        x' = v cos(psi)    psi'   = v tan(delta) / wheelbase
+        y' = v sin(psi)    delta' = w
+
+    Neither axle slips sideways: -sin(psi) x' + cos(psi) y' = 0 (rear) and
+    -sin(psi + delta) x' + cos(psi + delta) y' + wheelbase cos(delta) psi' = 0 (front).
+    Inputs: speed v of the rear axle [m/s], steering rate w [rad/s]; `wheelbase` [m]. Beyond
+    |delta| = 90 deg the model has no meaning.
+    """
+    psi, delta, v, w, base = (symbol(n) for n in ("psi", "delta", "v", "w", "wheelbase"))
+    front = psi + delta
+    return System(
+        name="car",
+        states=_states("rear"),
+        inputs=_inputs("rear"),
+        rates={
+            "x": v * sp.cos(psi),
+            "y": v * sp.sin(psi),
+            "psi": v * sp.tan(delta) / base,
+            "delta": w,
+        },
+        parameters=_wheelbase(wheelbase),
+        pfaffian=(
+            PfaffianRow({"x": -sp.sin(psi), "y": sp.cos(psi)}),
+            PfaffianRow({"x": -sp.sin(front), "y": sp.cos(front), "psi": base * sp.cos(delta)}),
+        ),
+        description="car-like robot, by the middle of its rear axle",
+        source=f"{SOURCE}; a system for the method of thesis chapter 4",
+    )
+
+
+@checked
+def front_axle_car(wheelbase: float = 0.5) -> System:
+    """Car-like robot, by the position (x, y) of the middle of its front axle.
+
+        x' = v cos(psi + delta)    psi'   = v sin(delta) / wheelbase
+        y' = v sin(psi + delta)    delta' = w
+
+    The same robot as `car`, in coordinates from which no chained form is found by
+    differentiating coordinates. Inputs: speed v of the front wheel [m/s], steering rate w
+    [rad/s].
+    """
+    psi, delta, v, w, base = (symbol(n) for n in ("psi", "delta", "v", "w", "wheelbase"))
+    front = psi + delta
+    return System(
+        name="front_axle_car",
+        states=_states("front"),
+        inputs=_inputs("front"),
+        rates={
+            "x": v * sp.cos(front),
+            "y": v * sp.sin(front),
+            "psi": v * sp.sin(delta) / base,
+            "delta": w,
+        },
+        parameters=_wheelbase(wheelbase),
+        pfaffian=(
+            PfaffianRow({"x": -sp.sin(front), "y": sp.cos(front)}),
+            PfaffianRow({"x": -sp.sin(psi), "y": sp.cos(psi), "psi": -base}),
+        ),
+        description="car-like robot, by the middle of its front axle",
+        source=f"{SOURCE}; a system for the method of thesis chapter 4",
+    )
+
+
+def _states(axle: str) -> tuple[Quantity, ...]:
+    return (
+        Quantity("x", "m", f"position of the {axle} axle"),
+        Quantity("y", "m", f"position of the {axle} axle"),
+        Quantity("psi", "rad", "heading", angle=True),
+        Quantity("delta", "rad", "steering angle", angle=True),
+    )
+
+
+def _inputs(axle: str) -> tuple[Quantity, ...]:
+    return (
+        Quantity("v", "m/s", f"speed of the {axle} axle"),
+        Quantity("w", "rad/s", "steering rate"),
+    )
+
+
+def _wheelbase(value: float) -> tuple[Parameter, ...]:
+    return (Parameter("wheelbase", "m", "distance between the axles", value=value, above=0.0),)

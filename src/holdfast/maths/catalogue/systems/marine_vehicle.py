@@ -1,0 +1,125 @@
+"""Underactuated marine vehicle: surge force and yaw moment, no sway actuator."""
+
+from __future__ import annotations
+
+import math
+
+import sympy as sp
+
+from holdfast.arguments import checked
+from holdfast.maths.definitions.bounds import Ball, Box, LinearImage
+from holdfast.maths.definitions.quantity import Quantity, symbol
+from holdfast.maths.definitions.system import PfaffianRow, System
+from holdfast.maths.definitions.vehicle_file import load_vehicle, overridden
+from holdfast.maths.expressions.functions import magnitude
+
+_ANY, _POSITIVE = -math.inf, 0.0
+
+PARAMETERS: dict[str, tuple[str, str, float]] = {
+    "mass": ("kg", "rigid-body mass m", _POSITIVE),
+    "Iz": ("kg m^2", "yaw moment of inertia", _POSITIVE),
+    "Xudot": ("kg", "surge added mass (negative)", _ANY),
+    "Yvdot": ("kg", "sway added mass (negative)", _ANY),
+    "Nrdot": ("kg m^2", "yaw added inertia (negative)", _ANY),
+    "Xu": ("N s/m", "linear surge drag (negative)", _ANY),
+    "Yv": ("N s/m", "linear sway drag (negative)", _ANY),
+    "Nr": ("N m s", "linear yaw drag (negative)", _ANY),
+    "Xuu": ("N s^2/m^2", "quadratic surge drag (negative)", _ANY),
+    "Yvv": ("N s^2/m^2", "quadratic sway drag (negative)", _ANY),
+    "Nrr": ("N m s^2", "quadratic yaw drag (negative)", _ANY),
+    "thrust_limit": ("N", "largest force of one thruster, either way", _POSITIVE),
+    "thruster_arm": ("m", "distance of each thruster from the centre line", _POSITIVE),
+    "current_limit": ("m/s", "largest speed of the current", _ANY),
+}
+"""Name -> (unit, meaning, exclusive lower limit) of every parameter, in SI units."""
+
+
+@checked
+def marine_vehicle(
+    vehicle: str = "videoray_pro_iii", as_printed: bool = False, **overrides: float
+) -> System:
+    """Underactuated marine vehicle on the horizontal plane, in a uniform current.
+
+        xdot = u cos(psi) - v sin(psi) + Vx        m11 udot =  m22 v r + Xu u + Xuu |u| u + tau_u
+        ydot = u sin(psi) + v cos(psi) + Vy        m22 vdot = -m11 u r + Yv v + Yvv |v| v
+        psidot = r             m33 rdot = (m11 - m22) u v + Nr r + Nrr |r| r + tau_r
+
+    with m11 = mass - Xudot, m22 = mass - Yvdot, m33 = Iz - Nrdot; u, v are relative to the
+    water. Thesis (5.14), and (5.30) with the current (Vx, Vy) in the earth frame, taken from
+    a ball of radius `current_limit` and zero unless a scenario says otherwise. The Pfaffian
+    row is (5.15): -sin(psi) xdot + cos(psi) ydot = v + current across the hull.
+
+    Inputs: surge force tau_u [N] and yaw moment tau_r [N m] of two thrusters in
+    [-thrust_limit, thrust_limit], `thruster_arm` off the centre line: tau_u = Fp + Fs,
+    tau_r = arm (Fs - Fp). z is up and psi counter-clockwise, so that more port thrust turns
+    the vehicle to starboard (negative yaw).
+
+    As the thesis prints (7.2) (`as_printed`), Xudot r times the current across the hull is added
+    to m11 udot, and -Yvdot r times the current along it to m22 vdot: what appears when the added
+    mass acts on the absolute acceleration, and cancels when it acts on the relative one.
+
+    `vehicle` names a shipped vehicle or a vehicle file; `overrides` replaces parameter values
+    by name (SI units, see `PARAMETERS`). Raises `ScenarioError` for an unknown vehicle or name.
+    """
+    parameters = overridden(
+        load_vehicle(vehicle, PARAMETERS).parameters, overrides, "marine_vehicle"
+    )
+    psi, u, v, r = (symbol(n) for n in ("psi", "u", "v", "r"))
+    tau_u, tau_r, vx, vy = (symbol(n) for n in ("tau_u", "tau_r", "Vx", "Vy"))
+    p = {n: symbol(n) for n in PARAMETERS}
+    m11, m22, m33 = surge_inertia(), sway_inertia(), p["Iz"] - p["Nrdot"]
+    limit, arm = p["thrust_limit"], p["thruster_arm"]
+    sin, cos = sp.sin(psi), sp.cos(psi)
+    extra_u, extra_v = sp.S.Zero, sp.S.Zero
+    if as_printed:
+        extra_u, extra_v = (
+            p["Xudot"] * (vy * cos - vx * sin) * r,
+            -p["Yvdot"] * (vx * cos + vy * sin) * r,
+        )
+    return System(
+        name="marine_vehicle",
+        states=(
+            Quantity("x", "m", "position normal to the wall"),
+            Quantity("y", "m", "position along the wall"),
+            Quantity("psi", "rad", "heading", angle=True),
+            Quantity("u", "m/s", "surge"),
+            Quantity("v", "m/s", "sway"),
+            Quantity("r", "rad/s", "yaw rate"),
+        ),
+        inputs=(
+            Quantity("tau_u", "N", "surge force"),
+            Quantity("tau_r", "N m", "yaw moment"),
+        ),
+        disturbances=(
+            Quantity("Vx", "m/s", "current along x"),
+            Quantity("Vy", "m/s", "current along y"),
+        ),
+        rates={
+            "x": u * cos - v * sin + vx,
+            "y": u * sin + v * cos + vy,
+            "psi": r,
+            "u": (m22 * v * r + p["Xu"] * u + p["Xuu"] * magnitude(u) * u + extra_u + tau_u) / m11,
+            "v": (-m11 * u * r + p["Yv"] * v + p["Yvv"] * magnitude(v) * v + extra_v) / m22,
+            "r": ((m11 - m22) * u * v + p["Nr"] * r + p["Nrr"] * magnitude(r) * r + tau_r) / m33,
+        },
+        parameters=tuple(parameters[n] for n in PARAMETERS),
+        input_bounds=LinearImage(
+            sp.ImmutableMatrix([[1, 1], [-arm, arm]]),
+            Box((-limit, -limit), (limit, limit)),
+            ("port", "starboard"),
+        ),
+        disturbance_bounds=Ball(p["current_limit"], 2),
+        pfaffian=(PfaffianRow({"x": -sin, "y": cos}, v - vx * sin + vy * cos),),
+        description="underactuated marine vehicle, two aft thrusters, in a current",
+        source="thesis (7.2) as printed" if as_printed else "thesis (5.14), (5.15), (5.30)",
+    )
+
+
+def surge_inertia() -> sp.Expr:
+    """m11 = mass - Xudot [kg]."""
+    return symbol("mass") - symbol("Xudot")
+
+
+def sway_inertia() -> sp.Expr:
+    """m22 = mass - Yvdot [kg]."""
+    return symbol("mass") - symbol("Yvdot")

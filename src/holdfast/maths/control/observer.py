@@ -1,0 +1,143 @@
+"""A law that measures some states only: the others, and the disturbances, are estimated.
+
+Measured y, other states s, disturbances d; with e = y - yh (angles wrapped) and bandwidth w,
+
+    yh' = f_y(y, sh, dh, u) + 2 w e
+    sh' = f_s(y, sh, dh, u) + w^2 (d f_y / d s)^T e
+    dh' =                     w^2 (d f_y / d d)^T e
+
+one Euler step each control sample. The injections are those of the passive observers of marine
+craft (T. I. Fossen, J. P. Strand, Automatica 35, 1999), derived for any system: the estimation
+error's energy |y - yh|^2 w^2 + |s - sh|^2 + |d - dh|^2 falls but for what f_s does to it. Without
+noise and with the right model a constant disturbance is found; dh is kept within its known bounds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import sympy as sp
+
+from holdfast.arguments import checked
+from holdfast.errors import DefinitionError, suggestion
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.memory import Memory
+from holdfast.maths.definitions.quantity import (
+    SAMPLE_TIME,
+    TIME,
+    Parameter,
+    Quantity,
+    merge_parameters,
+    symbol,
+)
+from holdfast.maths.definitions.switching import Switching, Transition, as_switching
+from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.functions import wrap
+
+
+@checked
+def observe(
+    system: System,
+    law: Law | Switching,
+    *,
+    measured: Sequence[str] | None = None,
+    bandwidth: float = 2.0,
+) -> Switching:
+    """`law`, told the `measured` states alone; it uses estimates for all else that it reads.
+
+    measured: names of states, all of them by default: then the disturbances alone are estimated.
+    bandwidth: w in 1/s, above 0. The estimate of a state s is the remembered quantity s_hat; the
+    unmeasured states and the disturbances start at 0.
+
+    Raises `DefinitionError` for unknown names, a law that remembers already, a time-varying
+    system, or a quantity that the law reads and that moves none of the measured states.
+    """
+    names = tuple(system.state_names if measured is None else measured)
+    for name in names:
+        if name not in system.state_names:
+            raise DefinitionError(
+                f"'{name}' is no state of system '{system.name}'",
+                remedy=suggestion(name, system.state_names),
+            )
+    if isinstance(bandwidth, bool) or not 0 < bandwidth < math.inf:
+        raise DefinitionError(f"the observer's bandwidth is {bandwidth!r}", expected="above 0")
+    switching = as_switching(law)
+    if switching.memory is not None:
+        raise DefinitionError(f"law '{law.name}' remembers something already")
+    if any(rate.has(TIME) for rate in system.rates.values()):
+        raise DefinitionError(f"the rates of system '{system.name}' depend on time")
+    seen = [q for q in system.states if q.name in names]
+    hidden = [q for q in system.states if q.name not in names]
+    unknown = [*hidden, *system.disturbances]
+    felt = [y for y in seen if system.rates[y.name].free_symbols & {q.symbol for q in unknown}]
+    slopes = {q.name: [system.rates[y.name].diff(q.symbol) for y in felt] for q in unknown}
+    for q in unknown:
+        if q in switching.reads and not any(slopes[q.name]):
+            raise DefinitionError(
+                f"'{q.name}' moves none of the measured states directly, so it is not estimated",
+                expected="measured states whose rates contain it",
+            )
+    kept = [Quantity(f"{q.name}_hat", q.unit, f"estimate of {q.name}") for q in (*felt, *unknown)]
+    hat = {q.symbol: symbol(f"{q.name}_hat") for q in (*felt, *unknown)}
+    guess = {q.symbol: hat[q.symbol] for q in unknown}
+    w = symbol("observer_bandwidth")
+    errors = [y.symbol - hat[y.symbol] for y in felt]
+    errors = [wrap(e) if y.angle else e for e, y in zip(errors, felt, strict=True)]
+    following = {}
+    for q in (*felt, *unknown):
+        rate = system.rates.get(q.name, sp.S.Zero)
+        inject = (
+            2 * w * errors[felt.index(q)]
+            if q in felt
+            else w**2 * sp.Add(*(c * e for c, e in zip(slopes[q.name], errors, strict=True)))
+        )
+        change = rate.xreplace(guess) + inject.xreplace(guess)
+        following[f"{q.name}_hat"] = hat[q.symbol] + SAMPLE_TIME * change
+    if system.disturbance_bounds is not None:
+        d_names = [f"{n}_hat" for n in system.disturbance_names]
+        within = system.disturbance_bounds.saturate([following[n] for n in d_names])
+        following |= dict(zip(d_names, within, strict=True))
+    memory = Memory(
+        quantities=tuple(kept),
+        initial={
+            k.name: q.symbol if q in felt else sp.S.Zero
+            for k, q in zip(kept, (*felt, *unknown), strict=True)
+        },
+        following=following,
+        reads=tuple(seen),
+        inputs=system.inputs,
+        parameters=merge_parameters(
+            system.parameters,
+            (
+                Parameter(
+                    "observer_bandwidth", "1/s", "of the observer", value=float(bandwidth), above=0
+                ),
+            ),
+        ),
+    )
+    estimated = tuple(kept[len(felt) :])
+
+    def told(mode: Law) -> Law:
+        reads = [q for q in mode.reads if q.symbol not in guess]
+        return replace(
+            mode,
+            reads=(*reads, *estimated),
+            outputs={n: e.xreplace(guess) for n, e in mode.outputs.items()},
+            signals={n: e.xreplace(guess) for n, e in mode.signals.items()},
+            believed={},
+            safeguard=mode.safeguard.subs(guess) if mode.safeguard else None,
+            lookup=mode.lookup.subs(guess) if mode.lookup else None,
+        )
+
+    return replace(
+        switching,
+        name=f"{switching.name}, observed",
+        modes={name: told(mode) for name, mode in switching.modes.items()},
+        transitions=tuple(
+            Transition(t.source, t.target, t.when.xreplace(guess)) for t in switching.transitions
+        ),
+        signals={n: e.xreplace(guess) for n, e in switching.signals.items()},
+        memory=memory,
+    )

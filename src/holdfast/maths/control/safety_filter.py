@@ -1,0 +1,235 @@
+"""A law that is changed no more than viability asks: a quadratic program on the inputs.
+
+    minimise  sum_i ((u_i - w_i) / scale_i)^2  over the inputs u within their bounds, subject to
+
+    dc_j/dt + k1 (c_j + m_j) <= 0                                    relative degree 1
+    d2c_j/dt2 + (k1 + k2) dc_j/dt + k1 k2 (c_j + m_j) <= 0           relative degree 2
+
+for every inequality c_j <= 0 of a region, w being what the law asks for. The conditions are those
+of a control barrier function (A. D. Ames et al., European Control Conference 2019) and of one of
+high order (W. Xiao, C. Belta, IEEE Trans. Automatic Control 67, 2022): as long as the bounds admit
+them, a c_j that starts with c_j <= 0 and dc_j/dt + k1 c_j <= 0 never crosses 0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from numbers import Real
+from typing import Any, TypeVar, cast
+
+import sympy as sp
+
+from holdfast.arguments import checked
+from holdfast.errors import DefinitionError, suggestion
+from holdfast.maths.control.barrier_conditions import ViabilityCondition, viability_conditions
+from holdfast.maths.control.velocity_tracking import believed_disturbances
+from holdfast.maths.definitions.bounds import Box, LinearImage
+from holdfast.maths.definitions.law import Law, Safeguard
+from holdfast.maths.definitions.quantity import Parameter, merge_parameters, symbol
+from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.definitions.system import System
+
+L = TypeVar("L", bound=Law | Switching)
+Row = tuple[tuple[sp.Expr, ...], sp.Expr]
+
+
+@checked
+def safeguard(
+    system: System,
+    law: L,
+    region: Region,
+    *,
+    constraints: Region | None = None,
+    gains: tuple[float, float] = (1.0, 4.0),
+    margins: Mapping[str, float] | None = None,
+    scales: Mapping[str, float] | None = None,
+    measured: bool = False,
+) -> L:
+    """`law`, with its inputs changed no more than the viability of `region` asks.
+
+    constraints: inequalities that are kept beside those of the region. A run that violates one of
+    them has not left the region. gains: (k1, k2) in 1/s, above 0. margins: name of an inequality
+    -> m_j >= 0 in its own unit, how far inside the boundary to stay. scales: input -> the change of
+    it that counts as much as a change of another by its own scale; half the width of its bounds
+    where they are finite, else 1. measured: the law is told the disturbances; else it takes them
+    for what it believes in, or zero. Where no input is admissible, all conditions are relaxed by
+    the same least amount, and the run counts how often.
+
+    A `Switching` is treated mode by mode. Raises `DefinitionError` for a law that does not give
+    the system's inputs, a condition of relative degree above 2, inputs bounded by a ball or by
+    more actuators than inputs, and names or numbers that cannot be used.
+    """
+    pair = isinstance(gains, Sequence) and len(gains) == 2
+    if not (pair and all(_is_number(k) and k > 0 for k in gains)):
+        raise DefinitionError(
+            f"gains of the safeguard are {gains!r}", expected="two numbers above 0, in 1/s"
+        )
+    if not isinstance(measured, bool):
+        raise DefinitionError(
+            f"measured of the safeguard is {measured!r}", expected="true or false"
+        )
+    region = region if constraints is None else _joined(region, constraints)
+    given = _table("margins", margins)
+    for name, value in given.items():
+        if name not in region.inequality_names:
+            raise DefinitionError(
+                f"margin of '{name}', which is no inequality of region '{region.name}'",
+                remedy=suggestion(str(name), region.inequality_names),
+            )
+        if not (_is_number(value) and value >= 0):
+            raise DefinitionError(
+                f"margin of '{name}' is {value!r}", expected="a number, 0 or more"
+            )
+    parameters = (
+        Parameter("kappa1", "1/s", "slower gain of the safeguard", value=float(gains[0]), above=0),
+        Parameter("kappa2", "1/s", "faster gain of the safeguard", value=float(gains[1]), above=0),
+        *(
+            Parameter(
+                f"margin_{c.name}", c.unit, "how far inside to stay", value=float(given[c.name])
+            )
+            for c in region.inequalities
+            if c.name in given
+        ),
+    )
+    bounds = input_rows(system)
+    kept = viability_conditions(system, region)
+    conditions = [_condition(c, c.name in given) for c in kept]
+    own = {c.name: c.unit for c in region.inequalities}
+    units = tuple(over_time(own[c.name], c.relative_degree) for c in kept)
+    chosen = input_scales(system, _table("scales", scales))
+
+    def guarded(law: Law) -> Law:
+        check_fit(system, law)
+        told = system.disturbances if measured else ()
+        reads = {q.name: q for q in (*law.reads, *system.states, *told)}
+        law = replace(law, reads=tuple(reads.values()))
+        still = {} if measured else believed_disturbances(system, law)
+        rows = [
+            (tuple(e.subs(still, simultaneous=True) for e in n), b.subs(still, simultaneous=True))
+            for n, b in (*bounds, *conditions)
+        ]
+        return replace(
+            law,
+            name=f"{law.name}, safeguarded",
+            parameters=merge_parameters(
+                law.parameters, system.parameters, region.parameters, parameters
+            ),
+            safeguard=Safeguard(
+                normals={name: tuple(n[i] for n, _ in rows) for i, name in enumerate(names)},
+                offsets=tuple(b for _, b in rows),
+                hard=len(bounds),
+                scales=chosen,
+                units=units,
+            ),
+        )
+
+    names = system.input_names
+    if isinstance(law, Switching):
+        return cast(L, law.map_laws(guarded, f"{law.name}, safeguarded"))
+    return cast(L, guarded(law))
+
+
+def _joined(region: Region, more: Region) -> Region:
+    """The inequalities of both regions."""
+    return replace(
+        region,
+        reads=tuple({q.name: q for q in (*region.reads, *more.reads)}.values()),
+        inequalities=(*region.inequalities, *more.inequalities),
+        parameters=merge_parameters(region.parameters, more.parameters),
+    )
+
+
+def _condition(c: ViabilityCondition, kept_away: bool) -> Row:
+    k1, k2 = symbol("kappa1"), symbol("kappa2")
+    depth = c.value + (symbol(f"margin_{c.name}") if kept_away else 0)
+    if c.relative_degree == 1:
+        return c.effect, -(c.drift + k1 * depth)
+    return c.effect, -(c.drift + (k1 + k2) * c.rate + k1 * k2 * depth)
+
+
+def over_time(unit: str, order: int) -> str:
+    """The unit of a rate of change of that order."""
+    return f"{unit}/s" if order == 1 else f"{unit}/s^{order}"
+
+
+def check_fit(system: System, law: Law) -> None:
+    """Refuse a law whose inputs cannot be safeguarded."""
+    if set(law.outputs) != set(system.input_names):
+        raise DefinitionError(
+            f"law '{law.name}' gives {', '.join(law.outputs)}",
+            expected=f"the inputs of system '{system.name}': " + ", ".join(system.input_names),
+            remedy="let the inputs track its velocities first"
+            if set(law.outputs) <= set(system.state_names)
+            else "",
+        )
+    if law.safeguard is not None:
+        raise DefinitionError(f"law '{law.name}' has a safeguard already")
+
+
+def input_rows(system: System) -> list[Row]:
+    """The half-spaces of the input bounds, as expressions of the parameters."""
+    if system.input_bounds is None:
+        return []
+    bounds = system.input_bounds
+    matrix: Any = sp.eye(len(system.inputs))
+    if isinstance(bounds, LinearImage):
+        if not bounds.matrix.is_square:
+            raise DefinitionError(
+                f"system '{system.name}' has more actuators than inputs",
+                expected="as many of each, for a safeguard",
+            )
+        matrix, bounds = bounds.matrix.inv(), bounds.of
+    if not isinstance(bounds, Box):
+        raise DefinitionError(
+            f"the inputs of system '{system.name}' are bounded by a ball",
+            expected="a box, or its image, for a safeguard",
+        )
+    rows: list[Row] = []
+    for i in range(bounds.dimension):
+        for side, limit in ((1, bounds.upper[i]), (-1, -bounds.lower[i])):
+            if limit != sp.oo:
+                rows.append((tuple(side * e for e in matrix.row(i)), limit))
+    return rows
+
+
+def input_scales(system: System, given: Mapping[str, float]) -> Mapping[str, sp.Expr]:
+    """Of every input the change that counts as much as a change of another by its own."""
+    for name, value in given.items():
+        if name not in system.input_names:
+            raise DefinitionError(
+                f"scale of '{name}', which is no input of system '{system.name}'",
+                remedy=suggestion(str(name), system.input_names),
+            )
+        if not (_is_number(value) and value > 0):
+            raise DefinitionError(f"scale of '{name}' is {value!r}", expected="a number above 0")
+    widths = dict.fromkeys(system.input_names, sp.oo)
+    bounds = system.input_bounds
+    if isinstance(bounds, (Box, LinearImage)):
+        box = bounds.of if isinstance(bounds, LinearImage) else bounds
+        assert isinstance(box, Box)
+        half = [(b - a) / 2 for a, b in zip(box.lower, box.upper, strict=True)]
+        for i, name in enumerate(system.input_names):
+            row = bounds.matrix.row(i) if isinstance(bounds, LinearImage) else None
+            entries = [(sp.Abs(row[k]), h) for k, h in enumerate(half)] if row is not None else []
+            widths[name] = sp.Add(*(a * h for a, h in entries if a != 0)) if entries else half[i]
+    return {
+        name: sp.Float(given[name])
+        if name in given
+        else (w if w.is_finite is not False and w != 0 else sp.S.One)
+        for name, w in widths.items()
+    }
+
+
+def _table(what: str, given: object) -> dict[str, float]:
+    """`given` if it maps names to something, which is left to be checked."""
+    if given is not None and not isinstance(given, Mapping):
+        raise DefinitionError(f"{what} of the safeguard are {given!r}", expected="names to numbers")
+    return dict(given or {})
+
+
+def _is_number(value: object) -> bool:
+    """Whether it is a finite real number; true and false are none."""
+    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)

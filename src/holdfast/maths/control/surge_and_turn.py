@@ -1,0 +1,123 @@
+"""Vehicles that move along their heading and turn, in a current: what chapter 3 steers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import sympy as sp
+
+from holdfast.errors import DefinitionError
+from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
+from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.functions import clip, magnitude, select
+
+_TINY = sp.Float(1e-12)
+
+
+@dataclass(frozen=True)
+class SurgeAndTurn:
+    """x' = u cos(psi) + ..., y' = u sin(psi) + ..., psi' = r, with the current (Vx, Vy) added.
+
+    u and r are inputs, or states that inputs track. `reads` are the states that the motion of
+    the position depends on, `limits` the parameters speed_limit [m/s] and turn_limit [rad/s].
+    """
+
+    system: System
+    reads: tuple[Quantity, ...]
+    limits: tuple[Parameter, ...]
+
+    def position_rates(
+        self, surge: sp.Expr, current: tuple[sp.Expr, sp.Expr]
+    ) -> tuple[sp.Expr, sp.Expr]:
+        """(x', y') at a surge and a current, from the system's own rates."""
+        given = dict(zip(map(symbol, ("u", "Vx", "Vy")), (surge, *current), strict=True))
+        x, y = (self.system.rates[n].subs(given, simultaneous=True) for n in ("x", "y"))
+        return x, y
+
+    def within_speed(self, surge: sp.Expr) -> sp.Expr:
+        """The surge kept within speed_limit."""
+        return clip(surge, -symbol("speed_limit"), symbol("speed_limit"))
+
+    def within_turn(self, turn: sp.Expr) -> sp.Expr:
+        """The turn rate kept within turn_limit."""
+        return clip(turn, -symbol("turn_limit"), symbol("turn_limit"))
+
+    def along(
+        self, direction: sp.Expr, surge: sp.Expr, current: tuple[sp.Expr, sp.Expr]
+    ) -> tuple[sp.Expr, sp.Expr]:
+        """The surge, slowed, and d/dt of a direction phi(x, y) that goes with it.
+
+            sigma = the largest in [0, 1] with |sigma a + b| <= 0.8 turn_limit
+
+        d/dt phi = a + b has the part a in proportion to the surge, and b of the current and of
+        other velocities. Where the direction turns faster than the vehicle can, it goes slower:
+        a turn rate that is cut instead makes other lines attractive than those of the field.
+        """
+        slope = [direction.diff(symbol(n)) for n in ("x", "y")]
+        zero = sp.S.Zero
+        drift = _along(slope, self.position_rates(zero, current))
+        moved = _along(slope, self.position_rates(surge, (zero, zero)))
+        own = moved - _along(slope, self.position_rates(zero, (zero, zero)))
+        most = sp.Rational(4, 5) * symbol("turn_limit")
+        room = select(own, most - drift, most + drift)
+        slower = clip(room / (magnitude(own) + _TINY), zero, sp.S.One)
+        return slower * surge, slower * own + drift
+
+
+def _along(slope: list[sp.Expr], rates: tuple[sp.Expr, sp.Expr]) -> sp.Expr:
+    return sp.Add(*(s * r for s, r in zip(slope, rates, strict=True)))
+
+
+def surge_and_turn(
+    law: str, system: System, speed_limit: float | None, turn_limit: float | None
+) -> SurgeAndTurn:
+    """The system as a vehicle that surges and turns.
+
+    The limits are those that a system has parameters for; others must be given: what the
+    vehicle can follow. Raises `DefinitionError` for another kind of system, or limits that are
+    missing or given twice.
+    """
+    names = {q.name for q in system.states + system.inputs}
+    cos, sin = sp.cos(symbol("psi")), sp.sin(symbol("psi"))
+    moved = {"x": symbol("u") * cos + symbol("Vx"), "y": symbol("u") * sin + symbol("Vy")}
+    fits = {"x", "y", "psi", "u", "r"} <= names and {"Vx", "Vy"} <= set(system.disturbance_names)
+    if fits:  # what else moves the position depends on states that are no inputs, nor u
+        rest = [sp.expand(system.rates[n] - own) for n, own in moved.items()]
+        driven = [*system.inputs, *system.disturbances]
+        barred = {q.symbol for q in driven} | {symbol("u")}
+        fits = not any(e.free_symbols & barred for e in rest)
+        fits = fits and sp.expand(system.rates["psi"] - symbol("r")) == 0
+    if not fits:
+        raise DefinitionError(
+            f"law '{law}' is not made for system '{system.name}'",
+            expected="x' = u cos(psi) + ..., y' = u sin(psi) + ..., psi' = r, and a current "
+            "(Vx, Vy), as of 'drifting_unicycle' or 'marine_vehicle'",
+        )
+    used = system.rates["x"].free_symbols | system.rates["y"].free_symbols
+    named = {symbol("x"), symbol("y"), symbol("psi")} | (used - {symbol("u")})
+    own = {p.name: p for p in system.parameters}
+    limits = []
+    for name, unit, value, meaning in (
+        ("speed_limit", "m/s", speed_limit, "largest surge it asks for"),
+        ("turn_limit", "rad/s", turn_limit, "largest turn rate it asks for"),
+    ):
+        if value is not None and not math.isfinite(value):
+            raise DefinitionError(f"{name} of law '{law}' is {value}", expected="a finite number")
+        if value is None and name not in own:
+            raise DefinitionError(
+                f"law '{law}' needs {name} [{unit}]: system '{system.name}' has none of its own",
+                expected="what the vehicle can follow",
+            )
+        limit = own.get(name)
+        if value is not None and (limit is None or limit.value != value):
+            if limit is not None:
+                raise DefinitionError(
+                    f"{name} of law '{law}' is {value:g}, system '{system.name}' has "
+                    f"{limit.value:g}",
+                    remedy="give it to the system alone",
+                )
+            limit = Parameter(name, unit, meaning, value=value, above=0.0)
+        assert limit is not None
+        limits.append(limit)
+    return SurgeAndTurn(system, tuple(q for q in system.states if q.symbol in named), tuple(limits))

@@ -1,0 +1,207 @@
+"""Laws from a value function: the optimal input, and the least change that keeps the value.
+
+V > 0 is where the constraints can be kept. With p = dV/dq, the optimal input takes the most of
+p . f(q, u, d) (thesis (7.3), (7.7)); a given law is kept as long as, for every disturbance d,
+
+    p . f(q, u, d) + rate (V - margin) >= 0
+
+so that it is left alone well inside, and taken over the more the nearer it comes to V = margin
+(V as a control barrier function: A. D. Ames et al., European Control Conference 2019).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TypeVar, cast
+
+import sympy as sp
+
+from holdfast.errors import DefinitionError
+from holdfast.maths.control.safety_filter import check_fit, input_rows, input_scales, over_time
+from holdfast.maths.definitions.law import Law, Safeguard
+from holdfast.maths.definitions.lookup import Lookup
+from holdfast.maths.definitions.quantity import Parameter, merge_parameters, symbol
+from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.functions import select
+from holdfast.maths.games.hamiltonian import Hamiltonian, hamiltonian
+
+L = TypeVar("L", bound=Law | Switching)
+
+
+ADVERSARY_AIM = symbol("adversary_aim")
+"""A parameter of `against_the_worst`: 0 lowers the value, 1 lowers a margin."""
+
+
+def _at_slopes(
+    system: System, lookup: Lookup, h: Hamiltonian, table: Mapping[str, sp.Expr]
+) -> dict[str, sp.Expr]:
+    return _at_costates(h, table, lookup.slopes[-len(system.states) :])
+
+
+def _at_costates(
+    h: Hamiltonian, table: Mapping[str, sp.Expr], slopes: Sequence[sp.Expr]
+) -> dict[str, sp.Expr]:
+    costates = dict(zip(h.costates, slopes, strict=True))
+    return {name: e.xreplace(costates) for name, e in table.items()}
+
+
+def optimal_law(system: System, lookup: Lookup) -> Law:
+    """The inputs that raise V the most, or lower it the least: bang-bang within a box."""
+    h = hamiltonian(system)
+    return Law(
+        name=f"optimal inputs of {system.name}",
+        reads=system.states,
+        outputs=_at_slopes(system, lookup, h, h.inputs),
+        parameters=system.parameters,
+        signals={"value": lookup.value},
+        lookup=lookup,
+        description="the inputs that raise the value the most",
+        source="thesis (7.3), (7.7)",
+    )
+
+
+def keep_value(
+    system: System,
+    law: L,
+    lookup: Lookup,
+    *,
+    rate: float,
+    margin: float,
+    scales: Mapping[str, float] | None = None,
+) -> L:
+    """`law` with its inputs changed no more than keeping V above `margin` asks.
+
+    The last axes of `lookup` are the states; one before them is the time to go, which falls.
+    Raises `DefinitionError` for a law that does not give the system's inputs or is safeguarded
+    already, and for inputs bounded by a ball or by more actuators than inputs.
+    """
+    if not system.inputs:
+        raise DefinitionError(f"system '{system.name}' has no inputs")
+    hamiltonian(replace(system, samples=0))  # refuses rates that are not affine
+    slopes = lookup.slopes[-len(system.states) :]
+    gain = sp.Matrix(list(system.rates.values())).jacobian([q.symbol for q in system.inputs])
+    none = {q.symbol: sp.S.Zero for q in system.inputs}
+    drifting = replace(
+        system,
+        inputs=(),
+        input_bounds=None,
+        rates={n: r.xreplace(none) for n, r in system.rates.items()},
+        pfaffian=(),
+    )
+    h = hamiltonian(drifting)
+    worst = h.value.xreplace(dict(zip(h.costates, slopes, strict=True)))
+    if len(lookup.places) > len(slopes):
+        left = lookup.places[0] - sp.Float(lookup.first_time)
+        worst -= select(left, lookup.slopes[0], sp.S.Zero)
+    parameters = (
+        Parameter("safety_rate", "1/s", "how fast the value may fall", value=float(rate), above=0),
+        Parameter("safety_margin", "1", "value to stay above", value=float(margin)),
+    )
+    room = symbol("safety_rate") * (lookup.value - symbol("safety_margin"))
+    bounds = input_rows(system)
+    rows = [*bounds, (tuple(-(gain.T * sp.Matrix(slopes))), worst + room)]
+    chosen = input_scales(system, scales or {})
+
+    def kept(mode: Law) -> Law:
+        check_fit(system, mode)
+        if mode.lookup is not None:
+            raise DefinitionError(f"law '{mode.name}' has a value function already")
+        reads = {q.name: q for q in (*mode.reads, *system.states)}
+        return replace(
+            mode,
+            name=f"{mode.name}, kept safe",
+            reads=tuple(reads.values()),
+            parameters=merge_parameters(mode.parameters, system.parameters, parameters),
+            signals={**mode.signals, "value": lookup.value},
+            lookup=lookup,
+            safeguard=Safeguard(
+                normals={
+                    name: tuple(n[i] for n, _ in rows) for i, name in enumerate(system.input_names)
+                },
+                offsets=tuple(b for _, b in rows),
+                hard=len(bounds),
+                scales=chosen,
+                units=(over_time(lookup.unit, 1),),
+            ),
+        )
+
+    if isinstance(law, Switching):
+        changed = law.map_laws(kept, f"{law.name}, kept safe")
+        return cast(L, replace(changed, signals={**law.signals, "value": lookup.value}))
+    return cast(L, kept(law))
+
+
+def _difference(function: sp.Expr, state: sp.Symbol, step: float) -> sp.Expr:
+    """The central difference over one step, which exists where the function has a kink too."""
+    half = sp.Float(step / 2)
+    above, below = (function.xreplace({state: state + s * half}) for s in (1, -1))
+    return (above - below) / sp.Float(step)
+
+
+def against_the_worst(
+    system: System,
+    law: L,
+    lookup: Lookup,
+    margin: sp.Expr | None = None,
+    steps: Sequence[float] = (),
+    parameters: tuple[Parameter, ...] = (),
+) -> tuple[System, L]:
+    """The system and the law with the worst disturbance, chosen at every sample as the inputs are.
+
+    The disturbances become inputs; what bounds there are, the law has been saturated by. They lower
+    the value along its gradient, or where the parameter `adversary_aim` is 1 the `margin`, an
+    expression of the states and `parameters`, along its differences over `steps`.
+    """
+    h = hamiltonian(system)
+    slopes: Sequence[sp.Expr] = lookup.slopes[-len(system.states) :]
+    if margin is not None:
+        aimed = [
+            _difference(margin, q.symbol, step)
+            for q, step in zip(system.states, steps, strict=True)
+        ]
+        slopes = [
+            select(ADVERSARY_AIM - sp.Rational(1, 2), a, b)
+            for a, b in zip(aimed, slopes, strict=True)
+        ]
+        aim = Parameter(ADVERSARY_AIM.name, "1", "what the disturbance lowers", value=0.0)
+        parameters = (*parameters, aim)
+    worst = _at_costates(h, h.disturbances, slopes)
+    open_system = replace(
+        system,
+        inputs=(*system.inputs, *system.disturbances),
+        disturbances=(),
+        input_bounds=None,
+        disturbance_bounds=None,
+        pfaffian=(),
+    )
+
+    def both(mode: Law) -> Law:
+        outputs = dict(mode.outputs)
+        guard = mode.safeguard
+        if guard is None and system.input_bounds is not None:
+            wanted = [outputs[n] for n in system.input_names]
+            outputs = dict(
+                zip(system.input_names, system.input_bounds.saturate(wanted), strict=True)
+            )
+        if guard is not None:
+            zeros = (sp.S.Zero,) * len(guard.offsets)
+            guard = replace(
+                guard,
+                normals={**guard.normals, **dict.fromkeys(system.disturbance_names, zeros)},
+                scales={**guard.scales, **dict.fromkeys(system.disturbance_names, sp.S.One)},
+            )
+        reads = {q.name: q for q in (*mode.reads, *system.states)}
+        return replace(
+            mode,
+            reads=tuple(q for q in reads.values() if q not in system.disturbances),
+            outputs={**outputs, **worst},
+            parameters=merge_parameters(mode.parameters, system.parameters, parameters),
+            lookup=lookup,
+            safeguard=guard,
+        )
+
+    if isinstance(law, Switching):
+        return open_system, cast(L, law.map_laws(both, f"{law.name}, against the worst"))
+    return open_system, cast(L, both(law))

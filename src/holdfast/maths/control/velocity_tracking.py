@@ -1,0 +1,174 @@
+"""From a law for velocities to a law for forces: feedback linearisation and backstepping."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import overload
+
+import sympy as sp
+
+from holdfast.arguments import checked
+from holdfast.errors import DefinitionError, suggestion
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.quantity import TIME, Parameter, merge_parameters
+from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.traversal import derivatives
+
+
+@overload
+def track_velocity(system: System, law: Law, gains: Mapping[str, float]) -> Law: ...
+@overload
+def track_velocity(system: System, law: Switching, gains: Mapping[str, float]) -> Switching: ...
+@overload
+def track_velocity(
+    system: System, law: Law | Switching, gains: Mapping[str, float]
+) -> Law | Switching: ...
+@checked
+def track_velocity(
+    system: System, law: Law | Switching, gains: Mapping[str, float]
+) -> Law | Switching:
+    """The inputs that make velocities w of `system` follow the outputs gamma of `law`.
+
+        wdot = -k (w - gamma) + d/dt gamma          (5.21), (5.22)
+
+    `gains` maps each velocity (a state that `law` outputs) to its k > 0 in 1/s. The inputs
+    are solved from the system's own rates, and d/dt gamma is derived along them, with
+    the disturbances that the law believes in. Where one gamma depends on another tracked velocity
+    w', the rate that w' is given takes the place of dw'/dt. A `Switching` is treated mode by mode.
+
+    Raises `DefinitionError` when the law's outputs are not states, their number differs from
+    that of the inputs, the inputs cannot be solved for, or d/dt gamma would need the answer:
+    gamma depends on an input-driven state that is not tracked, or on itself in a circle; or is
+    not known: gamma varies with what the law looks up (bang-bang velocities do not, but where
+    they switch).
+    """
+    if isinstance(law, Switching):
+        return law.map_laws(
+            lambda mode: track_velocity(system, mode, gains), f"{law.name}, velocities tracked"
+        )
+    if law.safeguard is not None:
+        raise DefinitionError(
+            f"law '{law.name}' has a safeguard, which is on its velocities",
+            remedy="track the velocities first, then safeguard the inputs",
+        )
+    velocities = law.output_names
+    for name, gamma in law.outputs.items():
+        if law.lookup is not None and any(gamma.diff(s) != 0 for s in law.lookup.symbols):
+            raise DefinitionError(
+                f"output '{name}' of law '{law.name}' varies with what it looks up, whose rate is "
+                "not known",
+                expected="velocities that stand still between switches, as optimal ones of a box",
+            )
+    for name in velocities:
+        if name not in system.state_names:
+            raise DefinitionError(
+                f"law '{law.name}' gives '{name}', which is no state of system '{system.name}'",
+                remedy=suggestion(name, system.state_names),
+            )
+    if set(gains) != set(velocities):
+        odd = sorted(set(gains) ^ set(velocities))[0]
+        raise DefinitionError(
+            f"gain for '{odd}' is " + ("missing" if odd in velocities else "not wanted"),
+            expected="one gain for each of " + ", ".join(velocities),
+        )
+    for name, value in gains.items():
+        if not value > 0:
+            raise DefinitionError(f"gain of '{name}' is {value}", expected="> 0")
+    if len(velocities) != len(system.inputs):
+        raise DefinitionError(
+            f"law '{law.name}' gives {len(velocities)} velocities, system '{system.name}' has "
+            f"{len(system.inputs)} inputs",
+            expected="as many velocities as inputs",
+        )
+    tracking = tuple(
+        Parameter(f"k_{n}", "1/s", f"tracking gain of {n}", value=float(gains[n]))
+        for n in velocities
+    )
+    rates = _believed_rates(system, law)
+    inputs = [q.symbol for q in system.inputs]
+    zero = dict.fromkeys(inputs, 0)
+    effect = sp.Matrix([[rates[n].diff(u) for u in inputs] for n in velocities])
+    if effect.free_symbols & set(inputs) or effect.det() == 0:
+        raise DefinitionError(
+            f"the inputs of system '{system.name}' cannot be solved for the rates of "
+            + ", ".join(velocities),
+            expected="rates affine in the inputs with a regular matrix",
+        )
+    wanted = _wanted_rates(
+        system, law, {n: g.symbol for n, g in zip(velocities, tracking, strict=True)}
+    )
+    driven = [wanted[n] - rates[n].subs(zero) for n in velocities]
+    solved = effect.inv() * sp.Matrix(driven)
+    return Law(
+        name=f"{law.name}, velocities tracked",
+        reads=(*system.states, *(d for d in system.disturbances if d in law.reads)),
+        outputs=dict(zip(system.input_names, solved, strict=True)),
+        parameters=merge_parameters(law.parameters, tracking, system.parameters),
+        signals=law.signals,
+        conditions=law.conditions,
+        lookup=law.lookup,
+        description=law.description,
+        source="; ".join(filter(None, (law.source, "thesis (5.21), (5.22)"))),
+    )
+
+
+def believed_disturbances(system: System, law: Law) -> dict[sp.Symbol, sp.Expr]:
+    """What the law takes each disturbance for: what it believes or reads, else zero."""
+    for name in law.believed:
+        if name not in system.disturbance_names:
+            raise DefinitionError(
+                f"law '{law.name}' believes something of '{name}', which is no disturbance",
+                remedy=suggestion(name, system.disturbance_names),
+            )
+    read = {q.name: q.symbol for q in law.reads}
+    return {
+        d.symbol: law.believed.get(d.name, read.get(d.name, sp.S.Zero)) for d in system.disturbances
+    }
+
+
+def _believed_rates(system: System, law: Law) -> dict[str, sp.Expr]:
+    """The rates with the disturbances that the law reads or believes in, the others zero."""
+    still = believed_disturbances(system, law)
+    return {n: rate.subs(still, simultaneous=True) for n, rate in system.rates.items()}
+
+
+def _wanted_rates(system: System, law: Law, gains: Mapping[str, sp.Symbol]) -> dict[str, sp.Expr]:
+    """wdot = -k (w - gamma) + d/dt gamma of each tracked velocity, in terms of the states."""
+    rates = _believed_rates(system, law)
+    inputs = {q.symbol for q in system.inputs}
+    wanted: dict[str, sp.Expr] = {}
+    under_way: list[str] = []
+
+    def rate(name: str, output: str) -> sp.Expr:
+        if name in gains:
+            if name in under_way:
+                raise DefinitionError(
+                    f"outputs of law '{law.name}' depend on each other in a circle: "
+                    + " -> ".join([*under_way, name]),
+                    expected="velocities that depend on slower states, or on one another in order",
+                )
+            return track(name)
+        if rates[name].free_symbols & inputs:
+            raise DefinitionError(
+                f"output '{output}' of law '{law.name}' depends on '{name}', which the "
+                "inputs drive directly",
+                expected="velocities that depend on slower states only",
+            )
+        return rates[name]
+
+    def track(name: str) -> sp.Expr:
+        if name not in wanted:
+            under_way.append(name)
+            gamma = law.outputs[name]
+            slopes = derivatives(gamma, [*(q.symbol for q in system.states), TIME])
+            moving = [(q.name, slopes[q.symbol]) for q in system.states]
+            feedforward = slopes[TIME] + sp.Add(
+                *(slope * rate(q, name) for q, slope in moving if slope != 0)
+            )
+            error = system.states[system.state_names.index(name)].symbol - gamma
+            wanted[name] = -gains[name] * error + feedforward
+            under_way.pop()
+        return wanted[name]
+
+    return {name: track(name) for name in gains}

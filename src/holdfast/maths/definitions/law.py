@@ -1,0 +1,156 @@
+"""A feedback law: expressions for inputs (or for velocities used as inputs)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import sympy as sp
+
+from holdfast.arguments import checked
+from holdfast.errors import DefinitionError
+from holdfast.maths.definitions.lookup import Lookup
+from holdfast.maths.definitions.quantity import (
+    TIME,
+    Parameter,
+    Quantity,
+    check_symbols,
+    check_unique,
+    frozen,
+    merge_parameters,
+)
+
+
+@checked
+@dataclass(frozen=True)
+class GainCondition:
+    """A stability condition value < limit on the gains, and what happens without it.
+
+    Beside parameters it may use `SAMPLE_TIME`. `closed`: the limit itself is allowed.
+    """
+
+    value: sp.Expr
+    limit: sp.Expr
+    consequence: str
+    source: str
+    closed: bool = False
+
+    def violation(self, parameters: Mapping[sp.Symbol, float]) -> str | None:
+        """A sentence with both numbers when the condition fails, else None."""
+        value = float(self.value.subs(parameters))
+        limit = float(self.limit.subs(parameters))
+        if value < limit or (self.closed and value <= limit * (1.0 + 1e-12)):
+            return None
+        shown = f"{limit:.4g}" if self.limit.is_number else f"{limit:.4g} = {self.limit}"
+        return (
+            f"{self.value} = {value:.4g} is {'above' if self.closed else 'not below'} "
+            f"its limit {shown}: "
+            f"{self.consequence} ({self.source})"
+        )
+
+
+@checked
+@dataclass(frozen=True)
+class Safeguard:
+    """Half-spaces sum_i normals_ij u_i <= offsets_j that the inputs are kept in.
+
+    What a law asks for is replaced by the nearest input of them, in units of `scales`. Where
+    there is none, those after the first `hard` are all relaxed by the same least amount, the slack.
+    `units`: what that amount is counted in, one for every condition that is relaxed.
+    """
+
+    normals: Mapping[str, tuple[sp.Expr, ...]]
+    offsets: tuple[sp.Expr, ...]
+    hard: int
+    scales: Mapping[str, sp.Expr]
+    units: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "normals", MappingProxyType(dict(self.normals)))
+        object.__setattr__(self, "scales", frozen(self.scales))
+
+    @property
+    def expressions(self) -> tuple[sp.Expr, ...]:
+        """Every expression of it."""
+        entries = (e for row in self.normals.values() for e in row)
+        return (*entries, *self.offsets, *self.scales.values())
+
+    def rows(self, inputs: Sequence[str]) -> list[sp.Expr]:
+        """The normal and the offset of every half-space, one after the other, then the scales."""
+        pairs = enumerate(self.offsets)
+        rows = [e for j, offset in pairs for e in (*(self.normals[n][j] for n in inputs), offset)]
+        return [*rows, *(self.scales[n] for n in inputs)]
+
+    def subs(self, values: Mapping[sp.Symbol, sp.Expr]) -> Safeguard:
+        """The same with symbols replaced."""
+        return Safeguard(
+            {n: tuple(e.xreplace(values) for e in row) for n, row in self.normals.items()},
+            tuple(e.xreplace(values) for e in self.offsets),
+            self.hard,
+            {n: e.xreplace(values) for n, e in self.scales.items()},
+            self.units,
+        )
+
+
+@checked
+@dataclass(frozen=True)
+class Law:
+    """u_i = outputs_i(t, q; p).
+
+    `reads` are the quantities the law may use, all of them measured: states, and disturbances
+    that it is told at every instant; an output or signal with any other symbol is refused.
+    `signals` are named expressions worth recording. `believed`: what the law takes disturbances
+    for, by name, where it needs the rates of the states; those left out are zero to it.
+    `safeguard`: the half-spaces that the outputs are kept in. `lookup`: a function known on a
+    grid, whose symbols the outputs, signals and safeguard may use.
+    """
+
+    name: str
+    reads: tuple[Quantity, ...]
+    outputs: Mapping[str, sp.Expr]
+    parameters: tuple[Parameter, ...] = ()
+    signals: Mapping[str, sp.Expr] = field(default_factory=dict)
+    conditions: tuple[GainCondition, ...] = ()
+    believed: Mapping[str, sp.Expr] = field(default_factory=dict)
+    safeguard: Safeguard | None = None
+    lookup: Lookup | None = None
+    description: str = ""
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        owner = f"law '{self.name}'"
+        object.__setattr__(self, "parameters", merge_parameters(self.parameters))
+        object.__setattr__(self, "outputs", frozen(self.outputs))
+        object.__setattr__(self, "signals", frozen(self.signals))
+        object.__setattr__(self, "believed", frozen(self.believed))
+        if not self.outputs:
+            raise DefinitionError(f"{owner} has no outputs")
+        check_unique((q.name for q in self.reads + self.parameters), owner)
+        allowed = [q.symbol for q in self.reads + self.parameters] + [TIME]
+        if self.lookup is not None:
+            places = {f"place {i}": e for i, e in enumerate(self.lookup.places)}
+            check_symbols(places, allowed, owner)
+            allowed += self.lookup.symbols
+        check_symbols({f"output '{k}'": e for k, e in self.outputs.items()}, allowed, owner)
+        check_symbols({f"signal '{k}'": e for k, e in self.signals.items()}, allowed, owner)
+        check_symbols({f"belief of '{k}'": e for k, e in self.believed.items()}, allowed, owner)
+        if self.safeguard is not None:
+            check_symbols(
+                {f"safeguard {i}": e for i, e in enumerate(self.safeguard.expressions)},
+                allowed,
+                owner,
+            )
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        return tuple(self.outputs)
+
+    def output(self, name: str, owner: str) -> sp.Expr:
+        """The output of that name; `DefinitionError` for a law that `owner` cannot be built on."""
+        if name not in self.outputs:
+            raise DefinitionError(
+                f"{owner} needs a law with the output '{name}'",
+                expected=f"another than '{self.name}', which has {', '.join(self.outputs)}",
+            )
+        return self.outputs[name]

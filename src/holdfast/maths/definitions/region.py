@@ -1,0 +1,142 @@
+"""A set of states given by named inequalities c_j(q) <= 0.
+
+The one sign convention of holdfast: c <= 0 is safe, as in chapters 5 and 6. Chapter 7 of
+the thesis calls l > 0 safe; l = -max_j c_j / s_j is formed here (`Region.margin`) and nowhere else,
+with s_j the scale of the inequality: the amount of it, in its unit, that counts as 1. Scales change
+no set. They say how metres weigh against radians when a depth inside is measured.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import sympy as sp
+
+from holdfast.arguments import checked
+from holdfast.errors import DefinitionError
+from holdfast.maths.definitions.quantity import (
+    TIME,
+    Parameter,
+    Quantity,
+    check_symbols,
+    check_unique,
+    merge_parameters,
+)
+from holdfast.maths.definitions.scene import Shape
+from holdfast.maths.expressions.functions import greatest, magnitude
+
+
+@checked
+@dataclass(frozen=True)
+class Inequality:
+    """expression <= 0, in the unit given. scale: how much of it, in that unit, counts as 1."""
+
+    name: str
+    expression: sp.Expr
+    unit: str = "1"
+    description: str = ""
+    scale: float | None = None
+
+    def __post_init__(self) -> None:
+        expression = sp.sympify(self.expression).replace(sp.Abs, magnitude)  # its kink is known
+        object.__setattr__(self, "expression", expression)
+        if self.scale is not None and not 0 < self.scale < math.inf:
+            raise DefinitionError(
+                f"inequality '{self.name}' has the scale {self.scale:g}",
+                expected="a finite number above 0",
+            )
+
+    @property
+    def scaled(self) -> sp.Expr:
+        """c_j / s_j, or c_j itself where no scale is given."""
+        return self.expression if self.scale is None else self.expression / sp.Float(self.scale)
+
+
+@checked
+@dataclass(frozen=True)
+class Region:
+    """K = { q : c_j(q) <= 0 for every j } (thesis (5.4), with its parameters).
+
+    `reads` are the states the inequalities use. `scene` says what to draw. A region that moves,
+    whose inequalities depend on `TIME`, is for kernels and reachable sets.
+    """
+
+    name: str
+    reads: tuple[Quantity, ...]
+    inequalities: tuple[Inequality, ...]
+    parameters: tuple[Parameter, ...] = ()
+    scene: tuple[Shape, ...] = ()
+    description: str = ""
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        owner = f"region '{self.name}'"
+        object.__setattr__(self, "parameters", merge_parameters(self.parameters))
+        if not self.inequalities:
+            raise DefinitionError(f"{owner} has no inequalities")
+        check_unique((c.name for c in self.inequalities), owner)
+        check_unique((q.name for q in self.reads + self.parameters), owner)
+        allowed = [q.symbol for q in self.reads + self.parameters] + [TIME]
+        check_symbols(
+            {f"inequality '{c.name}'": c.expression for c in self.inequalities}, allowed, owner
+        )
+
+    @property
+    def moves(self) -> bool:
+        return any(c.expression.has(TIME) for c in self.inequalities)
+
+    @property
+    def inequality_names(self) -> tuple[str, ...]:
+        return tuple(c.name for c in self.inequalities)
+
+    @checked
+    def inequality(self, name: str) -> Inequality:
+        """The inequality of that name; `DefinitionError` if there is none."""
+        if name not in self.inequality_names:
+            raise DefinitionError(
+                f"region '{self.name}' has no inequality {name!r}",
+                expected="one of " + ", ".join(self.inequality_names),
+            )
+        return self.inequalities[self.inequality_names.index(name)]
+
+    @checked
+    def with_scales(self, scales: Mapping[str, float]) -> Region:
+        """The same set with these scales; `DefinitionError` for a name that is no inequality."""
+        for name in scales:
+            self.inequality(name)
+        return replace(
+            self,
+            inequalities=tuple(
+                replace(c, scale=float(scales[c.name])) if c.name in scales else c
+                for c in self.inequalities
+            ),
+        )
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The different units of the inequalities that have no scale."""
+        return tuple(dict.fromkeys(c.unit for c in self.inequalities if c.scale is None))
+
+    @property
+    def margin_unit(self) -> str:
+        """The unit of `margin`: that of all inequalities, or "1" where they have scales.
+
+        Where units differ and nothing has a scale, 1 m counts as much as 1 rad; the unit is "1".
+        """
+        scaled = any(c.scale is not None for c in self.inequalities)
+        return "1" if scaled or len(self.units) > 1 else self.units[0]
+
+    @property
+    def worst(self) -> sp.Expr:
+        """max_j c_j(q) / s_j: the region is where this is <= 0."""
+        value = self.inequalities[0].scaled
+        for c in self.inequalities[1:]:
+            value = greatest(value, c.scaled)
+        return value
+
+    @property
+    def margin(self) -> sp.Expr:
+        """l = -max_j c_j(q) / s_j, the convention of chapter 7: safe where positive."""
+        return -self.worst

@@ -1,0 +1,150 @@
+"""Several laws and the rule that chooses among them, as data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import sympy as sp
+
+from holdfast.arguments import checked
+from holdfast.errors import DefinitionError, suggestion
+from holdfast.maths.definitions.law import GainCondition, Law
+from holdfast.maths.definitions.lookup import Lookup
+from holdfast.maths.definitions.memory import Memory
+from holdfast.maths.definitions.quantity import (
+    TIME,
+    TIME_IN_MODE,
+    Parameter,
+    Quantity,
+    check_symbols,
+    frozen,
+    merge_parameters,
+)
+
+
+@checked
+@dataclass(frozen=True)
+class Transition:
+    """source -> target as soon as `when` >= 0.
+
+    Hysteresis is a pair of transitions whose expressions are offset against each other; a
+    minimum dwell is a guard that contains `TIME_IN_MODE`.
+    """
+
+    source: str
+    target: str
+    when: sp.Expr
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "when", sp.sympify(self.when))
+
+
+@checked
+@dataclass(frozen=True)
+class Switching:
+    """Modes (each a `Law` with the same outputs), guarded transitions and the first mode.
+
+    At every control sample the transitions out of the current mode are tried in the order
+    written; the first whose guard holds is taken, at most one a sample, before the law is
+    evaluated. `signals` are recorded whatever the mode. `memory`: what is remembered from one
+    sample to the next; every mode may read it.
+    """
+
+    name: str
+    modes: Mapping[str, Law]
+    transitions: tuple[Transition, ...] = ()
+    initial: str = ""
+    signals: Mapping[str, sp.Expr] = field(default_factory=dict)
+    extra_parameters: tuple[Parameter, ...] = ()
+    memory: Memory | None = None
+    description: str = ""
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        owner = f"switching '{self.name}'"
+        if not self.modes:
+            raise DefinitionError(f"{owner} has no modes")
+        object.__setattr__(self, "initial", self.initial or next(iter(self.modes)))
+        object.__setattr__(self, "signals", frozen(self.signals))
+        object.__setattr__(self, "modes", MappingProxyType(dict(self.modes)))
+        outputs = next(iter(self.modes.values())).output_names
+        for name, law in self.modes.items():
+            if set(law.output_names) != set(outputs):
+                raise DefinitionError(
+                    f"mode '{name}' of {owner} gives {', '.join(law.output_names)}",
+                    expected="the same outputs in every mode: " + ", ".join(outputs),
+                )
+        ends = [self.initial]
+        for transition in self.transitions:
+            ends += [transition.source, transition.target]
+        for end in ends:
+            if end not in self.modes:
+                raise DefinitionError(
+                    f"{owner} names the unknown mode '{end}'",
+                    remedy=suggestion(end, self.modes),
+                )
+        allowed = [q.symbol for q in self.reads + self.parameters] + [TIME]
+        check_symbols(
+            {f"guard {t.source} -> {t.target}": t.when for t in self.transitions},
+            [*allowed, TIME_IN_MODE],
+            owner,
+        )
+        allowed += self.lookup.symbols if self.lookup else ()  # which guards have not
+        check_symbols({f"signal '{k}'": e for k, e in self.signals.items()}, allowed, owner)
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        return next(iter(self.modes.values())).output_names
+
+    @property
+    def reads(self) -> tuple[Quantity, ...]:
+        merged = {q.name: q for law in self.modes.values() for q in law.reads}
+        return tuple(merged.values())
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        groups = [law.parameters for law in self.modes.values()]
+        remembering = self.memory.parameters if self.memory else ()
+        return merge_parameters(*groups, self.extra_parameters, remembering)
+
+    @property
+    def lookup(self) -> Lookup | None:
+        """The function on a grid that its laws use, one for all of them."""
+        found = [law.lookup for law in self.modes.values() if law.lookup is not None]
+        if any(other != found[0] or other.table is not found[0].table for other in found):
+            raise DefinitionError(f"the modes of '{self.name}' look up different functions")
+        return found[0] if found else None
+
+    @property
+    def conditions(self) -> tuple[GainCondition, ...]:
+        found = {c: None for law in self.modes.values() for c in law.conditions}
+        return tuple(found)
+
+    def map_laws(self, change: Callable[[Law], Law], name: str) -> Switching:
+        """The same modes and guards with every law replaced by change(law)."""
+        return Switching(
+            name=name,
+            modes={mode: change(law) for mode, law in self.modes.items()},
+            transitions=self.transitions,
+            initial=self.initial,
+            signals=self.signals,
+            extra_parameters=self.extra_parameters,
+            memory=self.memory,
+            description=self.description,
+            source=self.source,
+        )
+
+
+def as_switching(law: Law | Switching) -> Switching:
+    """A single law as a switching that never switches."""
+    if isinstance(law, Switching):
+        return law
+    return Switching(
+        name=law.name,
+        modes={law.name: law},
+        signals=law.signals,
+        description=law.description,
+        source=law.source,
+    )

@@ -1,0 +1,209 @@
+"""A control system, written down once: qdot = f(t, q, u, d; p), with A(q) qdot = b."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import sympy as sp
+
+from holdfast.arguments import checked
+from holdfast.errors import DefinitionError
+from holdfast.maths.definitions.bounds import Bounds
+from holdfast.maths.definitions.measurement import Measurement
+from holdfast.maths.definitions.quantity import (
+    TIME,
+    Parameter,
+    Quantity,
+    check_symbols,
+    check_unique,
+    frozen,
+    merge_parameters,
+)
+
+
+@checked
+@dataclass(frozen=True)
+class PfaffianRow:
+    """One constraint on the velocities: sum_i coefficients[i] * qdot_i = rhs.
+
+    Catastatic when rhs is zero (thesis (5.2)); a current or a sway velocity makes it
+    acatastatic (5.15).
+    """
+
+    coefficients: Mapping[str, sp.Expr]
+    rhs: sp.Expr = sp.S.Zero
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "coefficients", frozen(self.coefficients))
+        object.__setattr__(self, "rhs", sp.sympify(self.rhs))
+
+
+@checked
+@dataclass(frozen=True)
+class System:
+    """States q, inputs u, disturbances d, parameters p, rates f and Pfaffian rows.
+
+    `rates` maps every state to its rate. samples: with how many points along every coordinate the
+    bounds are replaced, in a Hamiltonian, where there is no closed form (0: it is refused there).
+    `measurements`: what instruments tell of the states, which a law may read in their stead.
+    Raises `DefinitionError` when shapes disagree, a rate uses an undeclared name, or the rates
+    leave a Pfaffian constraint.
+    """
+
+    name: str
+    states: tuple[Quantity, ...]
+    inputs: tuple[Quantity, ...]
+    rates: Mapping[str, sp.Expr]
+    parameters: tuple[Parameter, ...] = ()
+    disturbances: tuple[Quantity, ...] = ()
+    input_bounds: Bounds | None = None
+    disturbance_bounds: Bounds | None = None
+    pfaffian: tuple[PfaffianRow, ...] = ()
+    description: str = ""
+    source: str = ""
+    samples: int = 0
+    measurements: tuple[Measurement, ...] = ()
+
+    def __post_init__(self) -> None:
+        owner = f"system '{self.name}'"
+        object.__setattr__(self, "parameters", merge_parameters(self.parameters))
+        quantities = self.states + self.inputs + self.disturbances + self.parameters
+        check_unique((q.name for q in quantities + self.measurements), owner)
+        if not self.states:
+            raise DefinitionError(f"{owner} has no states")
+        names = [q.name for q in self.states]
+        if set(self.rates) != set(names):
+            odd = sorted(set(self.rates) ^ set(names))
+            raise DefinitionError(
+                f"{owner}: '{odd[0]}' has "
+                + ("no rate" if odd[0] in names else "a rate but is no state"),
+                expected="one rate for every state: " + ", ".join(names),
+            )
+        object.__setattr__(self, "rates", frozen({n: self.rates[n] for n in names}))
+        symbols = [q.symbol for q in quantities] + [TIME]
+        check_symbols({f"the rate of '{n}'": e for n, e in self.rates.items()}, symbols, owner)
+        for what, bounds, members in (
+            ("input", self.input_bounds, self.inputs),
+            ("disturbance", self.disturbance_bounds, self.disturbances),
+        ):
+            if bounds is None:
+                continue
+            if bounds.dimension != len(members):
+                raise DefinitionError(
+                    f"{owner}: the {what} bounds have dimension {bounds.dimension}",
+                    expected=f"{len(members)}, one for each {what}",
+                )
+            parameter_symbols = {p.symbol for p in self.parameters}
+            unknown = sorted(str(s) for s in bounds.free_symbols - parameter_symbols)
+            if unknown:
+                raise DefinitionError(
+                    f"the {what} bounds of {owner} use the undeclared name '{unknown[0]}'",
+                    expected="numbers or declared parameters",
+                )
+        few = isinstance(self.samples, int) and (self.samples < 0 or self.samples == 1)
+        if few or isinstance(self.samples, bool) or not isinstance(self.samples, int):
+            raise DefinitionError(
+                f"samples: {self.samples!r}", expected="a whole number of at least 2, or 0 for none"
+            )
+        seen = [q.symbol for q in self.states + self.parameters]
+        check_symbols({f"'{m.name}'": m.expression for m in self.measurements}, seen, owner)
+        for number, row in enumerate(self.pfaffian, start=1):
+            self._check_row(number, row, symbols, owner)
+
+    def _check_row(
+        self, number: int, row: PfaffianRow, symbols: list[sp.Symbol], owner: str
+    ) -> None:
+        what = f"Pfaffian row {number}"
+        unknown = sorted(set(row.coefficients) - set(self.rates))
+        if unknown:
+            raise DefinitionError(f"{what} of {owner} names '{unknown[0]}', which is no state")
+        check_symbols({what: sp.Add(row.rhs, *row.coefficients.values())}, symbols, owner)
+        residual = sum((c * self.rates[n] for n, c in row.coefficients.items()), start=-row.rhs)
+        if not vanishes(residual, {p.symbol: sp.Float(p.value) for p in self.parameters}):
+            shown = sp.sstr(residual)
+            raise DefinitionError(
+                f"the rates of {owner} leave {what}: A qdot - b = "
+                f"{shown if len(shown) < 200 else shown[:197] + '...'}",
+                expected="A qdot = b for every state, input and disturbance",
+                remedy="correct the row or the rates",
+            )
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        return tuple(q.name for q in self.states)
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        return tuple(q.name for q in self.inputs)
+
+    @property
+    def disturbance_names(self) -> tuple[str, ...]:
+        return tuple(q.name for q in self.disturbances)
+
+    def quantities(self, names: tuple[str, ...], owner: str) -> tuple[Quantity, ...]:
+        """The states and parameters of these names; `DefinitionError` if one is missing."""
+        known = {q.name: q for q in self.states + self.parameters}
+        for name in names:
+            if name not in known:
+                raise DefinitionError(
+                    f"{owner} needs '{name}', which system '{self.name}' does not have"
+                )
+        return tuple(known[name] for name in names)
+
+    @checked
+    def derivative(self, expression: sp.Expr) -> sp.Expr:
+        """d/dt of an expression of the states along the rates (its Lie derivative)."""
+        terms = [sp.sympify(expression).diff(q.symbol) * self.rates[q.name] for q in self.states]
+        return sp.Add(sp.sympify(expression).diff(TIME), *terms)
+
+    @property
+    def undisturbed_rates(self) -> dict[str, sp.Expr]:
+        """The rates with every disturbance zero, as a law that does not know them sees them."""
+        still = {d.symbol: 0 for d in self.disturbances}
+        return {name: rate.subs(still) for name, rate in self.rates.items()}
+
+
+def check_rates(law: str, system: System, wanted: Callable[..., System], *given: Any) -> None:
+    """Refuse a system whose undisturbed rates are not those of `wanted`(*given).
+
+    Names count: a law is written in the names of the states and inputs it was made for.
+    """
+    try:
+        model = wanted(*given)
+    except DefinitionError:
+        model = wanted()
+    same = system.state_names == model.state_names and system.input_names == model.input_names
+    if same:
+        rates = system.undisturbed_rates
+        same = all(sp.expand(rates[n] - r) == 0 for n, r in model.undisturbed_rates.items())
+    if not same:
+        raise DefinitionError(
+            f"law '{law}' is not made for system '{system.name}'",
+            expected=f"the states, inputs and rates of '{wanted.__name__}'",
+        )
+
+
+def vanishes(expression: sp.Expr, parameters: Mapping[sp.Symbol, float]) -> bool:
+    """Whether an expression is zero, at random points of its symbols and the parameters' values.
+
+    Points where it is not a number are passed over; with too few others it counts as not zero.
+    """
+    generator = random.Random(0)
+    terms = sp.Add.make_args(expression.xreplace(parameters))
+    free = sorted(set().union(*(t.free_symbols for t in terms)), key=str)
+    tested = 0
+    for _ in range(40):
+        values = {s: sp.Float(generator.uniform(-1.7, 1.7)) for s in free}
+        numbers = [complex(sp.N(term.xreplace(values))) for term in terms]
+        if not all(math.isfinite(n.real) and n.imag == 0 for n in numbers):
+            continue
+        if abs(sum(numbers)) > max(1e-14, 1e-9 * max(abs(n) for n in numbers)):
+            return False
+        tested += 1
+        if tested == 8:
+            return True
+    return False

@@ -1,0 +1,161 @@
+"""What differs from run to run: parameters drawn at random, and what follows from them."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import sympy as sp
+
+from holdfast.arguments import checked
+from holdfast.errors import DefinitionError, suggestion
+from holdfast.maths.definitions.quantity import Parameter, frozen, symbol
+
+MOST_VERTICES = 1024
+"""Of a box of draws: ten of them, from every start."""
+
+
+@checked
+@dataclass(frozen=True)
+class Varied:
+    """Parameters that every run has values of its own for.
+
+    draws: name -> (lowest, highest), uniform and independent; a name that is not yet a
+    parameter becomes one. values: parameter -> expression of the draws, of values before it and
+    of other parameters; law and plant both get it. plant: the same for the simulated vehicle
+    alone, whose law keeps the nominal value. units: of the new names, "1" where not given.
+    vertices: the draws that are not drawn at random but take their lowest and their highest value
+    in every combination, from every start: run i is start i // n at the vertex i mod n of n = 2^k.
+    A rate over random draws is an average over their box; the vertices are its corners.
+
+    A current of unknown direction: draws = {"direction": (-pi, pi)}, and the disturbance
+    Vx = 0.2 cos(direction). A law that is told the current: values = {"current_x": ...}.
+
+    What a catalogue function checks when it is called (r1 >= r0) is not checked again.
+
+    Raises `DefinitionError` for a range that is none, a parameter that is varied twice, a
+    value that uses one after it, or vertices of what is not drawn or of more than ten draws.
+    """
+
+    draws: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    values: Mapping[str, sp.Expr] = field(default_factory=dict)
+    plant: Mapping[str, sp.Expr] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    vertices: Sequence[str] = ()
+
+    def __post_init__(self) -> None:
+        for name, given in self.draws.items():
+            if len(given) != 2:
+                raise DefinitionError(
+                    f"'{name}' is drawn from {given!r}",
+                    expected="a lowest and a highest number",
+                    key=f"varied.draws.{name}",
+                )
+            low, high = given
+            if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+                raise DefinitionError(
+                    f"'{name}' is drawn from [{low:g}, {high:g}]",
+                    expected="two finite numbers, lowest first",
+                    key=f"varied.draws.{name}",
+                )
+        self._check_vertices()
+        twice = set(self.draws) & set(self.values)
+        if twice:
+            raise DefinitionError(f"'{min(twice)}' is both drawn and given a value")
+        object.__setattr__(self, "values", frozen(self.values))
+        object.__setattr__(self, "plant", frozen(self.plant))
+        later = set(self.values)
+        for name, expression in self.values.items():
+            later.discard(name)
+            ahead = expression.free_symbols & {symbol(n) for n in later}
+            if ahead:
+                raise DefinitionError(
+                    f"the value of '{name}' uses '{min(map(str, ahead))}', which comes after it"
+                )
+
+    def _check_vertices(self) -> None:
+        chosen = self.vertices
+        if isinstance(chosen, str) or len(set(chosen)) < len(chosen):
+            raise DefinitionError(
+                f"vertices are {chosen!r}",
+                expected="names of draws, each once",
+                key="varied.vertices",
+            )
+        for name in chosen:
+            if name not in self.draws:
+                raise DefinitionError(
+                    f"vertices of '{name}', which is not drawn",
+                    remedy=suggestion(name, self.draws),
+                    key="varied.vertices",
+                )
+        if 2 ** len(chosen) > MOST_VERTICES:
+            raise DefinitionError(
+                f"{len(chosen)} draws have {2 ** len(chosen):,} vertices, tried from every start",
+                expected=f"at most {MOST_VERTICES:,}",
+                remedy="name the draws that matter, and let the others be drawn at random",
+                key="varied.vertices",
+            )
+        object.__setattr__(self, "vertices", tuple(chosen))
+
+    @property
+    def corners(self) -> tuple[tuple[float, ...], ...]:
+        """The values of `vertices` at every vertex, the last name varied first; one () if none."""
+        return tuple(itertools.product(*(self.draws[name] for name in self.vertices)))
+
+    def __bool__(self) -> bool:
+        return bool(self.draws or self.values or self.plant)
+
+    def new_parameters(self, known: Mapping[str, object]) -> tuple[Parameter, ...]:
+        """The drawn names that are no parameters yet, with the middle of their range."""
+        return tuple(
+            Parameter(n, self.units.get(n, "1"), "drawn for every run", value=(low + high) / 2)
+            for n, (low, high) in self.draws.items()
+            if n not in known
+        )
+
+    def check(
+        self, parameters: Mapping[str, Parameter], of_the_plant: Mapping[str, object]
+    ) -> None:
+        """Refuse what names no parameter, or an expression of anything else."""
+        for what, table, names in (
+            ("values", self.values, parameters),
+            ("plant", self.plant, of_the_plant),
+        ):
+            for name, expression in table.items():
+                if name not in names:
+                    raise DefinitionError(
+                        f"there is no parameter '{name}'"
+                        + (" of the system" if what == "plant" else ""),
+                        remedy=suggestion(name, names),
+                        key=f"varied.{what}.{name}",
+                    )
+                unknown = expression.free_symbols - {symbol(n) for n in parameters}
+                if unknown:
+                    raise DefinitionError(
+                        f"'{name}' uses '{min(map(str, unknown))}'",
+                        expected="an expression of parameters and draws",
+                        key=f"varied.{what}.{name}",
+                    )
+
+    @property
+    def expressions(self) -> tuple[sp.Expr, ...]:
+        """Of the values, then of the plant, with every value of the run written out."""
+        known: dict[sp.Symbol, sp.Expr] = {}
+        for name, expression in self.values.items():
+            known[symbol(name)] = expression.subs(known, simultaneous=True)
+        return (
+            *known.values(),
+            *(e.subs(known, simultaneous=True) for e in self.plant.values()),
+        )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What law and plant get: the draws, then the values."""
+        return (*self.draws, *self.values)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Every varied number by name; those of the plant alone are marked."""
+        return (*self.names, *(f"{n} of the plant" for n in self.plant))

@@ -1,0 +1,137 @@
+"""Vehicle files: published parameters, each number with its unit and its source."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from importlib import resources
+from pathlib import Path
+
+from holdfast.errors import HoldfastError, ScenarioError, suggestion
+from holdfast.host.reading import read_small_text
+from holdfast.maths.definitions.quantity import Parameter
+from holdfast.maths.definitions.units import convert, to_si
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """A vehicle file: its title, the system it is for, its parameters and a note."""
+
+    name: str
+    title: str
+    system: str
+    parameters: Mapping[str, Parameter]
+    note: str = ""
+
+
+def vehicle_names() -> tuple[str, ...]:
+    """The vehicles shipped with the package."""
+    files = resources.files("holdfast.vehicles").iterdir()
+    return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
+
+
+def load_vehicle(
+    name: str, units: Mapping[str, tuple[str, str, float]], system: str = "marine_vehicle"
+) -> Vehicle:
+    """The vehicle of that name, or of that file when the name ends in .toml.
+
+    `units` maps every parameter the system needs to (unit, meaning,
+    exclusive lower limit), `system` is what the file must be for. Raises `ScenarioError`
+    for an unknown vehicle, a missing or unknown parameter, a wrong unit or a missing source.
+    """
+    if not isinstance(name, str):
+        raise ScenarioError(f"the vehicle is {name!r}", expected="a name or a file")
+    if name.endswith(".toml"):
+        shown = name
+        try:
+            text = read_small_text(name)
+        except ScenarioError as error:
+            raise ScenarioError(f"vehicle file {error.cause}", expected=error.expected) from None
+    else:
+        if name not in vehicle_names():
+            raise ScenarioError(
+                f"unknown vehicle '{name}'", remedy=suggestion(name, vehicle_names())
+            )
+        shown = f"vehicle '{name}'"
+        text = (resources.files("holdfast.vehicles") / f"{name}.toml").read_text("utf-8")
+    try:
+        data = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ScenarioError(f"{shown}: not a TOML file ({error})") from None
+    for key in sorted(set(data) - {"title", "system", "note", "parameters"}):
+        raise ScenarioError(
+            f"{shown}: unknown key '{key}'", expected="title, system, note, parameters"
+        )
+    for key in ("title", "system", "parameters"):
+        if key not in data:
+            raise ScenarioError(f"{shown}: missing key '{key}'")
+    if data["system"] != system:
+        raise ScenarioError(f"{shown}: is for system {data['system']!r}", expected=f"'{system}'")
+    given = data["parameters"]
+    if not isinstance(given, dict):
+        raise ScenarioError(f"{shown}: parameters is {given!r}", expected="a table")
+    for key in given:
+        if key not in units:
+            raise ScenarioError(
+                f"{shown}: unknown parameter '{key}'", remedy=suggestion(key, units)
+            )
+    parameters = {}
+    for key, (unit, meaning, above) in units.items():
+        if key not in given:
+            raise ScenarioError(f"{shown}: missing parameter '{key}' ({meaning}, {unit})")
+        parameters[key] = _parameter(shown, key, given[key], unit, meaning, above)
+    return Vehicle(
+        Path(name).stem,
+        str(data["title"]),
+        str(data["system"]),
+        parameters,
+        str(data.get("note", "")),
+    )
+
+
+def _parameter(
+    shown: str, key: str, entry: object, unit: str, meaning: str, above: float
+) -> Parameter:
+    where = f"{shown}: parameters.{key}"
+    if not isinstance(entry, dict):
+        raise ScenarioError(
+            f"{where} is {entry!r}", expected=f'{{ value = ..., unit = "{unit}", source = "..." }}'
+        )
+    for field in sorted(set(entry) - {"value", "unit", "source", "assumed"}):
+        raise ScenarioError(
+            f"{where}: unknown key '{field}'", expected="value, unit, source, assumed"
+        )
+    for field in ("value", "unit", "source"):
+        if field not in entry:
+            raise ScenarioError(f"{where}: missing key '{field}'")
+    try:
+        value = convert(to_si(entry["value"], str(entry["unit"])), str(entry["unit"]), unit)
+    except HoldfastError as error:
+        raise ScenarioError(f"{where}: {error}") from None
+    assumed = entry.get("assumed", False)
+    if not isinstance(assumed, bool):
+        raise ScenarioError(f"{where}.assumed is {assumed!r}", expected="true or false")
+    return Parameter(
+        key,
+        unit,
+        meaning,
+        value=value,
+        source=str(entry["source"]),
+        assumed=assumed,
+        above=above,
+    )
+
+
+def overridden(
+    parameters: Mapping[str, Parameter], overrides: Mapping[str, float], owner: str
+) -> dict[str, Parameter]:
+    """The parameters with some values replaced; `ScenarioError` for an unknown name."""
+    result = dict(parameters)
+    for key, value in overrides.items():
+        if key not in parameters:
+            raise ScenarioError(
+                f"{owner} has no parameter '{key}'", remedy=suggestion(key, parameters)
+            )
+        result[key] = replace(parameters[key], value=float(value), source="set by the user")
+    return result

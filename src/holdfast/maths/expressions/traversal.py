@@ -1,0 +1,82 @@
+"""Expressions whose parts occur many times: every part is visited once.
+
+SymPy's own methods walk the tree, whose size may be a thousand times that of the expression.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+import sympy as sp
+
+from holdfast.maths.expressions.functions import RealFunction
+
+
+def parts(expressions: Iterable[sp.Basic]) -> Iterator[sp.Basic]:
+    """Every part of the expressions, each once."""
+    seen: set[sp.Basic] = set()
+    waiting = list(expressions)
+    while waiting:
+        part = waiting.pop()
+        if part not in seen:
+            seen.add(part)
+            waiting.extend(part.args)
+            yield part
+
+
+def symbols_of(expressions: Iterable[sp.Basic]) -> set[sp.Symbol]:
+    """All symbols of the expressions."""
+    return {part for part in parts(expressions) if isinstance(part, sp.Symbol)}
+
+
+def exchanged(expressions: Iterable[sp.Expr], values: Mapping[sp.Expr, sp.Expr]) -> list[sp.Expr]:
+    """The expressions with parts exchanged for others, as by `xreplace`."""
+    known: dict[sp.Basic, sp.Basic] = dict(values)
+
+    def found(part: sp.Basic) -> sp.Basic:
+        if part not in known:
+            arguments = [found(a) for a in part.args]
+            same = all(a is b for a, b in zip(arguments, part.args, strict=True))
+            known[part] = part if same else part.func(*arguments)
+        return known[part]
+
+    return [found(e) for e in expressions]
+
+
+def derivatives(expression: sp.Expr, by: Iterable[sp.Symbol]) -> dict[sp.Symbol, sp.Expr]:
+    """The derivative of the expression by each symbol, as `diff` has it."""
+    return {s: _derivative(expression, s, {}) for s in by}
+
+
+def _derivative(e: sp.Expr, s: sp.Symbol, known: dict[sp.Basic, sp.Expr]) -> sp.Expr:
+    if e not in known:
+        if isinstance(e, CHAINED):
+            known[e] = _by_chain(e, s, [_derivative(a, s, known) for a in e.args])
+        else:
+            known[e] = e.diff(s)
+    return known[e]
+
+
+_OF_ONE = (sp.sin, sp.cos, sp.tan, sp.tanh, sp.exp, sp.log, sp.atan)
+CHAINED = (sp.Add, sp.Mul, sp.Pow, RealFunction, *_OF_ONE)
+"""Of all else the arguments may be no numbers: the conditions of a `Piecewise`."""
+
+
+def _by_chain(e: sp.Expr, s: sp.Symbol, slopes: Sequence[sp.Expr]) -> sp.Expr:
+    """The derivative from those of the arguments."""
+    if all(slope == 0 for slope in slopes):
+        return sp.S.Zero
+    if isinstance(e, sp.Add):
+        return sp.Add(*slopes)
+    if isinstance(e, sp.Mul):
+        return sp.Add(
+            *(
+                sp.Mul(*e.args[:i], slope, *e.args[i + 1 :])
+                for i, slope in enumerate(slopes)
+                if slope != 0
+            )
+        )
+    if isinstance(e, sp.Pow):
+        base, exponent = e.args
+        return e * (slopes[1] * sp.log(base) + slopes[0] * exponent / base)
+    return e.slope(slopes) if isinstance(e, RealFunction) else e.fdiff(1) * slopes[0]

@@ -1,0 +1,185 @@
+"""A leader and its followers in the world, each of which sees the one before it alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import sympy as sp
+
+from holdfast.errors import DefinitionError
+from holdfast.maths.catalogue.systems.leader_follower import sight
+from holdfast.maths.catalogue.systems.unicycle import unicycle
+from holdfast.maths.definitions.compose_systems import renamed, side_by_side
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.measurement import Measurement, by_measurements
+from holdfast.maths.definitions.quantity import Parameter, merge_parameters, symbol, whole_number
+from holdfast.maths.definitions.region import Inequality, Region
+from holdfast.maths.definitions.scene import Footprint, Segment
+from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.functions import angle, length, magnitude
+from holdfast.maths.formations.footprint import triangle
+from holdfast.maths.formations.walls import sight_distance, wall_distance
+from holdfast.maths.reference_fields.dipole import GUARD, UNSEEN
+
+Walls = Sequence[tuple[tuple[float, float], tuple[float, float]]]
+
+
+def robot_names(followers: int) -> tuple[str, ...]:
+    """ "L", "1", "2", ...: what the names of a robot's quantities end in."""
+    return ("L", *(str(k) for k in range(1, followers + 1)))
+
+
+def chain(followers: int = 1, *, speed_limit: float = 2.0, turn_limit: float = 4.0) -> System:
+    """A leader and its followers, unicycles in the world: xL, yL, thetaL, x1, y1, theta1, ...
+
+    Inputs uL, wL, u1, w1, ... [m/s, rad/s], all within the same limits. Follower k measures
+    `range{k}` and `bearing{k}` of the robot before it.
+    """
+    whole_number(followers, "number of followers", 1, 20)
+    names = robot_names(followers)
+    letters = {"x": "x", "y": "y", "psi": "theta", "v": "u", "r": "w"}
+    robots = [
+        renamed(
+            unicycle(speed_limit, turn_limit), {old: f"{new}{of}" for old, new in letters.items()}
+        )
+        for of in names
+    ]
+    measured: list[Measurement] = []
+    for before, of in pairwise(names):
+        measured += sight(*_in_view(of, before), of)
+    return replace(
+        side_by_side(*robots, name="chain"),
+        measurements=tuple(measured),
+        description="wheeled robots in a row, each of which sees the one before it",
+        source="thesis (6.1), section 6.6",
+    )
+
+
+def joint_law(system: System, leader: Switching, followers: Sequence[Law]) -> Switching:
+    """The leader's law and, whatever its mode, that of every follower, as one law of the chain.
+
+    A follower's law reads `range` and `bearing` and gives uF and wF; the k-th is given those of
+    the k-th follower. Its parameter `leader_speed` is what the k-th is told of the one before it.
+    """
+    placed = []
+    for k, law in enumerate(followers, start=1):
+        names = {n: f"{n}{k}" for n in ("range", "bearing", "leader_speed")}
+        mine = by_measurements(system, _renamed_law(law, names, str(k)))
+        assert isinstance(mine, Law)
+        placed.append(mine)
+
+    def with_followers(mode: Law) -> Law:
+        return replace(
+            mode,
+            reads=system.states,
+            outputs={**mode.outputs, **{n: e for law in placed for n, e in law.outputs.items()}},
+            parameters=merge_parameters(mode.parameters, *(law.parameters for law in placed)),
+        )
+
+    return leader.map_laws(with_followers, f"{leader.name}, {followers[0].name}")
+
+
+def chain_in_view(
+    followers: int,
+    walls: Walls,
+    *,
+    range_max: float,
+    half_angle: float,
+    robot_radius: float,
+) -> Region:
+    """Every robot sees the one before it, past all walls; none touches another or a wall.
+
+    For follower k: bearing{k}, range{k} as in `leader_in_view`, sight{k}, minus the distance of
+    the line of sight to the walls (positive where a wall is in between); for every robot clear_*,
+    its radius less its distance to the walls; for every two apart_*, twice the radius less theirs.
+    """
+    names = robot_names(followers)
+    reach, alpha, radius = (symbol(n) for n in ("range_max", "half_angle", "robot_radius"))
+    ends, corners = _walls(walls)
+    seen: list[Inequality] = []
+    for k, (before, of) in enumerate(pairwise(names), start=1):
+        ahead, left = _in_view(of, before)
+        line = sight_distance(_place(before), _place(of), ends)
+        seen += [
+            Inequality(f"bearing{k}", magnitude(angle(left, ahead, GUARD**2)) - alpha, "rad"),
+            Inequality(f"range{k}", ahead - reach * sp.cos(alpha), "m"),
+            Inequality(f"sight{k}", -line, "m"),
+        ]
+    clear = [
+        Inequality(f"clear_{of}", radius - wall_distance(_place(of), ends), "m") for of in names
+    ]
+    apart = [
+        Inequality(f"apart_{one}_{other}", 2 * radius - _between(one, other), "m")
+        for i, one in enumerate(names)
+        for other in names[i + 1 :]
+    ]
+    states = chain(followers).states
+    return Region(
+        name="chain_in_view",
+        reads=states,
+        inequalities=(*seen, *clear, *apart),
+        parameters=(
+            Parameter("range_max", "m", "range Ls of the cameras", value=range_max, above=0.0),
+            Parameter("half_angle", "rad", "half angle of view", value=half_angle, above=0.0),
+            Parameter("robot_radius", "m", "radius r0 of a robot", value=robot_radius, above=0.0),
+            *corners,
+        ),
+        scene=(
+            *(
+                Segment("wall", (ends[i], ends[i + 1]), (ends[i + 2], ends[i + 3]))
+                for i in range(0, len(ends), 4)
+            ),
+            *(
+                Footprint("view", _place(of), symbol(f"theta{of}"), triangle(reach, alpha))
+                for of in names[1:]
+            ),
+        ),
+        description="every robot sees the one before it, none touches another or a wall",
+        source="thesis (6.8), section 6.5",
+    )
+
+
+def _walls(walls: Walls) -> tuple[list[sp.Symbol], tuple[Parameter, ...]]:
+    corners = [
+        Parameter(f"wall{i}_{name}", "m", "end of a wall", value=value)
+        for i, ((ax, ay), (bx, by)) in enumerate(walls, start=1)
+        for name, value in (("x0", ax), ("y0", ay), ("x1", bx), ("y1", by))
+    ]
+    return [p.symbol for p in corners], tuple(corners)
+
+
+def _place(of: str) -> tuple[sp.Symbol, sp.Symbol]:
+    return symbol(f"x{of}"), symbol(f"y{of}")
+
+
+def _in_view(of: str, other: str) -> tuple[sp.Expr, sp.Expr]:
+    """Where another robot is, ahead and to the left of this one."""
+    (x, y), (other_x, other_y) = _place(of), _place(other)
+    theta, dx, dy = symbol(f"theta{of}"), other_x - x, other_y - y
+    return sp.cos(theta) * dx + sp.sin(theta) * dy, sp.cos(theta) * dy - sp.sin(theta) * dx
+
+
+def _between(one: str, other: str) -> sp.Expr:
+    (ax, ay), (bx, by) = _place(one), _place(other)
+    return length(bx - ax, by - ay, UNSEEN)
+
+
+def _renamed_law(law: Law, names: Mapping[str, str], of: str) -> Law:
+    """The law with other names for what it reads and for its parameters; outputs u{of}, w{of}."""
+    new = {symbol(old): symbol(given) for old, given in names.items()}
+    outputs = {"uF": f"u{of}", "wF": f"w{of}"}
+    if law.safeguard is not None or set(law.outputs) != set(outputs):
+        raise DefinitionError(
+            f"law '{law.name}' is not for a chain",
+            expected="one of 'approach_leader', 'follow_leader', or one with outputs uF and wF "
+            "and no half-spaces to keep them in",
+        )
+    return replace(
+        law,
+        reads=tuple(replace(q, name=names.get(q.name, q.name)) for q in law.reads),
+        outputs={outputs[n]: e.xreplace(new) for n, e in law.outputs.items()},
+        parameters=tuple(replace(p, name=names.get(p.name, p.name)) for p in law.parameters),
+    )

@@ -1,0 +1,125 @@
+"""What a sensor sees of the plane around a robot: a convex polygon in the robot's own frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import sympy as sp
+
+from holdfast.errors import DefinitionError
+from holdfast.maths.definitions.quantity import Parameter, symbol
+
+
+@dataclass(frozen=True)
+class Edge:
+    """ahead * X + left * Y <= offset, (ahead, left) being the outward normal of length one."""
+
+    ahead: sp.Expr
+    left: sp.Expr
+    offset: sp.Expr
+
+
+Polygon = tuple[tuple[float, float], ...]
+
+
+def triangle(reach: sp.Expr, half_angle: sp.Expr) -> tuple[tuple[sp.Expr, sp.Expr], ...]:
+    """The view of a camera whose sides are `reach` long, `half_angle` from straight ahead."""
+    ahead, left = reach * sp.cos(half_angle), reach * sp.sin(half_angle)
+    return (sp.S.Zero, sp.S.Zero), (ahead, -left), (ahead, left)
+
+
+def polygon(vertices: object = None, what: str = "the footprint") -> Polygon:
+    """The vertices of a convex polygon, counterclockwise; None: the triangle of 2.5 m, 35 degrees.
+
+    Raises `DefinitionError` for fewer than three vertices, what are no pairs of numbers, and a
+    polygon that is not convex.
+    """
+    if vertices is None:
+        usual = triangle(sp.Float(2.5), sp.rad(35))
+        return tuple((float(a), float(b)) for a, b in usual)
+    points = _points(vertices, what)
+    count = len(points)
+    ways = [_minus(points[(i + 1) % count], points[i]) for i in range(count)]
+    turns = [_cross(ways[i - 1], ways[i]) for i in range(count)]
+    side = math.copysign(1.0, sum(turns))
+    for point, turn in zip(points, turns, strict=True):
+        if not turn * side > 0:
+            raise DefinitionError(
+                f"{what} is not convex at ({point[0]:g}, {point[1]:g})",
+                expected="a convex polygon, its vertices in order, none between two others",
+            )
+    headings = [math.atan2(b, a) for a, b in ways]
+    around = sum(math.remainder(headings[i] - headings[i - 1], math.tau) for i in range(count))
+    if abs(around) > 1.5 * math.tau:
+        raise DefinitionError(f"{what} winds around twice", expected="vertices in order")
+    return tuple(points if side > 0 else reversed(points))
+
+
+def edges(corners: Polygon) -> tuple[Edge, ...]:
+    """The sides of a polygon that `polygon` returned."""
+    found = []
+    for one, other in zip(corners, corners[1:] + corners[:1], strict=True):
+        along, aside = _minus(other, one)
+        size = math.hypot(along, aside)
+        normal = aside / size, -along / size
+        offset = normal[0] * one[0] + normal[1] * one[1]
+        found.append(Edge(*(sp.Float(value) for value in (*normal, offset))))
+    return tuple(found)
+
+
+def _minus(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
+    return a[0] - b[0], a[1] - b[1]
+
+
+def _cross(a: tuple[float, float], b: tuple[float, float]) -> float:
+    return a[0] * b[1] - a[1] * b[0]
+
+
+def side_parameters(corners: Polygon) -> tuple[tuple[Edge, ...], tuple[Parameter, ...]]:
+    """The sides in symbols, and their values: one program serves all polygons of so many sides."""
+    symbols, values = [], []
+    for number, side in enumerate(edges(corners), start=1):
+        named = [
+            Parameter(f"side{number}_{name}", unit, what, value=float(getattr(side, name)))
+            for name, unit, what in (
+                ("ahead", "1", "normal of a side of the footprint"),
+                ("left", "1", "normal of a side of the footprint"),
+                ("offset", "m", "distance of a side from the sensor"),
+            )
+        ]
+        symbols.append(Edge(*(p.symbol for p in named)))
+        values += named
+    return tuple(symbols), tuple(values)
+
+
+def body_coordinates() -> tuple[sp.Expr, sp.Expr]:
+    """Where the leader is in the frame of a follower at (x, y, beta) of the leader's frame."""
+    x, y, beta = (symbol(n) for n in ("x", "y", "beta"))
+    return -x * sp.cos(beta) - y * sp.sin(beta), x * sp.sin(beta) - y * sp.cos(beta)
+
+
+def _listed(value: Any) -> list[Any]:
+    """What a list, a tuple or an array contains; nothing for anything else."""
+    value = getattr(value, "tolist", lambda: value)()
+    return list(value) if isinstance(value, Sequence) and not isinstance(value, str) else []
+
+
+def _points(vertices: object, what: str) -> list[tuple[float, float]]:
+    points = []
+    for vertex in _listed(vertices):
+        numbers = _listed(vertex)
+        if len(numbers) != 2 or not all(
+            isinstance(n, int | float) and math.isfinite(n) for n in numbers
+        ):
+            raise DefinitionError(
+                f"vertex {vertex!r} of {what}", expected="two finite numbers in m"
+            )
+        points.append((float(numbers[0]), float(numbers[1])))
+    if len(points) < 3:
+        raise DefinitionError(
+            f"{what} has {len(points)} vertices", expected="at least 3 pairs of numbers"
+        )
+    return points

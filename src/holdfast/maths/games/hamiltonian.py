@@ -1,0 +1,301 @@
+"""The Hamiltonian of a system: the best input against the worst disturbance.
+
+    H(t, q, p) = opt_u  opp_d  p . f(t, q, u, d),   opt, opp each a maximum or a minimum
+
+For rates that are affine in u and d the two separate, H = p . f0 + s_u(G'p) + s_d(D'p), where s
+is the support function of the set: sum of |.| for a box, the Euclidean norm for a ball, that of
+M' G'p for the image under M. What has no closed form is sampled (`sampled.py`). Nothing here is
+specific to a system (thesis (7.3), (7.6), (7.7)).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import sympy as sp
+
+from holdfast.arguments import checked
+from holdfast.errors import DefinitionError
+from holdfast.maths.definitions.bounds import Bounds, section
+from holdfast.maths.definitions.quantity import Quantity, frozen
+from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.functions import greatest, least, magnitude, select
+from holdfast.maths.games.sampled_inputs import (
+    Point,
+    check_count,
+    dependences,
+    in_the_way,
+    points_of,
+    without_closed_form,
+)
+from holdfast.maths.games.supports import ends, reach, support
+
+
+@dataclass(frozen=True)
+class Hamiltonian:
+    """H and what follows from it, as expressions of t, the states, `costates` and parameters.
+
+    costates: p_i, one for each state. inputs, disturbances: the optimal ones. speeds: bounds of
+    |dH/dp_i| for every p, the dissipation of a local Lax-Friedrichs scheme. tight_speeds: the same
+    for p_i within `spreads` (half-widths) of `costates`, of the local-local scheme. samples: along
+    every coordinate of what is sampled, 0 for a closed form. separable: whether no rate mixes
+    inputs with disturbances, so that it does not matter who chooses first (the condition of
+    R. Isaacs); where it is False, the disturbance answers the input.
+    """
+
+    system: System
+    costates: tuple[sp.Symbol, ...]
+    spreads: tuple[sp.Symbol, ...]
+    value: sp.Expr
+    inputs: Mapping[str, sp.Expr]
+    disturbances: Mapping[str, sp.Expr]
+    speeds: tuple[sp.Expr, ...]
+    tight_speeds: tuple[sp.Expr, ...]
+    samples: int = 0
+    separable: bool = True
+
+
+@checked
+def hamiltonian(
+    system: System, *, inputs: str = "max", disturbances: str = "min", samples: int | None = None
+) -> Hamiltonian:
+    """The Hamiltonian of `system` within its bounds; each player a "max" or a "min".
+
+    samples: what has no closed form is replaced by so many points along every coordinate of its
+    set (`maths/sampled.py`), the rest keeps its closed form; by default `system.samples`.
+
+    Raises `DefinitionError` for an input or a disturbance that is unbounded; without samples, for
+    rates that are not affine in them, or that multiply one by another; and for samples where there
+    is a closed form, or that are more points than `sampled.MOST`.
+    """
+    for what, side in (("inputs", inputs), ("disturbances", disturbances)):
+        if side not in ("max", "min"):
+            raise DefinitionError(f"{what}={side!r}", expected='"max" or "min"')
+    if samples is not None:
+        system = replace(system, samples=samples)
+    n = len(system.states)
+    p = sp.Matrix(sp.symbols(f"_p0:{n}", real=True))
+    spread = sp.Matrix(sp.symbols(f"_dp0:{n}", real=True))
+    for what, members, bounds in (
+        ("input", system.inputs, system.input_bounds),
+        ("disturbance", system.disturbances, system.disturbance_bounds),
+    ):
+        _check_bounded(system, what, members, bounds)
+    which = without_closed_form(system) if system.samples else set()
+    if samples and not which:
+        raise DefinitionError(
+            f"samples: {samples}, but the rates of system '{system.name}' are affine in every "
+            "input and disturbance: there is a closed form",
+            remedy="leave out samples",
+        )
+    players, points = [], []
+    for what, members, bounds, side in (
+        ("input", system.inputs, system.input_bounds, inputs),
+        ("disturbance", system.disturbances, system.disturbance_bounds, disturbances),
+    ):
+        closed = tuple(q for q in members if q.symbol not in which)
+        rest = section(bounds, [q in closed for q in members])
+        players.append(_Player(system, what, closed, rest, side, frozenset(which)))
+        symbols = [q.symbol for q in members]
+        points.append(points_of(bounds, symbols, which, system.samples))
+    check_count(*(len(every) for every in points))
+    rates = sp.Matrix(list(system.rates.values()))
+    gains = [player.gain(rates) for player in players]
+    still = rates.xreplace({q.symbol: sp.S.Zero for one in players for q in one.members})
+
+    def case(u: Point, d: Point) -> _Case:
+        at = u | d
+        drift = still.xreplace(at)
+        now = [gain.xreplace(at) for gain in gains]
+        sets = zip(players, now, strict=True)
+        return _case(list(sets), drift, p, spread, at)
+
+    answers = [_best([case(u, d) for d in points[1]], players[1].sign, spread) for u in points[0]]
+    found = _best(answers, players[0].sign, spread)
+    return Hamiltonian(
+        system,
+        tuple(p),
+        tuple(spread),
+        found.value,
+        frozen({q.name: found.chosen[q.symbol] for q in system.inputs}),
+        frozen({q.name: found.chosen[q.symbol] for q in system.disturbances}),
+        found.speeds,
+        found.tight_speeds,
+        system.samples if which else 0,
+        not any(
+            found & {d.symbol for d in system.disturbances}
+            for q in system.inputs
+            for found in dependences(system, q.symbol)
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class _Case:
+    """H for some points of what is sampled, and who chooses what.
+
+    low, high: bounds of dH/dp_i for every p. tight_speeds: of |dH/dp_i| for p within the spread.
+    """
+
+    value: sp.Expr
+    chosen: Mapping[sp.Symbol, sp.Expr]
+    low: tuple[sp.Expr, ...]
+    high: tuple[sp.Expr, ...]
+    speeds: tuple[sp.Expr, ...]
+    tight_speeds: tuple[sp.Expr, ...]
+
+
+def _case(
+    sets: Sequence[tuple[_Player, sp.Matrix]],
+    drift: sp.Matrix,
+    p: sp.Matrix,
+    spread: sp.Matrix,
+    at: Point,
+) -> _Case:
+    """The closed form of H = p . drift + s_u(G'p) + s_d(D'p)."""
+    n = len(drift)
+    value, chosen = (p.T * drift)[0], dict(at)
+    speeds, tight = list(drift), list(drift)
+    widths = [sp.S.Zero] * n
+    tight_widths = [sp.S.Zero] * n
+    for player, gain in sets:
+        support, best = player.support(gain.T * p)
+        value += support
+        chosen |= best
+        centre, width, near, narrow = player.reach(gain, p, spread)
+        for i in range(n):
+            speeds[i] += centre[i]
+            widths[i] += width[i]
+            tight[i] += near[i]
+            tight_widths[i] += narrow[i]
+    return _Case(
+        value,
+        chosen,
+        tuple(a - w for a, w in zip(speeds, widths, strict=True)),
+        tuple(a + w for a, w in zip(speeds, widths, strict=True)),
+        tuple(magnitude(a) + w for a, w in zip(speeds, widths, strict=True)),
+        tuple(magnitude(a) + w for a, w in zip(tight, tight_widths, strict=True)),
+    )
+
+
+def _best(cases: Sequence[_Case], sign: int, spread: sp.Matrix) -> _Case:
+    """The case of the most (the least) value.
+
+    Within the spread dp the lead of the best case b over case k changes by at most
+
+        S_k = sum_i |dH_b/dp_i - dH_k/dp_i| dp_i
+
+    so that a case which is further behind is the best for none of those p, and its speeds do not
+    count.
+    """
+    if len(cases) == 1:
+        return cases[0]
+    axes = range(len(spread))
+    first = _first(cases, sign)
+    tight: list[list[sp.Expr]] = [[] for _ in axes]
+    for case in cases:
+        swing = sum(
+            greatest(magnitude(case.high[i] - first.low[i]), magnitude(first.high[i] - case.low[i]))
+            * spread[i]
+            for i in axes
+        )
+        room = swing - sign * (first.value - case.value)  # below 0: the best nowhere near
+        for i in axes:
+            tight[i].append(select(room, case.tight_speeds[i], sp.S.Zero))
+    return _Case(
+        first.value,
+        first.chosen,
+        tuple(_of_all(least, [c.low[i] for c in cases]) for i in axes),
+        tuple(_of_all(greatest, [c.high[i] for c in cases]) for i in axes),
+        tuple(_of_all(greatest, [c.speeds[i] for c in cases]) for i in axes),
+        tuple(_of_all(greatest, row) for row in tight),
+    )
+
+
+def _first(cases: Sequence[_Case], sign: int) -> _Case:
+    """The case that has the most (the least) value at p itself, by halves."""
+    if len(cases) == 1:
+        return cases[0]
+    one, other = (_first(half, sign) for half in (cases[::2], cases[1::2]))
+    lead = sign * (one.value - other.value)
+
+    def pick(these: Sequence[sp.Expr], those: Sequence[sp.Expr]) -> tuple[sp.Expr, ...]:
+        return tuple(select(lead, a, b) for a, b in zip(these, those, strict=True))
+
+    return replace(
+        one,
+        value=(greatest if sign > 0 else least)(one.value, other.value),
+        chosen={s: select(lead, e, other.chosen[s]) for s, e in one.chosen.items()},
+        low=pick(one.low, other.low),
+        high=pick(one.high, other.high),
+    )
+
+
+def _of_all(pick: Callable[..., sp.Expr], values: Sequence[sp.Expr]) -> sp.Expr:
+    """The least or the greatest, by halves, so that expressions stay shallow."""
+    if len(values) == 1:
+        return values[0]
+    return pick(_of_all(pick, values[::2]), _of_all(pick, values[1::2]))
+
+
+def _check_bounded(
+    system: System, what: str, members: Sequence[Quantity], bounds: Bounds | None
+) -> None:
+    owner = f"system '{system.name}'"
+    if members and bounds is None:
+        raise DefinitionError(
+            f"{owner} has no bounds for its {what}s",
+            remedy=f"give {what} bounds: a kernel depends on what the {what}s can do",
+        )
+    if bounds is not None and any(e.is_infinite for e in ends(bounds)):
+        raise DefinitionError(
+            f"{'an' if what == 'input' else 'a'} {what} of {owner} is unbounded",
+            expected="finite bounds",
+            remedy=f"say what the {what} can be at most",
+        )
+
+
+@dataclass(frozen=True)
+class _Player:
+    """One side: its quantities that have a closed form, the set they live in, whether it takes the
+    most or the least, and what is sampled of either side."""
+
+    system: System
+    what: str
+    members: tuple[Quantity, ...]
+    bounds: Bounds | None
+    side: str
+    sampled: frozenset[sp.Symbol]
+
+    @property
+    def sign(self) -> int:
+        return 1 if self.side == "max" else -1
+
+    def gain(self, rates: sp.Matrix) -> sp.Matrix:
+        """d f / d u, refused where it depends on an input or a disturbance that is not sampled."""
+        symbols = [q.symbol for q in self.members]
+        for symbol in symbols:
+            ways = in_the_way(self.system, symbol, set(self.sampled))
+            for name, found in zip(self.system.state_names, ways, strict=True):
+                if found:
+                    raise DefinitionError(
+                        f"the rate of '{name}' is not affine in '{symbol}': its derivative by it "
+                        f"depends on '{min(map(str, found))}'",
+                        expected="rates affine in every input and disturbance, for a closed form",
+                        remedy="or take points of their sets in place of it, for example samples=9",
+                    )
+        return rates.jacobian(symbols) if symbols else sp.zeros(len(rates), 0)
+
+    def support(self, weights: sp.Matrix) -> tuple[sp.Expr, dict[sp.Symbol, sp.Expr]]:
+        """opt over the set of weights . u, and where it is attained."""
+        if not self.members:
+            return sp.S.Zero, {}
+        value, best = support(self.bounds, list(weights), self.sign)
+        return value, dict(zip((q.symbol for q in self.members), best, strict=True))
+
+    def reach(self, gain: sp.Matrix, p: sp.Matrix, spread: sp.Matrix) -> tuple[list[sp.Expr], ...]:
+        """What it adds to each rate: centre and half-width, for any p, and for those near."""
+        if self.bounds is None:
+            return ([sp.S.Zero] * gain.rows,) * 4
+        return reach(self.bounds, gain, p, spread, self.sign)

@@ -1,0 +1,120 @@
+"""Points in place of the sets of some inputs and disturbances, where there is no closed form.
+
+    H = opt_i opp_j  p . f(t, q, u_i, d_j)   over the points u_i, d_j of the sets
+
+opt comes first: the disturbance answers the input. With max_i min_j that is the lower value,
+max min <= min max, and what it promises holds for a disturbance that knows the input.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import sympy as sp
+
+from holdfast.errors import DefinitionError
+from holdfast.maths.definitions.bounds import Ball, Bounds, Box, LinearImage, Product, section
+from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.functions import select, sgn, wrap
+
+MOST = 400
+"""Pairs of a point of the inputs and one of the disturbances; every node looks at all of them."""
+
+Point = dict[sp.Symbol, sp.Expr]
+
+
+def dependences(system: System, symbol: sp.Symbol) -> list[set[sp.Symbol]]:
+    """What the derivative of every rate by `symbol` depends on: nothing, for a constant gain.
+
+    What jumps in `symbol`, and so has no derivative there, depends on it.
+    """
+    found = []
+    for rate in system.rates.values():
+        jumps = any(e.has(symbol) for e in rate.atoms(sgn, wrap, select, sp.Piecewise))
+        found.append(rate.diff(symbol).free_symbols | ({symbol} if jumps else set()))
+    return found
+
+
+def in_the_way(system: System, symbol: sp.Symbol, sampled: set[sp.Symbol]) -> list[set[sp.Symbol]]:
+    """For every rate, the inputs and disturbances for which `symbol` has no closed form.
+
+    A disturbance has one at every sampled input; an input, which comes first, has to do without
+    knowing the disturbance.
+    """
+    inputs = {q.symbol for q in system.inputs}
+    disturbances = {q.symbol for q in system.disturbances}
+    unknown = (inputs | disturbances) - sampled
+    if symbol in inputs:
+        unknown |= disturbances
+    return [found & unknown for found in dependences(system, symbol)]
+
+
+def without_closed_form(system: System) -> set[sp.Symbol]:
+    """The inputs and disturbances that have to be sampled for all the others to have a closed form.
+
+    Members of a ball or an image go together. First what is not affine in itself; then the inputs
+    that mix with disturbances; then what mixes among the inputs, or among the disturbances.
+    """
+    groups = [
+        *_groups(system.input_bounds, [q.symbol for q in system.inputs]),
+        *_groups(system.disturbance_bounds, [q.symbol for q in system.disturbances]),
+    ]
+    disturbances = {q.symbol for q in system.disturbances}
+    sampled: set[sp.Symbol] = set()
+    for among in ("itself", "the disturbances", "all"):
+        for group in groups:
+            found = set().union(*(e for s in group for e in in_the_way(system, s, sampled)))
+            if among == "itself":
+                found &= set(group)
+            elif among == "the disturbances":
+                found &= disturbances
+            if found:
+                sampled |= set(group)
+    return sampled
+
+
+def points_of(bounds: Bounds | None, members: Sequence[sp.Symbol], which: set[sp.Symbol],
+              samples: int) -> list[Point]:  # fmt: skip
+    """The points of the members in `which`; one without coordinates where there are none."""
+    part = section(bounds, [m in which for m in members])
+    if part is None:
+        return [{}]
+    names = [m for m in members if m in which]
+    return [dict(zip(names, point, strict=True)) for point in _points(part, samples)]
+
+
+def check_count(inputs: int, disturbances: int) -> None:
+    if inputs * disturbances > MOST:
+        raise DefinitionError(
+            f"{inputs} points of the inputs times {disturbances} of the disturbances are "
+            f"{inputs * disturbances}",
+            expected=f"at most {MOST}",
+            remedy="take fewer samples",
+        )
+
+
+def _groups(bounds: Bounds | None, members: Sequence[sp.Symbol]) -> list[Sequence[sp.Symbol]]:
+    """The members of a set that are free of each other."""
+    if isinstance(bounds, Product):
+        return [g for part, mine in bounds.split(members) for g in _groups(part, mine)]
+    return [[m] for m in members] if isinstance(bounds, Box) else [members]
+
+
+def _points(bounds: Bounds, samples: int) -> list[tuple[sp.Expr, ...]]:
+    """`samples` along every coordinate of a box, with its ends; those of a cube's surface, put on
+    the rim of a ball, and its centre; images and products of these."""
+    if isinstance(bounds, Product):
+        every = itertools.product(*(_points(part, samples) for part in bounds.parts))
+        return [tuple(itertools.chain(*one)) for one in every]
+    if isinstance(bounds, LinearImage):
+        return [tuple(bounds.produce(a)) for a in _points(bounds.of, samples)]
+    shares = [sp.Rational(k, samples - 1) for k in range(samples)]
+    if isinstance(bounds, Ball):
+        n = bounds.dimension
+        cube = itertools.product([2 * s - 1 for s in shares], repeat=n)
+        rim = [sp.Matrix(c) for c in cube if max(abs(e) for e in c) == 1]
+        return [(sp.S.Zero,) * n, *(tuple(bounds.radius * (c / c.norm())) for c in rim)]
+    assert isinstance(bounds, Box)
+    sides = zip(bounds.lower, bounds.upper, strict=True)
+    return list(itertools.product(*([a + (b - a) * s for s in shares] for a, b in sides)))

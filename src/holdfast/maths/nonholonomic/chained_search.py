@@ -1,0 +1,182 @@
+"""Search for chained coordinates: z1 and zn among the states, the others by differentiation.
+
+    z_(j-1) = L_g1 z_j / L_g1 z1,   j = n ... 3,   while L_g2 z_j = 0;   L_g2 z1 = 0
+
+with g1, g2 a basis of the motions. Then z1' = v1, z2' = v2, zj' = z(j-1) v1 for the inputs
+v1 = L_g1 z1 u1 and v2 = L_g1 z2 u1 + L_g2 z2 u2, and the exact linear closed loop of
+`chained` applies. Only states are tried as ends: combinations of states, and coordinates that
+solve partial differential equations, are not.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mpmath
+import sympy as sp
+
+from holdfast.maths.definitions.quantity import Quantity
+from holdfast.maths.expressions.random_points import Sampler, value_at
+from holdfast.maths.expressions.trigonometry import plain
+from holdfast.maths.nonholonomic.structure import Structure
+
+_LARGEST = 20_000
+"""Operations in one expression beyond which a pair of coordinates is given up."""
+
+
+@dataclass(frozen=True)
+class ChainedForm:
+    """Chained coordinates z(q) and what turns their inputs into the system's.
+
+    coordinates: (z1, ..., zn). coefficients: each input u_i = a v1 + b v2 as (a, b).
+    divisors: what must not vanish, and positive: what must stay positive; the law is local to
+    where they do.
+    """
+
+    coordinates: tuple[sp.Expr, ...]
+    coefficients: tuple[tuple[sp.Expr, sp.Expr], ...]
+    divisors: tuple[sp.Expr, ...]
+    positive: tuple[sp.Expr, ...]
+
+
+@dataclass(frozen=True)
+class Search:
+    """The outcome: a chained form, or why there is none; and how many pairs were tried."""
+
+    found: ChainedForm | None
+    reason: str
+    tried: int
+    pairs: int
+    seconds: float
+
+
+def find_chained_form(
+    found: Structure,
+    *,
+    limit: float = 60.0,
+    progress: Callable[[float], None] | None = None,
+) -> Search:
+    """Try every pair (z1, zn) of states as ends of a chain, for at most `limit` seconds."""
+    began = time.monotonic()
+
+    def ended(form: ChainedForm | None, reason: str, tried: int, pairs: int) -> Search:
+        return Search(form, reason, tried, pairs, time.monotonic() - began)
+
+    n = len(found.coordinates)
+    if not found.catastatic or any(f != 0 for f in found.drift):
+        return ended(None, "a chained form has no drift, this system has", 0, 0)
+    if not found.kinematic or len(found.directions) != 2:
+        count = len(found.inputs) or "other"
+        return ended(None, f"a chained form has two inputs, this system {count}", 0, 0)
+    states = found.coordinates
+    pairs = [(a, b) for a in states for b in states if a != b]
+    refusals: dict[str, list[str]] = {}
+    for number, (first, last) in enumerate(pairs):
+        if time.monotonic() - began > limit:
+            return ended(
+                None,
+                f"stopped after {limit:g} s with {number} of {len(pairs)} pairs tried",
+                number,
+                len(pairs),
+            )
+        if progress is not None:
+            progress(number / len(pairs))
+        result = _chain(found, first, last, n, began + limit)
+        if isinstance(result, ChainedForm):
+            return ended(result, "", number + 1, len(pairs))
+        refusals.setdefault(result, []).append(f"({first.name}, {last.name})")
+    reasons = "; ".join(f"{r}: {', '.join(p)}" for r, p in refusals.items())
+    return ended(
+        None,
+        f"no pair of states begins and ends a chain ({reasons}); combinations of states, and "
+        "coordinates that solve partial differential equations, are not tried",
+        len(pairs),
+        len(pairs),
+    )
+
+
+def _chain(
+    found: Structure, first: Quantity, last: Quantity, n: int, deadline: float
+) -> ChainedForm | str:
+    q, sampler = found.symbols, found.sampler()
+    origin = sampler.origin(q)
+    (ga, gb) = (sp.Matrix(g) for g in found.directions)
+    i = found.coordinates.index(first)
+    one, zero = sp.S.One, sp.S.Zero
+    if gb[i] == 0:
+        g1, g2, mix = ga, gb, ((one, zero), (zero, one))
+    elif ga[i] == 0:
+        g1, g2, mix = gb, ga, ((zero, one), (one, zero))
+    else:
+        g1, g2 = ga, (ga[i] * gb - gb[i] * ga).applyfunc(plain)
+        mix = ((one, zero), (-gb[i], ga[i]))
+
+    def along(g: sp.Matrix, z: sp.Expr) -> sp.Expr:
+        return sp.Add(*(z.diff(s) * e for s, e in zip(q, g, strict=True)))
+
+    speed = plain(along(g1, first.symbol))
+    if not sampler.nonzero(speed, origin):
+        return "the first does not move at the origin"
+    chain = [last.symbol]
+    while True:
+        across = along(g2, chain[0])
+        if len(chain) == n - 1:
+            break
+        if not sampler.vanishes(across):
+            return "a coordinate of the chain is moved by the second input too early"
+        z = plain(along(g1, chain[0]) / speed)
+        if time.monotonic() > deadline:
+            return "out of time"
+        if sp.count_ops(z) > _LARGEST:
+            return "an expression of the chain grows too large"
+        if not mpmath.isfinite(value_at(z, origin)) or sampler.nonzero(z, origin):
+            return "a coordinate of the chain is not zero at the origin"
+        chain.insert(0, z)
+    across = plain(across)
+    if not sampler.nonzero(across, origin):
+        return "the second input does not move the chain at the origin"
+    z = (first.symbol, *chain)
+    if not _regular(z, q, sampler):
+        return "the coordinates are dependent at the origin"
+    ahead = along(g1, z[1])
+    # u on (g1, g2): u1 = v1 / speed, u2 = (v2 - ahead u1) / across
+    first_input = (one / speed, zero)
+    second = (-ahead / (speed * across), one / across)
+    coefficients = tuple(
+        (
+            mix[0][k] * first_input[0] + mix[1][k] * second[0],
+            mix[0][k] * first_input[1] + mix[1][k] * second[1],
+        )
+        for k in (0, 1)
+    )
+    shown = (*z, *(e for pair in coefficients for e in pair), speed, across)
+    divisors, positive = _domain(shown, set(q))
+    return ChainedForm(z, coefficients, divisors, positive)
+
+
+def _regular(z: tuple[sp.Expr, ...], q: list[sp.Symbol], sampler: Sampler) -> bool:
+    origin = sampler.origin(q)
+    return sampler.rank([[e.diff(s) for s in q] for e in z], origin) == len(q)
+
+
+def _domain(
+    expressions: tuple[sp.Expr, ...], states: set[sp.Symbol]
+) -> tuple[tuple[sp.Expr, ...], tuple[sp.Expr, ...]]:
+    """What must not vanish, and what must be positive, for the expressions to be regular."""
+    nonzero: set[sp.Expr] = set()
+    positive: set[sp.Expr] = set()
+    for e in expressions:
+        for tangent in e.atoms(sp.tan):
+            nonzero.add(sp.cos(tangent.args[0]))
+        for power in e.atoms(sp.Pow):
+            if not power.exp.is_Integer:
+                positive.add(power.base)
+            elif power.exp < 0:
+                nonzero |= {f.as_base_exp()[0] for f in sp.Mul.make_args(power.base)}
+        for function in e.atoms(sp.log):
+            positive.add(function.args[0])
+    ordered = (sorted(found, key=sp.default_sort_key) for found in (nonzero, positive))
+    divisors, bases = (tuple(e for e in found if e.free_symbols & states) for found in ordered)
+    return divisors, bases

@@ -1,0 +1,210 @@
+"""One run against time: states, inputs, constraints, signals, with the mode as background.
+
+Where the law has a safeguard, the inputs are drawn beside what the law asked for, and marks tell
+where it was overruled and where no admissible input was there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from holdfast.analysis.simulation.result import Result
+from holdfast.arguments import checked
+from holdfast.errors import OutputError
+from holdfast.execution.simulation.closed_loop import SafeguardAnswer
+from holdfast.presentation.figures import style
+from holdfast.presentation.figures.panels import Panel, panels
+
+Array = npt.NDArray[np.float64]
+
+NEAR = 0.2
+"""A limit is within the picture where an input comes to this share of it; else it is told only."""
+
+MARKS = {
+    SafeguardAnswer.OVERRULED: (style.OVERRULED, 0.05),
+    SafeguardAnswer.INFEASIBLE: (style.INFEASIBLE, 0.05),
+}
+"""Colour, and height as a share of the panel."""
+
+
+@checked
+def histories_figure(result: Result, run: int = 0) -> Figure:
+    """States by unit, actuators (or inputs), constraints by unit and signals of one run.
+
+    Raises `OutputError` when there is no such run.
+    """
+    data = result.dataset
+    if not 0 <= run < data.sizes["run"]:
+        raise OutputError(
+            f"there is no run {run} to draw", expected=f"0 to {data.sizes['run'] - 1}"
+        )
+    shown = panels(result, run)
+    time = data["time"].values
+    mode = data["mode"].values[run]
+    answers = data["safeguard"].values[run] if "safeguard" in data else None
+    rows = -(-len(shown) // 2)
+    end = _settled(time, data["state"].values[run])
+    with style.look():
+        figure, axes = plt.subplots(
+            rows,
+            2,
+            figsize=(style.WIDTH, 1.55 * rows + 0.6),
+            sharex=True,
+            layout="constrained",
+            squeeze=False,
+        )
+        flat = list(axes.T.flat)
+        shades = _shade(flat[: len(shown)], time, mode, data)
+        marks: list[Patch] = []
+        for axis, panel in zip(flat, shown, strict=False):
+            _draw(axis, panel, time)
+            if panel.fed and answers is not None:
+                marks = _mark(axis, time, answers)
+            axis.set_xlim(time[0], end)
+        for axis in flat[len(shown) :]:
+            axis.set_visible(False)
+        for column in axes.T:
+            last = [a for a in column if a.get_visible()][-1]
+            rest = f" (at rest until {time[-1]:g} s)" if end < time[-1] else ""
+            last.set_xlabel(f"time [s]{rest}")
+            last.tick_params(labelbottom=True)
+        modes = shades if len(shades) > 1 else []
+        if modes or marks:
+            titles = [t for t, found in (("mode", modes), ("safeguard", marks)) if found]
+            figure.legend(
+                handles=[*modes, *marks],
+                loc="outside lower center",
+                ncols=min(6, len(modes) + len(marks)),
+                title=", ".join(titles),
+                title_fontsize=7,
+            )
+    return figure
+
+
+def _draw(axis: Axes, panel: Panel, time: Array) -> None:
+    for i, name in enumerate(panel.names):
+        look: dict[str, Any] = {
+            "color": style.LINES[i % len(style.LINES)],
+            "linestyle": ("-", "--", "-.", ":")[i % 4],
+        }
+        axis.plot(time, panel.values[:, i], label=name, **look)
+        if panel.nominal is not None:
+            said = "nominal" if i == len(panel.names) - 1 else f"_nominal {name}"
+            faint = {**look, "linewidth": 2.4, "alpha": 0.35, "zorder": 1.5}
+            axis.plot(time, panel.nominal[:, i], label=said, **faint)
+    for (name, level), dashes in zip(panel.levels.items(), ("-", ":"), strict=False):
+        axis.axhline(
+            level, color=style.BLACK, linewidth=0.8, linestyle=dashes, label=name or "_level"
+        )
+    axis.set_title(panel.title, loc="left", fontsize=8, pad=3)
+    axis.set_ylabel(f"[{panel.unit}]" if panel.unit != "1" else "")
+    axis.margins(x=0.0, y=0.1)
+    _limit(axis, panel)
+    entries = [n for n in axis.get_legend_handles_labels()[1] if not n.startswith("_")]
+    crowded = len(entries) > 2
+    if crowded:  # no corner is free: make room above the curves
+        low, high = axis.get_ylim()
+        axis.set_ylim(low, high + (0.45 if len(entries) <= 4 else 0.65) * (high - low))
+    axis.legend(
+        loc="upper center" if crowded else "best",
+        ncols=2 if len(entries) <= 4 else 3,
+        handlelength=1.8,
+        borderaxespad=0.2,
+        frameon=True,
+        framealpha=0.8,
+        edgecolor="none",
+    )
+
+
+def _limit(axis: Axes, panel: Panel) -> None:
+    """The limits of the inputs, and a scale by what is applied: a nominal command may be huge."""
+    if panel.limits is None and panel.nominal is None:
+        return
+    applied = panel.values[np.isfinite(panel.values)]
+    ends = [float(applied.min()), float(applied.max())] if applied.size else [0.0, 0.0]
+    pairs = [] if panel.limits is None else [(float(a), float(b)) for a, b in panel.limits]
+    known = [v for v in dict.fromkeys(v for pair in pairs for v in pair) if np.isfinite(v)]
+    for k, level in enumerate(known):
+        axis.axhline(
+            level,
+            color=style.BLACK,
+            linewidth=0.8,
+            linestyle=(0, (1, 2)),
+            label=_limits_label(pairs) if k == 0 else "_limit",
+        )
+    reach = max(abs(v) for v in ends)
+    ends += [v for v in known if reach >= NEAR * abs(v)]
+    size = max(ends) - min(ends) or 1.0
+    axis.set_ylim(min(ends) - 0.15 * size, max(ends) + 0.15 * size)
+
+
+def _limits_label(pairs: Iterable[tuple[float, float]]) -> str:
+    """How large they are; the same for every curve of the panel is told once."""
+    texts = dict.fromkeys(
+        f"±{high:.3g}" if low == -high else f"{low:.3g}, {high:.3g}" for low, high in pairs
+    )
+    word = "limit" if all("," not in text for text in texts) else "limits"
+    return f"{word} {' or '.join(texts)}".replace("inf", "∞")
+
+
+def _mark(axis: Axes, time: Array, answers: npt.NDArray[np.int8]) -> list[Patch]:
+    """Bars along the foot of the panel, at the samples at which the safeguard did something."""
+    step = time[1] - time[0] if len(time) > 1 else 1.0
+    found = []
+    for answer, (colour, height) in MARKS.items():
+        at = np.flatnonzero(answers == answer)
+        if not at.size:
+            continue
+        edges = np.flatnonzero(np.diff(at) > 1)
+        firsts = at[np.concatenate([[0], edges + 1])]
+        lasts = at[np.concatenate([edges, [len(at) - 1]])]
+        axis.broken_barh(
+            [(time[a], time[b] - time[a] + step) for a, b in zip(firsts, lasts, strict=True)],
+            (0.0, height),
+            transform=axis.get_xaxis_transform(),
+            color=colour,
+            linewidth=0,
+            zorder=3,
+        )
+        found.append(Patch(color=colour, label=answer.label))
+    return found
+
+
+def _settled(time: Array, states: Array) -> float:
+    """A little after the states have come to rest, or the end."""
+    finite = np.isfinite(states).all(axis=1)
+    if not finite.all():
+        return float(time[-1])
+    size = np.ptp(states, axis=0)
+    moving = (np.abs(states - states[-1]) > 0.01 * np.maximum(size, 1e-12)).any(axis=1)
+    last = np.flatnonzero(moving)
+    return float(min(time[-1], 1.4 * time[last[-1]] + time[1])) if last.size else float(time[-1])
+
+
+def _shade(axes: list[Axes], time: Array, mode: npt.NDArray[np.int16], data: object) -> list[Patch]:
+    meanings = str(data["mode"].attrs["flag_meanings"]).split()  # type: ignore[index]
+    if len(meanings) == 1:
+        return []
+    edges = [0, *(np.flatnonzero(np.diff(mode)) + 1), len(mode) - 1]
+    for a, b in pairwise(edges):
+        if mode[a] >= 0:
+            colour = style.MODES[int(mode[a]) % len(style.MODES)]
+            for axis in axes:
+                axis.axvspan(time[a], time[b], color=colour, alpha=0.10, linewidth=0)
+    return [
+        Patch(
+            color=style.MODES[int(m) % len(style.MODES)],
+            alpha=0.25,
+            label=meanings[m].replace("_", " "),
+        )
+        for m in np.unique(mode[mode >= 0])
+    ]

@@ -1,0 +1,253 @@
+"""The paths in the plane, with what stands in it: wall, target, field of view, goals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+import numpy.typing as npt
+import sympy as sp
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch, Polygon, Wedge
+
+from holdfast.analysis.simulation.result import Result
+from holdfast.arguments import checked
+from holdfast.errors import OutputError, suggestion
+from holdfast.execution.simulation.closed_loop import Outcome
+from holdfast.maths.definitions.quantity import symbol
+from holdfast.maths.definitions.scene import Cone, Footprint, Segment
+from holdfast.presentation.figures import style
+from holdfast.presentation.figures.shapes import draw_fixed, evaluated, numbers, seen_from
+
+Array = npt.NDArray[np.float64]
+
+_MAX_POINTS = 160
+_MAX_BOLD = 3000
+_SHOWN_RUNS = 300
+
+
+@checked
+def paths_figure(
+    result: Result,
+    plane: tuple[str, str] = ("x", "y"),
+    highlight: int = 3,
+    cones: int = 4,
+    cone_run: int = 0,
+) -> Figure:
+    """All paths coloured by outcome, and the first `highlight` of them coloured by mode.
+
+    `cones` fields of view are drawn along the path of run `cone_run`.
+    """
+    data = result.dataset
+    names = [str(n) for n in data["state_name"].values]
+    for name in plane:
+        if name not in names:
+            raise OutputError(f"'{name}' is no state", remedy=suggestion(name, names))
+    columns = [names.index(n) for n in plane]
+    states = data["state"].values
+    xy = states[:, :, columns]
+    runs = len(states)
+    bold = list(range(min(highlight, runs)))
+    with style.look():
+        both = runs > len(bold)
+        limits = _limits(xy[:_SHOWN_RUNS], result)
+        (x0, x1), (y0, y1) = limits
+        width = style.WIDTH / 2 if both else style.WIDTH * 0.65
+        height = min(max(0.85 * width * (y1 - y0) / (x1 - x0), 1.8), 4.4) + 1.1
+        figure, axes = plt.subplots(
+            1,
+            2 if both else 1,
+            figsize=(2 * width if both else width, height),
+            layout="constrained",
+            sharex=True,
+            sharey=True,
+            squeeze=False,
+        )
+        panels = list(axes[0])
+        for axis in panels:
+            draw_fixed(axis, result.scene, result.parameters)
+        if both:
+            _draw_ensemble(panels[0], data, xy)
+        _draw_highlights(panels[-1], result, xy, bold)
+        if cones > 0 and cone_run < runs:
+            _draw_views(panels[-1], result, xy[cone_run], cone_run, names, cones)
+        units = data["state_unit"].values
+        for axis in panels:
+            if units[columns[0]] == units[columns[1]]:
+                axis.set_aspect("equal")
+            axis.set_xlim(limits[0])
+            axis.set_ylim(limits[1])
+            axis.set_xlabel(style.axis_label(plane[0], str(units[columns[0]])))
+        entries: dict[str, Artist] = {}
+        for axis in panels:
+            entries |= {str(h.get_label()): h for h in axis.get_legend_handles_labels()[0]}
+        figure.legend(
+            handles=list(entries.values()),
+            loc="outside lower center",
+            ncols=min(6, len(entries)),
+            handlelength=1.6,
+            columnspacing=1.4,
+        )
+        panels[0].set_ylabel(style.axis_label(plane[1], str(units[columns[1]])))
+    return figure
+
+
+def _limits(xy: Array, result: Result) -> tuple[tuple[float, float], tuple[float, float]]:
+    points = xy[np.isfinite(xy).all(axis=2)]
+    targets = [x for x in result.scene if isinstance(x, Segment) and x.role == "target"]
+    ends = [evaluated(end, numbers(result.parameters)) for t in targets for end in (t.start, t.end)]
+    points = np.vstack([points, *([ends] if ends else [])])
+    low, high = points.min(axis=0), points.max(axis=0)
+    pad = 0.06 * max(float((high - low).max()), 1e-9)
+    return (
+        (float(low[0] - pad), float(high[0] + pad)),
+        (float(low[1] - pad), float(high[1] + pad)),
+    )
+
+
+def _thinned(path: Array, most: int = _MAX_POINTS) -> Array:
+    """At most so many points, evenly spaced along the path."""
+    path = path[np.isfinite(path).all(axis=1)]
+    if len(path) <= most:
+        return path
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    if along[-1] == 0.0:
+        return path[:1]
+    wanted = np.searchsorted(along, np.linspace(0.0, along[-1], most))
+    picked: Array = path[np.unique(np.minimum(wanted, len(path) - 1))]
+    return picked
+
+
+def _draw_ensemble(axis: Axes, data: Any, xy: Array) -> None:
+    outcomes = data["outcome"].values
+    shown = min(len(xy), _SHOWN_RUNS)
+    # the rarest outcome last, on top
+    for outcome in sorted(Outcome, key=lambda o: -int((outcomes == o).sum())):
+        members = np.flatnonzero(outcomes == outcome)
+        count = members.size
+        if not count:
+            continue
+        members = members[members < shown]
+        colour = style.OUTCOMES[outcome]
+        many = outcome in (Outcome.REACHED, Outcome.STAYED)
+        axis.add_collection(
+            LineCollection(
+                [_thinned(xy[i]) for i in members],
+                colors=colour,
+                linewidths=0.5 if many else 1.0,
+                alpha=0.55 if many else 1.0,
+            )
+        )
+        starts = xy[members, 0]
+        axis.plot(starts[:, 0], starts[:, 1], ".", color=colour, markersize=2.5)
+        axis.plot([], [], color=colour, label=f"{outcome.label} ({count})")
+    left = [i for i in np.flatnonzero(outcomes == Outcome.LEFT) if i < shown]
+    if left:
+        times = data["time"].values
+        at = [np.searchsorted(times, data["exit_time"].values[i]) for i in left]
+        points = np.array([xy[i, min(k, len(times) - 1)] for i, k in zip(left, at, strict=True)])
+        axis.plot(
+            points[:, 0],
+            points[:, 1],
+            "x",
+            color=style.BLACK,
+            markersize=4,
+            zorder=5,
+            label="left here",
+        )
+    title = f"{len(xy)} starts, by outcome"
+    if shown < len(xy):
+        title += f" ({shown} drawn)"
+    axis.set_title(title)
+
+
+def _draw_highlights(axis: Axes, result: Result, xy: Array, runs: list[int]) -> None:
+    data = result.dataset
+    meanings = str(data["mode"].attrs["flag_meanings"]).split()
+    modes = data["mode"].values[runs]
+    for mode in np.unique(modes[modes >= 0]):
+        axis.plot(
+            [],
+            [],
+            color=_mode_colour(int(mode)),
+            linewidth=1.6,
+            label=meanings[mode].replace("_", " "),
+        )
+    for run, mode in zip(runs, modes, strict=True):
+        edges = [0, *(np.flatnonzero(np.diff(mode)) + 1), len(mode) - 1]
+        for a, b in pairwise(edges):
+            if mode[a] >= 0:
+                piece = _thinned(xy[run, a : b + 1], _MAX_BOLD)
+                axis.plot(
+                    piece[:, 0],
+                    piece[:, 1],
+                    color=_mode_colour(int(mode[a])),
+                    linewidth=1.6,
+                    zorder=3,
+                )
+    axis.plot(
+        xy[runs, 0, 0],
+        xy[runs, 0, 1],
+        "o",
+        color=style.BLACK,
+        markersize=3.5,
+        zorder=4,
+        label="start",
+    )
+    axis.set_title(f"first {len(runs)} starts, by mode" if len(runs) > 1 else "path, by mode")
+
+
+def _mode_colour(mode: int) -> str:
+    return style.MODES[mode % len(style.MODES)]
+
+
+def _draw_views(
+    axis: Axes, result: Result, path: Array, run: int, names: list[str], count: int
+) -> None:
+    """Fields of view at instants evenly spaced along the path of one run."""
+    states = result.dataset["state"].values[run]
+    good = np.isfinite(states).all(axis=1)
+    states, path = states[good], path[good]
+    base = numbers(result.parameters)
+    for view in (shape for shape in result.scene if isinstance(shape, Cone | Footprint)):
+        moved = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+        instants = np.searchsorted(moved, np.linspace(0.0, 0.999 * moved[-1], count))
+        for number, k in enumerate(np.unique(instants)):
+            values = base | {symbol(n): float(v) for n, v in zip(names, states[k], strict=True)}
+            seen = _outline(view, values)
+            if seen is None:
+                continue
+            seen.set(
+                facecolor=style.ORANGE, alpha=0.16, edgecolor=style.BLACK, linewidth=0.4, zorder=1
+            )
+            axis.add_patch(seen)
+            x, y, heading = evaluated((*view.apex, view.heading), values)
+            axis.plot(
+                x,
+                y,
+                marker=(3, 0, np.degrees(heading) - 90),
+                color=style.BLACK,
+                markersize=5,
+                linestyle="",
+                zorder=4,
+                label="vehicle" if number == 0 else None,
+            )
+        axis.plot([], [], color=style.ORANGE, linewidth=5, alpha=0.35, label=view.role)
+
+
+def _outline(view: Cone | Footprint, values: Mapping[sp.Symbol, float]) -> Patch | None:
+    """What is seen there, or None where it has no shape."""
+    x, y, heading = evaluated((*view.apex, view.heading), values)
+    if isinstance(view, Cone):
+        half, reach = evaluated((view.half_angle, view.range), values)
+        if not (np.isfinite([x, y, heading, half]).all() and 0 < reach < np.inf):
+            return None
+        return Wedge((x, y), reach, np.degrees(heading - half), np.degrees(heading + half))
+    corners = np.array([evaluated(corner, values) for corner in view.corners])
+    return Polygon(seen_from(x, y, heading, corners))

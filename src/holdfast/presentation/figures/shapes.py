@@ -1,0 +1,67 @@
+"""What stands in the plane and does not move: walls, targets, obstacles, sets of goals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle as CirclePatch
+
+from holdfast.maths.definitions.quantity import symbol
+from holdfast.maths.definitions.scene import Circle, Segment, Shape
+from holdfast.presentation.figures import style
+
+
+def draw_fixed(axis: Axes, scene: Iterable[Shape], parameters: Mapping[str, float] | None) -> None:
+    """The segments and circles of a scene, each role labelled; cones belong to a path."""
+    values = numbers(parameters)
+    for shape in scene:
+        drawn = _fixed_style(shape.role)
+        if isinstance(shape, Segment):
+            (x0, y0), (x1, y1) = (evaluated(p, values) for p in (shape.start, shape.end))
+            axis.plot([x0, x1], [y0, y1], label=shape.role, solid_capstyle="butt", **drawn)
+        elif isinstance(shape, Circle):
+            x, y, radius = evaluated((*shape.centre, shape.radius), values)
+            axis.add_patch(CirclePatch((x, y), radius, fill=False, **drawn))
+            axis.plot([], [], label=shape.role, **drawn)
+
+
+def labelled(axis: Axes) -> list[Artist]:
+    """What a panel has for a legend, without what lies outside its limits."""
+    return [
+        handle
+        for handle in axis.get_legend_handles_labels()[0]
+        if not (isinstance(handle, Line2D) and len(handle.get_path()))
+        or handle.get_path().get_extents().overlaps(axis.viewLim)
+    ]
+
+
+def seen_from(x: float, y: float, heading: float, corners: Any) -> Any:
+    """Corners (ahead, left), shape (n, 2), of what is seen from there, in the plane."""
+    ahead = np.array([np.cos(heading), np.sin(heading)])
+    left = np.array([-ahead[1], ahead[0]])
+    return (x, y) + corners[:, :1] * ahead + corners[:, 1:] * left
+
+
+def numbers(parameters: Mapping[str, float] | None) -> dict[sp.Symbol, float]:
+    """The values of parameters by their symbols."""
+    return {symbol(k): v for k, v in (parameters or {}).items()}
+
+
+def evaluated(expressions: Any, values: Mapping[sp.Symbol, float]) -> list[float]:
+    """Numbers; not a number where an expression has no real value."""
+    results = [complex(sp.N(sp.sympify(e).subs(values))) for e in expressions]
+    return [z.real if z.imag == 0 else np.nan for z in results]
+
+
+def _fixed_style(role: str) -> dict[str, Any]:
+    return {
+        "target": {"color": style.BLACK, "linewidth": 4.5, "zorder": 5},
+        "wall": {"color": style.GREY, "linewidth": 1.5, "zorder": 2},
+        "goals": {"color": style.PURPLE, "linewidth": 1.0, "linestyle": "--", "zorder": 2},
+    }.get(role, {"color": style.BLACK, "linewidth": 1.2, "zorder": 2})

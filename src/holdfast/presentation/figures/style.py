@@ -1,0 +1,113 @@
+"""One look for every figure: sizes, colours, and how a figure is written."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
+
+from holdfast.execution.simulation.closed_loop import Outcome
+from holdfast.host.writing import atomic_file
+
+# Okabe-Ito, told apart by readers who do not see all colours
+BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK, GREY = (
+    "#0072B2",
+    "#E69F00",
+    "#009E73",
+    "#D55E00",
+    "#CC79A7",
+    "#56B4E9",
+    "#222222",
+    "#999999",
+)
+LINES = (BLUE, RED, GREEN, ORANGE, PURPLE, SKY, BLACK)
+MODES = (GREEN, RED, BLUE, ORANGE, PURPLE, SKY)
+
+OUTCOMES: dict[Outcome, str] = dict(
+    zip(Outcome, (SKY, GREEN, RED, BLACK, PURPLE, ORANGE, BLUE), strict=False)
+)
+"""The colour of every outcome, in every figure: stayed, reached goal, left, diverged, chattered."""
+
+OVERRULED, INFEASIBLE = ORANGE, BLACK
+"""What marks the samples at which a safeguard overruled its law, or found no admissible input."""
+
+WIDTH = 7.2
+"""Inches: the text width of a page."""
+
+_SETTINGS: Any = {
+    "font.family": "DejaVu Sans",
+    "font.size": 8,
+    "axes.titlesize": 9,
+    "axes.labelsize": 8,
+    "legend.fontsize": 7,
+    "legend.frameon": False,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.7,
+    "lines.linewidth": 1.1,
+    "figure.dpi": 100,
+    "savefig.dpi": 200,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "holdfast",
+    "mathtext.fontset": "dejavusans",
+}
+
+
+@contextmanager
+def look() -> Iterator[None]:
+    """The settings of every figure, for the time of drawing it."""
+    with matplotlib.rc_context(_SETTINGS):
+        yield
+
+
+def write(figure: Figure, folder: Path, name: str) -> list[Path]:
+    """Write the figure as PNG and SVG, each atomically, and close it."""
+    written = []
+    try:
+        with look():
+            figure.draw_without_rendering()  # lay it out once, not once for each format
+            equal = any(axis.get_aspect() != "auto" for axis in figure.axes)
+            if equal:
+                figure.draw_without_rendering()  # equal axes have moved their labels since
+            figure.set_layout_engine("none")
+            everything = None
+            if equal:
+                # equal axes can push a title over the edge of the page: then the page grows
+                box = figure.get_tightbbox()
+                inside = box.x0 >= 0 and box.y0 >= 0 and (box.max <= figure.get_size_inches()).all()
+                everything = None if inside else box.padded(0.05)
+        for ending in ("png", "svg"):
+            path = folder / f"{name}.{ending}"
+            metadata = {"Date": None} if ending == "svg" else {}
+            with look(), atomic_file(path) as partial:
+                figure.savefig(partial, format=ending, metadata=metadata, bbox_inches=everything)
+            written.append(path)
+    finally:
+        plt.close(figure)
+    return written
+
+
+def label(symbol: str) -> str:
+    """A state or parameter name as mathematics: psi -> the Greek letter, tau_u, x1 -> subscript."""
+    greek = {"psi", "theta", "phi", "alpha", "beta", "tau", "sigma", "mu", "lam", "delta"}
+    head, _, tail = symbol.partition("_")
+    if not tail and (numbered := re.fullmatch(r"([A-Za-z]+?)(\d+|[LF])", symbol)):
+        head, tail = numbered.groups()
+    shown = f"\\{'lambda' if head == 'lam' else head}" if head in greek else head
+    if len(head) > 2 and head not in greek:
+        return symbol.replace("_", " ")
+    return f"${shown}_{{\\mathrm{{{tail.replace('_', ' ')}}}}}$" if tail else f"${shown}$"
+
+
+def axis_label(symbol: str, unit: str) -> str:
+    """The name with its unit; without one where there is none."""
+    return label(symbol) if unit == "1" else f"{label(symbol)} [{unit}]"

@@ -1,0 +1,168 @@
+"""A comparison of laws as text and as a figure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from math import isfinite
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
+
+from holdfast.analysis.simulation.law_comparison import CONFIDENCE, Comparison, Rate, Trial
+from holdfast.arguments import checked
+from holdfast.presentation.figures.style import LINES, WIDTH, look
+
+
+def comparison_text(found: Comparison) -> str:
+    """For each case a table: of how many starts each law keeps the region and reaches the goal."""
+    runs = len(found.trials[0].viable)
+    lines = [
+        found.title,
+        "",
+        f"  of {runs} starts, the same for every law of a case; {found.horizon:g} s, seed "
+        f"{found.seed}",
+        "  viable: never leaves the region"
+        + ("; rescued: viable, and in the goal at the end;" if found.to_goal else ";"),
+        f"  in brackets Wilson's interval at {CONFIDENCE:.0%}"
+        + ("; detour: path by the shortest found" if found.to_goal else ""),
+    ]
+    if found.references:
+        kept = "rescued" if found.to_goal else "viable"
+        lines.append(
+            f"  of those that can: {kept} of the starts that a kernel says can be kept;"
+            " of those that cannot: viable all the same"
+        )
+    width = max(len(title) for title in found.laws.values()) + 2
+    for case, title in found.cases.items():
+        lines += ["", f"  {title}", *_judged(found, case)]
+        rows = [_row(found, law, case) for law in found.laws]
+        wide = [max(map(len, (name, *(r[name] for r in rows)))) + 3 for name in rows[0]]
+        lines.append("    " + " " * width + _columns(rows[0], wide))
+        for (law, name), row in zip(found.laws.items(), rows, strict=True):
+            remarks = ", ".join(_remarks(found.of(law, case)))
+            lines.append(f"    {name:<{width}}{_columns(row.values(), wide)}{remarks}")
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def _judged(found: Comparison, case: str) -> list[str]:
+    """What the kernel says about the starts of a case, or why it says nothing."""
+    if case in found.unjudged:
+        return [f"    no kernel to judge by: {found.unjudged[case]}"]
+    if case not in found.references:
+        return []
+    r = found.references[case]
+    lasts = f"for {r.horizon:g} s" if isfinite(r.horizon) else "for ever"
+    lines = [
+        f"    by the kernel of {r.kernel} {r.inside.sum()} starts can be kept {lasts}, and "
+        f"{r.given_up.sum()} cannot, by more than {r.margin:.3g} {r.unit}"
+    ]
+    if beyond := int(np.isnan(r.value).sum()):
+        lines.append(f"    {beyond} starts are beyond its grid")
+    return lines
+
+
+def _row(found: Comparison, law: str, case: str) -> dict[str, str]:
+    """The columns of a law in a case."""
+    t = found.of(law, case)
+    row = {"viable": _rate(found.viable(law, case))}
+    if found.to_goal:
+        row["rescued"] = _rate(found.rescued(law, case))
+    if case in found.references:
+        row["of those that can"] = _rate(found.of_kernel(law, case))
+        row["of those that cannot"] = _rate(found.of_given_up(law, case))
+    if found.to_goal:
+        detours = sorted(found.detours(law, case))
+        middle = len(detours) // 2
+        row["detour"] = f"{detours[middle]:.2f}, {detours[-1]:.2f}" if detours else "-, -"
+    row["switches"] = f"up to {t.switches[t.rescued].max()}" if t.rescued.any() else "-"
+    return row
+
+
+def _columns(cells: Iterable[str], wide: Sequence[int]) -> str:
+    return "".join(f"{cell:<{w}}" for cell, w in zip(cells, wide, strict=True))
+
+
+def _remarks(t: Trial) -> list[str]:
+    counts = {"chattered": t.chattered, "diverged": t.diverged, "relaxed": t.relaxed}
+    told = [f"{count} {what}" for what, count in counts.items() if count]
+    if t.vertices:
+        least = min(t.vertices, key=lambda v: v["viable"])
+        share = f"{least['viable']} of {least['runs']} or more"
+        told.append(f"{share} viable at each of {len(t.vertices)} vertices")
+    return told
+
+
+def _rate(rate: Rate | None) -> str:
+    if rate is None:
+        return "-"
+    low, high = rate.interval
+    return f"{rate.value:.3f} [{low:.3f}, {high:.3f}]"
+
+
+MARKS: dict[str, dict[str, Any]] = {
+    "rescued": {"marker": "o", "markersize": 4},
+    "viable": {
+        "marker": "o", "markersize": 6.5, "markerfacecolor": "none", "markeredgewidth": 0.8,
+    },
+    "of those that can be kept": {"marker": "D", "markersize": 4},
+    "of those that cannot": {"marker": "x", "markersize": 4.5, "markeredgewidth": 1.0},
+}  # fmt: skip
+"""What stands for a share in the figure."""
+
+
+@checked
+def comparison_figure(found: Comparison) -> Figure:
+    """The rescue rate of every law in every case with its interval; rings: the viable fraction.
+
+    Without a goal these are the same, and the rings have the interval. Where there is a kernel to
+    judge by, diamonds with an interval: of the starts that can be kept; crosses: how many of those
+    that cannot stayed all the same.
+    """
+    cases, laws = list(found.cases), list(found.laws)
+    shown = {case: _shares(found, laws, case) for case in cases}
+    precise = ("rescued" if found.to_goal else "viable", "of those that can be kept")
+    with look():
+        height = 1.1 + 0.17 * len(cases) * (len(laws) + 1)
+        figure, axis = plt.subplots(figsize=(WIDTH, height), layout="constrained")
+        for i, law in enumerate(laws):
+            colour = LINES[i % len(LINES)]
+            offset = (i - (len(laws) - 1) / 2) / (len(laws) + 1)
+            axis.plot([], [], "o", color=colour, markersize=4, label=found.laws[law])
+            for j, case in enumerate(cases):
+                for what, rates in shown[case].items():
+                    if (rate := rates[i]) is None:
+                        continue
+                    y = j + offset
+                    if what in precise:
+                        axis.plot(rate.interval, [y, y], color=colour, linewidth=1.6, alpha=0.6)
+                    mark = {"color": colour, "clip_on": False, "linestyle": "none", **MARKS[what]}
+                    axis.plot(rate.value, y, **mark)
+        for j in range(1, len(cases)):
+            axis.axhline(j - 0.5, color="#dddddd", linewidth=0.6)
+        for what in dict.fromkeys(what for case in cases for what in shown[case]):
+            label = what + (", with interval" if what in precise else "")
+            axis.plot([], [], color="#222222", linestyle="none", label=label, **MARKS[what])
+        axis.set_yticks(range(len(cases)), [found.cases[c] for c in cases])
+        axis.set_ylim(len(cases) - 0.5, -0.5)
+        axis.set_xlim(0, 1)
+        axis.xaxis.set_major_formatter(PercentFormatter(1.0))
+        runs = len(found.trials[0].viable)
+        judged = ", and of those that can, or cannot, be kept" if found.references else ""
+        axis.set_xlabel(f"share of {runs} starts{judged}")
+        axis.set_title(found.title, loc="left")
+        figure.legend(loc="outside lower center", ncols=2)
+    return figure
+
+
+def _shares(found: Comparison, laws: Sequence[str], case: str) -> dict[str, list[Rate | None]]:
+    """What is drawn of a case -> the rate of every law."""
+    shares: dict[str, Any] = {"viable": found.viable}
+    if found.to_goal:
+        shares = {"rescued": found.rescued, **shares}
+    if case in found.references:
+        shares["of those that can be kept"] = found.of_kernel
+        shares["of those that cannot"] = found.of_given_up
+    return {what: [rate(law, case) for law in laws] for what, rate in shares.items()}

@@ -1,0 +1,321 @@
+"""The steps of a derivation as sentences and equations, each from its result."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import sympy as sp
+
+from holdfast.maths.catalogue import laws
+from holdfast.maths.catalogue.signature import is_made_for
+from holdfast.maths.definitions.quantity import Quantity, symbol
+from holdfast.maths.definitions.system import System
+from holdfast.maths.nonholonomic.chained_feedback import (
+    POLE,
+    chained_feedback,
+    closed_loop_matrix,
+    gains_for_poles,
+)
+from holdfast.maths.nonholonomic.chained_search import ChainedForm, Search
+from holdfast.maths.nonholonomic.field_following import Alignment, own_inputs
+from holdfast.maths.nonholonomic.lie_algebra import Growth
+from holdfast.maths.nonholonomic.structure import Structure, inputs_at_rest, relative_degrees
+
+
+@dataclass(frozen=True)
+class Equation:
+    """left = right."""
+
+    left: str
+    right: sp.Basic
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of a derivation: a title, then sentences and equations in order."""
+
+    title: str
+    body: tuple[str | Equation, ...]
+
+
+def steps(
+    system: System,
+    found: Structure,
+    grown: Growth,
+    aligned: Alignment | str,
+    search: Search,
+    *,
+    chosen: bool,
+) -> tuple[Step, ...]:
+    """The whole derivation; `chosen` says whether the moment p was given."""
+    return (
+        _constraint(system, found),
+        _states(found),
+        _nonholonomy(found, grown),
+        _equilibria(found),
+        _field(found, chosen=chosen),
+        _output(found),
+        _following(system, found, aligned),
+        _chain(found, search),
+        _verdict(system, found, aligned, search),
+    )
+
+
+def _names(quantities: Sequence[Quantity]) -> str:
+    return ", ".join(q.name for q in quantities) or "none"
+
+
+def _constraint(system: System, found: Structure) -> Step:
+    kappa, n = found.matrix.shape
+    origin = "as declared" if system.pfaffian else "derived: what annihilates the input directions"
+    body: list[str | Equation] = [
+        f"Coordinates q: {_names(found.coordinates)}; {kappa} constraint{'s' * (kappa > 1)} "
+        f"A(q) q' = b(q), {origin}.",
+        Equation("A", found.matrix),
+    ]
+    if not found.catastatic:
+        body.append(Equation("b", sp.Matrix(found.rhs)))
+    whose = "The inputs move the system along" if found.kinematic else "The motions it allows are"
+    body.append(f"{whose} {n - kappa} directions:")
+    named = zip(found.direction_names, found.directions, strict=True)
+    body += [Equation(f"g_{n}", _row(g)) for n, g in named]
+    return Step("The constraint", tuple(body))
+
+
+def _row(vector: sp.ImmutableMatrix) -> sp.Basic:
+    """A vector in one line where that is short enough to read."""
+    return sp.Tuple(*vector) if sp.count_ops(vector) < 20 else vector
+
+
+def _states(found: Structure) -> Step:
+    zero = _names(found.transverse)
+    return Step(
+        "Leafwise and transverse states",
+        (
+            f"Zero columns of A belong to the transverse states: {zero}. The others are the "
+            f"leafwise states x: {_names(found.leaf)}. The reference field has dimension "
+            f"N = {len(found.leaf)}.",
+        ),
+    )
+
+
+def _nonholonomy(found: Structure, grown: Growth) -> Step:
+    n = len(found.coordinates)
+    least = "" if grown.origin == n else "at least "
+    body: list[str | Equation] = [
+        "Brackets of the allowed motions, order by order, span "
+        + ", ".join(map(str, grown.vector))
+        + f" of {n} dimensions (at the origin {least}{grown.origin})."
+    ]
+    for number, (name, g) in enumerate(grown.brackets, start=1):
+        if number > 3 or sp.count_ops(g) > 60:
+            rest = ", ".join(b for b, _ in grown.brackets[number - 1 :])
+            body.append(f"Further directions: {rest}.")
+            break
+        body += [
+            f"{name}, direction {len(found.directions) + number}:",
+            Equation(f"b_{number}", _row(g)),
+        ]
+    body.append(
+        "They span everything: the distribution ker A is not involutive, no combination of the "
+        "constraints can be integrated, and every state can be reached from every other."
+        if not any(found.drift) and found.catastatic
+        else "They span everything: ker A is not involutive and no combination of the "
+        "constraints can be integrated."
+    )
+    return Step("Is it nonholonomic", tuple(body))
+
+
+def _equilibria(found: Structure) -> Step:
+    if found.catastatic and not any(found.drift):
+        return Step(
+            "Catastatic or acatastatic",
+            ("Catastatic: b = 0. With its inputs at zero the system rests in every state.",),
+        )
+    body: list[str | Equation] = []
+    if found.catastatic:
+        body.append("Catastatic: b = 0; but the system drifts with its inputs at zero.")
+    else:
+        body.append("Acatastatic: q' = 0 asks for b(q) = 0, that is, rest is possible only where")
+        body += [Equation("0", b) for b in found.rhs if b != 0]
+    if found.kinematic:
+        held = inputs_at_rest(found)
+        body.append("and it rests there under the inputs")
+        body += [Equation(u.name, e) for u, e in zip(found.inputs, held, strict=True)]
+    return Step("Catastatic or acatastatic; equilibria", tuple(body))
+
+
+def _field(found: Structure, *, chosen: bool) -> Step:
+    names = _names(found.leaf)
+    dimension = len(found.admissible)
+    body: list[str | Equation] = ["The moment p has to satisfy A(0) p = 0, with"]
+    body.append(Equation("A(0)", found.leaf_matrix.subs({q.symbol: 0 for q in found.coordinates})))
+    p = sp.Tuple(*found.moment)
+    if dimension == 1:
+        body.append(f"which leaves one direction in ({names}):")
+    elif chosen:
+        body.append(f"which leaves {dimension} dimensions in ({names}); p is the one given:")
+    else:
+        body.append(
+            f"which leaves {dimension} dimensions in ({names}). That choice is the designer's; "
+            "taken here is the first basis vector (choose with --moment):"
+        )
+    body += [
+        Equation("p", p),
+        "The reference field F = lam (p . x) x - p |x|^2 is then",
+        Equation("F", sp.Matrix(found.field)),
+        f"Its only zero, for lam > 1, is x = 0: the law is singular on ({names}) = 0, for every "
+        f"value of the transverse states ({_names(found.transverse)}), and has to treat it apart. "
+        + (
+            "It is a rose: two elliptic sectors, index 2; every flow line but the two on the p "
+            "axis leaves and enters along p."
+            if len(found.leaf) == 2
+            else "In every plane through p it is a rose (two elliptic sectors, index 2); the "
+            f"index on the sphere around it says nothing in {len(found.leaf)} dimensions."
+        ),
+    ]
+    return Step("The reference field", tuple(body))
+
+
+def _output(found: Structure) -> Step:
+    body: list[str | Equation] = ["The output to bring to zero is h = A F:"]
+    body += [Equation(f"h_{i}", h) for i, h in enumerate(found.output, start=1)]
+    sampler = found.sampler()
+    at = sampler.generic_point(found.symbols, [*found.output_rate], "dh/dt")
+    rank_found = sampler.rank(found.output_rate.tolist(), at)
+    body.append(
+        f"dh/dt per unit of the {len(found.directions)} motions has rank {rank_found} for "
+        f"{len(found.output)} output{'s' * (len(found.output) > 1)}."
+    )
+    for t in found.transverse:
+        degrees = ", ".join(
+            f"h_{i}: {d if d else 'none'}"
+            for i, d in enumerate(relative_degrees(found, t), start=1)
+        )
+        body.append(f"Relative degree with respect to the rate of {t.name}: {degrees}.")
+    return Step("The output", tuple(body))
+
+
+def _following(system: System, found: Structure, aligned: Alignment | str) -> Step:
+    title = "Steering along the field"
+    if isinstance(aligned, str):
+        return Step(title, (f"Not derived: {aligned}.",))
+    t = found.transverse[0]
+    body: list[str | Equation] = [
+        "Derived. The motion on the leaf is along g, the kernel of A by its signed minors, with "
+        "p . g(0) > 0:",
+        Equation("g", _row(aligned.direction)),
+        "The misalignment s = atan2(g x F, g . F) is turned by the transverse state at",
+        Equation(f"∂s/∂{t.name}", aligned.slope),
+        "so that, with",
+        Equation("s", aligned.error),
+        "the law is: along g at the speed motion_along = -k1 sgn(g . x) |x| / |g|, and "
+        f"{t.name} at the rate motion_across = (-k s - (ds/dx . g) motion_along) / (ds/d{t.name}), "
+        "hence s' = -k s. In the inputs of the system:",
+    ]
+    body += [Equation(n, e) for n, e in own_inputs(system, found, aligned).items()]
+    body.append(
+        "g can point every way, so the law is global but for x = 0."
+        if aligned.everywhere
+        else "g cannot turn round: s is known up to half a turn only, and the law is local."
+        if aligned.regular
+        else f"The law is local: it divides by ∂s/∂{t.name}, which does not keep its sign."
+    )
+    return Step(title, tuple(body))
+
+
+def _chain(found: Structure, search: Search) -> Step:
+    title = "Steering by chained coordinates"
+    if search.found is None:
+        tried = f" ({search.tried} of {search.pairs} pairs tried)" if search.pairs else ""
+        return Step(title, (f"Not derived: {search.reason}{tried}.",))
+    form = search.found
+    n = len(form.coordinates)
+    zs, vs, ks = (_unused(c, found) for c in (("z", "zeta"), ("v", "nu"), ("k", "kappa")))
+    z = [symbol(f"{zs}{i}") for i in range(1, n + 1)]
+    v1, v2 = symbol(f"{vs}1"), symbol(f"{vs}2")
+    k1, *gains = (symbol(f"{ks}{i}") for i in range(1, n + 1))
+    values = gains_for_poles(1.0, [POLE] * (n - 1))
+    placed = ", ".join(f"{k} = {v:g}" for k, v in zip(gains, values, strict=True))
+    between = f"{zs}3/{zs}1, ..., " if n > 3 else ""
+    ratios = f"({zs}2, {between}{zs}{n}/{zs}1{f'^{n - 2}' if n > 3 else ''})"
+    tried = f"{search.tried} of {search.pairs} pairs tried"
+    body: list[str | Equation] = [
+        f"Derived ({tried}): with {zs}1 and {zs}{n} two of the states and the others by "
+        "differentiation,",
+        *(_bounded(str(s), e) for s, e in zip(z, form.coordinates, strict=True)),
+        f"the system is the chained form {zs}1' = {vs}1, {zs}2' = {vs}2, {zs}j' = {zs}(j-1) {vs}1. "
+        "There the law",
+        Equation(str(v1), -k1 * z[0]),
+        Equation(str(v2), chained_feedback(z, gains)),
+        f"makes y = {ratios} obey y' = M y exactly, with constant",
+        Equation("M", closed_loop_matrix(k1, gains)),
+        f"whose {n - 1} poles may be placed anywhere in the left half-plane: with {k1} = 1 1/s and "
+        f"all of them at {POLE:g} 1/s, {placed}. In the inputs of the system:",
+        *(
+            _bounded(u.name, a * v1 + b * v2)
+            for u, (a, b) in zip(found.inputs, form.coefficients, strict=True)
+        ),
+        _domain(form),
+        f"From {zs}1 = 0, where it divides by zero, the law escapes first, at a speed and for a "
+        "time that are the designer's choice.",
+    ]
+    return Step(title, tuple(body))
+
+
+def _unused(choices: tuple[str, str], found: Structure) -> str:
+    """The first letter that, with a number, names no quantity of the system."""
+    names = {
+        str(s) for s in found.matrix.free_symbols.union(*(g.free_symbols for g in found.directions))
+    }
+    names |= {q.name for q in (*found.coordinates, *found.inputs, *found.parameters)}
+    taken = any(re.fullmatch(choices[0] + r"\d+", name) for name in names)
+    return choices[1] if taken else choices[0]
+
+
+def _domain(form: ChainedForm) -> str:
+    if not form.divisors and not form.positive:
+        return "The transformation is regular everywhere."
+    needs = []
+    for what, expressions in (("nonzero", form.divisors), ("positive", form.positive)):
+        shown = dict.fromkeys(
+            str(e) if len(str(e)) < 60 else "what else the inputs divide by" for e in expressions
+        )
+        if shown:
+            needs.append(f"{what} {', '.join(shown)}")
+    return f"The law is local: it needs {'; and '.join(needs)}."
+
+
+_SHOWN_OPERATIONS = 250
+
+
+def _bounded(name: str, expression: sp.Expr) -> str | Equation:
+    size = sp.count_ops(expression)
+    if size > _SHOWN_OPERATIONS:
+        return f"{name}: an expression of {size} operations, used by the law and not shown."
+    return Equation(name, expression)
+
+
+def _verdict(system: System, found: Structure, aligned: Alignment | str, search: Search) -> Step:
+    derived = not isinstance(aligned, str)
+    body: list[str | Equation] = []
+    if isinstance(aligned, Alignment) and aligned.everywhere:
+        body.append("Use the law `follow_field`: it is global.")
+    elif search.found is not None:
+        body.append("Use the law `steer_by_chained_form`.")
+    elif derived:
+        body.append("Use the law `follow_field`, from starts near the p axis.")
+    else:
+        body.append("No law is derived; the reasons are in the two steps before.")
+    derivable = (laws.follow_field, laws.steer_by_chained_form)
+    others = (f for f in laws.ALL if f not in derivable)
+    made = [f.__name__ for f in others if is_made_for(f, system)]
+    if made:
+        body.append(f"Laws of the catalogue that are made for this system: {', '.join(made)}.")
+    left = ["gains, and when to stop near the origin"]
+    if len(found.admissible) > 1:
+        left.insert(0, "p")
+    body.append(f"Left to the designer: {'; '.join(left)}.")
+    return Step("What to use", tuple(body))

@@ -1,0 +1,152 @@
+"""A value function and what its promise was worth, as a few lines of text for the terminal."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from holdfast.analysis.reachability.value_function import ValueFunction
+from holdfast.analysis.safety.verdict import Promise, Trials
+
+
+def value_text(
+    value: ValueFunction,
+    promise: Promise | None = None,
+    begun: ValueFunction | None = None,
+    files: Sequence[Path] = (),
+    *,
+    promised: bool = False,
+) -> str:
+    """The set, how it was found, what it is worth, what the closed loops did, the files.
+
+    begun: the value function that the march began with, for the share that is left of it.
+    promised: whether a promise was asked for.
+    """
+    said = value.dataset.attrs
+    axes = value.grid.axes
+    kind = str(said["kind"]).replace("-", " ")
+    lines = [str(said.get("title") or f"{kind} of {said['region']}"), ""]
+    shape = " x ".join(str(a.count) for a in axes)
+    lines.append(f"  {kind} of {said['region']}, {_until(value)}")
+    lines.append(
+        f"  grid           {shape} = {value.grid.nodes:,} nodes over " + ", ".join(value.names)
+    )
+    share = value.fraction()
+    text = f"{100 * share:.3g} % of the grid's box"
+    if begun is not None and (first := begun.fraction()) > 0:
+        name, ratio = begun.dataset.attrs["region"], share / first
+        text += f", {100 * ratio:.3g} % of {name}" if ratio < 2 else f", {ratio:.3g} times {name}"
+    lines.append(f"  the set        {'empty' if said['empty'] else text}")
+    if not said["empty"]:
+        ends = value.extent()
+        lines.append(
+            "  reaches        "
+            + ", ".join(
+                " ".join([a.name, _range(*ends[a.name]), _unit(a.state.unit)]).rstrip()
+                for a in axes
+            )
+        )
+    lines.append(f"  converged      {_converged(value)}")
+    if said.get("ends_reached"):
+        lines.append(f"  touches        {said['ends_reached']}: what is beyond may matter")
+    lines += [f"  {name:<15}{shown}" for name, shown in _worth(value)]
+    lines.append(
+        f"  march          {said['steps']:,} steps, {said['scheme']}, order {said['order']}, "
+        f"{said['precision']}, {said['wall_time_s']:.1f} s"
+    )
+    if promise is not None:
+        lines += ["", *_promise(promise)]
+    elif promised and said["empty"]:
+        lines += [
+            "",
+            "  promise        none: the set is empty, and there is no state to start from",
+        ]
+    if files:
+        folder = files[0].parent
+        lines += ["", f"  files in {folder}: " + ", ".join(f.name for f in files)]
+    return "\n".join(lines)
+
+
+def _range(low: float, high: float) -> str:
+    return f"{low:.3g} to {high:.3g}"
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else unit
+
+
+def _until(value: ValueFunction) -> str:
+    said = value.dataset.attrs
+    return "for ever" if said["converged"] else f"for {said['horizon_s']:g} s"
+
+
+def _converged(value: ValueFunction) -> str:
+    said = value.dataset.attrs
+    if said["empty"]:
+        return f"yes: nothing is left after {said['reached_s']:.3g} s"
+    left = f"{said['residual_cells']:.2g} cells left to move" if "residual_cells" in said else ""
+    if said["converged"]:
+        return f"yes: after {said['reached_s']:.3g} s, {left or 'nothing changes any more'}"
+    return (
+        f"no: {left or 'some nodes still change'} at {said['horizon_s']:g} s, and the set is one "
+        "for that long only"
+    )
+
+
+def _worth(value: ValueFunction) -> list[tuple[str, str]]:
+    """What further marches say of the answer, where they were asked for."""
+    said = value.dataset.attrs
+    unit = said["value_unit"]
+    found = []
+    if "error_largest" in said:
+        found.append(
+            (
+                "error",
+                f"up to {said['error_largest']:.2g} {unit}, {said['error_cells']:.2g} cells, by a "
+                "coarser grid",
+            )
+        )
+    if "inner_cells" in said:
+        found.append(("inner", f"worn away by {said['inner_cells']} cells, its estimated error"))
+    if "nodes_from_outside" in said:
+        found.append(
+            ("from outside", f"{said['nodes_from_outside']:,} nodes depend on what is there")
+        )
+    return found
+
+
+def _promise(promise: Promise) -> list[str]:
+    lines = [
+        f"  promise        {promise.law}, held for {1000 * promise.sample_time:g} ms, over "
+        f"{promise.horizon:g} s, from random states",
+        f"    at least {promise.depth} inside, as {100 * promise.share:.3g} % of the set are",
+    ]
+    lines += [f"      {_trials(t, promise)}" for t in promise.inside]
+    if promise.outside is not None:
+        lines.append(f"    at least {promise.depth_outside} outside, in the region")
+        lines.append(f"      {_trials(promise.outside, promise)}")
+    beaten = Counter((b.by, b.outcome) for b in promise.beaten)
+    lines += [
+        f"    {count} first beaten by {by}: {outcome}" for (by, outcome), count in beaten.items()
+    ]
+    if promise.confirmed:
+        lines.append("    confirmed: every start is kept against every disturbance tried")
+    else:
+        lines.append(f"    {promise.verdict}")
+    return lines
+
+
+def _trials(trials: Trials, promise: Promise) -> str:
+    low, high = trials.kept.interval
+    text = (
+        f"against {trials.what + ':':<38} {trials.kept.count} of {trials.kept.total} "
+        f"{promise.aim} ({low:.3f} to {high:.3f})"
+    )
+    if math.isfinite(trials.excursion):
+        text += f", worst constraint {trials.excursion:+.4f}"
+        text += "" if promise.unit == "1" else f" {promise.unit}"
+    if trials.off_grid:
+        text += f", {trials.off_grid} left the grid"
+    return text

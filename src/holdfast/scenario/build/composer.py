@@ -1,0 +1,336 @@
+"""Tables of a scenario file to systems, laws and regions.
+
+A table that names a catalogue entry gives its parameters; a table with expressions defines
+an entry of its own. Every refusal names the file and the key.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import sympy as sp
+
+from holdfast.errors import ScenarioError, suggestion
+from holdfast.maths.catalogue import laws, regions, systems
+from holdfast.maths.catalogue.signature import wants_law
+from holdfast.maths.definitions.bounds import Box
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.measurement import Measurement
+from holdfast.maths.definitions.quantity import TIME, TIME_IN_MODE, Parameter, Quantity, symbol
+from holdfast.maths.definitions.region import Inequality, Region
+from holdfast.maths.definitions.switching import Switching, Transition
+from holdfast.maths.definitions.system import PfaffianRow, System
+from holdfast.maths.definitions.units import check_unit, to_si
+from holdfast.maths.expressions.parser import parse_condition, parse_expression
+from holdfast.maths.nonholonomic.null_space import kinematic_system
+from holdfast.scenario.build.entries import catalogue_entry
+from holdfast.scenario.build.region import scaled_region
+from holdfast.scenario.build.scene import composed_shape
+from holdfast.scenario.schema.closed_loop import (
+    BoundedSpec,
+    InequalitySpec,
+    LawSpec,
+    OutputsSpec,
+    ParameterSpec,
+    RegionSpec,
+    SystemSpec,
+)
+from holdfast.scenario.validation import at, validated
+
+Names = dict[str, sp.Expr]
+
+
+@dataclass
+class Composer:
+    """What has been declared so far while one file is read."""
+
+    file: str
+    known: dict[str, Parameter] = field(default_factory=dict)
+    drawn: dict[str, Parameter] = field(default_factory=dict)
+    system_built: System | None = None
+
+    @property
+    def states(self) -> tuple[Quantity, ...]:
+        return self.system_built.states if self.system_built else ()
+
+    # -- catalogue entries --------------------------------------------------------------
+
+    def entry(
+        self,
+        catalogue: Sequence[Callable[..., Any]],
+        table: Mapping[str, Any],
+        key: str,
+        leading: Sequence[object] | None = None,
+    ) -> Any:
+        """The catalogue entry that the table names; its parameters are declared."""
+        built = catalogue_entry(
+            self.file, self.known, catalogue, table, key, self.system_built, leading
+        )
+        self.declare(built.parameters)
+        return built
+
+    def declare(self, parameters: Iterable[Parameter]) -> None:
+        for parameter in parameters:
+            self.known.setdefault(parameter.name, parameter)
+
+    # -- entries written by expressions -------------------------------------------------
+
+    def system(self, table: Mapping[str, Any]) -> System:
+        """[system]: a catalogue entry or one written by expressions."""
+        if "rates" not in table and "states" not in table:
+            self._need_name(table, "system", "rates")
+            built: System = self.entry(systems.ALL, table, "system")
+        else:
+            spec = validated(SystemSpec, table, self.file, "system")
+            with at(self.file, "system"):
+                built = self._system(spec)
+        self.system_built = built
+        self.declare(built.parameters)
+        return built
+
+    def _need_name(self, table: Mapping[str, Any], key: str, alternative: str) -> None:
+        if "name" not in table:
+            raise ScenarioError(
+                f"{self.file}: {key}: missing key 'name'",
+                remedy=f"name a catalogue entry, or write one by '{alternative}'",
+            )
+
+    def _parameters(
+        self, table: Mapping[str, ParameterSpec | float | str], key: str
+    ) -> tuple[Parameter, ...]:
+        result = []
+        for name, spec in table.items():
+            with at(self.file, f"{key}.parameters.{name}"):
+                if not isinstance(spec, ParameterSpec):
+                    spec = ParameterSpec(value=spec)
+                check_unit(spec.unit)
+                result.append(
+                    Parameter(
+                        name,
+                        spec.unit,
+                        spec.description,
+                        value=to_si(spec.value, spec.unit),
+                        source=spec.source,
+                        assumed=spec.assumed,
+                    )
+                )
+        return tuple(result)
+
+    def _quantities(
+        self, table: Mapping[str, Any], key: str, angle: bool = False
+    ) -> tuple[Quantity, ...]:
+        result = []
+        for name, spec in table.items():
+            with at(self.file, f"{key}.{name}"):
+                check_unit(spec.unit)
+                result.append(Quantity(name, spec.unit, spec.description, angle and spec.angle))
+        return tuple(result)
+
+    def _parsed(
+        self, table: Mapping[str, str | float], names: Names, key: str
+    ) -> dict[str, sp.Expr]:
+        result = {}
+        for name, text in table.items():
+            with at(self.file, f"{key}.{name}"):
+                result[name] = parse_expression(text, names)
+        return result
+
+    def _with_definitions(self, table: Mapping[str, str | float], names: Names, key: str) -> Names:
+        names = dict(names)
+        for name, text in table.items():
+            with at(self.file, f"{key}.definitions.{name}"):
+                Quantity(name)
+                if name in names:
+                    raise ScenarioError(f"'{name}' is already declared")
+                names[name] = parse_expression(text, names)
+        return names
+
+    def _system(self, spec: SystemSpec) -> System:
+        parameters = self._parameters(spec.parameters, "system")
+        states = self._quantities(spec.states, "system.states", angle=True)
+        inputs = self._quantities(spec.inputs, "system.inputs")
+        disturbances = self._quantities(spec.disturbances, "system.disturbances")
+        values: Names = {p.name: p.symbol for p in parameters}
+        names: Names = {q.name: q.symbol for q in states + inputs + disturbances}
+        names |= values | {"t": TIME}
+        rows = []
+        for number, row in enumerate(spec.pfaffian):
+            key = f"system.pfaffian.{number}"
+            rhs = self._parsed({"rhs": row.rhs}, names, key)["rhs"]
+            given = self._parsed(row.coefficients, names, f"{key}.coefficients")
+            rows.append(PfaffianRow(given, rhs))
+        if rows and not spec.rates and not spec.inputs:
+            return kinematic_system(
+                spec.name, states, tuple(rows), parameters, spec.description, spec.source
+            )
+        return System(
+            name=spec.name,
+            states=states,
+            inputs=inputs,
+            disturbances=disturbances,
+            rates=self._parsed(spec.rates, names, "system.rates"),
+            parameters=parameters,
+            input_bounds=self._box(spec.inputs, values, "system.inputs"),
+            disturbance_bounds=self._box(spec.disturbances, values, "system.disturbances"),
+            pfaffian=tuple(rows),
+            description=spec.description,
+            source=spec.source,
+            measurements=self._measurements(spec, names),
+        )
+
+    def _measurements(self, spec: SystemSpec, names: Names) -> tuple[Measurement, ...]:
+        result = []
+        for name, given in spec.measurements.items():
+            with at(self.file, f"system.measurements.{name}"):
+                check_unit(given.unit)
+                expression = parse_expression(given.expression, names)
+                result.append(
+                    Measurement(name, given.unit, given.description, expression=expression)
+                )
+        return tuple(result)
+
+    def _box(self, table: Mapping[str, BoundedSpec], names: Names, key: str) -> Box | None:
+        if not any(spec.bounds for spec in table.values()):
+            return None
+        low, high = [], []
+        for name, spec in table.items():
+            if spec.bounds is None:
+                low.append(-sp.oo)
+                high.append(sp.oo)
+                continue
+            with at(self.file, f"{key}.{name}.bounds"):
+                low.append(parse_expression(spec.bounds[0], names))
+                high.append(parse_expression(spec.bounds[1], names))
+        return Box(tuple(low), tuple(high))
+
+    def scope(self) -> Names:
+        """States, what is measured of them, time and every parameter declared so far."""
+        names: Names = {q.name: q.symbol for q in self.states}
+        measured = self.system_built.measurements if self.system_built else ()
+        names |= {m.name: m.expression for m in measured}
+        return names | {p: symbol(p) for p in self.known} | {"t": TIME}
+
+    def law(self, table: Mapping[str, Any]) -> Law | Switching:
+        """[law]: a catalogue entry or one written by expressions."""
+        if "outputs" not in table and "modes" not in table:
+            self._need_name(table, "law", "outputs")
+            if any(f.__name__ == table["name"] and wants_law(f) for f in laws.ALL):
+                raise ScenarioError(
+                    f"{self.file}: law.name: '{table['name']}' is built on a convergent law",
+                    remedy="name that law here, and this one under [redesign]",
+                )
+            built: Law = self.entry(laws.ALL, table, "law")
+            return built
+        spec = validated(LawSpec, table, self.file, "law")
+        self.declare((*self._parameters(spec.parameters, "law"), *self.drawn.values()))
+        reads = self._reads(spec.reads)
+        scope = self.scope() | {q.name: q.symbol for q in reads}  # and all that it measures
+        names = self._with_definitions(spec.definitions, scope, "law")
+        signals = self._parsed(spec.signals, names, "law.signals")
+        if (spec.outputs is None) == (spec.modes is None):
+            raise ScenarioError(f"{self.file}: law: give either outputs or modes")
+        with at(self.file, "law"):
+            if spec.outputs is not None:
+                return Law(
+                    name=spec.name,
+                    reads=reads,
+                    parameters=tuple(self.known.values()),
+                    outputs=self._parsed(spec.outputs, names, "law.outputs"),
+                    signals=signals,
+                    description=spec.description,
+                    source=spec.source,
+                )
+            modes = {
+                mode: self.outputs_law(mode, outputs, f"law.modes.{mode}", names, reads)
+                for mode, outputs in (spec.modes or {}).items()
+            }
+            transitions = []
+            for number, transition in enumerate(spec.transitions):
+                with at(self.file, f"law.transitions.{number}.when"):
+                    level = parse_condition(transition.when, names | {"time_in_mode": TIME_IN_MODE})
+                transitions.append(Transition(transition.source, transition.target, level))
+            return Switching(
+                name=spec.name,
+                modes=modes,
+                transitions=tuple(transitions),
+                initial=spec.initial,
+                signals=signals,
+                extra_parameters=tuple(self.known.values()),
+                description=spec.description,
+                source=spec.source,
+            )
+
+    def _reads(self, wanted: list[str] | None) -> tuple[Quantity, ...]:
+        if wanted is None:
+            return self.states
+        system = self.system_built
+        more = (*system.disturbances, *system.measurements) if system else ()
+        known = {q.name: q for q in (*self.states, *more)}
+        for name in wanted:
+            if name not in known:
+                raise ScenarioError(
+                    f"{self.file}: law.reads: '{name}' is no state, disturbance or measurement",
+                    remedy=suggestion(name, known),
+                )
+        return tuple(known[name] for name in wanted)
+
+    def outputs_law(
+        self,
+        name: str,
+        spec: OutputsSpec,
+        key: str,
+        names: Names,
+        reads: tuple[Quantity, ...] | None = None,
+    ) -> Law:
+        """A law given by outputs and definitions alone."""
+        names = self._with_definitions(spec.definitions, names, key)
+        return Law(
+            name=name,
+            reads=self.states if reads is None else reads,
+            outputs=self._parsed(spec.outputs, names, f"{key}.outputs"),
+            parameters=tuple(self.known.values()),
+        )
+
+    def region(self, table: Mapping[str, Any], key: str) -> Region:
+        """[region] or [goal]: a catalogue entry or one written by expressions."""
+        if "constraints" not in table:
+            self._need_name(table, key, "constraints")
+            plain = {n: v for n, v in table.items() if n != "scale"}
+            built: Region = self.entry(regions.ALL, plain, key)
+            return scaled_region(self.file, built, table.get("scale", {}), key)
+        spec = validated(RegionSpec, {"name": key, **table}, self.file, key)
+        self.declare(self._parameters(spec.parameters, key))
+        if key == "goal":
+            self.declare(self.drawn.values())
+        names = self._with_definitions(spec.definitions, self.scope(), key)
+        inequalities = []
+        for name, given in spec.constraints.items():
+            if not isinstance(given, InequalitySpec):
+                given = InequalitySpec(expression=given)
+            with at(self.file, f"{key}.constraints.{name}"):
+                check_unit(given.unit)
+                inequalities.append(
+                    Inequality(
+                        name,
+                        parse_expression(given.expression, names),
+                        given.unit,
+                        given.description,
+                        None if given.scale is None else to_si(given.scale, given.unit),
+                    )
+                )
+        shapes = tuple(
+            composed_shape(self.file, f"{key}.scene.{i}", shape, names, self.known)
+            for i, shape in enumerate(spec.scene)
+        )
+        with at(self.file, key):
+            return Region(
+                name=spec.name,
+                reads=self.states,
+                inequalities=tuple(inequalities),
+                parameters=tuple(self.known.values()),
+                scene=shapes,
+                description=spec.description,
+                source=spec.source,
+            )

@@ -1,0 +1,166 @@
+"""[law], [redesign], [tracking], [safeguard]: from tables to the law that runs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from holdfast.errors import ScenarioError, suggestion
+from holdfast.maths.catalogue import laws
+from holdfast.maths.catalogue.signature import accepted_parameters, arguments, wants_law
+from holdfast.maths.control.blended_redesign import redesign
+from holdfast.maths.control.observer import observe
+from holdfast.maths.control.safety_filter import safeguard
+from holdfast.maths.control.velocity_tracking import track_velocity
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.measurement import by_measurements
+from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.units import to_si
+from holdfast.maths.expressions.parser import parse_condition, parse_number
+from holdfast.scenario.build.composer import Composer
+from holdfast.scenario.schema.closed_loop import (
+    OutputsSpec,
+    RedesignSpec,
+    SafeguardSpec,
+    ScenarioSpec,
+)
+from holdfast.scenario.validation import at
+
+
+def composed_law(
+    composer: Composer, spec: ScenarioSpec, system: System, region: Region | None
+) -> Law | Switching:
+    """The law, redesigned, tracked and safeguarded as far as the scenario says so."""
+    with at(composer.file, "law"):
+        law = by_measurements(system, composer.law(spec.law))
+    if spec.redesign is not None:
+        law = _redesigned(composer, spec.redesign, law, region, system)
+    if spec.tracking is not None:
+        with at(composer.file, "tracking"):
+            law = track_velocity(system, law, spec.tracking)
+    if spec.safeguard is not None:
+        law = _safeguarded(composer, spec.safeguard, law, region, system)
+    if spec.observer is not None:
+        with at(composer.file, "observer"):
+            law = observe(
+                system, law, measured=spec.observer.measured, bandwidth=spec.observer.bandwidth
+            )
+        composer.declare(law.parameters)
+    return law
+
+
+def _safeguarded(
+    composer: Composer,
+    spec: SafeguardSpec,
+    law: Law | Switching,
+    region: Region | None,
+    system: System,
+) -> Law | Switching:
+    file = composer.file
+    if region is None:
+        raise ScenarioError(f"{file}: safeguard: needs a [region]")
+    more = None
+    if spec.constraints:
+        more = composer.region({"constraints": spec.constraints}, "safeguard")
+    inequalities = (*region.inequalities, *(more.inequalities if more is not None else ()))
+    units = {c.name: c.unit for c in inequalities}
+    margins = {}
+    for name, value in spec.margins.items():
+        with at(file, f"safeguard.margins.{name}"):
+            if name not in units:
+                raise ScenarioError("unknown name", remedy=suggestion(name, units))
+            margins[name] = to_si(value, units[name])
+    with at(file, "safeguard"):
+        guarded: Law | Switching = safeguard(
+            system,
+            law,
+            region,
+            constraints=more,
+            gains=spec.gains,
+            margins=margins,
+            scales=spec.scales,
+            measured=spec.measured,
+        )
+    composer.declare(guarded.parameters)
+    return guarded
+
+
+def _redesigned(
+    composer: Composer,
+    spec: RedesignSpec,
+    law: Law | Switching,
+    region: Region | None,
+    system: System,
+) -> Switching:
+    file = composer.file
+    if region is None:
+        raise ScenarioError(f"{file}: redesign: needs a [region]")
+    if isinstance(law, Switching):
+        raise ScenarioError(
+            f"{file}: redesign: the law has modes already", expected="a law without modes"
+        )
+    wanted = [*spec.viable.values(), *([spec.hold] if spec.hold else [])]
+    catalogue: dict[str, Any] = {function.__name__: function for function in laws.ALL}
+    printable = [w for w in wanted if isinstance(w, str) and w in catalogue]
+    printable = [w for w in printable if "as_printed" in arguments(catalogue[w], 1)[0]]
+    printed = spec.as_printed
+    if isinstance(printed, bool):
+        printed = ["redesign", *printable] if printed else []
+    for name in printed:
+        if name not in (allowed := ["redesign", *printable]):
+            raise ScenarioError(
+                f"{file}: redesign.as_printed: '{name}' is no part of this redesign",
+                remedy=suggestion(name, allowed),
+            )
+    built: dict[str, Law] = {}
+    unused = set(spec.parameters)
+    for name in [w for w in wanted if isinstance(w, str)]:
+        if name in built:
+            continue
+        if name not in catalogue:
+            raise ScenarioError(
+                f"{file}: redesign: unknown law '{name}'", remedy=suggestion(name, catalogue)
+            )
+        with at(file, "redesign"):
+            leading = (law,) if wants_law(catalogue[name]) else (system,)
+            standard = catalogue[name](*leading)
+            takes = accepted_parameters(catalogue[name], {p.name: p for p in standard.parameters})
+        mine = {k: v for k, v in spec.parameters.items() if k in takes}
+        unused -= set(mine)
+        table = {"name": name, **mine, **({"as_printed": True} if name in printed else {})}
+        built[name] = composer.entry(laws.ALL, table, "redesign.parameters", leading)
+    if unused:
+        odd = sorted(unused)[0]
+        raise ScenarioError(f"{file}: redesign.parameters.{odd}: no viable law has it")
+
+    def of(given: str | OutputsSpec, key: str) -> Law:
+        if isinstance(given, str):
+            return built[given]
+        with at(file, key):
+            return composer.outputs_law(key, given, key, composer.scope())
+
+    viable = {k: of(v, f"redesign.viable.{k}") for k, v in spec.viable.items()}
+    hold = of(spec.hold, "redesign.hold") if spec.hold else None
+    hold_when = None
+    if spec.hold_when is not None:
+        with at(file, "redesign.hold_when"):
+            hold_when = parse_condition(spec.hold_when, composer.scope())
+    goal = None
+    if spec.goal is not None:
+        goal = {}
+        values = {p.symbol: p.value for p in composer.known.values()}
+        for name, text in spec.goal.items():
+            with at(file, f"redesign.goal.{name}"):
+                goal[name] = parse_number(text, composer.scope(), values)
+    with at(file, "redesign"):
+        return redesign(
+            law,
+            region,
+            viable=viable,
+            layers=spec.layers,
+            hold=hold,
+            hold_when=hold_when,
+            goal=goal,
+            as_printed="redesign" in printed,
+        )

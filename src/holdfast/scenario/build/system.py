@@ -1,0 +1,58 @@
+"""[system]: the system, and which of its states are kept, promoted to inputs or to disturbances."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from holdfast.errors import ScenarioError, suggestion
+from holdfast.maths.definitions.bounds import Box
+from holdfast.maths.definitions.reduction import promote, subsystem
+from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.units import to_si
+from holdfast.scenario.build.composer import Composer
+from holdfast.scenario.validation import at
+
+REDUCTIONS = ("keep", "promote", "disturb")
+
+
+def composed_system(composer: Composer, table: Mapping[str, Any]) -> System:
+    """The system of the table, reduced as it says; the composer knows it from now on."""
+    system = composer.system({k: v for k, v in table.items() if k not in REDUCTIONS})
+    if "keep" in table:
+        kept = table["keep"]
+        with at(composer.file, "system.keep"):
+            if not (isinstance(kept, list) and kept and all(isinstance(n, str) for n in kept)):
+                raise ScenarioError(f"got {kept!r}", expected='states, such as ["u", "v", "r"]')
+            system = subsystem(system, tuple(kept))
+    if "promote" in table or "disturb" in table:
+        inputs, box = _intervals(composer, system, table, "promote")
+        felt, felt_box = _intervals(composer, system, table, "disturb")
+        with at(composer.file, "system.promote"):
+            if not inputs:
+                raise ScenarioError("'disturb' without 'promote'", remedy="name the inputs")
+            system = promote(system, inputs, box, disturbances=felt, disturbance_bounds=felt_box)
+    composer.system_built = system
+    return system
+
+
+def _intervals(
+    composer: Composer, system: System, table: Mapping[str, Any], key: str
+) -> tuple[tuple[str, ...], Box | None]:
+    """The states named under `key`, and the box of their intervals."""
+    if key not in table:
+        return (), None
+    given = table[key]
+    units = {q.name: q.unit for q in system.states}
+    with at(composer.file, f"system.{key}"):
+        if not isinstance(given, Mapping) or not given:
+            raise ScenarioError(f"got {given!r}", expected="{ state = [lowest, highest] }")
+        sides = []
+        for name, interval in given.items():
+            if name not in units:
+                raise ScenarioError("unknown name", remedy=suggestion(name, units))
+            if not isinstance(interval, list) or len(interval) != 2:
+                raise ScenarioError(f"'{name}' has {interval!r}", expected="[lowest, highest]")
+            sides.append([to_si(side, units[name]) for side in interval])
+        low, high = zip(*sides, strict=True)
+        return tuple(given), Box(low, high)

@@ -1,0 +1,215 @@
+"""Where the tables of a scenario come from: a shipped file or one of the user's, with overrides."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import tomllib
+from collections.abc import Iterable, Mapping
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from holdfast.errors import ScenarioError, suggestion
+from holdfast.host.reading import read_small_text
+from holdfast.maths.catalogue import fields, systems
+from holdfast.maths.definitions.system import System
+from holdfast.maths.reference_fields.field import Field
+from holdfast.scenario.build.composer import Composer
+
+PATHS: dict[tuple[str, str], tuple[str, ...]] = {
+    ("system", "vehicle"): (".toml",),
+    ("safety", "kernel"): (".toml", ".nc"),
+    ("compare", "kernel"): (".toml",),
+    ("march", "checkpoint"): ("",),
+    ("environment", "geojson"): ("",),
+}
+"""Table and key whose text is a path if it ends so (else a name)."""
+
+
+def scenario_names() -> tuple[str, ...]:
+    """The scenarios shipped with the package."""
+    files = resources.files("holdfast.scenarios").iterdir()
+    return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
+
+
+def read_text(name: str) -> tuple[str, str]:
+    """(name or path to show, text) of a shipped scenario or of a TOML file."""
+    if name in scenario_names():
+        file = resources.files("holdfast.scenarios") / f"{name}.toml"
+        return f"{name}.toml", file.read_text("utf-8")
+    if not name.endswith(".toml"):
+        raise ScenarioError(
+            f"unknown scenario '{name}'",
+            remedy=suggestion(name, scenario_names()) + " (a file of your own ends in .toml)",
+        )
+    return name, read_small_text(name)
+
+
+def read_tables(name: str, overrides: Iterable[str] = ()) -> tuple[str, str, dict[str, Any]]:
+    """(name to show, text, tables) of a scenario, with `key=value` overrides applied.
+
+    Paths in the tables are those from the folder of the file; those in overrides are the caller's.
+    """
+    shown, text = read_text(name)
+    try:
+        data = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ScenarioError(f"{shown}: not a TOML file: {error}") from None
+    shipped = Path(str(resources.files("holdfast.scenarios")))
+    _place(data, shipped if name in scenario_names() else Path(name).parent)
+    return shown, *overridden(text, data, overrides)
+
+
+def overridden(
+    text: str, data: dict[str, Any], overrides: Iterable[str]
+) -> tuple[str, dict[str, Any]]:
+    """Text and tables with `key=value` overrides; those given are not changed."""
+    changes = list(overrides)
+    if not changes:
+        return text, data
+    data = copy.deepcopy(data)
+    for change in changes:
+        _override(data, change)
+    return f"{text}\n# overrides: {'; '.join(changes)}\n", data
+
+
+def _place(data: Mapping[str, Any], folder: Path) -> None:
+    """Let the paths in the tables, and in those of [compare], begin with `folder`."""
+    for (table, key), endings in PATHS.items():
+        there = data.get(table)
+        if isinstance(there, dict) and isinstance(path := there.get(key), str):
+            there[key] = _placed(path, folder, endings)
+    kernels = data.get("kernels")
+    if isinstance(kernels, dict):
+        for name in list(kernels):
+            kernels[_placed(name, folder, (".toml",))] = kernels.pop(name)
+    compared = data.get("compare")
+    for kind in ("laws", "cases"):
+        altered = compared.get(kind) if isinstance(compared, Mapping) else None
+        for change in altered.values() if isinstance(altered, Mapping) else ():
+            if isinstance(change, Mapping):
+                _place(change, folder)
+
+
+def _placed(path: str, folder: Path, endings: tuple[str, ...]) -> str:
+    return str(folder / path) if path.endswith(endings) else path
+
+
+def merged(data: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """The tables with what is given in place of theirs, key by key; neither is changed."""
+    result = copy.deepcopy(dict(data))
+    for name, value in given.items():
+        mine = result.get(name)
+        if isinstance(value, Mapping) and isinstance(mine, Mapping):
+            result[name] = merged(mine, value)
+        else:
+            result[name] = copy.deepcopy(value)
+    return result
+
+
+def scenario_title(name: str) -> str:
+    """The file's name without folder and ending."""
+    return Path(name).name.removesuffix(".toml")
+
+
+def load_system(name: str, overrides: Iterable[str] = ()) -> System:
+    """The system of that name in the catalogue, or of the scenario or TOML file of that name.
+
+    Of a file the table [system] alone is read. Overrides are those of the arguments of the
+    catalogue's function ("trailers=2"), or of the file's keys ("system.trailers=2").
+    """
+    catalogue = [f.__name__ for f in systems.ALL]
+    if name in catalogue:
+        shown, data = name, {"system": catalogue_table(name, overrides, "system")}
+    else:
+        try:
+            shown, _, data = read_tables(name, overrides)
+        except ScenarioError as error:
+            if not str(error).startswith("unknown scenario"):
+                raise
+            raise ScenarioError(
+                f"no system, scenario or file is called '{name}'",
+                remedy=suggestion(name, [*catalogue, *scenario_names()])
+                + " (a file of your own ends in .toml)",
+            ) from None
+    table = data.get("system")
+    if not isinstance(table, Mapping):
+        raise ScenarioError(f"{shown}: no table [system]")
+    return Composer(shown).system(table)
+
+
+def load_field(name: str, overrides: Iterable[str] = ()) -> Field:
+    """The field of that name in the catalogue, with arguments ("lam=2", "moment=[0, 1]")."""
+    table = catalogue_table(name, overrides, "field")
+    built: Field = Composer(name).entry(fields.ALL, table, "field")
+    return built
+
+
+def catalogue_table(name: str, overrides: Iterable[str], kind: str) -> dict[str, Any]:
+    """{ name, arguments } as a scenario's table would be."""
+    data: dict[str, Any] = {kind: {"name": name}}
+    for change in overrides:
+        key, _, rest = change.partition("=")
+        bare = key.strip().removeprefix(f"{kind}.")
+        _override(data, f"{kind}.{bare}={rest}" if "=" in change else change)
+    table: dict[str, Any] = data[kind]
+    return table
+
+
+def _override(data: dict[str, Any], change: str) -> None:
+    key, separator, value = change.partition("=")
+    path = key.strip().split(".")
+    if not separator or not all(path):
+        raise ScenarioError(f"--set {change}", expected="key=value, such as law.k1=0.2")
+    try:
+        parsed = tomllib.loads(f"value = {value}")
+    except (ValueError, RecursionError):
+        parsed = {"value": value.strip()}
+    if len(parsed) != 1:
+        raise ScenarioError(f"--set {key}: more than one value")
+    table: Any = data
+    for part in path[:-1]:
+        if isinstance(table, list):
+            table = table[_place_in(table, part, change)]
+        else:
+            table = table.setdefault(part, {})
+        if not isinstance(table, dict | list):
+            raise ScenarioError(f"--set {change}: '{part}' is no table")
+    last: Any = path[-1]
+    if isinstance(table, list):
+        last = _place_in(table, last, change)
+    if value.strip():
+        table[last] = parsed["value"]
+    elif isinstance(table, list):
+        del table[last]
+    else:  # nothing after the sign takes the key away
+        table.pop(last, None)
+
+
+def _place_in(table: list[Any], part: str, change: str) -> int:
+    if not (part.isdecimal() and int(part) < len(table)):
+        raise ScenarioError(
+            f"--set {change}: '{part}' of a list", expected=f"a place from 0 to {len(table) - 1}"
+        )
+    return int(part)
+
+
+@cache
+def code_digest() -> str:
+    """A digest of the code that results depend on, so that another version computes them anew."""
+    found = hashlib.sha256()
+    for path in sorted(Path(str(resources.files("holdfast"))).rglob("*.py")):
+        found.update(path.read_bytes())
+    return found.hexdigest()
+
+
+@cache
+def files_digest() -> str:
+    """A digest of the scenarios and the vehicles, any of which another may name."""
+    found = hashlib.sha256()
+    for kind in ("scenarios", "vehicles"):
+        for path in sorted(Path(str(resources.files("holdfast") / kind)).glob("*.toml")):
+            found.update(path.read_bytes())
+    return found.hexdigest()

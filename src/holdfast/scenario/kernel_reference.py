@@ -1,0 +1,191 @@
+"""The kernel of another scenario, for the vehicle of the one that names it; computed once."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from holdfast.analysis.reachability.value_function import ValueFunction
+from holdfast.analysis.simulation.result import load
+from holdfast.errors import OutputError, ScenarioError, suggestion
+from holdfast.execution.compile import cache_directory
+from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.resources import Progress
+from holdfast.maths.definitions.quantity import symbol
+from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.system import System
+from holdfast.scenario.files import code_digest, merged, read_tables
+from holdfast.scenario.kernel import KernelScenario, composed_kernel, is_kernel
+from holdfast.scenario.schema.kernel import KINDS
+
+DECISIVE = ("system", "region", "goal", "origin", "disturbance", "grid", "march")
+"""The tables that a value depends on, beside the kind."""
+
+
+@dataclass(frozen=True)
+class NamedKernel:
+    """A kernel that a scenario names.
+
+    scenario: what computes it, None for the file of a value function; digest: of all that the
+    value depends on, so that equal questions are answered once.
+    """
+
+    name: str
+    scenario: KernelScenario | None
+    digest: str = ""
+
+    def value(self, progress: Progress | None = None) -> ValueFunction:
+        """The value function, computed once and kept in the cache, or that of the file."""
+        if self.scenario is None:
+            return _loaded(self.name)
+        kept = cache_directory() / f"value_{self.digest}.nc"
+        with suppress(OutputError):  # one that was cut, as by a full disk, is computed again
+            if kept.exists():
+                return _loaded(str(kept))
+        value = self.scenario.solve(progress)
+        value.save(kept)
+        return value
+
+    def check_horizon(self, value: ValueFunction, horizon: float) -> None:
+        """Refuse runs for longer than a kernel that has not converged says anything about."""
+        said = value.dataset.attrs
+        if not said["converged"] and horizon > said["horizon_s"] * (1 + 1e-9):
+            raise ScenarioError(
+                f"the kernel of '{self.name}' is one for {said['horizon_s']:g} s, and the run "
+                f"takes {horizon:g} s",
+                remedy="raise its march.horizon until it converges, or shorten the run",
+            )
+
+
+def named_kernel(
+    name: str,
+    system: Mapping[str, Any] | None = None,
+    altered: Mapping[str, Mapping[str, Any]] | None = None,
+) -> NamedKernel:
+    """The kernel of the scenario, or of the value function, of that name or file.
+
+    system: the table of the vehicle that it is wanted for, whose keys take the place of those of
+    the scenario; altered: name -> tables, [kernels], which take the place of both.
+
+    Raises `ScenarioError` for a scenario that computes no set or cannot be composed, and for the
+    file of a value function that is to be altered.
+    """
+    changes = dict((altered or {}).get(name, {}))
+    if name.endswith(".nc"):
+        if changes:
+            raise ScenarioError(
+                f"kernels.{name}: a value function is what it is",
+                remedy="name the scenario that computes it",
+            )
+        return NamedKernel(name, None)
+    file, text, own = read_tables(name)
+    if not is_kernel(file, own):
+        raise ScenarioError(f"'{name}' computes no kernel", expected="one of " + ", ".join(KINDS))
+    data = merged(merged(own, {"system": dict(system or {})}), changes)
+    if data != own:
+        text += f"\n# with: {json.dumps({n: t for n, t in data.items() if t != own.get(n)})}\n"
+    scenario = composed_kernel(file, text, data)
+    numbers = [(q.name, q.value) for q in scenario.system.parameters]  # those of a vehicle's file
+    decisive = [scenario.kind, {n: data[n] for n in DECISIVE if n in data}, numbers]
+    posed = json.dumps(decisive, sort_keys=True, default=str)
+    digest = hashlib.sha256(f"{code_digest()}{posed}".encode()).hexdigest()[:24]
+    return NamedKernel(name, scenario, digest)
+
+
+def check_kernels(file: str, data: Mapping[str, Any]) -> None:
+    """Refuse [kernels] of a name that no key `kernel` of the file has: it would change nothing."""
+    known = set(_named(data))
+    for name in _altered(data):
+        if name not in known:
+            raise ScenarioError(
+                f"{file}: kernels.{name}: no [safety] or [compare] names this kernel",
+                remedy=suggestion(name, known),
+            )
+
+
+def _named(data: Mapping[str, Any]) -> Iterator[str]:
+    for key, value in data.items():
+        if isinstance(value, Mapping):
+            yield from _named(value)
+        elif key == "kernel" and isinstance(value, str):
+            yield value
+
+
+def _altered(data: Mapping[str, Any]) -> Iterator[str]:
+    for key, value in data.items():
+        if isinstance(value, Mapping):
+            yield from (value if key == "kernels" else _altered(value))
+
+
+def check_implies(
+    kernel: NamedKernel, value: ValueFunction, region: Region | None, system: System
+) -> None:
+    """Refuse a kernel with states that violate the region of the scenario that is kept in it.
+
+    A kernel whose region has the same inequalities, or more, needs no look. Of any other, all nodes
+    are looked at which are in the set at the last time or at an earlier one.
+    """
+    if region is None or _has_all(kernel.scenario, region, system):
+        return
+    names = value.names
+    for c in region.inequalities:
+        unknown = c.expression.free_symbols & {symbol(n) for n in system.state_names}
+        for name in sorted(str(s) for s in unknown):
+            if name not in names:
+                raise ScenarioError(
+                    f"the kernel of '{kernel.name}' knows nothing of '{name}', which "
+                    f"'{c.name}' of region '{region.name}' depends on",
+                    remedy="compute a kernel whose states have it, or watch the kernel's region",
+                )
+    data = value.dataset["value"]
+    numbers = data.max("time").values if "time" in data.dims else data.values
+    rows = Evaluator(
+        [c.expression for c in region.inequalities],
+        [a.state.symbol for a in value.grid.axes],
+        region.parameters,
+    )
+    nodes = [a.nodes for a in value.grid.axes]
+    for k, slab in enumerate(numbers):  # slab by slab, so that it takes little memory
+        places = np.nonzero(slab > 0)
+        count = len(places[0]) if places else int(slab > 0)
+        if not count:
+            continue
+        columns = [np.full(count, nodes[0][k])]
+        columns += [n[p] for n, p in zip(nodes[1:], places, strict=True)]
+        found = rows.values(np.stack(columns, axis=1))
+        row, j = np.unravel_index(int(found.argmax()), found.shape)
+        if found[row, j] > 1e-9:
+            c = region.inequalities[j]
+            shown = ", ".join(f"{n} = {v[row]:.3g}" for n, v in zip(names, columns, strict=True))
+            amount = f"{found[row, j]:.3g}" + ("" if c.unit == "1" else f" {c.unit}")
+            raise ScenarioError(
+                f"the kernel of '{kernel.name}' is not one of region '{region.name}': at {shown} "
+                f"it violates '{c.name}' by {amount}",
+                remedy="compute the kernel of this region, or watch the region of the kernel",
+            )
+
+
+def _has_all(scenario: KernelScenario | None, region: Region, system: System) -> bool:
+    """Whether every inequality of the region is one of the kernel's, with the same numbers."""
+    if scenario is None or scenario.region is None or scenario.goal is not None:
+        return False
+
+    def said(of: Region, plant: System) -> set[sp.Expr]:
+        values = {q.symbol: sp.Float(q.value) for q in (*plant.parameters, *of.parameters)}
+        return {c.expression.xreplace(values) for c in of.inequalities}
+
+    return said(region, system) <= said(scenario.region, scenario.system)
+
+
+def _loaded(path: str) -> ValueFunction:
+    found = load(path)
+    if not isinstance(found, ValueFunction):
+        raise ScenarioError(f"{path} holds trajectories", expected="a value function")
+    return found

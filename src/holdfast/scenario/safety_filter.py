@@ -1,0 +1,96 @@
+"""[safety]: the law of a scenario, kept in the kernel of another."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from holdfast.analysis.reachability.value_function import ValueFunction
+from holdfast.analysis.safety.safety_filter import safety_law
+from holdfast.errors import ScenarioError
+from holdfast.execution.resources import Progress
+from holdfast.maths.control.velocity_tracking import track_velocity
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.definitions.system import System
+from holdfast.scenario.kernel_reference import NamedKernel, check_implies, named_kernel
+from holdfast.scenario.schema.closed_loop import SafetySpec, ScenarioSpec
+from holdfast.scenario.validation import at
+
+
+@dataclass(frozen=True)
+class Safety:
+    """The kernel that a law is kept in, and how.
+
+    tracking: the gains by which the vehicle follows velocities, where those are the inputs of the
+    kernel; None where its inputs are the vehicle's own.
+    """
+
+    kernel: NamedKernel
+    spec: SafetySpec
+    tracking: Mapping[str, float] | None
+
+    def kept(
+        self,
+        system: System,
+        law: Law | Switching,
+        horizon: float,
+        sample_time: float,
+        delay: float,
+        region: Region | None = None,
+        progress: Progress | None = None,
+    ) -> Law | Switching:
+        """The law, kept in the kernel, for runs of `horizon`; the kernel is computed if need be.
+
+        region: what the runs have to keep, which the kernel has to lie within.
+        """
+        value = self.kernel.value(progress)
+        if value.dataset.attrs["empty"]:
+            raise ScenarioError(f"nothing is left of the kernel of '{self.kernel.name}'")
+        self.kernel.check_horizon(value, horizon)
+        check_implies(self.kernel, value, region, system)
+        if self.tracking is not None:
+            return self._followed(system, value, delay)
+        return safety_law(
+            system,
+            value,
+            None if self.spec.alone else law,
+            rate=self.spec.rate,
+            margin=self.spec.margin,
+            sample_time=sample_time,
+            delay=delay,
+        )
+
+    def _followed(self, system: System, value: ValueFunction, delay: float) -> Law:
+        """The optimal velocities of the kernel, which the vehicle's own inputs follow."""
+        assert self.kernel.scenario is not None
+        assert self.tracking is not None
+        velocities = safety_law(self.kernel.scenario.system, value, delay=delay)
+        return track_velocity(system, velocities, self.tracking)
+
+
+def composed_safety(file: str, spec: ScenarioSpec, system: System) -> Safety | None:
+    """[safety], with the kernel of this vehicle; `ScenarioError` for what does not go with it."""
+    if spec.safety is None:
+        return None
+    for other in ("safeguard", "observer"):
+        if getattr(spec, other) is not None:
+            raise ScenarioError(
+                f"{file}: safety: there is a [{other}] too", remedy="leave one of them out"
+            )
+    with at(file, "safety"):
+        kernel = named_kernel(spec.safety.kernel, spec.system, spec.kernels)
+        velocities = () if kernel.scenario is None else _velocities(kernel.scenario.system, system)
+        if velocities and not (spec.safety.alone and spec.tracking is not None):
+            raise ScenarioError(
+                f"the kernel of '{kernel.name}' is one of the inputs {' and '.join(velocities)}, "
+                "which are states here",
+                expected="alone = true, and [tracking] by which they are followed",
+            )
+        return Safety(kernel, spec.safety, spec.tracking if velocities else None)
+
+
+def _velocities(game: System, system: System) -> tuple[str, ...]:
+    """The inputs of a kernel that are states of the vehicle."""
+    return tuple(n for n in game.input_names if n in system.state_names)

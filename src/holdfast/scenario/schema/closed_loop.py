@@ -1,0 +1,340 @@
+"""The shape of a scenario file, checked by pydantic; see docs/scenarios.md."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import ConfigDict, Field
+
+from holdfast.scenario.schema.values import (
+    Bounds,
+    DrawSpec,
+    Expression,
+    Gains,
+    Interval,
+    Layer,
+    Name,
+    NoiseSpec,
+    Plane,
+    Point,
+    Renamed,
+    Section,
+    Text,
+    Value,
+)
+
+
+class Header(Section):
+    """[scenario]"""
+
+    title: Text
+    kind: Literal["closed-loop"] = "closed-loop"
+    description: Text = ""
+    source: Text = ""
+
+
+class QuantitySpec(Section):
+    """A state: its unit, and whether it is an angle."""
+
+    unit: str = "1"
+    description: Text = ""
+    angle: bool = False
+
+
+class BoundedSpec(Section):
+    """An input or disturbance: its unit and its bounds (numbers or expressions)."""
+
+    unit: str = "1"
+    description: Text = ""
+    bounds: Bounds | None = None
+
+
+class MeasurementSpec(Section):
+    """What an instrument tells of the states."""
+
+    expression: Expression
+    unit: str = "1"
+    description: Text = ""
+
+
+class ParameterSpec(Section):
+    """A parameter with its unit and source."""
+
+    value: Value
+    unit: str = "1"
+    description: Text = ""
+    source: Text = ""
+    assumed: bool = False
+
+
+Parameters = dict[Name, ParameterSpec | Value]
+
+
+class PfaffianSpec(Section):
+    """One row of A(q) qdot = b: { coefficients = { x = "-sin(psi)", ... }, rhs = "0" }.
+
+    The coefficients are those of the rates, the entries of A; what is left out is 0. rhs: the
+    entry of b, the sway or the current across the hull, where the row is not zero.
+    """
+
+    renamed: ClassVar[Renamed] = {"row": ("coefficients", {})}
+
+    coefficients: dict[Name, Expression]
+    rhs: Expression = 0.0
+
+
+class SystemSpec(Section):
+    """[system], written by expressions: rates, or Pfaffian rows alone (all they allow)."""
+
+    name: Name = "system"
+    description: Text = ""
+    source: Text = ""
+    states: dict[Name, QuantitySpec]
+    inputs: dict[Name, BoundedSpec] = Field(default_factory=dict)
+    disturbances: dict[Name, BoundedSpec] = Field(default_factory=dict)
+    parameters: Parameters = Field(default_factory=dict)
+    rates: dict[Name, Expression] = Field(default_factory=dict)
+    measurements: dict[Name, MeasurementSpec] = Field(default_factory=dict)
+    pfaffian: list[PfaffianSpec] = Field(default_factory=list)
+
+
+class OutputsSpec(Section):
+    """A law: its outputs, with definitions that may use earlier ones."""
+
+    outputs: dict[Name, Expression]
+    definitions: dict[Name, Expression] = Field(default_factory=dict)
+
+
+class TransitionSpec(Section):
+    """{ from = "far", to = "near", when = "hypot(x, y) < 0.2" }"""
+
+    source: Name = Field(alias="from")
+    target: Name = Field(alias="to")
+    when: str
+
+
+class LawSpec(Section):
+    """[law], written by expressions: one law, or modes with transitions."""
+
+    name: Name = "law"
+    description: Text = ""
+    source: Text = ""
+    reads: list[Name] | None = None
+    parameters: Parameters = Field(default_factory=dict)
+    definitions: dict[Name, Expression] = Field(default_factory=dict)
+    signals: dict[Name, Expression] = Field(default_factory=dict)
+    outputs: dict[Name, Expression] | None = None
+    modes: dict[Name, OutputsSpec] | None = None
+    transitions: list[TransitionSpec] = Field(default_factory=list)
+    initial: str = ""
+
+
+class InequalitySpec(Section):
+    """expression <= 0 is safe. scale: how much of it counts as 1 when a depth is measured."""
+
+    expression: Expression
+    unit: str = "1"
+    description: Text = ""
+    scale: Value | None = None
+
+
+class ShapeSpec(Section):
+    """What to draw: a segment, a circle, or a field of view: a cone, or a polygon (footprint)."""
+
+    kind: Literal["segment", "cone", "circle", "footprint"]
+    role: Name
+    start: Point | None = None
+    end: Point | None = None
+    apex: Point | None = None
+    heading: Expression | None = None
+    half_angle: Expression | None = None
+    range: Expression | None = None
+    corners: Annotated[list[Point], Field(min_length=3)] | None = None
+    centre: Point | None = None
+    radius: Expression | None = None
+
+
+class RegionSpec(Section):
+    """[region] or [goal], written by expressions."""
+
+    name: Name = "region"
+    description: Text = ""
+    source: Text = ""
+    parameters: Parameters = Field(default_factory=dict)
+    definitions: dict[Name, Expression] = Field(default_factory=dict)
+    constraints: dict[Name, InequalitySpec | Expression]
+    scene: list[ShapeSpec] = Field(default_factory=list)
+
+
+class RedesignSpec(Section):
+    """[redesign]: a viable law and a layer for every constraint, and the law that holds.
+
+    `as_printed`: everything as the thesis prints it, or the parts named: "redesign" for (5.26),
+    else the name of a viable law.
+    """
+
+    viable: dict[Name, Name | OutputsSpec]
+    layers: dict[Name, Layer]
+    hold: Name | OutputsSpec | None = None
+    hold_when: str | None = None
+    goal: dict[Name, Expression] | None = None
+    as_printed: bool | list[Name] = False
+    parameters: dict[Name, Any] = Field(default_factory=dict)
+
+
+class SafeguardSpec(Section):
+    """[safeguard]: the inputs are changed no more than the viability of [region] asks.
+
+    constraints: more of them that are kept, and not counted as leaving the region.
+    """
+
+    constraints: dict[Name, InequalitySpec | Expression] = Field(default_factory=dict)
+    gains: Gains = (1.0, 4.0)
+    margins: dict[Name, Value] = Field(default_factory=dict)
+    scales: dict[Name, float] = Field(default_factory=dict)
+    measured: bool = False
+
+
+class SafetySpec(Section):
+    """[safety]: the inputs are changed no more than staying in a kernel asks.
+
+    kernel: a scenario that computes it, for the [system] of this one, or a file of a value
+    function. alone: the optimal inputs, whatever the law asks for; where those are velocities of
+    this system, followed by [tracking].
+    """
+
+    kernel: Text
+    rate: float = 2.0
+    margin: float | None = None
+    alone: bool = False
+
+
+class StartsSpec(Section):
+    """[starts]: given states, then random ones from a box; `every` for states not in it.
+
+    active: lists of constraints; the random ones are moved to where those of a list, in turn, are
+    all active. start_outside: allow starts outside the region.
+    """
+
+    renamed: ClassVar[Renamed] = {"outside": ("start_outside", {})}
+
+    states: list[dict[Name, Value]] = Field(default_factory=list)
+    random: Annotated[int, Field(ge=0)] = 0
+    box: dict[Name, Interval] = Field(default_factory=dict)
+    every: Interval | None = None
+    active: list[list[Name]] = Field(default_factory=list)
+    start_outside: bool = False
+
+
+class RunSpec(Section):
+    """[run]: how to simulate."""
+
+    renamed: ClassVar[Renamed] = {"control": ("continuous", {"continuous": True, "sampled": False})}
+
+    horizon: Value
+    sample_time: Value = 0.02
+    substeps: int = 2
+    record_every: Value = 0.1
+    continuous: bool = False
+    stepper: str = "rk4"
+    absolute: float = 1e-9
+    relative: float = 1e-9
+    tolerance: float = 0.0
+    switch_limit: int = 10
+    delay: Value = 0.0
+    seed: int = 0
+
+
+class VariedSpec(Section):
+    """[varied]: what every run draws anew, and what follows from it.
+
+    vertices: the draws that take their lowest and highest values instead, in every combination,
+    from every start; true for all of them.
+    """
+
+    draws: dict[Name, DrawSpec | Interval] = Field(default_factory=dict)
+    values: dict[Name, Expression] = Field(default_factory=dict)
+    plant: dict[Name, Expression] = Field(default_factory=dict)
+    vertices: bool | list[Name] = False
+
+    @property
+    def of_vertices(self) -> list[str]:
+        """The names whose vertices are tried."""
+        if isinstance(self.vertices, bool):
+            return [*self.draws] if self.vertices else []
+        return self.vertices
+
+    @property
+    def ranges(self) -> dict[str, DrawSpec]:
+        """Every draw as a range, with a unit where one is given."""
+        return {
+            name: given if isinstance(given, DrawSpec) else DrawSpec(range=given)
+            for name, given in self.draws.items()
+        }
+
+
+class FiguresSpec(Section):
+    """[figures]: the plane of the paths, the run of the histories, the runs drawn bold."""
+
+    plane: Plane | None = None
+    history: Annotated[int, Field(ge=0)] = 0
+    highlight: Annotated[int, Field(ge=0, le=100)] = 3
+    cones: Annotated[int, Field(ge=0, le=100)] = 4
+
+
+class ObserverSpec(Section):
+    """[observer]: the law is told these states alone and estimates all else that it reads."""
+
+    measured: list[Name] | None = None
+    bandwidth: float = 2.0
+
+
+class AlterationSpec(Section):
+    """What makes another law or another case of a scenario: tables left out, then tables given."""
+
+    model_config = ConfigDict(extra="allow", strict=True, frozen=True)
+
+    title: Text = ""
+    without: list[Name] = Field(default_factory=list)
+
+
+class CompareSpec(Section):
+    """[compare]: other laws and other cases, for `holdfast compare`.
+
+    kernel: a scenario that computes which starts can be kept, for the [system] of every case;
+    margin: how far inside it a start counts.
+    """
+
+    title: Text = ""
+    runs: Annotated[int, Field(ge=1)] | None = None
+    kernel: Text | None = None
+    margin: Value | None = None
+    laws: dict[Name, AlterationSpec] = Field(default_factory=dict)
+    cases: dict[Text, AlterationSpec] = Field(default_factory=dict)
+
+
+class ScenarioSpec(Section):
+    """A whole scenario file; catalogue entries stay tables of { name, parameters }.
+
+    kernels: name -> tables that are altered in the scenarios that `kernel` keys name."""
+
+    scenario: Header
+    system: dict[str, Any]
+    law: dict[str, Any]
+    region: dict[str, Any] | None = None
+    redesign: RedesignSpec | None = None
+    tracking: dict[Name, float] | None = None
+    safeguard: SafeguardSpec | None = None
+    observer: ObserverSpec | None = None
+    safety: SafetySpec | None = None
+    kernels: dict[Text, dict[str, Any]] = Field(default_factory=dict)
+    goal: dict[str, Any] | None = None
+    reference: dict[Name, Expression] = Field(default_factory=dict)
+    starts: StartsSpec
+    run: RunSpec
+    noise: NoiseSpec = Field(default_factory=NoiseSpec)
+    disturbance: dict[Name, Expression] = Field(default_factory=dict)
+    plant: dict[Name, Value] = Field(default_factory=dict)
+    varied: VariedSpec = VariedSpec()
+    figures: FiguresSpec = FiguresSpec()
+    compare: CompareSpec = CompareSpec()

@@ -1,0 +1,90 @@
+"""The shape of a scenario file whose question is a kernel, a reachable set or a basin."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import ConfigDict, Field
+
+from holdfast.scenario.schema.values import Expression, Interval, Name, Plane, Section, Text, Value
+
+Kind = Literal[
+    "viability-kernel",
+    "discriminating-kernel",
+    "invariance-kernel",
+    "backward-reachable-set",
+    "forward-reachable-set",
+    "capture-basin",
+]
+KINDS: tuple[str, ...] = get_args(Kind)
+
+
+class KernelHeader(Section):
+    """[scenario]"""
+
+    title: Text
+    kind: Kind
+    description: Text = ""
+    source: Text = ""
+
+
+class GridSpec(Section):
+    """[grid]: the box of the states, the nodes along all axes or each, what is beyond its ends."""
+
+    box: dict[Name, Interval]
+    nodes: int | dict[Name, int]
+    ends: dict[Name, str] = Field(default_factory=dict)
+
+
+class MarchSpec(Section):
+    """[march]: how far and how; the keys of `Marching` beside those of a problem.
+
+    times: at which the value is kept, or how many, equally spaced from 0 to the horizon. forever:
+    the question is the set that lasts, so that a march that has not converged at the horizon is no
+    answer. inner: the set less the cells by which it may be off, by the estimate of a coarser grid.
+    """
+
+    model_config = ConfigDict(extra="allow", strict=True, frozen=True)
+
+    horizon: Value
+    times: int | list[Value] | None = None
+    arrival_steps: Annotated[int, Field(ge=0)] | None = None
+    disturbances: Literal["min", "max"] | None = None
+    forever: bool = False
+    inner: bool = False
+
+
+class PromiseSpec(Section):
+    """[promise]: closed loops from random states of the set; see `check_promise`."""
+
+    runs: Annotated[int, Field(ge=1)] = 1000
+    margin: Value | None = None
+    horizon: Value | None = None
+    sample_time: Value = 0.02
+    rate: float = 2.0
+    seed: int = 0
+
+
+class SetFiguresSpec(Section):
+    """[figures]: the plane, where the other states are held, the optimal inputs to draw in it."""
+
+    plane: Plane | None = None
+    at: dict[Name, Value] = Field(default_factory=dict)
+    inputs: list[Name] = Field(default_factory=list)
+
+
+class KernelSpec(Section):
+    """A whole file; catalogue entries stay tables of { name, parameters }."""
+
+    scenario: KernelHeader
+    system: dict[str, Any]
+    region: dict[str, Any] | None = None
+    goal: dict[str, Any] | None = None
+    origin: dict[str, Any] | None = None
+    law: dict[str, Any] | None = None
+    tracking: dict[Name, float] | None = None
+    grid: GridSpec
+    march: MarchSpec
+    disturbance: dict[Name, Expression] = Field(default_factory=dict)
+    promise: PromiseSpec | None = None
+    figures: SetFiguresSpec = SetFiguresSpec()

@@ -1,0 +1,192 @@
+"""What each entry of the catalogue is, as text: `holdfast list` and `holdfast show`."""
+
+from __future__ import annotations
+
+import inspect
+import textwrap
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+from holdfast.errors import ScenarioError, suggestion
+from holdfast.maths.catalogue.signature import KINDS, example
+from holdfast.maths.catalogue.systems.marine_vehicle import PARAMETERS
+from holdfast.maths.definitions.bounds import Ball, Bounds, Box, LinearImage, Product
+from holdfast.maths.definitions.law import GainCondition, Law
+from holdfast.maths.definitions.quantity import Parameter, Quantity
+from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.vehicle_file import load_vehicle, vehicle_names
+from holdfast.maths.reference_fields.facts import field_facts
+from holdfast.maths.reference_fields.field import Field
+from holdfast.presentation.text.mathematics import equations
+from holdfast.scenario.files import load_field, load_system, read_tables, read_text, scenario_names
+from holdfast.scenario.load import load_scenario
+
+
+def catalogue_lines() -> Iterable[str]:
+    """One line for each entry, by kind."""
+    rows: list[tuple[str, str, str]] = []
+    for kind, catalogue in KINDS.items():
+        for function in catalogue:
+            rows.append((kind, function.__name__, example(function).description))
+    for name in vehicle_names():
+        rows.append(("vehicle", name, load_vehicle(name, PARAMETERS).title))
+    for name in scenario_names():
+        rows.append(("scenario", name, read_tables(name)[2]["scenario"]["title"]))
+    width = max(len(name) for _, name, _ in rows)
+    return [f"{kind:<9} {name:<{width}}  {text}" for kind, name, text in rows]
+
+
+def describe(name: str, overrides: Sequence[str] = ()) -> str:
+    """Everything about one entry; `overrides` are arguments of a system or field ("lam=2").
+
+    Raises `ScenarioError` for an unknown name, or overrides of what takes none.
+    """
+    load = {"system": load_system, "field": load_field}
+    for kind, catalogue in KINDS.items():
+        for function in catalogue:
+            if function.__name__ != name:
+                continue
+            if not overrides:
+                return "\n".join(_entry(kind, function, example(function)))
+            if kind in load:
+                return "\n".join(_entry(kind, function, load[kind](name, overrides)))
+    if overrides:
+        raise ScenarioError(f"'{name}' takes no --set here", expected="a system or a field")
+    if name in vehicle_names():
+        return "\n".join(_vehicle(name))
+    if name in scenario_names() or name.endswith(".toml"):
+        load_scenario(name)
+        return read_text(name)[1].rstrip()
+    known = [f.__name__ for c in KINDS.values() for f in c]
+    raise ScenarioError(
+        f"nothing is called '{name}'",
+        remedy=suggestion(name, [*known, *vehicle_names(), *scenario_names()]),
+    )
+
+
+def _entry(kind: str, function: Callable[..., Any], entry: Any) -> list[str]:
+    lines = [f"{kind} {function.__name__}", f"  {entry.description}", f"  source: {entry.source}"]
+    lines += ["", *("  " + x if x else "" for x in inspect.getdoc(function).splitlines()[1:])]  # type: ignore[union-attr]
+    if isinstance(entry, System):
+        lines += _system(entry)
+    elif isinstance(entry, Law):
+        lines += _law(entry)
+    elif isinstance(entry, Switching):
+        lines += _switching(entry)
+    elif isinstance(entry, Region):
+        lines += _region(entry)
+    elif isinstance(entry, Field):
+        lines += _field(entry)
+    lines += _parameters(entry.parameters)
+    return lines
+
+
+def _quantities(title: str, quantities: Sequence[Quantity]) -> list[str]:
+    if not quantities:
+        return []
+    return ["", f"  {title}"] + [
+        f"    {q.name:<8} [{q.unit}] {q.description}{' (angle)' if q.angle else ''}".rstrip()
+        for q in quantities
+    ]
+
+
+def _system(system: System) -> list[str]:
+    lines = _quantities("states", system.states) + _quantities("inputs", system.inputs)
+    lines += _bounds(system.input_bounds)
+    lines += _quantities("disturbances", system.disturbances) + _bounds(system.disturbance_bounds)
+    lines += ["", "  rates", *equations((f"d{n}/dt", e) for n, e in system.rates.items())]
+    if system.measurements:
+        lines += _quantities("measurements", system.measurements)
+        lines += equations((m.name, m.expression) for m in system.measurements)
+    if system.pfaffian:
+        lines += ["", "  Pfaffian constraints A(q) qdot = b"]
+        for row in system.pfaffian:
+            left = " + ".join(f"({c}) d{n}/dt" for n, c in row.coefficients.items())
+            lines.append(f"    {left} = {row.rhs}")
+    return lines
+
+
+def _bounds(bounds: Bounds | None) -> list[str]:
+    if isinstance(bounds, Box):
+        pairs = zip(bounds.lower, bounds.upper, strict=True)
+        return ["    bounds: box " + ", ".join(f"[{a}, {b}]" for a, b in pairs)]
+    if isinstance(bounds, Ball):
+        return [f"    bounds: ball of radius {bounds.radius}"]
+    if isinstance(bounds, Product):
+        return [line for part in bounds.parts for line in _bounds(part)]
+    if isinstance(bounds, LinearImage):
+        return [
+            f"    bounds: {bounds.matrix.tolist()} times ({', '.join(bounds.actuators)})",
+            *_bounds(bounds.of),
+        ]
+    return []
+
+
+def _law(law: Law) -> list[str]:
+    lines = ["", "  reads: " + ", ".join(q.name for q in law.reads), "", "  outputs"]
+    lines += equations(law.outputs.items())
+    return lines + _conditions(law.conditions)
+
+
+def _field(field: Field) -> list[str]:
+    named = zip(field.coordinates, field.components, strict=True)
+    factor = [] if field.factor == 1 else [("factor", field.factor)]
+    lines = ["", f"  components [{field.unit}]{', times the factor' if factor else ''}"]
+    lines += equations([*((f"F_{q.name}", e) for q, e in named), *factor])
+    lines += ["", "  what is known of it"]
+    for fact in field_facts(field):
+        indent = "    " + " " * (len(fact) - len(fact.lstrip()))
+        lines += textwrap.wrap(fact, 98, initial_indent=indent, subsequent_indent=indent + "  ")
+    return lines
+
+
+def _conditions(conditions: Sequence[GainCondition]) -> list[str]:
+    lines: list[str] = []
+    for condition in conditions:
+        lines += [
+            "",
+            "  converges only if",
+            *equations([(str(condition.value), condition.limit)], "<"),
+            f"    otherwise {condition.consequence} ({condition.source})",
+        ]
+    return lines
+
+
+def _switching(law: Switching) -> list[str]:
+    lines = ["", "  reads: " + ", ".join(q.name for q in law.reads)]
+    for mode, inner in law.modes.items():
+        lines += ["", f"  mode {mode}{' (first)' if mode == law.initial else ''}"]
+        lines += equations(inner.outputs.items())
+    lines += ["", "  changes of mode, as soon as"]
+    for change in law.transitions:
+        lines += equations([(f"{change.source} -> {change.target}", change.when)], "when 0 <=")
+    return lines + _conditions(law.conditions)
+
+
+def _region(region: Region) -> list[str]:
+    lines = ["", "  inequalities, safe where <= 0"]
+    lines += equations((c.name, c.expression) for c in region.inequalities)
+    lines += ["", *(f"    {c.name} [{c.unit}]: {c.description}" for c in region.inequalities)]
+    return lines
+
+
+def _parameters(parameters: Sequence[Parameter]) -> list[str]:
+    if not parameters:
+        return []
+    lines = ["", "  parameters"]
+    for p in parameters:
+        note = " (assumed)" if p.assumed else ""
+        lines.append(f"    {p.name:<18} {p.value:<10g} {p.unit:<10} {p.description}{note}".rstrip())
+    return lines
+
+
+def _vehicle(name: str) -> list[str]:
+    vehicle = load_vehicle(name, PARAMETERS)
+    lines = [f"vehicle {name}: {vehicle.title}", f"  for system {vehicle.system}"]
+    if vehicle.note:
+        lines.append(f"  note: {vehicle.note}")
+    lines += _parameters(tuple(vehicle.parameters.values()))
+    sources = dict.fromkeys(p.source for p in vehicle.parameters.values() if not p.assumed)
+    return [*lines, "", "  sources", *(f"    {s}" for s in sources)]

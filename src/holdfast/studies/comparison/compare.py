@@ -1,0 +1,182 @@
+"""`[compare]` of a scenario: several laws, in several cases, from the same starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+from holdfast.analysis.simulation.law_comparison import Comparison, Reference, Trial, trial
+from holdfast.arguments import checked
+from holdfast.errors import ScenarioError, suggestion
+from holdfast.execution.resources import Progress
+from holdfast.scenario.files import merged, read_tables, scenario_names, scenario_title
+from holdfast.scenario.formation import is_formation
+from holdfast.scenario.kernel import CLOSED_LOOP, is_kernel
+from holdfast.scenario.kernel_reference import check_kernels
+from holdfast.scenario.load import Scenario, composed
+from holdfast.scenario.schema.closed_loop import AlterationSpec, CompareSpec, ScenarioSpec
+from holdfast.scenario.validation import at, validated
+from holdfast.studies.comparison.kernel_reference import composed_judge
+
+LAW_TABLES = ("law", "redesign", "tracking", "safeguard", "observer", "safety")
+"""What makes the law of a scenario."""
+
+
+@checked
+def compare(
+    name: str,
+    laws: Sequence[str] | None = None,
+    cases: Sequence[str] | None = None,
+    *,
+    overrides: Iterable[str] = (),
+    runs: int | None = None,
+    seed: int | None = None,
+    progress: Callable[[str, float], None] | None = None,
+) -> Comparison:
+    """Every law in every case of the scenario of that name or file.
+
+    laws: names in its table [compare.laws], its own name for its own law, or the names or files
+    of other scenarios, whose law is taken; by default its own and all of the table. cases: names
+    in [compare.cases], by default all, or the scenario as it is where there are none. runs: how
+    many starts, by default [compare] runs, or the scenario's. progress: called with what is
+    worked on and the finished fraction. With [compare] kernel the laws of every case are judged by
+    that kernel, of the system of the case, as far as the kernel can follow it.
+
+    Raises `ScenarioError` for unknown names and for a law or a case that cannot be composed.
+    """
+    shown, text, data = read_tables(name, [*overrides])
+    if is_formation(data) or is_kernel(shown, data):
+        raise ScenarioError(
+            f"{shown}: laws are compared in closed loops that run from many starts",
+            expected=f"a scenario of kind '{CLOSED_LOOP}'",
+        )
+    base = validated(ScenarioSpec, data, shown)
+    check_kernels(shown, data)
+    if base.region is None:
+        raise ScenarioError(f"{shown}: a comparison needs a [region]")
+    own = scenario_title(shown)
+    known = _known_laws(own, base.compare)
+    for what, given in (("laws", laws), ("cases", cases)):
+        if given is not None and (isinstance(given, str) or not len(given)):
+            raise ScenarioError(f"{what} is {given!r}", expected="a list of names, or None for all")
+    laws, cases = (None if given is None else list(given) for given in (laws, cases))
+    chosen = {n: known.get(n) or _of_scenario(shown, n, known) for n in laws or known}
+    table = base.compare.cases or {"as it is": AlterationSpec()}
+    for case in cases or ():
+        if case not in table:
+            raise ScenarioError(
+                f"{shown}: [compare.cases] has no '{case}'", remedy=suggestion(case, table)
+            )
+    picked = {n: table[n] for n in cases or table}
+    if not all(len(set(given)) == len(given) for given in (laws or (), cases or ())):
+        raise ScenarioError(f"{shown}: a law or a case is named twice")
+    judge = composed_judge(shown, base)
+    wanted = runs if runs is not None else base.compare.runs
+    trials: list[Trial] = []
+    references: dict[str, Reference] = {}
+    unjudged: dict[str, str] = {}
+    total = len(chosen) * len(picked)
+
+    def telling(what: str) -> Progress:
+        def tell(fraction: float) -> None:
+            if progress is not None:
+                progress(what, (len(trials) + fraction) / total)
+
+        tell(0.0)
+        return tell
+
+    for case, alteration in picked.items():
+        scenarios = {}
+        for law, change in chosen.items():
+            with at(shown, f"compare: {law}, {case}"):
+                altered = _altered(_altered(data, change), alteration)
+                scenarios[law] = _composed(shown, text, altered, wanted, seed)
+        value, tables = None, _altered(data, alteration)
+        if judge is not None:
+            with at(shown, f"compare: kernel, {case}"):
+                tell = telling(f"kernel, {case}")
+                value, reason = judge.value(tables, list(scenarios.values()), tell)
+            if value is None:
+                unjudged[case] = reason
+        for law, scenario in scenarios.items():
+            with at(shown, f"compare: {law}, {case}"):
+                result = scenario.run(telling(f"{law}, {case}"))
+            trials.append(trial(law, case, result, scenario.plane))
+        if judge is not None and value is not None:
+            starts = result.dataset["state"].values[:, 0]
+            references[case] = judge.reference(value, starts)
+    titles = {n: c.title or n.replace("_", " ") for n, c in chosen.items()}
+    return Comparison(
+        title=base.scenario.title,
+        scenario=own,
+        laws=titles,
+        cases={n: c.title or n for n, c in picked.items()},
+        trials=tuple(trials),
+        horizon=float(scenario.settings["horizon"]),
+        seed=int(scenario.settings["seed"]),
+        to_goal=base.goal is not None,
+        references=references,
+        unjudged=unjudged,
+    )
+
+
+def variant(
+    name: str,
+    law: str,
+    case: str | None = None,
+    runs: int | None = None,
+    overrides: Iterable[str] = (),
+) -> Scenario:
+    """The scenario of that name with one law of its comparison, in one of its cases.
+
+    overrides: `key=value`, applied before the law and the case.
+
+    Raises `ScenarioError` for an unknown law or case.
+    """
+    shown, text, data = read_tables(name, [*overrides])
+    base = validated(ScenarioSpec, data, shown)
+    known = _known_laws(scenario_title(shown), base.compare)
+    data = _altered(data, known.get(law) or _of_scenario(shown, law, known))
+    if case is not None:
+        if case not in base.compare.cases:
+            raise ScenarioError(
+                f"{shown}: [compare.cases] has no '{case}'",
+                remedy=suggestion(case, base.compare.cases),
+            )
+        data = _altered(data, base.compare.cases[case])
+    return _composed(shown, text, data, runs, None)
+
+
+def _known_laws(own: str, spec: CompareSpec) -> dict[str, AlterationSpec]:
+    return {own: AlterationSpec(title=spec.title or f"law of {own}"), **spec.laws}
+
+
+def _of_scenario(file: str, name: str, known: Mapping[str, Any]) -> AlterationSpec:
+    """The law of another scenario as an alteration of this one."""
+    if name not in scenario_names() and not name.endswith(".toml"):
+        raise ScenarioError(
+            f"{file}: no law '{name}' to compare",
+            expected="a name in [compare.laws], or a scenario whose law is taken",
+            remedy=suggestion(name, [*known, *scenario_names()]),
+        )
+    _, _, data = read_tables(name)
+    taken = {n: data[n] for n in (*LAW_TABLES, "kernels") if n in data}
+    return AlterationSpec.model_validate(
+        {"title": f"law of {scenario_title(name)}", "without": list(LAW_TABLES), **taken}
+    )
+
+
+def _altered(data: Mapping[str, Any], change: AlterationSpec) -> dict[str, Any]:
+    """The tables without those to leave out, and with what is given merged in."""
+    left = {n: t for n, t in data.items() if n not in change.without}
+    return merged(left, change.model_extra or {})
+
+
+def _composed(
+    shown: str, text: str, data: Mapping[str, Any], runs: int | None, seed: int | None
+) -> Scenario:
+    left = {n: t for n, t in data.items() if n not in ("compare", "reference", "figures")}
+    spec = validated(ScenarioSpec, left, shown)
+    if seed is not None:
+        spec = spec.model_copy(update={"run": spec.run.model_copy(update={"seed": seed})})
+    return composed(shown, text, spec, runs)

@@ -1,0 +1,126 @@
+"""[compare] kernel: which starts of a case any law could have kept."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import sympy as sp
+
+from holdfast.analysis.reachability.value_function import ValueFunction
+from holdfast.analysis.safety.safety_filter import decided
+from holdfast.analysis.simulation.law_comparison import Array, Reference
+from holdfast.errors import HoldfastError, ScenarioError
+from holdfast.execution.resources import Progress
+from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.system import System
+from holdfast.scenario.files import scenario_title
+from holdfast.scenario.kernel import KernelScenario, depth_inside
+from holdfast.scenario.kernel_reference import NamedKernel, named_kernel
+from holdfast.scenario.load import Scenario
+from holdfast.scenario.schema.closed_loop import ScenarioSpec
+from holdfast.scenario.validation import at
+
+JUDGES = ("viability-kernel", "discriminating-kernel")
+
+
+@dataclass(frozen=True)
+class Judge:
+    """The kernel that [compare] names, and how far inside it a start counts (None: one cell)."""
+
+    name: str
+    margin: float | None
+
+    def value(
+        self, tables: Mapping[str, Any], scenarios: Sequence[Scenario], progress: Progress
+    ) -> tuple[ValueFunction | None, str]:
+        """The kernel of a case with these tables, or why it says nothing about its scenarios."""
+        try:
+            kernel = named_kernel(self.name, tables["system"], tables.get("kernels"))
+        except ScenarioError as error:
+            return None, error.cause
+        for scenario in scenarios:
+            if reason := _not_followed(kernel, scenario):
+                return None, reason
+        value = kernel.value(progress)
+        deepest = float(value.values().max())
+        if self.margin is None and 0 < deepest <= (cell := self._margin(value)):
+            raise ScenarioError(
+                f"no state of it is a cell, {cell:.3g} {value.dataset.attrs['value_unit']}, inside",
+                expected=f"[compare] margin, below {deepest:.3g}",
+            )
+        for scenario in scenarios:
+            try:
+                decided(scenario.system, value)
+                kernel.check_horizon(value, float(scenario.settings["horizon"]))
+            except HoldfastError as error:
+                return None, error.cause
+        return value, ""
+
+    def _margin(self, value: ValueFunction) -> float:
+        return float(value.dataset.attrs["cell"]) if self.margin is None else self.margin
+
+    def reference(self, value: ValueFunction, starts: Array) -> Reference:
+        """What the kernel says about the starts."""
+        said = value.dataset.attrs
+        return Reference(
+            kernel=scenario_title(self.name),
+            value=value.at(starts),
+            margin=self._margin(value),
+            unit=str(said["value_unit"]),
+            horizon=math.inf if said["converged"] else float(said["horizon_s"]),
+        )
+
+
+def composed_judge(file: str, spec: ScenarioSpec) -> Judge | None:
+    """[compare] kernel and margin; `ScenarioError` for what is no kernel of this system."""
+    given = spec.compare
+    if given.kernel is None:
+        if given.margin is not None:
+            raise ScenarioError(f"{file}: compare.margin: there is no compare.kernel")
+        return None
+    with at(file, "compare.kernel"):
+        found = named_kernel(given.kernel, spec.system, spec.kernels).scenario
+        if found is None or found.kind not in JUDGES:
+            raise ScenarioError(
+                f"got '{given.kernel}'", expected="a scenario that is a " + " or a ".join(JUDGES)
+            )
+    margin = None
+    if given.margin is not None:
+        with at(file, "compare.margin"):
+            margin = depth_inside(given.margin, found.about)
+            if not margin >= 0:
+                raise ScenarioError(f"got {margin:g}", expected="a number, at least 0")
+    return Judge(given.kernel, margin)
+
+
+def _not_followed(kernel: NamedKernel, scenario: Scenario) -> str:
+    """Why this kernel is none of the plant of the scenario, or nothing.
+
+    What a law is told (noise, delay, an observer) changes nothing of what could have been kept.
+    """
+    found = kernel.scenario
+    assert isinstance(found, KernelScenario)
+    if scenario.varied:
+        return "it is varied from run to run"
+    if scenario.plant:
+        return "the vehicle is not the one of [system], which the kernel is computed for"
+    if found.system.state_names != scenario.system.state_names:
+        return "the states are " + ", ".join(scenario.system.state_names)
+    assert scenario.region is not None
+    if _said(found.about, found.system) != _said(scenario.region, scenario.system):
+        return f"the kernel is one of another region, '{found.about.name}'"
+    given: Mapping[str, float] = found.options.get("disturbance", {})
+    for name, number in given.items():
+        real = scenario.disturbance.get(name, sp.S.Zero)
+        if not (real.is_number and float(real) == number):
+            return f"{name} is not {number:g}, which the kernel is computed for"
+    return ""
+
+
+def _said(region: Region, system: System) -> tuple[sp.Expr, dict[sp.Symbol, float]]:
+    """What a set of states is: its margin, and the numbers in it."""
+    values = {q.symbol: q.value for q in (*system.parameters, *region.parameters)}
+    return region.margin, {s: v for s, v in values.items() if s in region.margin.free_symbols}

@@ -1,0 +1,269 @@
+"""How large a current, or any other number of a scenario, may be before nothing can be kept."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from holdfast.analysis.reachability.bisection import Answer, Kept, Margin, Tried, search
+from holdfast.analysis.reachability.options import Marching
+from holdfast.analysis.reachability.solve import set_on_grid
+from holdfast.analysis.reachability.value_function import ValueFunction
+from holdfast.arguments import checked
+from holdfast.errors import ScenarioError, suggestion
+from holdfast.maths.definitions.bounds import Ball, Bounds, Box, LinearImage, Product
+from holdfast.maths.definitions.quantity import TIME
+from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.units import to_si
+from holdfast.scenario.files import read_tables
+from holdfast.scenario.kernel import KernelScenario, composed_kernel, is_kernel
+from holdfast.scenario.validation import at
+from holdfast.studies.scenario_parameter import CURRENT, Knob, check_number, find_knob
+
+KERNELS = ("viability-kernel", "discriminating-kernel", "invariance-kernel")
+UNUSED_TABLES = ("promise", "law")
+"""What a kernel is tried with: a search tries none."""
+
+UNUSED = ("checkpoint", "estimate_error", "check_outside")
+"""Of [march]: they are about one march, and a search makes many."""
+
+
+@checked
+def disturbance_margin(
+    scenario: str,
+    of: str = CURRENT,
+    *,
+    between: tuple[float, float] | None = None,
+    tolerance: float | None = None,
+    keep: Sequence[Mapping[str, Any] | Region] = (),
+    overrides: Iterable[str] = (),
+    warm_start: bool = True,
+    progress: Callable[[str, float], None] | None = None,
+) -> Margin:
+    """The largest number for which the kernel of a scenario is not empty, or contains `keep`.
+
+    of: a key of the scenario, such as "system.current_limit", or "current.speed": the speed of
+    the current that is given, in its direction, or the largest speed of one that is not.
+    between: where the limit is looked for, by default from 0 to twice the value of the
+    scenario, and further up while everything holds, to the bounds of the system for a current
+    that is given. tolerance: how close the limit is enclosed, by default a hundredth of the
+    upper end. keep: states, by name (those left out are 0), and regions that the kernel has to
+    contain. The kernel is one for the horizon of the scenario; with [march] forever = true it
+    is the set that lasts.
+
+    Where a larger number does nothing but enlarge the bounds of the disturbances, it can only take
+    away; the limit is bisected at once. Else values all over the interval are tried first, to see
+    whether there is one limit. In the first case, where the set that lasts is asked for and the
+    steps are monotone (scheme "upwind"), every march begins with the kernel of a smaller bound
+    (warm_start; `solve.solve`). A kernel for a horizon cannot be found that way, and schemes of
+    higher order may come to rest above the kernel: they begin with the region.
+
+    Raises `ScenarioError` for a scenario that is no kernel and a key that is no number.
+    """
+    changes = list(overrides)
+    file, text, data = read_tables(scenario, changes)
+    if not is_kernel(file, data) or data["scenario"]["kind"] not in KERNELS:
+        raise ScenarioError(
+            f"'{scenario}' computes no kernel", expected="a scenario that is one of "
+            + ", ".join(KERNELS),
+        )  # fmt: skip
+    own = composed_kernel(file, text, data)
+    for name in UNUSED:
+        if name in own.options:
+            raise ScenarioError(
+                f"{file}: march.{name}: a search over many marches does not use it",
+                remedy=f"take it away with --set march.{name}=",
+            )
+    knob = find_knob(own, data, of)
+    if knob.key.partition(".")[0] in UNUSED_TABLES:
+        raise ScenarioError(
+            f"{file}: {knob.key}: no kernel depends on it",
+            expected="a number of the system, the region, the disturbance, the grid or the march",
+        )
+    value = check_number(own, data, knob)
+
+    def composed(value: float) -> KernelScenario:
+        file, text, data = read_tables(scenario, [*changes, *knob.settings(value)])
+        used = {name: table for name, table in data.items() if name not in UNUSED_TABLES}
+        return composed_kernel(file, text, used)
+
+    low, high = _interval(knob, value, between)
+    close = tolerance if tolerance is not None else 0.01 * max(abs(low), abs(high))
+    if not 0 < close < high - low:
+        raise ScenarioError(
+            f"the tolerance is {close:g}", expected=f"above 0 and below {high - low:g}"
+        )
+    end = knob.limit if between is None else high
+    kept = _kept(own, keep)
+    monotone = _can_do_more(composed(low), composed(high))
+    given = {n: v for n, v in own.options.items() if n in Marching.__dataclass_fields__}
+    warm = warm_start and monotone and own.forever and Marching(**given).monotone
+    trials = _Trials(composed, kept, warm, knob.name, progress)
+    found = search(trials.attempt, low, high, close, monotone=monotone, end=end)
+    result = Margin(
+        title=own.title,
+        scenario=scenario if scenario.endswith(".toml") else own.name,
+        key=knob.key,
+        name=knob.name,
+        unit=knob.unit,
+        keeps=kept.asked,
+        horizon=own.horizon,
+        forever=own.forever,
+        tolerance=close,
+        monotone=monotone,
+        trials=found,
+        end=knob.limit,
+    )
+    if result.low is not None:
+        result = replace(result, settings=(*changes, *knob.settings(result.low)))
+    return result
+
+
+class _Trials:
+    """Kernels one after the other; the last one that lasts is kept, to begin with."""
+
+    def __init__(
+        self,
+        composed: Callable[[float], KernelScenario],
+        kept: Kept,
+        warm: bool,
+        name: str,
+        progress: Callable[[str, float], None] | None,
+    ) -> None:
+        self.composed, self.kept, self.warm, self.name = composed, kept, warm, name
+        self.progress = progress
+        self.before: tuple[float, KernelScenario, ValueFunction] | None = None
+
+    def attempt(self, value: float, done: float, share: float) -> Tried:
+        """The kernel with this value; done, share: of all work, before it and its own."""
+        asked = self.composed(value)
+        options = {n: v for n, v in asked.options.items() if n != "times"}
+        if not _moves(asked):  # else what is lost by now need not be lost in the end
+            options["until"] = self.kept.lost
+        before = self.before
+        warm = before is not None and before[0] < value and _can_do_more(before[1], asked)
+        if before is not None and warm:
+            options["begin"] = before[2]
+
+        def tell(fraction: float) -> None:
+            if self.progress is not None:
+                self.progress(f"{self.name} {value:.4g}", done + share * fraction)
+
+        found = replace(asked, options=options).solve(tell)
+        said = found.dataset.attrs
+        least, converged = self.kept.least(found), bool(said["converged"])
+        if not least > 0:
+            answer = Answer.LOST
+        else:
+            answer = Answer.HELD if converged or not asked.forever else Answer.UNDECIDED
+        if self.warm and answer is Answer.HELD and (before is None or value > before[0]):
+            self.before = value, asked, found
+        unknown = self.kept.asked and answer is Answer.LOST
+        return Tried(
+            value=value,
+            answer=answer,
+            least=least,
+            fraction=math.nan if unknown else found.fraction(),
+            converged=converged,
+            warm=warm,
+            steps=int(said["steps"]),
+            reached=float(said["reached_s"]),
+            wall_time=float(said["wall_time_s"]),
+        )
+
+
+def _interval(knob: Knob, own: float, between: tuple[float, float] | None) -> tuple[float, float]:
+    if between is None:
+        if not own > 0:
+            raise ScenarioError(
+                f"{knob.key} is {own:g}", expected="a number above 0 to begin with",
+                remedy="say where to look: --between LOW HIGH",
+            )  # fmt: skip
+        return 0.0, min(2.0 * own, knob.limit)
+    low, high = (float(v) for v in between)
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise ScenarioError(f"between {low:g} and {high:g}", expected="LOW < HIGH")
+    return low, high
+
+
+def _kept(own: KernelScenario, keep: Sequence[Mapping[str, Any] | Region]) -> Kept:
+    units = {q.name: q.unit for q in own.system.states}
+    begun = set_on_grid(own.about, own.grid)
+    states, regions = [], []
+    for given in keep:
+        if isinstance(given, Region):
+            regions.append(given)
+            continue
+        for name in given:
+            if name not in units:
+                raise ScenarioError(
+                    f"--keep: unknown state '{name}'", remedy=suggestion(name, units)
+                )
+        with at("--keep", ", ".join(given)):
+            states.append([to_si(given.get(n, 0.0), unit) for n, unit in units.items()])
+        if not begun.at([states[-1]])[0] > 0:
+            shown = ", ".join(f"{n} = {v:g}" for n, v in zip(units, states[-1], strict=True))
+            raise ScenarioError(
+                f"--keep: {shown} is not in region '{own.about.name}' and on the grid",
+                expected="a state that the kernel could contain",
+            )
+    kept = Kept(own.grid, states, regions)
+    if regions and kept.lost(begun):
+        raise ScenarioError(
+            f"keep: a region reaches out of region '{own.about.name}'",
+            expected="one that the kernel could contain",
+        )
+    return kept
+
+
+def _moves(scenario: KernelScenario) -> bool:
+    rates = scenario.system.rates.values()
+    return any(r.has(TIME) for r in rates) or scenario.about.moves
+
+
+def _can_do_more(one: KernelScenario, other: KernelScenario) -> bool:
+    """Whether `other` differs from `one` in nothing but larger bounds of its disturbances."""
+    mine, theirs = one.system, other.system
+    used = {s for r in mine.rates.values() for s in r.free_symbols} | one.about.margin.free_symbols
+    if mine.input_bounds is not None:
+        used |= mine.input_bounds.free_symbols
+    values = [
+        {q.symbol: q.value for q in (*s.system.parameters, *s.about.parameters)}
+        for s in (one, other)
+    ]
+    same = (
+        {s: v for s, v in values[0].items() if s in used}
+        == {s: v for s, v in values[1].items() if s in used}
+        and mine.rates == theirs.rates
+        and mine.input_bounds == theirs.input_bounds
+        and one.about.margin == other.about.margin
+        and one.grid == other.grid
+        and one.options == other.options
+        and (one.horizon, one.forever) == (other.horizon, other.forever)
+    )
+    small, large = mine.disturbance_bounds, theirs.disturbance_bounds
+    if not same or small is None or large is None:
+        return False
+    return _within(small.at(values[0]), large.at(values[1]))
+
+
+def _within(small: Bounds, large: Bounds) -> bool:
+    """Whether one set of numbers is seen to lie in the other."""
+    if isinstance(small, Product) and isinstance(large, Product):
+        pairs = list(zip(small.parts, large.parts, strict=False))
+        return len(small.parts) == len(large.parts) and all(_within(a, b) for a, b in pairs)
+    if isinstance(small, LinearImage) and isinstance(large, LinearImage):
+        return small.matrix == large.matrix and _within(small.of, large.of)
+    if isinstance(small, Ball) and isinstance(large, Ball):
+        return small.dimension == large.dimension and bool(
+            (large.radius - small.radius).is_nonnegative
+        )
+    if isinstance(small, Box) and isinstance(large, Box):
+        sides = [
+            *zip(large.lower, small.lower, strict=True),
+            *zip(small.upper, large.upper, strict=True),
+        ]
+        return all((b - a).is_nonnegative for a, b in sides)
+    return False

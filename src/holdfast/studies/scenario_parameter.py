@@ -1,0 +1,235 @@
+"""What can be turned in a scenario: a key, or a short name, to the settings that a value makes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import sympy as sp
+
+from holdfast.analysis.reachability.given_disturbance import largest_factor
+from holdfast.errors import HoldfastError, ScenarioError, suggestion
+from holdfast.maths.definitions.units import in_base_units
+from holdfast.scenario.kernel import KernelScenario
+from holdfast.scenario.load import Scenario
+
+CURRENT = "current.speed"
+VELOCITIES, LIMIT = ("Vx", "Vy"), "current_limit"
+"""What the systems of the catalogue call the current, and its largest speed."""
+
+TOLD = ("current_x", "current_y")
+"""What their laws call the current that they are told."""
+
+DRAWS = "varied.draws."
+TIMES = ("horizon", "sample_time", "record_every", "delay")
+
+Value = float | str
+"""A number in the unit of the key, or text with a unit of its own."""
+
+Number = tuple[str, float | None]
+
+
+@dataclass(frozen=True)
+class Knob:
+    """What is turned: its key, what it is called, its unit, its value in the scenario if any.
+
+    settings: the KEY=VALUE that a value makes, for --set. limit: the largest value within the
+    bounds of the system, of a current that is given to a kernel.
+    """
+
+    key: str
+    name: str
+    unit: str
+    own: float | None
+    settings: Callable[[Value], tuple[str, ...]]
+    limit: float = math.inf
+
+
+def find_knob(own: Scenario | KernelScenario, data: Mapping[str, Any], name: str) -> Knob:
+    """The knob of that name: "current.speed", a key of the tables, or its last part if unique.
+
+    current.speed is the speed of the current that is given, in its direction, and of what a law is
+    told of it; or the number that the speed is made of; of a kernel, else, the largest speed of a
+    current that is not given. What every run draws (`varied.draws.NAME`) is drawn no more but has
+    the value.
+
+    Raises `ScenarioError` for a name that is none, or that several keys end in.
+    """
+    if name == CURRENT:
+        return _current(own, data)
+    known = dict(_numbers(data, ""))
+    key = name if name in known or "." in name else _whole_key(own, known, name)
+    last = last_part(key)
+    parameters = {q.name: q for q in own.system.parameters}
+    value = known.get(key)
+    if value is None and key == f"system.{last}" and last in parameters:
+        value = parameters[last].value
+    return Knob(key, last.replace("_", " "), _unit(own, key), value, _setting(data, key))
+
+
+def check_number(own: Scenario | KernelScenario, data: Mapping[str, Any], knob: Knob) -> float:
+    """Its value in the scenario; `ScenarioError` where there is no number."""
+    if knob.own is not None:
+        return knob.own
+    table: Any = data
+    for part in knob.key.split("."):
+        table = table.get(part) if isinstance(table, Mapping) else None
+    if table is None:
+        known = [CURRENT, *(key for key, _ in _numbers(data, ""))]
+        raise ScenarioError(f"{own.file}: no key '{knob.key}'", remedy=suggestion(knob.key, known))
+    raise ScenarioError(
+        f"{own.file}: {knob.key}: {table!r} is no number", expected="the key of a number"
+    )
+
+
+def _setting(data: Mapping[str, Any], key: str) -> Callable[[Value], tuple[str, ...]]:
+    def shown(value: Value) -> str:
+        if isinstance(value, str):
+            return f'"{value}"'
+        number = float(value)  # 4 and not 4.0: some keys are of whole numbers
+        return str(int(number)) if number.is_integer() and abs(number) < 1e15 else repr(number)
+
+    if key.startswith(DRAWS):
+        draws = data.get("varied", {}).get("draws", {})
+        drawn = draws.get(key.removeprefix(DRAWS).removesuffix(".range"))
+        place = f"{key.removesuffix('.range')}.range" if isinstance(drawn, Mapping) else key
+        return lambda value: (f"{place}=[{shown(value)}, {shown(value)}]",)
+    return lambda value: (f"{key}={shown(value)}",)
+
+
+def _whole_key(own: Scenario | KernelScenario, known: Mapping[str, float | None], name: str) -> str:
+    """The one key that ends in that name, of the file or of what its entries take besides."""
+    found = {key for key in known if last_part(key) == name}
+    for kind in ("system", "law", "region", "goal"):
+        built = getattr(own, kind)
+        if built is not None and name in {q.name for q in built.parameters}:
+            found.add(f"{kind}.{name}")
+    written = {key for key in found if key in known}
+    if len(written or found) == 1:
+        return next(iter(written or found))
+    if not found:
+        ends = {CURRENT, *known, *(n for n in map(last_part, known) if not n.isdecimal())}
+        raise ScenarioError(f"{own.file}: no key '{name}'", remedy=suggestion(name, ends))
+    raise ScenarioError(
+        f"{own.file}: '{name}' is the end of several keys",
+        expected="one of " + ", ".join(sorted(written or found)),
+    )
+
+
+def last_part(key: str) -> str:
+    """What a key is called by; a parameter that is a table has its number below it."""
+    parts = [p for p in key.split(".") if p not in ("value", "range")]
+    return parts[-1] if parts else key
+
+
+def _unit(own: Scenario | KernelScenario, key: str) -> str:
+    first, _, rest = key.partition(".")
+    if first in ("run", "march") and rest in TIMES:
+        return "s"
+    kinds = (own.system, own.law, own.region, own.goal)
+    units = {q.name: q.unit for part in kinds if part is not None for q in part.parameters}
+    units |= {q.name: q.unit for q in (*own.system.states, *own.system.disturbances)}
+    if isinstance(own, Scenario):
+        units |= own.varied.units
+    return units.get(last_part(key), "1")
+
+
+def _current(own: Scenario | KernelScenario, data: Mapping[str, Any]) -> Knob:
+    if isinstance(own, KernelScenario):
+        given = own.options.get("disturbance", {})
+    else:
+        given = own.disturbance
+    felt = {n: sp.sympify(given[n]) for n in VELOCITIES if n in given}
+    if not felt:
+        return _largest_current(own)
+    square = sp.simplify(sum(e**2 for e in felt.values()))
+    factor, rest = square.as_coeff_Mul()
+    base, power = rest.as_base_exp()
+    if power == 2 and base.is_Symbol and factor > 0:
+        return _made_of(find_knob(own, data, _owner(data, base.name)), math.sqrt(float(factor)))
+    if not square.is_number:
+        raise ScenarioError(
+            f"{own.file}: disturbance: the speed of the current is {sp.sqrt(square)}",
+            expected="a number, or the name of one",
+            remedy="name the key of a number",
+        )
+    speed = math.sqrt(float(square))
+    if not speed:
+        raise ScenarioError(
+            f"{own.file}: disturbance: the current that is given is zero, and has no direction",
+            remedy="give it one: --set disturbance.Vy=0.1",
+        )
+    shares = {f"disturbance.{n}": float(e) / speed for n, e in felt.items()}
+    law = data.get("law", {})
+    for told, n in zip(TOLD, VELOCITIES, strict=True):
+        value = law.get(told)
+        if isinstance(value, int | float) and value == felt.get(n, 0):
+            shares[f"law.{told}"] = float(value) / speed
+
+    def settings(value: Value) -> tuple[str, ...]:
+        wanted = in_base_units(value)
+        return tuple(f"{key}={wanted * share!r}" for key, share in shares.items())
+
+    return Knob(CURRENT, "current", "m/s", speed, settings, _limit(own, felt, speed))
+
+
+def _limit(own: Scenario | KernelScenario, felt: Mapping[str, sp.Expr], speed: float) -> float:
+    """The largest speed in that direction that the bounds of the system allow a kernel."""
+    if isinstance(own, KernelScenario):
+        return speed * largest_factor(own.system, felt)
+    return math.inf
+
+
+def _made_of(number: Knob, factor: float) -> Knob:
+    """The speed of a current that is `factor` times a number."""
+    if math.isclose(factor, 1.0):
+        return replace(number, key=CURRENT, name="current", unit="m/s")
+    own = None if number.own is None else number.own * factor
+    return Knob(
+        CURRENT, "current", "m/s", own, lambda v: number.settings(in_base_units(v) / factor)
+    )
+
+
+def _owner(data: Mapping[str, Any], name: str) -> str:
+    """What a name in an expression stands for: a draw of every run, or a number of that name."""
+    return f"{DRAWS}{name}" if f"{DRAWS}{name}" in dict(_numbers(data, "")) else name
+
+
+def _largest_current(own: Scenario | KernelScenario) -> Knob:
+    """The bound of a current that a kernel is kept from."""
+    limits = [q for q in own.system.parameters if q.name == LIMIT]
+    felt = own.system.disturbance_bounds
+    bounded = limits and felt is not None and limits[0].symbol in felt.free_symbols
+    if not (bounded and isinstance(own, KernelScenario)):
+        raise ScenarioError(
+            f"{own.file}: system '{own.system.name}' is in no current",
+            expected=f"disturbances {' and '.join(VELOCITIES)} that are given, or '{LIMIT}'",
+            remedy="give it one: --set disturbance.Vy=0.1"
+            if bounded
+            else "name the key of a number",
+        )
+    return Knob(CURRENT, "current", "m/s", limits[0].value, lambda v: (f"system.{LIMIT}={v!r}",))
+
+
+UNUSED = ("scenario", "figures", "compare", "kernels")
+"""Tables that say nothing of what is computed, or of other scenarios."""
+
+
+def _numbers(data: Mapping[str, Any] | Sequence[Any], prefix: str) -> Iterator[Number]:
+    """Every key of a number, entries of lists by their place, with it; of a draw with None."""
+    pairs = data.items() if isinstance(data, Mapping) else enumerate(data)
+    for name, value in pairs:
+        key = f"{prefix}{name}"
+        if key in UNUSED:
+            continue
+        if prefix == DRAWS:
+            yield key, None
+        elif isinstance(value, Mapping | list):
+            yield from _numbers(value, f"{key}.")
+        elif isinstance(value, int | float | str) and not isinstance(value, bool):
+            try:
+                yield key, in_base_units(value)
+            except HoldfastError:
+                continue

@@ -1,0 +1,111 @@
+"""What a campaign goes over: texts such as k1=0.05:0.5:20, to the values of every cell."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.errors import ScenarioError
+from holdfast.maths.definitions.units import split
+
+Array = npt.NDArray[np.float64]
+
+MOST_CELLS = 10_000_000
+LOG = "log"
+EXPECTED = "KEY=LOW:HIGH:COUNT, KEY=LOW:HIGH:COUNT:log, or KEY=VALUE,VALUE,..."
+EXPECTED_LATIN = "KEY=LOW:HIGH or KEY=LOW:HIGH:log, with --latin"
+
+
+@dataclass(frozen=True)
+class Over:
+    """A name, and the values it takes in a grid, or the ends between which it is sampled.
+
+    unit: the one that was written behind the values, if any; log: as many in every decade.
+    """
+
+    name: str
+    values: tuple[float, ...]
+    unit: str
+    log: bool
+
+
+def read_over(text: str, *, latin: bool = False) -> Over:
+    """KEY=LOW:HIGH:COUNT[:log] or KEY=VALUE,VALUE,...; with latin KEY=LOW:HIGH[:log].
+
+    A unit behind the last value is that of all; without one it is that of the key. Raises
+    `ScenarioError` for anything else.
+    """
+    name, _, rest = (part.strip() for part in text.partition("="))
+    expected = EXPECTED_LATIN if latin else EXPECTED
+    parts = [part.strip() for part in rest.split(":")]
+    log = parts[-1] == LOG
+    parts = parts[: len(parts) - log]
+    listed = len(parts) == 1 and not log and not latin
+    if not name or not rest or (not listed and len(parts) != (2 if latin else 3)):
+        raise ScenarioError(f"--over {text}", expected=expected)
+    count = 2 if latin or listed else _count(text, parts.pop())
+    values, unit = _values(text, [p.strip() for p in parts[0].split(",")] if listed else parts)
+    if listed:
+        if len(set(values)) < len(values):
+            raise ScenarioError(f"--over {text}: a value is there twice")
+        return Over(name, tuple(sorted(values)), unit, log)
+    low, high = values
+    if not low < high:
+        raise ScenarioError(f"--over {text}: from {low:g} to {high:g}", expected="LOW < HIGH")
+    if log and low <= 0:
+        raise ScenarioError(f"--over {text}: {low:g} has no logarithm", expected="LOW > 0")
+    spaced = np.geomspace(low, high, count) if log else np.linspace(low, high, count)
+    return Over(name, tuple(float(f"{v:.12g}") for v in spaced), unit, log)  # 0.15, as is written
+
+
+def _count(text: str, given: str) -> int:
+    if not given.isdecimal() or not 2 <= int(given) <= MOST_CELLS:
+        raise ScenarioError(
+            f"--over {text}: got '{given}' values",
+            expected="a whole number, at least 2",
+            remedy="for one value use --set",
+        )
+    return int(given)
+
+
+def _values(text: str, parts: Sequence[str]) -> tuple[list[float], str]:
+    found, units = [], set()
+    for part in parts:
+        number, unit = split(part) or (math.nan, "")
+        if not math.isfinite(number):
+            raise ScenarioError(f"--over {text}: '{part}' is no number", expected=EXPECTED)
+        found.append(number)
+        if unit:
+            units.add(unit)
+    if len(units) > 1:
+        raise ScenarioError(f"--over {text}: in {' and '.join(sorted(units))}", expected="one unit")
+    return found, units.pop() if units else ""
+
+
+def grid_cells(axes: Sequence[Over]) -> Array:
+    """Every combination, the last name fastest; shape (cells, names)."""
+    total = math.prod(len(axis.values) for axis in axes)
+    if total > MOST_CELLS:
+        raise ScenarioError(f"{total:,} cells", expected=f"at most {MOST_CELLS:,}")
+    return np.array(list(product(*(axis.values for axis in axes))), dtype=np.float64)
+
+
+def latin_cells(axes: Sequence[Over], count: int, seed: int) -> Array:
+    """A Latin hypercube: each name's range in `count` slices, one cell in each of them."""
+    from scipy.stats import qmc
+
+    if not 2 <= count <= MOST_CELLS:
+        raise ScenarioError(f"--latin {count}", expected=f"2 to {MOST_CELLS:,} cells")
+    low, high = (
+        np.array([math.log(a.values[i]) if a.log else a.values[i] for a in axes]) for i in (0, 1)
+    )
+    unit = qmc.LatinHypercube(len(axes), rng=np.random.default_rng(seed)).random(count)
+    cells = low + unit * (high - low)
+    logs = [i for i, axis in enumerate(axes) if axis.log]
+    cells[:, logs] = np.exp(cells[:, logs])
+    return cells

@@ -1,0 +1,238 @@
+"""`holdfast sweep`: a scenario over values of its numbers, in processes, on disk as it goes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shlex
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.analysis.simulation.sweep_table import Campaign
+from holdfast.arguments import checked
+from holdfast.errors import GainWarning, HoldfastError, ScenarioError
+from holdfast.execution.resources import available_cores
+from holdfast.scenario.files import code_digest, files_digest, overridden, read_tables
+from holdfast.scenario.kernel import KernelScenario
+from holdfast.scenario.load import Scenario, scenario_of
+from holdfast.studies.process_pool import answers, processes
+from holdfast.studies.scenario_parameter import CURRENT, find_knob, last_part
+from holdfast.studies.sweep.axes import Over, grid_cells, latin_cells, read_over
+from holdfast.studies.sweep.cell import Part, run_part
+from holdfast.studies.sweep.store import Key, store
+from holdfast.studies.sweep.table import Axis, campaign_table, check_variable
+from holdfast.studies.write_results import make_folder
+
+Array = npt.NDArray[np.float64]
+
+PART = 5_000
+"""Runs of a cell that are simulated together: what is in memory at a time."""
+
+MOST_PARTS = 20_000_000
+
+KEPT = "sweep-cells.db"
+COUNTS = ("starts.random", "starts.states")
+"""What would give every cell as many runs of its own."""
+
+TAKEN = ("cell", "note", "settings", "refused", "runs", "success", "viable", "fraction", "volume")
+"""What means something else in a table."""
+
+
+@checked
+def sweep(
+    scenario: str,
+    over: Iterable[str],
+    *,
+    latin: int | None = None,
+    runs: int | None = None,
+    seed: int | None = None,
+    overrides: Iterable[str] = (),
+    show: str | None = None,
+    folder: Path | None = None,
+    workers: int | None = None,
+    executor: Executor | None = None,
+    progress: Callable[[str, float], None] | None = None,
+) -> Campaign:
+    """A scenario in every cell of a grid, or of a Latin hypercube, over any of its numbers.
+
+    over: "law.k1=0.05:0.5:20" (lowest, highest, how many), "k1=0.01:1:9:log", "k1=0.1,0.2"; with
+    units "half_angle=20:40 deg:5". A key of the scenario, its last part where only one key ends in
+    it, or "current.speed". latin: that many cells of a Latin hypercube in the place of a grid; then
+    "k1=0.05:0.5". runs: how many starts in every cell, the same in all of them. overrides: of all
+    cells.
+
+    Every cell is what `run` gives with its settings, runs and seed, whoever computes it. Memory is
+    bounded whatever the number of runs: they are simulated 5,000 at a time, and counted. Where a
+    cell is refused the table says why.
+
+    show: a variable that the table is to have: refused as soon as one part of a cell is known.
+
+    folder: where finished parts are kept, in a file; a second call with the same scenario, code and
+    arguments goes on from there. workers: how many processes, one a core by default (one, of a
+    kernel, which uses all cores itself). executor: where to compute in place of them, such as
+    `dask.distributed.Client(...).get_executor()`; `workers` is how much to ask of it at a time.
+
+    Raises `ScenarioError` for a key or a scenario that cannot be used and where all cells tried
+    first are refused, `OutputError` for a folder that cannot be written and a variable that there
+    is not.
+    """
+    overrides = tuple(overrides)
+    shown, text, data = read_tables(scenario, overrides)
+    own = scenario_of(shown, text, data, runs, seed)
+    read = [read_over(given, latin=latin is not None) for given in over]
+    if not read:
+        raise ScenarioError("a sweep goes over nothing", expected="--over KEY=LOW:HIGH:COUNT")
+    axes = _axes(own, data, read)
+    cells = grid_cells(read) if latin is None else latin_cells(read, latin, _seed(own))
+    settings = [_settings(axes, cell) for cell in cells]
+    _check_some(shown, data, [settings[k] for k in (0, -1, len(cells) // 2)], runs, seed)
+    total = own.runs if isinstance(own, Scenario) and own.course is None else 0
+    parts = max(1, -(-total // PART))
+    if len(cells) * parts > MOST_PARTS:
+        raise ScenarioError(
+            f"{len(cells):,} cells of {total:,} runs",
+            expected=f"at most {MOST_PARTS * PART:,} runs",
+        )
+    if workers is not None and workers < 1:
+        raise ScenarioError(f"{workers} workers", expected="at least 1")
+    if folder is not None:
+        make_folder(folder)
+    with ExitStack() as stack:
+        place = folder / KEPT if folder is not None else None
+        kept = stack.enter_context(store(place, _digest(data, settings, runs, seed)))
+        there = kept.finished()
+        keys = ((cell, part) for cell in range(len(cells)) for part in range(parts))
+        missing = [key for key in keys if key not in there]
+        at_once = workers or (1 if isinstance(own, KernelScenario) else available_cores())
+        threads = 0
+        if missing and executor is None:
+            at_once = min(at_once, len(missing))
+            threads = 0 if isinstance(own, KernelScenario) else available_cores() // at_once or 1
+            executor = stack.enter_context(processes(at_once))
+
+        def part(key: Key) -> Part:
+            cell, first = key[0], key[1] * PART
+            runs_of_it = (first, min(first + PART, total))
+            return Part(
+                shown, data, settings[cell], runs, seed, *runs_of_it, threads, code_digest()
+            )
+
+        def tell() -> None:
+            if progress is not None:
+                done = f"{len(there) // parts} of {len(cells)} cells"
+                progress(done, 1 - (len(cells) * parts - len(there)) / max(len(missing), 1))
+
+        tell()
+        asked = ((key, part(key)) for key in missing)
+        if executor is not None:
+            for key, answer in answers(executor, run_part, asked, 2 * at_once, tell):
+                kept.put(key, answer)
+                there.add(key)
+                if isinstance(own, Scenario):  # what a kernel gives depends on whether it is empty
+                    check_variable(show, answer)
+                tell()
+        found = [kept.answers(cell) for cell in range(len(cells))]
+    attributes = {
+        "title": own.title, "scenario": own.name, "kind": own.kind, "scenario_text": text,
+        "seed": str(_seed(own)), "command": _command(scenario, overrides, runs, seed),
+    }  # fmt: skip
+    shown_settings = [_shown(given) for given in settings]
+    return Campaign(
+        campaign_table(
+            axes, cells, shown_settings, found, grid=latin is None, attributes=attributes
+        )
+    )
+
+
+def _axes(
+    own: Scenario | KernelScenario, data: Mapping[str, Any], read: Sequence[Over]
+) -> list[Axis]:
+    """What the names turn; in the table by their last part, where these differ."""
+    knobs = [find_knob(own, data, over.name) for over in read]
+    keys = [knob.key for knob in knobs]
+    for key in keys:
+        if keys.count(key) > 1:
+            raise ScenarioError(f"--over {key}: it is gone over twice")
+        if key.startswith(COUNTS):
+            raise ScenarioError(f"--over {key}: every cell has as many runs", remedy="use --runs")
+    whole = [key.replace(".", "_") for key in keys]
+    short = [
+        long if key == CURRENT else last_part(key) for key, long in zip(keys, whole, strict=True)
+    ]
+    clear = {n for n in short if short.count(n) == 1 and n.isidentifier() and n not in TAKEN}
+    names = [n if n in clear else long for n, long in zip(short, whole, strict=True)]
+    return [Axis(*each) for each in zip(names, knobs, read, strict=True)]
+
+
+def _settings(axes: Sequence[Axis], cell: Array) -> tuple[str, ...]:
+    pairs = zip(axes, cell, strict=True)
+    return tuple(setting for axis, value in pairs for setting in axis.settings(float(value)))
+
+
+def _shown(settings: Iterable[str]) -> str:
+    return " ".join(f"--set {shlex.quote(s)}" for s in settings)
+
+
+def _command(scenario: str, overrides: Sequence[str], runs: int | None, seed: int | None) -> str:
+    """What runs the scenario as it is in all cells."""
+    given = {"runs": runs, "seed": seed}
+    numbers = [f"--{name} {value}" for name, value in given.items() if value is not None]
+    parts = ["holdfast run", shlex.quote(scenario), *numbers, _shown(overrides)]
+    return " ".join(part for part in parts if part)
+
+
+def _check_some(
+    shown: str,
+    data: dict[str, Any],
+    some: Sequence[tuple[str, ...]],
+    runs: int | None,
+    seed: int | None,
+) -> None:
+    """Refuse at once what is refused in every cell that is tried: a key that there is not."""
+    refusal: HoldfastError | None = None
+    for settings in some:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", GainWarning)
+                scenario_of(shown, *overridden("", data, settings), runs, seed)
+        except HoldfastError as error:
+            refusal = refusal or error
+        else:
+            return
+    assert refusal is not None
+    raise refusal
+
+
+def _seed(own: Scenario | KernelScenario) -> int:
+    if isinstance(own, KernelScenario):
+        return int((own.promised or {}).get("seed", 0))
+    return int(own.settings["seed"])
+
+
+def _digest(
+    data: Mapping[str, Any], settings: Sequence[tuple[str, ...]], runs: int | None, seed: int | None
+) -> str:
+    """The name of a campaign: of all that decides its numbers, files that it names too."""
+    asked = [data, settings, runs, seed, PART]
+    found = hashlib.sha256((code_digest() + files_digest()).encode())
+    found.update(json.dumps(asked, sort_keys=True, default=str).encode())
+    for text in _texts(data):
+        if text.endswith((".toml", ".nc", "json")) and Path(text).is_file():
+            found.update(Path(text).read_bytes())
+    return found.hexdigest()[:20]
+
+
+def _texts(table: object) -> Iterator[str]:
+    if isinstance(table, str):
+        yield table
+    elif isinstance(table, Mapping):
+        yield from (text for pair in table.items() for part in pair for text in _texts(part))
+    elif isinstance(table, list):
+        yield from (text for part in table for text in _texts(part))

@@ -1,0 +1,112 @@
+"""What the claims of the thesis came to, as one page that needs nothing else."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from holdfast._version import __version__
+from holdfast.host.writing import atomic_file
+from holdfast.presentation.html.page import picture, rendered
+from holdfast.scenario.files import read_text
+from holdfast.scenario.schema.claims import TrialSpec
+from holdfast.studies.thesis.reproduce import CONDITION, FAILS, HOLDS, Found, Judged, chapter
+
+SHOWN = ("map", "set", "paths", "law", "constraints", "histories")
+"""Figures of a trial by name, in the order in which the page shows them."""
+
+
+def write_report(judged: Sequence[Judged], path: Path) -> Path:
+    """Claims by chapter, with verdicts, numbers, figures and how to run them again, as HTML.
+
+    Opens without a network: the script that turns the figures is in the page.
+    """
+    claims = [_shown(j) for j in judged]
+    chapters = [
+        {
+            "number": number,
+            "title": chapter(number).title,
+            "claims": [c for c in claims if c["chapter"] == number],
+        }
+        for number in sorted({j.chapter for j in judged})
+    ]
+    counts = {v: sum(j.verdict == v for j in judged) for v in (HOLDS, CONDITION, FAILS)}
+    page = rendered(
+        "report",
+        version=__version__,
+        chapters=chapters,
+        counts=counts,
+        total=len(judged),
+        differing=[c for c in claims if c["problems"]],
+    )
+    with atomic_file(path) as partial:
+        partial.write_text(page, "utf-8")
+    return path
+
+
+def report_text(judged: Sequence[Judged]) -> str:
+    """The same in lines: chapter, verdict, where, what is said; what differs below."""
+    lines = ["The thesis, reproduced", ""]
+    for j in judged:
+        mark = "!" if j.problems else " "
+        lines.append(f"{mark} {j.chapter}  {j.verdict or 'no answer':<22} {j.claim.where}")
+        lines.append(f"     {j.claim.says}")
+        lines += [f"     differs: {problem}" for problem in j.problems]
+    differing = sum(bool(j.problems) for j in judged)
+    lines += ["", f"  {len(judged)} claims, {differing} differ from what is recorded"]
+    return "\n".join(lines)
+
+
+def _shown(judged: Judged) -> dict[str, Any]:
+    claim = judged.claim
+    return {
+        "id": f"chapter-{judged.chapter}-{claim.name.replace(' ', '-')}",
+        "chapter": judged.chapter,
+        "claim": claim,
+        "verdict": judged.verdict or "no answer",
+        "kind": (judged.verdict or "no answer").replace(" ", "-"),
+        "problems": judged.problems,
+        "trials": [_trial(spec, found) for spec, found in judged.trials],
+    }
+
+
+def _trial(spec: TrialSpec, found: Found) -> dict[str, Any]:
+    low, high = spec.needs
+    drawn = found.folder / "interactive.json"
+    return {
+        "says": spec.says or "as stated",
+        "number": _number(found),
+        "refusal": found.refusal,
+        "holds": found.within(spec),
+        "needs": f"{low:g}" if low == high else f"{low:g} to {high:g}",
+        "recorded": f"{spec.recorded:.4g}",
+        "unit": "" if spec.unit == "1" else spec.unit,
+        "what": spec.number or "value",
+        "command": command(spec),
+        "scenario": spec.scenario,
+        "text": read_text(spec.scenario)[1] if spec.scenario else "",
+        "figures": [picture(found.folder / f"{n}.png") for n in SHOWN if n in found.figures],
+        "interactive": json.loads(drawn.read_text("utf-8")) if drawn.exists() else None,
+    }
+
+
+def command(spec: TrialSpec) -> str:
+    """What a user types to run the trial again."""
+    if spec.scenario is None:
+        said = ", ".join(f"{k}={v!r}" for k, v in spec.arguments.items())
+        return f"holdfast.{spec.function}({said})"
+    words = ["holdfast", "run", spec.scenario]
+    for change in spec.set:
+        words += ["--set", change]
+    if spec.runs is not None:
+        words += ["--runs", str(spec.runs)]
+    return shlex.join(words)
+
+
+def _number(found: Found) -> str:
+    if found.number is not None:
+        return f"{found.number:.4g}"
+    return "refused" if found.refusal else "none"
