@@ -1,1 +1,1 @@
-""""""
+"""Many computations from scenarios: sweeps, margins, comparisons, the thesis."""

@@ -7,11 +7,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import sympy as sp
-
 from holdfast.analysis.reachability.given_disturbance import largest_factor
 from holdfast.errors import HoldfastError, ScenarioError, suggestion
 from holdfast.maths.definitions.units import in_base_units
+from holdfast.maths.expressions.numeric import Expression, constant, multiple_of_name, norm
 from holdfast.scenario.kernel import KernelScenario
 from holdfast.scenario.load import Scenario
 
@@ -141,21 +140,21 @@ def _current(own: Scenario | KernelScenario, data: Mapping[str, Any]) -> Knob:
         given = own.options.get("disturbance", {})
     else:
         given = own.disturbance
-    felt = {n: sp.sympify(given[n]) for n in VELOCITIES if n in given}
+    felt = {n: given[n] for n in VELOCITIES if n in given}
     if not felt:
         return _largest_current(own)
-    square = sp.simplify(sum(e**2 for e in felt.values()))
-    factor, rest = square.as_coeff_Mul()
-    base, power = rest.as_base_exp()
-    if power == 2 and base.is_Symbol and factor > 0:
-        return _made_of(find_knob(own, data, _owner(data, base.name)), math.sqrt(float(factor)))
-    if not square.is_number:
+    size = norm(felt.values())
+    named = multiple_of_name(size)
+    if named is not None:
+        factor, name = named
+        return _made_of(find_knob(own, data, _owner(data, name)), factor)
+    speed = constant(size)
+    if speed is None:
         raise ScenarioError(
-            f"{own.file}: disturbance: the speed of the current is {sp.sqrt(square)}",
+            f"{own.file}: disturbance: the speed of the current is {size}",
             expected="a number, or the name of one",
             remedy="name the key of a number",
         )
-    speed = math.sqrt(float(square))
     if not speed:
         raise ScenarioError(
             f"{own.file}: disturbance: the current that is given is zero, and has no direction",
@@ -175,7 +174,7 @@ def _current(own: Scenario | KernelScenario, data: Mapping[str, Any]) -> Knob:
     return Knob(CURRENT, "current", "m/s", speed, settings, _limit(own, felt, speed))
 
 
-def _limit(own: Scenario | KernelScenario, felt: Mapping[str, sp.Expr], speed: float) -> float:
+def _limit(own: Scenario | KernelScenario, felt: Mapping[str, Expression], speed: float) -> float:
     """The largest speed in that direction that the bounds of the system allow a kernel."""
     if isinstance(own, KernelScenario):
         return speed * largest_factor(own.system, felt)

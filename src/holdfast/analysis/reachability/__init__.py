@@ -1,1 +1,1 @@
-""""""
+"""Hamilton-Jacobi reachability: viability kernels, capture basins, reachable tubes."""

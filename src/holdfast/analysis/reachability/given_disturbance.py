@@ -47,14 +47,15 @@ def check_given(
             )
 
 
-def largest_factor(system: System, given: Mapping[str, sp.Expr]) -> float:
+def largest_factor(system: System, given: Mapping[str, float | sp.Expr]) -> float:
     """By how much a constant disturbance that is given can be multiplied within its bounds."""
     bounds = section(system.disturbance_bounds, [d.name in given for d in system.disturbances])
     if bounds is None:
         return math.inf
     numbers = {q.symbol: sp.Float(q.value) for q in system.parameters}
     bounds = bounds.at(numbers)
-    values = [float(given[n].xreplace(numbers)) for n in system.disturbance_names if n in given]
+    told = [sp.sympify(given[n]) for n in system.disturbance_names if n in given]
+    values = [float(e.xreplace(numbers)) for e in told]
 
     def allowed(factor: float) -> bool:
         return bounds.contains([factor * v for v in values], 0.0)

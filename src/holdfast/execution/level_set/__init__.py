@@ -1,1 +1,1 @@
-""""""
+"""Marches over a grid: finite differences, schemes, sweeps, workers."""

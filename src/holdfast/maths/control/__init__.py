@@ -1,1 +1,1 @@
-""""""
+"""Feedback: barrier conditions, safety filters, blended redesign, tracking, observers, Lyapunov."""

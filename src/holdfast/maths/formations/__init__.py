@@ -1,1 +1,1 @@
-""""""
+"""A leader and its follower: footprints, walls, fields of cells, turning radii, chains."""

@@ -1,1 +1,1 @@
-""""""
+"""Figures of one run, field or set (Matplotlib)."""

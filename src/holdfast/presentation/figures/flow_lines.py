@@ -9,7 +9,6 @@ from collections.abc import Sequence
 import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
-import sympy as sp
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -19,6 +18,7 @@ from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 
 from holdfast.arguments import checked
 from holdfast.errors import OutputError
+from holdfast.maths.expressions.numeric import Expression, array_function, evaluated
 from holdfast.maths.reference_fields.critical_points import CriticalPoint
 from holdfast.maths.reference_fields.facts import critical_point_name
 from holdfast.maths.reference_fields.field import Field
@@ -85,7 +85,7 @@ def flow_lines_figure(field: Field, *, reach: float = 1.0, planes: int = 4) -> F
 
 
 def _title(field: Field) -> str:
-    used = sp.Tuple(*field.components).free_symbols
+    used = {s for c in field.components for s in c.free_symbols}
     values = [f"{p.name} = {p.value:g}" for p in field.parameters if p.symbol in used]
     name = field.description.partition(":")[0].partition(",")[0] or field.name.replace("_", " ")
     return ", ".join([name, f"N = {field.dimension}", *values])
@@ -93,7 +93,7 @@ def _title(field: Field) -> str:
 
 def _points(line: FlowLine, reach: float) -> Array:
     """The curve in the sense of the field, one row for each point."""
-    function = sp.lambdify(line.parameter, line.curve, "numpy")
+    function = array_function(line.parameter, line.curve)
     upper = float(line.upper) if line.kind == "loop" else 2 * reach
     parameter = upper * np.linspace(0.0, 1.0, 400)
     values = function(parameter)
@@ -127,9 +127,7 @@ def _line(axis: Axes, points: Array, reach: float) -> None:
 
 
 def _draw_streams(axis: Axes, field: Field, reach: float) -> None:
-    function = sp.lambdify(
-        field.symbols, [c.xreplace(field.values) for c in field.components], "numpy"
-    )
+    function = array_function(field.symbols, field.components, field.values)
     ticks = np.linspace(-reach, reach, 161)
     grid = np.meshgrid(ticks, ticks)
     u, v = (np.broadcast_to(np.asarray(c, float), grid[0].shape) for c in function(*grid))
@@ -150,7 +148,7 @@ def _draw_streams(axis: Axes, field: Field, reach: float) -> None:
 def _draw_potential(axis: Axes, field: Field, reach: float) -> Line2D:
     """Equipotential lines, evenly many on either side."""
     assert field.potential is not None
-    function = sp.lambdify(field.symbols, field.potential.xreplace(field.values), "numpy")
+    function = array_function(field.symbols, field.potential, field.values)
     ticks = np.linspace(-reach, reach, 240)  # even: no node at the origin
     grid = np.meshgrid(ticks, ticks)
     values = function(*grid)
@@ -167,9 +165,9 @@ def _draw_sectors(
 ) -> list[Line2D | Patch]:
     counts: dict[str, int] = {}
     for point in points:
-        x, y = (float(sp.N(c)) for c in point.point)
+        x, y = evaluated(point.point, {})
         for sector in point.sectors:
-            start, end = (float(sp.N(a)) for a in (sector.start, sector.end))
+            start, end = evaluated((sector.start, sector.end), {})
             shade = 0.16 if counts.get(sector.kind, 0) % 2 == 0 else 0.32
             axis.add_patch(
                 Wedge(
@@ -200,17 +198,17 @@ def _draw_sectors(
     ]
 
 
-def _draw_zeros(axis: Axes, points: Sequence[Sequence[sp.Expr]]) -> list[Line2D | Patch]:
+def _draw_zeros(axis: Axes, points: Sequence[Sequence[Expression]]) -> list[Line2D | Patch]:
     if not points:
         return []
-    x, y = zip(*([float(sp.N(c)) for c in point] for point in points), strict=True)
+    x, y = zip(*(evaluated(point, {}) for point in points), strict=True)
     (dots,) = axis.plot(
         x, y, "o", color=style.BLACK, markersize=4, zorder=6, label="critical point"
     )
     return [dots]
 
 
-def _draw_moment(axis: Axes, p: Sequence[sp.Expr], length: float) -> Line2D:
+def _draw_moment(axis: Axes, p: Sequence[Expression], length: float) -> Line2D:
     tip = (length * float(p[0]), length * float(p[1]))
     axis.annotate(
         "",
@@ -225,34 +223,31 @@ def _draw_moment(axis: Axes, p: Sequence[sp.Expr], length: float) -> Line2D:
 def _spatial(field: Field, reach: float, planes: int) -> Figure:
     """Loops in planes evenly turned about p, one colour for each plane."""
     p, e = frame(field)
-    third = sp.Matrix(p).cross(sp.Matrix(e))
+    along, across = (np.array([float(c) for c in v]) for v in (p, e))
+    third = np.cross(along, across)
     with style.look():
         figure = plt.figure(figsize=(style.WIDTH * 0.75, 5.4), layout="constrained")
         axis: Axes3D = figure.add_subplot(projection="3d")
         entries = []
         colours = [c for c in style.LINES if c != style.RED]  # red is p
         for number in range(planes):
-            turn = sp.pi * number / planes
+            turn = np.pi * number / planes
             colour = colours[number % len(colours)]
             for side in (1, -1):
-                start = [
-                    sp.Float(side * float(sp.cos(turn) * a + sp.sin(turn) * b))
-                    for a, b in zip(e, third, strict=True)
-                ]
-                loop = _points(flow_line(field, start), reach)
+                start = side * (np.cos(turn) * across + np.sin(turn) * third)
+                loop = _points(flow_line(field, start.tolist()), reach)
                 for size in (0.3, 0.6, 0.95):
                     _line_in_space(axis, size * reach * loop, colour)
             entries.append(
-                Line2D([], [], color=colour, label=f"plane at {np.degrees(float(turn)):.0f} deg")
+                Line2D([], [], color=colour, label=f"plane at {np.degrees(turn):.0f} deg")
             )
-        direction = np.array([float(c) for c in p])
         span = 0.75 * reach
-        axis.plot(*np.outer(direction, [-span, span]), color=style.GREY, linewidth=0.8)
+        axis.plot(*np.outer(along, [-span, span]), color=style.GREY, linewidth=0.8)
         axis.quiver(
             0,
             0,
             0,
-            *(0.6 * reach * direction),
+            *(0.6 * reach * along),
             color=style.RED,
             linewidth=2.2,
             arrow_length_ratio=0.18,

@@ -20,8 +20,9 @@ from matplotlib.patches import Circle, Polygon
 from holdfast.analysis.simulation.result import Result
 from holdfast.host.writing import atomic_file
 from holdfast.maths.definitions.scene import Footprint
+from holdfast.maths.expressions.numeric import evaluated, parameter_values
 from holdfast.presentation.figures import style
-from holdfast.presentation.figures.shapes import draw_fixed, evaluated, numbers, seen_from
+from holdfast.presentation.figures.shapes import draw_fixed, seen_from
 
 Array = npt.NDArray[np.float64]
 
@@ -237,7 +238,7 @@ def _map(ground: Ground, result: Result, scale: float = 1.0) -> tuple[Figure, Ax
 def _bodies(result: Result) -> tuple[float, list[Array]]:
     """The radius of a robot, and the corners (ahead, left) of what every follower sees."""
     parameters = result.parameters or {}
-    values = numbers(parameters)
+    values = parameter_values(parameters)
     views = [shape for shape in result.scene if isinstance(shape, Footprint)]
     corners = [np.array([evaluated(c, values) for c in view.corners]) for view in views]
     return parameters["robot_radius"], corners

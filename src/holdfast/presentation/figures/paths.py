@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
-import sympy as sp
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
@@ -22,8 +20,9 @@ from holdfast.errors import OutputError, suggestion
 from holdfast.execution.simulation.closed_loop import Outcome
 from holdfast.maths.definitions.quantity import symbol
 from holdfast.maths.definitions.scene import Cone, Footprint, Segment
+from holdfast.maths.expressions.numeric import Values, evaluated, parameter_values
 from holdfast.presentation.figures import style
-from holdfast.presentation.figures.shapes import draw_fixed, evaluated, numbers, seen_from
+from holdfast.presentation.figures.shapes import draw_fixed, seen_from
 
 Array = npt.NDArray[np.float64]
 
@@ -101,7 +100,8 @@ def paths_figure(
 def _limits(xy: Array, result: Result) -> tuple[tuple[float, float], tuple[float, float]]:
     points = xy[np.isfinite(xy).all(axis=2)]
     targets = [x for x in result.scene if isinstance(x, Segment) and x.role == "target"]
-    ends = [evaluated(end, numbers(result.parameters)) for t in targets for end in (t.start, t.end)]
+    values = parameter_values(result.parameters)
+    ends = [evaluated(end, values) for t in targets for end in (t.start, t.end)]
     points = np.vstack([points, *([ends] if ends else [])])
     low, high = points.min(axis=0), points.max(axis=0)
     pad = 0.06 * max(float((high - low).max()), 1e-9)
@@ -214,7 +214,7 @@ def _draw_views(
     states = result.dataset["state"].values[run]
     good = np.isfinite(states).all(axis=1)
     states, path = states[good], path[good]
-    base = numbers(result.parameters)
+    base = parameter_values(result.parameters)
     for view in (shape for shape in result.scene if isinstance(shape, Cone | Footprint)):
         moved = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
         instants = np.searchsorted(moved, np.linspace(0.0, 0.999 * moved[-1], count))
@@ -241,7 +241,7 @@ def _draw_views(
         axis.plot([], [], color=style.ORANGE, linewidth=5, alpha=0.35, label=view.role)
 
 
-def _outline(view: Cone | Footprint, values: Mapping[sp.Symbol, float]) -> Patch | None:
+def _outline(view: Cone | Footprint, values: Values) -> Patch | None:
     """What is seen there, or None where it has no shape."""
     x, y, heading = evaluated((*view.apex, view.heading), values)
     if isinstance(view, Cone):

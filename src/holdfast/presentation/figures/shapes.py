@@ -6,20 +6,19 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
-import sympy as sp
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle as CirclePatch
 
-from holdfast.maths.definitions.quantity import symbol
 from holdfast.maths.definitions.scene import Circle, Segment, Shape
+from holdfast.maths.expressions.numeric import evaluated, parameter_values
 from holdfast.presentation.figures import style
 
 
 def draw_fixed(axis: Axes, scene: Iterable[Shape], parameters: Mapping[str, float] | None) -> None:
     """The segments and circles of a scene, each role labelled; cones belong to a path."""
-    values = numbers(parameters)
+    values = parameter_values(parameters)
     for shape in scene:
         drawn = _fixed_style(shape.role)
         if isinstance(shape, Segment):
@@ -46,17 +45,6 @@ def seen_from(x: float, y: float, heading: float, corners: Any) -> Any:
     ahead = np.array([np.cos(heading), np.sin(heading)])
     left = np.array([-ahead[1], ahead[0]])
     return (x, y) + corners[:, :1] * ahead + corners[:, 1:] * left
-
-
-def numbers(parameters: Mapping[str, float] | None) -> dict[sp.Symbol, float]:
-    """The values of parameters by their symbols."""
-    return {symbol(k): v for k, v in (parameters or {}).items()}
-
-
-def evaluated(expressions: Any, values: Mapping[sp.Symbol, float]) -> list[float]:
-    """Numbers; not a number where an expression has no real value."""
-    results = [complex(sp.N(sp.sympify(e).subs(values))) for e in expressions]
-    return [z.real if z.imag == 0 else np.nan for z in results]
 
 
 def _fixed_style(role: str) -> dict[str, Any]:

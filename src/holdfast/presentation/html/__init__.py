@@ -1,1 +1,1 @@
-""""""
+"""Pages for a browser (Plotly, Jinja)."""

@@ -1,1 +1,1 @@
-""""""
+"""Figures of many runs: sweeps, comparisons, margins."""

@@ -1,1 +1,1 @@
-""""""
+"""The keys of scenario files and their types (Pydantic)."""

@@ -1,1 +1,1 @@
-""""""
+"""One scenario beside others; a closed loop beside a kernel."""

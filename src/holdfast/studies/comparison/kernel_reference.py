@@ -7,8 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import sympy as sp
-
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.safety_filter import decided
 from holdfast.analysis.simulation.law_comparison import Array, Reference
@@ -16,6 +14,7 @@ from holdfast.errors import HoldfastError, ScenarioError
 from holdfast.execution.resources import Progress
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.numeric import Expression, Values, constant
 from holdfast.scenario.files import scenario_title
 from holdfast.scenario.kernel import KernelScenario, depth_inside
 from holdfast.scenario.kernel_reference import NamedKernel, named_kernel
@@ -114,13 +113,12 @@ def _not_followed(kernel: NamedKernel, scenario: Scenario) -> str:
         return f"the kernel is one of another region, '{found.about.name}'"
     given: Mapping[str, float] = found.options.get("disturbance", {})
     for name, number in given.items():
-        real = scenario.disturbance.get(name, sp.S.Zero)
-        if not (real.is_number and float(real) == number):
+        if constant(scenario.disturbance.get(name, 0)) != number:
             return f"{name} is not {number:g}, which the kernel is computed for"
     return ""
 
 
-def _said(region: Region, system: System) -> tuple[sp.Expr, dict[sp.Symbol, float]]:
+def _said(region: Region, system: System) -> tuple[Expression, Values]:
     """What a set of states is: its margin, and the numbers in it."""
     values = {q.symbol: q.value for q in (*system.parameters, *region.parameters)}
     return region.margin, {s: v for s, v in values.items() if s in region.margin.free_symbols}
