@@ -49,7 +49,7 @@ def functions(path):
 @cache
 def thesis_claims():
     """CHAPTER/NAME of every claim of the thesis that is judged."""
-    chapters = (ROOT / "src/holdfast/thesis").glob("*.toml")
+    chapters = (ROOT / "src/holdfast/studies/thesis").glob("*.toml")
     return {
         f"{p.stem}/{c['name']}" for p in chapters for c in tomllib.loads(p.read_text())["claims"]
     }
