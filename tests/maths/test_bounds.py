@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.maths.definitions.bounds import product, ranges
+from holdfast.maths.definitions.bounds import product
 
 A, B, L, F = (hf.symbol(n) for n in ("a", "b", "l", "F"))
 reals = st.floats(-50, 50)
@@ -81,8 +81,8 @@ def test_ranges_are_the_extremes_that_some_member_takes():
     """The force of two thrusters goes to 2 F, the moment to 2 F b; of a ball to its radius."""
     box = hf.Box((-2, -1), (2, 3))
     image = hf.LinearImage(sp.Matrix([[1, 1], [0.1, -0.1]]), box, ("port", "starboard"))
-    assert ranges(box) == [(-2, 2), (-1, 3)]
-    assert ranges(image) == [(-3, 5), (pytest.approx(-0.5), pytest.approx(0.3))]
+    assert box.ranges() == [(-2, 2), (-1, 3)]
+    assert image.ranges() == [(-3, 5), (pytest.approx(-0.5), pytest.approx(0.3))]
     assert ranges(hf.Ball(2, 2)) == [(-2, 2), (-2, 2)]
     assert ranges(hf.LinearImage(sp.Matrix([[3, 4]]), hf.Ball(2, 2))) == [(-10, 10)]
     assert ranges(product(box, hf.Ball(1, 1))) == [(-2, 2), (-1, 3), (-1, 1)]

@@ -12,7 +12,7 @@ import sympy as sp
 
 from holdfast.errors import DefinitionError
 from holdfast.execution.evaluate import Evaluator
-from holdfast.maths.definitions.bounds import Box, LinearImage
+from holdfast.maths.definitions.bounds import Box
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.measurement import by_measurements
 from holdfast.maths.definitions.quantity import TIME, Parameter, merge_parameters, symbol
@@ -32,21 +32,15 @@ class Numeric:
     system: System
 
     @property
-    def image(self) -> LinearImage | None:
-        """What makes inputs of actuators, where they are not the same."""
-        bounds = self.system.input_bounds
-        return bounds if isinstance(bounds, LinearImage) else None
-
-    @property
     def actuators(self) -> tuple[str, ...]:
         """Their names."""
-        return tuple(self.image.actuators) if self.image else self.system.input_names
+        return self.system.actuators or self.system.input_names
 
     @cached_property
     def _rates(self) -> Evaluator:
         s = self.system
         a = [symbol(n) for n in self.actuators]
-        made = self.image.produce(a) if self.image else a
+        made = self.system.produced(a) if self.system.actuators else a
         fed = dict(zip([u.symbol for u in s.inputs], made, strict=True))
         rates = [sp.sympify(e).xreplace(fed) for e in s.rates.values()]
         moving = [*(q.symbol for q in s.states), *a, *(d.symbol for d in s.disturbances), TIME]
@@ -59,7 +53,7 @@ class Numeric:
 
     def limits(self) -> tuple[Array, Array]:
         """The least and the largest of every actuator; `DefinitionError` for other bounds."""
-        bounds = self.image.of if self.image else self.system.input_bounds
+        bounds = self.system.actuator_bounds
         if not isinstance(bounds, Box):
             raise DefinitionError(
                 f"the inputs of system '{self.system.name}' have no least and largest values",

@@ -10,7 +10,7 @@ from typing import Any
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.maths.catalogue.signature import KINDS, example
 from holdfast.maths.catalogue.systems.marine_vehicle import PARAMETERS
-from holdfast.maths.definitions.bounds import Ball, Bounds, Box, LinearImage, Product
+from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.law import GainCondition, Law
 from holdfast.maths.definitions.quantity import Parameter, Quantity
 from holdfast.maths.definitions.region import Region
@@ -109,19 +109,7 @@ def _system(system: System) -> list[str]:
 
 
 def _bounds(bounds: Bounds | None) -> list[str]:
-    if isinstance(bounds, Box):
-        pairs = zip(bounds.lower, bounds.upper, strict=True)
-        return ["    bounds: box " + ", ".join(f"[{a}, {b}]" for a, b in pairs)]
-    if isinstance(bounds, Ball):
-        return [f"    bounds: ball of radius {bounds.radius}"]
-    if isinstance(bounds, Product):
-        return [line for part in bounds.parts for line in _bounds(part)]
-    if isinstance(bounds, LinearImage):
-        return [
-            f"    bounds: {bounds.matrix.tolist()} times ({', '.join(bounds.actuators)})",
-            *_bounds(bounds.of),
-        ]
-    return []
+    return [f"    bounds: {line}" for line in bounds.lines()] if bounds else []
 
 
 def _law(law: Law) -> list[str]:

@@ -13,7 +13,6 @@ from holdfast.analysis.reachability.solve import set_on_grid
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.arguments import checked
 from holdfast.errors import ScenarioError, suggestion
-from holdfast.maths.definitions.bounds import Ball, Bounds, Box, LinearImage, Product
 from holdfast.maths.definitions.quantity import TIME
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.units import to_si
@@ -246,24 +245,4 @@ def _can_do_more(one: KernelScenario, other: KernelScenario) -> bool:
     small, large = mine.disturbance_bounds, theirs.disturbance_bounds
     if not same or small is None or large is None:
         return False
-    return _within(small.at(values[0]), large.at(values[1]))
-
-
-def _within(small: Bounds, large: Bounds) -> bool:
-    """Whether one set of numbers is seen to lie in the other."""
-    if isinstance(small, Product) and isinstance(large, Product):
-        pairs = list(zip(small.parts, large.parts, strict=False))
-        return len(small.parts) == len(large.parts) and all(_within(a, b) for a, b in pairs)
-    if isinstance(small, LinearImage) and isinstance(large, LinearImage):
-        return small.matrix == large.matrix and _within(small.of, large.of)
-    if isinstance(small, Ball) and isinstance(large, Ball):
-        return small.dimension == large.dimension and bool(
-            (large.radius - small.radius).is_nonnegative
-        )
-    if isinstance(small, Box) and isinstance(large, Box):
-        sides = [
-            *zip(large.lower, small.lower, strict=True),
-            *zip(small.upper, large.upper, strict=True),
-        ]
-        return all((b - a).is_nonnegative for a, b in sides)
-    return False
+    return small.at(values[0]).within(large.at(values[1]))

@@ -15,7 +15,6 @@ from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, SimulationError, suggestion
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.control.barrier_conditions import ViabilityCondition, viability_conditions
-from holdfast.maths.definitions.bounds import Ball, Bounds, Box, LinearImage, Product
 from holdfast.maths.definitions.quantity import merge_parameters
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
@@ -245,24 +244,10 @@ class Boundary:
         bounds = self.system.disturbance_bounds
         if bounds is None or not np.any(row):
             return 0.0
-        largest = _largest(bounds.at(self._values), row)
+        largest = bounds.at(self._values).support_value(list(map(float, row)))
         if not np.isfinite(largest):
             raise SimulationError("a disturbance that matters here has no bounds")
         return largest
-
-
-def _largest(bounds: Bounds, row: Array) -> float:
-    """The support function of a set without parameters."""
-    if isinstance(bounds, Product):
-        split = bounds.split(list(row))
-        return sum(_largest(part, np.array(mine)) for part, mine in split)
-    if isinstance(bounds, LinearImage):
-        return _largest(bounds.of, np.asarray(bounds.matrix.T, dtype=float) @ row)
-    if isinstance(bounds, Ball):
-        return float(np.linalg.norm(row)) * float(bounds.radius)
-    assert isinstance(bounds, Box)
-    sides = zip(row, bounds.lower, bounds.upper, strict=True)
-    return float(sum(max(c * float(a), c * float(b)) for c, a, b in sides if c))
 
 
 @checked

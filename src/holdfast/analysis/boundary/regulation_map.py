@@ -14,7 +14,6 @@ from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
 from holdfast.errors import DefinitionError, SimulationError
-from holdfast.maths.definitions.bounds import Box, LinearImage
 from holdfast.maths.definitions.quantity import Quantity
 from holdfast.maths.definitions.system import System
 
@@ -134,37 +133,25 @@ def input_half_spaces(system: System, values: Mapping[Any, float]) -> tuple[Arra
     if system.input_bounds is None:
         return np.zeros((0, m)), np.zeros(0)
     bounds = system.input_bounds.at(values)
-    if isinstance(bounds, Box):
-        return _box_rows(bounds)
-    if isinstance(bounds, LinearImage) and isinstance(bounds.of, Box):
-        matrix = np.asarray(bounds.matrix, dtype=float)
-        if bounds.matrix.is_square:
-            rows, limits = _box_rows(bounds.of)
-            return rows @ np.linalg.inv(matrix), limits
-        sides = np.array([bounds.of.lower, bounds.of.upper], dtype=float)
-        if not np.isfinite(sides).all() or (sides[0] >= sides[1]).any():
-            raise DefinitionError(
-                f"the actuators of system '{system.name}' have no bounds, or no room between them",
-                expected="finite bounds, lower below upper",
-            )
-        images = np.array([matrix @ np.array(c) for c in itertools.product(*sides.T)])
-        if m == 1:
-            return np.array([[1.0], [-1.0]]), np.array([images.max(), -images.min()])
-        hull = ConvexHull(images)
-        return hull.equations[:, :-1], -hull.equations[:, -1]
-    raise DefinitionError(
-        f"the inputs of system '{system.name}' are bounded by a ball, which is no polytope",
-        expected="a box, or a linear image of one",
+    try:
+        rows = bounds.half_spaces()
+    except DefinitionError:  # more actuators than inputs: the hull of the corners
+        return _hull(system, np.array(bounds.corners(), dtype=float))
+    normals = np.array([normal for normal, _ in rows], dtype=float).reshape(-1, m)
+    return normals, np.array([float(offset) for _, offset in rows])
+
+
+def _hull(system: System, corners: Array) -> tuple[Array, Array]:
+    """The convex hull of points as normals u <= offsets."""
+    flat = not np.isfinite(corners).all() or (
+        np.linalg.matrix_rank(corners - corners.mean(axis=0)) < corners.shape[1]
     )
-
-
-def _box_rows(box: Box) -> tuple[Array, Array]:
-    rows, limits = [], []
-    for i, (low, high) in enumerate(zip(box.lower, box.upper, strict=True)):
-        for sign, side in ((1.0, float(high)), (-1.0, -float(low))):
-            if math.isfinite(side):
-                row = np.zeros(len(box.lower))
-                row[i] = sign
-                rows.append(row)
-                limits.append(side)
-    return np.array(rows).reshape(-1, len(box.lower)), np.array(limits)
+    if flat:
+        raise DefinitionError(
+            f"the actuators of system '{system.name}' have no bounds, or no room between them",
+            expected="finite bounds, lower below upper",
+        )
+    if corners.shape[1] == 1:
+        return np.array([[1.0], [-1.0]]), np.array([corners.max(), -corners.min()])
+    hull = ConvexHull(corners)
+    return hull.equations[:, :-1], -hull.equations[:, -1]

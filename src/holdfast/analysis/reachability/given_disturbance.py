@@ -9,7 +9,7 @@ import numpy as np
 import sympy as sp
 
 from holdfast.errors import SimulationError
-from holdfast.maths.definitions.bounds import Ball, Bounds, Box, LinearImage, Product, section
+from holdfast.maths.definitions.bounds import section
 from holdfast.maths.definitions.quantity import TIME
 from holdfast.maths.definitions.system import System
 
@@ -42,7 +42,7 @@ def check_given(
             shown = ", ".join(f"{n} = {v:g}" for n, v in zip(names, now, strict=True))
             raise SimulationError(
                 f"a disturbance is given outside its bounds: {shown}{when}",
-                expected=f"values within {_said(bounds)}",
+                expected=f"values within {bounds.text()}",
                 remedy="give a smaller disturbance, or widen the bounds of the system",
             )
 
@@ -68,16 +68,3 @@ def largest_factor(system: System, given: Mapping[str, float | sp.Expr]) -> floa
     while (middle := 0.5 * (low + high)) not in (low, high):
         low, high = (middle, high) if allowed(middle) else (low, middle)
     return low
-
-
-def _said(bounds: Bounds) -> str:
-    """A set of numbers as text."""
-    if isinstance(bounds, Ball):
-        return f"a ball of radius {float(bounds.radius):g}"
-    if isinstance(bounds, Product):
-        return " and ".join(_said(part) for part in bounds.parts)
-    if isinstance(bounds, Box):
-        sides = zip(bounds.lower, bounds.upper, strict=True)
-        return " x ".join(f"[{float(a):g}, {float(b):g}]" for a, b in sides)
-    assert isinstance(bounds, LinearImage)
-    return "the image of " + _said(bounds.of)

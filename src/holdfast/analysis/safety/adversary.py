@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import sympy as sp
 
-from holdfast.maths.definitions.bounds import Ball, Bounds, Box, LinearImage, Product
 from holdfast.maths.definitions.quantity import TIME, symbol
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.variation import Varied
@@ -75,21 +74,9 @@ def schedules(system: System) -> Schedules:
         swing = sp.sin(sp.exp(pace) * TIME + phase) + bias
         return amplitude * clip(symbol("schedule_gain") * swing, sp.S(-1), sp.S(1))
 
-    def of(bounds: Bounds) -> list[sp.Expr]:
-        if isinstance(bounds, Product):
-            return [e for part in bounds.parts for e in of(part)]
-        if isinstance(bounds, LinearImage):
-            return list(bounds.produce(of(bounds.of)))
-        if isinstance(bounds, Ball):
-            way = [wave("ball") for _ in range(bounds.dimension)]
-            size = sp.sqrt(sum(e**2 for e in way) + sp.Float(1e-12))
-            return [bounds.radius * e / size for e in way]
-        assert isinstance(bounds, Box)
-        pairs = zip(bounds.lower, bounds.upper, strict=True)
-        return [(a + b) / 2 + (b - a) / 2 * wave("box") for a, b in pairs]
-
     assert system.disturbance_bounds is not None
-    expressions = dict(zip(system.disturbance_names, of(system.disturbance_bounds), strict=True))
+    moved = system.disturbance_bounds.moving(wave)
+    expressions = dict(zip(system.disturbance_names, moved, strict=True))
     read = set().union(*(r.free_symbols for r in system.rates.values()))
     for q in system.disturbances:
         if q.symbol not in read:  # nothing depends on it, nor on what it would draw

@@ -21,7 +21,7 @@ from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.closed_loop import Array, ClosedLoop
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.steppers import BY_NAME
-from holdfast.maths.definitions.bounds import Bounds, LinearImage, ranges
+from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import SAMPLE_TIME, TIME, symbol
 from holdfast.maths.definitions.region import Region
@@ -175,14 +175,14 @@ def _limits(
     if bounds is None:
         return {}
     sets: dict[str, Bounds] = {"input": bounds}
-    if isinstance(bounds, LinearImage):
-        sets["actuator"] = bounds.of
+    if system.actuators and system.actuator_bounds is not None:
+        sets["actuator"] = system.actuator_bounds
     symbols = [symbol(n) for n in varied]
     each = bool(bounds.free_symbols & set(symbols))
     rows = [{**values, **dict(zip(symbols, row, strict=True))} for row in own] if each else [values]
     found = {}
     for axis, limited in sets.items():
-        ends = [e for pair in ranges(limited) for e in pair]
+        ends = [e for pair in limited.ranges() for e in pair]
         table = np.array([[_number(e, row) for e in ends] for row in rows])
         low, high = table[:, ::2], table[:, 1::2]
         found[axis] = (low, high) if each else (low[0], high[0])

@@ -17,7 +17,6 @@ from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.execution.codegen.c_printer import c_body
 from holdfast.execution.codegen.c_text import c_comment, c_file, c_name, c_needed, c_own, c_table
-from holdfast.maths.definitions.bounds import LinearImage
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.measurement import by_measurements
 from holdfast.maths.definitions.quantity import Parameter, Quantity, merge_parameters, symbol
@@ -84,8 +83,7 @@ class _File:
             )
         self.inputs = [q.symbol for q in system.inputs]
         self.guards = {n: m.safeguard for n, m in switching.modes.items() if m.safeguard}
-        self.image = system.input_bounds if isinstance(system.input_bounds, LinearImage) else None
-        self.actuators = list(self.image.actuators) if self.image else list(system.input_names)
+        self.actuators = list(system.actuators or system.input_names)
         used, known = self._symbols(), merge_parameters(system.parameters, switching.parameters)
         self.parameters: tuple[Parameter, ...] = tuple(p for p in known if p.symbol in used)
 
@@ -198,10 +196,7 @@ class _File:
 
     def _limits(self) -> list[sp.Expr]:
         """What the actuators do at a command."""
-        bounds = self.system.input_bounds
-        asked = self.image.allocate(self.inputs) if self.image else tuple(self.inputs)
-        limits = self.image.of if self.image else bounds
-        return list(limits.saturate(asked) if limits else asked)
+        return self.system.limited(self.system.allocated(self.inputs))
 
     def _unpack(self) -> dict[str, Sequence[sp.Symbol]]:
         return {
@@ -300,7 +295,7 @@ class _File:
         assert memory is not None
         count = len(self.kept)
         a = [symbol(n) for n in self.actuators]
-        produced = list(self.image.produce(a)) if self.image else self.inputs
+        produced = self.system.produced(a) if self.system.actuators else self.inputs
         made = {"actuators": a, "p": [p.symbol for p in self.parameters]}
         u = {"u": self.inputs}
         initial = [memory.initial[z.name] for z in self.kept]

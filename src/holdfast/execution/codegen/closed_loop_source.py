@@ -22,7 +22,6 @@ from holdfast.execution.codegen.law_source import (
 from holdfast.execution.codegen.printer import body, function_source
 from holdfast.execution.simulation.steppers import Tableau, stepper_source
 from holdfast.maths.control.outward_rates import check_reads
-from holdfast.maths.definitions.bounds import LinearImage
 from holdfast.maths.definitions.law import GainCondition, Law
 from holdfast.maths.definitions.measurement import by_measurements
 from holdfast.maths.definitions.quantity import (
@@ -101,9 +100,8 @@ def closed_loop_program(
         goal.parameters if goal else (),
     )
     varied = varied or Varied()
-    image = system.input_bounds if isinstance(system.input_bounds, LinearImage) else None
     moving = (*system.states, *system.inputs, *system.disturbances)
-    for name in (*(s.name for s in moving), *(image.actuators if image else ())):
+    for name in (*(s.name for s in moving), *system.actuators):
         if name in varied.draws or name in [q.name for q in parameters]:
             raise SimulationError(
                 f"'{name}' is a state, an input, an actuator or a disturbance, not a parameter",
@@ -159,8 +157,7 @@ def closed_loop_program(
                 remedy=suggestion(name, sorted(map(str, symbols & set(p)))),
                 key=f"varied.draws.{name}",
             )
-    limits = image.of if image else system.input_bounds
-    a = [symbol(n) for n in image.actuators] if image else u
+    a = [symbol(n) for n in system.actuators] or u
     signals, lookup = list(switching.signals), switching.lookup
     values = [n for n, e in switching.signals.items() if lookup and e == lookup.value]
     guards = [mode.safeguard for mode in switching.modes.values() if mode.safeguard]
@@ -171,7 +168,7 @@ def closed_loop_program(
     constants = {
         "WATCHED": len(c),
         "SIGNALS": len(signals),
-        "ACTUATORS": len(image.actuators) if image else 0,
+        "ACTUATORS": len(system.actuators),
         "SAFEGUARDED": bool(guards),
         "CONTINUOUS": continuous,
         "ADAPTIVE": stepper.adaptive,
@@ -189,11 +186,9 @@ def closed_loop_program(
             several=True,
         ),
         function_source("disturbance", ("t", "p"), {"p": p}, still),
-        function_source(
-            "allocate", ("u", "p"), {"u": u, "p": p}, image.allocate(u) if image else u
-        ),
-        function_source("limit", ("a", "p"), {"a": a, "p": p}, limits.saturate(a) if limits else a),
-        function_source("produce", ("a", "p"), {"a": a, "p": p}, image.produce(a) if image else u),
+        function_source("allocate", ("u", "p"), {"u": u, "p": p}, system.allocated(u)),
+        function_source("limit", ("a", "p"), {"a": a, "p": p}, system.limited(a)),
+        function_source("produce", ("a", "p"), {"a": a, "p": p}, system.produced(a)),
         function_source("felt", ("t", "p"), {"p": p}, [e for _, e in told]),
         function_source(
             "first_memory",
@@ -245,8 +240,8 @@ def closed_loop_program(
         states=system.states,
         inputs=system.inputs,
         disturbances=system.disturbances,
-        actuators=image.actuators if image else (),
-        actuator_unit=system.inputs[0].unit if image else "1",
+        actuators=system.actuators,
+        actuator_unit=system.inputs[0].unit if system.actuators else "1",
         modes=modes,
         initial_mode=modes.index(switching.initial),
         signals=tuple(signals),

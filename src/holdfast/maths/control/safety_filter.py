@@ -17,7 +17,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from numbers import Real
-from typing import Any, TypeVar, cast
+from typing import TypeVar, cast
 
 import sympy as sp
 
@@ -25,7 +25,6 @@ from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.control.barrier_conditions import ViabilityCondition, viability_conditions
 from holdfast.maths.control.velocity_tracking import believed_disturbances
-from holdfast.maths.definitions.bounds import Box, LinearImage
 from holdfast.maths.definitions.law import Law, Safeguard
 from holdfast.maths.definitions.quantity import Parameter, merge_parameters, symbol
 from holdfast.maths.definitions.region import Region
@@ -173,26 +172,7 @@ def input_rows(system: System) -> list[Row]:
     """The half-spaces of the input bounds, as expressions of the parameters."""
     if system.input_bounds is None:
         return []
-    bounds = system.input_bounds
-    matrix: Any = sp.eye(len(system.inputs))
-    if isinstance(bounds, LinearImage):
-        if not bounds.matrix.is_square:
-            raise DefinitionError(
-                f"system '{system.name}' has more actuators than inputs",
-                expected="as many of each, for a safeguard",
-            )
-        matrix, bounds = bounds.matrix.inv(), bounds.of
-    if not isinstance(bounds, Box):
-        raise DefinitionError(
-            f"the inputs of system '{system.name}' are bounded by a ball",
-            expected="a box, or its image, for a safeguard",
-        )
-    rows: list[Row] = []
-    for i in range(bounds.dimension):
-        for side, limit in ((1, bounds.upper[i]), (-1, -bounds.lower[i])):
-            if limit != sp.oo:
-                rows.append((tuple(side * e for e in matrix.row(i)), limit))
-    return rows
+    return system.input_bounds.half_spaces()
 
 
 def input_scales(system: System, given: Mapping[str, float]) -> Mapping[str, sp.Expr]:
@@ -206,15 +186,8 @@ def input_scales(system: System, given: Mapping[str, float]) -> Mapping[str, sp.
         if not (_is_number(value) and value > 0):
             raise DefinitionError(f"scale of '{name}' is {value!r}", expected="a number above 0")
     widths = dict.fromkeys(system.input_names, sp.oo)
-    bounds = system.input_bounds
-    if isinstance(bounds, (Box, LinearImage)):
-        box = bounds.of if isinstance(bounds, LinearImage) else bounds
-        assert isinstance(box, Box)
-        half = [(b - a) / 2 for a, b in zip(box.lower, box.upper, strict=True)]
-        for i, name in enumerate(system.input_names):
-            row = bounds.matrix.row(i) if isinstance(bounds, LinearImage) else None
-            entries = [(sp.Abs(row[k]), h) for k, h in enumerate(half)] if row is not None else []
-            widths[name] = sp.Add(*(a * h for a, h in entries if a != 0)) if entries else half[i]
+    if system.input_bounds is not None:
+        widths = dict(zip(system.input_names, system.input_bounds.half_widths(), strict=True))
     return {
         name: sp.Float(given[name])
         if name in given

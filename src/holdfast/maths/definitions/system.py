@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -143,6 +143,29 @@ class System:
     @property
     def disturbance_names(self) -> tuple[str, ...]:
         return tuple(q.name for q in self.disturbances)
+
+    @property
+    def actuators(self) -> tuple[str, ...]:
+        """Names of what produces the inputs; empty where these are the inputs themselves."""
+        return self.input_bounds.actuators if self.input_bounds else ()
+
+    @property
+    def actuator_bounds(self) -> Bounds | None:
+        """What limits the actuators, or the inputs where there are no others."""
+        return self.input_bounds.limited if self.input_bounds else None
+
+    def allocated(self, inputs: Sequence[sp.Expr]) -> list[sp.Expr]:
+        """The actuator values that produce the inputs, before they are limited."""
+        return list(self.input_bounds.allocate(inputs) if self.input_bounds else inputs)
+
+    def limited(self, actuators: Sequence[sp.Expr]) -> list[sp.Expr]:
+        """What the actuators do when these values are asked of them."""
+        bounds = self.actuator_bounds
+        return list(bounds.saturate(actuators) if bounds else actuators)
+
+    def produced(self, actuators: Sequence[sp.Expr]) -> list[sp.Expr]:
+        """The inputs that the actuators bring about."""
+        return list(self.input_bounds.produce(actuators) if self.input_bounds else actuators)
 
     def quantities(self, names: tuple[str, ...], owner: str) -> tuple[Quantity, ...]:
         """The states and parameters of these names; `DefinitionError` if one is missing."""

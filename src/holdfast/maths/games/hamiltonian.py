@@ -29,7 +29,6 @@ from holdfast.maths.games.sampled_inputs import (
     points_of,
     without_closed_form,
 )
-from holdfast.maths.games.supports import ends, reach, support
 
 
 @dataclass(frozen=True)
@@ -248,7 +247,7 @@ def _check_bounded(
             f"{owner} has no bounds for its {what}s",
             remedy=f"give {what} bounds: a kernel depends on what the {what}s can do",
         )
-    if bounds is not None and any(e.is_infinite for e in ends(bounds)):
+    if bounds is not None and any(e.is_infinite for e in bounds.ends()):
         raise DefinitionError(
             f"{'an' if what == 'input' else 'a'} {what} of {owner} is unbounded",
             expected="finite bounds",
@@ -289,13 +288,13 @@ class _Player:
 
     def support(self, weights: sp.Matrix) -> tuple[sp.Expr, dict[sp.Symbol, sp.Expr]]:
         """opt over the set of weights . u, and where it is attained."""
-        if not self.members:
+        if self.bounds is None or not self.members:
             return sp.S.Zero, {}
-        value, best = support(self.bounds, list(weights), self.sign)
+        value, best = self.bounds.support(list(weights), self.sign)
         return value, dict(zip((q.symbol for q in self.members), best, strict=True))
 
     def reach(self, gain: sp.Matrix, p: sp.Matrix, spread: sp.Matrix) -> tuple[list[sp.Expr], ...]:
         """What it adds to each rate: centre and half-width, for any p, and for those near."""
         if self.bounds is None:
             return ([sp.S.Zero] * gain.rows,) * 4
-        return reach(self.bounds, gain, p, spread, self.sign)
+        return self.bounds.reach(gain, p, spread, self.sign)

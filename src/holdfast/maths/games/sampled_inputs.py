@@ -8,13 +8,12 @@ max min <= min max, and what it promises holds for a disturbance that knows the 
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 
 import sympy as sp
 
 from holdfast.errors import DefinitionError
-from holdfast.maths.definitions.bounds import Ball, Bounds, Box, LinearImage, Product, section
+from holdfast.maths.definitions.bounds import Bounds, section
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import select, sgn, wrap
 
@@ -57,8 +56,12 @@ def without_closed_form(system: System) -> set[sp.Symbol]:
     that mix with disturbances; then what mixes among the inputs, or among the disturbances.
     """
     groups = [
-        *_groups(system.input_bounds, [q.symbol for q in system.inputs]),
-        *_groups(system.disturbance_bounds, [q.symbol for q in system.disturbances]),
+        group
+        for bounds, members in (
+            (system.input_bounds, system.inputs),
+            (system.disturbance_bounds, system.disturbances),
+        )
+        for group in _groups(bounds, [q.symbol for q in members])
     ]
     disturbances = {q.symbol for q in system.disturbances}
     sampled: set[sp.Symbol] = set()
@@ -81,7 +84,7 @@ def points_of(bounds: Bounds | None, members: Sequence[sp.Symbol], which: set[sp
     if part is None:
         return [{}]
     names = [m for m in members if m in which]
-    return [dict(zip(names, point, strict=True)) for point in _points(part, samples)]
+    return [dict(zip(names, point, strict=True)) for point in part.points(samples)]
 
 
 def check_count(inputs: int, disturbances: int) -> None:
@@ -96,25 +99,4 @@ def check_count(inputs: int, disturbances: int) -> None:
 
 def _groups(bounds: Bounds | None, members: Sequence[sp.Symbol]) -> list[Sequence[sp.Symbol]]:
     """The members of a set that are free of each other."""
-    if isinstance(bounds, Product):
-        return [g for part, mine in bounds.split(members) for g in _groups(part, mine)]
-    return [[m] for m in members] if isinstance(bounds, Box) else [members]
-
-
-def _points(bounds: Bounds, samples: int) -> list[tuple[sp.Expr, ...]]:
-    """`samples` along every coordinate of a box, with its ends; those of a cube's surface, put on
-    the rim of a ball, and its centre; images and products of these."""
-    if isinstance(bounds, Product):
-        every = itertools.product(*(_points(part, samples) for part in bounds.parts))
-        return [tuple(itertools.chain(*one)) for one in every]
-    if isinstance(bounds, LinearImage):
-        return [tuple(bounds.produce(a)) for a in _points(bounds.of, samples)]
-    shares = [sp.Rational(k, samples - 1) for k in range(samples)]
-    if isinstance(bounds, Ball):
-        n = bounds.dimension
-        cube = itertools.product([2 * s - 1 for s in shares], repeat=n)
-        rim = [sp.Matrix(c) for c in cube if max(abs(e) for e in c) == 1]
-        return [(sp.S.Zero,) * n, *(tuple(bounds.radius * (c / c.norm())) for c in rim)]
-    assert isinstance(bounds, Box)
-    sides = zip(bounds.lower, bounds.upper, strict=True)
-    return list(itertools.product(*([a + (b - a) * s for s in shares] for a, b in sides)))
+    return [members] if bounds is None else bounds.groups(members)

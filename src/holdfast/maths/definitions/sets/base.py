@@ -1,0 +1,182 @@
+"""What a set of admissible inputs or disturbances answers.
+
+A set of another shape is a class of its own, in a file of its own. It gives `dimension`,
+`free_symbols`, `at`, `contains`, `saturate` and `support`. Everything else follows from these, for
+a compact convex set; a set that has a sharper or shorter form overrides it.
+"""
+
+from __future__ import annotations
+
+import itertools
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, TypeVar
+
+import sympy as sp
+
+from holdfast.errors import DefinitionError
+
+V = TypeVar("V")
+Row = tuple[tuple[sp.Expr, ...], sp.Expr]
+"""normal . u <= offset"""
+Reach = tuple[list[sp.Expr], list[sp.Expr], list[sp.Expr], list[sp.Expr]]
+"""Of every rate: centre and half-width for any costate, and for those within the spread."""
+
+
+class Bounds(ABC):
+    """A set of admissible values."""
+
+    if TYPE_CHECKING:  # a field or a property of the set
+
+        @property
+        def dimension(self) -> int:
+            """How many members a value has."""
+
+    @property
+    @abstractmethod
+    def free_symbols(self) -> set[sp.Symbol]:
+        """The parameters that the set depends on."""
+
+    @abstractmethod
+    def at(self, parameters: Mapping[sp.Symbol, sp.Expr | float]) -> Bounds:
+        """The set with these for its parameters; `DefinitionError` if it is none then."""
+
+    @abstractmethod
+    def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:
+        """Whether the numbers lie in a set without parameters, within this share of its size."""
+
+    @abstractmethod
+    def saturate(self, values: Sequence[sp.Expr]) -> tuple[sp.Expr, ...]:
+        """The admissible value taken in place of `values`, symbolically."""
+
+    @abstractmethod
+    def support(self, weights: Sequence[sp.Expr], sign: int) -> tuple[sp.Expr, list[sp.Expr]]:
+        """The most (sign 1) or the least (-1) of weights . u over the set, and where it is."""
+
+    # -- what follows from these
+
+    def support_value(self, weights: Sequence[float]) -> float:
+        """The most of weights . u over a set without parameters."""
+        return float(self.support([sp.Float(w) for w in weights], 1)[0])
+
+    def range_along(self, weights: Sequence[sp.Expr]) -> tuple[sp.Expr, sp.Expr]:
+        """The least and the largest of weights . u over the set."""
+        return self.support(weights, -1)[0], self.support(weights, 1)[0]
+
+    def ranges(self) -> list[tuple[sp.Expr, sp.Expr]]:
+        """The least and the largest value of every member of the set."""
+        axes = range(self.dimension)
+        return [self.range_along([sp.Integer(i == k) for k in axes]) for i in axes]
+
+    def ends(self) -> tuple[sp.Expr, ...]:
+        """Expressions of which one is infinite where the set is not bounded."""
+        return tuple(e for pair in self.ranges() for e in pair)
+
+    def half_widths(self) -> list[sp.Expr]:
+        """Half of the range of every member; oo says nothing about it."""
+        return [(high - low) / 2 for low, high in self.ranges()]
+
+    def half_spaces(self) -> list[Row]:
+        """The set as normals . u <= offsets; `DefinitionError` for a set that is no polytope."""
+        raise DefinitionError(
+            f"inputs are bounded by {self.shape}, which is not a polytope",
+            expected="a box, or a linear image of one with as many actuators as inputs",
+        )
+
+    def corners(self) -> list[tuple[sp.Expr, ...]]:
+        """Points whose convex hull is the set; `DefinitionError` for a set that has none."""
+        raise DefinitionError(
+            f"inputs are bounded by {self.shape}, which is not a polytope",
+            expected="a box, or a linear image of one",
+        )
+
+    def reach(self, gain: sp.Matrix, p: sp.Matrix, spread: sp.Matrix, sign: int) -> Reach:
+        """What u adds to the rates as gain . u where it is the best for a costate p.
+
+        Centre and half-width of it for any p, and for those within the spread of this one.
+        """
+        rows = [list(gain.row(i)) for i in range(gain.rows)]
+        least, most = ([self.support(row, side)[0] for row in rows] for side in (-1, 1))
+        centre = [(a + b) / 2 for a, b in zip(least, most, strict=True)]
+        width = [(b - a) / 2 for a, b in zip(least, most, strict=True)]
+        return centre, width, centre, width
+
+    def points(self, samples: int) -> list[tuple[sp.Expr, ...]]:
+        """Points that stand for the set: the furthest in the directions of a cube's surface."""
+        rim = [self.support(way, 1)[1] for way in cube_surface(self.dimension, samples)]
+        mean = tuple(sp.Add(*members) / len(rim) for members in zip(*rim, strict=True))
+        return [mean, *map(tuple, rim)]
+
+    def groups(self, members: Sequence[V]) -> list[Sequence[V]]:
+        """The members that are free of each other; here none is."""
+        return [members]
+
+    def section(self, kept: Sequence[bool]) -> Bounds | None:
+        """The set of the members that are `kept` when the others are given numbers."""
+        raise DefinitionError(
+            "some members of a set whose members depend on each other are given",
+            expected="all of them, or none",
+        )
+
+    def moving(self, wave: Callable[[str], sp.Expr]) -> list[sp.Expr]:
+        """A point that moves within the set as waves between -1 and 1 drive it."""
+        return self.support([wave("direction") for _ in range(self.dimension)], 1)[1]
+
+    def within(self, other: Bounds) -> bool:
+        """Whether a set of numbers is seen to lie in the other."""
+        return self == other
+
+    @property
+    def shape(self) -> str:
+        """What it is, in two words."""
+        return f"a {type(self).__name__.lower()}"
+
+    def text(self) -> str:
+        """A set of numbers, in a message."""
+        return self.shape
+
+    def lines(self) -> Iterator[str]:
+        """What the set is, for a reader."""
+        yield self.shape
+
+    # -- actuators: the inputs themselves, unless a set says otherwise
+
+    @property
+    def actuators(self) -> tuple[str, ...]:
+        """Names of what produces the inputs; empty where these are the inputs themselves."""
+        return ()
+
+    @property
+    def limited(self) -> Bounds:
+        """The set that the actuators live in."""
+        return self
+
+    def allocate(self, values: Sequence[sp.Expr]) -> tuple[sp.Expr, ...]:
+        """The actuator values that produce `values`, before saturation."""
+        return tuple(values)
+
+    def produce(self, actuators: Sequence[sp.Expr]) -> tuple[sp.Expr, ...]:
+        """What the actuators bring about."""
+        return tuple(actuators)
+
+
+def entries(values: Sequence[object], what: str) -> tuple[sp.Expr, ...]:
+    """The values as expressions; `DefinitionError` for NaN and what is no expression."""
+    result = tuple(sp.sympify(v) for v in values)
+    for value in result:
+        if not isinstance(value, sp.Expr) or value.has(sp.nan):
+            raise DefinitionError(f"{what} has the entry {value}", expected="a number")
+    return result
+
+
+def check_count(values: Sequence[object], bounds: Bounds) -> None:
+    """Refuse a value with another number of members."""
+    if len(values) != bounds.dimension:
+        raise DefinitionError(f"{len(values)} values", expected=f"{bounds.dimension}")
+
+
+def cube_surface(dimension: int, samples: int) -> list[list[sp.Expr]]:
+    """The nodes on the surface of a cube [-1, 1]^n with `samples` along every edge."""
+    ticks = [2 * sp.Rational(k, samples - 1) - 1 for k in range(samples)]
+    cube = itertools.product(ticks, repeat=dimension)
+    return [list(c) for c in cube if max(abs(e) for e in c) == 1]
