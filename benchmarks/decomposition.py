@@ -24,10 +24,18 @@ MARGIN = 0.02  # m
 SHARES = (1.0, 0.1)
 """Of the bounds of the game, within which the velocities of the starts are drawn."""
 
+
+def bounds(limit: float, sway: float) -> dict[str, float]:
+    """Surge and yaw rate that thrusters of this limit hold up in still water, and the sway."""
+    vehicle = hf.systems.marine_vehicle(thrust_limit=limit)
+    surge, turn = map(float, hf.steady_bounds(vehicle, ("u", "r")).upper)
+    return {"u": surge, "v": sway, "r": turn}
+
+
 GAMES = {
-    "5 N, sway within 0.4 m/s": ("5 N", {"u": 1.21, "v": 0.4, "r": 1.465}),
-    "5 N, sway within 0.62 m/s": ("5 N", {"u": 1.21, "v": 0.62, "r": 1.465}),
-    "1 N, sway within 0.17 m/s": ("1 N", {"u": 0.502, "v": 0.17, "r": 0.641}),
+    "5 N, sway within 0.4 m/s": ("5 N", bounds(5.0, 0.4)),
+    "5 N, sway within 0.62 m/s": ("5 N", bounds(5.0, 0.62)),
+    "1 N, sway within 0.17 m/s": ("1 N", bounds(1.0, 0.17)),
 }
 """Title -> the case of the scenario, and the bounds of surge, sway and yaw rate in the game."""
 

@@ -119,8 +119,9 @@ def aircraft(nodes: tuple[int, ...], steps: int) -> LevelSet:
 
 def game(nodes: int, steps: int) -> LevelSet:
     """(7.4) of the thesis: camera and lasers, |v| <= 0.4 m/s, 0.5 m/s across the view."""
+    vehicle, inputs = hf.systems.marine_vehicle(), ("u", "r")
     system = hf.promote(
-        hf.systems.marine_vehicle(), ("u", "r"), hf.Box((-1.21, -1.465), (1.21, 1.465)),
+        vehicle, inputs, hf.steady_bounds(vehicle, inputs),
         disturbances=("v",), disturbance_bounds=hf.Box((-0.4,), (0.4,)),
     )  # fmt: skip
     box = {"x": (-2.6, 0.2), "y": (-2, 2), "psi": (-math.pi / 2, math.pi / 2)}

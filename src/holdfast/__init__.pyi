@@ -69,6 +69,7 @@ from .maths.definitions.reduction import promote as promote
 from .maths.definitions.reduction import subsystem as subsystem
 from .maths.definitions.region import Inequality as Inequality
 from .maths.definitions.region import Region as Region
+from .maths.definitions.steady import steady_bounds as steady_bounds
 from .maths.definitions.switching import Switching as Switching
 from .maths.definitions.switching import Transition as Transition
 from .maths.definitions.system import PfaffianRow as PfaffianRow

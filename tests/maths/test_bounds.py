@@ -83,7 +83,7 @@ def test_ranges_are_the_extremes_that_some_member_takes():
     image = hf.LinearImage(sp.Matrix([[1, 1], [0.1, -0.1]]), box, ("port", "starboard"))
     assert box.ranges() == [(-2, 2), (-1, 3)]
     assert image.ranges() == [(-3, 5), (pytest.approx(-0.5), pytest.approx(0.3))]
-    assert ranges(hf.Ball(2, 2)) == [(-2, 2), (-2, 2)]
-    assert ranges(hf.LinearImage(sp.Matrix([[3, 4]]), hf.Ball(2, 2))) == [(-10, 10)]
-    assert ranges(product(box, hf.Ball(1, 1))) == [(-2, 2), (-1, 3), (-1, 1)]
-    assert ranges(hf.Box((-sp.oo,), (1,))) == [(-sp.oo, 1)]
+    assert hf.Ball(2, 2).ranges() == [(-2, 2), (-2, 2)]
+    assert hf.LinearImage(sp.Matrix([[3, 4]]), hf.Ball(2, 2)).ranges() == [(-10, 10)]
+    assert product(box, hf.Ball(1, 1)).ranges() == [(-2, 2), (-1, 3), (-1, 1)]
+    assert hf.Box((-sp.oo,), (1,)).ranges() == [(-sp.oo, 1)]

@@ -168,6 +168,7 @@ FUNCTIONS = {
         "disturbance_bounds": hf.Box((-0.1,), (0.1,)),
     },
     "redesign": lambda: redesigned(),
+    "steady_bounds": lambda: {"system": hf.systems.marine_vehicle(), "states": ("u", "r")},
     "regulation_map": lambda: {
         "system": line(), "region": end(), "state": [1.0], "parameters": {"push": 0.1}, "tolerance": 1e-6,
         "disturbance": "none", "gains": (1.0, 2.0),

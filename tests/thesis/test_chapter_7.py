@@ -13,7 +13,8 @@ from holdfast.errors import DefinitionError
 from holdfast.scenario.load import load_scenario
 from tests.conftest import number_at
 
-GAME_INPUTS = hf.Box((-1.21, -1.465), (1.21, 1.465))
+GAME_INPUTS = hf.steady_bounds(hf.systems.marine_vehicle(), ("u", "r"))
+SURGE, TURN = GAME_INPUTS.upper
 GAME_SWAY = hf.Box((-0.62,), (0.62,))
 
 
@@ -88,8 +89,8 @@ def test_game_7_4_is_derived_with_sway_and_current_as_disturbances(game):
     radius = hf.symbol("current_limit")
     psi = hf.symbol("psi")
     expected = (
-        1.21 * sp.Abs(p[0] * sp.cos(psi) + p[1] * sp.sin(psi))
-        + 1.465 * sp.Abs(p[2])
+        SURGE * sp.Abs(p[0] * sp.cos(psi) + p[1] * sp.sin(psi))
+        + TURN * sp.Abs(p[2])
         - 0.62 * sp.Abs(p[1] * sp.cos(psi) - p[0] * sp.sin(psi))
         - radius * sp.sqrt(p[0] ** 2 + p[1] ** 2)
     )
@@ -258,7 +259,7 @@ def test_filter_over_the_kernel_in_six_states_keeps_nearly_every_start_inside(ca
 @pytest.mark.heavy
 def test_decomposition_calls_safe_what_is_lost_and_gives_up_what_is_kept():
     """5 N, velocities within what (7.4) allows for: 9 % of the safe states, 66 % of the others."""
-    box = {"u": 1.21, "v": 0.4, "r": 1.465}
+    box = {"u": SURGE, "v": 0.4, "r": TURN}
     boxes = [f"starts.box.{n}=[{-b}, {b}]" for n, b in box.items()]
     found = hf.compare("ch7-rescue", cases=["5 N"], overrides=[*SIX, *boxes], runs=1000)
     starts = load_scenario("ch7-rescue", [*boxes, "run.horizon=0.1"], 1000).run().dataset["state"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,6 +30,7 @@ from holdfast.scenario.files import overridden, read_tables, scenario_title
 from holdfast.scenario.formation import composed_formation, is_formation
 from holdfast.scenario.kernel import KernelScenario, composed_kernel, is_kernel
 from holdfast.scenario.kernel_reference import check_kernels
+from holdfast.scenario.overrides import check_overrides
 from holdfast.scenario.safety_filter import Safety, composed_safety
 from holdfast.scenario.schema.closed_loop import FiguresSpec, Header, RunSpec, ScenarioSpec
 from holdfast.scenario.schema.formation import FormationFigures, FormationHeader, FormationSpec
@@ -119,7 +120,14 @@ def load_scenario(
     how many states of it its promise is tried from. Raises `ScenarioError` naming the file, the
     key, what was got and what is allowed.
     """
-    return scenario_of(*read_tables(name, overrides), runs, seed)
+    changes = list(overrides)
+
+    def compose(changes: Sequence[str]) -> list[Scenario | KernelScenario]:
+        return [scenario_of(*read_tables(name, changes), runs, seed)]
+
+    (loaded,) = made = compose(changes)
+    check_overrides(changes, made, compose)
+    return loaded
 
 
 def scenario_of(

@@ -23,9 +23,10 @@ def promote(
     """The subsystem in which `states` are the inputs, and the former inputs are gone.
 
     disturbances: states that become disturbances, before those that there are, within
-    `disturbance_bounds`. The subsystem Sigma_1 of section 5.4.2 is promote(marine_vehicle,
-    ("u", "r")); (7.4) of the thesis has the sway velocity "v" as a disturbance too. Raises
-    `DefinitionError` for an unknown state, or when a remaining rate contains an old input.
+    `disturbance_bounds`. `steady_bounds` gives the `bounds` that the former inputs hold up. The
+    subsystem Sigma_1 of section 5.4.2 is promote(marine_vehicle, ("u", "r")); (7.4) of the thesis
+    has the sway velocity "v" as a disturbance too. Raises `DefinitionError` for an unknown state,
+    or when a remaining rate contains an old input.
     """
     promoted = (*states, *disturbances)
     _check_names(system, promoted)

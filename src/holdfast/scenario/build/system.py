@@ -8,12 +8,15 @@ from typing import Any
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.maths.definitions.bounds import Box
 from holdfast.maths.definitions.reduction import promote, subsystem
+from holdfast.maths.definitions.steady import steady_bounds
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.units import to_si
 from holdfast.scenario.build.composer import Composer
 from holdfast.scenario.validation import at
 
 REDUCTIONS = ("keep", "promote", "disturb")
+STEADY = "steady"
+"""In place of an interval: the velocities that the inputs can hold in still water."""
 
 
 def composed_system(composer: Composer, table: Mapping[str, Any]) -> System:
@@ -51,8 +54,14 @@ def _intervals(
         for name, interval in given.items():
             if name not in units:
                 raise ScenarioError("unknown name", remedy=suggestion(name, units))
+            if interval == STEADY and key == "promote":
+                held = steady_bounds(system, (name,))
+                sides.append([float(held.lower[0]), float(held.upper[0])])
+                continue
             if not isinstance(interval, list) or len(interval) != 2:
-                raise ScenarioError(f"'{name}' has {interval!r}", expected="[lowest, highest]")
+                raise ScenarioError(
+                    f"'{name}' has {interval!r}", expected=f"[lowest, highest] or '{STEADY}'"
+                )
             sides.append([to_si(side, units[name]) for side in interval])
         low, high = zip(*sides, strict=True)
         return tuple(given), Box(low, high)

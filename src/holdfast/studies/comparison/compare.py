@@ -14,6 +14,7 @@ from holdfast.scenario.formation import is_formation
 from holdfast.scenario.kernel import CLOSED_LOOP, is_kernel
 from holdfast.scenario.kernel_reference import check_kernels
 from holdfast.scenario.load import Scenario, composed
+from holdfast.scenario.overrides import check_overrides
 from holdfast.scenario.schema.closed_loop import AlterationSpec, CompareSpec, ScenarioSpec
 from holdfast.scenario.validation import at, validated
 from holdfast.studies.comparison.kernel_reference import composed_judge
@@ -44,7 +45,8 @@ def compare(
 
     Raises `ScenarioError` for unknown names and for a law or a case that cannot be composed.
     """
-    shown, text, data = read_tables(name, [*overrides])
+    changes = list(overrides)
+    shown, text, data = read_tables(name, changes)
     if is_formation(data) or is_kernel(shown, data):
         raise ScenarioError(
             f"{shown}: laws are compared in closed loops that run from many starts",
@@ -85,12 +87,27 @@ def compare(
         tell(0.0)
         return tell
 
-    for case, alteration in picked.items():
-        scenarios = {}
+    def in_case(tables: Mapping[str, Any], case: str) -> dict[str, Scenario]:
+        made = {}
         for law, change in chosen.items():
             with at(shown, f"compare: {law}, {case}"):
-                altered = _altered(_altered(data, change), alteration)
-                scenarios[law] = _composed(shown, text, altered, wanted, seed)
+                altered = _altered(_altered(tables, change), picked[case])
+                made[law] = _composed(shown, text, altered, wanted, seed)
+        return made
+
+    def every(changes: Sequence[str]) -> list[Scenario]:
+        tables = read_tables(name, changes)[2]
+        return [one for case in picked for one in in_case(tables, case).values()]
+
+    def alone(changes: Sequence[str]) -> list[Scenario]:
+        return [_composed(shown, text, read_tables(name, changes)[2], wanted, seed)]
+
+    try:
+        check_overrides(changes, alone(changes), alone)
+    except ScenarioError:  # some other law, or some case, may depend on it
+        check_overrides(changes, every(changes), every)
+    for case, alteration in picked.items():
+        scenarios = in_case(data, case)
         value, tables = None, _altered(data, alteration)
         if judge is not None:
             with at(shown, f"compare: kernel, {case}"):

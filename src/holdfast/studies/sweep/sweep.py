@@ -22,6 +22,7 @@ from holdfast.execution.resources import available_cores
 from holdfast.scenario.files import code_digest, files_digest, overridden, read_tables
 from holdfast.scenario.kernel import KernelScenario
 from holdfast.scenario.load import Scenario, scenario_of
+from holdfast.scenario.overrides import check_overrides
 from holdfast.studies.process_pool import answers, processes
 from holdfast.studies.scenario_parameter import CURRENT, find_knob, last_part
 from holdfast.studies.sweep.axes import Over, grid_cells, latin_cells, read_over
@@ -195,16 +196,21 @@ def _check_some(
     runs: int | None,
     seed: int | None,
 ) -> None:
-    """Refuse at once what is refused in every cell that is tried: a key that there is not."""
+    """Refuse at once what every cell would refuse: an unknown key, a number without effect."""
     refusal: HoldfastError | None = None
+
+    def compose(settings: Sequence[str]) -> list[Scenario | KernelScenario]:
+        return [scenario_of(shown, *overridden("", data, settings), runs, seed)]
+
     for settings in some:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", GainWarning)
-                scenario_of(shown, *overridden("", data, settings), runs, seed)
+                made = compose(settings)
         except HoldfastError as error:
             refusal = refusal or error
         else:
+            check_overrides(settings, made, compose)
             return
     assert refusal is not None
     raise refusal

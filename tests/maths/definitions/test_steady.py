@@ -1,0 +1,66 @@
+"""Velocities that the inputs can hold: exact roots, the closed loop at full thrust, refusals."""
+
+import math
+
+import pytest
+import sympy as sp
+
+import holdfast as hf
+from holdfast.errors import DefinitionError
+
+v, w, a = (hf.symbol(n) for n in ("v", "w", "a"))
+
+
+def cart(rate, bounds, **more):
+    return hf.System(
+        "cart", (hf.Quantity("v", "m/s"), hf.Quantity("w", "m/s")), (hf.Quantity("a", "N"),),
+        {"v": rate, "w": -w}, input_bounds=bounds, **more,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("limit", [0.3, 1.0, 5.0])
+def test_thrust_holds_the_roots_of_the_quadratic_drag(limit):
+    """-Xu s - Xuu s^2 = 2 F, and -Nr s - Nrr s^2 = 2 F b, in closed form."""
+    vehicle = hf.systems.marine_vehicle(thrust_limit=limit)
+    p = {q.name: q.value for q in vehicle.parameters}
+    found = hf.steady_bounds(vehicle, ("u", "r"))
+    for i, (linear, square, force) in enumerate(
+        ((p["Xu"], p["Xuu"], 2 * limit), (p["Nr"], p["Nrr"], 2 * limit * p["thruster_arm"]))
+    ):
+        exact = (linear + math.sqrt(linear**2 - 4 * square * force)) / (-2 * square)
+        assert float(found.upper[i]) == pytest.approx(exact, rel=1e-12)
+        assert float(found.lower[i]) == pytest.approx(-exact, rel=1e-12)
+
+
+@pytest.mark.parametrize(("asked", "name"), [((100, 0), "u"), ((0, 100), "r")])
+def test_full_thrust_comes_to_rest_at_the_bound(asked, name):
+    vehicle = hf.systems.marine_vehicle(thrust_limit=1.0)
+    outputs = dict(zip(vehicle.input_names, map(sp.Integer, asked), strict=True))
+    run = hf.simulate(
+        vehicle, hf.Law("full", vehicle.states, outputs), starts=[[0.0] * 6], horizon=120
+    )
+    reached = run.dataset["state"].sel(state_name=name).values[0, -1]
+    assert reached == pytest.approx(float(hf.steady_bounds(vehicle, (name,)).upper[0]), rel=1e-6)
+
+
+def test_sides_differ_and_the_first_value_that_cannot_be_held_ends_the_interval():
+    """v is held by a = v - v^3/8 in [-3, 1]: ahead up to 1.236, where a is 1; beyond 2 it would do
+    again. Astern a is negative until v^3/8 = v + 1."""
+    found = hf.steady_bounds(cart(a - v + (v / 2) ** 3, hf.Box((-3,), (1,))), ("v",))
+    assert float(found.upper[0]) == pytest.approx(math.sqrt(5) - 1, rel=1e-9)
+    assert float(found.lower[0]) == pytest.approx(-math.sqrt(5) - 1, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("system", "states", "told"),
+    [
+        (cart(a - v, None), ("v",), "no bounds for its inputs"),
+        (cart(a - v, hf.Box((-1,), (1,))), ("u",), "'u' is not a state"),
+        (cart(a**2 - v, hf.Box((-1,), (1,))), ("v",), "not affine"),
+        (cart(a + 2 - v, hf.Box((-1,), (1,))), ("v",), "cannot hold 'v' at 0"),
+        (cart(a, hf.Box((-1,), (1,))), ("v",), "hold every value of 'v'"),
+    ],
+)
+def test_what_has_no_steady_bounds_is_refused(system, states, told):
+    with pytest.raises(DefinitionError, match=told):
+        hf.steady_bounds(system, states)
