@@ -38,6 +38,7 @@ from .maths.catalogue import fields as fields
 from .maths.catalogue import laws as laws
 from .maths.catalogue import regions as regions
 from .maths.catalogue import systems as systems
+from .maths.catalogue.vehicles import load_vehicle as load_vehicle
 from .maths.control.barrier_conditions import viability_conditions as viability_conditions
 from .maths.control.blended_redesign import redesign as redesign
 from .maths.control.lyapunov import ultimate_bound as ultimate_bound

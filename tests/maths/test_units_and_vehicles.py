@@ -4,6 +4,7 @@ import pytest
 
 from holdfast.errors import HoldfastError, ScenarioError
 from holdfast.maths.catalogue.systems.marine_vehicle import PARAMETERS
+from holdfast.maths.catalogue.vehicles import vehicle_of
 from holdfast.maths.definitions.units import UnitError, check_unit, to_si
 from holdfast.maths.definitions.vehicle_file import load_vehicle, vehicle_names
 
@@ -53,11 +54,13 @@ def test_a_unit_that_is_none_is_refused():
 
 @pytest.mark.parametrize("name", vehicle_names())
 def test_every_shipped_vehicle_gives_unit_and_source_for_every_number(name):
-    vehicle = load_vehicle(name, PARAMETERS)
+    vehicle = vehicle_of(name)
     for parameter in vehicle.parameters.values():
         assert parameter.source
         assert parameter.assumed == (parameter.source == "assumption")
     for drag in ("Xu", "Yv", "Nr", "Xuu", "Yvv", "Nrr", "Xudot", "Yvdot", "Nrdot"):
+        if vehicle.system != "marine_vehicle":
+            break
         assert vehicle.parameters[drag].value < 0
 
 

@@ -163,6 +163,7 @@ FUNCTIONS = {
     "parse_expression": lambda: {"text": "x + 1", "names": {"x": x}},
     "paths_figure": lambda: {"result": station(), "plane": ("x", "y"), "highlight": 1, "cones": 1, "cone_run": 0},
     "plane_by_plane": lambda: {"field": hf.fields.electric_dipole(), "count": 1, "seed": 0},
+    "load_vehicle": lambda: {"name": "bluerov2", "thrust_limit": 1.0},
     "promote": lambda: {
         "system": hf.systems.marine_vehicle(), "states": ("u", "r"), "bounds": hf.Box((-1, -1), (1, 1)), "disturbances": ("v",),
         "disturbance_bounds": hf.Box((-0.1,), (0.1,)),

@@ -9,14 +9,14 @@ from typing import Any
 
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.maths.catalogue.signature import KINDS, example
-from holdfast.maths.catalogue.systems.marine_vehicle import PARAMETERS
+from holdfast.maths.catalogue.vehicles import vehicle_of
 from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.law import GainCondition, Law
 from holdfast.maths.definitions.quantity import Parameter, Quantity
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
-from holdfast.maths.definitions.vehicle_file import load_vehicle, vehicle_names
+from holdfast.maths.definitions.vehicle_file import read_vehicle, vehicle_names
 from holdfast.maths.reference_fields.facts import field_facts
 from holdfast.maths.reference_fields.field import Field
 from holdfast.presentation.text.mathematics import equations
@@ -31,7 +31,7 @@ def catalogue_lines() -> Iterable[str]:
         for function in catalogue:
             rows.append((kind, function.__name__, example(function).description))
     for name in vehicle_names():
-        rows.append(("vehicle", name, load_vehicle(name, PARAMETERS).title))
+        rows.append(("vehicle", name, str(read_vehicle(name)[1]["title"])))
     for name in scenario_names():
         rows.append(("scenario", name, read_tables(name)[2]["scenario"]["title"]))
     width = max(len(name) for _, name, _ in rows)
@@ -171,7 +171,7 @@ def _parameters(parameters: Sequence[Parameter]) -> list[str]:
 
 
 def _vehicle(name: str) -> list[str]:
-    vehicle = load_vehicle(name, PARAMETERS)
+    vehicle = vehicle_of(name)
     lines = [f"vehicle {name}: {vehicle.title}", f"  for system {vehicle.system}"]
     if vehicle.note:
         lines.append(f"  note: {vehicle.note}")

@@ -9,6 +9,7 @@ from typing import Any
 from holdfast.errors import DefinitionError, HoldfastError
 from holdfast.maths.catalogue import fields, laws, regions, systems
 from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.vehicle_file import declared_parameters
 
 KINDS: dict[str, tuple[Callable[..., Any], ...]] = {
     "system": systems.ALL,
@@ -51,7 +52,8 @@ def arguments(function: Callable[..., Any], leading: int) -> tuple[list[str], li
     named = list(inspect.signature(function).parameters.values())[leading:]
     named = [a for a in named if a.kind is not a.VAR_KEYWORD]
     numeric = [a.name for a in named if a.annotation in ("float", "float | None")]
-    return [a.name for a in named if a.name not in numeric], numeric
+    structural = [a.name for a in named if a.name not in numeric]
+    return structural, [*numeric, *(declared_parameters(function) or ())]
 
 
 def accepted_parameters(function: Callable[..., Any], parameters: Mapping[str, Any]) -> list[str]:

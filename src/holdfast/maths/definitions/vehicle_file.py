@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
+from typing import Any, TypeVar
 
 from holdfast.errors import HoldfastError, ScenarioError, suggestion
 from holdfast.host.reading import read_small_text
 from holdfast.maths.definitions.quantity import Parameter
 from holdfast.maths.definitions.units import convert, to_si
+
+T = TypeVar("T")
+DECLARED = "declared_parameters"
 
 
 @dataclass(frozen=True)
@@ -23,6 +27,26 @@ class Vehicle:
     system: str
     parameters: Mapping[str, Parameter]
     note: str = ""
+
+
+def takes(parameters: Mapping[str, tuple[str, str, float]]) -> Callable[[T], T]:
+    """Mark a function that takes every number of a table by name.
+
+    parameters: name -> (unit, meaning, exclusive lower limit).
+    """
+
+    def mark(function: T) -> T:
+        setattr(function, DECLARED, parameters)
+        return function
+
+    return mark
+
+
+def declared_parameters(
+    function: Callable[..., Any],
+) -> Mapping[str, tuple[str, str, float]] | None:
+    """The table that the function is marked with, if it is."""
+    return getattr(function, DECLARED, None)
 
 
 def vehicle_names() -> tuple[str, ...]:
@@ -40,6 +64,14 @@ def load_vehicle(
     exclusive lower limit), `system` is what the file must be for. Raises `ScenarioError`
     for an unknown vehicle, a missing or unknown parameter, a wrong unit or a missing source.
     """
+    shown, data = read_vehicle(name)
+    if data["system"] != system:
+        raise ScenarioError(f"{shown}: is for system {data['system']!r}", expected=f"'{system}'")
+    return checked_vehicle(name, shown, data, units)
+
+
+def read_vehicle(name: str) -> tuple[str, dict[str, Any]]:
+    """(what it is called in messages, tables) of a vehicle, whatever its parameters are."""
     if not isinstance(name, str):
         raise ScenarioError(f"the vehicle is {name!r}", expected="a name or a file")
     if name.endswith(".toml"):
@@ -66,8 +98,13 @@ def load_vehicle(
     for key in ("title", "system", "parameters"):
         if key not in data:
             raise ScenarioError(f"{shown}: missing key '{key}'")
-    if data["system"] != system:
-        raise ScenarioError(f"{shown}: is for system {data['system']!r}", expected=f"'{system}'")
+    return shown, data
+
+
+def checked_vehicle(
+    name: str, shown: str, data: Mapping[str, Any], units: Mapping[str, tuple[str, str, float]]
+) -> Vehicle:
+    """The vehicle of these tables, its parameters checked against what its system needs."""
     given = data["parameters"]
     if not isinstance(given, dict):
         raise ScenarioError(f"{shown}: parameters is {given!r}", expected="a table")

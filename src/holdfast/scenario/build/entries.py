@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from holdfast.errors import DefinitionError, ScenarioError, suggestion
+from holdfast.maths.catalogue import systems
 from holdfast.maths.catalogue.signature import accepted_parameters, arguments, leading_argument
+from holdfast.maths.catalogue.vehicles import of_vehicle
 from holdfast.maths.definitions.quantity import Parameter
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.units import in_base_units, to_si
@@ -41,6 +44,10 @@ def catalogue_entry(
         leading = (system,) if leading_argument(function) == "system" else ()
     structural, numeric = arguments(function, len(leading))
     structure = {k: given.pop(k) for k in structural if k in given}
+    build: Callable[..., Any] = partial(function, *leading, **structure)
+    if function in systems.ALL and "vehicle" in given:
+        with at(file, f"{key}.vehicle"):
+            build = of_vehicle(function, given.pop("vehicle"), structure)
     # everything goes in at once: gains may be right only for their k1
     plain = {k: known[k].value for k in numeric if k in known}
     for parameter in [k for k in given if k in numeric]:
@@ -48,10 +55,10 @@ def catalogue_entry(
             plain[parameter] = in_base_units(given[parameter])
     with at(file, key):
         try:
-            standard = function(*leading, **structure, **plain)
+            standard = build(**plain)
         except DefinitionError:  # or is it a unit that does not fit?
             plain = {k: v for k, v in plain.items() if not isinstance(given.get(k), str)}
-            standard = function(*leading, **structure, **plain)
+            standard = build(**plain)
         units = {p.name: p.unit for p in standard.parameters}
         accepted = accepted_parameters(function, units)
     values: dict[str, float] = {}
@@ -69,5 +76,5 @@ def catalogue_entry(
     built = standard
     if values != plain:
         with at(file, key):
-            built = function(*leading, **structure, **values)
+            built = build(**values)
     return built

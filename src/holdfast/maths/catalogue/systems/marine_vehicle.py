@@ -10,7 +10,7 @@ from holdfast.arguments import checked
 from holdfast.maths.definitions.bounds import Ball, Box, LinearImage
 from holdfast.maths.definitions.quantity import Quantity, symbol
 from holdfast.maths.definitions.system import PfaffianRow, System
-from holdfast.maths.definitions.vehicle_file import load_vehicle, overridden
+from holdfast.maths.definitions.vehicle_file import load_vehicle, overridden, takes
 from holdfast.maths.expressions.functions import magnitude
 
 _ANY, _POSITIVE = -math.inf, 0.0
@@ -34,6 +34,7 @@ PARAMETERS: dict[str, tuple[str, str, float]] = {
 """Name -> (unit, meaning, exclusive lower limit) of every parameter, in SI units."""
 
 
+@takes(PARAMETERS)
 @checked
 def marine_vehicle(
     vehicle: str = "videoray_pro_iii", as_printed: bool = False, **overrides: float

@@ -1,0 +1,112 @@
+"""Vehicle files: the published numbers of a vehicle, for any system of the catalogue."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+from holdfast.arguments import checked
+from holdfast.errors import ScenarioError, suggestion
+from holdfast.maths.catalogue import systems
+from holdfast.maths.catalogue.signature import arguments
+from holdfast.maths.definitions.quantity import Parameter
+from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.vehicle_file import (
+    Vehicle,
+    checked_vehicle,
+    declared_parameters,
+    read_vehicle,
+)
+
+
+@checked
+def load_vehicle(name: str, **overrides: float) -> System:
+    """The system of a vehicle: that of its file, with the numbers of its file.
+
+    name: a shipped vehicle, or a file that ends in .toml:
+
+        title = "my robot"
+        system = "unicycle"                  # a system of the catalogue
+        [parameters]
+        speed_limit = { value = 0.22, unit = "m/s", source = "data sheet" }
+        turn_limit = { value = 2.84, unit = "rad/s", source = "data sheet" }
+
+    overrides: numbers by name, in SI units, in place of those of the file. Raises `ScenarioError`
+    for an unknown vehicle, system or name, a missing number, a wrong unit and a missing source.
+    """
+    vehicle = vehicle_of(name)
+    function = _system(vehicle.system, name)
+    if "vehicle" in arguments(function, 0)[0]:
+        return function(vehicle=name, **overrides)
+    return with_vehicle(function, vehicle, overrides)
+
+
+def vehicle_of(name: str) -> Vehicle:
+    """The file of that vehicle, checked against the system that it is for."""
+    shown, data = read_vehicle(name)
+    function = _system(data["system"], shown)
+    return checked_vehicle(name, shown, data, needed(function))
+
+
+def needed(
+    function: Callable[..., System], **structure: Any
+) -> Mapping[str, tuple[str, str, float]]:
+    """Name -> (unit, meaning, exclusive lower limit) of the numbers of a system."""
+    declared = declared_parameters(function)
+    if declared is not None:
+        return declared
+    _, numeric = arguments(function, 0)
+    known = {p.name: p for p in function(**structure).parameters}
+    return {n: (p.unit, p.description, p.above) for n in numeric if (p := known.get(n)) is not None}
+
+
+def of_vehicle(
+    function: Callable[..., System], name: str, structure: Mapping[str, Any]
+) -> Callable[..., System]:
+    """What builds the system of the vehicle of that name, with other numbers in place of some."""
+    shown, data = read_vehicle(name)
+    if data["system"] != function.__name__:
+        raise ScenarioError(
+            f"{shown}: is for system {data['system']!r}", expected=f"'{function.__name__}'"
+        )
+    vehicle = checked_vehicle(name, shown, data, needed(function, **structure))
+
+    def build(**overrides: float) -> System:
+        return with_vehicle(function, vehicle, overrides, **structure)
+
+    return build
+
+
+def with_vehicle(
+    function: Callable[..., System],
+    vehicle: Vehicle,
+    overrides: Mapping[str, float],
+    **structure: Any,
+) -> System:
+    """The system with the numbers of the vehicle, and their sources."""
+    for name in overrides:
+        if name not in vehicle.parameters:
+            raise ScenarioError(
+                f"{vehicle.name} has no parameter '{name}'",
+                remedy=suggestion(name, vehicle.parameters),
+            )
+    values = {n: p.value for n, p in vehicle.parameters.items()} | dict(overrides)
+    system = function(**structure, **values)
+
+    def told(p: Parameter) -> Parameter:
+        of = vehicle.parameters.get(p.name)
+        if of is None or p.name in overrides:
+            return p
+        return replace(p, source=of.source, assumed=of.assumed)
+
+    return replace(system, parameters=tuple(map(told, system.parameters)))
+
+
+def _system(name: object, shown: str) -> Callable[..., System]:
+    by_name = {f.__name__: f for f in systems.ALL}
+    if not isinstance(name, str) or name not in by_name:
+        raise ScenarioError(
+            f"{shown}: is for system {name!r}", remedy=suggestion(str(name), by_name)
+        )
+    return by_name[name]
