@@ -1,0 +1,88 @@
+"""`holdfast export-c`: a law as C99."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from holdfast.commands.options import set_option
+from holdfast.errors import ScenarioError
+from holdfast.studies.progress import bar
+from holdfast.studies.write_results import check_writable
+
+if TYPE_CHECKING:
+    from holdfast.scenario.load import Scenario
+
+
+@click.command("export-c")
+@click.argument("scenario")
+@set_option
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="The file, and a header .h beside it [default: SCENARIO.c].",
+)
+@click.option(
+    "--timing/--no-timing",
+    default=True,
+    help="Compile it here and time it along runs of the scenario.",
+    show_default=True,
+)
+def command(scenario: str, overrides: tuple[str, ...], out: Path | None, timing: bool) -> None:
+    """Write the law of SCENARIO as one file of C99, and its header for C and C++.
+
+    No allocation, no library but libm; with the modes of the law, what it remembers, the program
+    of a safeguard, the table of a kernel, and the limits of the actuators. The comments of the file
+    say what every number is. Every name begins with that of the scenario, so that several laws can
+    be in one program.
+    """
+    from holdfast.execution.codegen.c_source import export_c, export_c_header
+    from holdfast.scenario.load import Scenario, load_scenario
+    from holdfast.studies.write_results import make_folder, write_text
+
+    loaded = load_scenario(scenario, overrides)
+    if not isinstance(loaded, Scenario):
+        raise ScenarioError(f"{loaded.file}: a {loaded.kind} has no law to export")
+    path = out if out is not None else Path(f"{loaded.name}.c")
+    header = path.with_suffix(".h")
+    if header == path:
+        raise ScenarioError(
+            f"--out {path}: the law and its header would be one file",
+            remedy=f"write --out {path.with_suffix('.c')}",
+        )
+    check_writable(path.parent)
+    with bar(f"{loaded.name}, preparing") as tell:
+        loaded = loaded.kept(lambda fraction: tell("the kernel", fraction))
+        text = export_c(loaded.system, loaded.law, loaded.name)
+        declared = export_c_header(loaded.system, loaded.law, loaded.name)
+        make_folder(path.parent)
+        write_text(path, text)
+        write_text(header, declared)
+    click.echo(f"written: {path} ({len(text.splitlines())} lines); its comments say what is what")
+    click.echo(f"  header: {header}")
+    if timing:
+        click.echo(_timed(loaded, text))
+
+
+TIMED_RUNS = 4
+
+
+def _timed(scenario: Scenario, text: str) -> str:
+    """The nanoseconds of a call, or why they are not known: the file is written in any case."""
+    from holdfast.errors import HoldfastError
+    from holdfast.execution.codegen.c_timing import time_law
+
+    runs = min(scenario.runs, TIMED_RUNS)
+    try:
+        with bar("runs to time it") as tell:
+            result = scenario.run(lambda f: tell("runs to time it", f), range(runs))
+        times, states = (result.dataset[n].values for n in ("time", "state"))
+        found = time_law(text, scenario.name, times, states, scenario.settings["sample_time"])
+    except HoldfastError as error:
+        return f"  not timed: {error}"
+    return (
+        f"  {found.nanoseconds:.0f} ns a call on this machine ({found.compiler}), along {runs} "
+        "of its runs"
+    )

@@ -1,0 +1,14 @@
+"""`holdfast list`: all that there is, one line each."""
+
+from __future__ import annotations
+
+import click
+
+
+@click.command("list")
+def command() -> None:
+    """List the systems, laws, regions, vehicles and scenarios, one line each."""
+    from holdfast.studies.catalogue import catalogue_lines
+
+    for line in catalogue_lines():
+        click.echo(line)

@@ -1,0 +1,92 @@
+"""`holdfast sweep`: a scenario in every cell of a grid over its numbers."""
+
+from __future__ import annotations
+
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+
+import click
+
+from holdfast.commands.options import NOT_ANSWERED, WHOLE, simulation_options
+from holdfast.studies.progress import bar
+from holdfast.studies.write_results import check_writable
+
+
+@click.command("sweep")
+@click.argument("scenario")
+@click.option(
+    "--over",
+    multiple=True,
+    metavar="KEY=LOW:HIGH:COUNT",
+    help="Over which values of which number (repeatable); also KEY=LOW:HIGH:COUNT:log and "
+    "KEY=VALUE,VALUE. KEY may be the last part of one, such as k1, or current.speed.",
+)
+@click.option(
+    "--latin",
+    type=WHOLE,
+    metavar="CELLS",
+    help="A Latin hypercube of so many cells, with --over KEY=LOW:HIGH.",
+)
+@click.option("--show", metavar="VARIABLE", help="What of the table the figure shows.")
+@click.option(
+    "--workers", type=click.IntRange(min=1), help="How many processes [default: one a core]."
+)
+@click.option(
+    "--cluster",
+    metavar="ADDRESS",
+    help="Compute on the Dask cluster whose scheduler is there, such as tcp://host:8786.",
+)
+@simulation_options
+def command(
+    scenario: str,
+    over: tuple[str, ...],
+    latin: int | None,
+    show: str | None,
+    workers: int | None,
+    cluster: str | None,
+    out: Path | None,
+    overrides: tuple[str, ...],
+    runs: int | None,
+    seed: int | None,
+    no_figures: bool,
+) -> None:
+    """Run SCENARIO in every cell of a grid over its numbers, and count what becomes of the runs.
+
+    The table is sweep.nc, its heat map sweep.png. Killed or interrupted, it goes on where it was;
+    exit status 1 says that some cells were refused.
+    """
+    from holdfast.presentation.studies.sweep import campaign_text
+    from holdfast.scenario.files import scenario_title
+    from holdfast.studies.sweep.sweep import sweep
+    from holdfast.studies.write_results import write_campaign
+
+    folder = out if out is not None else Path("runs") / scenario_title(scenario)
+    check_writable(folder)
+    with ExitStack() as stack:
+        executor = None
+        if cluster is not None:
+            from holdfast.interop.cluster import cluster_executor
+
+            executor, cores = stack.enter_context(cluster_executor(cluster))
+            workers = workers or cores
+        tell = stack.enter_context(bar("preparing"))
+        found = sweep(
+            scenario,
+            over,
+            latin=latin,
+            runs=runs,
+            seed=seed,
+            overrides=overrides,
+            show=show,
+            folder=folder,
+            workers=workers,
+            executor=executor,
+            progress=tell,
+        )
+    found.variable(show)
+    files = write_campaign(found, folder, show, figures=not no_figures)
+    click.echo(campaign_text(found, show, files))
+    if found.refused:
+        click.echo(f"holdfast: {found.refused} cells were refused", err=True)
+        sys.exit(NOT_ANSWERED)
