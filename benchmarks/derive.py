@@ -33,7 +33,8 @@ def seconds(code: str, cache: str) -> float:
 
 def main() -> None:
     from holdfast.scenario.files import scenario_names
-    from holdfast.scenario.load import Scenario, load_scenario
+    from holdfast.scenario.kinds.closed_loop import Scenario
+    from holdfast.scenario.load import load_scenario
 
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", help="a part of the name")
@@ -54,7 +55,7 @@ def main() -> None:
     for name in scenario_names():
         if only not in name or not isinstance(loaded := load_scenario(name), Scenario):
             continue  # a kernel is marched: level_set.py
-        runs = 1 if loaded.course is None else None  # robots on a course have one start
+        runs = 1 if loaded.independent_runs else None  # robots on a course have one start
         code = (
             "import time; from holdfast.scenario.load import load_scenario; import numba; "
             "t = time.perf_counter(); "

@@ -35,7 +35,7 @@ def digest_of(name: str) -> str:
     loaded = hf.load_scenario(name)
     if isinstance(loaded, hf.Scenario):
         changes = ["kernels.ch7-six-states.grid.nodes=9"] if name == "ch7-rescue" else []
-        runs = min(loaded.runs, 40) if loaded.course is None else None
+        runs = min(loaded.runs, 40) if loaded.independent_runs else None
         loaded = hf.load_scenario(name, changes, runs)
         return digest(loaded.run().dataset)
     nodes = NODES[len(loaded.grid.axes)]

@@ -8,7 +8,8 @@ import tomllib
 from holdfast.execution.codegen.closed_loop_source import closed_loop_program
 from holdfast.execution.simulation.steppers import BY_NAME
 from holdfast.scenario.files import overridden
-from holdfast.scenario.load import Scenario, scenario_of
+from holdfast.scenario.kinds.closed_loop import Scenario
+from holdfast.scenario.load import scenario_of
 
 WORDS = [
     "x", "y", "psi", "k1", "t", "pi", "0", "1", "2.5", "1e300", "1e-300", "-", "+", "*", "/", "**", "(", ")", ",",

@@ -20,7 +20,7 @@ from holdfast.analysis.reachability.solve import set_on_grid
 from holdfast.commands.main import main
 from holdfast.presentation.text.runs import summary_text
 from holdfast.presentation.text.values import value_text
-from holdfast.scenario.kernel import KernelScenario
+from holdfast.scenario.kinds.kernel import KernelScenario
 from tests.c_code import STRICT, needs_gcc
 
 ROOT = Path(__file__).parent.parent

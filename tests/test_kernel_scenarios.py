@@ -8,8 +8,8 @@ import pytest
 import holdfast as hf
 from holdfast.errors import ScenarioError
 from holdfast.scenario.files import scenario_names
-from holdfast.scenario.kernel import KernelScenario
 from holdfast.scenario.kernel_reference import named_kernel
+from holdfast.scenario.kinds.kernel import KernelScenario
 from holdfast.scenario.load import load_scenario
 from tests.test_cli import holdfast
 

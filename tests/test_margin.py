@@ -208,7 +208,7 @@ def test_value_to_begin_with_has_to_be_one_of_the_same_question():
     with pytest.raises(SimulationError, match="has kind = discriminating-kernel"):
         hf.invariance_kernel(plane, square, grid, 5.0, begin=done, **upwind)
     with pytest.raises(SimulationError, match="cannot begin with another value"):
-        hf.backward_reachable_set(plane, square, grid, 5.0, begin=done)
+        hf.backward_reachable_tube(plane, square, grid, 5.0, begin=done)
 
 
 @pytest.mark.heavy

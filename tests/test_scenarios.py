@@ -6,7 +6,7 @@ import pytest
 import holdfast as hf
 from holdfast.errors import ScenarioError
 from holdfast.scenario.files import scenario_names
-from holdfast.scenario.kernel import KernelScenario
+from holdfast.scenario.kinds.kernel import KernelScenario
 from holdfast.scenario.load import load_scenario
 
 CLOSED_LOOPS = [n for n in scenario_names() if load_scenario(n).kind == "closed-loop"]

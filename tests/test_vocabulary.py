@@ -156,7 +156,7 @@ TABLES = {
     "[grid]": (kernel_schema.GridSpec, [hf.grid], {}, {}),
     "[march]": (
         kernel_schema.MarchSpec,
-        [hf.capture_basin, hf.backward_reachable_set],
+        [hf.capture_basin, hf.backward_reachable_tube],
         {
             "times": "of every problem, among its options",
             "forever": "what the exit status answers",

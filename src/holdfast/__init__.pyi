@@ -9,7 +9,9 @@ from .analysis.reachability.bisection import Margin as Margin
 from .analysis.reachability.grid import Grid as Grid
 from .analysis.reachability.grid import grid as grid
 from .analysis.reachability.memory_estimate import march_memory as march_memory
+from .analysis.reachability.sets import backward_reachable_at as backward_reachable_at
 from .analysis.reachability.sets import backward_reachable_set as backward_reachable_set
+from .analysis.reachability.sets import backward_reachable_tube as backward_reachable_tube
 from .analysis.reachability.sets import capture_basin as capture_basin
 from .analysis.reachability.sets import discriminating_kernel as discriminating_kernel
 from .analysis.reachability.sets import forward_reachable_set as forward_reachable_set
@@ -55,6 +57,9 @@ from .maths.definitions.bounds import Product as Product
 from .maths.definitions.compose_systems import renamed as renamed
 from .maths.definitions.compose_systems import seen_from as seen_from
 from .maths.definitions.compose_systems import side_by_side as side_by_side
+from .maths.definitions.extension import both as both
+from .maths.definitions.extension import dynamic_extension as dynamic_extension
+from .maths.definitions.extension import input_limits as input_limits
 from .maths.definitions.law import GainCondition as GainCondition
 from .maths.definitions.law import Law as Law
 from .maths.definitions.law import Safeguard as Safeguard
@@ -98,7 +103,8 @@ from .presentation.figures.value_function import value_function_figure as value_
 from .presentation.studies.comparison import comparison_figure as comparison_figure
 from .presentation.studies.margin import margin_figure as margin_figure
 from .presentation.studies.sweep import campaign_figure as campaign_figure
-from .scenario.load import Scenario as Scenario
+from .scenario.kinds.closed_loop import Scenario as Scenario
+from .scenario.kinds.kernel import KernelScenario as KernelScenario
 from .scenario.load import load_scenario as load_scenario
 from .studies.comparison.compare import compare as compare
 from .studies.derivation import Derivation as Derivation

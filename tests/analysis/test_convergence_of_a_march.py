@@ -129,7 +129,7 @@ def test_pursuit_with_two_balls_of_velocities_reaches_a_disc_that_grows_by_their
     disc = hf.Region("disc", plane, (hf.Inequality("far", sp.sqrt(X**2 + Y**2) - 1, "m"),))
     box = {"x": (-4, 4), "y": (-4, 4)}
     grid = hf.grid(game, box, 41, ends={"x": "extrapolated", "y": "extrapolated"})
-    found = hf.backward_reachable_set(game, disc, grid, 20.0)
+    found = hf.backward_reachable_tube(game, disc, grid, 20.0)
     assert found.volume() == pytest.approx(9 * math.pi, rel=0.02)
 
 

@@ -217,7 +217,7 @@ def test_backward_set_reaches_its_target_through_anything():
     )  # fmt: skip
     target = hf.Region("target", STATES, (hf.Inequality("near", (X**2 + V**2) ** 0.5 - 0.3, "m"),))
     grid = hf.grid(system, {"x": (-2, 2), "v": (-2, 2)}, 81)
-    found = hf.backward_reachable_set(system, target, grid, 1.5, times=np.linspace(0.1, 1.5, 15))
+    found = hf.backward_reachable_tube(system, target, grid, 1.5, times=np.linspace(0.1, 1.5, 15))
     promise = hf.check_promise(system, found, None, goal=target, runs=200)
     assert promise.inside[0].kept.value == 1.0
     assert promise.outside.kept.value < 0.05
@@ -239,7 +239,7 @@ NEAR = hf.Region("near", POINT, (hf.Inequality("near", abs(X) - 0.2, "m"),))  # 
 def reaching(times):
     """V = 0.2 - |x| + tau: as time runs down it falls by 1 /s where nothing moves."""
     grid = hf.grid(MOVER, {"x": (-2, 2)}, 201)
-    return hf.backward_reachable_set(MOVER, NEAR, grid, 1.0, times=times)
+    return hf.backward_reachable_tube(MOVER, NEAR, grid, 1.0, times=times)
 
 
 @pytest.mark.parametrize("gaps", [10, 50])

@@ -78,8 +78,8 @@ def test_one_angle_alone_and_several_threads_make_no_difference():
     goal = hf.Region("goal", still.states, (hf.Inequality("c", -sp.cos(PSI) + 0.5),))
     grid = hf.grid(still, {"psi": (-math.pi, math.pi)}, 150)
     options = {"skip": False, "cfl": 0.5}
-    whole = hf.backward_reachable_set(still, goal, grid, 0.5, **options)
-    half = hf.backward_reachable_set(still, goal, grid, 0.5, **options, symmetry={"psi": -1})
+    whole = hf.backward_reachable_tube(still, goal, grid, 0.5, **options)
+    half = hf.backward_reachable_tube(still, goal, grid, 0.5, **options, symmetry={"psi": -1})
     assert np.abs(half.values() - whole.values()).max() < 1e-12
     big = robot_grid(y=50)
     one, three = (

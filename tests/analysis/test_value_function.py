@@ -122,7 +122,7 @@ def test_angle_wraps_in_the_march_and_between_nodes():
     goal = hf.Region("goal", (theta,), (hf.Inequality("c", -sp.cos(TH - 1)),))
     grid = hf.grid(ring, {"theta": (-math.pi, math.pi)}, 64)
     assert grid.axes[0].ends == "periodic"
-    found = hf.backward_reachable_set(ring, goal, grid, 1.5)
+    found = hf.backward_reachable_tube(ring, goal, grid, 1.5)
     angles = np.linspace(-9, 9, 200)
     inside = found.contains(angles[:, None])
     # a state at theta passes through [theta, theta + 1.5]: it meets |a - 1| < pi/2 within that
@@ -147,7 +147,7 @@ def test_forward_reach_is_the_reverse_of_backward_reach():
     )
     box = {"x": (-2, 2), "v": (-2, 2)}
     ahead = hf.forward_reachable_set(CART, start, hf.grid(CART, box, 81), 1.0)
-    back = hf.backward_reachable_set(CART, start, hf.grid(CART, box, 81), 1.0)
+    back = hf.backward_reachable_tube(CART, start, hf.grid(CART, box, 81), 1.0)
     points = np.random.default_rng(1).uniform(-1.5, 1.5, (200, 2))
     mirrored = points * [1, -1]  # time reversed, a cart moves as if its velocity were reversed
     assert ahead.at(points) == pytest.approx(back.at(mirrored), abs=1e-9)

@@ -28,7 +28,7 @@ def disc_after(seconds, nodes, **options):
     """What a boat of 1 m/s reaches from a disc of 0.5 m: the exact value is a distance."""
     disc = region(sp.sqrt(X**2 + Y**2 + 1e-12) - 0.5, BOAT.states)
     grid = hf.grid(BOAT, {"x": (-2, 2), "y": (-2, 2)}, nodes)
-    found = hf.backward_reachable_set(BOAT, disc, grid, seconds, **options)
+    found = hf.backward_reachable_tube(BOAT, disc, grid, seconds, **options)
     x, y = np.meshgrid(*(a.nodes for a in grid.axes), indexing="ij")
     off = found.values() - (0.5 + seconds - np.hypot(x, y))
     near = np.abs(found.values()) < 2 * grid.axes[0].step
@@ -89,7 +89,7 @@ def test_reach_that_is_denied_by_what_is_outside_is_told():
     """A target in the middle: who is right of it leaves the grid, and might come back."""
     target = region(abs(X) - 0.3)
     for problem in (
-        lambda **o: hf.backward_reachable_set(DRIFT, target, LINE, 0.5, **o),
+        lambda **o: hf.backward_reachable_tube(DRIFT, target, LINE, 0.5, **o),
         lambda **o: hf.capture_basin(DRIFT, target, None, LINE, 0.5, **o),
     ):
         found = problem(check_outside=True)
@@ -117,7 +117,7 @@ def test_growth_from_outside_ends_a_march_at_once():
     target = region(0.5 - X)
     seen = []
     with pytest.raises(SimulationError, match=r"by (0\.\d+) s the value has grown to"):
-        hf.backward_reachable_set(DRIFT, target, LINE, 20.0, progress=seen.append)
+        hf.backward_reachable_tube(DRIFT, target, LINE, 20.0, progress=seen.append)
     assert seen[-1] < 0.03
 
 

@@ -10,7 +10,7 @@ import holdfast as hf
 X, TH, U, D = (hf.symbol(n) for n in ("x", "theta", "u", "d"))
 SCHEMES = ("upwind", "eno2", "eno3", "weno5")
 KINDS = (
-    "viability_kernel", "discriminating_kernel", "invariance_kernel", "backward_reachable_set",
+    "viability_kernel", "discriminating_kernel", "invariance_kernel", "backward_reachable_tube",
     "forward_reachable_set", "capture_basin",
 )  # fmt: skip
 POWERS = st.integers(-6, 6).map(lambda k: 10.0**k)
@@ -46,7 +46,7 @@ def solved(kind, scheme, second=1.0, metre=1.0, radian=1.0, horizon=HORIZON):
     grid = hf.grid(STEERED, box, 41, ends={"x": "extrapolated", "theta": "extrapolated"})
     parameters = {"gain": metre / (radian * second), "rate": radian / second, "limit": metre}
     regions = [within(LIMIT)]
-    if kind in ("backward_reachable_set", "forward_reachable_set"):
+    if kind in ("backward_reachable_tube", "forward_reachable_set"):
         regions = [within(INNER)]
         parameters = parameters | {"inner": 0.2 * metre}
         del parameters["limit"]

@@ -90,7 +90,7 @@ def test_steps_are_short_enough_for_a_current_that_comes_later():
     gust = boat(drift=hf.parse_expression("40 if t < 0.1 else 0", {"t": T}))
     target = region(abs(X - 2) - 0.4)
     grid = line(-5.0, 4.0)
-    found = hf.backward_reachable_set(gust, target, grid, 1.1, scheme="upwind", cfl=1.0)
+    found = hf.backward_reachable_tube(gust, target, grid, 1.1, scheme="upwind", cfl=1.0)
     assert found.dataset.attrs["steps"] > 0.1 * 41 / CELL
     low, high = interval(found)
     assert low == pytest.approx(2 - 0.4 - 4 - 1.1, abs=3 * CELL)
@@ -104,7 +104,7 @@ def test_target_that_moves_away_is_caught_by_who_is_fast_enough(speed):
     ahead of it one only has to wait."""
     target = region(abs(X - T) - 0.5)
     grid = line(-3.0, 6.0, x="extrapolated")
-    found = hf.backward_reachable_set(boat(speed), target, grid, 2.0)
+    found = hf.backward_reachable_tube(boat(speed), target, grid, 2.0)
     low, high = interval(found)
     assert low == pytest.approx(-0.5 - max(speed - 1, 0) * 2, abs=CELL)
     assert high == pytest.approx(0.5 + (1 + speed) * 2, abs=CELL)
@@ -190,7 +190,7 @@ def test_target_that_was_larger_for_a_while_is_remembered_by_a_checkpoint(tmp_pa
             raise KeyboardInterrupt
 
     def reach(**options):
-        return hf.backward_reachable_set(boat(0.5), swells, line(-5, 5), 2.0, **options)
+        return hf.backward_reachable_tube(boat(0.5), swells, line(-5, 5), 2.0, **options)
 
     with pytest.raises(KeyboardInterrupt):
         reach(checkpoint=tmp_path / "a", checkpoint_every=0, progress=stop)

@@ -110,7 +110,8 @@ def robots():
 
 
 FUNCTIONS = {
-    "backward_reachable_set": lambda: marched(target=end(), disturbances="min"),
+    "backward_reachable_at": lambda: marched(target=end(), disturbances="min"),
+    "backward_reachable_tube": lambda: marched(target=end(), disturbances="min"),
     "forward_reachable_set": lambda: marched(start=end(), disturbances="max"),
     "capture_basin": lambda: marched(goal=end(), region=None, arrival_steps=4),
     "discriminating_kernel": lambda: marched(region=end()),
@@ -164,6 +165,11 @@ FUNCTIONS = {
     "paths_figure": lambda: {"result": station(), "plane": ("x", "y"), "highlight": 1, "cones": 1, "cone_run": 0},
     "plane_by_plane": lambda: {"field": hf.fields.electric_dipole(), "count": 1, "seed": 0},
     "load_vehicle": lambda: {"name": "bluerov2", "thrust_limit": 1.0},
+    "both": lambda: {"first": near(), "second": hf.input_limits(hf.systems.unicycle())},
+    "dynamic_extension": lambda: {
+        "system": hf.systems.unicycle(), "inputs": ("v",), "rates": hf.Box((-1,), (1,)),
+    },
+    "input_limits": lambda: {"system": hf.systems.unicycle(), "inputs": ("v",)},
     "promote": lambda: {
         "system": hf.systems.marine_vehicle(), "states": ("u", "r"), "bounds": hf.Box((-1, -1), (1, 1)), "disturbances": ("v",),
         "disturbance_bounds": hf.Box((-0.1,), (0.1,)),

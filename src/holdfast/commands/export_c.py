@@ -9,11 +9,11 @@ import click
 
 from holdfast.commands.options import set_option
 from holdfast.errors import ScenarioError
+from holdfast.host.output import check_writable
 from holdfast.studies.progress import bar
-from holdfast.studies.write_results import check_writable
 
 if TYPE_CHECKING:
-    from holdfast.scenario.load import Scenario
+    from holdfast.scenario.kinds.closed_loop import Scenario
 
 
 @click.command("export-c")
@@ -39,8 +39,9 @@ def command(scenario: str, overrides: tuple[str, ...], out: Path | None, timing:
     be in one program.
     """
     from holdfast.execution.codegen.c_source import export_c, export_c_header
-    from holdfast.scenario.load import Scenario, load_scenario
-    from holdfast.studies.write_results import make_folder, write_text
+    from holdfast.host.output import make_folder, write_text
+    from holdfast.scenario.kinds.closed_loop import Scenario
+    from holdfast.scenario.load import load_scenario
 
     loaded = load_scenario(scenario, overrides)
     if not isinstance(loaded, Scenario):

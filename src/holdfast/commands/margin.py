@@ -10,8 +10,8 @@ import click
 
 from holdfast.commands.options import NOT_ANSWERED, file_options
 from holdfast.errors import ScenarioError
+from holdfast.host.output import check_writable
 from holdfast.studies.progress import bar
-from holdfast.studies.write_results import check_writable
 
 
 @click.command("margin")

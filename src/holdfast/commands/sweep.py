@@ -9,8 +9,8 @@ from pathlib import Path
 import click
 
 from holdfast.commands.options import NOT_ANSWERED, WHOLE, simulation_options
+from holdfast.host.output import check_writable
 from holdfast.studies.progress import bar
-from holdfast.studies.write_results import check_writable
 
 
 @click.command("sweep")

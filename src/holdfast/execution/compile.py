@@ -19,7 +19,9 @@ MARK = "# -- joined from here on"
 
 DRIVER = ("driver", "crossings", "batch")
 QUADRATIC_PROGRAM, INTERPOLATION = "simulation/quadratic_program", "interpolate"
-FINITE_DIFFERENCES, STENCILS = "level_set/finite_differences", "level_set/stencils"
+FINITE_DIFFERENCES, SCHEMES = "level_set/finite_differences", "level_set/schemes"
+BELOW = {FINITE_DIFFERENCES: "level_set/stencils"}
+"""The file whose names another one uses; `primitives` for all others."""
 
 _NUMBER = re.compile(r"(?<![\w.])(\d+\.\d*(e[+-]?\d+)?|\d+e[+-]?\d+)(?![\w.])")
 
@@ -39,9 +41,13 @@ def compile_functions(source: str) -> ModuleType:
     return _module("functions", f"{_import(QUADRATIC_PROGRAM)}\n\n{source}")
 
 
-def compile_sweep(source: str, precision: str = "float64") -> ModuleType:
-    """The module of a march over a grid: the slopes, in a precision, with the `source`."""
-    return _module("sweep", f"{_import(FINITE_DIFFERENCES, precision)}\n\n\n{source}")
+def compile_sweep(source: str, precision: str = "float64", scheme: str = "") -> ModuleType:
+    """The module of a march over a grid: the slopes of a scheme, in a precision, and the `source`.
+
+    Without a scheme it has the parts that all schemes share.
+    """
+    above = f"{SCHEMES}/{scheme}" if scheme else FINITE_DIFFERENCES
+    return _module("sweep", f"{_import(above, precision)}\n\n\n{source}")
 
 
 def single(text: str) -> str:
@@ -65,7 +71,7 @@ def _shared(name: str, precision: str = "float64") -> ModuleType:
     kind = name.rpartition("/")[2]
     if not mark:
         return _module(kind, above)
-    below = STENCILS if name == FINITE_DIFFERENCES else "primitives"
+    below = FINITE_DIFFERENCES if name.startswith(SCHEMES) else BELOW.get(name, "primitives")
     return _module(kind, f"{_import(below, precision)}\n{text}")
 
 

@@ -22,7 +22,7 @@ from holdfast.maths.definitions.quantity import symbol
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 from holdfast.scenario.files import code_digest, merged, read_tables
-from holdfast.scenario.kernel import KernelScenario, composed_kernel, is_kernel
+from holdfast.scenario.kinds.kernel import KernelScenario, composed_kernel, is_kernel
 from holdfast.scenario.schema.kernel import KINDS
 
 DECISIVE = ("system", "region", "goal", "origin", "disturbance", "grid", "march")

@@ -17,7 +17,7 @@ from holdfast.maths.definitions.quantity import TIME
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.units import to_si
 from holdfast.scenario.files import read_tables
-from holdfast.scenario.kernel import KernelScenario, composed_kernel, is_kernel
+from holdfast.scenario.kinds.kernel import KernelScenario, composed_kernel, is_kernel
 from holdfast.scenario.validation import at
 from holdfast.studies.scenario_parameter import CURRENT, Knob, check_number, find_knob
 

@@ -11,8 +11,8 @@ from holdfast.analysis.reachability.given_disturbance import largest_factor
 from holdfast.errors import HoldfastError, ScenarioError, suggestion
 from holdfast.maths.definitions.units import in_base_units
 from holdfast.maths.expressions.numeric import Expression, constant, multiple_of_name, norm
-from holdfast.scenario.kernel import KernelScenario
-from holdfast.scenario.load import Scenario
+from holdfast.scenario.kinds.closed_loop import Scenario
+from holdfast.scenario.kinds.kernel import KernelScenario
 
 CURRENT = "current.speed"
 VELOCITIES, LIMIT = ("Vx", "Vy"), "current_limit"
@@ -136,11 +136,7 @@ def _unit(own: Scenario | KernelScenario, key: str) -> str:
 
 
 def _current(own: Scenario | KernelScenario, data: Mapping[str, Any]) -> Knob:
-    if isinstance(own, KernelScenario):
-        given = own.options.get("disturbance", {})
-    else:
-        given = own.disturbance
-    felt = {n: given[n] for n in VELOCITIES if n in given}
+    felt = {n: own.given[n] for n in VELOCITIES if n in own.given}
     if not felt:
         return _largest_current(own)
     size = norm(felt.values())

@@ -135,7 +135,7 @@ def marched(
         return not posed.varies and done.last == 0.0 and _all_on_one_side(now, posed.limit)
 
     def at_rest(done: Done, now: Callable[[], Array]) -> bool:
-        if posed.varies:
+        if posed.varies or problem.limit == "exact":
             return False
         if decided(done, now()):
             return True

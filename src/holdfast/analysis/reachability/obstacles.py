@@ -85,7 +85,7 @@ class Obstacles:
         assert start is not None
         if upper is not None and upper is not start:
             start = np.minimum(start, upper)
-        lower = None if posed.limit == "grow" else lower
+        lower = None if posed.limit == "grow" or posed.problem.limit == "exact" else lower
         upper = None if posed.limit == "shrink" else upper
         if start is lower or start is upper:  # it is marched in place, they stay
             start = start.copy()

@@ -13,7 +13,7 @@ import numpy as np
 from holdfast.analysis.reachability.given import by_name, number, whole
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.level_set.march import Method
-from holdfast.execution.level_set.schemes import SCHEMES
+from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.sweep_source import DISSIPATIONS
 from holdfast.maths.definitions.region import Region
 
@@ -68,7 +68,7 @@ class Marching:
 
     def __post_init__(self) -> None:
         for name, known in (
-            ("scheme", tuple(SCHEMES)),
+            ("scheme", tuple(schemes())),
             ("dissipation", DISSIPATIONS),
             ("precision", ("float64", "float32")),
         ):
@@ -100,14 +100,16 @@ class Marching:
 
     @property
     def method(self) -> Method:
-        order = self.order or {"upwind": 1, "eno2": 2}.get(self.scheme, 3)
+        order = self.order or schemes()[self.scheme].order
         return Method(self.scheme, order, self.dissipation, self.cfl, self.skip)
 
     @property
     def monotone(self) -> bool:
         """Whether a step keeps the order of two values: less everywhere before, less after."""
         return (
-            self.method.order == 1 and self.scheme == "upwind" and self.dissipation != "local-local"
+            self.method.order == 1
+            and schemes()[self.scheme].monotone
+            and self.dissipation != "local-local"
         )
 
     def aside(self, name: str, kind: str) -> Marching:
@@ -138,8 +140,9 @@ class Problem:
     """What is marched: the region it begins with, what becomes of it, and the obstacles.
 
     limit: "shrink" if `start` is to be kept, "grow" if it is to be reached, "free" if it is to be
-    reached within `above`. inputs, disturbances: "max" or "min", what each player makes of the
-    value. backwards: the dynamics run in reverse.
+    reached within `above`, "exact" if it is to be reached at the horizon itself. inputs,
+    disturbances: "max" or "min", what each player makes of the value. backwards: the dynamics run
+    in reverse.
     """
 
     kind: str

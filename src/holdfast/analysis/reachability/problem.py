@@ -17,7 +17,7 @@ from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.options import Marching, Problem
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.level_set.over_grid import over_grid
-from holdfast.execution.level_set.schemes import SCHEMES
+from holdfast.execution.level_set.schemes import schemes
 from holdfast.maths.control.outward_rates import check_states
 from holdfast.maths.definitions.bounds import section
 from holdfast.maths.definitions.quantity import TIME, Parameter, merge_parameters
@@ -76,7 +76,7 @@ class Posed:
 
         A set whose problem varies need neither shrink nor grow with tau: it has obstacles instead.
         """
-        return "free" if self.varies else self.problem.limit
+        return "free" if self.varies or self.problem.limit == "exact" else self.problem.limit
 
     @property
     def clock(self) -> tuple[float, float]:
@@ -164,7 +164,7 @@ def pose(
 
 def check_counts(grid: Grid, scheme: str) -> None:
     """Refuse an axis with fewer nodes than the scheme reaches over."""
-    least = 2 * SCHEMES[scheme] + 1
+    least = 2 * schemes()[scheme].ghosts + 1
     for axis in grid.axes:
         if axis.count < least:
             raise SimulationError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,7 +12,7 @@ from holdfast.analysis.reachability.options import Problem
 from holdfast.analysis.reachability.solve import solve
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.arguments import checked
-from holdfast.errors import SimulationError
+from holdfast.errors import RenamedWarning, SimulationError
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 
@@ -71,7 +72,7 @@ def invariance_kernel(
 
 
 @checked
-def backward_reachable_set(
+def backward_reachable_tube(
     system: System,
     target: Region,
     grid: Grid,
@@ -83,10 +84,45 @@ def backward_reachable_set(
     """The states from which some input brings the system to `target` within `horizon` seconds.
 
     V_t + max{0, max_u opp_d p . f} = 0, V(T) = l_T. disturbances: "min" work against it, "max"
-    help.
+    help. `backward_reachable_at` is the set of the states that are there at the horizon itself.
     """
-    problem = Problem("backward-reachable-set", "grow", target, disturbances=disturbances)
+    problem = Problem("backward-reachable-tube", "grow", target, disturbances=disturbances)
     return solve(system, problem, grid, horizon, **options)
+
+
+@checked
+def backward_reachable_at(
+    system: System,
+    target: Region,
+    grid: Grid,
+    horizon: float,
+    *,
+    disturbances: str = "min",
+    **options: Any,
+) -> ValueFunction:
+    """The states from which some input has the system in `target` after exactly `horizon` seconds.
+
+    The backward reachable set, as against the tube: V_t + max_u opp_d p . f = 0, V(T) = l_T. It
+    need not contain the target, and the march goes on to the horizon. disturbances: "min" work
+    against it, "max" help. Raises `SimulationError` for check_outside, which is about tubes.
+    """
+    if options.get("check_outside"):
+        raise SimulationError(
+            "check_outside of a set at exactly the horizon", remedy="ask for the tube"
+        )
+    problem = Problem("backward-reachable-at", "exact", target, disturbances=disturbances)
+    return solve(system, problem, grid, horizon, **options)
+
+
+def backward_reachable_set(*given: Any, **options: Any) -> ValueFunction:
+    """The former name of `backward_reachable_tube`; it warns, and goes with the next release."""
+    warnings.warn(
+        "backward_reachable_set is now backward_reachable_tube; the set at exactly the horizon is "
+        "backward_reachable_at",
+        RenamedWarning,
+        stacklevel=2,
+    )
+    return backward_reachable_tube(*given, **options)
 
 
 @checked
@@ -101,9 +137,9 @@ def forward_reachable_set(
 ) -> ValueFunction:
     """The states that some input, and some disturbance, can bring the system to from `start`.
 
-    The backward reachable set of the reversed dynamics (thesis section 7.3): at the end of the
-    horizon, after leaving `start` at any time within it. disturbances: "max"
-    are at the choice of whoever wants to get there, "min" work against it.
+    The forward reachable tube: the backward one of the reversed dynamics (thesis section 7.3). The
+    states are those at the end of the horizon, after leaving `start` at any time within it.
+    disturbances: "max" are at the choice of whoever wants to get there, "min" work against it.
     """
     problem = Problem(
         "forward-reachable-set", "grow", start, disturbances=disturbances, backwards=True
@@ -124,7 +160,7 @@ def capture_basin(
 ) -> ValueFunction:
     """The states from which some input reaches `goal` within `horizon` s, in `region` until then.
 
-    W = max_u max_tau min{ l_G(tau), min_{s <= tau} l_K(s) } solves
+    The reach-avoid set. W = max_u max_tau min{ l_G(tau), min_{s <= tau} l_K(s) } solves
     min{ max{ W_t + H, l_G - W }, l_K - W } = 0; disturbances work against it. `arrival` is the
     least time, from `arrival_steps` values over the horizon (100; 0: none). Where something depends
     on time there is none: it would hold for one start only.

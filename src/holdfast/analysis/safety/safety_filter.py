@@ -30,10 +30,14 @@ from holdfast.maths.games.hamiltonian import hamiltonian
 
 L = TypeVar("L", bound=Law | Switching)
 
-KEPT = ("viability-kernel", "discriminating-kernel", "capture-basin", "backward-reachable-set")
+FORMER = "backward-reachable-set"
+"""What files of former releases call the tube."""
+
+TUBES = ("backward-reachable-tube", FORMER)
+KEPT = ("viability-kernel", "discriminating-kernel", "capture-basin", *TUBES)
 """Problems whose value the inputs raise against the disturbances."""
 
-REACHED = ("capture-basin", "backward-reachable-set")
+REACHED = ("capture-basin", *TUBES)
 """Those of them in which a state is not to stay, but to arrive while time is left."""
 
 MANY = 100_000

@@ -25,7 +25,7 @@ from holdfast.errors import SimulationError
 from holdfast.execution.compile import compile_sweep
 from holdfast.execution.level_set.mirrored_grid import Fold
 from holdfast.execution.level_set.over_grid import over_grid, padded
-from holdfast.execution.level_set.schemes import SCHEMES
+from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.settling import Done
 from holdfast.execution.level_set.sweep_source import layout, sweep_source
 from holdfast.execution.level_set.workers import Workers
@@ -53,7 +53,7 @@ FEW = 30_000
 
 @dataclass(frozen=True)
 class Method:
-    """scheme: of the derivatives ("upwind", "eno2", "eno3", "weno5"); order: of the Runge-Kutta
+    """scheme: of the derivatives, a name in `schemes`; order: of the Runge-Kutta
     method, 1 to 3; dissipation: of the Lax-Friedrichs flux ("global", "local", "local-local");
     cfl: share of the largest stable step; skip: leave out what is settled."""
 
@@ -93,7 +93,7 @@ class March:
             limit=limit,
             precision=precision,
         )
-        self.module = compile_sweep(source, precision)
+        self.module = compile_sweep(source, precision, method.scheme)
         self.hamiltonian, self.parameters = hamiltonian, parameters
         self.method = method
         self.shape = np.array([len(a) for a in axes], dtype=np.int64)
@@ -108,7 +108,7 @@ class March:
         local = cut[1] * cut[2]
         self.units = math.prod(len(a) for a in axes[:-2]) * local
         self.places = len(axes[0]) if len(axes) > 2 else local  # what threads share
-        ghosts = SCHEMES[method.scheme]
+        ghosts = schemes()[method.scheme].ghosts
         self.fold = Fold(reflected, kinds, cut, ghosts) if reflected is not None else None
         self.clock = clock
         self.varying = any(e.has(TIME) for e in (hamiltonian.value, *hamiltonian.speeds))

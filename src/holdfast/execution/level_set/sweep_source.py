@@ -16,7 +16,8 @@ from holdfast.execution.codegen.loop_nest import BEFORE, Schedule, renamed
 from holdfast.execution.codegen.printer import text_of
 from holdfast.execution.compile import single
 from holdfast.execution.level_set.over_grid import fastest_source, names_in, names_used, unpacked
-from holdfast.execution.level_set.schemes import SCHEMES, slope_lines, slope_memory
+from holdfast.execution.level_set.schemes import schemes
+from holdfast.execution.level_set.slope_source import slope_lines, slope_memory
 from holdfast.maths.definitions.quantity import TIME, Parameter
 from holdfast.maths.games.hamiltonian import Hamiltonian
 
@@ -67,7 +68,7 @@ def sweep_source(
     (rate,) = plan.add([total])
     sweep = _sweep(plan, rate, n, scheme, limit, names)
     text = [
-        f"GHOSTS = {SCHEMES[scheme]}",
+        f"GHOSTS = {schemes()[scheme].ghosts}",
         f"SIDE = {1 if limit == 'shrink' else -1}",
         single(sweep) if precision == "float32" else sweep,
     ]
@@ -149,7 +150,7 @@ def _sweep(
         "line = np.zeros(RUN + VECTOR + 2 * GHOSTS, dtype=values.dtype)",
         "of_line = np.arange(2 * GHOSTS + 1).astype(np.uint64)",
         "at = np.zeros(2 * GHOSTS + 1, dtype=np.uint64)  # without a sign: never from the end",
-        *slope_memory(n, scheme),
+        *slope_memory(n, schemes()[scheme]),
         "was = np.zeros(RUN + VECTOR, dtype=values.dtype)",
         "wrong, computed, fastest = 0, 0, 0.0",
         "block = 0",
@@ -205,7 +206,7 @@ def _sweep(
         "        for j in range(min(most * unit_nodes - begin, PITCH)):",
         "            work[k * PITCH + j] = table[k, begin + j]",
     ]
-    inner += slope_lines(n, scheme, row_of)
+    inner += slope_lines(n, schemes()[scheme], row_of)
     inner += [
         *(f"{name}_ = float({name})" for name in outside),
         "for j in range(lanes(count)):",

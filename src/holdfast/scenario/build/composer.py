@@ -1,8 +1,4 @@
-"""Tables of a scenario file to systems, laws and regions.
-
-A table that names a catalogue entry gives its parameters; a table with expressions defines
-an entry of its own. Every refusal names the file and the key.
-"""
+"""Tables of a scenario file to systems, laws and regions: a catalogue entry, or expressions."""
 
 from __future__ import annotations
 
@@ -16,6 +12,7 @@ from holdfast.errors import ScenarioError, suggestion
 from holdfast.maths.catalogue import laws, regions, systems
 from holdfast.maths.catalogue.signature import wants_law
 from holdfast.maths.definitions.bounds import Box
+from holdfast.maths.definitions.extension import both
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.measurement import Measurement
 from holdfast.maths.definitions.quantity import TIME, TIME_IN_MODE, Parameter, Quantity, symbol
@@ -50,6 +47,7 @@ class Composer:
     known: dict[str, Parameter] = field(default_factory=dict)
     drawn: dict[str, Parameter] = field(default_factory=dict)
     system_built: System | None = None
+    limits: Region | None = None
 
     @property
     def states(self) -> tuple[Quantity, ...]:
@@ -294,7 +292,11 @@ class Composer:
         )
 
     def region(self, table: Mapping[str, Any], key: str) -> Region:
-        """[region] or [goal]: a catalogue entry or one written by expressions."""
+        """[region] or [goal], with the limits of inputs that are states."""
+        found = self._region(table, key)
+        return both(found, self.limits) if key == "region" and self.limits else found
+
+    def _region(self, table: Mapping[str, Any], key: str) -> Region:
         if "constraints" not in table:
             self._need_name(table, key, "constraints")
             plain = {n: v for n, v in table.items() if n != "scale"}

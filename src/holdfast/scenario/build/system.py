@@ -7,6 +7,7 @@ from typing import Any
 
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.maths.definitions.bounds import Box
+from holdfast.maths.definitions.extension import dynamic_extension, input_limits, per_second
 from holdfast.maths.definitions.reduction import promote, subsystem
 from holdfast.maths.definitions.steady import steady_bounds
 from holdfast.maths.definitions.system import System
@@ -14,7 +15,7 @@ from holdfast.maths.definitions.units import to_si
 from holdfast.scenario.build.composer import Composer
 from holdfast.scenario.validation import at
 
-REDUCTIONS = ("keep", "promote", "disturb")
+REDUCTIONS = ("keep", "promote", "disturb", "extend")
 STEADY = "steady"
 """In place of an interval: the velocities that the inputs can hold in still water."""
 
@@ -35,6 +36,11 @@ def composed_system(composer: Composer, table: Mapping[str, Any]) -> System:
             if not inputs:
                 raise ScenarioError("'disturb' without 'promote'", remedy="name the inputs")
             system = promote(system, inputs, box, disturbances=felt, disturbance_bounds=felt_box)
+    if "extend" in table:
+        names, rates = _intervals(composer, system, table, "extend")
+        with at(composer.file, "system.extend"):
+            composer.limits = input_limits(system, names)
+            system = dynamic_extension(system, names, rates)
     composer.system_built = system
     return system
 
@@ -46,7 +52,9 @@ def _intervals(
     if key not in table:
         return (), None
     given = table[key]
-    units = {q.name: q.unit for q in system.states}
+    units = {q.name: q.unit for q in (system.inputs if key == "extend" else system.states)}
+    if key == "extend":
+        units = {n: per_second(unit) for n, unit in units.items()}
     with at(composer.file, f"system.{key}"):
         if not isinstance(given, Mapping) or not given:
             raise ScenarioError(f"got {given!r}", expected="{ state = [lowest, highest] }")

@@ -12,7 +12,8 @@ Kind = Literal[
     "viability-kernel",
     "discriminating-kernel",
     "invariance-kernel",
-    "backward-reachable-set",
+    "backward-reachable-tube",
+    "backward-reachable-at",
     "forward-reachable-set",
     "capture-basin",
 ]

@@ -10,10 +10,9 @@ from holdfast.arguments import checked
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.execution.resources import Progress
 from holdfast.scenario.files import merged, read_tables, scenario_names, scenario_title
-from holdfast.scenario.formation import is_formation
-from holdfast.scenario.kernel import CLOSED_LOOP, is_kernel
 from holdfast.scenario.kernel_reference import check_kernels
-from holdfast.scenario.load import Scenario, composed
+from holdfast.scenario.kinds import STANDARD, kind_of
+from holdfast.scenario.kinds.closed_loop import Scenario, composed
 from holdfast.scenario.overrides import check_overrides
 from holdfast.scenario.schema.closed_loop import AlterationSpec, CompareSpec, ScenarioSpec
 from holdfast.scenario.validation import at, validated
@@ -47,10 +46,10 @@ def compare(
     """
     changes = list(overrides)
     shown, text, data = read_tables(name, changes)
-    if is_formation(data) or is_kernel(shown, data):
+    if kind_of(shown, data).name != STANDARD:
         raise ScenarioError(
             f"{shown}: laws are compared in closed loops that run from many starts",
-            expected=f"a scenario of kind '{CLOSED_LOOP}'",
+            expected=f"a scenario of kind '{STANDARD}'",
         )
     base = validated(ScenarioSpec, data, shown)
     check_kernels(shown, data)

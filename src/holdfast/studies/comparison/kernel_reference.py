@@ -15,10 +15,11 @@ from holdfast.execution.resources import Progress
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.numeric import Expression, Values, constant
+from holdfast.scenario.build.kernel import depth_inside
 from holdfast.scenario.files import scenario_title
-from holdfast.scenario.kernel import KernelScenario, depth_inside
 from holdfast.scenario.kernel_reference import NamedKernel, named_kernel
-from holdfast.scenario.load import Scenario
+from holdfast.scenario.kinds.closed_loop import Scenario
+from holdfast.scenario.kinds.kernel import KernelScenario
 from holdfast.scenario.schema.closed_loop import ScenarioSpec
 from holdfast.scenario.validation import at
 

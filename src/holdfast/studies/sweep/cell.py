@@ -5,14 +5,14 @@ from __future__ import annotations
 import threading
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
-from holdfast.analysis.simulation.aggregates import Entry, as_table, tally_of
+from holdfast.analysis.simulation.aggregates import Entry, as_table
 from holdfast.errors import GainWarning, HoldfastError, ScenarioError
 from holdfast.scenario.files import code_digest, overridden
-from holdfast.scenario.kernel import KernelResult, KernelScenario
-from holdfast.scenario.load import Scenario, scenario_of
+from holdfast.scenario.kinds.base import Composed
+from holdfast.scenario.load import scenario_of
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Part:
 
 
 _one_at_a_time = threading.Lock()  # threads of a process would share its cores and warnings
-_last: tuple[object, Scenario | KernelScenario] | None = None
+_last: tuple[object, Composed] | None = None
 
 
 def run_part(part: Part) -> dict[str, Any]:
@@ -62,18 +62,11 @@ def run_part(part: Part) -> dict[str, Any]:
 
 
 def _numbers(part: Part) -> dict[str, Entry]:
-    scenario = _composed(part)
-    if isinstance(scenario, KernelScenario):
-        return kernel_tally(scenario, scenario.run())
-    settings = {**scenario.settings, "threads": part.threads}
-    if not part.last:
-        return tally_of(replace(scenario, settings=settings).run())
-    settings["record_every"] = settings["horizon"]  # the ends are enough
-    runs = range(part.first, part.last)
-    return tally_of(replace(scenario, settings=settings).run(part=runs))
+    runs = range(part.first, part.last) if part.last else None
+    return _composed(part).tally(runs, part.threads)
 
 
-def _composed(part: Part) -> Scenario | KernelScenario:
+def _composed(part: Part) -> Composed:
     """The scenario; the last one is kept, for the next part of the same cell."""
     global _last
     asked = (part.file, repr(part.tables), part.settings, part.runs, part.seed)
@@ -81,20 +74,3 @@ def _composed(part: Part) -> Scenario | KernelScenario:
         _, tables = overridden("", dict(part.tables), part.settings)
         _last = asked, scenario_of(part.file, "", tables, part.runs, part.seed)
     return _last[1]
-
-
-def kernel_tally(scenario: KernelScenario, result: KernelResult) -> dict[str, Entry]:
-    """How large the set is, whether the march answered, and how the promise was kept."""
-    said = result.value.dataset.attrs
-    known = (
-        ("fraction", result.value.fraction(), "1", "share of the grid in the set"),
-        ("volume", result.value.volume(), "1", "volume of the set"),
-        ("answered", result.answers(scenario), "1", "1 where the set asked for was found"),
-        ("converged", said["converged"], "1", "1 where nothing changes any more"),
-        ("reached", said["reached_s"], "s", "time marched"),
-    )
-    found = {name: Entry("most", float(v), 0.0, unit, says) for name, v, unit, says in known}
-    for k, trials in enumerate(result.promise.inside if result.promise else ()):
-        says = f"share kept inside the set against {trials.what}"
-        found[f"kept_{k}"] = Entry("share", trials.kept.count, trials.kept.total, "1", says)
-    return found

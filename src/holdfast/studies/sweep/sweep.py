@@ -19,9 +19,11 @@ from holdfast.analysis.simulation.sweep_table import Campaign
 from holdfast.arguments import checked
 from holdfast.errors import GainWarning, HoldfastError, ScenarioError
 from holdfast.execution.resources import available_cores
+from holdfast.host.output import make_folder
 from holdfast.scenario.files import code_digest, files_digest, overridden, read_tables
-from holdfast.scenario.kernel import KernelScenario
-from holdfast.scenario.load import Scenario, scenario_of
+from holdfast.scenario.kinds.base import Composed
+from holdfast.scenario.kinds.closed_loop import Scenario
+from holdfast.scenario.load import scenario_of
 from holdfast.scenario.overrides import check_overrides
 from holdfast.studies.process_pool import answers, processes
 from holdfast.studies.scenario_parameter import CURRENT, find_knob, last_part
@@ -29,7 +31,6 @@ from holdfast.studies.sweep.axes import Over, grid_cells, latin_cells, read_over
 from holdfast.studies.sweep.cell import Part, run_part
 from holdfast.studies.sweep.store import Key, store
 from holdfast.studies.sweep.table import Axis, campaign_table, check_variable
-from holdfast.studies.write_results import make_folder
 
 Array = npt.NDArray[np.float64]
 
@@ -91,10 +92,10 @@ def sweep(
     if not read:
         raise ScenarioError("a sweep goes over nothing", expected="--over KEY=LOW:HIGH:COUNT")
     axes = _axes(own, data, read)
-    cells = grid_cells(read) if latin is None else latin_cells(read, latin, _seed(own))
+    cells = grid_cells(read) if latin is None else latin_cells(read, latin, own.seed)
     settings = [_settings(axes, cell) for cell in cells]
     _check_some(shown, data, [settings[k] for k in (0, -1, len(cells) // 2)], runs, seed)
-    total = own.runs if isinstance(own, Scenario) and own.course is None else 0
+    total = own.independent_runs
     parts = max(1, -(-total // PART))
     if len(cells) * parts > MOST_PARTS:
         raise ScenarioError(
@@ -111,11 +112,11 @@ def sweep(
         there = kept.finished()
         keys = ((cell, part) for cell in range(len(cells)) for part in range(parts))
         missing = [key for key in keys if key not in there]
-        at_once = workers or (1 if isinstance(own, KernelScenario) else available_cores())
+        at_once = workers or (1 if own.uses_all_cores else available_cores())
         threads = 0
         if missing and executor is None:
             at_once = min(at_once, len(missing))
-            threads = 0 if isinstance(own, KernelScenario) else available_cores() // at_once or 1
+            threads = 0 if own.uses_all_cores else available_cores() // at_once or 1
             executor = stack.enter_context(processes(at_once))
 
         def part(key: Key) -> Part:
@@ -142,7 +143,7 @@ def sweep(
         found = [kept.answers(cell) for cell in range(len(cells))]
     attributes = {
         "title": own.title, "scenario": own.name, "kind": own.kind, "scenario_text": text,
-        "seed": str(_seed(own)), "command": _command(scenario, overrides, runs, seed),
+        "seed": str(own.seed), "command": _command(scenario, overrides, runs, seed),
     }  # fmt: skip
     shown_settings = [_shown(given) for given in settings]
     return Campaign(
@@ -152,9 +153,7 @@ def sweep(
     )
 
 
-def _axes(
-    own: Scenario | KernelScenario, data: Mapping[str, Any], read: Sequence[Over]
-) -> list[Axis]:
+def _axes(own: Any, data: Mapping[str, Any], read: Sequence[Over]) -> list[Axis]:
     """What the names turn; in the table by their last part, where these differ."""
     knobs = [find_knob(own, data, over.name) for over in read]
     keys = [knob.key for knob in knobs]
@@ -199,7 +198,7 @@ def _check_some(
     """Refuse at once what every cell would refuse: an unknown key, a number without effect."""
     refusal: HoldfastError | None = None
 
-    def compose(settings: Sequence[str]) -> list[Scenario | KernelScenario]:
+    def compose(settings: Sequence[str]) -> list[Composed]:
         return [scenario_of(shown, *overridden("", data, settings), runs, seed)]
 
     for settings in some:
@@ -214,12 +213,6 @@ def _check_some(
             return
     assert refusal is not None
     raise refusal
-
-
-def _seed(own: Scenario | KernelScenario) -> int:
-    if isinstance(own, KernelScenario):
-        return int((own.promised or {}).get("seed", 0))
-    return int(own.settings["seed"])
 
 
 def _digest(

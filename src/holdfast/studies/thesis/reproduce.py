@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from holdfast.errors import HoldfastError, ScenarioError
+from holdfast.host.output import make_folder, write_text
 from holdfast.scenario.files import code_digest, files_digest
 from holdfast.scenario.schema.claims import ChapterSpec, ClaimSpec, TrialSpec
 from holdfast.scenario.validation import at, validated
 from holdfast.studies.process_pool import answers, processes
-from holdfast.studies.write_results import make_folder, write_text
 
 CHAPTERS = (2, 3, 4, 5, 6, 7)
 DONE = "trial.json"
@@ -202,26 +202,16 @@ def run_trial(asked: Mapping[str, Any], folder: Path) -> None:
 
 
 def _run_scenario(name: str, changes: list[str], runs: int | None, folder: Path) -> dict[str, Any]:
-    from holdfast.presentation.html.interactive import paths_data, set_data
-    from holdfast.scenario.kernel import KernelScenario
     from holdfast.scenario.load import load_scenario
-    from holdfast.studies.write_results import kernel_report, written
 
     scenario = load_scenario(name, changes, runs)
-    if isinstance(scenario, KernelScenario):
-        solved = scenario.run()
-        kernel_report(scenario, solved, folder, figures=True)
-        if solved.trouble:
-            raise ScenarioError(solved.trouble)
-        drawn = set_data(solved.value)
-        summary = solved.summary()
-    else:
-        result = scenario.run()
-        written(scenario, result, folder, figures=True)
-        drawn = paths_data(result, scenario.plane)
-        summary = result.summary()
-    if drawn is not None:
+    answer = scenario.run()
+    scenario.write(answer, folder)
+    if trouble := scenario.trouble(answer):
+        raise ScenarioError(trouble)
+    if (drawn := scenario.interactive(answer)) is not None:
         write_text(folder / "interactive.json", json.dumps(drawn))
+    summary: dict[str, Any] = answer.summary()
     return summary
 
 

@@ -1,164 +1,36 @@
-"""Scenario files that ask for a kernel, a reachable set or a basin: composed, solved, tried."""
+"""Tables of a kernel, a reachable tube or a basin, to systems, regions, grids and options."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any
 
-from holdfast.analysis.reachability import sets as problems
-from holdfast.analysis.reachability.grid import Grid, grid
-from holdfast.analysis.reachability.memory_estimate import check_trials
+from holdfast.analysis.reachability.grid import grid
 from holdfast.analysis.reachability.options import Marching
-from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.safety_filter import KEPT, check_pace
-from holdfast.analysis.safety.validation import check_promise
-from holdfast.analysis.safety.verdict import Promise
 from holdfast.errors import ScenarioError, SimulationError, suggestion
-from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.settings import Settings
 from holdfast.maths.control.velocity_tracking import track_velocity
-from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Region
-from holdfast.maths.definitions.switching import Switching
-from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.units import to_si
 from holdfast.maths.expressions.parser import parse_number
 from holdfast.scenario.build.composer import Composer
 from holdfast.scenario.build.system import composed_system
 from holdfast.scenario.files import scenario_title
-from holdfast.scenario.schema.kernel import KINDS, KernelSpec, MarchSpec, SetFiguresSpec
+from holdfast.scenario.schema.kernel import KernelSpec, MarchSpec
 from holdfast.scenario.validation import at, validated
-
-CLOSED_LOOP, FORMATION = "closed-loop", "formation"
 
 NEEDS = {
     "capture-basin": ("goal",),
-    "backward-reachable-set": ("goal",),
+    "backward-reachable-tube": ("goal",),
+    "backward-reachable-at": ("goal",),
     "forward-reachable-set": ("origin",),
 }
 """The tables that a problem is about; the others are about [region]."""
 
 
-@dataclass(frozen=True)
-class KernelResult:
-    """The value function, and whether its promise was kept, where it was tried.
-
-    trouble: why it could not be tried, where it could not.
-    """
-
-    value: ValueFunction
-    promise: Promise | None
-    trouble: str = ""
-
-    def answers(self, scenario: KernelScenario) -> bool:
-        """Whether the set asked for was found: one that lasts is there once the march converged.
-
-        A kernel of which nothing is left stays empty.
-        """
-        said = self.value.dataset.attrs
-        gone = said["empty"] and scenario.kind.endswith("kernel")
-        return not scenario.forever or bool(said["converged"] or gone)
-
-    def summary(self) -> dict[str, Any]:
-        """For summary.json."""
-        tried = {"promise": self.promise.summary()} if self.promise else {}
-        return {**self.value.summary(), **tried}
-
-
-@dataclass(frozen=True)
-class KernelScenario:
-    """A composed scenario whose answer is a value function."""
-
-    name: str
-    file: str
-    text: str
-    title: str
-    kind: str
-    description: str
-    source: str
-    system: System
-    region: Region | None
-    goal: Region | None
-    origin: Region | None
-    law: Law | Switching | None
-    grid: Grid
-    horizon: float
-    forever: bool
-    inner: bool
-    options: Mapping[str, Any]
-    promised: Mapping[str, Any] | None
-    figures: SetFiguresSpec
-    held: Mapping[str, float]
-
-    @property
-    def about(self) -> Region:
-        """What the march begins with."""
-        found = self.goal or self.origin or self.region
-        assert found is not None
-        return found
-
-    def solve(self, progress: Progress | None = None) -> ValueFunction:
-        """The value function alone."""
-        function: Callable[..., ValueFunction] = getattr(problems, self.kind.replace("-", "_"))
-        about: tuple[Region | None, ...] = (self.about,)
-        if self.kind == "capture-basin":
-            about = (self.goal, self.region)
-        with at(self.file, "march"):
-            value = function(
-                self.system, *about, self.grid, self.horizon, progress=progress, **self.options
-            )
-            if self.inner:
-                value = value.inner()
-        value.dataset.attrs.update(title=self.title, scenario=self.name, scenario_text=self.text)
-        return value
-
-    def run(self, progress: Progress | None = None) -> KernelResult:
-        """The value function, and its promise tried in closed loop."""
-        if self.promised is not None:
-            with at(self.file, "promise"):  # before a march that may take long
-                check_trials(self.promised["runs"], len(self.system.states))
-        share = 1.0 if self.promised is None else 0.6
-
-        def first(fraction: float) -> None:
-            if progress is not None:
-                progress(share * fraction)
-
-        def second(fraction: float) -> None:
-            if progress is not None:
-                progress(share + (1 - share) * fraction)
-
-        value = self.solve(first)
-        if self.promised is None or value.values().max() <= 0:
-            return KernelResult(value, None)
-        try:
-            with at(self.file, "promise"):
-                tried = check_promise(
-                    self.system,
-                    value,
-                    self.region,
-                    goal=self.goal,
-                    law=self.law,
-                    progress=second,
-                    **self.promised,
-                )
-        except ScenarioError as error:  # the march was long: its value is not thrown away
-            return KernelResult(value, None, str(error))
-        return KernelResult(value, tried)
-
-
-def is_kernel(file: str, data: Mapping[str, Any]) -> bool:
-    """Whether the tables ask for a set of states; `ScenarioError` for a kind that there is not."""
-    header = data.get("scenario")
-    kind = header.get("kind", CLOSED_LOOP) if isinstance(header, Mapping) else CLOSED_LOOP
-    known = (CLOSED_LOOP, FORMATION, *KINDS)
-    if isinstance(kind, str) and kind not in known:
-        raise ScenarioError(f"{file}: scenario.kind: got '{kind}'", remedy=suggestion(kind, known))
-    return kind in KINDS
-
-
-def composed_kernel(file: str, text: str, data: Mapping[str, Any]) -> KernelScenario:
-    """The scenario of these tables; `ScenarioError` with the key for what is wrong with them."""
+def kernel_parts(file: str, data: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a kernel's scenario; `ScenarioError` with the key for what is wrong."""
     spec = validated(KernelSpec, data, file)
     kind = spec.scenario.kind
     _check_tables(file, kind, spec)
@@ -258,26 +130,24 @@ def composed_kernel(file: str, text: str, data: Mapping[str, Any]) -> KernelScen
             )
     if spec.figures.inputs and kind not in KEPT:
         raise ScenarioError(f"{file}: figures.inputs: a {kind} says nothing of optimal inputs")
-    return KernelScenario(
-        name=scenario_title(file).strip(".") or "scenario",
-        file=file,
-        text=text,
-        title=spec.scenario.title,
-        kind=kind,
-        description=spec.scenario.description,
-        source=spec.scenario.source,
-        system=system,
-        law=law,
-        grid=over,
-        horizon=horizon,
-        forever=spec.march.forever,
-        inner=spec.march.inner,
-        options=options,
-        promised=promised,
-        figures=spec.figures,
-        held={n: state(n, v, f"figures.at.{n}") for n, v in spec.figures.at.items()},
+    return {
+        "name": scenario_title(file).strip(".") or "scenario",
+        "title": spec.scenario.title,
+        "kind": kind,
+        "description": spec.scenario.description,
+        "source": spec.scenario.source,
+        "system": system,
+        "law": law,
+        "grid": over,
+        "horizon": horizon,
+        "forever": spec.march.forever,
+        "inner": spec.march.inner,
+        "options": options,
+        "promised": promised,
+        "figures": spec.figures,
+        "held": {n: state(n, v, f"figures.at.{n}") for n, v in spec.figures.at.items()},
         **about,
-    )
+    }
 
 
 def depth_inside(value: object, region: Region) -> float:
@@ -303,8 +173,8 @@ def _check_tables(file: str, kind: str, spec: KernelSpec) -> None:
             raise ScenarioError(f"{file}: {key}: missing table", remedy=f"a {kind} needs it")
         if there and key not in allowed:
             raise ScenarioError(f"{file}: {key}: a {kind} does not use it", remedy="leave it out")
-    for key, used in (("arrival_steps", "capture-basin"), ("disturbances", "reachable-set")):
-        if getattr(spec.march, key) is not None and not kind.endswith(used):
+    for key, used in (("arrival_steps", "capture-basin"), ("disturbances", "reachable")):
+        if getattr(spec.march, key) is not None and used not in kind:
             raise ScenarioError(f"{file}: march.{key}: a {kind} does not use it")
     if kind not in KEPT:
         for key in ("promise", "law"):

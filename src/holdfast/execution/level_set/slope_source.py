@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-SCHEMES = {"upwind": 1, "eno2": 2, "eno3": 3, "weno5": 3}
-"""One-sided derivatives and how many nodes they reach on either side."""
+from holdfast.execution.level_set.schemes import Scheme
 
 
-def slope_memory(n: int, scheme: str) -> list[str]:
+def slope_memory(n: int, scheme: Scheme) -> list[str]:
     """Memory for the slopes that two nodes share: at both ends of intervals, and of a place."""
-    if scheme == "upwind":
+    if scheme.one_slope:
         return []
     lines = [
         f"{side} = np.zeros(2 * RUN + VECTOR, dtype=values.dtype)" for side in ("left", "right")
@@ -24,7 +23,7 @@ def slope_memory(n: int, scheme: str) -> list[str]:
     return lines
 
 
-def slope_lines(n: int, scheme: str, row_of: dict[str, int]) -> list[str]:
+def slope_lines(n: int, scheme: Scheme, row_of: dict[str, int]) -> list[str]:
     """Means and gaps of the slopes along every axis, at the nodes of a run."""
     last, by_row = n - 1, n - 2
     lines, step = [], "float(1.0 / steps[{}])"
@@ -33,20 +32,20 @@ def slope_lines(n: int, scheme: str, row_of: dict[str, int]) -> list[str]:
         place = f"i{i}, 1, n{i}, s{i}" if outer else f"row, tall, rows_of, n{last}"
         wide = "count" if outer else "wide"
         to = f"{step.format(i)}, work, {row_of[f'p{i}']} * PITCH, {row_of[f'g{i}']} * PITCH)"
-        if scheme == "upwind":
-            lines += _wherever(i, place, wide, [f"upwind({{0}}, at, count, {to}"])
+        if scheme.one_slope:
+            lines += _wherever(i, place, wide, [f"{scheme.name}({{0}}, at, count, {to}"])
             continue
         if outer:
             kept = f"(ahead{i}, units{i}, unit, several, here % s{i}, count, left)"
             lines += [f"start = 1 if i{i} > 0 and recall{kept} else 0"]
         one = [
             f"for k in range({'start' if outer else 0}, 2):",
-            f"    {scheme}({{0}}, at, k, count, left, right, k * count)",
+            f"    {scheme.name}({{0}}, at, k, count, left, right, k * count)",
         ]
         if not outer:
             one = [
                 "if tall > 1:",
-                f"    {scheme}({{0}}, at, 0, count + wide, left, right, 0)",
+                f"    {scheme.name}({{0}}, at, 0, count + wide, left, right, 0)",
                 "else:",
                 *("    " + x for x in one),
             ]
@@ -60,20 +59,20 @@ def slope_lines(n: int, scheme: str, row_of: dict[str, int]) -> list[str]:
         f"        kinds[{last}], GHOSTS, line)",
     ]
     to = f"{step.format(last)}, work, {mean} + k * wide, {gap} + k * wide)"
-    if scheme != "upwind":
+    if not scheme.one_slope:
         by_rows += [
-            f"    {scheme}(line, of_line, 0, wide + 1, left, right, 0)",
+            f"    {scheme.name}(line, of_line, 0, wide + 1, left, right, 0)",
             f"    combine(left, right, 1, wide, {to}",
         ]
         return [*lines, *by_rows]
-    by_rows += [f"    upwind(line, of_line, wide, {to}"]
+    by_rows += [f"    {scheme.name}(line, of_line, wide, {to}"]
     to = f"{step.format(last)}, work, {mean}, {gap})"
     return [
         *lines,
         f"if wide == n{last} and here > 0 and here + count + VECTOR < len(values):",
         "    at[0], at[1], at[2] = here - 1, here, here + 1",
-        f"    upwind(values, at, count, {to}",
-        f"    upwind_ends(values, here, tall, n{last}, kinds[{last}], {to}",
+        f"    {scheme.name}(values, at, count, {to}",
+        f"    {scheme.name}_ends(values, here, tall, n{last}, kinds[{last}], {to}",
         "else:",
         *("    " + x for x in by_rows),
     ]

@@ -33,7 +33,6 @@ from holdfast.planning.geojson import geojson_cells
 from holdfast.planning.leader import lead_along
 from holdfast.planning.route import plan_route
 from holdfast.scenario.build.composer import Composer
-from holdfast.scenario.kernel import FORMATION
 from holdfast.scenario.schema.formation import FormationSpec
 from holdfast.scenario.validation import at
 
@@ -51,12 +50,6 @@ class Formation:
     goal: Region
     starts: Starts
     course: Course
-
-
-def is_formation(data: Mapping[str, Any]) -> bool:
-    """Whether tables, not yet checked, are of a leader and its followers."""
-    header = data.get("scenario")
-    return isinstance(header, Mapping) and header.get("kind") == FORMATION
 
 
 def composed_formation(file: str, spec: FormationSpec) -> Formation:

@@ -1,0 +1,88 @@
+"""What a kind of scenario gives: tables to a composed scenario, which runs, writes and judges."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from holdfast.analysis.simulation.aggregates import Entry
+from holdfast.execution.resources import Progress
+
+Bar = Callable[[str], AbstractContextManager[Callable[[str, float], None]]]
+"""A bar on the screen, by what is worked on first."""
+
+
+class Composed(ABC):
+    """A scenario whose tables are checked and composed; `answer` is what its `run` returns."""
+
+    name: str
+    file: str
+    text: str
+    title: str
+    kind: str
+
+    @abstractmethod
+    def run(self, progress: Progress | None = None) -> Any:
+        """The answer."""
+
+    @abstractmethod
+    def write(
+        self, answer: Any, folder: Path, *, figures: bool = True, bar: Bar | None = None
+    ) -> list[Path]:
+        """The files of the answer, in a folder that is made."""
+
+    @abstractmethod
+    def report(self, answer: Any, files: Sequence[Path]) -> str:
+        """The answer on the screen."""
+
+    def complaints(self, answer: Any) -> list[str]:
+        """Reasons why the answer is negative or incomplete: exit status 1."""
+        return []
+
+    def trouble(self, answer: Any) -> str:
+        """What kept the answer from being whole, if something did."""
+        return ""
+
+    def interactive(self, answer: Any) -> dict[str, Any] | None:
+        """A figure for a browser, if there is one."""
+        return None
+
+    # -- campaigns
+
+    @property
+    def independent_runs(self) -> int:
+        """How many runs a campaign may divide among processes; 0: the whole is one piece."""
+        return 0
+
+    @property
+    def uses_all_cores(self) -> bool:
+        """Whether one scenario keeps all cores busy."""
+        return False
+
+    @property
+    def seed(self) -> int:
+        """The seed of its random numbers."""
+        return 0
+
+    @abstractmethod
+    def tally(self, part: range | None, threads: int) -> dict[str, Entry]:
+        """What a campaign keeps of a run, or of these of its runs."""
+
+    # -- a current that is given
+
+    @property
+    @abstractmethod
+    def given(self) -> Mapping[str, Any]:
+        """Disturbances that are given, as numbers or expressions."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """name: the word of [scenario] kind. compose: of (file, text, tables, runs, seed)."""
+
+    name: str
+    compose: Callable[[str, str, dict[str, Any], int | None, int | None], Composed]

@@ -1,0 +1,292 @@
+"""Closed loops from many starts: composed from the tables of a file, simulated, drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import sympy as sp
+
+from holdfast.analysis.simulation.aggregates import Entry, tally_of
+from holdfast.analysis.simulation.result import Result
+from holdfast.analysis.simulation.simulate import simulate
+from holdfast.analysis.simulation.starts import Starts
+from holdfast.errors import ScenarioError
+from holdfast.execution.resources import Progress
+from holdfast.host.output import make_folder, saved, write_summary
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.variation import Varied
+from holdfast.maths.expressions.parser import parse_expression, parse_number
+from holdfast.scenario.build.composer import Composer
+from holdfast.scenario.build.law_chain import composed_law
+from holdfast.scenario.build.run import in_si, known_name, settings_of, starts_of
+from holdfast.scenario.build.system import composed_system
+from holdfast.scenario.build.varied import drawn_names, drawn_ranges
+from holdfast.scenario.files import overridden, scenario_title
+from holdfast.scenario.kernel_reference import check_kernels
+from holdfast.scenario.kinds.base import Bar, Composed, Kind
+from holdfast.scenario.safety_filter import Safety, composed_safety
+from holdfast.scenario.schema.closed_loop import FiguresSpec, Header, ScenarioSpec
+from holdfast.scenario.schema.formation import FormationFigures, FormationHeader
+from holdfast.scenario.validation import at, validated
+
+
+@dataclass(frozen=True)
+class Scenario(Composed):
+    """A composed scenario, ready to run; `law` is the one before [safety], which `kept` adds."""
+
+    name: str
+    file: str
+    text: str
+    title: str
+    kind: str
+    description: str
+    source: str
+    system: System
+    law: Law | Switching
+    region: Region | None
+    goal: Region | None
+    starts: Starts
+    settings: Mapping[str, Any]
+    disturbance: Mapping[str, sp.Expr]
+    plant: Mapping[str, float]
+    varied: Varied
+    reference: Mapping[str, float]
+    plane: tuple[str, str] | None
+    figures: FiguresSpec | FormationFigures
+    start_outside: bool
+    safety: Safety | None = None
+
+    @property
+    def runs(self) -> int:
+        """How many runs there are: one from every start, or one at every vertex of [varied]."""
+        return self.starts.count * len(self.varied.corners)
+
+    def kept(self, progress: Progress | None = None) -> Scenario:
+        """This scenario with the law kept in the kernel of [safety], which is computed."""
+        if self.safety is None:
+            return self
+        with at(self.file, "safety"):
+            timing = {n: float(self.settings[n]) for n in ("horizon", "sample_time", "delay")}
+            law = self.safety.kept(
+                self.system, self.law, **timing, region=self.region, progress=progress
+            )
+        return replace(self, law=law, safety=None)
+
+    def run(self, progress: Progress | None = None, part: range | None = None) -> Result:
+        """Simulate every start of the scenario; the kernel of [safety] is computed before.
+
+        part: of all runs those to simulate; every run is the same in any part.
+        """
+        law = self.kept(progress).law
+        with at(self.file, "run"):
+            return simulate(
+                self.system,
+                law,
+                starts=self.starts,
+                part=part,
+                region=self.region,
+                goal=self.goal,
+                disturbance=self.disturbance,
+                plant=self.plant,
+                varied=self.varied,
+                reference=self.reference,
+                start_outside=self.start_outside,
+                attributes={
+                    "title": self.title,
+                    "scenario": self.name,
+                    "kind": self.kind,
+                    "scenario_text": self.text,
+                },
+                progress=progress,
+                **self.settings,
+            )
+
+    def with_settings(self, **settings: Any) -> Scenario:
+        """The same with other settings of [run]."""
+        return replace(self, settings={**self.settings, **settings})
+
+    def write(
+        self, answer: Result, folder: Path, *, figures: bool = True, bar: Bar | None = None
+    ) -> list[Path]:
+        make_folder(folder)
+        files = [saved(answer, folder / "result.nc")]
+        if figures:
+            files += self.drawn(answer, folder, bar)
+        return [*files, write_summary(folder / "summary.json", answer.summary())]
+
+    def drawn(self, answer: Result, folder: Path, bar: Bar | None) -> list[Path]:
+        """The figures of a result: paths in the plane, histories of one run."""
+        from holdfast.presentation.figures import style
+        from holdfast.presentation.figures.histories import histories_figure
+        from holdfast.presentation.figures.paths import paths_figure
+
+        chosen = self.figures
+        assert isinstance(chosen, FiguresSpec)
+        run = min(chosen.history, answer.dataset.sizes["run"] - 1)
+        files = []
+        if self.plane is not None:
+            plane = paths_figure(answer, self.plane, chosen.highlight, chosen.cones, run)
+            files += style.write(plane, folder, "paths")
+        return files + style.write(histories_figure(answer, run), folder, "histories")
+
+    def report(self, answer: Result, files: Sequence[Path]) -> str:
+        from holdfast.presentation.text.runs import summary_text
+
+        return summary_text(answer, list(files))
+
+    def complaints(self, answer: Result) -> list[str]:
+        counts = answer.outcomes
+        limit = self.settings["switch_limit"]
+        said = {
+            "diverged": "diverged, with results up to there",
+            "chattered": f"chattered: more than {limit} changes of mode within a second; what "
+            "happens then depends on the sample time",
+            "left grid": "left the grid of the value function of the law, which says nothing there",
+        }
+        return [f"{_runs(counts[n])} {words}" for n, words in said.items() if counts[n]]
+
+    def interactive(self, answer: Result) -> dict[str, Any] | None:
+        from holdfast.presentation.html.interactive import paths_data
+
+        return paths_data(answer, self.plane)
+
+    @property
+    def independent_runs(self) -> int:
+        return self.runs
+
+    @property
+    def seed(self) -> int:
+        return int(self.settings["seed"])
+
+    def tally(self, part: range | None, threads: int) -> dict[str, Entry]:
+        ends = self.with_settings(threads=threads, record_every=self.settings["horizon"])
+        return tally_of(ends.run(part=part))
+
+    @property
+    def given(self) -> Mapping[str, Any]:
+        return self.disturbance
+
+
+def _runs(count: int) -> str:
+    return f"{count} run" + ("s" if count != 1 else "")
+
+
+def _compose(
+    file: str, text: str, data: dict[str, Any], runs: int | None, seed: int | None
+) -> Scenario:
+    text, data = seeded(text, data, seed)
+    check_kernels(file, data)
+    return composed(file, text, validated(ScenarioSpec, data, file), runs)
+
+
+def seeded(text: str, data: dict[str, Any], seed: int | None) -> tuple[str, dict[str, Any]]:
+    return overridden(text, data, [] if seed is None else [f"run.seed={seed}"])
+
+
+def composed(shown: str, text: str, spec: ScenarioSpec, runs: int | None = None) -> Scenario:
+    """The scenario of tables that are checked already; `shown` is its name or file."""
+    if runs is not None:
+        if runs < 1:
+            raise ScenarioError(f"--runs is {runs}", expected="at least 1")
+        given = spec.starts.states[:runs]
+        starts = spec.starts.model_copy(update={"states": given, "random": runs - len(given)})
+        spec = spec.model_copy(update={"starts": starts})
+        text += f"# runs: {runs}\n"
+    return _composed(shown, text, spec)
+
+
+def about(file: str, text: str, header: Header | FormationHeader) -> dict[str, Any]:
+    """What every scenario says of itself."""
+    return {
+        "name": scenario_title(file).strip(".") or "scenario",
+        "file": file,
+        "text": text,
+        "title": header.title,
+        "kind": header.kind,
+        "description": header.description,
+        "source": header.source,
+    }
+
+
+def _composed(file: str, text: str, spec: ScenarioSpec) -> Scenario:
+    composer = Composer(file)
+    system = composed_system(composer, spec.system)
+    composer.drawn = drawn_names(composer, system, spec.varied)
+    region = composer.region(spec.region, "region") if spec.region is not None else None
+    law = composed_law(composer, spec, system, region)  # may use the region's parameters
+    goal = composer.region(spec.goal, "goal") if spec.goal is not None else None
+    draws = drawn_ranges(composer, spec.varied)
+    values = {p.symbol: p.value for p in composer.known.values()}
+    names = {n: e for n, e in composer.scope().items() if n not in system.state_names}
+    timeless = {n: e for n, e in names.items() if n != "t"}
+
+    def number(expression: object, key: str) -> float:
+        with at(file, key):
+            return parse_number(expression, timeless, values)
+
+    def expressions(table: Mapping[str, object], key: str) -> dict[str, sp.Expr]:
+        return {k: _parsed(file, f"{key}.{k}", v, timeless) for k, v in table.items()}
+
+    with at(file, "varied"):
+        varied = Varied(
+            draws,
+            expressions(spec.varied.values, "varied.values"),
+            expressions(spec.varied.plant, "varied.plant"),
+            {name: composer.known[name].unit for name in draws},
+            spec.varied.of_vertices,
+        )
+    units = {q.name: q.unit for q in system.states}
+    return Scenario(
+        **about(file, text, spec.scenario),
+        system=system,
+        law=law,
+        region=region,
+        goal=goal,
+        starts=starts_of(spec, units, file),
+        settings=settings_of(spec, units, file),
+        disturbance={
+            key: _parsed(file, f"disturbance.{key}", value, names)
+            for key, value in spec.disturbance.items()
+        },
+        plant={
+            key: in_si(
+                file, f"plant.{key}", value, {p.name: p.unit for p in system.parameters}, key
+            )
+            for key, value in spec.plant.items()
+        },
+        varied=varied,
+        reference={
+            known_name(file, f"reference.{k}", k, units): number(v, f"reference.{k}")
+            for k, v in spec.reference.items()
+        },
+        plane=_plane(file, spec.figures.plane, system),
+        figures=spec.figures,
+        start_outside=spec.starts.start_outside,
+        safety=composed_safety(file, spec, system),
+    )
+
+
+def _plane(file: str, wanted: tuple[str, str] | None, system: System) -> tuple[str, str] | None:
+    """The two states that the paths are drawn in; None for a system with one state."""
+    if wanted is not None:
+        for name in wanted:
+            known_name(file, "figures.plane", name, system.state_names)
+        return wanted
+    names = system.state_names
+    if {"x", "y"} <= set(names):
+        return ("x", "y")
+    return (names[0], names[1]) if len(names) > 1 else None
+
+
+def _parsed(file: str, key: str, value: object, names: Mapping[str, sp.Expr]) -> sp.Expr:
+    with at(file, key):
+        return parse_expression(value, names)
+
+
+KINDS = (Kind("closed-loop", _compose),)

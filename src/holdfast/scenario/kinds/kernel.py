@@ -1,0 +1,281 @@
+"""Scenario files that ask for a kernel, a reachable set or a basin: composed, solved, tried."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from holdfast.analysis.reachability import sets as problems
+from holdfast.analysis.reachability.grid import Grid
+from holdfast.analysis.reachability.memory_estimate import check_trials
+from holdfast.analysis.reachability.solve import set_on_grid
+from holdfast.analysis.reachability.value_function import ValueFunction
+from holdfast.analysis.safety.safety_filter import FORMER
+from holdfast.analysis.safety.validation import check_promise
+from holdfast.analysis.safety.verdict import Promise
+from holdfast.analysis.simulation.aggregates import Entry
+from holdfast.errors import RenamedWarning, ScenarioError
+from holdfast.execution.resources import Progress
+from holdfast.host.output import make_folder, saved, write_summary
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.definitions.system import System
+from holdfast.scenario.build.kernel import kernel_parts
+from holdfast.scenario.files import overridden
+from holdfast.scenario.kinds import kind_of
+from holdfast.scenario.kinds.base import Bar, Composed, Kind
+from holdfast.scenario.schema.kernel import KINDS as NAMES
+from holdfast.scenario.schema.kernel import SetFiguresSpec
+from holdfast.scenario.validation import at
+
+
+@dataclass(frozen=True)
+class KernelResult:
+    """The value function, and whether its promise was kept, where it was tried.
+
+    trouble: why it could not be tried, where it could not.
+    """
+
+    value: ValueFunction
+    promise: Promise | None
+    trouble: str = ""
+
+    def answers(self, scenario: KernelScenario) -> bool:
+        """Whether the set asked for was found: one that lasts is there once the march converged.
+
+        A kernel of which nothing is left stays empty.
+        """
+        said = self.value.dataset.attrs
+        gone = said["empty"] and scenario.kind.endswith("kernel")
+        return not scenario.forever or bool(said["converged"] or gone)
+
+    def summary(self) -> dict[str, Any]:
+        """For summary.json."""
+        tried = {"promise": self.promise.summary()} if self.promise else {}
+        return {**self.value.summary(), **tried}
+
+
+@dataclass(frozen=True)
+class KernelScenario(Composed):
+    """A composed scenario whose answer is a value function."""
+
+    name: str
+    file: str
+    text: str
+    title: str
+    kind: str
+    description: str
+    source: str
+    system: System
+    region: Region | None
+    goal: Region | None
+    origin: Region | None
+    law: Law | Switching | None
+    grid: Grid
+    horizon: float
+    forever: bool
+    inner: bool
+    options: Mapping[str, Any]
+    promised: Mapping[str, Any] | None
+    figures: SetFiguresSpec
+    held: Mapping[str, float]
+
+    @property
+    def about(self) -> Region:
+        """What the march begins with."""
+        found = self.goal or self.origin or self.region
+        assert found is not None
+        return found
+
+    def solve(self, progress: Progress | None = None) -> ValueFunction:
+        """The value function alone."""
+        function: Callable[..., ValueFunction] = getattr(problems, self.kind.replace("-", "_"))
+        about: tuple[Region | None, ...] = (self.about,)
+        if self.kind == "capture-basin":
+            about = (self.goal, self.region)
+        with at(self.file, "march"):
+            value = function(
+                self.system, *about, self.grid, self.horizon, progress=progress, **self.options
+            )
+            if self.inner:
+                value = value.inner()
+        value.dataset.attrs.update(title=self.title, scenario=self.name, scenario_text=self.text)
+        return value
+
+    def run(self, progress: Progress | None = None) -> KernelResult:
+        """The value function, and its promise tried in closed loop."""
+        if self.promised is not None:
+            with at(self.file, "promise"):  # before a march that may take long
+                check_trials(self.promised["runs"], len(self.system.states))
+        share = 1.0 if self.promised is None else 0.6
+
+        def first(fraction: float) -> None:
+            if progress is not None:
+                progress(share * fraction)
+
+        def second(fraction: float) -> None:
+            if progress is not None:
+                progress(share + (1 - share) * fraction)
+
+        value = self.solve(first)
+        if self.promised is None or value.values().max() <= 0:
+            return KernelResult(value, None)
+        try:
+            with at(self.file, "promise"):
+                tried = check_promise(
+                    self.system,
+                    value,
+                    self.region,
+                    goal=self.goal,
+                    law=self.law,
+                    progress=second,
+                    **self.promised,
+                )
+        except ScenarioError as error:  # the march was long: its value is not thrown away
+            return KernelResult(value, None, str(error))
+        return KernelResult(value, tried)
+
+    def trouble(self, answer: KernelResult) -> str:
+        return answer.trouble
+
+    @cached_property
+    def begun(self) -> ValueFunction:
+        """What the march begins with, in as little memory as the march itself."""
+        alike = {k: v for k, v in self.options.items() if k in ("band", "precision")}
+        return set_on_grid(self.about, self.grid, **alike)
+
+    def write(
+        self, answer: KernelResult, folder: Path, *, figures: bool = True, bar: Bar | None = None
+    ) -> list[Path]:
+        make_folder(folder)
+        files = [saved(answer.value, folder / "result.nc")]
+        if figures:
+            files += self._drawn(answer, folder)
+        return [*files, write_summary(folder / "summary.json", answer.summary())]
+
+    def _drawn(self, answer: KernelResult, folder: Path) -> list[Path]:
+        """The set, and the optimal inputs where they are asked for."""
+        from holdfast.presentation.figures import style
+        from holdfast.presentation.figures.value_function import value_function_figure
+
+        about = self.about
+        around: dict[str, Any] = {
+            "others": {about.name.replace("_", " "): self.begun},
+            "scene": about.scene,
+            "parameters": {q.name: q.value for q in about.parameters},
+        }
+        plane = self.figures.plane
+        drawn = value_function_figure(answer.value, plane=plane, at=self.held or None, **around)
+        files = style.write(drawn, folder, "set")
+        if self.figures.inputs:
+            files += style.write(self._law_figure(answer, around), folder, "law")
+        return files
+
+    def _law_figure(self, answer: KernelResult, around: dict[str, Any]) -> Any:
+        """The optimal inputs in the plane of the figures; around: what is drawn beside the set."""
+        from holdfast.analysis.safety.safety_filter import optimal_inputs
+        from holdfast.presentation.figures.optimal_input import optimal_input_figure
+
+        names = self.system.state_names
+        plane = self.figures.plane or (names[0], names[1])
+        held = {n: self.held.get(n, 0.0) for n in names if n not in plane}
+        inputs, velocity = optimal_inputs(self.system, answer.value, plane, held)
+        chosen = {n: inputs[n] for n in self.figures.inputs}
+        return optimal_input_figure(answer.value, chosen, velocity, plane=plane, at=held, **around)
+
+    def report(self, answer: KernelResult, files: Sequence[Path]) -> str:
+        from holdfast.presentation.text.values import value_text
+
+        asked = self.promised is not None
+        return value_text(answer.value, answer.promise, self.begun, list(files), promised=asked)
+
+    def complaints(self, answer: KernelResult) -> list[str]:
+        if answer.trouble:
+            return [answer.trouble]
+        said = []
+        if answer.promise is not None and answer.promise.verdict:
+            said.append(answer.promise.verdict)
+        if not answer.answers(self):
+            said.append(
+                f"the infinite-horizon kernel was requested, and the march did not converge within "
+                f"{self.horizon:g} s; raise march.horizon"
+            )
+        return said
+
+    def interactive(self, answer: KernelResult) -> dict[str, Any] | None:
+        from holdfast.presentation.html.interactive import set_data
+
+        return set_data(answer.value)
+
+    @property
+    def uses_all_cores(self) -> bool:
+        return True
+
+    @property
+    def seed(self) -> int:
+        return int((self.promised or {}).get("seed", 0))
+
+    def tally(self, part: range | None, threads: int) -> dict[str, Entry]:
+        """How large the set is, whether the march answered, and how the promise was kept."""
+        answer = self.run()
+        said = answer.value.dataset.attrs
+        known = (
+            ("fraction", answer.value.fraction(), "1", "share of the grid in the set"),
+            ("volume", answer.value.volume(), "1", "volume of the set"),
+            ("answered", answer.answers(self), "1", "1 where the set asked for was found"),
+            ("converged", said["converged"], "1", "1 where nothing changes any more"),
+            ("reached", said["reached_s"], "s", "time marched"),
+        )
+        found = {name: Entry("most", float(v), 0.0, unit, says) for name, v, unit, says in known}
+        for k, trials in enumerate(answer.promise.inside if answer.promise else ()):
+            says = f"share kept inside the set against {trials.what}"
+            found[f"kept_{k}"] = Entry("share", trials.kept.count, trials.kept.total, "1", says)
+        return found
+
+    @property
+    def given(self) -> Mapping[str, Any]:
+        found: Mapping[str, Any] = self.options.get("disturbance", {})
+        return found
+
+
+def is_kernel(file: str, data: Mapping[str, Any]) -> bool:
+    """Whether the tables ask for a set of states; `ScenarioError` for an unknown kind."""
+    return kind_of(file, data) in KINDS
+
+
+def _compose(
+    file: str, text: str, data: dict[str, Any], runs: int | None, seed: int | None
+) -> KernelScenario:
+    more = {"runs": runs, "seed": seed}
+    given = {k: v for k, v in more.items() if v is not None}
+    if given and "promise" not in data:
+        raise ScenarioError(f"--{min(given)}: {file} has no [promise]", remedy="leave it out")
+    changes = [f"promise.{k}={v}" for k, v in given.items()]
+    return composed_kernel(file, *overridden(text, data, changes))
+
+
+def composed_kernel(file: str, text: str, data: Mapping[str, Any]) -> KernelScenario:
+    """The scenario of these tables; `ScenarioError` with the key for what is wrong with them."""
+    return KernelScenario(file=file, text=text, **kernel_parts(file, data))
+
+
+def _compose_former(
+    file: str, text: str, data: dict[str, Any], runs: int | None, seed: int | None
+) -> KernelScenario:
+    new = "backward-reachable-tube"
+    warnings.warn(
+        f"{file}: scenario.kind: '{FORMER}' is now '{new}'; the set at exactly the horizon is "
+        "'backward-reachable-at'",
+        RenamedWarning,
+        stacklevel=2,
+    )
+    renamed = {**data, "scenario": {**data["scenario"], "kind": new}}
+    return _compose(file, text, renamed, runs, seed)
+
+
+KINDS = (*(Kind(name, _compose) for name in NAMES), Kind(FORMER, _compose_former))
