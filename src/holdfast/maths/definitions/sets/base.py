@@ -129,7 +129,8 @@ class Bounds(ABC):
     @property
     def shape(self) -> str:
         """What it is, in two words."""
-        return f"a {type(self).__name__.lower()}"
+        name = type(self).__name__.lower()
+        return f"{'an' if name[0] in 'aeiou' else 'a'} {name}"
 
     def text(self) -> str:
         """A set of numbers, in a message."""

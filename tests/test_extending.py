@@ -1,0 +1,342 @@
+"""One of each is added in a copy of the package, in the files that docs/extending.md names, and used."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PAGE = (ROOT / "docs" / "extending.md").read_text("utf-8")
+
+SCHEME = '''"""Central slopes, as upwind ones of first order with a wider reach would be: a scheme of a test."""
+
+# mypy: ignore-errors
+# ruff: noqa: F405
+
+from holdfast.execution.level_set.finite_differences import *  # noqa: F403
+
+SCHEME = {"ghosts": 2, "order": 1}
+
+# -- joined from here on
+
+
+@called
+def plain(source, at, k, count, left, right, to):
+    """First differences at both ends of an interval."""
+    i1, i2 = at[k + 1], at[k + 2]
+    to = np.uint64(to)
+    for j in range(lanes(count)):
+        left[to + j] = source[i2 + j] - source[i1 + j]
+        right[to + j] = source[i2 + j] - source[i1 + j]
+'''
+
+KIND = '''"""A kind of scenario that counts the starts of a list: its tables, its answer, its files."""
+
+from dataclasses import dataclass
+
+from pydantic import BaseModel
+
+from holdfast.analysis.simulation.aggregates import Entry
+from holdfast.host.output import make_folder, write_summary
+from holdfast.scenario.kinds.base import Composed, Kind
+from holdfast.scenario.validation import validated
+
+
+class Tables(BaseModel):
+    scenario: dict
+    count: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Answer:
+    total: float
+
+    def summary(self):
+        return {"total": self.total}
+
+
+@dataclass(frozen=True)
+class Counted(Composed):
+    name: str
+    file: str
+    text: str
+    title: str
+    kind: str
+    numbers: dict
+
+    def run(self, progress=None):
+        return Answer(sum(self.numbers.values()))
+
+    def write(self, answer, folder, *, figures=True, bar=None):
+        make_folder(folder)
+        files = [write_summary(folder / "summary.json", answer.summary())]
+        if figures:
+            from holdfast.presentation.figures import style
+            from holdfast.presentation.figures.bars import bars_figure
+
+            files += style.write(bars_figure(self.numbers), folder, "bars")
+        return files
+
+    def report(self, answer, files):
+        return f"total {answer.total:g}"
+
+    def complaints(self, answer):
+        return [] if answer.total > 0 else ["the total is not above 0"]
+
+    def tally(self, part, threads):
+        return {"total": Entry("most", self.run().total, 0.0, "1", "sum of the numbers")}
+
+    @property
+    def given(self):
+        return {}
+
+
+def compose(file, text, data, runs, seed):
+    spec = validated(Tables, data, file)
+    return Counted("counted", file, text, spec.scenario["title"], "count", spec.count)
+
+
+KINDS = (Kind("count", compose),)
+'''
+
+FIGURE = '''"""Bars of named numbers."""
+
+import matplotlib.pyplot as plt
+
+
+def bars_figure(numbers):
+    """One bar for each number."""
+    figure, axis = plt.subplots()
+    axis.bar(list(numbers), list(numbers.values()))
+    return figure
+'''
+
+COMMAND = '''"""`holdfast count-words`: the words of a text."""
+
+import click
+
+
+@click.command("count-words")
+@click.argument("text")
+def command(text):
+    """Count the words of TEXT."""
+    click.echo(f"{len(text.split())} words")
+'''
+
+SET = '''"""An ellipse: bounded speeds along two axes that are not free of each other."""
+
+from dataclasses import dataclass
+
+import sympy as sp
+
+from holdfast.maths.definitions.sets.base import Bounds
+from holdfast.maths.expressions.functions import least
+
+
+@dataclass(frozen=True)
+class Ellipse(Bounds):
+    """sum_i (u_i / a_i)^2 <= 1"""
+
+    axes: tuple
+
+    @property
+    def dimension(self):
+        return len(self.axes)
+
+    @property
+    def free_symbols(self):
+        return set().union(*(sp.sympify(a).free_symbols for a in self.axes))
+
+    def at(self, parameters):
+        return Ellipse(tuple(sp.sympify(a).subs(parameters) for a in self.axes))
+
+    def contains(self, values, slack=1e-9):
+        return sum((v / float(a)) ** 2 for v, a in zip(values, self.axes)) <= 1 + slack
+
+    def saturate(self, values):
+        size = sp.sqrt(sum((v / a) ** 2 for v, a in zip(values, self.axes)))
+        share = least(1, 1 / (size + sp.Float(1e-300)))
+        return tuple(share * v for v in values)
+
+    def support(self, weights, sign):
+        size = sp.sqrt(sum((w * a) ** 2 for w, a in zip(weights, self.axes)))
+        best = [sign * w * a**2 / (size + sp.Float(1e-300)) for w, a in zip(weights, self.axes)]
+        return sign * size, best
+'''
+
+VEHICLE = """
+title = "a delivery van"
+system = "car"
+[parameters]
+wheelbase = { value = 3.2, unit = "m", source = "data sheet" }
+"""
+
+REGION = '''"""Gently: the speed and the acceleration are bounded."""
+
+from holdfast.arguments import checked
+from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
+from holdfast.maths.definitions.region import Inequality, Region
+
+
+@checked
+def gentle(acceleration_limit: float = 0.5) -> Region:
+    """|u| <= 1 m/s, |tau_u| / m <= acceleration_limit, of 5.4 kg."""
+    speed, force, most = (symbol(n) for n in ("u", "tau_u", "acceleration_limit"))
+    return Region(
+        name="gentle",
+        reads=(Quantity("u", "m/s"), Quantity("tau_u", "N")),
+        inequalities=(
+            Inequality("fast", abs(speed) - 1, "m/s"),
+            Inequality("acceleration", abs(force) / 5.4 - most, "m/s^2"),
+        ),
+        parameters=(Parameter("acceleration_limit", "m/s^2", "most", value=acceleration_limit),),
+        description="a gentle ride",
+        source="test",
+    )
+'''
+
+ADDED = {
+    "a finite-difference scheme of kernels": {
+        "execution/level_set/schemes/plain.py": SCHEME,
+    },
+    "a kind of scenario": {
+        "scenario/kinds/count.py": KIND,
+        "presentation/figures/bars.py": FIGURE,
+    },
+    "a set of bounds": {"maths/definitions/sets/ellipse.py": SET},
+    "a vehicle, of any system": {"vehicles/van.toml": VEHICLE},
+    "a command": {"commands/count_words.py": COMMAND},
+    "a figure": {"presentation/figures/bars.py": FIGURE, "scenario/kinds/count.py": KIND},
+    "a constraint on an input or an acceleration": {
+        "maths/catalogue/regions/gentle.py": REGION,
+        "maths/catalogue/regions/__init__.py": (
+            "from holdfast.maths.catalogue.regions.inspection_goal import inspection_goal\n",
+            "from holdfast.maths.catalogue.regions.gentle import gentle\n"
+            "from holdfast.maths.catalogue.regions.inspection_goal import inspection_goal\n",
+        ),
+    },
+}
+"""Row of the page -> the files that are new or changed."""
+
+USED = """
+import json, sys
+from pathlib import Path
+import numpy as np
+import holdfast as hf
+from holdfast.maths.definitions.sets.ellipse import Ellipse
+
+assert Path(hf.__file__).is_relative_to(Path.cwd()), hf.__file__
+x, y, u, w = (hf.symbol(n) for n in "xyuw")
+said = {}
+
+# the scheme, beside the one that it equals, and the set of bounds, beside a ball and a box
+plane = (hf.Quantity("x", "m"), hf.Quantity("y", "m"))
+inputs = (hf.Quantity("u", "m/s"), hf.Quantity("w", "m/s"))
+def craft(bounds):
+    return hf.System("craft", plane, inputs, {"x": u, "y": w}, input_bounds=bounds)
+goal = hf.Region("goal", plane, (hf.Inequality("near", x**2 + y**2 - 0.01, "m"),))
+oval = craft(Ellipse((1.0, 0.5)))
+grid = hf.grid(oval, {"x": (-2, 2), "y": (-2, 2)}, 61, {"x": "extrapolated", "y": "extrapolated"})
+values = {
+    scheme: hf.backward_reachable_tube(oval, goal, grid, 1.0, scheme=scheme)
+    for scheme in ("plain", "upwind", "weno5")
+}
+said["scheme"] = float(np.abs(values["plain"].values() - values["upwind"].values()).max())
+tips = [[1.0, 0.0], [0.0, 0.5], [0.7, 0.7 * 0.5]]
+said["inside"] = values["weno5"].contains([[0.95 * a, 0.95 * b] for a, b in tips]).tolist()
+said["outside"] = values["weno5"].contains([[1.3 * a + 0.1, 1.3 * b + 0.1] for a, b in tips]).tolist()
+full = hf.Law("full", plane, {"u": 3 * u**0, "w": 3 * u**0})
+run = hf.simulate(oval, full, starts=[[0.0, 0.0]], horizon=1.0).dataset["state"].values[0, -1]
+said["end"] = run.tolist()
+inside = hf.Region("left", plane, (hf.Inequality("wall", x - 1, "m"),))
+said["map"] = "refused"
+try:
+    hf.regulation_map(oval, inside, [1.0, 0.0])
+except hf.HoldfastError as error:
+    said["map"] = str(error)
+
+said["van"] = hf.load_vehicle("van").parameters[0].value
+
+# the constraint: the thrust is a state, and the acceleration that it gives is bounded
+marine = hf.systems.marine_vehicle()
+vehicle = hf.dynamic_extension(marine, ("tau_u", "tau_r"), hf.Box((-9, -9), (9, 9)))
+gentle = hf.both(hf.regions.gentle(), hf.input_limits(marine))
+said["gentle"] = [c.name for c in gentle.inequalities]
+push = hf.Law("push", vehicle.states, {"tau_u_rate": 9 * u**0, "tau_r_rate": 0 * u})
+start = [[0.0] * 8]
+for name, law in (("free", push), ("filtered", hf.safeguard(vehicle, push, hf.regions.gentle(), gains=(2.0, 8.0)))):
+    run = hf.simulate(vehicle, law, starts=start, horizon=0.5, region=gentle).dataset["state"]
+    said[name] = float(run.sel(state_name="tau_u").max()) / 5.4
+print(json.dumps(said))
+"""
+
+COUNT = '[scenario]\ntitle = "t"\nkind = "count"\n[count]\na = 1\nb = 2\n'
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory):
+    """A folder with a copy of the package, in which one of each is added."""
+    folder = tmp_path_factory.mktemp("copy")
+    shutil.copytree(
+        ROOT / "src" / "holdfast", folder / "holdfast", ignore=shutil.ignore_patterns("__pycache__")
+    )
+    for files in ADDED.values():
+        for name, text in files.items():
+            path = folder / "holdfast" / name
+            if isinstance(text, tuple):
+                old, new = text
+                assert old in path.read_text("utf-8")
+                text = path.read_text("utf-8").replace(old, new)
+                text = re.sub(r"ALL = \(\n", "ALL = (\n    gentle,\n", text)
+            path.write_text(text, "utf-8")
+    return folder
+
+
+def called(folder, *arguments):
+    environment = {**os.environ, "PYTHONPATH": str(folder), "HOLDFAST_CACHE_DIR": str(folder / "c")}
+    (folder / "c").mkdir(exist_ok=True, mode=0o700)
+    return subprocess.run(
+        [sys.executable, *arguments], cwd=folder, env=environment, capture_output=True, text=True
+    )
+
+
+@pytest.mark.parametrize("row", ADDED)
+def test_page_names_as_many_files_as_it_takes(row):
+    (line,) = [line for line in PAGE.splitlines() if line.startswith(f"| {row} |")]
+    assert line.rstrip("| ").endswith(f"| {len(ADDED[row])}")
+
+
+def test_scheme_set_vehicle_and_constraint_are_used(package):
+    done = called(package, "-c", USED)
+    assert done.returncode == 0, done.stderr[-2000:]
+    said = json.loads(done.stdout.splitlines()[-1])
+    assert said["scheme"] < 1e-12  # first differences are upwind ones
+    assert said["inside"] == [True] * 3
+    assert said["outside"] == [False] * 3
+    assert said["end"] == pytest.approx([3 / (9 + 36) ** 0.5, 3 / (9 + 36) ** 0.5], abs=1e-6)
+    assert "an ellipse, which is not a polytope" in said["map"]
+    assert said["van"] == 3.2
+    assert said["gentle"][:2] == ["fast", "acceleration"]
+    assert len(said["gentle"]) == 6
+    assert said["free"] == pytest.approx(4.5 / 5.4, rel=0.01)
+    assert 0.3 < said["filtered"] <= 0.5
+
+
+def test_command_kind_and_figure_are_used(package):
+    done = called(package, "-m", "holdfast", "count-words", "one two three")
+    assert (done.returncode, done.stdout) == (0, "3 words\n")
+    assert "count-words" in called(package, "-m", "holdfast", "--help").stdout
+    (package / "count.toml").write_text(COUNT)
+    done = called(package, "-m", "holdfast", "run", "count.toml", "--out", "out")
+    assert (done.returncode, done.stdout) == (0, "total 3\n"), done.stderr
+    assert json.loads((package / "out" / "summary.json").read_text()) == {"total": 3.0}
+    assert (package / "out" / "bars.png").stat().st_size > 1000
+    (package / "count.toml").write_text(COUNT.replace("a = 1", "a = -9"))
+    done = called(package, "-m", "holdfast", "run", "count.toml", "--out", "out", "--no-figures")
+    assert done.returncode == 1
+    assert "the total is not above 0" in done.stderr
