@@ -209,13 +209,13 @@ def test_values_are_read(text, values, unit):
         ("k=1:2:1", "at least 2.*--set"),
         ("k=1:2:2.5", "whole number"),
         ("k=0:2:3:log", "no logarithm"),
-        ("k=a:2:3", "'a' is no number"),
-        ("k=1:inf:3", "'inf' is no number"),
-        ("k=1:nan:3", "'nan' is no number"),
+        ("k=a:2:3", "'a' is not a number"),
+        ("k=1:inf:3", "'inf' is not a number"),
+        ("k=1:nan:3", "'nan' is not a number"),
         ("k=1e999:2:3", "no number"),
         ("k=1 m:2 deg:3", "expected one unit"),
         ("k=1,1", "twice"),
-        ("k=1,,2", "'' is no number"),
+        ("k=1,,2", "'' is not a number"),
     ],
 )
 def test_values_that_are_none_are_refused(text, complaint):

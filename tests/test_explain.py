@@ -179,7 +179,7 @@ HOLONOMIC = ROWS_ALONE.replace('"-sin(psi)", y = "cos(psi)"', '"1 + x", y = "y"'
         (["tractor_trailer", "--set", "trailers=3", "--limit", "0.1"], "longer than 0.1 s; allow"),
         (["unicycle", "--limit", "-1"], "Invalid value"),
         (["unicycle", "--limit", "inf"], "Invalid value"),
-        (["unicycle", "--limit", "nan"], "nan is no number"),
+        (["unicycle", "--limit", "nan"], "nan is not a number"),
         (["unicycle", "--markdown", "/proc/none/page.md"], "choose another with --markdown"),
         (["holonomic.toml"], "1 of its 1 constraints can be integrated (row 1 on its own)"),
         (["empty.toml"], "no table [system]"),

@@ -322,7 +322,7 @@ def test_velocities_that_vary_with_the_value_itself_have_no_known_rate(files):
     optimal = safety_law(kernel.scenario.system, value)
     system = kernel.scenario.system
     smooth = replace(optimal, outputs={"v": optimal.lookup.slopes[0]})
-    with pytest.raises(DefinitionError, match="varies with what it looks up"):
+    with pytest.raises(DefinitionError, match="varies with its lookup table"):
         hf.track_velocity(system, smooth, {"v": 1.0})
 
 

@@ -48,7 +48,7 @@ def test_wrong_units_and_non_numbers_are_refused(value, unit, complaint):
 
 def test_a_unit_that_is_none_is_refused():
     check_unit("N m s")
-    with pytest.raises(UnitError, match="'flurb' is no unit"):
+    with pytest.raises(UnitError, match="'flurb' is not a unit"):
         check_unit("flurb")
 
 

@@ -178,7 +178,7 @@ def test_shapes_stand_in_every_panel():
         ({"plane": ("x", "z")}, r"the plane is \(x, z\); expected two of the states x, y, psi"),
         ({"plane": ("x", "x")}, "expected two of the states"),
         ({"plane": ("x", "y"), "at": {"x": 0}}, "expected two of the states y, psi"),
-        ({"at": {"heading": 0}}, "'heading' is no state; allowed: psi, x, y"),
+        ({"at": {"heading": 0}}, "'heading' is not a state; allowed: psi, x, y"),
         ({"at": {"x": 0, "y": 0, "psi": 0}}, "the states left to draw are: none"),
         ({"at": {"x": [0, 1], "y": [0, 1]}}, "several values of at most one other"),
         ({"others": {"safe set": ball("x", "y")}}, "'safe set' is a value function of x, y"),

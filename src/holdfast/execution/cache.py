@@ -112,7 +112,7 @@ def _make_private(path: Path) -> None:
     for place in reversed((path, *path.parents)):
         if not place.exists():
             place.mkdir(mode=0o700, exist_ok=True)
-    path.mkdir(exist_ok=True)  # says so where it is no folder
+    path.mkdir(exist_ok=True)  # says so where it is not a folder
 
 
 @cache

@@ -59,7 +59,7 @@ def disturbance_margin(
     (warm_start; `solve.solve`). A kernel for a horizon cannot be found that way, and schemes of
     higher order may come to rest above the kernel: they begin with the region.
 
-    Raises `ScenarioError` for a scenario that is no kernel and a key that is no number.
+    Raises `ScenarioError` for a scenario that is not a kernel and a key that is not a number.
     """
     changes = list(overrides)
     file, text, data = read_tables(scenario, changes)

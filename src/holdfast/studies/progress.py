@@ -50,7 +50,7 @@ def _line(what: str, fraction: float, elapsed: float) -> str:
 def bar(first: str) -> Iterator[Callable[[str, float], None]]:
     """A bar, and the function that tells it what is worked on and the finished fraction.
 
-    A line a minute where it is no terminal that standard error goes to.
+    A line a minute where it is not a terminal that standard error goes to.
     """
     with _bar(first) as shown:
         begun = written = time.monotonic()

@@ -69,7 +69,7 @@ def find_knob(own: Scenario | KernelScenario, data: Mapping[str, Any], name: str
 
 
 def check_number(own: Scenario | KernelScenario, data: Mapping[str, Any], knob: Knob) -> float:
-    """Its value in the scenario; `ScenarioError` where there is no number."""
+    """Its value in the scenario; `ScenarioError` where there is not a number."""
     if knob.own is not None:
         return knob.own
     table: Any = data
@@ -79,7 +79,7 @@ def check_number(own: Scenario | KernelScenario, data: Mapping[str, Any], knob: 
         known = [CURRENT, *(key for key, _ in _numbers(data, ""))]
         raise ScenarioError(f"{own.file}: no key '{knob.key}'", remedy=suggestion(knob.key, known))
     raise ScenarioError(
-        f"{own.file}: {knob.key}: {table!r} is no number", expected="the key of a number"
+        f"{own.file}: {knob.key}: {table!r} is not a number", expected="the key of a number"
     )
 
 

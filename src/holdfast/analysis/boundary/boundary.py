@@ -91,7 +91,7 @@ class Boundary:
         for j in active:
             if any(abs(out[0, k]) <= self.tolerance for k in self._ties[j]):
                 raise SimulationError(
-                    f"'{self.conditions[j].name}' has a kink here that is no intersection of "
+                    f"'{self.conditions[j].name}' has a kink here that is not an intersection of "
                     "half-spaces: its cone may be a union",
                     remedy="ask at a state beside this one",
                 )

@@ -72,7 +72,7 @@ def check_viability(
     whole("seed: ", seed, 0)
     for name, sides in box.items():
         if name not in names:
-            raise SimulationError(f"'{name}' is no state", remedy=suggestion(name, names))
+            raise SimulationError(f"'{name}' is not a state", remedy=suggestion(name, names))
         if len(sides) != 2:
             raise SimulationError(f"the box of '{name}' is {sides!r}", expected="lowest, highest")
     low, high = (np.array([box.get(n, (0.0, 0.0))[i] for n in names], float) for i in (0, 1))

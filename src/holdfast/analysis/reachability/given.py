@@ -12,7 +12,7 @@ from holdfast.errors import SimulationError
 
 
 def as_number(value: object) -> float | None:
-    """The value as a float; None for what is no number, such as True, "3" or a list."""
+    """The value as a float; None for what is not a number, such as True, "3" or a list."""
     if isinstance(value, sp.Expr):
         return float(value) if value.is_number and value.is_extended_real else None
     if isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool):
@@ -21,7 +21,7 @@ def as_number(value: object) -> float | None:
 
 
 def number(what: str, value: object, expected: str, holds: Callable[[float], bool]) -> float:
-    """The value as a float, refused where it is no number or `holds` is not true of it.
+    """The value as a float, refused where it is not a number or `holds` is not true of it.
 
     A NaN is refused as no comparison is true of it.
     """

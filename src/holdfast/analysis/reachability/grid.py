@@ -124,7 +124,7 @@ def grid(
         for name in table:
             if name not in names:
                 raise SimulationError(
-                    f"{what} of '{name}', which is no state", remedy=suggestion(name, names)
+                    f"{what} of '{name}', which is not a state", remedy=suggestion(name, names)
                 )
     return Grid(tuple(_axis(q, box, nodes, ends.get(q.name)) for q in system.states))
 

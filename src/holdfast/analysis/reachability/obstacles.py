@@ -69,7 +69,7 @@ class Obstacles:
         own, *others = (margin(time) for margin in self.margins)
         if any(np.isnan(m.min()) for m in (own, *others)):
             raise SimulationError(
-                "the margin of a region is no number at some nodes of the grid",
+                "the margin of a region is not a number at some nodes of the grid",
                 remedy="take an interval on which its inequalities are defined",
             )
         kept = posed.problem.limit == "shrink"

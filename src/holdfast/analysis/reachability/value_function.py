@@ -149,7 +149,7 @@ class ValueFunction:
     def inner(self) -> ValueFunction:
         """The set less the cells by which it may be off, by the estimate of a coarser grid.
 
-        Needs `estimate_error` of the march; see `analysis.inner`. An estimate is no proof.
+        Needs `estimate_error` of the march; see `analysis.inner`. An estimate is not a proof.
         """
         return inner(self)
 
@@ -197,7 +197,9 @@ class ValueFunction:
         for axis in self.grid.axes:
             if axis.name == name:
                 return axis
-        raise SimulationError(f"'{name}' is no axis", expected="one of " + ", ".join(self.names))
+        raise SimulationError(
+            f"'{name}' is not an axis", expected="one of " + ", ".join(self.names)
+        )
 
     def _points(self, states: npt.ArrayLike) -> Array:
         points = np.ascontiguousarray(np.atleast_2d(np.asarray(states, dtype=np.float64)))

@@ -31,7 +31,7 @@ class Entry:
     def with_more(self, other: Entry) -> Entry:
         """The number of these runs and those."""
         first, second = self.first + other.first, self.second + other.second
-        if self.rule in ("most", "least"):  # what is no number stays none
+        if self.rule in ("most", "least"):  # what is not a number stays none
             chosen = np.maximum if self.rule == "most" else np.minimum
             first = float(chosen(self.first, other.first))
         return Entry(self.rule, first, second, self.unit, self.meaning)

@@ -50,7 +50,7 @@ def write_netcdf(dataset: xr.Dataset, path: str | Path) -> Path:
 def read_netcdf(path: str | Path) -> xr.Dataset:
     """All of the file, which is closed again; what is wrong with a damaged one, readers say.
 
-    Of a file that is not ours the attributes alone. Raises `HoldfastError` for what is no file, and
+    Of a file that is not ours the attributes alone. Raises `HoldfastError` for what is not a file, and
     for what does not fit into memory.
     """
     check_file(path)

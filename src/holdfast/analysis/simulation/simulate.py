@@ -77,7 +77,7 @@ def simulate(
     chosen = Settings(horizon=horizon, **settings)
     for name in reference or {}:
         if name not in system.state_names:
-            raise SimulationError(f"reference of '{name}', which is no state", key="reference")
+            raise SimulationError(f"reference of '{name}', which is not a state", key="reference")
     given = {k: sp.sympify(v) for k, v in (disturbance or {}).items()}
     for name in given:
         if name not in system.disturbance_names:

@@ -58,7 +58,7 @@ def initial_states(
             for name in given:
                 if name not in names:
                     raise SimulationError(
-                        f"'{name}' is no state of system '{system.name}'",
+                        f"'{name}' is not a state of system '{system.name}'",
                         remedy=suggestion(name, names),
                     )
         fixed = np.array([[s.get(n, 0.0) for n in names] for s in starts.states], dtype=float)

@@ -36,7 +36,7 @@ def station_statistics(
     names = [str(n) for n in data["state_name"].values]
     missing = [n for n in ("x", "y", "psi") if n not in names]
     if missing:
-        raise SimulationError(f"there is no state '{missing[0]}'", expected="x, y and psi")
+        raise SimulationError(f"there is not a state '{missing[0]}'", expected="x, y and psi")
     time = data["time"].values
     tail = time >= settled
     if not tail.any():

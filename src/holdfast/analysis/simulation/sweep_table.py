@@ -52,7 +52,7 @@ class Campaign:
     def variable(self, name: str | None = None) -> xr.DataArray:
         """The variable of that name, by default what the campaign is about.
 
-        Raises `OutputError` for a name that there is not, or that is no number of a cell.
+        Raises `OutputError` for a name that there is not, or that is not a number of a cell.
         """
         known = [str(n) for n in self.dataset.data_vars if n not in TEXTS]
         if name is None:

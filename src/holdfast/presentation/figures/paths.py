@@ -47,7 +47,7 @@ def paths_figure(
     names = [str(n) for n in data["state_name"].values]
     for name in plane:
         if name not in names:
-            raise OutputError(f"'{name}' is no state", remedy=suggestion(name, names))
+            raise OutputError(f"'{name}' is not a state", remedy=suggestion(name, names))
     columns = [names.index(n) for n in plane]
     states = data["state"].values
     xy = states[:, :, columns]

@@ -41,7 +41,7 @@ def look_at(
     at = dict(at or {})
     for name in at:
         if name not in value.names:
-            raise OutputError(f"'{name}' is no state", remedy=suggestion(name, value.names))
+            raise OutputError(f"'{name}' is not a state", remedy=suggestion(name, value.names))
     given = {n: float(v) for n, v in at.items() if not isinstance(v, Sequence | np.ndarray)}
     several = {n: [float(x) for x in v] for n, v in at.items() if n not in given}  # type: ignore[union-attr]
     free = [n for n in value.names if n not in at]

@@ -38,7 +38,7 @@ def margin_figure(
     0 to 1; threshold: at or below this share a kernel counts as empty. The limit lies between the
     largest bound that leaves a kernel and the least that leaves none (shaded). name: of the
     disturbance or its bound. answers: of every bound, where the shares do not tell them. keeps: the
-    question is whether states are kept; the share where they are not, is no number, and no matter.
+    question is whether states are kept; the share where they are not, is not a number, and no matter.
 
     Raises `OutputError` unless there are as many shares as bounds, and at least one of each.
     """

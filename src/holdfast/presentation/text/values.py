@@ -61,7 +61,7 @@ def value_text(
     elif promised and said["empty"]:
         lines += [
             "",
-            "  promise        none: the set is empty, and there is no state to start from",
+            "  promise        none: the set is empty, and there is not a state to start from",
         ]
     if files:
         folder = files[0].parent

@@ -271,7 +271,7 @@ class Composer:
         for name in wanted:
             if name not in known:
                 raise ScenarioError(
-                    f"{self.file}: law.reads: '{name}' is no state, disturbance or measurement",
+                    f"{self.file}: law.reads: '{name}' is not a state, disturbance or measurement",
                     remedy=suggestion(name, known),
                 )
         return tuple(known[name] for name in wanted)

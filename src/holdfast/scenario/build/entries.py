@@ -27,7 +27,7 @@ def catalogue_entry(
 ) -> Any:
     """The catalogue entry that the table names, built with the table's parameters.
 
-    Arguments that are no numbers (a vehicle, a dimension, a list of poles) go to it as they
+    Arguments that are not numbers (a vehicle, a dimension, a list of poles) go to it as they
     are. A parameter `known` from elsewhere keeps its value unless given. `leading` is what the
     entry is built on, by default the system where it asks for it. Raises `ScenarioError`.
     """

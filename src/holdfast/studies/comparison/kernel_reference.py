@@ -74,7 +74,7 @@ class Judge:
 
 
 def composed_judge(file: str, spec: ScenarioSpec) -> Judge | None:
-    """[compare] kernel and margin; `ScenarioError` for what is no kernel of this system."""
+    """[compare] kernel and margin; `ScenarioError` for what is not a kernel of this system."""
     given = spec.compare
     if given.kernel is None:
         if given.margin is not None:

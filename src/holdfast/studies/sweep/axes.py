@@ -78,7 +78,7 @@ def _values(text: str, parts: Sequence[str]) -> tuple[list[float], str]:
     for part in parts:
         number, unit = split(part) or (math.nan, "")
         if not math.isfinite(number):
-            raise ScenarioError(f"--over {text}: '{part}' is no number", expected=EXPECTED)
+            raise ScenarioError(f"--over {text}: '{part}' is not a number", expected=EXPECTED)
         found.append(number)
         if unit:
             units.add(unit)

@@ -19,7 +19,7 @@ from holdfast.scenario.load import Scenario, scenario_of
 class Part:
     """The runs first..last-1 of the scenario of these tables, with the settings of a cell.
 
-    last = 0: the scenario is no batch of runs. code: the digest of the holdfast that asks;
+    last = 0: the scenario is not a batch of runs. code: the digest of the holdfast that asks;
     threads: 0 for one a core.
     """
 

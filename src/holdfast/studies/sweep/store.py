@@ -67,7 +67,7 @@ class Store:
 def store(path: Path | None, campaign: str) -> Iterator[Store]:
     """The store in that file, or in memory.
 
-    Raises `OutputError` where the file cannot be written, is no store, or the disk is full.
+    Raises `OutputError` where the file cannot be written, is not a store, or the disk is full.
     """
     shown = path if path is not None else ":memory:"
     try:

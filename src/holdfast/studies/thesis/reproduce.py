@@ -255,7 +255,7 @@ def _leaf(said: object, where: str) -> float:
             raise ScenarioError(f"there is no '{name}'", expected=", ".join(map(str, known)))
         said = found
     if not isinstance(said, int | float):
-        raise ScenarioError(f"{said!r} is no number")
+        raise ScenarioError(f"{said!r} is not a number")
     return float(said)
 
 
