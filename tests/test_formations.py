@@ -79,7 +79,7 @@ def test_rule_of_the_thesis_with_the_exact_circle_is_safe_too():
     result = scenario.run()
     assert result.outcomes["reached goal"] == 1
     assert max(worst(result).values()) < 0
-    with pytest.raises(ScenarioError, match="is no right angle"):
+    with pytest.raises(ScenarioError, match="the corner is not a right angle"):
         load_scenario("ch6-polygons", ["leader.rule=tangent"])
     with pytest.raises(ScenarioError, match="above the distance"):
         load_scenario("ch6-corridor", ["leader.rule=tangent"])

@@ -242,7 +242,7 @@ def with_kernel(files, folder, march):
 def test_kernel_that_has_not_converged_judges_no_longer_run(files, tmp_path):
     path = with_kernel(files, tmp_path, "{ horizon = 1, forever = false }")
     found = hf.compare(path, ["other"], ["weak"], runs=5)
-    assert "is one for 1 s, and the run takes 10 s" in found.unjudged["weak"]
+    assert "is valid for 1 s, but the run takes 10 s" in found.unjudged["weak"]
     found = hf.compare(path, ["other"], ["weak"], runs=5, overrides=["run.horizon=1"])
     assert found.references["weak"].horizon == 1.0
 

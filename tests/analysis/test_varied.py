@@ -752,7 +752,7 @@ horizon = 1
     [
         (["varied.draws.port=[0, 0]"], "'port' is a state, an input, an actuator"),
         (["varied.draws.speeed=[0, 1]"], "nothing depends on it; did you mean"),
-        (["plant.mass=6", "varied.plant.mass='mass*1.5'"], "varied, and given a number too"),
+        (["plant.mass=6", "varied.plant.mass='mass*1.5'"], "both varied and given a number"),
     ],
 )
 def test_scenario_that_varies_what_it_may_not_is_refused(changes, complaint):

@@ -147,7 +147,10 @@ def test_laws_that_believe_different_things_are_refused():
         ("redesign.goal={x='psi'}", "redesign.goal.x: psi is not a number"),
         ("redesign.goal={z=0}", "redesign: goal of 'z'"),
         ("redesign.layers.too_far=[-0.03, -0.1]", "cmax < cmin < 0"),
-        ("redesign.as_printed=['face']", "'face' is no part of this redesign; allowed: back_off"),
+        (
+            "redesign.as_printed=['face']",
+            "'face' is not a part of this redesign; allowed: back_off",
+        ),
         ("redesign.as_printed=1", "redesign.as_printed"),
     ],
 )

@@ -1,7 +1,7 @@
-"""Tables of a scenario file to systems, laws and regions.
+"""Systems, laws and regions from the tables of a scenario file.
 
 A table that names a catalogue entry gives its parameters; a table with expressions defines
-an entry of its own. Every refusal names the file and the key.
+an entry of its own. Every error names the file and the key.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ Names = dict[str, sp.Expr]
 
 @dataclass
 class Composer:
-    """What has been declared so far while one file is read."""
+    """The names declared so far while one file is read."""
 
     file: str
     known: dict[str, Parameter] = field(default_factory=dict)
@@ -206,7 +206,7 @@ class Composer:
         return Box(tuple(low), tuple(high))
 
     def scope(self) -> Names:
-        """States, what is measured of them, time and every parameter declared so far."""
+        """States, measurements, time and every parameter declared so far."""
         names: Names = {q.name: q.symbol for q in self.states}
         measured = self.system_built.measurements if self.system_built else ()
         names |= {m.name: m.expression for m in measured}
@@ -226,7 +226,7 @@ class Composer:
         spec = validated(LawSpec, table, self.file, "law")
         self.declare((*self._parameters(spec.parameters, "law"), *self.drawn.values()))
         reads = self._reads(spec.reads)
-        scope = self.scope() | {q.name: q.symbol for q in reads}  # and all that it measures
+        scope = self.scope() | {q.name: q.symbol for q in reads}  # and all its measurements
         names = self._with_definitions(spec.definitions, scope, "law")
         signals = self._parsed(spec.signals, names, "law.signals")
         if (spec.outputs is None) == (spec.modes is None):
@@ -284,7 +284,7 @@ class Composer:
         names: Names,
         reads: tuple[Quantity, ...] | None = None,
     ) -> Law:
-        """A law given by outputs and definitions alone."""
+        """A law given only by outputs and definitions."""
         names = self._with_definitions(spec.definitions, names, key)
         return Law(
             name=name,
