@@ -98,7 +98,7 @@ def test_relative_degree_counts_how_often_an_output_is_differentiated():
 
 def test_choice_of_the_moment_is_reported_and_taken():
     ndi = hf.systems.nonholonomic_integrator()
-    assert "That choice is the designer's" in hf.explain(ndi).text()
+    assert "The designer chooses p" in hf.explain(ndi).text()
     given = hf.explain(ndi, [0, 1, 0])
     assert "p is the one given" in given.text()
     assert given.structure.moment == (0, 1, 0)

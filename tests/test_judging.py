@@ -142,7 +142,7 @@ def test_without_a_goal_to_be_rescued_is_to_stay(found):
     text = comparison_text(found)
     assert "rescued" not in text
     assert "detour" not in text
-    assert f"{found.references['weak'].inside.sum()} starts can be kept for ever, and" in text
+    assert f"{found.references['weak'].inside.sum()} starts inside (for ever), " in text
     assert max(map(len, text.splitlines())) < 130
 
 
@@ -154,7 +154,7 @@ def test_with_a_goal_the_starts_that_can_be_kept_are_to_be_brought_there(files):
     assert (kept.count, kept.total) == ((t.rescued & inside).sum(), inside.sum())
     assert 0 < kept.count < t.viable[inside].sum()
     text = comparison_text(found)
-    for column in ("viable", "rescued", "of those that can", "of those that cannot", "detour"):
+    for column in ("viable", "rescued", "inside kernel", "outside kernel", "detour"):
         assert f"{column}   " in text
 
 
@@ -163,8 +163,8 @@ def test_figure_marks_the_starts_that_can_be_kept(found):
     figure.canvas.draw()
     labels = [t.get_text() for t in figure.legends[0].get_texts()]
     assert labels == [
-        "motor off", "filter", "viable, with interval", "of those that can be kept, with interval",
-        "of those that cannot",
+        "motor off", "filter", "viable, with interval", "of starts inside the kernel, with interval",
+        "of starts outside the kernel",
     ]  # fmt: skip
     plt.close(figure)
 
@@ -202,7 +202,7 @@ def test_case_that_the_kernel_cannot_follow_is_left_out_with_the_reason(files, c
     assert list(found.references) == ["weak"]
     assert reason in found.unjudged["other"]
     assert found.of_kernel("loop", "other") is None
-    assert f"no kernel to judge by: {found.unjudged['other']}" in comparison_text(found)
+    assert f"no reference kernel: {found.unjudged['other']}" in comparison_text(found)
 
 
 @pytest.mark.parametrize(

@@ -321,7 +321,9 @@ def test_search_for_a_given_current_ends_at_the_bounds_of_the_system():
     found = hf.disturbance_margin("ch7-discriminating", overrides=few)
     assert found.low == max(t.value for t in found.trials) == 0.5
     assert found.high is None
-    assert "nothing is lost up to 0.5 m/s, where the bounds of the system end" in margin_text(found)
+    assert "nothing is lost up to 0.5 m/s, the largest value within the bounds" in margin_text(
+        found
+    )
     few.append("system.current_limit=2")
     found = hf.disturbance_margin("ch7-discriminating", overrides=few)
     assert max(t.value for t in found.trials) > 1.0

@@ -179,7 +179,7 @@ def test_shapes_stand_in_every_panel():
         ({"plane": ("x", "x")}, "expected two of the states"),
         ({"plane": ("x", "y"), "at": {"x": 0}}, "expected two of the states y, psi"),
         ({"at": {"heading": 0}}, "'heading' is not a state; allowed: psi, x, y"),
-        ({"at": {"x": 0, "y": 0, "psi": 0}}, "the states left to draw are: none"),
+        ({"at": {"x": 0, "y": 0, "psi": 0}}, "the states to draw are: none"),
         ({"at": {"x": [0, 1], "y": [0, 1]}}, "several values of at most one other"),
         ({"others": {"safe set": ball("x", "y")}}, "'safe set' is a value function of x, y"),
     ],

@@ -1,4 +1,4 @@
-"""The paths in the plane, with what stands in it: wall, target, field of view, goals."""
+"""Paths in the plane, with the scene: wall, target, field of view, goals."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def _limits(xy: Array, result: Result) -> tuple[tuple[float, float], tuple[float
 
 
 def _thinned(path: Array, most: int = _MAX_POINTS) -> Array:
-    """At most so many points, evenly spaced along the path."""
+    """At most `count` points, evenly spaced along the path."""
     path = path[np.isfinite(path).all(axis=1)]
     if len(path) <= most:
         return path
@@ -242,7 +242,7 @@ def _draw_views(
 
 
 def _outline(view: Cone | Footprint, values: Values) -> Patch | None:
-    """What is seen there, or None where it has no shape."""
+    """The visible area there, or None if the scene has no such shape."""
     x, y, heading = evaluated((*view.apex, view.heading), values)
     if isinstance(view, Cone):
         half, reach = evaluated((view.half_angle, view.range), values)
