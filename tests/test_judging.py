@@ -189,7 +189,7 @@ def test_numbers_of_the_judgement_are_in_the_file(files, tmp_path):
     ("change", "reason"),
     [
         ("varied.draws.push=[0, 1]", "varied from run to run"),
-        ("plant.a_max=2", "not the one of [system]"),
+        ("plant.a_max=2", "not that of [system]"),
         ("region.constraints.right.expression=x - 0.8", "another region"),
     ],
 )
@@ -271,7 +271,7 @@ def test_start_beyond_the_grid_is_neither_kept_nor_given_up():
         ("compare.kernel=value.nc", "is a viability-kernel or a discriminating-kernel"),
         ("compare.margin=-1", "at least 0"),
         ("compare.margin=2 s", "the unit 's' does not fit"),
-        ("compare.kernel=", "there is no compare.kernel"),
+        ("compare.kernel=", "needs compare.kernel"),
         ("kernels.ch7-hold-goal.grid.nodes=11", "names this kernel"),
     ],
 )

@@ -167,5 +167,7 @@ def test_samples_that_cannot_be_used_are_refused():
     ):
         hf.hamiltonian(both, samples=21)
     free = system((sp.cos(H), Y), ("h",), hf.Box((-sp.oo,), (sp.oo,)))
-    with pytest.raises(DefinitionError, match=r"unbounded; expected finite bounds; say what"):
+    with pytest.raises(
+        DefinitionError, match=r"unbounded; expected finite bounds; give the largest"
+    ):
         hf.hamiltonian(free, samples=9)

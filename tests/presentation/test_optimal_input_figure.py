@@ -88,7 +88,7 @@ def test_other_states_are_held_and_said():
     x, y = np.meshgrid(*(a.nodes for a in whole.grid.axes[:2]), indexing="ij")
     figure = hf.optimal_input_figure(whole, {"u": x}, (x, y), at={"z": 0.5})
     assert figure.get_suptitle().endswith("$z$ = 0.5 m")
-    with pytest.raises(OutputError, match="left to draw are not two; expected a plane"):
+    with pytest.raises(OutputError, match="number of states to draw is not two; expected a plane"):
         hf.optimal_input_figure(whole, {"u": x}, (x, y))
 
 

@@ -1,4 +1,4 @@
-"""One part of a cell: what a process does, here or on a cluster."""
+"""One part of a sweep's cell: the work of a process, local or on a cluster."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from holdfast.scenario.load import Scenario, scenario_of
 class Part:
     """The runs first..last-1 of the scenario of these tables, with the settings of a cell.
 
-    last = 0: the scenario is not a batch of runs. code: the digest of the holdfast that asks;
-    threads: 0 for one a core.
+    last = 0: the scenario is not a batch of runs. code: the digest of the requesting holdfast;
+    threads: 0 for one per core.
     """
 
     file: str
@@ -41,12 +41,12 @@ _last: tuple[object, Scenario | KernelScenario] | None = None
 def run_part(part: Part) -> dict[str, Any]:
     """{"numbers": a tally as lists, "note": warnings} or {"refused": why}.
 
-    "failed" is there where it was no refusal, but a failure, which may be gone another time.
-    Raises `ScenarioError` where another version of holdfast asks.
+    The key "failed" marks a failure, which may not recur, in contrast to a refusal. Raises
+    `ScenarioError` if the request comes from another version of holdfast.
     """
     if part.code != code_digest():
         raise ScenarioError(
-            "a process of the cluster has another holdfast than the one that asks",
+            "a process of the cluster has another version of holdfast",
             remedy="install the same version everywhere",
         )
     with _one_at_a_time, warnings.catch_warnings(record=True) as heard:
@@ -55,7 +55,7 @@ def run_part(part: Part) -> dict[str, Any]:
             numbers = _numbers(part)
         except HoldfastError as error:
             return {"refused": str(error)}
-        except Exception as error:  # one cell is not to end the others
+        except Exception as error:  # a failing cell must not end the others
             return {"refused": f"{type(error).__name__}: {error}", "failed": True}
     said = [str(w.message) for w in heard if issubclass(w.category, GainWarning)]
     return {"numbers": as_table(numbers), "note": "; ".join(dict.fromkeys(said))}
@@ -68,13 +68,13 @@ def _numbers(part: Part) -> dict[str, Entry]:
     settings = {**scenario.settings, "threads": part.threads}
     if not part.last:
         return tally_of(replace(scenario, settings=settings).run())
-    settings["record_every"] = settings["horizon"]  # the ends are enough
+    settings["record_every"] = settings["horizon"]  # only the end points
     runs = range(part.first, part.last)
     return tally_of(replace(scenario, settings=settings).run(part=runs))
 
 
 def _composed(part: Part) -> Scenario | KernelScenario:
-    """The scenario; the last one is kept, for the next part of the same cell."""
+    """The scenario; the last one is cached, for the next part of the same cell."""
     global _last
     asked = (part.file, repr(part.tables), part.settings, part.runs, part.seed)
     if _last is None or _last[0] != asked:
@@ -84,12 +84,12 @@ def _composed(part: Part) -> Scenario | KernelScenario:
 
 
 def kernel_tally(scenario: KernelScenario, result: KernelResult) -> dict[str, Entry]:
-    """How large the set is, whether the march answered, and how the promise was kept."""
+    """The size of the set, the convergence of the march, and the result of the validation."""
     said = result.value.dataset.attrs
     known = (
         ("fraction", result.value.fraction(), "1", "share of the grid in the set"),
         ("volume", result.value.volume(), "1", "volume of the set"),
-        ("answered", result.answers(scenario), "1", "1 where the set asked for was found"),
+        ("answered", result.answers(scenario), "1", "1 where the requested set was found"),
         ("converged", said["converged"], "1", "1 where nothing changes any more"),
         ("reached", said["reached_s"], "s", "time marched"),
     )
