@@ -206,14 +206,14 @@ def _check_speeds(
     told = {p.name: p.value for p in laws[0].parameters}.get("leader_speed", math.inf)
     turn = max((speed / c.radius for c in corners), default=0.0)
     for value, limit, unit, what in (
-        (speed, told, "m/s", "its follower is told leader_speed ="),
+        (speed, told, "m/s", "its follower assumes leader_speed ="),
         (speed, limits["speed_limit"], "m/s", "it can do"),
         (turn, limits["turn_limit"], "rad/s", "on its arcs; it can do"),
     ):
         if value > limit:
             raise ScenarioError(
                 f"{file}: leader.speed: {value:g} {unit}, {what} {limit:g} {unit}",
-                expected="a slower leader" if what != "its follower is told leader_speed =" else "",
+                expected="a slower leader" if what != "its follower assumes leader_speed =" else "",
             )
 
 

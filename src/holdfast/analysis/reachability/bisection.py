@@ -27,9 +27,9 @@ DOUBLED = 5
 class Answer(Enum):
     """The outcome of a trial."""
 
-    HELD = "the set is what it has to be"
-    LOST = "it is not"
-    UNDECIDED = "it is by now, and has not converged within the horizon"
+    HELD = "the set meets the requirement"
+    LOST = "the set does not meet the requirement"
+    UNDECIDED = "the set meets the requirement so far, but has not converged within the horizon"
 
 
 @dataclass(frozen=True)

@@ -213,7 +213,7 @@ def _safeguard(program: ClosedLoopProgram, s: Trajectories) -> dict[str, Any]:
         ),
     }
     if program.actuators:
-        about = {"long_name": f"actuator values that the law asked for, {before}"}
+        about = {"long_name": f"actuator values requested by the law, {before}"}
         found["nominal_actuator"] = (
             ("run", "time", "actuator_name"),
             s.nominal_actuator,

@@ -156,7 +156,7 @@ class Comparison:
 
     @checked
     def of(self, law: str, case: str) -> Trial:
-        """The trial of that law in that case; `ScenarioError` if there is none."""
+        """The trial of that law in that case; `ScenarioError` if it does not exist."""
         known = {(t.law, t.case): t for t in self.trials}
         if (law, case) not in known:
             names = "; ".join(", ".join(pair) for pair in known)

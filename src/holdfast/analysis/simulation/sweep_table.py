@@ -92,7 +92,7 @@ class Campaign:
 
     @checked
     def command(self, cell: int) -> str:
-        """The command that runs that cell alone."""
+        """The command that runs only that cell."""
         self._check(cell)
         return f"{self.dataset.attrs['command']} {self.dataset['settings'].values.ravel()[cell]}"
 

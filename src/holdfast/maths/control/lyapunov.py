@@ -60,7 +60,7 @@ def ultimate_bound(k1: float, mu: float, current: float) -> float:
     if current >= k1:
         raise DefinitionError(
             f"a current of {current:g} m/s carries away a vehicle whose surge is at most "
-            f"k1 = {k1:g} m/s: there is no bound",
+            f"k1 = {k1:g} m/s: no bound exists",
             expected="a current below k1",
         )
     return math.atanh(current / k1) / mu

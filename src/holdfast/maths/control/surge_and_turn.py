@@ -115,7 +115,7 @@ def surge_and_turn(
                 raise DefinitionError(
                     f"{name} of law '{law}' is {value:g}, system '{system.name}' has "
                     f"{limit.value:g}",
-                    remedy="give it to the system alone",
+                    remedy="give it only to the system",
                 )
             limit = Parameter(name, unit, meaning, value=value, above=0.0)
         assert limit is not None

@@ -27,7 +27,7 @@ from holdfast.maths.definitions.quantity import (
 class GainCondition:
     """A stability condition value < limit on the gains, and the consequence of violating it.
 
-    Beside parameters it may use `SAMPLE_TIME`. `closed`: the limit itself is allowed.
+    Besides parameters it may use `SAMPLE_TIME`. `closed`: the limit itself is allowed.
     """
 
     value: sp.Expr
@@ -99,7 +99,7 @@ class Law:
     """u_i = outputs_i(t, q; p).
 
     `reads` are the quantities the law may use, all of them measured: states, and disturbances
-    that it is told at every instant; an output or signal with any other symbol is refused.
+    that it knows at every instant; an output or signal with any other symbol is refused.
     `signals` are named expressions to record. `believed`: the values that the law assumes for
     disturbances, by name, where it needs the rates of the states; a missing name means zero.
     `safeguard`: a safety filter, the half-spaces that the outputs are kept in. `lookup`: a

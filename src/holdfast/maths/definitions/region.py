@@ -93,7 +93,7 @@ class Region:
 
     @checked
     def inequality(self, name: str) -> Inequality:
-        """The inequality of that name; `DefinitionError` if there is none."""
+        """The inequality of that name; `DefinitionError` for an unknown name."""
         if name not in self.inequality_names:
             raise DefinitionError(
                 f"region '{self.name}' has no inequality {name!r}",

@@ -31,7 +31,7 @@ class Varied:
     A rate over random draws is an average over their box; the vertices are its corners.
 
     A current of unknown direction: draws = {"direction": (-pi, pi)}, and the disturbance
-    Vx = 0.2 cos(direction). A law that is told the current: values = {"current_x": ...}.
+    Vx = 0.2 cos(direction). A law that knows the current: values = {"current_x": ...}.
 
     The checks of a catalogue function when it is called (r1 >= r0) are not repeated per run.
 

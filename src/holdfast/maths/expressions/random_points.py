@@ -19,8 +19,8 @@ from holdfast.errors import DefinitionError
 _DIGITS = 50
 _TRIALS, _WANTED = 60, 6
 _EXACT, _DECIMAL = 1e-35, 1e-13
-"""What counts as rounding, relative to the terms that cancel: of exact expressions at fifty digits,
-and of expressions in which someone wrote a decimal number."""
+"""Thresholds of rounding, relative to the terms that cancel: for exact expressions at fifty digits,
+and for expressions that contain a decimal number."""
 
 
 class Sampler:

@@ -38,7 +38,7 @@ class Hamiltonian:
     costates: p_i, one for each state. inputs, disturbances: the optimal ones. speeds: bounds of
     |dH/dp_i| for every p, the dissipation of a local Lax-Friedrichs scheme. tight_speeds: the same
     for p_i within `spreads` (half-widths) of `costates`, of the local-local scheme. samples: along
-    every coordinate of what is sampled, 0 for a closed form. separable: whether no rate mixes
+    every sampled coordinate, 0 for a closed form. separable: whether no rate mixes
     inputs with disturbances, so that it does not matter who chooses first (the condition of
     R. Isaacs); where it is False, the disturbance answers the input.
     """

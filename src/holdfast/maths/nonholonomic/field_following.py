@@ -56,8 +56,8 @@ def alignment(found: Structure) -> Alignment | str:
     if not found.catastatic:
         shown = ", ".join(str(b) for b in found.rhs if b != 0)
         return (
-            f"the constraint is acatastatic: b = {shown} moves the system across F whatever its "
-            "inputs do; a separate condition has to make b vanish at the origin"
+            f"the constraint is acatastatic: b = {shown} moves the system across F for any "
+            "inputs; a separate condition has to make b vanish at the origin"
         )
     if any(f != 0 for f in found.drift):
         return "the system drifts with its inputs at zero"

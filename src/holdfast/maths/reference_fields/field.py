@@ -31,7 +31,7 @@ class Field:
 
     `components` are smooth at the zeros that are to be classified. `factor` is positive away
     from the origin and does not change the flow lines: 1/r^3 of the electric dipole,
-    1/rho^2 of thesis (2.14). `potential` is V with F = -grad V, where there is one. `moment`
+    1/rho^2 of thesis (2.14). `potential` is V with F = -grad V, if it exists. `moment`
     is the axis p, empty without one; `notes` are facts that were measured, not derived.
     Raises `DefinitionError` when dimensions disagree, a name is undeclared, or the factor is
     not positive.
@@ -71,7 +71,7 @@ class Field:
             )
         if self.moment and all(p == 0 for p in self.moment):
             raise DefinitionError(
-                f"{owner}: the moment p is zero", expected="a direction, or no moment at all"
+                f"{owner}: the moment p is zero", expected="a direction, or no moment"
             )
         quantities = self.coordinates + self.parameters
         check_unique((q.name for q in quantities), owner)

@@ -88,7 +88,7 @@ def surface_figure(
 
 
 def _limits(value: ValueFunction, faces: Array) -> Array:
-    """Low and high of every state: around all bodies, or of the grid if there is none."""
+    """Low and high of every state: around all bodies, or of the grid without any body."""
     if not len(faces):
         return np.array([[a.low, a.high] for a in value.grid.axes]).T
     low, high = faces.min(axis=(0, 1)), faces.max(axis=(0, 1))

@@ -28,7 +28,7 @@ def catalogue_entry(
     """The catalogue entry that the table names, built with the table's parameters.
 
     Arguments that are not numbers (a vehicle, a dimension, a list of poles) are passed as they
-    are. A parameter `known` from elsewhere keeps its value unless given. `leading` is what the
+    are. A parameter `known` from elsewhere keeps its value unless given. `leading` holds what the
     entry is built on, by default the system if it takes one. Raises `ScenarioError`.
     """
     by_name = {function.__name__: function for function in catalogue}

@@ -56,7 +56,7 @@ def report_text(judged: Sequence[Judged]) -> str:
         lines.append(f"     {j.claim.says}")
         lines += [f"     differs: {problem}" for problem in j.problems]
     differing = sum(bool(j.problems) for j in judged)
-    lines += ["", f"  {len(judged)} claims, {differing} differ from what is recorded"]
+    lines += ["", f"  {len(judged)} claims, {differing} differ from the record"]
     return "\n".join(lines)
 
 
