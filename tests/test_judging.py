@@ -252,7 +252,7 @@ def test_kernel_of_which_nothing_is_a_cell_inside_asks_for_a_margin(files, tmp_p
     changes = ["compare.margin=", "run.horizon=1"]
     found = hf.compare(files[1], ["loop"], ["weak"], overrides=changes, runs=2)
     assert found.references["weak"].margin == pytest.approx(0.0325)
-    with pytest.raises(ScenarioError, match=r"is a cell, 0\.0175 m, inside; expected \[compare\]"):
+    with pytest.raises(ScenarioError, match=r"a cell, 0\.0175 m, inside; expected \[compare\]"):
         hf.compare(path, ["other"], ["weak"], overrides=changes, runs=2)
 
 
