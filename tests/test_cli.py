@@ -453,7 +453,7 @@ def test_exported_law_is_timed_by_the_compiler_that_is_here(tmp_path):
 @pytest.mark.parametrize(
     ("compiler", "said"),
     [
-        (None, "not timed: there is no C compiler here (cc, gcc, clang)"),
+        (None, "not timed: no C compiler was found (cc, gcc, clang)"),
         ("echo 'no licence' >&2; exit 3", "not timed: 'cc' failed: no licence"),
         ("exit 3", "not timed: 'cc' failed: exit status 3"),
         (

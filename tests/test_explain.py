@@ -98,7 +98,7 @@ def test_relative_degree_counts_how_often_an_output_is_differentiated():
 
 def test_choice_of_the_moment_is_reported_and_taken():
     ndi = hf.systems.nonholonomic_integrator()
-    assert "That choice is the designer's" in hf.explain(ndi).text()
+    assert "The designer chooses p" in hf.explain(ndi).text()
     given = hf.explain(ndi, [0, 1, 0])
     assert "p is the one given" in given.text()
     assert given.structure.moment == (0, 1, 0)
@@ -179,7 +179,7 @@ HOLONOMIC = ROWS_ALONE.replace('"-sin(psi)", y = "cos(psi)"', '"1 + x", y = "y"'
         (["tractor_trailer", "--set", "trailers=3", "--limit", "0.1"], "longer than 0.1 s; allow"),
         (["unicycle", "--limit", "-1"], "Invalid value"),
         (["unicycle", "--limit", "inf"], "Invalid value"),
-        (["unicycle", "--limit", "nan"], "nan is no number"),
+        (["unicycle", "--limit", "nan"], "nan is not a number"),
         (["unicycle", "--markdown", "/proc/none/page.md"], "choose another with --markdown"),
         (["holonomic.toml"], "1 of its 1 constraints can be integrated (row 1 on its own)"),
         (["empty.toml"], "no table [system]"),

@@ -79,7 +79,7 @@ def test_rule_of_the_thesis_with_the_exact_circle_is_safe_too():
     result = scenario.run()
     assert result.outcomes["reached goal"] == 1
     assert max(worst(result).values()) < 0
-    with pytest.raises(ScenarioError, match="is no right angle"):
+    with pytest.raises(ScenarioError, match="the corner is not a right angle"):
         load_scenario("ch6-polygons", ["leader.rule=tangent"])
     with pytest.raises(ScenarioError, match="above the distance"):
         load_scenario("ch6-corridor", ["leader.rule=tangent"])
@@ -149,7 +149,7 @@ def test_robot_behind_a_wall_is_not_seen(corridor):
         ("followers.starts=[{x = -5.5, y = 0, theta = 0}]", "it has it 2.9 m ahead, and sees 2.05 m far"),
         ("followers.starts=[{x = -2.8, y = 0.2, theta = 0.4}]", "robots L and 1 start 0.224 m from each other"),
         ("leader.speed=0", "leader.speed: 0"),
-        ("leader.speed=0.3", "leader.speed: 0.3 m/s, its follower is told leader_speed = 0.25 m/s"),
+        ("leader.speed=0.3", "leader.speed: 0.3 m/s, its follower assumes leader_speed = 0.25 m/s"),
         ("figures.plane=['xL', 'yL']", "figures.plane: unknown key"),
         ("followers.within=-0.1", "followers.within"),
         ("followers.leader_speeds=[-1]", "followers.leader_speeds.0"),

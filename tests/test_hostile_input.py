@@ -138,7 +138,7 @@ BAD_VALUES = [
     ("ch5-viable-goal-set", "system.mass=-50", "above 0"),
     ("ch5-viable-goal-set", "law.k1=0.2\nfoo=3", "more than one value"),
     ("ch5-viable-goal-set", "reference.x='t'", "unknown name 't'"),
-    ("ch5-viable-goal-set", "reference.x='1/(goal_x+0.5)'", "is no number"),
+    ("ch5-viable-goal-set", "reference.x='1/(goal_x+0.5)'", "is not a number"),
     ("ch5-viable-goal-set", "redesign.layers.too_far=[-inf, -0.1]", "cmax < cmin < 0"),
     ("ch5-viable-goal-set", "figures.plane=['x','q']", "figures.plane: unknown name"),
     ("ch5-viable-goal-set", "figures.history=-1", "figures.history: got -1"),

@@ -177,7 +177,9 @@ horizon = 20
     margin = kept.parameters["safety_margin"]
     assert late.parameters["safety_margin"] == pytest.approx(6 * margin)
     assert late.viable == 2
-    with pytest.raises(ScenarioError, match="safety: the optimal inputs alone have no margin"):
+    with pytest.raises(
+        ScenarioError, match="safety: the optimal inputs without a law have no margin"
+    ):
         load_scenario(str(path), ["run.delay=0.1", "safety.alone=true"]).run()
     with pytest.raises(ScenarioError, match="computes no kernel"):
         load_scenario(str(path), ["safety.kernel=inspection"]).run()
@@ -273,7 +275,7 @@ def test_kernel_of_a_weaker_region_is_refused_for_safety(cart, tmp_path):
     path = tmp_path / "held.toml"
     path.write_text(HELD.replace("KERNEL", small))
     assert load_scenario(str(path)).run().viable == 1, "the same region"
-    told = r"held\.toml: safety: the kernel of '.*' is not one of region .*: at x = .*, v = .* it "
+    told = r"held\.toml: safety: the kernel of '.*' is not within region .*: at x = .*, v = .* it "
     with pytest.raises(ScenarioError, match=told + "violates 'right' by 0.* m; compute the kernel"):
         load_scenario(str(path), [NARROW]).run()
     wider = load_scenario(str(path), [NARROW.replace("0.8", "1.1")])
@@ -283,5 +285,5 @@ def test_kernel_of_a_weaker_region_is_refused_for_safety(cart, tmp_path):
     saved = load_scenario(small).solve().save(tmp_path / "set.nc")
     path.write_text(HELD.replace("KERNEL", str(saved)))
     assert load_scenario(str(path)).run().viable == 1, "checked at the nodes, without its scenario"
-    with pytest.raises(ScenarioError, match="is not one of region"):
+    with pytest.raises(ScenarioError, match="is not within region"):
         load_scenario(str(path), [NARROW]).run()

@@ -270,15 +270,15 @@ def test_interval_grows_while_everything_holds():
         ("inspection", {}, "'inspection' computes no kernel"),
         ("ch7-capture-basin", {}, "'ch7-capture-basin' computes no kernel"),
         ("ch7-any-current", {"of": "system.curent_limit"}, "did you mean 'current.speed'|did you"),
-        ("ch7-any-current", {"of": "system.name"}, "system.name: 'marine_vehicle' is no number"),
-        ("ch7-any-current", {"of": "march.forever", "overrides": ["march.forever=true"]}, "True is no number"),
-        ("ch7-any-current", {"of": "grid.box"}, "is no number"),
+        ("ch7-any-current", {"of": "system.name"}, "system.name: 'marine_vehicle' is not a number"),
+        ("ch7-any-current", {"of": "march.forever", "overrides": ["march.forever=true"]}, "True is not a number"),
+        ("ch7-any-current", {"of": "grid.box"}, "is not a number"),
         ("ch7-any-current", {"between": (0.3, 0.1)}, "between 0.3 and 0.1; expected LOW < HIGH"),
         ("ch7-any-current", {"of": "promise.runs", "between": (1, 12)}, "promise.runs: no kernel depends on it"),
         ("ch7-any-current", {"tolerance": 0.0}, "the tolerance is 0; expected above 0"),
-        ("ch7-any-current", {"overrides": ["system.current_limit=0"]}, "say where to look"),
-        ("ch7-discriminating", {"overrides": ["disturbance.Vy=0"]}, "is zero, and has no direction"),
-        ("ch7-any-current", {"overrides": ["march.estimate_error=true"]}, "take it away with --set"),
+        ("ch7-any-current", {"overrides": ["system.current_limit=0"]}, "give the interval"),
+        ("ch7-discriminating", {"overrides": ["disturbance.Vy=0"]}, "is zero and has no direction"),
+        ("ch7-any-current", {"overrides": ["march.estimate_error=true"]}, "remove it with --set"),
         ("ch7-any-current", {"keep": [{"z": 1}]}, "--keep: unknown state 'z'"),
         ("ch7-any-current", {"keep": [{"x": 0.1}]}, "is not in region 'camera_and_lasers'"),
         ("ch7-any-current", {"keep": [{"x": "1 s"}]}, "the unit 's' does not fit"),
@@ -321,7 +321,9 @@ def test_search_for_a_given_current_ends_at_the_bounds_of_the_system():
     found = hf.disturbance_margin("ch7-discriminating", overrides=few)
     assert found.low == max(t.value for t in found.trials) == 0.5
     assert found.high is None
-    assert "nothing is lost up to 0.5 m/s, where the bounds of the system end" in margin_text(found)
+    assert "nothing is lost up to 0.5 m/s, the largest value within the bounds" in margin_text(
+        found
+    )
     few.append("system.current_limit=2")
     found = hf.disturbance_margin("ch7-discriminating", overrides=few)
     assert max(t.value for t in found.trials) > 1.0

@@ -122,7 +122,7 @@ horizon = 30
         (
             'near = { value = "40 cm", unit = "m"',
             'near = { value = 4, unit = "flurb"',
-            "'flurb' is no unit",
+            "'flurb' is not a unit",
         ),
         (
             'unit = "rad", description = "heading"',
@@ -280,7 +280,7 @@ def test_safeguard_keeps_constraints_of_its_own_beside_those_of_the_region():
         ("inspection", ["safeguard.gains=[1.0, -1.0]"], "safeguard: gains"),
         ("inspection", ["safeguard.constraints.heading='abs(chi) - 1'"], "unknown name 'chi'"),
         ("inspection", ["tracking="], "let the inputs track its velocities first"),
-        ("inspection", ["observer.measured=['z']"], "observer: 'z' is no state"),
+        ("inspection", ["observer.measured=['z']"], "observer: 'z' is not a state"),
         ("inspection", ["observer.bandwidth=0.0"], "bandwidth is 0.0"),
         ("inspection", ["run.delay=0.015"], "delay a whole multiple of sample_time"),
         ("inspection", ["system.promote=['u']"], "expected { state = [lowest, highest] }"),

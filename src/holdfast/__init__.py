@@ -1,8 +1,9 @@
 """holdfast: viability control of nonholonomic systems.
 
 One symbolic definition, every answer. A vehicle, its law, its constraints and its
-disturbances are written once as expressions; simulation, viable redesign and what follows
-are derived from them. The inequality that everything here is about:
+disturbances are written once as expressions. Closed-loop simulation, safety filters (control
+barrier functions) and viability kernels (Hamilton-Jacobi reachability) are derived from them.
+All of holdfast is about one inequality:
 
     c_j(q) <= 0   for all j, for all time
 """

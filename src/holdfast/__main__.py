@@ -1,4 +1,4 @@
-"""python -m holdfast, and the command `holdfast`: the command line from its first import on."""
+"""Entry point of `python -m holdfast` and of the command `holdfast`."""
 
 import os
 import signal
@@ -6,7 +6,7 @@ from typing import NoReturn
 
 
 def main() -> NoReturn:
-    """Run the command line and exit; an interruption while it is loaded ends it too."""
+    """Run the command line and exit; an interruption also ends it during the imports."""
     try:
         from holdfast.host.interruption import listening
 
@@ -16,7 +16,7 @@ def main() -> NoReturn:
 
                 run()
         finally:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is done, and its status known
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # finished, status known
     except KeyboardInterrupt:
         os._exit(130)
 

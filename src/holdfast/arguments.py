@@ -1,9 +1,9 @@
-"""What a public function is given: where it fails, which argument is to blame.
+"""Argument checking of public functions: name the offending argument after a failure.
 
-One mechanism for all of them. A function refuses by itself what is out of range or does not belong
-together. What is of another kind makes it fail somewhere inside: then its arguments are held
-against its annotations, and the one that does not fit is named. Where all fit, the fault is ours.
-What is no number is refused even where a function could do without it, and text is never read as an
+All public functions share this mechanism. A function itself refuses values that are out of range
+or inconsistent. A value of the wrong type makes it fail somewhere inside: its arguments are then
+compared with its annotations, and the first that does not fit is named. If all fit, the fault is a
+bug of holdfast. NaN is refused even where a function could ignore it. Text is never read as an
 expression.
 """
 
@@ -30,10 +30,10 @@ T = TypeVar("T", bound=Callable[..., Any])
 LONGEST = 60
 LARGEST = 2.0**63
 SAMPLED = 1000
-"""Of a longer sequence only so many entries are looked at."""
+"""At most this many entries of a sequence are checked."""
 
 ARRAY = TypeVar("ARRAY")
-"""Stands for what becomes an array of numbers."""
+"""Stands for anything that NumPy converts to an array of numbers."""
 
 FAILURES = (
     TypeError, AttributeError, ValueError, LookupError, ArithmeticError, AssertionError,
@@ -41,13 +41,13 @@ FAILURES = (
 )  # fmt: skip
 
 Fault = str | None
-"""What was expected; None where the value fits."""
+"""Returns what was expected of a value; None if the value fits."""
 
 Check = Callable[[Any], Fault]
 
 
 def checked(of: T) -> T:
-    """The function, or the class: it names the argument that made it fail (`ArgumentError`)."""
+    """Decorate a function or class: a failure names the offending argument (`ArgumentError`)."""
     if isinstance(of, type):
         of.__init__ = _checked(of.__init__, of.__name__)  # type: ignore[misc]
         return of
@@ -68,7 +68,7 @@ def _checked(function: Callable[..., Any], name: str) -> Callable[..., Any]:
 
     @wraps(function)
     def call(*given: Any, **named: Any) -> Any:
-        if not hints:  # now, since a module may name what is defined below
+        if not hints:  # resolved late: an annotation may name something defined further down
             hints.update(_hints(function, signature))
             before.update({n: _check(h) for n, h in hints.items() if _takes_expressions(h)})
             after.update({n: _check(h) for n, h in hints.items() if _is_number(h)})
@@ -90,7 +90,7 @@ def _checked(function: Callable[..., Any], name: str) -> Callable[..., Any]:
 
 
 def _hints(function: Callable[..., Any], signature: inspect.Signature) -> dict[str, Any]:
-    """What the annotations say of every argument; several together are a list or a table."""
+    """The annotated type of every argument; *args are a list, **kwargs a table."""
     names = _Unknown(inspect.unwrap(function).__globals__)
     known = typing.get_type_hints(function, localns=names)
     known |= {n: ARRAY for n, raw in function.__annotations__.items() if raw == "npt.ArrayLike"}
@@ -106,14 +106,14 @@ def _hints(function: Callable[..., Any], signature: inspect.Signature) -> dict[s
 
 
 def _is_number(hint: Any) -> bool:
-    """Whether a number is asked for, or a number or nothing."""
+    """Whether the annotation is a number, or a number or None."""
     union = typing.get_origin(hint) in (typing.Union, types.UnionType)
     parts = typing.get_args(hint) if union else (hint,)
     return all(part in (float, int, type(None)) for part in parts)
 
 
 def _takes_expressions(hint: Any) -> bool:
-    """Whether an expression is asked for, or a list of them."""
+    """Whether the annotation is an expression, or a list of expressions."""
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType, tuple, Sequence):
         return any(map(_takes_expressions, inner))
@@ -121,7 +121,7 @@ def _takes_expressions(hint: Any) -> bool:
 
 
 class _Unknown(dict[str, Any]):
-    """Names that a module imports for its annotations alone: whatever they are, it is allowed."""
+    """Names that a module imports only for its annotations; any value is allowed for them."""
 
     def __missing__(self, name: str) -> Any:
         if hasattr(builtins, name):
@@ -130,7 +130,7 @@ class _Unknown(dict[str, Any]):
 
 
 def _check(hint: Any) -> Check:
-    """What a value of that annotation has to be."""
+    """The check that belongs to an annotation."""
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
         return _either([_check(part) for part in inner])
@@ -180,7 +180,7 @@ def _anything(value: Any) -> Fault:
 
 
 def _as_float(value: Any) -> float:
-    """NaN for what is no real number, or out of range."""
+    """The value as a float; NaN if it is not a real number or is out of range."""
     if isinstance(value, sp.Expr):
         known = value.is_number and value.is_extended_real
     else:
@@ -197,7 +197,7 @@ def _number(value: Any) -> Fault:
 
 
 def _whole(value: Any) -> Fault:
-    """Whether 3.0 is one is for the function to say; True is none."""
+    """3.0 passes here and the function decides about it; True is refused."""
     size = abs(_as_float(value))
     if size < LARGEST:
         return None
@@ -214,7 +214,7 @@ def _expression(value: Any) -> Fault:
 
 
 def _array(value: Any) -> Fault:
-    import numpy as np  # not before something has failed
+    import numpy as np  # imported only after a failure
 
     try:
         np.asarray(value, dtype=np.float64)
@@ -279,7 +279,7 @@ def _several(entry: Check, kind: type) -> Check:
 
 
 def _entries(value: Any) -> Sequence[Any] | None:
-    """Of a list, a tuple or an array with an axis."""
+    """The entries of a list, a tuple or an array with at least one axis."""
     if isinstance(value, str | bytes | Mapping) or not isinstance(value, Collection):
         return None
     if getattr(value, "shape", (1,)) == () or not hasattr(value, "__getitem__"):

@@ -1,6 +1,6 @@
-"""Everything that holdfast refuses, and how it says so.
+"""The exceptions and warnings of holdfast.
 
-A refusal names the cause (with what was got), what was expected, and the remedy.
+An error names the cause (with the value that was given), the expectation, and the remedy.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ from collections.abc import Iterable
 
 
 class HoldfastError(Exception):
-    """A refusal: the cause, what was expected, and what to do about it."""
+    """Base class of all errors: the cause, the expectation, and the remedy."""
 
     def __init__(self, cause: str, *, expected: str = "", remedy: str = "", key: str = "") -> None:
         self.cause = cause
-        self.key = key  # the table of a scenario file it is about, where that is known
+        self.key = key  # the table of the scenario file that the error refers to, if known
         self.expected = expected
         self.remedy = remedy
         parts = [cause]
@@ -26,7 +26,7 @@ class HoldfastError(Exception):
 
 
 class ArgumentError(HoldfastError):
-    """An argument of another kind than the function asks for."""
+    """An argument of the wrong type."""
 
 
 class DefinitionError(HoldfastError):
@@ -42,7 +42,7 @@ class ScenarioError(HoldfastError):
 
 
 class SimulationError(HoldfastError):
-    """A simulation that cannot start: bad starts, steps, bounds or settings."""
+    """A simulation that cannot start: invalid starts, steps, bounds or settings."""
 
 
 class OutputError(HoldfastError):
@@ -54,11 +54,11 @@ class GainWarning(UserWarning):
 
 
 class RenamedWarning(FutureWarning):
-    """A word that has been replaced by another, and is understood for one release more."""
+    """Deprecation: a word that has been replaced and is still accepted for one release."""
 
 
 class CacheWarning(UserWarning):
-    """A cache of compiled code that is not used, since others could change what is in it."""
+    """A cache of compiled code that is not used, because other users could change its content."""
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:

@@ -88,5 +88,5 @@ def test_set_at_a_time_contains_what_has_that_long_to_go(basin):
 
 
 def test_least_time_of_what_has_none_is_refused(basin):
-    with pytest.raises(SimulationError, match="holds no least times; expected a capture basin"):
+    with pytest.raises(SimulationError, match="has no least times; expected a capture basin"):
         basin.slice(y=0.0).least_time([[0.7]])

@@ -81,8 +81,8 @@ def test_set_that_touches_an_open_end_is_not_confirmed_though_every_run_stays():
     assert promise.held
     assert not promise.confirmed
     assert promise.verdict == (
-        "the promise is not confirmed: the set touches the open ends of the grid (x = -1), and rests "
-        "on what is taken to be beyond them; widen the grid until it does not"
+        "the promise is not confirmed: the set touches the open ends of the grid (x = -1) and depends "
+        "on extrapolation beyond them; widen the grid until it does not touch them"
     )
 
 

@@ -86,8 +86,8 @@ def test_nodes_that_are_no_whole_numbers(nodes):
         ((CART, None, 11), "box: None; expected a table by name"),
         ((CART, {"x": (0, 1)}, 11), "the grid has no interval for 'v'"),
         ((CART, BOX, {"x": 11}), "nodes along 'v': None; expected a whole number of at least 2"),
-        ((CART, BOX, {"w": 11}), "nodes of 'w', which is no state"),
-        ((CART, BOX | {"w": (0, 1)}, 11), "box of 'w', which is no state"),
+        ((CART, BOX, {"w": 11}), "nodes of 'w', which is not a state"),
+        ((CART, BOX | {"w": (0, 1)}, 11), "box of 'w', which is not a state"),
         ((CART, BOX, 11, 3), "ends: 3; expected a table by name"),
         ((CART, BOX, 11, {"x": 3}), "ends of 'x': '3'; allowed: contained, extrapolated, limited"),
         ((CART, BOX, 11, {"x": ["contained"]}), "ends of 'x': '['contained']'"),
@@ -101,7 +101,11 @@ def test_grids_that_are_none(arguments, message):
 @pytest.mark.parametrize(
     ("interval", "ends", "message"),
     [
-        ((-1, 1), {}, "the angle 'theta' is 2 rad, not a whole turn; expected 2 pi; or say what"),
+        (
+            (-1, 1),
+            {},
+            "the angle 'theta' is 2 rad, not a whole turn; expected 2 pi; or give a boundary",
+        ),
         ((-4, 4), {}, "the interval of the angle 'theta' is 8 rad; expected at most 2 pi"),
         ((-4, 4), {"theta": "contained"}, "is 8 rad; expected at most 2 pi"),
         ((-1, 1), {"theta": "periodic"}, "'theta' is periodic over [-1, 1]; expected an angle"),

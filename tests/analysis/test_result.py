@@ -188,7 +188,9 @@ def test_what_a_link_leads_to_is_written_and_what_is_no_file_stays(tmp_path):
     assert link.is_symlink()
     assert file.read_text() == "new"
     os.mkfifo(pipe)
-    with pytest.raises(OutputError, match=r"pipe cannot be written \(it is there, and no file\)"):
+    with pytest.raises(
+        OutputError, match=r"pipe cannot be written \(it exists and is not a regular file\)"
+    ):
         atomic_file(pipe).__enter__()
     assert pipe.is_fifo()
 

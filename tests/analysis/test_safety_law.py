@@ -173,7 +173,7 @@ def test_what_is_no_value_of_this_system_is_refused(kernel):
     other = hf.System(
         "other", STATES, cart().inputs, {"x": V, "v": U}, input_bounds=hf.Box((-1,), (1,))
     )
-    with pytest.raises(SimulationError, match="one of system 'cart'"):
+    with pytest.raises(SimulationError, match="belongs to system 'cart'"):
         hf.safety_law(other, kernel)
     invariant = hf.invariance_kernel(cart(), WALLS, hf.grid(cart(), BOX, 21), 0.2)
     with pytest.raises(SimulationError, match="invariance-kernel"):

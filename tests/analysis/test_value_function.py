@@ -83,7 +83,7 @@ def test_values_at_times_shrink(found):
         SimulationError, match=r"no value at 0\.3 s; expected one of 0\.25, 0\.5, 1"
     ):
         several.values(0.3)
-    with pytest.raises(SimulationError, match="holds its last time only"):
+    with pytest.raises(SimulationError, match="has its last time only"):
         found.values(0.5)
 
 
@@ -109,7 +109,7 @@ def test_fraction_volume_slice_and_projection(found):
     assert line.at([[0.2]])[0] == pytest.approx(found.at([[0.2, 0.7]])[0])
     shadow = found.projection("x")
     assert shadow.values() == pytest.approx(found.values().max(axis=1))
-    with pytest.raises(SimulationError, match="'w' is no axis; expected one of x, v"):
+    with pytest.raises(SimulationError, match="'w' is not an axis; expected one of x, v"):
         found.slice(w=0)
     with pytest.raises(SimulationError, match="'v' at 2 is outside the grid"):
         found.slice(v=2.0)
@@ -227,7 +227,7 @@ def test_grids_of_another_system_and_margins_that_are_no_numbers_are_refused():
     with pytest.raises(SimulationError, match="the grid is one of another system: x; expected the"):
         hf.viability_kernel(CART, WALLS, hf.grid(one, {"x": (-2, 2)}, 21), 1.0)
     root = hf.Region("root", CART.states[:1], (hf.Inequality("c", sp.sqrt(X) - 1, "m"),))
-    with pytest.raises(SimulationError, match="is no number at some nodes"):
+    with pytest.raises(SimulationError, match="are NaN at some nodes"):
         hf.viability_kernel(one, root, hf.grid(one, {"x": (-2, 2)}, 21), 1.0)
 
 

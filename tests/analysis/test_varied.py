@@ -283,12 +283,12 @@ def test_ranges_that_are_none_are_refused(given, complaint):
 @pytest.mark.parametrize(
     ("given", "complaint"),
     [
-        (({}, {"kk": S}), "there is no parameter 'kk'; did you mean 'k'"),
-        (({}, {"x": S}), "there is no parameter 'x'"),
+        (({}, {"kk": S}), "unknown parameter 'kk'; did you mean 'k'"),
+        (({}, {"x": S}), "unknown parameter 'x'"),
         (({}, {"k": hf.symbol("sp")}), "'k' uses 'sp'; expected an expression of parameters"),
         (({}, {"k": X}), "'k' uses 'x'"),
         (({}, {"k": hf.TIME}), "'k' uses 't'"),
-        (({}, {}, {"k": S}), "no parameter 'k' of the system"),
+        (({}, {}, {"k": S}), "unknown parameter 'k' of the system"),
         (({}, {}, {"g": X}), "'g' uses 'x'"),
         (({"t": (0.0, 1.0)},), "'t' cannot name a quantity"),
     ],
@@ -656,7 +656,7 @@ def test_scenario_with_values_of_every_run_is_simulated_and_overridden(load):
         ({"draws": 'k = { unit = "1/s" }'}, r"varied\.draws\.k\.range: missing key"),
         (
             {"draws": 'k = { range = [1, 2], unit = "wink" }'},
-            r"varied\.draws\.k: 'wink' is no unit",
+            r"varied\.draws\.k: 'wink' is not a unit",
         ),
         (
             {"draws": 'g = ["1 kg", 2]'},
@@ -752,7 +752,7 @@ horizon = 1
     [
         (["varied.draws.port=[0, 0]"], "'port' is a state, an input, an actuator"),
         (["varied.draws.speeed=[0, 1]"], "nothing depends on it; did you mean"),
-        (["plant.mass=6", "varied.plant.mass='mass*1.5'"], "varied, and given a number too"),
+        (["plant.mass=6", "varied.plant.mass='mass*1.5'"], "both varied and given a number"),
     ],
 )
 def test_scenario_that_varies_what_it_may_not_is_refused(changes, complaint):

@@ -274,7 +274,7 @@ def test_settings_that_make_no_sense_are_refused(double_integrator, settings, co
         (np.zeros((3, 3)), "expected (runs, 2)"),
         ([[np.nan, 0]], "not finite"),
         ([[2.0, 0]], "wall = 1 m"),
-        (hf.Starts(states=[{"z": 1}]), "'z' is no state"),
+        (hf.Starts(states=[{"z": 1}]), "'z' is not a state"),
         (hf.Starts(random=-1), "-1 random starts"),
         (hf.Starts(random=1, box={"x": (1, 0)}), "lowest first"),
         (hf.Starts(random=1, box={"x": (2, 3)}), "no state of the region found"),

@@ -113,7 +113,7 @@ def test_no_state_of_an_inner_set_is_lost(problem, nodes, false, share):
 def test_grids_that_have_nothing_in_common_have_no_inner_set():
     value = line(33)[0]
     apart = hf.ValueFunction(value.dataset.assign_attrs(error_reach=0), value.grid)
-    with pytest.raises(SimulationError, match="off by more than 20 cells"):
+    with pytest.raises(SimulationError, match="estimated error of the set exceeds 20 cells"):
         apart.inner()
 
 

@@ -226,7 +226,9 @@ def test_region_that_moves_is_refused_where_it_would_be_taken_to_stand():
 
 def test_value_that_holds_at_one_time_makes_no_law():
     found = hf.viability_kernel(boat(), WALL, line(), 1.0)
-    with pytest.raises(SimulationError, match="the value function depends on time, and holds at"):
+    with pytest.raises(
+        SimulationError, match="the value function depends on time, and is valid at"
+    ):
         hf.safety_law(boat(), found)
 
 

@@ -22,13 +22,13 @@ def system(**changes):
     ("changes", "complaint"),
     [
         ({"rates": {"x": V, "y": V}}, "'psi' has no rate"),
-        ({"rates": RATES | {"z": V}}, "'z' has a rate but is no state"),
+        ({"rates": RATES | {"z": V}}, "'z' has a rate but is not a state"),
         ({"rates": RATES | {"psi": hf.symbol("omega")}}, "undeclared name 'omega'"),
         ({"inputs": (hf.Quantity("x", "m"),)}, "declares 'x' twice"),
         ({"input_bounds": hf.Box((-1, -1), (1, 1))}, "dimension 2; expected 1"),
         ({"input_bounds": hf.Box((-hf.symbol("F"),), (1,))}, "undeclared name 'F'"),
         ({"pfaffian": (hf.PfaffianRow({"x": 1}),)}, "leave Pfaffian row 1"),
-        ({"pfaffian": (hf.PfaffianRow({"z": 1}),)}, "'z', which is no state"),
+        ({"pfaffian": (hf.PfaffianRow({"z": 1}),)}, "'z', which is not a state"),
         ({"states": ()}, "no states"),
     ],
 )

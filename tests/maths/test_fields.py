@@ -222,7 +222,7 @@ def test_search_in_a_box_never_claims_to_have_found_all():
     assert found == pytest.approx([-math.pi, 0.0, math.pi], abs=1e-9)
     assert [c.kind for c in zeros.critical_points] == ["cross point", "node", "cross point"]
     one = critical_points(field_of(sp.sinh(X) + Y, Y - X**2))
-    assert not one.unique  # even one zero in the box is no proof
+    assert not one.unique  # even one zero in the box is not a proof
 
 
 def test_point_known_in_decimals_is_classified_only_where_its_jacobian_is_regular():

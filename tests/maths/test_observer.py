@@ -99,7 +99,7 @@ def test_vehicle_that_knows_its_pose_alone_finds_the_current_and_keeps_the_view(
 @pytest.mark.parametrize(
     ("options", "complaint"),
     [
-        ({"measured": ("x", "z")}, "'z' is no state"),
+        ({"measured": ("x", "z")}, "'z' is not a state"),
         ({"bandwidth": 0.0}, "bandwidth is 0.0; expected above 0"),
         ({"bandwidth": True}, "expected above 0"),
         ({"measured": ()}, "moves none of the measured states"),
@@ -112,5 +112,5 @@ def test_observers_that_cannot_be_are_refused(drifting, options, complaint):
 
 def test_a_law_that_remembers_already_is_refused(drifting):
     once = hf.observe(drifting, told(drifting))
-    with pytest.raises(DefinitionError, match="remembers something already"):
+    with pytest.raises(DefinitionError, match="already has a memory"):
         hf.observe(drifting, once)

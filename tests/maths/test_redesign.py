@@ -144,10 +144,13 @@ def test_laws_that_believe_different_things_are_refused():
         ("law.goal_x=-0.3", "redesign: the goal of 'steer_marine'"),
         ("redesign.goal={x=-0.4}", "'too_near' is -0.05 m there, its layer [-0.1, -0.03]"),
         ("redesign.goal={x='goal_x + 0.2'}", "is outside the region"),
-        ("redesign.goal={x='psi'}", "redesign.goal.x: psi is no number"),
+        ("redesign.goal={x='psi'}", "redesign.goal.x: psi is not a number"),
         ("redesign.goal={z=0}", "redesign: goal of 'z'"),
         ("redesign.layers.too_far=[-0.03, -0.1]", "cmax < cmin < 0"),
-        ("redesign.as_printed=['face']", "'face' is no part of this redesign; allowed: back_off"),
+        (
+            "redesign.as_printed=['face']",
+            "'face' is not a part of this redesign; allowed: back_off",
+        ),
         ("redesign.as_printed=1", "redesign.as_printed"),
     ],
 )
@@ -216,7 +219,7 @@ def test_tracked_velocities_approach_the_commanded_ones_exponentially(vehicle):
 @pytest.mark.parametrize(
     ("outputs", "gains", "complaint"),
     [
-        ({"u": X, "w": X}, {"u": 1, "w": 1}, "'w', which is no state"),
+        ({"u": X, "w": X}, {"u": 1, "w": 1}, "'w', which is not a state"),
         ({"u": X}, {"u": 1}, "as many velocities as inputs"),
         ({"u": X, "r": X}, {"u": 1}, "gain for 'r' is missing"),
         ({"u": X, "r": X}, {"u": 1, "r": 0}, "expected > 0"),

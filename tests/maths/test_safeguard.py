@@ -443,7 +443,7 @@ def refusal(system, law, region, **options):
         ({"margins": {"wall": "0.1"}}, "margin of 'wall' is '0.1'"),
         ({"margins": {"wall": True}}, "margin of 'wall' is True"),
         ({"margins": 0.1}, "margins of the safeguard are 0.1"),
-        ({"scales": {"c": 1.0}}, "scale of 'c', which is no input"),
+        ({"scales": {"c": 1.0}}, "scale of 'c', which is not an input"),
         ({"scales": {"a": 0.0}}, "scale of 'a' is 0.0"),
         ({"scales": {"a": math.nan}}, "scale of 'a' is nan"),
         ({"scales": {"a": "2"}}, "scale of 'a' is '2'"),

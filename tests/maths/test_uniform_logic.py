@@ -282,7 +282,7 @@ def given(rates, rows=(), **more):
         ),
         (
             lambda: rows_only(POSE, hf.PfaffianRow({"q": sp.S.One})),
-            "names 'q', which is no state",
+            "names 'q', which is not a state",
         ),
     ],
 )
@@ -387,7 +387,7 @@ def test_law_that_would_divide_by_zero_is_refused_at_the_origin_and_called_local
 @pytest.mark.parametrize(
     ("system", "reason"),
     [
-        (hf.systems.nonholonomic_integrator(), "there is no transverse state"),
+        (hf.systems.nonholonomic_integrator(), "the system has no transverse state"),
         (hf.systems.chained_form(4), "relative-degree deficit: h2 contains no transverse"),
         (hf.systems.tractor_trailer(2), "relative-degree deficit: h1, h2 contain no transverse"),
         (hf.systems.marine_vehicle(), "acatastatic: b = .+ moves the system across F"),

@@ -34,7 +34,7 @@ def test_text_with_a_unit_becomes_a_number_in_si(value, unit, expected):
         ("fast", "m/s", "got 'fast'"),
         (True, "m", "got True"),
         (None, "m", "got None"),
-        ("3 flurbs", "m", "no unit"),
+        ("3 flurbs", "m", "not a unit"),
         (float("inf"), "m", "finite"),
         ("1e999 m", "m", "finite"),
         ([1], "m", "got [1]"),
@@ -48,7 +48,7 @@ def test_wrong_units_and_non_numbers_are_refused(value, unit, complaint):
 
 def test_a_unit_that_is_none_is_refused():
     check_unit("N m s")
-    with pytest.raises(UnitError, match="'flurb' is no unit"):
+    with pytest.raises(UnitError, match="'flurb' is not a unit"):
         check_unit("flurb")
 
 

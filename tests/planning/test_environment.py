@@ -87,7 +87,7 @@ def test_shortest_way_around_a_ring_is_taken():
 @pytest.mark.parametrize(
     ("cells", "message"),
     [
-        ({}, "there are no cells"),
+        ({}, "the environment has no cells"),
         ({"a": box(0, 0, 2, 2), "b": box(1, 1, 3, 3)}, r"'a' and 'b' overlap by 1 m\^2 at \(1.5, 1.5\)"),
         ({"a": [[0, 0], [2, 0], [1, 0.2], [0, 2]]}, r"cell 'a' is not convex at \(1, 0.2\)"),
         ({"a": [[0, 0], [2, 0]]}, "cell 'a' has 2 vertices"),
@@ -165,9 +165,9 @@ def test_cells_of_a_geojson_file_are_those_of_a_table(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{", "is no JSON file"),
-        ("[]", "is no GeoJSON of cells"),
-        ('{"type": "FeatureCollection", "features": []}', "is no GeoJSON of cells"),
+        ("{", "is not a JSON file"),
+        ("[]", "is not a GeoJSON file of cells"),
+        ('{"type": "FeatureCollection", "features": []}', "is not a GeoJSON file of cells"),
         ('{"features": [3]}', "feature 1 is 3"),
         ('{"features": [{"type": "Feature"}]}', "'cell_1' is a feature without geometry"),
         ('{"features": [{"geometry": {"type": "Point", "coordinates": [0, 0]}}]}', "'cell_1' is a Point"),

@@ -70,7 +70,7 @@ def test_colours_and_arrows_lie_where_their_nodes_are(turned):
     assert np.hypot(*inside.XY.T).max() < 1
     assert np.hypot(*outside.XY.T).min() >= 1
     texts = [t.get_text() for t in figure.legends[0].get_texts()]
-    assert texts == ["≥ 0", "< 0", "edge of the set", "way in 0.1 s"]
+    assert texts == ["≥ 0", "< 0", "edge of the set", "displacement in 0.1 s"]
 
 
 def test_nodes_that_are_no_number_have_no_colour_and_no_arrow():
@@ -88,7 +88,7 @@ def test_other_states_are_held_and_said():
     x, y = np.meshgrid(*(a.nodes for a in whole.grid.axes[:2]), indexing="ij")
     figure = hf.optimal_input_figure(whole, {"u": x}, (x, y), at={"z": 0.5})
     assert figure.get_suptitle().endswith("$z$ = 0.5 m")
-    with pytest.raises(OutputError, match="left to draw are not two; expected a plane"):
+    with pytest.raises(OutputError, match="number of states to draw is not two; expected a plane"):
         hf.optimal_input_figure(whole, {"u": x}, (x, y))
 
 

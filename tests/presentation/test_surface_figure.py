@@ -75,7 +75,9 @@ def test_three_states_are_needed():
     figure = hf.surface_figure(whole, at={"y": 0.5})
     assert figure.axes[0].get_ylabel() == "$z$ [m]"
     assert figure.get_suptitle().endswith("$y$ = 0.5 m")
-    with pytest.raises(OutputError, match="left to draw are: x, y, z, w; expected three; hold the"):
+    with pytest.raises(
+        OutputError, match="states to draw are: x, y, z, w; expected three; fix the"
+    ):
         hf.surface_figure(whole)
     with pytest.raises(OutputError, match="'other' is a value function of x, y"):
         hf.surface_figure(ball(1.0), others={"other": ball(1.0, ("x", "y"))})

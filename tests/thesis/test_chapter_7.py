@@ -204,7 +204,7 @@ def test_filter_over_the_kernel_in_six_states_rescues_all_that_can_be_rescued():
         assert found.viable("decomposed", case).value < found.viable("filter", case).value - 0.05
 
 
-JUDGED = {  # viable, of those that can be kept, of those that cannot; docs/rescue.md
+JUDGED = {  # viable, of starts inside the kernel, of starts outside; docs/rescue.md
     "5 N": {
         "ch7-rescue": (0.099, 0.193, 0.008),
         "filter": (0.726, 1, 0.274),

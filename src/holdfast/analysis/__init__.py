@@ -1,1 +1,1 @@
-"""What follows from running things: results with names and units, and their statistics."""
+"""Analysis: simulation results and statistics, reachability, safety filters, viability checks."""

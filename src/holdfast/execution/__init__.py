@@ -1,4 +1,4 @@
-"""How it runs: symbolic definitions to compiled functions to trajectories.
+"""Execution: from symbolic definitions to compiled functions and trajectories.
 
 The only home of Numba; SymPy appears where text is made.
 """

@@ -1,8 +1,8 @@
-"""The folder of compiled code: only what this user wrote is executed, what is damaged is remade.
+"""The cache of compiled code: only this user's files are executed; damaged files are recompiled.
 
-Machine code is kept as pickles, which whoever writes them can make do anything. So a folder that
-others may write to is not used, nor a file that is not this user's, and every file begins with the
-digest of what follows, so that one that was cut is compiled again.
+Machine code is stored as pickles, which can run any code of their writer. A folder that other users
+may write to is therefore not used, nor a file of another user. Every file begins with the digest of
+its content, so that a truncated one is compiled again.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from holdfast.errors import CacheWarning, OutputError
 from holdfast.host.writing import atomic_file, discarded_at_the_end
 
 ROOM = 20 * 2**20
-"""Bytes: compiled code of a few closed loops."""
+"""Bytes of free space required: compiled code of a few closed loops."""
 
 CACHE_VARIABLE = "HOLDFAST_CACHE_DIR"
 """Environment variable that moves the cache."""
@@ -40,10 +40,10 @@ _VERSIONS = f"{numba.__version__} {sys.version}"
 
 
 def cache_directory() -> Path:
-    """Where generated source and compiled code are kept; created when missing, for this user alone.
+    """The folder of generated source and compiled code, created if missing, for this user only.
 
-    A user cache that cannot be written, or that others may write to, is replaced by a temporary
-    folder for this process; one that was asked for is then an `OutputError`.
+    A default cache that cannot be written, or that others may write to, is replaced by a temporary
+    folder for this process; a cache set by the user is then an `OutputError`.
     """
     chosen = os.environ.get(CACHE_VARIABLE)
     path = Path(chosen) if chosen else Path(platformdirs.user_cache_dir("holdfast"))
@@ -55,7 +55,7 @@ def cache_directory() -> Path:
         if shutil.disk_usage(path).free < ROOM:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         reason = distrust(path)
-    except (OSError, RuntimeError) as error:  # the latter for a link to itself
+    except (OSError, RuntimeError) as error:  # RuntimeError: a link to itself
         if chosen:
             raise OutputError(
                 f"the cache folder {path} cannot be written "
@@ -65,8 +65,8 @@ def cache_directory() -> Path:
         return _temporary()
     if not reason:
         return path
-    cause = f"the cache folder {path} is not used: {reason}, and what is in it is executed"
-    remedy = f"take the right away (chmod go-w), or set {CACHE_VARIABLE} to a folder of your own"
+    cause = f"the cache folder {path} is not used: {reason}, and its content is executed"
+    remedy = f"remove that permission (chmod go-w), or set {CACHE_VARIABLE} to a folder of your own"
     if chosen:
         raise OutputError(cause, remedy=remedy)
     _warn_once(f"{cause}; every run compiles anew; {remedy}")
@@ -74,7 +74,7 @@ def cache_directory() -> Path:
 
 
 def distrust(folder: Path) -> str:
-    """Why others could change what is in the folder; "" where they cannot."""
+    """The reason why others could change the folder's content; "" if they cannot."""
     if not hasattr(os, "geteuid"):
         return ""
     me = os.geteuid()
@@ -82,7 +82,9 @@ def distrust(folder: Path) -> str:
         found = place.stat()
         if found.st_uid != me and (place == folder or found.st_uid != 0):
             return f"{place} belongs to another user"
-        shared = stat.S_ISVTX & found.st_mode and place != folder  # as /tmp: each has his own there
+        shared = (
+            stat.S_ISVTX & found.st_mode and place != folder
+        )  # as /tmp: each user owns his files there
         if _others_write(found) and not shared:
             return f"others may write to {place}"
     return ""
@@ -96,7 +98,7 @@ def _others_write(found: os.stat_result) -> bool:
 
 @cache
 def _own_group(number: int) -> bool:
-    """Whether nobody but this user, or the administrator, is in the group."""
+    """Whether the group contains only this user or the administrator."""
     import grp
     import pwd
 
@@ -112,7 +114,7 @@ def _make_private(path: Path) -> None:
     for place in reversed((path, *path.parents)):
         if not place.exists():
             place.mkdir(mode=0o700, exist_ok=True)
-    path.mkdir(exist_ok=True)  # says so where it is no folder
+    path.mkdir(exist_ok=True)  # raises an error if it is not a folder
 
 
 @cache
@@ -126,30 +128,30 @@ def _warn_once(message: str) -> None:
 
 
 def keep_source(path: Path, text: str) -> None:
-    """The file with this text, for who reads a traceback: it is the text that is executed."""
+    """The file with this text, which tracebacks refer to: it is the executed text."""
     try:
         if path.read_text("utf-8") == text:
             return
     except (OSError, ValueError):
-        pass  # not there, or no text any more
+        pass  # missing, or not text
     with atomic_file(path, PRIVATE) as partial:
         partial.write_text(text, "utf-8")
 
 
 def kept(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function of Numba, with its machine code in this cache."""
+    """The Numba function, with its machine code in this cache."""
     function._cache = _Cache(function.py_func)  # type: ignore[attr-defined]
     return function
 
 
 class _Place:
-    """What Numba asks of the place of a cache."""
+    """Numba's interface of a cache location."""
 
     def __init__(self, source: str) -> None:
         self._py_file = source
 
     def ensure_cache_path(self) -> None:
-        """It is there."""
+        """The folder exists already."""
 
 
 class _Impl(CompileResultCacheImpl):
@@ -160,7 +162,7 @@ class _Impl(CompileResultCacheImpl):
 
 
 class _Cache(FunctionCache):
-    """As Numba's, but a file for every signature, checked before it is read."""
+    """As Numba's, but with one file for each signature, checked before it is read."""
 
     _impl_class = _Impl
 
@@ -179,7 +181,7 @@ class _Cache(FunctionCache):
 
 @cache
 def _stamp(source: str) -> str:
-    """Of the text of a module: a generated one has the digest of it for a name already."""
+    """The digest of a module's text; the name of a generated module is its digest already."""
     try:
         return hashlib.sha256(Path(source).read_bytes()).hexdigest()
     except OSError:
@@ -194,13 +196,13 @@ class _Files:
         self.stamp = stamp
 
     def _place(self, key: object) -> tuple[Path, bytes]:
-        """The file, and what it is for."""
+        """The path of the file, and the key of its content."""
         about = f"{_VERSIONS}\n{self.stamp}\n{key!r}".encode()
         digest = hashlib.sha256(about).hexdigest()[:24]
         return cache_directory() / f"{self.name}-{digest}.code", about
 
     def load(self, key: object) -> Any:
-        """What was saved; None where there is nothing, or nothing that can be trusted."""
+        """The saved code; None if the file is missing or cannot be trusted."""
         path, about = self._place(key)
         try:
             with path.open("rb") as file:
@@ -217,7 +219,7 @@ class _Files:
         return pickle.loads(data)
 
     def save(self, key: object, data: object) -> None:
-        """Kept for the next process; without room for it the next compiles again."""
+        """Save the code for the next process; without space for it the next compiles again."""
         path, about = self._place(key)
         pickled: bytes = dumps(data)  # type: ignore[no-untyped-call]
         try:
@@ -227,4 +229,4 @@ class _Files:
             return
 
     def flush(self) -> None:
-        """Numba's name for forgetting all of it: there is no index to forget."""
+        """Numba's method that clears an index; this cache has none."""

@@ -1,4 +1,4 @@
-"""Source text to compiled functions, cached on disk so that a second process starts warm."""
+"""Compilation of source text, cached on disk so that a second process starts faster."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ BELOW = {FINITE_DIFFERENCES: "level_set/stencils"}
 _NUMBER = re.compile(r"(?<![\w.])(\d+\.\d*(e[+-]?\d+)?|\d+e[+-]?\d+)(?![\w.])")
 
 _building = threading.RLock()
-"""A module is there for other threads when it has been executed."""
+"""Other threads see a module only after its execution."""
 
 
 def compile_closed_loop(source: str) -> ModuleType:
@@ -37,7 +37,7 @@ def compile_closed_loop(source: str) -> ModuleType:
 
 
 def compile_functions(source: str) -> ModuleType:
-    """The module of functions that stand alone, with the primitives that they use."""
+    """The module of self-contained functions, with the primitives that they use."""
     return _module("functions", f"{_import(QUADRATIC_PROGRAM)}\n\n{source}")
 
 
@@ -53,7 +53,7 @@ def compile_sweep(source: str, precision: str = "float64", scheme: str = "") -> 
 def single(text: str) -> str:
     """The text with its numbers and conversions in single precision.
 
-    A constant in double precision would make all that it meets double, at half the speed.
+    A constant in double precision would promote all operands to double, at half the speed.
     """
     return re.sub(r"\bfloat\(", "np.float32(", _NUMBER.sub(r"np.float32(\g<0>)", text))
 
@@ -64,7 +64,7 @@ def compile_interpolation() -> ModuleType:
 
 
 def _shared(name: str, precision: str = "float64") -> ModuleType:
-    """The module of a file that is the same for every program, so that it is compiled once."""
+    """The module of a file shared by all programs, so that it is compiled once."""
     above, mark, text = _text(name).partition(MARK)
     if precision == "float32":
         above, text = single(above), single(text)
@@ -76,7 +76,7 @@ def _shared(name: str, precision: str = "float64") -> ModuleType:
 
 
 def _import(name: str, precision: str = "float64") -> str:
-    """The line that takes all from such a module."""
+    """The line that imports all names of such a module."""
     return f"from {_shared(name, precision).__name__} import *"
 
 
@@ -87,8 +87,8 @@ def _text(name: str) -> str:
 def _module(kind: str, text: str) -> ModuleType:
     """The module with this text.
 
-    It is named by the digest of its text, so that a changed definition is a new module, and an
-    unchanged one finds its machine code in the cache.
+    Its name is the digest of its text: a changed definition is a new module, and an unchanged one
+    finds its machine code in the cache.
     """
     name = f"{kind}_" + hashlib.sha256(text.encode()).hexdigest()[:24]
     with _building:
@@ -98,7 +98,7 @@ def _module(kind: str, text: str) -> ModuleType:
 
 
 class _Text(InspectLoader):
-    """Of a module whose text is known: its file is for who reads a traceback."""
+    """Loader of a module from its text; the file is only for tracebacks."""
 
     def __init__(self, text: str, path: Path) -> None:
         self.text, self.path = text, path

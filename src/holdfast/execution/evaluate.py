@@ -27,8 +27,8 @@ def evaluate(points, p, out):
 class Evaluator:
     """values(points)[i, j] = expressions[j] at points[i].
 
-    `arguments` are the symbols that the columns of `points` stand for, `parameters` have the
-    values of theirs unless `given` replaces them. Raises `DefinitionError` for an expression
+    `arguments` are the symbols of the columns of `points`. `parameters` give the values of their
+    symbols unless `given` replaces them. Raises `DefinitionError` for an expression
     with any other symbol, `SimulationError` for points of another shape.
     """
 

@@ -11,7 +11,7 @@ from holdfast.execution.primitives import *  # noqa: F403
 
 @inlined
 def interpolate(values, q, low, steps, shape, periodic):
-    """The multilinear interpolant at q; not a number outside the grid."""
+    """The multilinear interpolant at q; NaN outside the grid."""
     n = len(shape)
     fractions = np.empty(n)
     near = np.empty(n, dtype=np.int64)
@@ -75,9 +75,9 @@ def slopes_many(values, points, low, steps, shape, periodic, out):
 
 @inlined
 def beyond_grid(table, place, first):
-    """Whether a place is outside the grid, or is not a number, along an axis from `first` on.
+    """Whether a point is outside the grid, or NaN, along an axis from `first` on.
 
-    A millionth of a cell is allowed for rounding at the ends.
+    The tolerance for rounding at the ends is a millionth of a cell.
     """
     _, low, steps, shape, periodic = table
     outside = False
@@ -92,7 +92,7 @@ def beyond_grid(table, place, first):
 
 @inlined
 def look_up(table, place):
-    """The value and its slopes at a place, or at the nearest place of the grid."""
+    """The value and its slopes at a point, or at the nearest point of the grid."""
     values, low, steps, shape, periodic = table
     n = len(shape)
     at = np.empty(n)

@@ -1,8 +1,8 @@
-"""What compiled code is made of: branches, turns, sines, random numbers, counters of threads.
+"""Primitives of compiled code: branches, angles, sines, random numbers, thread counters.
 
-Generated modules import all of it (`compile.py`). What Python calls is `compiled`; what compiled
-code calls is `inlined` into it, and has no entry from Python: what unpacks Python's objects, with
-a copy of the function in it, was a quarter of what there was to compile.
+Generated modules import all of them (`compile.py`). Functions called from Python are `compiled`.
+Functions called from compiled code are `inlined` and have no entry from Python: such entries, which
+unpack Python's objects around a copy of the function, were a quarter of the compilation.
 """
 
 # mypy: ignore-errors
@@ -26,7 +26,7 @@ def compiled(function):
 
 
 class Inlined(CPUDispatcher):
-    """Machine code for compiled code; where Python calls it, the same text is run by Python."""
+    """Machine code for compiled code; a call from Python runs the same text in Python."""
 
     def __call__(self, *arguments):
         return self.py_func(*arguments)
@@ -44,7 +44,7 @@ def within(**options):
 
 
 inlined = within(forceinline=True)
-apart = within()  # a call of its own
+apart = within()  # a separate call
 
 TWO_PI = 2.0 * math.pi
 MOST_SLICES = 1 << 20  # the turns of a stage; the next stage has the next so many
@@ -59,12 +59,12 @@ def wrap(x):
     return x - TWO_PI * math.ceil((x - math.pi) / TWO_PI)
 
 
-# what is not a number stays so through every branch: a comparison with it must not hide it
+# NaN propagates through every branch: a comparison must not hide it
 
 
 @inlined
 def least(a, b):
-    """The smaller of two; not a number if either is not."""
+    """The smaller of two; NaN if either is NaN."""
     if a != a:
         return a
     return a if a < b else b
@@ -72,7 +72,7 @@ def least(a, b):
 
 @inlined
 def greatest(a, b):
-    """The larger of two; not a number if either is not."""
+    """The larger of two; NaN if either is NaN."""
     if a != a:
         return a
     return a if a > b else b
@@ -121,7 +121,7 @@ def nearest_on_walls(x, y, ends):
 def nearest_to_sight(ax, ay, bx, by, ends):
     """(s, x, y, side): the line at a + s (b - a) is nearest to the wall at (x, y).
 
-    side is -1 where a wall crosses the line; then the least of what would have to be moved.
+    side is -1 if a wall crosses the line; the point is then that of the least displacement.
     """
     found = (0.0, ax, ay, 1.0)
     smallest = np.inf
@@ -162,11 +162,11 @@ def _turn(ax, ay, bx, by, x, y):
 
 @inlined
 def sine_and_cosine(x):
-    """Both at once, in half the time of two library calls; error below 3e-16.
+    """Sine and cosine together, in half the time of two library calls; error below 3e-16.
 
     The argument is brought to [-pi/4, pi/4] by subtracting a multiple of pi/2 in three parts
     (Cody and Waite); the polynomials are those of S. Moshier's Cephes library. Beyond 1e5
-    quarter turns, and for what is not a number, the library functions are used.
+    quarter turns, and for NaN and infinity, the library functions are used.
     """
     turns = np.rint(x * 0.6366197723675814)
     if not abs(turns) < 1e5:
@@ -225,7 +225,7 @@ def philox(c0, c1, c2, c3, k0, k1):
 
 @inlined
 def two_uniforms(seed, run, step, channel, stream):
-    """Two numbers in (0, 1) that depend on these five integers alone."""
+    """Two numbers in (0, 1) that depend on these five integers only."""
     w = philox(
         step & 0xFFFFFFFF,
         run & 0xFFFFFFFF,
@@ -240,12 +240,12 @@ def two_uniforms(seed, run, step, channel, stream):
     return first, second
 
 
-# -- what threads share -----------------------------------------------------------------
+# -- shared between threads --------------------------------------------------------------
 
 
 @intrinsic
 def take(typing_context, counter):
-    """counter[0], and adds one to it: no two threads get the same."""
+    """Atomically returns counter[0] and increments it: no two threads get the same value."""
 
     def generate(context, builder, signature, arguments):
         (array,) = arguments
@@ -257,7 +257,7 @@ def take(typing_context, counter):
 
 @intrinsic
 def look(typing_context, counter):
-    """counter[0] as it is now, whatever this thread knows of it."""
+    """The present counter[0], by an atomic read."""
 
     def generate(context, builder, signature, arguments):
         (array,) = arguments
@@ -269,7 +269,7 @@ def look(typing_context, counter):
 
 @compiled
 def watch(own, other, value, times):
-    """Counts that it has begun, then whether the other comes to the value before so many looks."""
+    """Counts its own start; returns whether the other reaches the value within so many reads."""
     take(own)
     for _ in range(times):  # noqa: SIM110
         if look(other) >= value:

@@ -13,13 +13,13 @@ import numpy.typing as npt
 from holdfast.errors import SimulationError
 
 Progress = Callable[[float], None]
-"""Called now and then with the finished fraction."""
+"""Called from time to time with the finished fraction."""
 
 
 def check_memory(
     needed: int, what: str, remedy: str = "raise record_every, or simulate fewer runs at a time"
 ) -> None:
-    """Refuse what would not fit, before anything is allocated."""
+    """Refuse arrays beyond the memory, before anything is allocated."""
     if not hasattr(os, "sysconf"):
         return
     total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")

@@ -1,1 +1,1 @@
-"""The machine around a program: standard streams, interruption, files that are read and written."""
+"""The operating system: standard streams, interruption (SIGINT), reading and writing of files."""

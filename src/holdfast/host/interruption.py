@@ -1,4 +1,4 @@
-"""An interruption ends the program, whatever it is doing, and leaves no unfinished file.
+"""Interruption (Ctrl-C, SIGINT): it ends the program at any point and leaves no unfinished file.
 
 Python raises an interruption between two of its own instructions. It comes late where a library
 computes, it is lost where a library calls back, and it may leave a lock taken that the program
@@ -31,7 +31,7 @@ _TERMINATIONS = tuple(
 _told_to_stop = threading.Event()
 _ends = threading.Lock()
 _ears: list[socket.socket] = []
-"""What signals are heard by: kept, since the system knows their numbers only."""
+"""The handlers, referenced here because the operating system keeps only numbers of them."""
 
 
 @contextmanager
@@ -60,7 +60,7 @@ def listening() -> Iterator[None]:
 
 
 def end_with_parent() -> None:
-    """In a process of its own: only the one that waits is interrupted, and this ends with it."""
+    """In a worker process: only the waiting parent is interrupted, and the worker ends with it."""
     import multiprocessing
     from multiprocessing.connection import wait
 
@@ -86,23 +86,23 @@ def heed() -> None:
 
 
 def end(status: int, said: str = "") -> NoReturn:
-    """Remove what is unfinished, say so, and leave at once.
+    """Remove unfinished files, print that, and exit at once.
 
     Where the interruption hit code that runs text (as `exec` in a library's import), CPython
     remembers it as unhandled and would turn a plain exit into death by the signal.
     """
     if not _ends.acquire(blocking=False):
-        time.sleep(60.0)  # another thread is at it
+        time.sleep(60.0)  # another thread is already doing it
     try:
         discard_unfinished()
         if said:
-            os.write(2, said.encode())  # past the locks of the streams
+            os.write(2, said.encode())  # bypasses the locks of the streams
     finally:
         os._exit(status)
 
 
 def _hear_terminations() -> dict[int, Any]:
-    """What was done on them before. The thread hears every signal that has a handler."""
+    """Install handlers and return the previous ones. The thread hears every handled signal."""
     before = {
         number: signal.signal(number, _ignored)
         for number in _TERMINATIONS

@@ -1,4 +1,4 @@
-"""Files of the user: regular files of a bounded size are read, never a device or a pipe."""
+"""Reading the user's files: regular files of bounded size, never a device or a pipe."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ MOST_TEXT = 10 * 2**20
 
 
 def check_file(path: str | Path) -> None:
-    """Refuse what is no regular file, also where a link leads to it; one that is missing too."""
+    """Refuse a path that is missing or is not a regular file, after following links."""
     try:
         mode = os.stat(path).st_mode
-    except (OSError, ValueError) as error:  # the latter for a NUL in the name
-        reason = getattr(error, "strerror", None) or "this is no name of a file"
+    except (OSError, ValueError) as error:  # ValueError: a NUL character in the name
+        reason = getattr(error, "strerror", None) or "not a valid file name"
         raise ScenarioError(f"{path}: cannot be read ({reason})") from None
     if not stat.S_ISREG(mode):
         raise ScenarioError(f"{path}: cannot be read ({_kind(mode)})", expected="a file")
@@ -26,7 +26,7 @@ def check_file(path: str | Path) -> None:
 def read_small_text(path: str | Path, most: int = MOST_TEXT) -> str:
     """The text of a file in UTF-8, with or without a byte order mark.
 
-    Raises `ScenarioError` for what cannot be read, is no regular file, no text or too large.
+    Raises `ScenarioError` if the path cannot be read, is not a regular file, is not text or is too
     """
     check_file(path)
     try:
@@ -42,7 +42,7 @@ def read_small_text(path: str | Path, most: int = MOST_TEXT) -> str:
     try:
         return data.decode("utf-8-sig").replace("\r\n", "\n")
     except ValueError:
-        raise ScenarioError(f"{path}: is no text file in UTF-8") from None
+        raise ScenarioError(f"{path}: is not a text file in UTF-8") from None
 
 
 def _kind(mode: int) -> str:
@@ -55,4 +55,4 @@ def _kind(mode: int) -> str:
     ):
         if kind(mode):
             return name
-    return "it is no file"
+    return "it is not a file"

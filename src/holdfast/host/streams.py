@@ -1,4 +1,4 @@
-"""Standard output and standard error that may be closed, full, or read no more."""
+"""Standard output and standard error that may be closed or full, or whose reader has ended."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 class Stream:
     """A stream whose failures do not end the program: `trouble` says what could not be written.
 
-    A reader that has read enough, as `head` has, is no trouble.
+    A reader that closes the pipe early, as `head` does, does not count as a failure.
     """
 
     def __init__(self, stream: Any) -> None:
@@ -37,7 +37,7 @@ class Stream:
             self.muted = True
             if not isinstance(error, BrokenPipeError):
                 self.trouble = error.strerror or str(error)
-            with suppress(OSError):  # what is in its buffer goes nowhere, and nobody is told
+            with suppress(OSError):  # the rest of its buffer is discarded without a message
                 nowhere = os.open(os.devnull, os.O_WRONLY)
                 os.dup2(nowhere, self.stream.fileno())
                 os.close(nowhere)
@@ -48,11 +48,11 @@ class Stream:
 
 @contextmanager
 def forgiving() -> Iterator[Stream]:
-    """Both streams such ones; those that the caller has closed lead nowhere. Gives the output."""
+    """Wrap both streams; closed ones go to the null device. Returns standard output."""
     for number in range(3):
         try:
             os.fstat(number)
-        except OSError:  # or the next file that is opened would be taken for a stream
+        except OSError:  # otherwise the next file opened would get the descriptor of a stream
             os.open(os.devnull, os.O_RDWR)
     before = sys.stdout, sys.stderr
     out, error = (Stream(stream if stream is not None else io.StringIO()) for stream in before)

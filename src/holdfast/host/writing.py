@@ -1,4 +1,4 @@
-"""Files that appear whole under their name, or not at all, and whose remains are removed.
+"""Atomic writing of files: complete under its name or absent; remains are removed.
 
 A file is written beside its place under the name of the process that writes it, and renamed at the
 end. What a killed process leaves is removed by the next process that writes to the same folder.
@@ -22,10 +22,10 @@ from holdfast.errors import OutputError
 T = TypeVar("T")
 
 LITTLE = 1 << 20
-"""Bytes: less than this on a disk is no room."""
+"""Bytes: a disk with less free space than this counts as full."""
 
 LONGEST = 80
-"""Bytes of a file's name that are part of the name it is written under."""
+"""Bytes of the final name that are kept in the temporary name."""
 
 _HOST = re.sub(r"[^A-Za-z0-9]+", "_", socket.gethostname())[:60] or "host"
 _LEFT_OVER = re.compile(r"\..*\.by-(?P<host>\w+)-(?P<process>\d+)-[0-9a-f]{16}\.partial")
@@ -35,22 +35,22 @@ _unfinished: set[Path] = set()
 class atomic_file:
     """Context manager: a temporary path beside `path`, renamed to it on success only.
 
-    What a link leads to is replaced, not the link; a device, a pipe or a folder is refused. The
+    The target of a link is replaced, not the link; a device, a pipe or a folder is refused. The
     file is on the disk before it has its name, so that a power cut leaves the old one or the new.
     """
 
     def __init__(self, path: Path, mode: int = 0o666) -> None:
-        self.path = path.resolve()  # of a link, what it leads to
+        self.path = path.resolve()  # follows a link to its target
         self.mode = mode
 
     def __enter__(self) -> Path:
         if self.path.exists() and not self.path.is_file():
-            raise _refusal(self.path, OSError("it is there, and no file"))
+            raise _refusal(self.path, OSError("it exists and is not a regular file"))
         remove_left_over(self.path.parent)
         name = self.path.name.encode()[:LONGEST].decode(errors="ignore")
         token = secrets.token_hex(8)
         self.partial = self.path.with_name(f".{name}.by-{_HOST}-{os.getpid()}-{token}.partial")
-        _unfinished.add(self.partial)  # before it is there: an interruption may come at any time
+        _unfinished.add(self.partial)  # registered first: an interruption may come at any time
         try:
             os.close(os.open(self.partial, os.O_CREAT | os.O_EXCL | os.O_WRONLY, self.mode))
         except OSError as error:
@@ -87,7 +87,7 @@ def remove_left_over(folder: Path) -> None:
     try:
         found = [(entry, _LEFT_OVER.fullmatch(entry)) for entry in os.listdir(folder)]
     except OSError:
-        return  # who writes there is told
+        return  # the attempt to write there reports it
     for entry, match in found:
         path = folder / entry
         if match is None or match["host"] != _HOST or path in _unfinished:
@@ -97,11 +97,11 @@ def remove_left_over(folder: Path) -> None:
             try:
                 path.unlink(missing_ok=True)
             except OSError:
-                continue  # somebody else's
+                continue  # owned by another user
 
 
 def _is_running(process: int) -> bool:
-    if os.name == "nt":  # where the signal 0 is no question
+    if os.name == "nt":  # signal 0 does not test for existence there
         return True
     try:
         os.kill(process, 0)
@@ -113,14 +113,14 @@ def _is_running(process: int) -> bool:
 
 
 def discarded_at_the_end(folder: Path) -> Path:
-    """The folder, which is removed when the process ends."""
+    """A temporary folder, removed when the process ends."""
     _unfinished.add(folder)
     return folder
 
 
 @atexit.register
 def discard_unfinished() -> None:
-    """Remove every file that this process has not finished: it ends now."""
+    """Remove every file that this process has not finished; called when the process ends."""
     for path in list(_unfinished):
         try:
             path.unlink(missing_ok=True)
@@ -129,7 +129,7 @@ def discard_unfinished() -> None:
 
 
 def undisturbed(work: Callable[[], T]) -> T:
-    """What `work` returns, done in a thread that no signal interrupts.
+    """Run `work` in a thread that no signal interrupts, and return its result.
 
     An exception in the midst of a library that takes locks, as HDF5's do, would leave them taken
     for ever. An interruption is raised here as soon as the work is done.
@@ -164,7 +164,7 @@ def undisturbed(work: Callable[[], T]) -> T:
 
 
 def _refusal(path: Path, problem: BaseException) -> OutputError:
-    """HDF5 does not say why it failed; a disk without room is the reason to think of."""
+    """HDF5 does not report why it failed; a full disk is the likely reason."""
     reason = getattr(problem, "strerror", None) or str(problem)
     free = shutil.disk_usage(path.parent).free if path.parent.exists() else LITTLE
     if free < LITTLE:

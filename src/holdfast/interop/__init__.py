@@ -1,1 +1,1 @@
-"""Where users live: each module here needs one library more, `pip install holdfast[interop]`."""
+"""Interfaces to other libraries; each module needs an optional one (`holdfast[interop]`)."""

@@ -29,7 +29,7 @@ def write_bag(
     """Every run as topics /run_K/odometry (nav_msgs/Odometry) and /run_K/mode (std_msgs/Int32).
 
     pose: the states that are x, y [m] and the heading [rad] (about z, REP 103); twist: surge and
-    sway velocity [m/s] and yaw rate [rad/s] in the vehicle's frame, None or no state: left at 0.
+    sway velocity [m/s] and yaw rate [rad/s] in the vehicle's frame, 0 for None or an unknown state.
     Stamps are the time of the run. The bag is a folder; it must not exist.
 
     Raises `OutputError` for a folder that exists or cannot be written, and for states that the

@@ -1,4 +1,4 @@
-"""A Dask cluster to compute campaigns on."""
+"""Parameter sweeps (campaigns) on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ _client: Any = distributed.Client  # it has no types
 
 @contextmanager
 def cluster_executor(address: str) -> Iterator[tuple[Executor, int]]:
-    """What computes on the cluster whose scheduler is there, and how many threads it has.
+    """An executor on the cluster of the scheduler at this address, and its number of threads.
 
-    Work of a worker that dies is done again by the others. Raises `ScenarioError` where nothing
-    answers within 20 s or no worker is there within them, or the cluster is lost.
+    The work of a worker that dies is repeated by the others. Raises `ScenarioError` if no
+    scheduler answers or no worker registers within 20 s, or if the cluster is lost.
     """
-    if not re.search(r":\d+/?\Z", address):  # else it is looked for, for 40 s
+    if not re.search(r":\d+/?\Z", address):  # otherwise the search takes 40 s
         raise ScenarioError(
             f"--cluster {address}", expected="the address of a scheduler, such as tcp://host:8786"
         )
@@ -32,7 +32,7 @@ def cluster_executor(address: str) -> Iterator[tuple[Executor, int]]:
     except (OSError, ValueError) as error:
         raise ScenarioError(
             f"--cluster {address}: {error}", expected="the address of a scheduler",
-            remedy="begin one with `dask scheduler`, and workers with `dask worker ADDRESS`",
+            remedy="start one with `dask scheduler`, and workers with `dask worker ADDRESS`",
         ) from None  # fmt: skip
     with client:
         try:
@@ -47,5 +47,5 @@ def cluster_executor(address: str) -> Iterator[tuple[Executor, int]]:
         except (distributed.KilledWorker, distributed.CancelledError, OSError) as error:
             raise ScenarioError(
                 f"--cluster {address}: lost ({type(error).__name__}: {error})",
-                remedy="run it again: what is done is kept",
+                remedy="run it again: finished cells are kept",
             ) from None

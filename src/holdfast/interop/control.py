@@ -25,10 +25,10 @@ Array = npt.NDArray[np.float64]
 
 
 def plant(system: System) -> Any:
-    """The system alone as a `NonlinearIOSystem`: actuators, then disturbances, to states.
+    """The open-loop system as a `NonlinearIOSystem`: actuators, then disturbances, to states.
 
     Parameters are those of the system, by name (`params` of `input_output_response`). Nothing
-    limits the actuators: python-control has its own saturation.
+    saturates the actuators: python-control has its own saturation.
     """
     numeric = Numeric(system)
 
@@ -51,7 +51,7 @@ def closed_loop(system: System, law: Law | Switching) -> Any:
 
     The inputs follow the state at every instant, within their bounds, as `simulate` does with
     `continuous=True`. Raises `DefinitionError` for a law with modes, a memory, a safeguard or a
-    kernel, which are functions of more than the state: see `sampled_loop`.
+    kernel, because these depend on more than the state: see `sampled_loop`.
     """
     rates, inputs, parameters = closed_expressions(system, law)
     arguments = [
@@ -83,14 +83,14 @@ def sampled_loop(
 ) -> Any:
     """The sampled closed loop as a `NonlinearIOSystem` in discrete time, dt = sample_time [s].
 
-    For every law: with modes, a memory, a safeguard, a kernel. Its states are those of the system,
-    what the law remembers, the number of the mode (`initial_mode` of the result at first) and the
-    seconds in it; all but the states of the system and the mode begin with 0. Inputs are the
-    disturbances, held for a sample; outputs the states of the system, its inputs, with a safeguard
-    `nominal_INPUT`, what the law asked for before it, and its `slack`, and last the mode. The very
-    steps of `simulate`: classical Runge-Kutta, `substeps` of them a sample.
+    Supports every law, also one with modes, a memory, a safeguard (safety filter) or a kernel. Its
+    states are those of the system, the memory of the law, the number of the mode (initially
+    `initial_mode` of the result) and the seconds in it; all but the states of the system and the
+    mode start at 0. Inputs are the disturbances, held for a sample. Outputs are the states of the
+    system, its inputs, with a safeguard the unfiltered request `nominal_INPUT` and the `slack`, and
+    last the mode. The steps are those of `simulate`: classical Runge-Kutta, `substeps` per sample.
 
-    Raises `SimulationError` for times that cannot be used.
+    Raises `SimulationError` for invalid times.
     """
     Settings(
         horizon=sample_time, sample_time=sample_time, record_every=sample_time, substeps=substeps

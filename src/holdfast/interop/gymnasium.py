@@ -23,16 +23,16 @@ DRAWS = 10_000
 class Environment(gymnasium.Env[Array, Array]):
     """The plant, sampled: an action is held for `sample_time` [s], an observation is the state.
 
-    An action is a number from -1 to 1 for every actuator (thruster, or input), from the least to
-    the largest that it can do. An episode ends
-    when the region is left (reward -1) or the goal is entered (reward +1), and is cut off at
+    An action is a number from -1 (least value) to 1 (largest value) for every actuator (thruster,
+    or input). An episode ends
+    when the region is left (reward -1) or the goal is entered (reward +1), and is truncated at
     `horizon` [s]; before that the reward is 0. box: state -> (low, high) of the starts, uniform,
     in the region; states left out start at 0. disturbance: constant values by name, else 0.
-    `info["constraints"]` are the c_j, safe where <= 0. `substeps` classical Runge-Kutta steps
-    a sample; whether the region was left is looked at after each.
+    `info["constraints"]` are the c_j, safe where <= 0. A sample takes `substeps` classical
+    Runge-Kutta steps; an exit from the region is detected after each.
 
-    Raises `DefinitionError` for inputs without a least and a largest value, for names that there
-    are not, and where no start in the region is found.
+    Raises `DefinitionError` for inputs without a least and a largest value, for unknown names, and
+    if no start is found in the region.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012
@@ -76,7 +76,7 @@ class Environment(gymnasium.Env[Array, Array]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, dict[str, Any]]:
-        """A start in the region, drawn anew."""
+        """A new random start in the region."""
         super().reset(seed=seed)
         for _ in range(DRAWS):
             start = self.np_random.uniform(self.ends[:, 0], self.ends[:, 1])
@@ -86,7 +86,7 @@ class Environment(gymnasium.Env[Array, Array]):
         raise DefinitionError(f"none of {DRAWS} starts from the box is in the region")
 
     def step(self, action: Array) -> tuple[Array, float, bool, bool, dict[str, Any]]:
-        """The state after the action was held, the reward, and whether it is over."""
+        """The state after one sample of the action, the reward, and whether the episode is over."""
         share = (np.clip(action, -1.0, 1.0) + 1.0) / 2.0
         held = self.low + share * (self.high - self.low)
         h, left = self.sample_time / self.substeps, False

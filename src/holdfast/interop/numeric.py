@@ -1,4 +1,4 @@
-"""A system in numbers, for libraries that call a function of arrays at every instant."""
+"""Numerical systems, for libraries that call a function of arrays at every instant."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ Array = npt.NDArray[np.float64]
 class Numeric:
     """The rates of a system at (states, actuators, disturbances, t), and its limits.
 
-    Actuators are what the input bounds are a box of: the thrusters, or the inputs themselves.
+    Actuators are the coordinates of the box of input bounds: thrusters, or the inputs themselves.
     """
 
     system: System
 
     @property
     def actuators(self) -> tuple[str, ...]:
-        """Their names."""
+        """The names of the actuators."""
         return self.system.actuators or self.system.input_names
 
     @cached_property
@@ -47,7 +47,7 @@ class Numeric:
         return Evaluator(rates, moving, s.parameters)
 
     def rates(self, row: Array, given: Mapping[str, float] | None = None) -> Array:
-        """At one row of states, actuators, disturbances and t."""
+        """The rates at one row of states, actuators, disturbances and t."""
         found: Array = self._rates.values(row[np.newaxis], given)[0]
         return found
 
@@ -57,7 +57,7 @@ class Numeric:
         if not isinstance(bounds, Box):
             raise DefinitionError(
                 f"the inputs of system '{self.system.name}' have no least and largest values",
-                expected="input bounds that are a box, or made by one",
+                expected="input bounds that are a box, or the image of one",
             )
         values = {p.symbol: sp.Float(p.value) for p in self.system.parameters}
         low, high = (
@@ -80,7 +80,7 @@ def closed_expressions(
     kind = (
         "has modes" if others
         else "remembers" if switching.memory
-        else "solves a program at every sample" if mode.safeguard
+        else "solves a quadratic program at every sample" if mode.safeguard
         else "looks up a kernel" if switching.lookup
         else ""
     )  # fmt: skip

@@ -1,1 +1,1 @@
-"""What is true: systems, laws, regions and what follows from them symbolically. No arrays."""
+"""Symbolic mathematics of systems, laws, regions and reference fields. No arrays."""

@@ -1,1 +1,1 @@
-"""Where robots may go and in which order: cells, passages, routes, and the corners between."""
+"""Motion planning of robot formations: cells, passages, routes, and corners between cells."""

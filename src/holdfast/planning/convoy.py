@@ -1,4 +1,4 @@
-"""A leader and its followers on their way, as the planner moves them: many at once, cheaply."""
+"""Fast simulation of a leader and its followers for the planner, many runs at once."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ FINE = 0.02
 """A step of the leader, as a share of the distance between robots."""
 
 QUICK = 0.5
-"""A step in time, as a share of the fastest answer of a follower."""
+"""A step in time, as a share of the fastest time constant of a follower."""
 
 
 @dataclass(frozen=True)
 class Convoy:
-    """Who is to pass: the leader's `speed` [m/s] and `gain` kL [1/s], and the followers.
+    """The robots: the leader's `speed` [m/s] and `gain` kL [1/s], and the followers.
 
-    laws: one for each; distance [m]: of each behind the one before it. rule: "arc", from the
-    heading that the leader has, or "tangent", that of the thesis for corners of right angles: from
-    the tangent to the circle about whose centre the follower would go round the corner.
+    laws: one for each follower; distance [m]: of each behind the one before it. rule: "arc" starts
+    from the leader's present heading; "tangent", the thesis's rule for right-angled corners, starts
+    from the tangent to the circle on which the follower would round the corner.
     """
 
     speed: float
@@ -49,12 +49,12 @@ class Convoy:
 
     @property
     def length(self) -> float:
-        """From the leader to the last [m], where all are in their places."""
+        """The length from the leader to the last robot [m] with all in their places."""
         return len(self.laws) * self.distance
 
     @cached_property
     def step(self) -> float:
-        """Seconds in which the leader goes little of the distance, and no follower overshoots."""
+        """A step [s] in which the leader moves little of the distance, without overshoot."""
         gaps = np.linspace(0.5, 1.5, 41) * self.distance
         angles = np.linspace(-0.5, 0.5, 41)
         steepest = 0.0
@@ -79,9 +79,9 @@ class Convoy:
     ) -> tuple[Array, Flags]:
         """Poses (run, robot, x y theta) one step later, the leader first, and who still turns.
 
-        The leader goes on an arc of that curvature [1/m] while it is `turning`, until it heads as
-        the field of the leg does, and else by (6.23) along that; it stands still where it is not
-        `on`. Each follower goes by its law behind the one before it.
+        The leader moves on an arc of that curvature [1/m] while it is `turning`, until its heading
+        is that of the leg's field, and otherwise along the field by (6.23). It is stationary where
+        it is not `on`. Each follower moves by its law behind the one before it.
         """
         dt, found = self.step, np.empty_like(poses)
         place, theta = poses[:, 0, :2], poses[:, 0, 2]

@@ -1,9 +1,8 @@
-"""How sharply a leader may turn from one cell into the next, so that those behind it pass too.
+"""Admissible turning radii of a leader between cells, so that its followers pass too.
 
-All robots go from their starts as their laws bring them. Where the leader comes to a passage with
-a corner, it goes in an arc of radius RL until it heads as the field of the next cell does there.
-Radii are tried with the followers where they are then, and in a straight row at other places of
-the cell that is left.
+All robots move from their starts by their laws. At a passage with a corner, the leader moves on an
+arc of radius RL until its heading is that of the next cell's field. Radii are tried with the
+followers where they are then, and in a straight row at other places of the cell before the passage.
 """
 
 from __future__ import annotations
@@ -26,30 +25,30 @@ Array = npt.NDArray[np.float64]
 
 CANDIDATES = 50
 PLACES = 7
-"""How many radii, and how many places of the followers at first, are tried."""
+"""Numbers of radii, and of initial places of the followers, that are tried."""
 
 ASIDE = 1.2
-"""How far aside of where the leader comes from the rows of followers are [rad]."""
+"""Angles [rad] of the rows of followers from the direction the leader comes from."""
 
 TOUCH = 1e-3
-"""Into a wall by less [m] is not: places at first may be beside one."""
+"""A smaller overlap [m] with a wall is ignored: initial places may touch one."""
 
 ASTRAY = 10
-"""A leader that has gone this many times around its cell does not get out of it."""
+"""A leader that has gone around its cell this many times counts as unable to leave it."""
 
 SQUARE = 0.05
 """Cosines below this are those of right angles."""
 
 STRAIGHT = math.radians(5)
-"""Below this change of heading there is no corner."""
+"""A smaller change of heading is not a corner."""
 
 
 @dataclass(frozen=True)
 class Corner:
-    """low <= RL <= high [m] take all robots through; side +1 turns left, -1 right, 0 goes straight.
+    """Radii low <= RL <= high [m] take all robots through; side: +1 left, -1 right, 0 straight.
 
-    radius: the one in the middle of those tried.
-    heading: what the leader turns to on the spot before the arc, with the rule "tangent".
+    radius: the middle one of those tried.
+    heading: the leader turns to it on the spot before the arc, with the rule "tangent".
     """
 
     side: int
@@ -68,8 +67,8 @@ def route_corners(
 ) -> tuple[Corner, ...]:
     """The corners from leg to leg for robots that start there; `radius` [m] is taken if given.
 
-    Raises `DefinitionError`, naming the corner, where no radius takes all robots through without
-    touching a wall, or the given one does not; and where a robot touches a wall on its way.
+    Raises `DefinitionError`, naming the corner, if no radius (or not the given one) takes all
+    robots through without touching a wall; and if a robot touches a wall on its way.
     """
     found: list[Corner] = []
     poses = np.array([starts], dtype=float)
@@ -83,7 +82,7 @@ def route_corners(
 
 
 def _driven(fields: Fields, number: int, convoy: Convoy, poses: Array, curvature: float) -> Array:
-    """Where the robots are as the leader leaves the cell, or as all are at the goal."""
+    """The robots' poses when the leader leaves the cell, or when all are at the goal."""
     route = fields.route
     leg = route.legs[number]
     stride = convoy.speed * convoy.step
@@ -116,7 +115,7 @@ def _driven(fields: Fields, number: int, convoy: Convoy, poses: Array, curvature
 
 
 def _at_passage(exit: Passage, before: Array, after: Array) -> Array:
-    """Between two steps, where the leader is in the passage."""
+    """The leader's pose in the passage, between two steps."""
     far = [
         float((p[0, 0, :2] - np.array(exit.middle)) @ np.array(exit.normal))
         for p in (before, after)
@@ -129,7 +128,7 @@ def _at_passage(exit: Passage, before: Array, after: Array) -> Array:
 
 
 def _gone(fields: Fields, number: int, convoy: Convoy, poses: Array) -> npt.NDArray[np.bool_]:
-    """Which leaders have left the cell of a leg, or are at the goal."""
+    """The leaders that have left the cell of a leg, or are at the goal."""
     at, exit = poses[:, 0, :2], fields.route.legs[number].exit
     found: npt.NDArray[np.bool_]
     if exit is None:
@@ -174,7 +173,7 @@ def _corner(
             remedy="take a smaller distance, fewer followers or other gains, or widen the cells",
         )
     ends = np.flatnonzero(np.diff(good) > 1)
-    good = good[: ends[0] + 1] if ends.size else good  # the smallest ones that belong together
+    good = good[: ends[0] + 1] if ends.size else good  # the smallest contiguous ones
     best = good[len(good) // 2]
     heading = float(headings[best]) if convoy.rule == "tangent" else None
     return Corner(side, float(radii[good[0]]), float(radii[good[-1]]), float(radii[best]), heading)
@@ -190,7 +189,8 @@ def _tangents(
     beyond = normal if following.exit is None else np.array(following.exit.normal)
     if following.exit is not None and abs(float(normal @ beyond)) > SQUARE:
         raise DefinitionError(
-            f"from cell '{leg.cell.name}' to cell '{following.cell.name}' it is no right angle",
+            f"from cell '{leg.cell.name}' to cell '{following.cell.name}': the corner is not a "
+            "right angle",
             remedy="take the rule 'arc'",
         )
     width = leg.exit.width
@@ -237,9 +237,9 @@ def _rows(leg: Leg, leader: Array, convoy: Convoy) -> Array:
 def _clearance(
     fields: Fields, number: int, curvatures: Array, convoy: Convoy, rows: Array, headings: Array
 ) -> Array:
-    """The least distance of any robot to where it would touch a wall, by curvature.
+    """The least clearance of any robot to a wall, by curvature.
 
-    Negative where it is in the wall; minus infinity where the arc does not end. The leader enters
+    Negative if it is in the wall; minus infinity if the arc does not end. The leader enters
     the leg `number`, from the heading of its curvature.
     """
     environment = fields.route.environment
@@ -251,7 +251,7 @@ def _clearance(
     length = convoy.length + convoy.distance + math.pi / 2 / float(np.abs(curvatures).min())
     for _ in range(math.ceil(length / convoy.speed / convoy.step)):
         poses, turning = convoy.moved(fields, number, poses, curvature, turning, on)
-        on &= ~_gone(fields, number, convoy, poses)  # what it does then is not of this corner
+        on &= ~_gone(fields, number, convoy, poses)  # beyond this corner
         room = np.minimum(room, environment.room(poses[..., :2]).min(axis=1))
     room[turning] = -np.inf
     found: Array = room.reshape(len(curvatures), len(rows)).min(axis=1)

@@ -1,4 +1,4 @@
-"""What was planned, for those who draw it."""
+"""The result of planning, as data for figures."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Course:
-    """What was planned: the fields of the route, and how its corners are taken."""
+    """The result of planning: the fields of the route, and the arcs around its corners."""
 
     fields: Fields
     corners: tuple[Corner, ...]
@@ -31,7 +31,7 @@ class Course:
         return self.fields.route.goal
 
     def arrows(self, apart: float = 0.4) -> Array:
-        """(x, y, direction) of the leader's fields at places of its cells, about `apart` [m]."""
+        """(x, y, direction) of the leader's fields at points `apart` [m] from each other."""
         found = []
         for number, leg in enumerate(self.fields.route.legs):
             corners = np.array(leg.cell.corners)

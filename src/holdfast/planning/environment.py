@@ -21,13 +21,13 @@ Point = tuple[float, float]
 
 
 def shown(point: Sequence[float] | Array) -> str:
-    """A place in a message."""
+    """A point as text for messages."""
     x, y = (round(float(v), 3) + 0.0 for v in point)  # no -0
     return f"({x:g}, {y:g})"
 
 
 CLOSE = 1e-6
-"""Lengths [m] below this are none: faces that are so near are the same line."""
+"""Lengths [m] below this count as zero: faces this close lie on the same line."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Cell:
 
     @cached_property
     def _planes(self) -> tuple[Array, Array]:
-        """Outward normals of the faces, and how far out they are."""
+        """Outward normals and offsets of the faces."""
         normals = np.array([[f.ahead, f.left] for f in self.faces], dtype=float)
         return normals, np.array([f.offset for f in self.faces], dtype=float) + CLOSE
 
@@ -65,9 +65,9 @@ class Cell:
 
 @dataclass(frozen=True)
 class Passage:
-    """What two cells share for the centres of robots: a segment of a face of each.
+    """The part of a border that robots' centres can cross: a segment of a face of each cell.
 
-    `face` is that of the cell that is left, (a, b) the ends, `normal` points into the next.
+    `face` belongs to the first cell, (a, b) are the ends, `normal` points into the next cell.
     """
 
     face: int
@@ -88,8 +88,8 @@ class Passage:
 class Environment:
     """Cells as given, and for the centres of robots of `robot_radius`: `inner`, with `passages`.
 
-    passages: (cell, next cell) -> what they share; `closed` says why two that touch share nothing
-    that a robot passes. free: the union of all cells; walls are its border.
+    passages: (cell, next cell) -> their common segment; `closed` explains why two touching cells
+    have none that a robot can pass. free: the union of all cells; walls are its border.
     """
 
     cells: tuple[Cell, ...]
@@ -106,7 +106,7 @@ class Environment:
 
     @cached_property
     def _roomy(self) -> tuple[shapely.Geometry, shapely.Geometry]:
-        """Where the centres of robots may be, and its border."""
+        """The free space of the robots' centres, and its border."""
         inner = shapely.union_all([c.shape.buffer(CLOSE, join_style="mitre") for c in self.inner])
         border = inner.boundary
         shapely.prepare(inner)
@@ -114,7 +114,7 @@ class Environment:
         return inner, border
 
     def room(self, places: Array) -> Array:
-        """How far robots at places (..., 2) are from touching a wall; negative where in it."""
+        """The clearance of robots at places (..., 2) to the walls; negative inside a wall."""
         inner, border = self._roomy
         x, y = places[..., 0], places[..., 1]
         gap = shapely.distance(shapely.points(x, y), border)
@@ -122,11 +122,11 @@ class Environment:
         return found
 
     def in_sight(self, one: Sequence[float], other: Sequence[float]) -> bool:
-        """Whether no wall is between two places."""
+        """Whether the line between two places crosses no wall."""
         return bool(self.free.covers(shapely.LineString([one, other])))
 
     def cells_at(self, point: Sequence[float]) -> set[int]:
-        """All cells that the centre of a robot there is in: two on what they share."""
+        """All cells that contain a robot's centre at that point: two on a common segment."""
         return {i for i, c in enumerate(self.inner) if c.contains(point)}
 
 
@@ -134,15 +134,15 @@ def environment(cells: Mapping[str, object], robot_radius: float) -> Environment
     """The free space { name: corners } for robots of that radius.
 
     Cells are convex polygons with corners in order, (x, y) in m, that touch without overlapping.
-    A face that lies along another cell opens to it where they touch; the rest is wall, and walls
-    are kept away from by the radius. Of two faces that touch, one has to be open over all of its
-    length. Raises `DefinitionError`, naming the cell and the face, for cells that are not convex or
-    overlap, that are narrower than a robot, and for faces that touch otherwise.
+    A face that lies along another cell opens to it where they touch. The rest is wall, and robots'
+    centres stay a radius away from walls. Of two faces that touch, one has to be open over its
+    entire length. Raises `DefinitionError`, naming the cell and the face, for cells that are not
+    convex, overlap or are narrower than a robot, and for faces that touch otherwise.
     """
     if isinstance(robot_radius, bool) or not 0 < robot_radius < math.inf:
         raise DefinitionError(f"robot_radius is {robot_radius!r}", expected="above 0")
     if not cells:
-        raise DefinitionError("there are no cells", expected="at least one")
+        raise DefinitionError("the environment has no cells", expected="at least one")
     given = tuple(Cell(n, polygon(v, f"cell '{n}'")) for n, v in cells.items())
     for one, other in combinations(given, 2):
         shared = one.shape.intersection(other.shape)
@@ -160,12 +160,12 @@ def environment(cells: Mapping[str, object], robot_radius: float) -> Environment
     return Environment(given, robot_radius, inner, passages, tuple(closed), free)
 
 
-# -- from cells to what the centres of robots have of them --------------------------------------
+# -- from cells to the free space of the robots' centres -----------------------------------------
 
 
 @dataclass(frozen=True)
 class _Contact:
-    """Faces (cell, number) of two cells on one line, and the ends of what they share."""
+    """Faces (cell, number) of two cells on one line, and the ends of their common segment."""
 
     one: tuple[int, int]
     other: tuple[int, int]
@@ -186,7 +186,7 @@ def _touching(cells: tuple[Cell, ...]) -> list[_Contact]:
 def _shared(
     side: tuple[Array, Array], face: Edge, across: tuple[Array, Array], opposite: Edge
 ) -> tuple[Array, Array] | None:
-    """What two faces that look at each other share of a line."""
+    """The common segment of two opposite faces on a line."""
     normal = np.array([face.ahead, face.left], dtype=float)
     other = np.array([opposite.ahead, opposite.left], dtype=float)
     beside = max(abs(float(normal @ end) - float(face.offset)) for end in across)
@@ -199,9 +199,9 @@ def _shared(
 
 
 def _offsets(cells: tuple[Cell, ...], touching: list[_Contact], radius: float) -> list[list[float]]:
-    """How far outwards each face is for the centres of robots.
+    """The outward shift of each face for the robots' centres.
 
-    A face with wall in it is moved in by the radius, and what opens to it is moved out to meet it.
+    A face that contains wall moves in by the radius; a face that opens to it moves out to meet it.
     """
     open_length: dict[tuple[int, int], float] = {}
     for contact in touching:
@@ -244,8 +244,8 @@ def _offsets(cells: tuple[Cell, ...], touching: list[_Contact], radius: float) -
 
 
 def _inner(cell: Cell, offsets: list[float], radius: float, free: shapely.Geometry) -> Cell:
-    """What the centre of a robot has of a cell: its faces moved by the offsets, and then cut off
-    what is still too near to a wall, straight and square to the shortest way there."""
+    """The part of a cell for robots' centres: its faces moved by the offsets, less the parts still
+    too near to a wall, cut off perpendicular to the shortest way there."""
     size = 4 * max(math.dist(a, b) for a in cell.corners for b in cell.corners)
     shape: shapely.Geometry = cell.shape.buffer(size, join_style="mitre")
     for face, offset in zip(cell.faces, offsets, strict=True):
@@ -268,7 +268,7 @@ def _inner(cell: Cell, offsets: list[float], radius: float, free: shapely.Geomet
 
 
 def _cut(shape: shapely.Geometry, normal: Array, offset: float, size: float) -> shapely.Geometry:
-    """What of it has normal . p <= offset."""
+    """The part of the shape with normal . p <= offset."""
     if shape.is_empty:
         return shape
     along = np.array([-normal[1], normal[0]])

@@ -28,10 +28,10 @@ Array = npt.NDArray[np.float64]
 X, Y = symbol("xL"), symbol("yL")
 
 SAMPLES = 401
-"""Places of every face at which the field is looked at."""
+"""Number of points on every face at which the field is checked."""
 
 DEPTH = 0.1
-"""How deep the faces of a blended cell are felt, as a share of the root of its area."""
+"""Depth of the faces' influence in a blended cell, as a share of the root of its area."""
 
 
 @dataclass(frozen=True)
@@ -55,9 +55,9 @@ class Fields:
 def route_fields(route: Route, exponent: float = 3.0) -> Fields:
     """The field of every leg: dipolar to its exit, the last straight to the goal.
 
-    exponent: lambda. Where a dipolar field alone points out of a wall, or into the cell at its
-    exit, it is blended with what points away from the faces. Raises `DefinitionError`, naming cell
-    and face, for a field that does so even then.
+    exponent: lambda. If a dipolar field points out of a wall, or into the cell at its exit, it is
+    blended with terms that point away from the faces. Raises `DefinitionError`, naming cell and
+    face, if the blended field does so too.
     """
     parameters = _parameters(route, exponent)
     fields = [_field(number, leg) for number, leg in enumerate(route.legs, start=1)]
@@ -80,7 +80,7 @@ def route_fields(route: Route, exponent: float = 3.0) -> Fields:
 
 
 def _parameters(route: Route, exponent: float) -> tuple[Parameter, ...]:
-    """What the fields are made of, by name."""
+    """The parameters of the fields, by name."""
     found = [
         Parameter("lam", "1", "exponent lambda of the fields", value=exponent, above=1.0),
         Parameter("goal_x", "m", "goal of the leader", value=route.goal[0]),
@@ -89,7 +89,7 @@ def _parameters(route: Route, exponent: float) -> tuple[Parameter, ...]:
     for number, leg in enumerate(route.legs, start=1):
         if leg.exit is not None:
             direction = math.atan2(leg.exit.normal[1], leg.exit.normal[0])
-            shift = leg.exit.width / 2 / math.sqrt(exponent - 1)  # out by all of it, and no more
+            shift = leg.exit.width / 2 / math.sqrt(exponent - 1)  # all of the passage only
             found += [
                 Parameter(f"exit{number}_x", "m", "middle of a passage", value=leg.exit.middle[0]),
                 Parameter(f"exit{number}_y", "m", "middle of a passage", value=leg.exit.middle[1]),
@@ -107,7 +107,7 @@ def _field(number: int, leg: Leg) -> Field:
 
 
 def _senses(leg: Leg) -> list[int]:
-    """Of every face: -1 where it is a wall, +1 the exit, 0 where it is the exit in part."""
+    """Of every face: -1 for a wall, +1 for the exit, 0 for a face that is partly the exit."""
     senses = [-1] * len(leg.cell.faces)
     if leg.exit is not None:
         a, b = leg.cell.side(leg.exit.face)
@@ -119,17 +119,17 @@ def _senses(leg: Leg) -> list[int]:
 def _wrong_faces(
     route: Route, fields: Sequence[Field], values: Sequence[Parameter]
 ) -> list[tuple[int, int]]:
-    """(leg, face) where the field does not point inwards, or out at the exit.
+    """The first (leg, face) where the field does not point inwards, or outwards at the exit.
 
-    On a face that is the exit in part, the rest is a wall. That of the goal leads straight to a
-    point of a convex cell, and so out of no face.
+    On a face that is partly the exit, the rest is a wall. The field of the goal's cell points
+    straight to a point of a convex cell, and so out of no face.
     """
     check = Evaluator([e for field in fields for e in field], [X, Y], values)
     wrong = []
     for number, leg in enumerate(route.legs[:-1]):
         for k, face in enumerate(leg.cell.faces):
             a, b = leg.cell.side(k)
-            share = (np.arange(SAMPLES) + 0.5)[:, None] / SAMPLES  # the ends belong to two faces
+            share = (np.arange(SAMPLES) + 0.5)[:, None] / SAMPLES  # ends belong to two faces
             places = a + share * (b - a)
             field = check.values(places)[:, 2 * number : 2 * number + 2]
             outwards = field @ np.array([face.ahead, face.left], dtype=float)

@@ -1,4 +1,4 @@
-"""Cells out of a GeoJSON file."""
+"""Reading cells from a GeoJSON file."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from holdfast.host.reading import read_small_text
 from holdfast.planning.environment import Point
 
 MOST = 100 * 2**20
-"""Bytes of a map."""
+"""The largest size of a map in bytes."""
 
 
 def geojson_cells(path: str | Path) -> dict[str, list[Point]]:
     """{ name: corners } of the polygons of a GeoJSON file, named by their `name`, or id, or number.
 
     Coordinates are metres in a plane. Raises `DefinitionError` for a file that cannot be read, is
-    none, or has anything but polygons without holes.
+    not GeoJSON, or has anything but polygons without holes.
     """
     try:
         data = json.loads(read_small_text(path, MOST))
     except ScenarioError as error:
         raise DefinitionError(error.cause, expected=error.expected) from None
     except (ValueError, RecursionError):
-        raise DefinitionError(f"{path} is no JSON file") from None
+        raise DefinitionError(f"{path} is not a JSON file") from None
     features = data.get("features") if isinstance(data, dict) else None
     if not isinstance(features, list) or not features:
         raise DefinitionError(
-            f"{path} is no GeoJSON of cells",
+            f"{path} is not a GeoJSON file of cells",
             expected='{"type": "FeatureCollection", "features": [...]}',
         )
     found: dict[str, list[Point]] = {}

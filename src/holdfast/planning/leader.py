@@ -21,7 +21,7 @@ POSE = (Quantity("xL", "m"), Quantity("yL", "m"), Quantity("thetaL", "rad", angl
 STOPPED = "stop"
 
 ALIGNED = sp.Float(0.01)
-"""Headings [rad] that are so near are the same."""
+"""Headings [rad] closer than this count as equal."""
 
 
 def lead_along(
@@ -34,14 +34,14 @@ def lead_along(
 ) -> Switching:
     """uL = speed, wL = -kL wrap(thetaL - phi) + d/dt phi along the field of each cell, (6.23).
 
-    From the exit of a cell an arc of the corner's radius, wL = +-speed / RL, until the leader heads
-    as the field of the next cell does where it is; at the goal it stops. A corner with a heading
-    is begun by a turn on the spot. speed [m/s], kL = `gain` [1/s], lengths in m.
+    From the exit of a cell the leader moves on an arc of the corner's radius, wL = +-speed / RL,
+    until its heading is that of the next cell's field; at the goal it stops. A corner with a
+    heading starts with a turn on the spot. speed [m/s], kL = `gain` [1/s], lengths in m.
     """
     own = (
         Parameter("cruise", "m/s", "speed of the leader", value=speed, above=0.0),
         Parameter("kL", "1/s", "heading gain of the leader", value=gain, above=0.0),
-        Parameter("goal_radius", "m", "where the leader stops", value=goal_radius, above=0.0),
+        Parameter("goal_radius", "m", "stopping distance", value=goal_radius, above=0.0),
         *fields.parameters,
     )
     turns = tuple(

@@ -16,7 +16,7 @@ ALMOST = 0.8
 
 @dataclass(frozen=True)
 class Leg:
-    """A cell for the centres of robots, and the passage it is left by; None in that of the goal."""
+    """A cell for the robots' centres, and its exit passage; None in the cell of the goal."""
 
     cell: Cell
     exit: Passage | None
@@ -24,7 +24,7 @@ class Leg:
 
 @dataclass(frozen=True)
 class Route:
-    """Legs one after the other; `goal` lies in the last."""
+    """The legs in order; `goal` lies in the last."""
 
     environment: Environment
     legs: tuple[Leg, ...]
@@ -38,12 +38,12 @@ class Route:
 def plan_route(environment: Environment, start: Sequence[float], goal: Sequence[float]) -> Route:
     """The shortest way over the cells, by the middles of the passages.
 
-    start, goal: (x, y) [m] of the centre of a robot. Raises `DefinitionError` where one of them is
-    outside the free space that robots have, and where no way leads from one to the other.
+    start, goal: (x, y) [m] of the centre of a robot. Raises `DefinitionError` if one of them is
+    outside the robots' free space, or if no way leads from one to the other.
     """
     places = [_place(environment, p, what) for p, what in ((start, "start"), (goal, "goal"))]
     graph = nx.DiGraph()
-    # between passages of one cell: what is walked; a passage is where one cell is left for another
+    # edges connect passages of one cell, weighted by length; a passage joins two cells
     for (i, j), passage in environment.passages.items():
         for (a, b), onwards in environment.passages.items():
             if a == j and b != i:
@@ -70,9 +70,9 @@ def plan_route(environment: Environment, start: Sequence[float], goal: Sequence[
 
 
 def _leg(cell: Cell, exit: Passage) -> Leg:
-    """The cell, cut back to the passage where that is nearly all of its face.
+    """The cell, cut back to the passage if that is nearly all of its face.
 
-    So the field has to change its sense on a face only where the wall beside a door is long.
+    The field then has to change its sense on a face only if the wall beside a door is long.
     """
     a, b = cell.side(exit.face)
     if exit.width < ALMOST * math.dist(a, b):

@@ -1,1 +1,1 @@
-"""What is seen: figures and text. Reads results, computes nothing new."""
+"""Presentation: figures and text from results, without new computations."""

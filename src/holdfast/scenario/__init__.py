@@ -1,1 +1,1 @@
-"""Scenario files: read, checked, composed to systems, laws, regions and kernels."""
+"""Scenario files: reading, validation, composition of systems, laws, regions and kernels."""

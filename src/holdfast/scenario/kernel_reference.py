@@ -1,4 +1,4 @@
-"""The kernel of another scenario, for the vehicle of the one that names it; computed once."""
+"""Kernels of other scenarios, computed once for the vehicle of the scenario that names them."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from holdfast.scenario.kinds.kernel import KernelScenario, composed_kernel, is_k
 from holdfast.scenario.schema.kernel import KINDS
 
 DECISIVE = ("system", "region", "goal", "origin", "disturbance", "grid", "march")
-"""The tables that a value depends on, beside the kind."""
+"""The tables that determine a value function, in addition to the kind."""
 
 
 @dataclass(frozen=True)
 class NamedKernel:
     """A kernel that a scenario names.
 
-    scenario: what computes it, None for the file of a value function; digest: of all that the
-    value depends on, so that equal questions are answered once.
+    scenario: the scenario that computes it, None for the file of a value function. digest: of
+    everything that the value depends on, so that equal problems are solved once.
     """
 
     name: str
@@ -42,11 +42,11 @@ class NamedKernel:
     digest: str = ""
 
     def value(self, progress: Progress | None = None) -> ValueFunction:
-        """The value function, computed once and kept in the cache, or that of the file."""
+        """The value function of the file, or computed once and kept in the cache."""
         if self.scenario is None:
             return _loaded(self.name)
         kept = cache_directory() / f"value_{self.digest}.nc"
-        with suppress(OutputError):  # one that was cut, as by a full disk, is computed again
+        with suppress(OutputError):  # a truncated file, as after a full disk, is computed again
             if kept.exists():
                 return _loaded(str(kept))
         value = self.scenario.solve(progress)
@@ -54,11 +54,11 @@ class NamedKernel:
         return value
 
     def check_horizon(self, value: ValueFunction, horizon: float) -> None:
-        """Refuse runs for longer than a kernel that has not converged says anything about."""
+        """Refuse runs longer than the horizon of a kernel that has not converged."""
         said = value.dataset.attrs
         if not said["converged"] and horizon > said["horizon_s"] * (1 + 1e-9):
             raise ScenarioError(
-                f"the kernel of '{self.name}' is one for {said['horizon_s']:g} s, and the run "
+                f"the kernel of '{self.name}' is valid for {said['horizon_s']:g} s, but the run "
                 f"takes {horizon:g} s",
                 remedy="raise its march.horizon until it converges, or shorten the run",
             )
@@ -71,17 +71,17 @@ def named_kernel(
 ) -> NamedKernel:
     """The kernel of the scenario, or of the value function, of that name or file.
 
-    system: the table of the vehicle that it is wanted for, whose keys take the place of those of
-    the scenario; altered: name -> tables, [kernels], which take the place of both.
+    system: the table of the vehicle, whose keys replace those of the scenario. altered: name ->
+    tables, [kernels], which replace both.
 
     Raises `ScenarioError` for a scenario that computes no set or cannot be composed, and for the
-    file of a value function that is to be altered.
+    file of a value function with alterations.
     """
     changes = dict((altered or {}).get(name, {}))
     if name.endswith(".nc"):
         if changes:
             raise ScenarioError(
-                f"kernels.{name}: a value function is what it is",
+                f"kernels.{name}: the file of a value function cannot be altered",
                 remedy="name the scenario that computes it",
             )
         return NamedKernel(name, None)
@@ -100,7 +100,7 @@ def named_kernel(
 
 
 def check_kernels(file: str, data: Mapping[str, Any]) -> None:
-    """Refuse [kernels] of a name that no key `kernel` of the file has: it would change nothing."""
+    """Refuse [kernels] of a name that no key `kernel` of the file uses: it would have no effect."""
     known = set(_named(data))
     for name in _altered(data):
         if name not in known:
@@ -129,8 +129,8 @@ def check_implies(
 ) -> None:
     """Refuse a kernel with states that violate the region of the scenario that is kept in it.
 
-    A kernel whose region has the same inequalities, or more, needs no look. Of any other, all nodes
-    are looked at which are in the set at the last time or at an earlier one.
+    A kernel whose region has the same inequalities, or more, needs no check. For any other, all
+    nodes are checked that are in the set at the last time or at an earlier one.
     """
     if region is None or _has_all(kernel.scenario, region, system):
         return
@@ -140,9 +140,9 @@ def check_implies(
         for name in sorted(str(s) for s in unknown):
             if name not in names:
                 raise ScenarioError(
-                    f"the kernel of '{kernel.name}' knows nothing of '{name}', which "
-                    f"'{c.name}' of region '{region.name}' depends on",
-                    remedy="compute a kernel whose states have it, or watch the kernel's region",
+                    f"the kernel of '{kernel.name}' has no state '{name}', on which "
+                    f"'{c.name}' of region '{region.name}' depends",
+                    remedy="compute a kernel with that state, or use the kernel's region",
                 )
     data = value.dataset["value"]
     numbers = data.max("time").values if "time" in data.dims else data.values
@@ -152,7 +152,7 @@ def check_implies(
         region.parameters,
     )
     nodes = [a.nodes for a in value.grid.axes]
-    for k, slab in enumerate(numbers):  # slab by slab, so that it takes little memory
+    for k, slab in enumerate(numbers):  # slab by slab, to save memory
         places = np.nonzero(slab > 0)
         count = len(places[0]) if places else int(slab > 0)
         if not count:
@@ -166,14 +166,14 @@ def check_implies(
             shown = ", ".join(f"{n} = {v[row]:.3g}" for n, v in zip(names, columns, strict=True))
             amount = f"{found[row, j]:.3g}" + ("" if c.unit == "1" else f" {c.unit}")
             raise ScenarioError(
-                f"the kernel of '{kernel.name}' is not one of region '{region.name}': at {shown} "
+                f"the kernel of '{kernel.name}' is not within region '{region.name}': at {shown} "
                 f"it violates '{c.name}' by {amount}",
-                remedy="compute the kernel of this region, or watch the region of the kernel",
+                remedy="compute the kernel of this region, or use the region of the kernel",
             )
 
 
 def _has_all(scenario: KernelScenario | None, region: Region, system: System) -> bool:
-    """Whether every inequality of the region is one of the kernel's, with the same numbers."""
+    """Whether the kernel's region has every inequality of this one, with the same numbers."""
     if scenario is None or scenario.region is None or scenario.goal is not None:
         return False
 

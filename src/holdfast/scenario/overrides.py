@@ -1,4 +1,4 @@
-"""An override that changes nothing is refused: a number of a parameter that nothing depends on."""
+"""Overrides without effect are refused: numbers of parameters that nothing depends on."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from holdfast.errors import HoldfastError, ScenarioError, suggestion
 from holdfast.maths.definitions.quantity import Parameter, symbol
 
 APART = ("text", "file", "digest")
-"""What a composed scenario says of its own text."""
+"""Warnings and tables of a composed scenario about its own text."""
 
 Compose = Callable[[Sequence[str]], Sequence[object]]
 
@@ -22,7 +22,7 @@ Compose = Callable[[Sequence[str]], Sequence[object]]
 def check_overrides(overrides: Iterable[str], composed: Sequence[object], compose: Compose) -> None:
     """Refuse the number of a parameter that no expression, no bound and no other number depends on.
 
-    composed: what was made with the overrides; compose: makes it with others. A parameter that
+    composed: the scenario with the overrides; compose: builds it with others. A parameter that
     stands in an expression is used; for any other the scenario is composed with a number beside
     its own, and has to differ.
     """
@@ -39,7 +39,7 @@ def check_overrides(overrides: Iterable[str], composed: Sequence[object], compos
         beside = [*changes[:place], f"{key}={_beside(value)}", *changes[place + 1 :]]
         try:
             same = _substance(compose(beside)) == _substance(composed)
-        except HoldfastError:  # the other number is refused, so something depends on it
+        except HoldfastError:  # the other number is refused, so the scenario depends on it
             continue
         if same:
             raise ScenarioError(
@@ -50,12 +50,12 @@ def check_overrides(overrides: Iterable[str], composed: Sequence[object], compos
 
 
 def _beside(value: str) -> str:
-    """Another number, near the one that is given."""
+    """Another number, near the given one."""
     number, *unit = value.strip("\"'").split(maxsplit=1)
     try:
         other = float(number) * (1 + 2.0**-6) or 2.0**-6
     except ValueError:
-        return ""  # takes the key away
+        return ""  # removes the key
     return f'"{other!r} {unit[0]}"' if unit else repr(other)
 
 

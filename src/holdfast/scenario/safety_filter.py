@@ -1,4 +1,4 @@
-"""[safety]: the law of a scenario, kept in the kernel of another."""
+"""[safety]: a safety filter that keeps a scenario's law in the kernel of another scenario."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from holdfast.scenario.validation import at
 
 @dataclass(frozen=True)
 class Safety:
-    """The kernel that a law is kept in, and how.
+    """The kernel of a safety filter, and the settings of the filter.
 
     tracking: the gains by which the vehicle follows velocities, where those are the inputs of the
     kernel; None where its inputs are the vehicle's own.
@@ -41,13 +41,13 @@ class Safety:
         region: Region | None = None,
         progress: Progress | None = None,
     ) -> Law | Switching:
-        """The law, kept in the kernel, for runs of `horizon`; the kernel is computed if need be.
+        """The law with the safety filter, for runs of `horizon`; computes the kernel if necessary.
 
-        region: what the runs have to keep, which the kernel has to lie within.
+        region: the constraints of the runs; the kernel has to lie within it.
         """
         value = self.kernel.value(progress)
         if value.dataset.attrs["empty"]:
-            raise ScenarioError(f"nothing is left of the kernel of '{self.kernel.name}'")
+            raise ScenarioError(f"the kernel of '{self.kernel.name}' is empty")
         self.kernel.check_horizon(value, horizon)
         check_implies(self.kernel, value, region, system)
         if self.tracking is not None:
@@ -71,22 +71,22 @@ class Safety:
 
 
 def composed_safety(file: str, spec: ScenarioSpec, system: System) -> Safety | None:
-    """[safety], with the kernel of this vehicle; `ScenarioError` for what does not go with it."""
+    """[safety], with the kernel of this vehicle; `ScenarioError` for incompatible tables."""
     if spec.safety is None:
         return None
     for other in ("safeguard", "observer"):
         if getattr(spec, other) is not None:
             raise ScenarioError(
-                f"{file}: safety: there is a [{other}] too", remedy="leave one of them out"
+                f"{file}: safety: cannot be combined with [{other}]", remedy="leave one of them out"
             )
     with at(file, "safety"):
         kernel = named_kernel(spec.safety.kernel, spec.system, spec.kernels)
         velocities = () if kernel.scenario is None else _velocities(kernel.scenario.system, system)
         if velocities and not (spec.safety.alone and spec.tracking is not None):
             raise ScenarioError(
-                f"the kernel of '{kernel.name}' is one of the inputs {' and '.join(velocities)}, "
+                f"the kernel of '{kernel.name}' has the inputs {' and '.join(velocities)}, "
                 "which are states here",
-                expected="alone = true, and [tracking] by which they are followed",
+                expected="alone = true, and [tracking] to follow them",
             )
         return Safety(kernel, spec.safety, spec.tracking if velocities else None)
 

@@ -1,4 +1,4 @@
-"""What is wrong with a scenario file, said with the file and the key."""
+"""Validation of scenario files; errors name the file and the key."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ S = TypeVar("S", bound=Section)
 
 @contextmanager
 def at(file: str, key: str) -> Iterator[None]:
-    """Say the file and the key in front of every refusal inside."""
+    """Prefix every error raised inside with the file and the key."""
     try:
         yield
     except ScenarioError as error:
@@ -35,11 +35,11 @@ def _placed(file: str, key: str, error: HoldfastError) -> ScenarioError:
 
 
 def validated(model: type[S], data: object, file: str, prefix: str = "") -> S:
-    """`data` as `model`; `ScenarioError` with the first thing that is wrong."""
+    """`data` as `model`; `ScenarioError` for the first error."""
     try:
         return model.model_validate(data)
     except pydantic.ValidationError as error:
-        # among the alternatives of a union the most specific complaint is the deepest one
+        # among the alternatives of a union the deepest error is the most specific
         first = max(
             error.errors(),
             key=lambda e: (e["type"] == "extra_forbidden", len(e["loc"]), e["type"] == PAIR),
@@ -78,7 +78,7 @@ def _complaint(
 
 
 def _alternatives(annotation: Any) -> list[Any]:
-    """What a dict, list, union or annotated type is made of, down to the bottom."""
+    """The leaf types of a dict, list, union or annotated type, recursively."""
     parts = getattr(annotation, "__args__", ())
     return [*parts, *(a for part in parts for a in _alternatives(part))]
 

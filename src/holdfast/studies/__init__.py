@@ -1,1 +1,1 @@
-"""Many computations from scenarios: sweeps, margins, comparisons, the thesis."""
+"""Studies of scenarios: parameter sweeps, margins, comparisons, the claims of the thesis."""

@@ -1,4 +1,4 @@
-"""What each entry of the catalogue is, as text: `holdfast list` and `holdfast show`."""
+"""Descriptions of the catalogue's entries as text: `holdfast list` and `holdfast show`."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def catalogue_lines() -> Iterable[str]:
 def describe(name: str, overrides: Sequence[str] = ()) -> str:
     """Everything about one entry; `overrides` are arguments of a system or field ("lam=2").
 
-    Raises `ScenarioError` for an unknown name, or overrides of what takes none.
+    Raises `ScenarioError` for an unknown name, or overrides of an entry without parameters.
     """
     load = {"system": load_system, "field": load_field}
     for kind, catalogue in KINDS.items():
@@ -61,7 +61,7 @@ def describe(name: str, overrides: Sequence[str] = ()) -> str:
         return read_text(name)[1].rstrip()
     known = [f.__name__ for c in KINDS.values() for f in c]
     raise ScenarioError(
-        f"nothing is called '{name}'",
+        f"unknown name '{name}'",
         remedy=suggestion(name, [*known, *vehicle_names(), *scenario_names()]),
     )
 
@@ -123,7 +123,7 @@ def _field(field: Field) -> list[str]:
     factor = [] if field.factor == 1 else [("factor", field.factor)]
     lines = ["", f"  components [{field.unit}]{', times the factor' if factor else ''}"]
     lines += equations([*((f"F_{q.name}", e) for q, e in named), *factor])
-    lines += ["", "  what is known of it"]
+    lines += ["", "  known facts"]
     for fact in field_facts(field):
         indent = "    " + " " * (len(fact) - len(fact.lstrip()))
         lines += textwrap.wrap(fact, 98, initial_indent=indent, subsequent_indent=indent + "  ")

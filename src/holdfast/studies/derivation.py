@@ -1,4 +1,4 @@
-"""The whole derivation for a system, from A(q) to the law: `holdfast explain`.
+"""The derivation for a system, from the constraint A(q) to the law: `holdfast explain`.
 
 The content is a list of steps, each of sentences and equations; three ways to set it: for the
 terminal, as LaTeX, as a Markdown page with formulas.
@@ -24,9 +24,9 @@ from holdfast.presentation.text.mathematics import equations, latex, latex_name
 
 @dataclass(frozen=True)
 class Derivation:
-    """What follows from the constraint of one system.
+    """The derivation from the constraint of one system.
 
-    structure, growth, alignment (or why there is none), search: the results as values;
+    structure, growth, alignment (or the reason for its absence), search: the results as values;
     steps: the same as readable mathematics.
     """
 
@@ -38,7 +38,7 @@ class Derivation:
     steps: tuple[Step, ...]
 
     def text(self) -> str:
-        """For a terminal."""
+        """The derivation as text for a terminal."""
         lines = [self.title]
         for number, step in enumerate(self.steps, start=1):
             lines += ["", f"{number}. {step.title}", ""]
@@ -100,7 +100,7 @@ _TEX = {c: f"\\{c}" for c in "_&%#${}"} | {
 
 
 def _escaped(text: str) -> str:
-    """Text that TeX takes as text: a description may come from a stranger's file."""
+    """Escaped text for TeX: a description may come from an untrusted file."""
     return "".join(_TEX.get(c, c) for c in text)
 
 
@@ -116,11 +116,11 @@ def explain(
     limit: float = 60.0,
     progress: Callable[[float], None] | None = None,
 ) -> Derivation:
-    """Derive what the constraint of `system` says, up to its steering law where there is one.
+    """Derive the structure of the constraint of `system`, up to its steering law if it has one.
 
-    `moment` is p, where A leaves a choice. `limit` bounds the search for chained coordinates,
-    in seconds; `progress` is told its finished fraction. Raises `DefinitionError` for a system
-    without a constraint, an integrable (holonomic) one, and whatever `structure` refuses.
+    `moment` is p, if A leaves a choice. `limit` bounds the search for chained coordinates,
+    in seconds; `progress` gets its finished fraction. Raises `DefinitionError` for a system
+    without a constraint, an integrable (holonomic) one, and every error of `structure`.
     """
     found = structure(system, moment)
     grown = growth(found)

@@ -1,4 +1,4 @@
-"""How large a current, or any other number of a scenario, may be before nothing can be kept."""
+"""Disturbance margin: the largest current, or other number, with a nonempty viability kernel."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from holdfast.studies.scenario_parameter import CURRENT, Knob, check_number, fin
 
 KERNELS = ("viability-kernel", "discriminating-kernel", "invariance-kernel")
 UNUSED_TABLES = ("promise", "law")
-"""What a kernel is tried with: a search tries none."""
+"""The table of the closed-loop validation, which a search leaves out."""
 
 UNUSED = ("checkpoint", "estimate_error", "check_outside")
-"""Of [march]: they are about one march, and a search makes many."""
+"""Keys of [march] for a single march, which a search of many does not use."""
 
 
 @checked
@@ -44,22 +44,21 @@ def disturbance_margin(
     """The largest number for which the kernel of a scenario is not empty, or contains `keep`.
 
     of: a key of the scenario, such as "system.current_limit", or "current.speed": the speed of
-    the current that is given, in its direction, or the largest speed of one that is not.
-    between: where the limit is looked for, by default from 0 to twice the value of the
-    scenario, and further up while everything holds, to the bounds of the system for a current
-    that is given. tolerance: how close the limit is enclosed, by default a hundredth of the
-    upper end. keep: states, by name (those left out are 0), and regions that the kernel has to
-    contain. The kernel is one for the horizon of the scenario; with [march] forever = true it
-    is the set that lasts.
+    the prescribed current, in its direction, or the largest speed of an unknown one. between: the
+    interval of the search, by default from 0 to twice the value of the scenario; its upper end is
+    doubled while all trials hold, up to the bounds of the system for a prescribed current.
+    tolerance: the width of the final interval, by default a hundredth of the upper end. keep:
+    states, by name (missing ones are 0), and regions that the kernel has to contain. The kernel is
+    that of the scenario's horizon; with [march] forever = true the infinite-horizon kernel.
 
-    Where a larger number does nothing but enlarge the bounds of the disturbances, it can only take
-    away; the limit is bisected at once. Else values all over the interval are tried first, to see
-    whether there is one limit. In the first case, where the set that lasts is asked for and the
-    steps are monotone (scheme "upwind"), every march begins with the kernel of a smaller bound
-    (warm_start; `solve.solve`). A kernel for a horizon cannot be found that way, and schemes of
-    higher order may come to rest above the kernel: they begin with the region.
+    If a larger number only widens the bounds of the disturbances, it can only shrink the kernel,
+    and the limit is bisected at once. Otherwise values all over the interval are tried first, to
+    see whether there is one limit. In the first case, if the infinite-horizon kernel is requested
+    and the steps are monotone (scheme "upwind"), every march begins with the kernel of a smaller
+    bound (warm start; `solve.solve`). A finite-horizon kernel cannot be found that way, and schemes
+    of higher order may converge above the kernel: they begin with the region.
 
-    Raises `ScenarioError` for a scenario that is no kernel and a key that is no number.
+    Raises `ScenarioError` for a scenario that is not a kernel and a key that is not a number.
     """
     changes = list(overrides)
     file, text, data = read_tables(scenario, changes)
@@ -73,7 +72,7 @@ def disturbance_margin(
         if name in own.options:
             raise ScenarioError(
                 f"{file}: march.{name}: a search over many marches does not use it",
-                remedy=f"take it away with --set march.{name}=",
+                remedy=f"remove it with --set march.{name}=",
             )
     knob = find_knob(own, data, of)
     if knob.key.partition(".")[0] in UNUSED_TABLES:
@@ -121,7 +120,7 @@ def disturbance_margin(
 
 
 class _Trials:
-    """Kernels one after the other; the last one that lasts is kept, to begin with."""
+    """Kernels in turn; the last one that holds is stored for the next warm start."""
 
     def __init__(
         self,
@@ -139,7 +138,7 @@ class _Trials:
         """The kernel with this value; done, share: of all work, before it and its own."""
         asked = self.composed(value)
         options = {n: v for n, v in asked.options.items() if n != "times"}
-        if not _moves(asked):  # else what is lost by now need not be lost in the end
+        if not _moves(asked):  # otherwise a kernel lost so far need not be lost in the end
             options["until"] = self.kept.lost
         before = self.before
         warm = before is not None and before[0] < value and _can_do_more(before[1], asked)
@@ -178,7 +177,7 @@ def _interval(knob: Knob, own: float, between: tuple[float, float] | None) -> tu
         if not own > 0:
             raise ScenarioError(
                 f"{knob.key} is {own:g}", expected="a number above 0 to begin with",
-                remedy="say where to look: --between LOW HIGH",
+                remedy="give the interval: --between LOW HIGH",
             )  # fmt: skip
         return 0.0, min(2.0 * own, knob.limit)
     low, high = (float(v) for v in between)
@@ -211,7 +210,7 @@ def _kept(own: KernelScenario, keep: Sequence[Mapping[str, Any] | Region]) -> Ke
     kept = Kept(own.grid, states, regions)
     if regions and kept.lost(begun):
         raise ScenarioError(
-            f"keep: a region reaches out of region '{own.about.name}'",
+            f"keep: a region is not within region '{own.about.name}'",
             expected="one that the kernel could contain",
         )
     return kept
@@ -223,7 +222,7 @@ def _moves(scenario: KernelScenario) -> bool:
 
 
 def _can_do_more(one: KernelScenario, other: KernelScenario) -> bool:
-    """Whether `other` differs from `one` in nothing but larger bounds of its disturbances."""
+    """Whether `other` differs from `one` only by larger bounds of its disturbances."""
     mine, theirs = one.system, other.system
     used = {s for r in mine.rates.values() for s in r.free_symbols} | one.about.margin.free_symbols
     if mine.input_bounds is not None:

@@ -1,4 +1,4 @@
-"""Work in processes of its own, one for every core: begun, waited for, ended when interrupted."""
+"""Worker processes, one for every core, which end when interrupted."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ TICK = 0.5
 
 @contextmanager
 def processes(count: int) -> Iterator[Executor]:
-    """That many processes, which end with the block, also where it is left by an exception.
+    """Context manager: worker processes that end with the block, also after an exception.
 
-    Raises `OutputError` where one of them was killed.
+    Raises `OutputError` if one of them was killed.
     """
     pool = ProcessPoolExecutor(count, mp_context=_Unheeding(), initializer=_alone)
     try:
         yield pool
     except BrokenProcessPool:
         raise OutputError(
-            "a process was killed, perhaps for want of memory, or could not begin",
-            remedy="run it again, with fewer workers: what is done is kept; a script that calls "
+            "a process was killed, perhaps for lack of memory, or could not start",
+            remedy="run it again, with fewer workers: finished parts are kept; a script that calls "
             'this needs its `if __name__ == "__main__":`',
         ) from None
     finally:
@@ -52,7 +52,7 @@ def answers(
 ) -> Iterator[tuple[Key, Answer]]:
     """function(argument) of every pair (key, argument), as they end; at most `window` at a time.
 
-    `meanwhile` is called while nothing ends, and may raise.
+    `meanwhile` is called while no result arrives, and may raise.
     """
     waiting = iter(asked)
     jobs: dict[Future[Answer], Key] = {}
@@ -72,7 +72,7 @@ def answers(
 
 
 class _Begun(SpawnProcess):
-    """Does not heed an interruption while it begins either: it inherits what is blocked."""
+    """Block interruptions during the start of a worker too: it inherits the blocked signals."""
 
     def start(self) -> None:
         if not hasattr(signal, "pthread_sigmask"):
@@ -90,6 +90,6 @@ class _Unheeding(SpawnContext):
 
 
 def _alone() -> None:
-    """In a process of its own: the one that waits is interrupted, and tells of what is wrong."""
+    """Initializer of a worker: the waiting parent handles interruptions and reports errors."""
     end_with_parent()
     sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115

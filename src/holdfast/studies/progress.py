@@ -1,6 +1,6 @@
-"""Work that may take long: how far it is, an end after the time allowed or when told.
+"""Progress of long work, and its end after a time limit.
 
-Bars are for terminals alone. Elsewhere, as in a log, they would be one endless line.
+Bars appear only on terminals. Elsewhere, as in a log, they would be one endless line.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ def _bar(what: str, delay: float = 0.0) -> Any:
         leave=False,
         delay=delay,
         file=sys.stderr,
-        disable=None,  # but on a terminal
+        disable=None,  # except on a terminal
         bar_format=BAR,
     )
 
 
 def _line(what: str, fraction: float, elapsed: float) -> str:
-    """How far it is, and how long it takes still."""
+    """The finished percentage and the estimated remaining time."""
     if not 0 < fraction < 1:
         return f"{what}: {100 * fraction:.0f} %"
     from tqdm import tqdm
@@ -48,9 +48,9 @@ def _line(what: str, fraction: float, elapsed: float) -> str:
 
 @contextmanager
 def bar(first: str) -> Iterator[Callable[[str, float], None]]:
-    """A bar, and the function that tells it what is worked on and the finished fraction.
+    """A progress bar, and the function that updates its label and finished fraction.
 
-    A line a minute where it is no terminal that standard error goes to.
+    If standard error is not a terminal, one line per minute.
     """
     with _bar(first) as shown:
         begun = written = time.monotonic()
@@ -70,10 +70,10 @@ def bar(first: str) -> Iterator[Callable[[str, float], None]]:
 
 @contextmanager
 def bounded(what: str, seconds: float, remedy: str) -> Iterator[Callable[[float], None]]:
-    """Gives a function to tell the finished fraction to; the bar moves on without it too.
+    """Context manager with a time limit: gives a function that takes the finished fraction.
 
-    It shows after two seconds. After `seconds` the work is refused with `ScenarioError`, wherever
-    it is; on systems without alarms it may take longer.
+    The bar appears after two seconds and also moves by itself. After `seconds` the work ends with
+    `ScenarioError` at any point; on systems without alarms it may take longer.
     """
     with _bar(what, delay=_SILENT) as bar:
         done = threading.Event()

@@ -1,4 +1,4 @@
-"""What can be turned in a scenario: a key, or a short name, to the settings that a value makes."""
+"""Resolve the name of a scenario's parameter to `--set` overrides for a value."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from holdfast.scenario.kinds.kernel import KernelScenario
 
 CURRENT = "current.speed"
 VELOCITIES, LIMIT = ("Vx", "Vy"), "current_limit"
-"""What the systems of the catalogue call the current, and its largest speed."""
+"""The names of the current, and of its largest speed, in the systems of the catalogue."""
 
 TOLD = ("current_x", "current_y")
-"""What their laws call the current that they are told."""
+"""The names of the believed or measured current in their laws."""
 
 DRAWS = "varied.draws."
 TIMES = ("horizon", "sample_time", "record_every", "delay")
 
 Value = float | str
-"""A number in the unit of the key, or text with a unit of its own."""
+"""A number in the unit of the key, or text with its own unit."""
 
 Number = tuple[str, float | None]
 
 
 @dataclass(frozen=True)
 class Knob:
-    """What is turned: its key, what it is called, its unit, its value in the scenario if any.
+    """A parameter of a scenario: its key, label, unit, and value in the scenario if any.
 
-    settings: the KEY=VALUE that a value makes, for --set. limit: the largest value within the
-    bounds of the system, of a current that is given to a kernel.
+    settings: the overrides KEY=VALUE of a value, for --set. limit: the largest value within the
+    bounds of the system, for a prescribed current of a kernel.
     """
 
     key: str
@@ -47,14 +47,13 @@ class Knob:
 
 
 def find_knob(own: Scenario | KernelScenario, data: Mapping[str, Any], name: str) -> Knob:
-    """The knob of that name: "current.speed", a key of the tables, or its last part if unique.
+    """The parameter of that name: "current.speed", a key of the tables, or its last part if unique.
 
-    current.speed is the speed of the current that is given, in its direction, and of what a law is
-    told of it; or the number that the speed is made of; of a kernel, else, the largest speed of a
-    current that is not given. What every run draws (`varied.draws.NAME`) is drawn no more but has
-    the value.
+    current.speed is the speed of the prescribed current, in its direction, together with the value
+    that a law has of it; or the number that determines the speed; or, for a kernel without a
+    prescribed current, the largest speed. A draw (`varied.draws.NAME`) is replaced by the value.
 
-    Raises `ScenarioError` for a name that is none, or that several keys end in.
+    Raises `ScenarioError` for an unknown name, or one that several keys end in.
     """
     if name == CURRENT:
         return _current(own, data)
@@ -69,7 +68,7 @@ def find_knob(own: Scenario | KernelScenario, data: Mapping[str, Any], name: str
 
 
 def check_number(own: Scenario | KernelScenario, data: Mapping[str, Any], knob: Knob) -> float:
-    """Its value in the scenario; `ScenarioError` where there is no number."""
+    """Its value in the scenario; `ScenarioError` if that is not a number."""
     if knob.own is not None:
         return knob.own
     table: Any = data
@@ -79,7 +78,7 @@ def check_number(own: Scenario | KernelScenario, data: Mapping[str, Any], knob: 
         known = [CURRENT, *(key for key, _ in _numbers(data, ""))]
         raise ScenarioError(f"{own.file}: no key '{knob.key}'", remedy=suggestion(knob.key, known))
     raise ScenarioError(
-        f"{own.file}: {knob.key}: {table!r} is no number", expected="the key of a number"
+        f"{own.file}: {knob.key}: {table!r} is not a number", expected="the key of a number"
     )
 
 
@@ -87,7 +86,7 @@ def _setting(data: Mapping[str, Any], key: str) -> Callable[[Value], tuple[str, 
     def shown(value: Value) -> str:
         if isinstance(value, str):
             return f'"{value}"'
-        number = float(value)  # 4 and not 4.0: some keys are of whole numbers
+        number = float(value)  # 4 and not 4.0: some keys take whole numbers
         return str(int(number)) if number.is_integer() and abs(number) < 1e15 else repr(number)
 
     if key.startswith(DRAWS):
@@ -99,7 +98,7 @@ def _setting(data: Mapping[str, Any], key: str) -> Callable[[Value], tuple[str, 
 
 
 def _whole_key(own: Scenario | KernelScenario, known: Mapping[str, float | None], name: str) -> str:
-    """The one key that ends in that name, of the file or of what its entries take besides."""
+    """The unique key that ends in that name, in the file or among its entries' parameters."""
     found = {key for key in known if last_part(key) == name}
     for kind in ("system", "law", "region", "goal"):
         built = getattr(own, kind)
@@ -118,7 +117,7 @@ def _whole_key(own: Scenario | KernelScenario, known: Mapping[str, float | None]
 
 
 def last_part(key: str) -> str:
-    """What a key is called by; a parameter that is a table has its number below it."""
+    """The last part of a key; the number of a parameter table is one level deeper."""
     parts = [p for p in key.split(".") if p not in ("value", "range")]
     return parts[-1] if parts else key
 
@@ -153,8 +152,8 @@ def _current(own: Scenario | KernelScenario, data: Mapping[str, Any]) -> Knob:
         )
     if not speed:
         raise ScenarioError(
-            f"{own.file}: disturbance: the current that is given is zero, and has no direction",
-            remedy="give it one: --set disturbance.Vy=0.1",
+            f"{own.file}: disturbance: the prescribed current is zero and has no direction",
+            remedy="give it a speed: --set disturbance.Vy=0.1",
         )
     shares = {f"disturbance.{n}": float(e) / speed for n, e in felt.items()}
     law = data.get("law", {})
@@ -188,20 +187,20 @@ def _made_of(number: Knob, factor: float) -> Knob:
 
 
 def _owner(data: Mapping[str, Any], name: str) -> str:
-    """What a name in an expression stands for: a draw of every run, or a number of that name."""
+    """The meaning of a name in an expression: a draw of every run, or a number of that name."""
     return f"{DRAWS}{name}" if f"{DRAWS}{name}" in dict(_numbers(data, "")) else name
 
 
 def _largest_current(own: Scenario | KernelScenario) -> Knob:
-    """The bound of a current that a kernel is kept from."""
+    """The bound of an unknown current of a kernel."""
     limits = [q for q in own.system.parameters if q.name == LIMIT]
     felt = own.system.disturbance_bounds
     bounded = limits and felt is not None and limits[0].symbol in felt.free_symbols
     if not (bounded and isinstance(own, KernelScenario)):
         raise ScenarioError(
-            f"{own.file}: system '{own.system.name}' is in no current",
-            expected=f"disturbances {' and '.join(VELOCITIES)} that are given, or '{LIMIT}'",
-            remedy="give it one: --set disturbance.Vy=0.1"
+            f"{own.file}: system '{own.system.name}' has no current",
+            expected=f"disturbances {' and '.join(VELOCITIES)} in [disturbance], or '{LIMIT}'",
+            remedy="prescribe one: --set disturbance.Vy=0.1"
             if bounded
             else "name the key of a number",
         )
@@ -209,7 +208,7 @@ def _largest_current(own: Scenario | KernelScenario) -> Knob:
 
 
 UNUSED = ("scenario", "figures", "compare", "kernels")
-"""Tables that say nothing of what is computed, or of other scenarios."""
+"""Tables that do not affect the computation, or belong to other scenarios."""
 
 
 def _numbers(data: Mapping[str, Any] | Sequence[Any], prefix: str) -> Iterator[Number]:

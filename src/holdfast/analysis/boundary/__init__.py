@@ -1,1 +1,1 @@
-"""What happens on the boundary of a region: cones, regulation maps, viability checks."""
+"""The boundary of a region: contingent cones, regulation maps, viability checks."""

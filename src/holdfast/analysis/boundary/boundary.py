@@ -1,4 +1,4 @@
-"""What viability asks at the boundary of a region, at many states of it: (5.11)-(5.13)."""
+"""Viability conditions at many states of a region's boundary: (5.11)-(5.13)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Array = npt.NDArray[np.float64]
 
 @checked
 class Boundary:
-    """What viability asks at states of a region: compiled once, asked at many states.
+    """Viability conditions of a region: compiled once, evaluated at many states.
 
     `parameters` replaces values of parameters by name; a constraint within `tolerance` of 0
     is active. Raises `DefinitionError` for constraints whose relative degree is above 2, and
@@ -48,7 +48,7 @@ class Boundary:
         for name in self.given:
             if name not in (names := [p.name for p in known]):
                 raise DefinitionError(f"no parameter '{name}'", remedy=suggestion(name, names))
-        for p in known:  # as strict as where the parameter was declared
+        for p in known:  # the same checks as at the declaration
             replace(p, value=self.given.get(p.name, p.value))
         self._values = {p.symbol: self.given.get(p.name, p.value) for p in known}
         n, m, w = len(system.states), len(system.inputs), len(system.disturbances)
@@ -91,20 +91,20 @@ class Boundary:
         for j in active:
             if any(abs(out[0, k]) <= self.tolerance for k in self._ties[j]):
                 raise SimulationError(
-                    f"'{self.conditions[j].name}' has a kink here that is no intersection of "
+                    f"'{self.conditions[j].name}' has a kink here that is not an intersection of "
                     "half-spaces: its cone may be a union",
-                    remedy="ask at a state beside this one",
+                    remedy="evaluate at a neighbouring state",
                 )
             if np.linalg.norm(parts[1][j]) <= 1e-12:
                 raise SimulationError(
                     f"the gradient of '{self.conditions[j].name}' vanishes on the boundary here",
-                    remedy="write the constraint so that it does not: |r| - 1, not (|r| - 1)^3",
+                    remedy="write the constraint with a nonzero gradient: |r| - 1, not (|r| - 1)^3",
                 )
         return parts, active
 
     @checked
     def worst(self, states: Array) -> Array:
-        """max_j c_j of each state, shape (count,): the region is where it is <= 0."""
+        """max_j c_j of each state, shape (count,), which is <= 0 exactly in the region."""
         states = np.asarray(states, dtype=np.float64)
         if states.ndim != 2 or states.shape[1] != len(self.system.states):
             raise SimulationError(
@@ -157,10 +157,10 @@ class Boundary:
         """R_K at a state: every active condition with d^k c / dt^k <= 0, within the bounds.
 
         disturbance: "none", values by name, or "worst": the largest outward rate over the
-        disturbance's bounds counts (where it enters affinely, and not before the inputs). Where
-        the second derivative decides, dc/dt < 0 leaves the input free and dc/dt > 0 is hopeless.
-        With `gains` = (k1, k2) in 1/s the conditions hold in the whole region, not on its
-        boundary alone:
+        disturbance's bounds counts (if it enters affinely, and not before the inputs). Where the
+        second derivative decides, dc/dt < 0 leaves the input free and dc/dt > 0 is hopeless. With
+        `gains` = (k1, k2) in 1/s the conditions are those of a control barrier function, in the
+        whole region and not only on its boundary:
 
             dc/dt + k1 c <= 0,    d2c/dt2 + (k1 + k2) dc/dt + k1 k2 c <= 0
 
@@ -246,7 +246,7 @@ class Boundary:
             return 0.0
         largest = bounds.at(self._values).support_value(list(map(float, row)))
         if not np.isfinite(largest):
-            raise SimulationError("a disturbance that matters here has no bounds")
+            raise SimulationError("a disturbance that enters the rate here has no bounds")
         return largest
 
 
@@ -263,7 +263,7 @@ def regulation_map(
 ) -> RegulationMap:
     """The inputs that keep `state` inside `region`: see `Boundary` and its `regulation_map`.
 
-    For many states build one `Boundary` and ask it.
+    For many states build one `Boundary` and reuse it.
     """
     boundary = Boundary(system, region, parameters=parameters, tolerance=tolerance)
     return boundary.regulation_map(state, disturbance=disturbance, gains=gains)

@@ -1,4 +1,4 @@
-"""Which velocities keep a state inside a region: a polyhedral cone with its generators."""
+"""The contingent cone: velocities that keep a state in a region, as a cone with generators."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ Array = npt.NDArray[np.float64]
 class ContingentCone:
     """T_K(q) = { v : normals v <= 0 }: the velocities along which q does not leave the region.
 
-    That is the linearised cone. It is the contingent cone where some v has normals v < 0 (the
-    constraint qualification of Mangasarian and Fromovitz, `qualified`); where none has, as at a
+    This is the linearised cone. It is the contingent cone if some v has normals v < 0 (the
+    constraint qualification of Mangasarian and Fromovitz, `qualified`). Without such a v, as at a
     cusp, the contingent cone may be smaller.
 
     `normals` are the gradients of the active pieces (none: every velocity). Every such v is

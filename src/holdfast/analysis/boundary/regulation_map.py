@@ -1,4 +1,4 @@
-"""Which inputs keep a state inside a region: (5.11)-(5.13) as a polytope of inputs."""
+"""The regulation map: inputs that keep a state in a region, as a polytope, (5.11)-(5.13)."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class RegulationMap:
     """R_K(z) = { u in U : normals u <= offsets }: the inputs that do not leave the region.
 
     The rows come from the viability conditions first (`conditions` names their inequalities),
-    then from the bounds U of the inputs. `hopeless` are inequalities that are left whatever
-    the input: they are being crossed, and only their second derivative feels it.
+    then from the bounds U of the inputs. `hopeless` are inequalities that are violated for any
+    input: they are being crossed, and the input acts only on their second derivative.
     """
 
     state: Array
@@ -77,7 +77,7 @@ class RegulationMap:
             bounds=[(None, None)] * len(self.inputs),
         )
         if found.x is None:
-            raise SimulationError(f"the bounds of the inputs admit none ({found.message})")
+            raise SimulationError(f"the bounds of the inputs admit no input ({found.message})")
         return np.asarray(found.x)
 
     @property
@@ -128,7 +128,7 @@ class RegulationMap:
 
 
 def input_half_spaces(system: System, values: Mapping[Any, float]) -> tuple[Array, Array]:
-    """The bounds of the inputs as normals u <= offsets; no row where there is no bound."""
+    """The bounds of the inputs as normals u <= offsets; an unbounded input has no row."""
     m = len(system.inputs)
     if system.input_bounds is None:
         return np.zeros((0, m)), np.zeros(0)
@@ -148,7 +148,7 @@ def _hull(system: System, corners: Array) -> tuple[Array, Array]:
     )
     if flat:
         raise DefinitionError(
-            f"the actuators of system '{system.name}' have no bounds, or no room between them",
+            f"the actuators of system '{system.name}' have no bounds, or their interval is empty",
             expected="finite bounds, lower below upper",
         )
     if corners.shape[1] == 1:

@@ -1,4 +1,4 @@
-"""Is a region viable under a system? Asked at many states of its boundary, the worst returned."""
+"""Sampled check of a region's viability: the worst state of many on its boundary."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ViabilityCheck:
-    """What was found at the sampled states of the boundary.
+    """The findings at the sampled states of the boundary.
 
-    `states` (count, n); `margins`: at each the best input's worst outward rate, with the sign
-    turned, so that below 0 no input keeps the state inside (minus infinity: an inequality is
-    being crossed and only its second derivative feels the input). `active`: the inequalities
-    there. `worst` is the state of the least margin, `viable` whether every margin is >= 0.
-    A sample proves that a region is not a viability domain, never that it is one. Margins are
-    in the units of the constraints' derivatives. Where inputs are felt in the second derivative
-    only, random states have dc/dt < 0 (any input will do) or dc/dt > 0 (none will): the share
-    is then that of the states that are not yet leaving.
+    `states` (count, n). `margins`: at each state minus the best input's worst outward rate; below
+    0 no input keeps the state inside (minus infinity: an inequality is being crossed and the input
+    acts only on its second derivative). `active`: the inequalities there. `worst` is the state of
+    the least margin, `viable` whether every margin is >= 0. A sample can prove that a region is
+    not a viability domain, never that it is one. Margins are in the units of the constraints'
+    derivatives. If inputs act only on the second derivative, random states have dc/dt < 0 (any
+    input is sufficient) or dc/dt > 0 (no input is): the share is then that of the states that are
+    not yet leaving.
     """
 
     states: Array
@@ -41,12 +41,12 @@ class ViabilityCheck:
 
     @property
     def share(self) -> float:
-        """The share of the sampled boundary at which some input keeps the state inside."""
+        """The share of the sampled boundary states at which some input keeps the state inside."""
         return float((self.margins >= -1e-9).mean())
 
     @property
     def worst(self) -> tuple[Array, float, tuple[str, ...]]:
-        """The state of the least margin, that margin, and what is active there."""
+        """The state of the least margin, that margin, and the active inequalities."""
         index = int(np.argmin(self.margins))
         return self.states[index], float(self.margins[index]), self.active[index]
 
@@ -60,10 +60,10 @@ def check_viability(
     seed: int = 0,
     disturbance: Mapping[str, float] | str = "none",
 ) -> ViabilityCheck:
-    """Ask the regulation map at `count` random states of the boundary within `box`.
+    """Evaluate the regulation map at `count` random states of the boundary within `box`.
 
-    `box` maps states to (lowest, highest); those left out are 0. A random ray from a random
-    state of the region is followed to where it leaves it. Raises `SimulationError` when the
+    `box` maps states to (lowest, highest); missing ones are 0. A random ray from a random
+    state of the region is followed to its exit. Raises `SimulationError` when the
     box holds no state of the region, or none of its rays leaves the region within the box.
     """
     names = boundary.system.state_names
@@ -72,7 +72,7 @@ def check_viability(
     whole("seed: ", seed, 0)
     for name, sides in box.items():
         if name not in names:
-            raise SimulationError(f"'{name}' is no state", remedy=suggestion(name, names))
+            raise SimulationError(f"'{name}' is not a state", remedy=suggestion(name, names))
         if len(sides) != 2:
             raise SimulationError(f"the box of '{name}' is {sides!r}", expected="lowest, highest")
     low, high = (np.array([box.get(n, (0.0, 0.0))[i] for n in names], float) for i in (0, 1))
@@ -101,7 +101,7 @@ def check_viability(
         margins[i] = -math.inf if answer.hopeless else -answer.least_violation()[1]
         if not (answer.conditions or answer.hopeless) and not boundary.active_set(state):
             raise SimulationError(
-                "a sampled state of the boundary has nothing active",
+                "a sampled state of the boundary has no active inequality",
                 remedy="raise the tolerance of the boundary",
             )
         active.append((*answer.conditions, *answer.hopeless))
@@ -109,7 +109,7 @@ def check_viability(
 
 
 def _leaving(boundary: Boundary, start: Array, direction: Array, low: Array, high: Array) -> Array:
-    """Where rays from inside leave the region, as far as that is within the box."""
+    """The exit points of rays from inside the region, as far as they are within the box."""
     with np.errstate(divide="ignore", invalid="ignore"):
         reach = np.where(direction > 0, (high - start) / direction, (low - start) / direction)
     reach = np.where(direction == 0, np.inf, reach).min(axis=1)

@@ -1,1 +1,1 @@
-"""Hamilton-Jacobi reachability: viability kernels, capture basins, reachable tubes."""
+"""Hamilton-Jacobi reachability: viability kernels, reach-avoid sets (capture basins), tubes."""

@@ -1,4 +1,4 @@
-"""How much of something a kernel stands: what was tried, and the limit between what it showed."""
+"""Bisection for the largest admissible value of a parameter, such as a disturbance bound."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ from holdfast.errors import SimulationError
 from holdfast.maths.definitions.region import Region
 
 SCANNED = 9
-"""Values tried over the interval where a larger one need not leave less."""
+"""Number of values tried over the interval if the answer need not be monotone."""
 
 DOUBLED = 5
-"""How often the upper end is doubled while everything holds."""
+"""Largest number of doublings of the upper end while all trials succeed."""
 
 
 class Answer(Enum):
-    """What a trial has shown."""
+    """The outcome of a trial."""
 
-    HELD = "the set is what it has to be"
-    LOST = "it is not"
-    UNDECIDED = "it is by now, and has not converged within the horizon"
+    HELD = "the set meets the requirement"
+    LOST = "the set does not meet the requirement"
+    UNDECIDED = "the set meets the requirement so far, but has not converged within the horizon"
 
 
 @dataclass(frozen=True)
 class Tried:
-    """One value that was tried.
+    """A trial of one value.
 
-    least: the value that has to be above zero, the largest of V, or the least of V where it has to
-    be kept. fraction: of the grid's box in the set; not a number where something that had to be
-    kept is lost, since the march may have ended there. warm: begun from the kernel of a smaller
-    bound. reached: simulated time [s].
+    least: the value that has to be above zero, either the largest V, or the least V at the states
+    to keep. fraction: of the grid's box in the set; NaN if a state to keep is lost, since the march
+    may have ended there. warm: started from the kernel of a smaller bound (warm start). reached:
+    simulated time [s].
     """
 
     value: float
@@ -59,11 +59,11 @@ class Tried:
 
 @dataclass(frozen=True)
 class Margin:
-    """The trials of a search, in ascending order, and what follows from them.
+    """The trials of a search, in ascending order, and the resulting limits.
 
-    keeps: whether the set has to contain something, or only not to be empty; monotone: whether a
-    larger value can only take away, by the bounds of the disturbances themselves; settings: those
-    of the scenario at `low`; end: the largest value that the bounds of the system allow.
+    keeps: whether the set has to contain given states, or only not to be empty. monotone: whether a
+    larger value can only shrink the set, by the bounds of the disturbances themselves. settings:
+    those of the scenario at `low`. end: the largest value that the bounds of the system allow.
     """
 
     title: str
@@ -82,7 +82,7 @@ class Margin:
 
     @property
     def low(self) -> float | None:
-        """The largest value up to which every one that was tried holds."""
+        """The largest tried value such that it and all smaller tried ones hold."""
         return _last_held(self.trials)
 
     @property
@@ -92,12 +92,12 @@ class Margin:
 
     @property
     def undecided(self) -> tuple[float, ...]:
-        """The values for which the horizon was too short."""
+        """The values with too short a horizon for an answer."""
         return tuple(t.value for t in self.trials if t.answer is Answer.UNDECIDED)
 
     @property
     def holds_again(self) -> tuple[float, ...]:
-        """Values that hold above one that is lost: what is asked for is not monotone."""
+        """Values that hold above one that is lost: the answer is not monotone."""
         lost = [t.value for t in self.trials if t.answer is Answer.LOST]
         return tuple(
             t.value for t in self.trials if t.answer is Answer.HELD and lost and t.value > lost[0]
@@ -110,7 +110,7 @@ class Margin:
         return low is not None and high is not None and _close(low, high, self.tolerance)
 
     def summary(self) -> dict[str, Any]:
-        """For margin.json."""
+        """The content of margin.json."""
         fields = (
             "title", "scenario", "key", "name", "unit", "keeps", "forever", "tolerance",
             "monotone", "low", "high", "answered",
@@ -135,12 +135,12 @@ def search(
 ) -> tuple[Tried, ...]:
     """Try values until the limit is known within `tolerance`, or cannot be.
 
-    attempt: called with a value, the share of the work that is done, and its own. monotone: the
-    ends alone are tried before the bisection, else values all over the interval. end: the upper
-    end is doubled up to there while everything holds.
+    attempt: called with a value, the finished share of the work, and the share of this trial.
+    monotone: only the ends are tried before the bisection, otherwise values all over the interval.
+    end: the limit of doubling the upper end while all trials hold.
 
-    With undecided values in between the limit is followed from both sides, so that they are as few
-    as they can be.
+    If undecided values lie in between, the limit is approached from both sides, so that as few as
+    possible remain.
     """
     trials: dict[float, Tried] = {}
     expected = (2 if monotone else SCANNED) + _halvings(
@@ -184,7 +184,7 @@ def search(
 
 
 class Kept:
-    """What the set has to contain: states, all of regions; without any it must not be empty."""
+    """The states and regions that the set has to contain; without any it must not be empty."""
 
     def __init__(
         self, grid: Grid, states: npt.ArrayLike = (), regions: Sequence[Region] = ()
@@ -205,7 +205,7 @@ class Kept:
         return bool(len(self.states) or self.nodes.any())
 
     def least(self, value: ValueFunction) -> float:
-        """Above zero if the set is what it has to be; not a number outside the grid."""
+        """A number above zero if the set contains them; NaN outside the grid."""
         values = value.values()
         if not self.asked:
             return float(values.max())

@@ -13,7 +13,7 @@ import numpy.typing as npt
 Array = npt.NDArray[Any]
 
 TOGETHER = 1_000_000
-"""Nodes of a block that is looked at in one go, at most, unless those of two axes are more."""
+"""The most nodes of a block evaluated at once, unless two axes alone have more."""
 
 
 def share_inside(values: Array, periodic: Sequence[bool]) -> float:
@@ -24,10 +24,10 @@ def share_inside(values: Array, periodic: Sequence[bool]) -> float:
 
         1/2 + m / sum_i |d_i|   within [0, 1]
 
-    which is exact for a boundary across an axis, and right in the mean over many cells for any
+    which is exact for a boundary normal to an axis, and correct on average over many cells for any
     other plane.
     """
-    outer = 0  # axes that are gone along cell by cell
+    outer = 0  # axes traversed cell by cell
     while outer < values.ndim - 1 and math.prod(values.shape[outer:]) * 2**outer > TOGETHER:
         outer += 1
     cells = [n if around else n - 1 for n, around in zip(values.shape, periodic, strict=True)]
@@ -35,7 +35,7 @@ def share_inside(values: Array, periodic: Sequence[bool]) -> float:
     for place in itertools.product(*(range(c) for c in cells[:outer])):
         block = values
         for axis, k in enumerate(place):
-            if k + 1 < values.shape[axis]:  # no copy: there may be many nodes
+            if k + 1 < values.shape[axis]:  # a view: the block may be large
                 block = block[(slice(None),) * axis + (slice(k, k + 2),)]
             else:
                 block = block.take([k, 0], axis=axis)

@@ -1,4 +1,4 @@
-"""What a caller gives to a march, checked: numbers, whole numbers, tables by name."""
+"""Checks of a march's arguments: numbers, whole numbers, tables by name."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from holdfast.errors import SimulationError
 
 
 def as_number(value: object) -> float | None:
-    """The value as a float; None for what is no number, such as True, "3" or a list."""
+    """The value as a float; None if it is not a number, such as True, "3" or a list."""
     if isinstance(value, sp.Expr):
         return float(value) if value.is_number and value.is_extended_real else None
     if isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool):
@@ -21,9 +21,9 @@ def as_number(value: object) -> float | None:
 
 
 def number(what: str, value: object, expected: str, holds: Callable[[float], bool]) -> float:
-    """The value as a float, refused where it is no number or `holds` is not true of it.
+    """The value as a float; refused if it is not a number or does not satisfy `holds`.
 
-    A NaN is refused as no comparison is true of it.
+    NaN is refused, because every comparison with it is false.
     """
     found = as_number(value)
     if found is None or not holds(found):
@@ -32,7 +32,7 @@ def number(what: str, value: object, expected: str, holds: Callable[[float], boo
 
 
 def whole(what: str, value: object, least: int, most: float = float("inf")) -> int:
-    """The value as a whole number within [least, most]; True and 3.0 are none."""
+    """The value as a whole number within [least, most]; True and 3.0 are refused."""
     kind = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
     if kind and least <= cast(int, value) <= most:
         return int(cast(int, value))
@@ -43,7 +43,7 @@ def whole(what: str, value: object, least: int, most: float = float("inf")) -> i
 
 
 def by_name(what: str, value: object, example: str) -> Mapping[str, Any]:
-    """The value as a table from names."""
+    """The value as a table by name."""
     if not isinstance(value, Mapping):
         raise SimulationError(f"{what}: {value!r}", expected=f"a table by name, such as {example}")
     return value

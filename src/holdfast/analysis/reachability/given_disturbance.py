@@ -1,4 +1,4 @@
-"""A disturbance that is given, held against the bounds of its system."""
+"""Checks of a prescribed disturbance against the bounds of its system."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from holdfast.maths.definitions.quantity import TIME
 from holdfast.maths.definitions.system import System
 
 LOOKED_AT = 257
-"""Times of the horizon at which a disturbance that depends on time is held against its bounds."""
+"""Number of times at which a time-dependent disturbance is compared with its bounds."""
 
 WITHOUT_END = 1e9
-"""A factor beyond which bounds do not matter."""
+"""A larger factor counts as unbounded."""
 
 
 def check_given(
@@ -26,7 +26,7 @@ def check_given(
     numbers: Mapping[sp.Symbol, sp.Float],
     interval: tuple[float, float],
 ) -> None:
-    """Refuse a disturbance that is given outside its bounds, at any of many times."""
+    """Refuse a prescribed disturbance that leaves its bounds at any of many times."""
     which = [d.name in given for d in system.disturbances]
     bounds = section(system.disturbance_bounds, which)
     if bounds is None:
@@ -48,7 +48,7 @@ def check_given(
 
 
 def largest_factor(system: System, given: Mapping[str, float | sp.Expr]) -> float:
-    """By how much a constant disturbance that is given can be multiplied within its bounds."""
+    """The largest factor that keeps a constant prescribed disturbance within its bounds."""
     bounds = section(system.disturbance_bounds, [d.name in given for d in system.disturbances])
     if bounds is None:
         return math.inf

@@ -1,4 +1,4 @@
-"""A grid over the states of a system: nodes, and what is beyond the ends of every axis."""
+"""A grid over the states of a system: nodes, and boundary conditions (`ends`) of every axis."""
 
 from __future__ import annotations
 
@@ -26,10 +26,11 @@ LARGEST_DIMENSION = 6
 
 @dataclass(frozen=True)
 class Axis:
-    """`count` nodes from low to high; of a periodic axis, whose ends are one, high is left out.
+    """`count` nodes from low to high; a periodic axis, whose ends coincide, has no node at high.
 
-    ends: "extrapolated" (linearly, away from zero), "contained": the same, and the region has to
-    lie within, "periodic", or "limited": the state itself is limited there, and nothing leaves.
+    ends, the boundary condition that gives the ghost cells: "extrapolated" (linearly, away from
+    zero), "contained": the same, and the region has to lie within, "periodic", or "limited": the
+    state itself is limited there, and no trajectory leaves.
     """
 
     state: Quantity
@@ -52,11 +53,11 @@ class Axis:
 
     @property
     def reflected(self) -> npt.NDArray[np.int64]:
-        """At which place the node is whose state is that of this one times -1.
+        """The index of the node whose state is -1 times that of this one.
 
-        Raises `SimulationError` where there is none.
+        Raises `SimulationError` if it does not exist.
         """
-        middle = -2.0 * self.low / self.step  # the sum of the places of a node and its reflection
+        middle = -2.0 * self.low / self.step  # the sum of the indices of a node and its reflection
         whole = round(middle)
         fits = self.ends == "periodic" or whole == self.count - 1
         if not fits or abs(middle - whole) > 1e-9 * self.count:
@@ -91,9 +92,9 @@ def grid(
 ) -> Grid:
     """The grid over `box` (state -> (low, high)); `nodes` along every axis, or along each by name.
 
-    ends: state -> "contained" (the default: a region that is kept has to lie within), "periodic"
-    (the default of an angle over a whole turn), "extrapolated", "limited". An angle over part of a
-    turn needs its ends said.
+    ends, the boundary conditions: state -> "contained" (the default: the region of a kernel has to
+    lie within), "periodic" (the default of an angle over a whole turn), "extrapolated", "limited".
+    An angle over part of a turn has no default.
 
     Raises `SimulationError` for a state with the name of one of `VARIABLES` or without an interval,
     for an interval that is empty or unbounded, an angle over more than a turn, a
@@ -113,7 +114,7 @@ def grid(
     for name in names:
         if name in VARIABLES:
             raise SimulationError(
-                f"a state has the name '{name}', which a value function has a variable for",
+                f"a state has the name '{name}' of a variable of value functions",
                 expected=f"states of other names than {', '.join(VARIABLES)}",
                 remedy="rename the state",
             )
@@ -124,7 +125,7 @@ def grid(
         for name in table:
             if name not in names:
                 raise SimulationError(
-                    f"{what} of '{name}', which is no state", remedy=suggestion(name, names)
+                    f"{what} of '{name}', which is not a state", remedy=suggestion(name, names)
                 )
     return Grid(tuple(_axis(q, box, nodes, ends.get(q.name)) for q in system.states))
 
@@ -159,7 +160,7 @@ def _axis(
         raise SimulationError(
             f"the interval of the angle '{q.name}' is {high - low:g} rad, not a whole turn",
             expected="2 pi",
-            remedy='or say what is beyond its ends: ends = {"' + q.name + '": "contained"}',
+            remedy='or give a boundary condition: ends = {"' + q.name + '": "contained"}',
         )
     ends = ends or ("periodic" if once else "contained")
     if not isinstance(ends, str) or ends not in KINDS:

@@ -1,9 +1,9 @@
-"""What of a set is inside it for all that a coarser grid knows: the set less an estimated error.
+"""Inner sets: a set less its error, as estimated from a coarser grid.
 
-No scheme on a grid promises never to call a lost state safe, of first order or of a higher one:
-between nodes V is linear, and where it jumps at the boundary the zero of what the grid makes of the
-jump may lie on the wrong side, by more cells the finer the grid is. So how far the set may be off
-is estimated in cells, where a jump of V does no harm, and the set is worn away by as many.
+No scheme on a grid, of first or higher order, guarantees that a lost state is never called safe:
+V is linear between nodes, and if it jumps at the boundary, the zero of the numerical jump may lie
+on the wrong side, by more cells the finer the grid is. The error of the set is therefore estimated
+in cells, which a jump of V does not disturb, and the set is eroded by as many.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ if TYPE_CHECKING:
 Array = npt.NDArray[Any]
 
 MOST_CELLS = 20
-"""A set that is off by more cells than this is not known at all."""
+"""A set with an error of more cells than this counts as unknown."""
 
 SHARE = 0.95
-"""Of the nodes near the boundary: where V has a crease a single one may be off by any number."""
+"""Share of the nodes near the boundary; at a crease of V a single one may be off arbitrarily."""
 
 
 def with_error_in_cells(found: ValueFunction, coarse: ValueFunction) -> ValueFunction:
-    """`found`, on cells of size h, with `error_reach`: by how many cells its level sets may be off.
+    """`found`, on cells of size h, with `error_reach`: the error of its level sets in cells.
 
     The least whole number k of cells, at least 1, for which at 95 % of the common nodes near the
     boundary
 
         min V_h over k cells around <= V_2h <= max V_h over k cells around
 
-    so that there the level sets of V_2h near zero are within k cells of those of V_h. For a scheme
+    The level sets of V_2h near zero are then within k cells of those of V_h. For a scheme
     that converges with order 1 or more the error of V_2h is at least twice that of V_h, and the
-    difference of the two at least the error of V_h. 0 says that `MOST_CELLS` are not enough.
+    difference of the two at least the error of V_h. 0 means that `MOST_CELLS` are not enough.
     """
     thin = tuple(slice(None, None, 2) for _ in found.grid.axes)
     fine, other = found.values(), coarse.values()
@@ -59,7 +59,7 @@ def with_error_in_cells(found: ValueFunction, coarse: ValueFunction) -> ValueFun
 
 
 def inner(value: ValueFunction) -> ValueFunction:
-    """The value function whose set is that of `value`, less `error_reach` cells all around it."""
+    """The value function of the set of `value`, eroded by `error_reach` cells on all sides."""
     said = value.dataset.attrs
     if "error_reach" not in said:
         raise SimulationError(
@@ -69,7 +69,7 @@ def inner(value: ValueFunction) -> ValueFunction:
     cells = int(said["error_reach"])
     if not cells:
         raise SimulationError(
-            f"the set is off by more than {MOST_CELLS} cells, by a coarser grid",
+            f"the estimated error of the set exceeds {MOST_CELLS} cells",
             remedy="take a finer grid",
         )
     data = value.dataset["value"]
@@ -93,7 +93,7 @@ def _worn(numbers: Array, periodic: Iterable[bool], cells: int) -> Array:
 
 
 def _spread(numbers: Array, periodic: Iterable[bool], choose: Any) -> Array:
-    """The least, or the largest, of every node and its neighbours, diagonal ones too."""
+    """The least, or the largest, over every node and its neighbours, including diagonal ones."""
     for i, around in enumerate(periodic):
         rows = np.moveaxis(numbers, i, 0)
         above, below = np.roll(rows, -1, axis=0), np.roll(rows, 1, axis=0)

@@ -1,4 +1,4 @@
-"""How much memory a march takes, known before it begins."""
+"""Estimate of a march's memory before it starts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from holdfast.execution.resources import check_memory
 
 
 def check_trials(runs: int, states: int) -> None:
-    """Refuse more runs of a promise than there is memory to draw their starts."""
+    """Refuse a validation with more runs than the memory for their starts allows."""
     check_memory(8 * 4 * runs * (2 * states + 4), f"the starts of {runs:,} runs", "try fewer")
 
 
@@ -31,16 +31,16 @@ def march_memory(
 ) -> int:
     """The bytes of the arrays of a march over `grid` at its peak.
 
-    capture: of a capture basin, with its `least_times` unless they are not wanted (arrival_steps =
-    0); moving: something depends on time; times: how many values are asked for; options: those of
-    `Marching` that count are precision, order (or scheme), estimate_error and check_outside.
+    capture: of a capture basin, with its `least_times` unless arrival_steps = 0. moving: the
+    problem depends on time. times: the number of requested values. options: those of `Marching`;
+    precision, order (or scheme), estimate_error and check_outside matter.
 
     In units of the value at every node: one for each stage of the Runge-Kutta method (two at
-    least), two obstacles where there are, two for each of the times (one until the end of the
-    march), four to ask what is outside, one to estimate the error; for the least times two, and 8
-    bytes a node. The compiled march and its libraries take some 300 MB more, whatever the grid.
+    least), two for obstacles, two for each of the times (one until the end of the march), four for
+    `check_outside`, one for the error estimate; two and 8 bytes a node for the least times. The
+    compiled march and its libraries take some 300 MB more, independent of the grid.
 
-    Raises `SimulationError` for options that cannot be used.
+    Raises `SimulationError` for invalid options.
     """
     wanted = capture if least_times is None else least_times
     count = whole("times: ", times, 0)
@@ -48,14 +48,14 @@ def march_memory(
 
 
 def memory_of(posed: Posed) -> int:
-    """The same for a problem that is posed."""
+    """The same for a complete problem."""
     obstacles = posed.problem.limit == "free" or posed.varies
     times = len(posed.asked) if posed.several else 0
     return _bytes(posed.grid, posed.marching, obstacles, times, bool(posed.arrival_steps))
 
 
 def check_fits(posed: Posed) -> None:
-    """Refuse a march that would not fit into the memory of this machine."""
+    """Refuse a march that exceeds the memory of this machine."""
     remedy = "take fewer nodes"
     if posed.marching.precision == "float64":
         remedy += ', or precision="float32"'

@@ -1,4 +1,4 @@
-"""The nodes of a grid where something holds, found in little memory."""
+"""Random nodes of a grid that satisfy a condition, found in little memory."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ Indices = npt.NDArray[np.intp]
 
 
 class Places:
-    """Counted and told apart at one place of the first axis after another.
+    """Nodes that satisfy a condition, counted slab by slab along the first axis.
 
-    A list of all of them would take more memory than the value itself. holds(k): whether it does,
-    at all nodes of the k-th place.
+    A list of all of them would take more memory than the value itself. holds(k): the condition at
+    all nodes of the k-th slab.
     """
 
     def __init__(self, holds: Callable[[int], Any], shape: Sequence[int]) -> None:
@@ -27,7 +27,7 @@ class Places:
         return int(self._ends[-1])
 
     def at(self, ranks: Indices) -> tuple[Indices, ...]:
-        """Of those nodes the ones with these ranks, as an index for every axis."""
+        """The nodes of these ranks, as an index for every axis."""
         outer = np.searchsorted(self._ends, ranks, side="right")
         inner = np.empty(len(ranks), dtype=np.intp)
         for k in np.unique(outer):

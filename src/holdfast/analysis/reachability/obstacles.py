@@ -1,11 +1,11 @@
-"""The value that a march begins with, and the obstacles below and above it.
+"""Initial values of a march, and the obstacles below and above the value.
 
     a region to be kept      W <= l_K                   start l_K
     one to be reached        l_T <= W                   start l_T
     reached within another   l_G <= W, then W <= l_K    start the lesser
 
-Where the sign of dW/dtau is limited, one of them is met without being looked at. With d the room
-to the open ends of the grid, whoever leaves it has lost with W <= d, and won with l_K or -d <= W.
+If the sign of dW/dtau is restricted, one of them holds automatically. With d the distance to the
+open ends of the grid, leaving the grid counts as lost with W <= d, and as won with l_K or -d <= W.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ Array = npt.NDArray[Any]
 
 
 class Obstacles:
-    """start, lower, upper: values at every node, flat, at the beginning of the march; where they
-    move, `refresh` puts those of a time into lower and upper.
+    """start, lower, upper: values at every node, flat, at the beginning of the march; if they
+    depend on time, `refresh` writes those of a time into lower and upper.
 
-    cell: the largest change of the start value from node to node. highest: no value can exceed it.
+    cell: the largest change of the start value from node to node. highest: bound of all values.
     """
 
     def __init__(self, posed: Posed) -> None:
@@ -64,12 +64,12 @@ class Obstacles:
                 mine[:] = new
 
     def _at(self, time: float) -> tuple[Array, Array | None, Array | None]:
-        """A value to start with, and the obstacles, at a time."""
+        """The initial value and the obstacles at a time."""
         posed, room = self.posed, self.room
         own, *others = (margin(time) for margin in self.margins)
         if any(np.isnan(m.min()) for m in (own, *others)):
             raise SimulationError(
-                "the margin of a region is no number at some nodes of the grid",
+                "the constraints of a region are NaN at some nodes of the grid",
                 remedy="take an interval on which its inequalities are defined",
             )
         kept = posed.problem.limit == "shrink"
@@ -87,15 +87,15 @@ class Obstacles:
             start = np.minimum(start, upper)
         lower = None if posed.limit == "grow" or posed.problem.limit == "exact" else lower
         upper = None if posed.limit == "shrink" else upper
-        if start is lower or start is upper:  # it is marched in place, they stay
+        if start is lower or start is upper:  # the march overwrites it in place, the obstacles stay
             start = start.copy()
         return start, lower, upper
 
 
 def open_ends(posed: Posed, values: Array) -> list[tuple[int, int]]:
-    """The ends of the grid beyond which the value is continued: the axis, and 0 or -1.
+    """The ends of the grid beyond which the value is extrapolated: the axis, and 0 or -1.
 
-    Left out are those that a set which only shrinks, and does not reach them, never comes to.
+    If the set only shrinks, ends that it does not reach initially are left out.
     """
     table = values.reshape(posed.grid.shape)
     return [
@@ -129,7 +129,7 @@ def largest_change(values: Array) -> float:
         return float(np.abs(ahead - behind)[near].max(initial=0.0))
 
     found = 0.0
-    for k, slab in enumerate(values):  # slab by slab, so that it takes little memory
+    for k, slab in enumerate(values):  # slab by slab, to save memory
         if k:
             found = max(found, largest(slab, values[k - 1]))
         for i in range(slab.ndim):

@@ -1,4 +1,4 @@
-"""A value on a grid whose sign is the answer: positive inside the set, zero at its boundary."""
+"""Value functions (level-set functions) on a grid: V > 0 inside the set, 0 on its boundary."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ Array = npt.NDArray[np.float64]
 class ValueFunction:
     """V over the states, at one time or several; the set is { V > 0 }.
 
-    dataset: `value` with one dimension for every state and, where several times were asked for,
+    dataset: `value` with one dimension for every state and, if several times were requested,
     `time` [s] first; of a capture basin also `arrival` [s], the least time to the goal. Its
-    attributes tell the problem, the method, and what the answer is worth (see `summary`).
+    attributes hold the problem, the method, and the error estimates (see `summary`).
     """
 
     dataset: xr.Dataset
@@ -44,13 +44,13 @@ class ValueFunction:
 
     @checked
     def values(self, time: float | None = None) -> Array:
-        """The values at the nodes, at the end or at one of the times that were asked for."""
+        """The values at the nodes, at the end or at one of the requested times."""
         data = self.dataset["value"]
         if "time" in data.dims:
             data = data.isel(time=-1) if time is None else _at(data, time)
         elif time is not None:
             raise SimulationError(
-                "this value function holds its last time only", remedy="ask for times=[...]"
+                "this value function has its last time only", remedy="compute it with times=[...]"
             )
         found: Array = data.values
         return found
@@ -80,13 +80,13 @@ class ValueFunction:
 
         Linear between the nodes that reach the goal; NaN where V <= 0, and outside the grid.
 
-        Raises `SimulationError` for a value function that holds no times of arrival.
+        Raises `SimulationError` for a value function without times of arrival.
         """
         if "arrival" not in self.dataset:
             raise SimulationError(
-                "this value function holds no least times",
+                "this value function has no least times",
                 expected="a capture basin of a problem that does not depend on time",
-                remedy="or ask for them: arrival_steps=100",
+                remedy="or compute them: arrival_steps=100",
             )
         points, geometry = self._points(states), self._geometry()
         arrival = np.ascontiguousarray(self.dataset["arrival"].values, dtype=np.float64)
@@ -102,7 +102,7 @@ class ValueFunction:
     def contains(
         self, states: npt.ArrayLike, margin: float = 0.0, time: float | None = None
     ) -> npt.NDArray[np.bool_]:
-        """Whether V > margin, at the end or at one of the times that were asked for.
+        """Whether V > margin, at the end or at one of the requested times.
 
         A state outside the grid is not contained.
         """
@@ -127,7 +127,7 @@ class ValueFunction:
     def extent(self, time: float | None = None) -> dict[str, tuple[float, float]]:
         """State -> its least and largest value in the set, between nodes by linear interpolation.
 
-        Not numbers where the set is empty.
+        NaN if the set is empty.
         """
         table = self.values(time)
         found = {}
@@ -147,21 +147,21 @@ class ValueFunction:
         return found
 
     def inner(self) -> ValueFunction:
-        """The set less the cells by which it may be off, by the estimate of a coarser grid.
+        """The set eroded by its estimated error in cells, from a coarser grid.
 
-        Needs `estimate_error` of the march; see `analysis.inner`. An estimate is no proof.
+        Needs `estimate_error` of the march; see `analysis.inner`. An estimate is not a proof.
         """
         return inner(self)
 
     def last(self) -> ValueFunction:
-        """The value function at its last time alone."""
+        """The value function at its last time only."""
         if "time" not in self.dataset["value"].dims:
             return self
         return ValueFunction(self.dataset.isel(time=-1, drop=True), self.grid)
 
     @checked
     def slice(self, **at: float) -> ValueFunction:
-        """The value function with some states held, between nodes by linear interpolation."""
+        """A slice of the value function at fixed values of some states, by linear interpolation."""
         data, axes = self.dataset["value"], self.grid.axes
         for name, value in at.items():
             axis = self._axis(name)
@@ -172,7 +172,7 @@ class ValueFunction:
 
     @checked
     def projection(self, *names: str) -> ValueFunction:
-        """The largest value over all other states: the shadow of the set on those named."""
+        """The largest value over all other states: the projection of the set on the named ones."""
         for name in names:
             self._axis(name)
         rest = [a.name for a in self.grid.axes if a.name not in names]
@@ -186,7 +186,7 @@ class ValueFunction:
         return write_netcdf(self.dataset, path)
 
     def summary(self) -> dict[str, Any]:
-        """The problem, the method and what the answer is worth, for summary.json."""
+        """The problem, the method and the error estimates, for summary.json."""
         return {k: v for k, v in self.dataset.attrs.items() if k != "scenario_text"} | {
             "fraction_of_box": self.fraction(),
             "volume": self.volume(),
@@ -197,7 +197,9 @@ class ValueFunction:
         for axis in self.grid.axes:
             if axis.name == name:
                 return axis
-        raise SimulationError(f"'{name}' is no axis", expected="one of " + ", ".join(self.names))
+        raise SimulationError(
+            f"'{name}' is not an axis", expected="one of " + ", ".join(self.names)
+        )
 
     def _points(self, states: npt.ArrayLike) -> Array:
         points = np.ascontiguousarray(np.atleast_2d(np.asarray(states, dtype=np.float64)))
@@ -232,7 +234,7 @@ def to_value_function(
     times: Sequence[float] | None = None,
     arrival: npt.NDArray[Any] | None = None,
 ) -> ValueFunction:
-    """Names and units around the arrays; `values` has the time first where there are several."""
+    """The dataset of the arrays with names and units; `values` of several times has time first."""
     names = [a.name for a in grid.axes]
     unit = attributes.get("value_unit", "1")
     coordinates: dict[str, Any] = {
@@ -263,7 +265,7 @@ def to_value_function(
 
 
 def value_function(dataset: xr.Dataset) -> ValueFunction:
-    """A value function from the dataset that it was saved as."""
+    """A value function from its saved dataset."""
     dims = [str(d) for d in dataset["value"].dims if d != "time"]
     axes = []
     for name in dims:

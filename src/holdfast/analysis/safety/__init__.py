@@ -1,1 +1,1 @@
-"""What a set is good for: safety filters over it, validation in closed loop, gains."""
+"""Safety filters from value functions, closed-loop validation of sets, gains for visibility."""

@@ -1,14 +1,14 @@
-"""Disturbances that try to break a promise: with the state in view, or along a schedule.
+"""Adversarial disturbances for closed-loop validation: state feedback, or along a schedule.
 
-With the state in view the disturbance lowers the value along its gradient, or the margin of the
-constraints. Both are greedy, and the first believes in the value that is on trial. The schedules
-do not: every coordinate of a bound follows
+With state feedback the disturbance lowers the value along its gradient, or the margin of the
+constraints. Both are greedy, and the first relies on the value under test. The schedules do not:
+every coordinate of a bound follows
 
     amplitude clip(gain (sin(pace t + phase) + bias), -1, 1)
 
-which is a constant extreme at pace 0, switches between extremes where the gain is large, and
-swings where it is 1. Numbers are drawn for every run; paces are spread evenly over their logarithm,
-from one change in a horizon to one in a few samples, so that no unit of time is preferred.
+which is a constant extreme at pace 0, switches between extremes if the gain is large, and
+swings if it is 1. Numbers are drawn for every run; paces are spread evenly over their logarithm,
+from one change per horizon to one every few samples, so that no unit of time is preferred.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from holdfast.maths.expressions.functions import clip
 Range = tuple[float, float]
 
 STEEP = 1e6
-"""The gain at which a swing is a switch."""
+"""The gain of a switching schedule."""
 
 CONSTANT, INSIDE = "constant extremes", "constants within the bounds"
 SWITCHING, SWINGING = "switching extremes", "random swings"
@@ -34,19 +34,19 @@ SWITCHING, SWINGING = "switching extremes", "random swings"
 
 @dataclass(frozen=True)
 class Schedules:
-    """Disturbances along a schedule: one set of expressions for all kinds, and what is drawn.
+    """Disturbances along a schedule: one set of expressions for all kinds, and the draws.
 
-    coordinates: by which bound each coordinate is held, "box" or "ball".
+    coordinates: the kind of bound of each coordinate, "box" or "ball".
     """
 
     expressions: dict[str, sp.Expr]
     coordinates: tuple[str, ...]
 
     def drawn(self, kind: str, horizon: float, sample_time: float) -> Varied:
-        """What every run draws for a kind, one of CONSTANT, INSIDE, SWITCHING, SWINGING."""
+        """The draws of every run for a kind, one of CONSTANT, INSIDE, SWITCHING, SWINGING."""
         paces = (math.log(math.pi / horizon), math.log(math.pi / (5.0 * sample_time)))
         if kind in (CONSTANT, INSIDE):
-            paces = (-700.0, -700.0)  # exp(-700) t does not move
+            paces = (-700.0, -700.0)  # exp(-700) t is constant
         gain = 1.0 if kind == SWINGING else STEEP
         draws: dict[str, Range] = {"schedule_gain": (gain, gain)}
         for number, bound in enumerate(self.coordinates):
@@ -79,6 +79,6 @@ def schedules(system: System) -> Schedules:
     expressions = dict(zip(system.disturbance_names, moved, strict=True))
     read = set().union(*(r.free_symbols for r in system.rates.values()))
     for q in system.disturbances:
-        if q.symbol not in read:  # nothing depends on it, nor on what it would draw
+        if q.symbol not in read:  # no rate depends on it
             expressions[q.name] = sp.S.Zero
     return Schedules(expressions, tuple(coordinates))

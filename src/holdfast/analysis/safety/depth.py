@@ -1,4 +1,4 @@
-"""Random states that are inside a set, or outside it, by as much as a promise is about."""
+"""Random states inside or outside a set by a given depth, as starts of a validation."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 
 DRAWS, EMPTY_DRAWS = 400, 40
-"""Batches of states drawn before giving up, and before giving up where none is found at all."""
+"""Most batches of draws, and most batches while no state is found at all."""
 
 SHARED = 2000
-"""States of the set that tell how much of it is as far inside as the starts are."""
+"""Number of states of the set that estimate the share as far inside as the starts."""
 
 
 def inside_states(
@@ -28,7 +28,7 @@ def inside_states(
     margin: float | None,
     loss: float,
 ) -> tuple[Array, float, float]:
-    """Random states inside, how much of the set is as far inside, and the loss that was allowed."""
+    """Random states inside, the share of the set that is as far inside, and the allowed loss."""
     numbers = value.values()
     within = Places(lambda k: numbers[k] > 0, numbers.shape)
     for allowed in (loss, 0.0) if loss else (0.0,):
@@ -58,7 +58,7 @@ def outside_states(
     region: Region | None,
     system: System,
 ) -> Array | None:
-    """Random states of the region outside the set, or None where there are none."""
+    """Random states of the region outside the set, or None if the set covers the region."""
     numbers = value.values()
     symbols = [q.symbol for q in system.states]
     kept = None if region is None else Evaluator([region.margin], symbols, region.parameters)
@@ -79,8 +79,8 @@ def a_cell_inside(
 ) -> npt.NDArray[np.bool_]:
     """Whether sign V > above at the states and at all states one cell away along every axis.
 
-    The change of V between neighbours counts where the states are, and not its unit. What is beyond
-    the end of a "limited" axis does not exist; beyond other ends nothing is known to be inside.
+    The criterion uses the local change of V between neighbours, not its unit. Beyond the end of a
+    "limited" axis no states exist; beyond other ends no state counts as inside.
     """
     found: npt.NDArray[np.bool_] = sign * value.at(states) > above
     for i, axis in enumerate(value.grid.axes):

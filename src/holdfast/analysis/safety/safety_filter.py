@@ -1,4 +1,4 @@
-"""From a value function to a law that runs."""
+"""Safety filters and optimal laws from value functions, ready to simulate."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ REACHED = ("capture-basin", *TUBES)
 """Those of them in which a state is not to stay, but to arrive while time is left."""
 
 MANY = 100_000
-"""Nodes near the boundary that a margin is taken from."""
+"""Number of nodes near the boundary that a margin is computed from."""
 
 
 @checked
@@ -56,24 +56,24 @@ def safety_law(
     delay: float = 0.0,
     scales: Mapping[str, float] | None = None,
 ) -> L | Law:
-    """The law that keeps the state where V > 0.
+    """The law that keeps the state in the set V > 0: optimal inputs, or a safety filter.
 
     Without `law` the optimal inputs, bang-bang within a box: max_u p . f with p = dV/dq (thesis
-    (7.3), (7.7)). With one, `law` changed no more, in units of `scales`, than
+    (7.3), (7.7)). With `law` a safety filter, the least change of inputs in `scales` that satisfies
 
         p . f(q, u, d) + rate (V - margin) >= 0   for every disturbance d
 
-    asks: left alone well inside, taken over towards the boundary. rate [1/s]. margin [unit of V]:
-    by default `sampled_margin`, what may be lost before the input answers: it is held for
-    `sample_time`, and what it answers was measured `delay` seconds ago. Where no admissible input
-    is enough, the least violation, which a run counts. A value function with several times is used
-    at the time that is left, and stands still below the first of them; a kernel that has converged
-    is used at its last.
+    It does nothing well inside the set and intervenes towards the boundary. rate [1/s]. margin
+    [unit of V]: by default `sampled_margin`, the most that V can fall before the input responds to
+    a measurement that is `delay` s old; the input is held for `sample_time`. If no admissible input
+    suffices, the violation is the least possible, and runs count it. A value function with several
+    times is used at the remaining time and is constant below the first; a converged kernel at the
+    last.
 
-    Raises `SimulationError` for a value function of another system, or one that says nothing
-    about what the inputs keep; for an empty set; for a rate that an input which is held, and late,
-    cannot follow; for a margin by default that no state has, and a delay without a `law`; and for a
-    `law` that is to arrive somewhere by a value that is not known down to the end.
+    Raises `SimulationError` for a value function of another system, or of a problem in which the
+    inputs do not maximise; for an empty set; for a rate too fast for the hold time and delay; for a
+    default margin that no state has; for a delay without a `law`; and for a `law` that has to
+    arrive by a value function that does not reach down to time 0.
     """
     known = decided(system, value)
     check_not_empty(value)
@@ -81,8 +81,8 @@ def safety_law(
     if law is None:
         if delay:
             raise SimulationError(
-                f"the optimal inputs alone have no margin for a delay of {delay:g} s",
-                remedy="give a law, which is kept with one",
+                f"the optimal inputs without a law have no margin for a delay of {delay:g} s",
+                remedy="give a law: its safety filter has a margin",
             )
         return optimal_law(known, lookup)
     check_pace(rate, sample_time, delay)
@@ -106,18 +106,18 @@ def safety_law(
 
 
 def check_not_empty(value: ValueFunction) -> None:
-    """Raises `SimulationError` for a value function whose set is empty: no law keeps anything."""
+    """Raises `SimulationError` for an empty set."""
     said = value.dataset.attrs
     if not float(value.values().max()) > 0:
         raise SimulationError(
             f"the {said['kind']} of '{said['region']}' is empty after {said['reached_s']:.3g} s: "
             "no law keeps any state",
-            remedy="shorten the horizon, or give the inputs more or the disturbances less",
+            remedy="shorten the horizon, or allow larger inputs or smaller disturbances",
         )
 
 
 def check_pace(rate: float, sample_time: float, delay: float = 0.0) -> None:
-    """Raises `SimulationError` where an input that is held, and late, cannot follow the rate."""
+    """Raises `SimulationError` for a rate too fast for the sample time and the delay."""
     if not 0 < rate * (sample_time + delay) <= 1:
         raise SimulationError(
             f"rate {rate:g} 1/s with a sample time of {sample_time:g} s{_and_late(delay)}",
@@ -133,18 +133,18 @@ def _and_late(delay: float) -> str:
 def sampled_margin(
     system: System, value: ValueFunction, sample_time: float, delay: float = 0.0
 ) -> float:
-    """The most that V can fall before the input answers what was measured.
+    """The most that V can fall before the input responds to a measurement.
 
     With a measurement that is `delay` old and an input held for `sample_time` [s]
 
         delay max(-min_u min_d p . f) + sample_time max(-min_u min_d p . f + dV/dtau)
 
-    where tau is the time that is left, for a value that a law looks up at it (dV/dtau is the
-    difference between neighbouring times), else without it. The maxima are over the nodes at which
-    V is at most two cells, or that margin, from the boundary, or `MANY` of them. What has V above
-    it when measured has V > 0 until the next input, whatever the inputs and the disturbance do.
+    where tau is the remaining time, if a law looks the value up at it (dV/dtau is the difference
+    between neighbouring times); otherwise the term is absent. The maxima are over the nodes at
+    which V is at most two cells, or that margin, from the boundary, or `MANY` of them. A state
+    measured with V above the margin has V > 0 until the next input, for any input and disturbance.
 
-    Raises `SimulationError` for a sample time or a delay that is none.
+    Raises `SimulationError` for an invalid sample time or delay.
     """
     number(
         "sample_time is ", sample_time, "a positive number of seconds", lambda v: 0 < v < math.inf
@@ -156,15 +156,15 @@ def sampled_margin(
         margin = delay * still + sample_time * moving
         if margin <= reach:
             return margin
-        reach = margin  # that far inside a state may begin to fall to the boundary
+        reach = margin  # from this depth a state may fall to the boundary
 
 
 def worst_disturbance(
     system: System, value: ValueFunction, law: L, aimed_at: Region | None = None
 ) -> tuple[System, L]:
-    """System and law with the disturbance that lowers V the most, held as the inputs are.
+    """System and law with the disturbance that lowers V most, held like the inputs.
 
-    aimed_at: a region whose margin it lowers where the parameter `adversary_aim` is 1.
+    aimed_at: a region whose margin it lowers if the parameter `adversary_aim` is 1.
     """
     margin = None if aimed_at is None else aimed_at.margin
     steps = [a.step for a in value.grid.axes]
@@ -199,7 +199,7 @@ def optimal_inputs(
 
 
 def lookup_of(value: ValueFunction) -> Lookup:
-    """The value function as a law looks it up."""
+    """The value function as a lookup table for a law."""
     axes = value.grid.axes
     places = [a.state.symbol for a in axes]
     low, steps = [a.low for a in axes], [a.step for a in axes]
@@ -210,7 +210,7 @@ def lookup_of(value: ValueFunction) -> Lookup:
         if not np.allclose(gaps, gaps[0], rtol=1e-6):
             raise SimulationError(
                 "the times of the value function are not equally spaced",
-                remedy="ask for equally spaced ones, or for the last alone",
+                remedy="compute it at equally spaced times, or at the last only",
             )
         first = float(times[0])
         places.insert(0, float(times[-1]) - TIME)
@@ -233,9 +233,9 @@ def lookup_of(value: ValueFunction) -> Lookup:
 
 
 def _times(value: ValueFunction) -> Array | None:
-    """The times left that a law looks the value up at; None where it is always the last.
+    """The remaining times at which a law looks the value up; None if it always uses the last.
 
-    That is so where there is one only, and for a kernel that has converged.
+    It does so if the value function has one time only, and for a converged kernel.
     """
     data, said = value.dataset["value"], value.dataset.attrs
     if "time" not in data.dims or data.sizes["time"] == 1:
@@ -247,7 +247,7 @@ def _times(value: ValueFunction) -> Array | None:
 
 
 def decided(system: System, value: ValueFunction) -> System:
-    """The system as the value function was computed for: with what disturbances were given."""
+    """The system of the value function's problem, with its prescribed disturbances."""
     said = value.dataset.attrs
     if said.get("kind") not in KEPT:
         raise SimulationError(
@@ -256,19 +256,19 @@ def decided(system: System, value: ValueFunction) -> System:
         )
     if said.get("disturbances") == "max":
         raise SimulationError(
-            "the value counts on the disturbances, and a law cannot",
+            "the value assumes helpful disturbances, on which a law cannot rely",
             remedy='compute it with disturbances="min"',
         )
     if value.names != system.state_names or said["system"] != system.name:
         raise SimulationError(
-            f"the value function is one of system '{said['system']}' with the states "
+            f"the value function belongs to system '{said['system']}' with the states "
             + ", ".join(value.names),
             expected=f"system '{system.name}' with " + ", ".join(system.state_names),
         )
     if said.get("depends_on_time"):
         raise SimulationError(
-            "the value function depends on time, and holds at the beginning of its problem only",
-            expected="a problem in which nothing depends on time, for a law",
+            "the value function depends on time, and is valid at the start of its problem only",
+            expected="a time-invariant problem, for a law",
         )
     numbers = json.loads(said["parameters"])
     for q in system.parameters:
@@ -281,7 +281,7 @@ def decided(system: System, value: ValueFunction) -> System:
     if said.get("definition") not in (None, definition(system)):
         raise SimulationError(
             f"the rates or the bounds of system '{system.name}' are not those that the value "
-            "function was computed for",
+            "function was computed with",
             remedy="compute it again; to simulate another vehicle under this law, use plant",
         )
     known = with_disturbance(system, json.loads(said["disturbance"]))
@@ -289,7 +289,7 @@ def decided(system: System, value: ValueFunction) -> System:
 
 
 class _Falls:
-    """How fast V may fall near the boundary, whatever the inputs and the disturbance do."""
+    """The largest fall rate of V near the boundary, for any inputs and disturbance."""
 
     def __init__(self, system: System, value: ValueFunction) -> None:
         known = decided(system, value)
@@ -301,7 +301,7 @@ class _Falls:
         times = _times(value)
         known_at: list[float | None] = [None] if times is None else [float(t) for t in times]
         self.spans = list(pairwise(known_at))
-        if known_at[0] != 0.0:  # below the first time V stands still
+        if known_at[0] != 0.0:  # below the first time V is constant
             self.spans.insert(0, (known_at[0], known_at[0]))
 
     def most(self, reach: float) -> tuple[float, float]:
@@ -328,7 +328,7 @@ class _Falls:
 
 
 def _near(low: Array, high: Array, reach: float) -> tuple[npt.NDArray[np.intp], ...]:
-    """Where one of two values is positive and one at most `reach`: all nodes, or `MANY` drawn."""
+    """Nodes where one of two values is positive and one at most `reach`: all, or `MANY` drawn."""
 
     def holds(k: int) -> Any:
         return (np.maximum(low[k], high[k]) > 0) & (np.minimum(low[k], high[k]) <= reach)

@@ -1,4 +1,4 @@
-"""Does a kernel keep its promise? Random states of it, its law, the trajectories that follow."""
+"""Closed-loop (Monte Carlo) validation of a kernel: trajectories of its law from random states."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ RESTARTS = "restarts from the nearest starts"
 ALL = "every disturbance tried"
 
 NEAREST, TRIES = 20, 10
-"""The restarts: one start in how many, those that came nearest, and how often each is tried."""
+"""Restarts: one start in this many, those that came nearest, and the tries of each."""
 
 
 @dataclass(frozen=True)
 class _Runs:
-    """What became of runs: kept, left the grid first, how near they came (large: near), when."""
+    """Outcomes of runs: kept, left the grid first, nearness to the boundary (large: near), time."""
 
     kept: npt.NDArray[np.bool_]
     off_grid: npt.NDArray[np.bool_]
@@ -83,19 +83,19 @@ def check_promise(
 ) -> Promise:
     """Simulate from `runs` random states of the kernel, and as many of the rest of `region`.
 
-    Every start is run against each of these, and is kept if it is kept against all: the disturbance
-    that lowers the value, the one that lowers the margin of the constraints, constant extremes,
-    constants within the bounds, extremes that switch, random swings; and the starts that came
-    nearest to being lost again, against ten more that switch.
+    Every start is run against each of these disturbances, and counts as kept if it is kept against
+    all: one that lowers the value, one that lowers the margin of the constraints, constant
+    extremes, constants within the bounds, switching extremes, and random swings. The starts that
+    came nearest to being lost are run again, against ten more switching disturbances.
 
-    region: what is kept, None where a goal is reached through anything. law: what the safety law
-    leaves alone as far as it can; None: the optimal inputs alone. margin [unit of V]: how far
-    inside to start; by default one cell and what an input that is held can lose: at all states a
-    cell away along an axis V is above `sampled_margin`, or above 0 where no state is as far inside.
-    horizon [s]: by default that of the value function, which a kernel that has not converged
-    promises nothing beyond. goal: of a capture basin, to be reached.
+    region: the constraints, None if a goal may be reached through any state. law: the law under the
+    safety filter; None: the optimal inputs only. margin [unit of V]: the depth of the starts inside
+    the set; by default one cell and the loss of a held input: at all states a cell away along an
+    axis V is above `sampled_margin`, or above 0 if no state is as far inside. horizon [s]: by
+    default that of the value function; a kernel that has not converged claims nothing beyond it.
+    goal: of a capture basin, to be reached.
 
-    Raises `SimulationError` for a value function that promises nothing, or an empty one.
+    Raises `SimulationError` for a value function without a claim about a law, or of an empty set.
     """
     said = value.dataset.attrs
     longest = float(said["horizon_s"])
@@ -103,7 +103,7 @@ def check_promise(
         horizon = longest
     if horizon > longest and not said["converged"]:
         raise SimulationError(
-            f"a promise for {horizon:g} s of a value function that has not converged",
+            f"a validation over {horizon:g} s of a value function that has not converged",
             expected=f"at most its horizon, {longest:g} s",
         )
     whole("runs: ", runs, 1)
@@ -112,7 +112,7 @@ def check_promise(
     known = decided(system, value)
     check_not_empty(value)
     if region is None and goal is None:
-        raise SimulationError("a promise to stay, and no region", remedy="give the region")
+        raise SimulationError("no region to stay in", remedy="give the region")
     steered = safety_law(system, value, law, sample_time=sample_time, rate=rate)
     generator = np.random.default_rng(seed)
     loss = sampled_margin(system, value, sample_time) if margin is None and system.inputs else 0.0
@@ -178,33 +178,33 @@ def check_promise(
 
 
 def _doubt(said: dict[str, Any]) -> str:
-    """Why no run can confirm the set: it touches ends beyond which its value is a guess."""
+    """The doubt that the set touches ends of the grid beyond which its value is extrapolated."""
     ends = said.get("ends_reached", "")
     if not ends or said.get("nodes_from_outside") == 0:
         return ""
     return (
-        f"the set touches the open ends of the grid ({ends}), and rests on what is taken to be "
-        "beyond them; widen the grid until it does not"
+        f"the set touches the open ends of the grid ({ends}) and depends on extrapolation "
+        "beyond them; widen the grid until it does not touch them"
     )
 
 
 def _doubt_of_samples(system: System) -> str:
-    """Why no run can confirm the set: a disturbance may be worse between its points."""
+    """The doubt that a sampled disturbance may be worse between its sample points."""
     found = without_closed_form(system) if system.samples else set()
     names = [q.name for q in system.disturbances if q.symbol in found]
     if not names:
         return ""
     return (
-        f"the disturbance {', '.join(names)} was looked at in {system.samples} points of every "
-        "coordinate, and what lies between them may be worse"
+        f"the disturbance {', '.join(names)} was sampled at {system.samples} points per "
+        "coordinate, and values between them may be worse"
     )
 
 
 @dataclass(frozen=True)
 class _Attack:
-    """The closed loop of a law, and the disturbances that it is tried against.
+    """The closed loop of a law, and the disturbances of its validation.
 
-    system: as it was defined; known: with the disturbances that the value was given.
+    system: as defined; known: with the prescribed disturbances of the value.
     """
 
     system: System
@@ -218,7 +218,7 @@ class _Attack:
     seed: int
 
     def run(self, what: str, starts: Array, tell: Callable[[float], None]) -> _Runs:
-        """What becomes of the starts against one kind of disturbance."""
+        """The outcomes of the starts against one kind of disturbance."""
         plant, driven = self.known, self.law
         settings: dict[str, Any] = {
             "horizon": self.horizon,
@@ -261,7 +261,7 @@ class _Attack:
                 [self.goal.worst], [q.symbol for q in self.system.states], self.goal.parameters
             )
             flat = states.reshape(-1, states.shape[2])
-            known = np.isfinite(flat).all(axis=1)  # the record of a run that diverged ends there
+            known = np.isfinite(flat).all(axis=1)  # the record of a diverged run ends there
             levels = level.values(np.where(known[:, None], flat, 0.0))[:, 0]
             there = ((levels <= 0) & known).reshape(states.shape[:2])
             first = np.where(there.any(axis=1), data["time"].values[there.argmax(axis=1)], np.inf)
@@ -281,14 +281,14 @@ class _Attack:
 
 
 def _beaten(starts: Array, found: dict[str, _Runs], each: int = 1) -> list[Beaten]:
-    """The starts that were not kept, by the first disturbance that beat them; `each`: how many
+    """The starts that were lost, with the first disturbance that beat each; `each`: how many
     rows in turn are one start."""
     beaten: dict[int, Beaten] = {}
     for what, runs in found.items():
         for row in map(int, np.flatnonzero(~runs.kept)):
             if row // each not in beaten:
                 outcome = Outcome(int(runs.outcome[row])).label
-                if outcome in ("stayed", "chattered"):  # in the region, and not in the goal
+                if outcome in ("stayed", "chattered"):  # in the region but not in the goal
                     outcome = "did not arrive"
                 state = tuple(float(v) for v in starts[row])
                 beaten[row // each] = Beaten(state, what, outcome, float(runs.time[row]))

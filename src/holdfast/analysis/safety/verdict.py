@@ -1,4 +1,4 @@
-"""What closed loops said of a set: how many starts each disturbance left, and the verdict."""
+"""The verdict of a closed-loop validation: starts kept against each disturbance."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from typing import Any
 from holdfast.analysis.simulation.law_comparison import Rate
 
 LISTED = 20
-"""Starts that were beaten, in a summary."""
+"""Most beaten starts listed in a summary."""
 
 
 @dataclass(frozen=True)
 class Trials:
     """Starts against one kind of disturbance: `kept` stayed in the region, or, of a basin, reached
-    the goal through it, and never left the grid on the way. off_grid: how many left the grid, where
-    nothing is known, before they left the region. excursion: the largest max_j c_j / s_j of any run
-    (of a basin, whose runs go on beyond the goal, not a number)."""
+    the goal through it, and never left the grid on the way. off_grid: the number that left the
+    grid, where V is unknown, before the region. excursion: the largest max_j c_j / s_j of any run
+    (NaN for a basin, whose runs continue beyond the goal)."""
 
     what: str
     kept: Rate
@@ -28,7 +28,7 @@ class Trials:
 
 @dataclass(frozen=True)
 class Beaten:
-    """A start that was not kept: which one, by which disturbance first, how it ended and when."""
+    """A lost start: its state, the first disturbance that beat it, its outcome and time."""
 
     start: tuple[float, ...]
     by: str
@@ -40,13 +40,13 @@ class Beaten:
 class Promise:
     """Closed loops from random states inside the set, and from states of K outside it.
 
-    margin: V of the states inside is above it, and of those outside below -margin; None: one cell
-    along any axis from the states inside V is above `held_loss`, the most that it can fall by while
-    an input is held (0 where no state is as far inside), and from those outside it is below 0.
-    share: how much of the set is that far inside. inside: against every disturbance that
-    was tried, then against each kind; a single entry where the system has none. outside: against
-    the gradient of the value, None where K has no such state. beaten: the starts not kept.
-    doubt: why the runs cannot confirm the set, even if all of them are kept.
+    margin: V of the states inside is above it, and of those outside below -margin. None: one cell
+    along any axis from the states inside V is above `held_loss`, the most that it can fall while
+    an input is held (0 if no state is as far inside), and from those outside it is below 0.
+    share: the share of the set that is as far inside. inside: against all disturbances together,
+    then against each kind; a single entry for a system without disturbances. outside: against the
+    gradient of the value, None if K has no such state. beaten: the lost starts. doubt: the reason
+    why the runs cannot confirm the set, even if all of them are kept.
     """
 
     law: str
@@ -69,12 +69,12 @@ class Promise:
 
     @property
     def confirmed(self) -> bool:
-        """Whether every run from inside stayed, and the set does not rest on extrapolation."""
+        """Whether every run from inside stayed, and the set does not depend on extrapolation."""
         return self.held and not self.doubt
 
     @property
     def depth(self) -> str:
-        """How far inside the starts are."""
+        """The depth of the starts inside the set."""
         unit = "" if self.unit == "1" else f" {self.unit}"
         if self.margin is not None:
             return f"{self.margin:.3g}{unit}"
@@ -82,12 +82,12 @@ class Promise:
 
     @property
     def depth_outside(self) -> str:
-        """How far outside the others are."""
+        """The depth of the other starts outside the set."""
         return "a cell" if self.margin is None else self.depth
 
     @property
     def verdict(self) -> str:
-        """What the promise falls short of, or nothing."""
+        """The shortfall of the promise as a sentence, or an empty text."""
         total = self.inside[0]
         if not self.held:
             off = f", {total.off_grid} left the grid" if total.off_grid else ""
@@ -98,7 +98,7 @@ class Promise:
         return f"the promise is not confirmed: {self.doubt}" if self.doubt else ""
 
     def summary(self) -> dict[str, Any]:
-        """For summary.json."""
+        """The content of summary.json."""
 
         def said(t: Trials) -> dict[str, Any]:
             worst = t.excursion if math.isfinite(t.excursion) else None

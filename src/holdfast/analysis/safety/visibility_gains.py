@@ -1,4 +1,4 @@
-"""For which gains a follower never loses sight of its leader: the windows of chapter 6."""
+"""Gain windows in which a follower never loses sight of its leader: chapter 6."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from holdfast.errors import DefinitionError
 from holdfast.maths.catalogue.laws.follow_leader import TURNS
 
 SHALLOW = 1e-3
-"""Where the search over bearings begins, as a share of the half angle: at 0 there is no limit."""
+"""Start of the search over bearings, as a share of the half angle: bearing 0 has no limit."""
 
 
 @dataclass(frozen=True)
 class GainWindow:
-    """low <= k2 <= high [1/s]; `reason` and `remedy` say why there is none, where there is none.
+    """low <= k2 <= high [1/s]; `reason` and `remedy` explain an empty window.
 
-    nearest: the least range [m] that the follower is pushed to by a leader of that speed.
+    nearest: the least range [m] to which a leader of that speed can push the follower.
     """
 
     low: float
@@ -58,7 +58,7 @@ class _Pair:
 
     @property
     def nearest(self) -> float:
-        """Where backing off, seen under the half angle, is as fast as the leader comes."""
+        """The gap at which backing off, at the half angle, is as fast as the leader's approach."""
         slope = self.k1 + self.leader_speed / self.softness
         within = self.leader_speed / math.cos(self.half_angle) / slope
         if within <= self.softness:
@@ -128,15 +128,15 @@ def visibility_gains(
         k2 phi r sin(phi) <= uF - uLM,   r cos(phi) = Ls cos(alpha)   for every |phi| <= alpha
 
     (turn = "line_of_sight": without the first term, and with uF cos^2(phi)). The least and the
-    largest k2 are found over all of the boundary: it is not the corner alone that decides, as
-    thesis (6.17), (6.18) and section 6.4.2 have it (errata C6). How fast the leader turns does not
-    matter. Limits of the follower's own speeds are not counted, and it starts no nearer than
+    largest k2 are found over the entire boundary: the corner alone does not decide, in contrast to
+    thesis (6.17), (6.18) and section 6.4.2 (errata C6). The leader's turn rate does not matter. The
+    follower's own speed limits are not considered, and it must not start nearer than
     `GainWindow.nearest`.
 
     k1 [1/s], distance rd [m], range_max Ls [m], half_angle alpha [rad], leader_speed uLM [m/s],
-    0 for one that stands still, softness [m], robot_radius r0 [m]. A window that is empty says why
-    and which number to change. Raises `DefinitionError` for numbers that make no sense: Ls
-    cos(alpha) <= rd, rd < 2 r0, an angle that is not between 0 and pi/2.
+    0 for a stationary one, softness [m], robot_radius r0 [m]. An empty window gives the reason and
+    the number to change. Raises `DefinitionError` for invalid numbers: Ls cos(alpha) <= rd,
+    rd < 2 r0, an angle that is not between 0 and pi/2.
     """
     if turn not in TURNS:
         raise DefinitionError(f"turn is {turn!r}", expected=" or ".join(map(repr, TURNS)))
@@ -187,7 +187,7 @@ def visibility_gains(
 
 
 def check_view(distance: float, range_max: float, half_angle: float, robot_radius: float) -> None:
-    """Raises `DefinitionError` where no follower can stay at that distance, or see so far."""
+    """Raises `DefinitionError` for a distance too small for two robots or beyond the view."""
     if not 0 < half_angle < math.pi / 2:
         raise DefinitionError(f"half_angle is {half_angle:g} rad", expected="above 0, below pi/2")
     if not range_max * math.cos(half_angle) > distance:
@@ -204,7 +204,7 @@ def check_view(distance: float, range_max: float, half_angle: float, robot_radiu
 
 
 def _remedy(pair: _Pair) -> str:
-    """What else k1, the range or the leader's speed has to be, each alone, as far as it helps."""
+    """Alternative values of k1, the range or the leader's speed, each changed by itself."""
 
     def room(name: str, value: float) -> float:
         changed = replace(pair, **{name: value})  # type: ignore[arg-type]

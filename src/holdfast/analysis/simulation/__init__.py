@@ -1,1 +1,1 @@
-"""Runs of a closed loop with names and units: results, statistics, comparisons, tables."""
+"""Closed-loop simulation: results with names and units, statistics, comparisons, tables."""

@@ -1,4 +1,4 @@
-"""Numbers that are put together from parts: counts, shares, means, largest and least ones."""
+"""Aggregates combined from parts: counts, shares, means, maxima and minima."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Entry:
-    """A number of some runs. first, second: of a share its count and of how many, of a mean the sum
-    and of how many; else the number alone.
+    """An aggregate of some runs. first, second: count and total of a share, sum and count of a
+    mean; otherwise only the number.
     """
 
     rule: Literal["sum", "share", "mean", "most", "least"]
@@ -29,15 +29,15 @@ class Entry:
     meaning: str = ""
 
     def with_more(self, other: Entry) -> Entry:
-        """The number of these runs and those."""
+        """The aggregate of both sets of runs."""
         first, second = self.first + other.first, self.second + other.second
-        if self.rule in ("most", "least"):  # what is no number stays none
+        if self.rule in ("most", "least"):  # NaN stays NaN
             chosen = np.maximum if self.rule == "most" else np.minimum
             first = float(chosen(self.first, other.first))
         return Entry(self.rule, first, second, self.unit, self.meaning)
 
     def numbers(self, name: str) -> Iterator[tuple[str, float, str]]:
-        """What goes into a table: names, numbers, meanings; a share has its interval."""
+        """The columns of a table: names, numbers, meanings; a share has its interval."""
         if self.rule in ("share", "mean"):
             value = self.first / self.second if self.second else math.nan
             yield name, value, self.meaning
@@ -55,7 +55,7 @@ Tally = Mapping[str, Entry]
 
 
 def put_together(parts: Iterable[Tally]) -> dict[str, Entry]:
-    """The tally of all parts, in the order in which they are given."""
+    """The combined aggregates of all parts, in the given order."""
     found: dict[str, Entry] = {}
     for part in parts:
         for name, entry in part.items():
@@ -69,12 +69,12 @@ def as_table(tally: Tally) -> dict[str, list[Any]]:
 
 
 def from_table(table: Mapping[str, list[Any]]) -> dict[str, Entry]:
-    """What `as_table` gave."""
+    """The inverse of `as_table`."""
     return {name: Entry(*values) for name, values in table.items()}
 
 
 def tally_of(result: Result) -> dict[str, Entry]:
-    """What became of the runs of a result."""
+    """The aggregates of the runs of a result."""
     data = result.dataset
     runs = int(data.sizes["run"])
     found = {"runs": Entry("sum", runs, meaning="runs")}

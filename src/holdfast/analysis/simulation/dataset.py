@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 NO_CONSTRAINT = -1
 NAMED_AXES = ("state", "input", "actuator", "signal", "constraint", "varied")
-"""Each is an axis NAME_name, whose coordinate of the same name says what every column is."""
+"""Each is an axis NAME_name, whose coordinate of the same name describes every column."""
 
 
 def to_dataset(
@@ -27,7 +27,7 @@ def to_dataset(
     attributes: Mapping[str, Any],
     limits: Mapping[str, tuple[Array, Array]] | None = None,
 ) -> xr.Dataset:
-    """Names, units and meanings around the arrays of a batch of runs.
+    """The dataset of a batch of runs: the arrays with names, units and meanings.
 
     limits: of "input" and "actuator" the least and the largest value of every column, or of every
     column in every run.
@@ -120,7 +120,7 @@ def to_dataset(
             s.largest_slack,
             {"long_name": "most by which the safeguard relaxed its conditions"},
         ),
-        "varied": (("run", "varied_name"), s.varied, {"long_name": "what differs from run to run"}),
+        "varied": (("run", "varied_name"), s.varied, {"long_name": "varied numbers of every run"}),
         "off_grid_time": (
             ("run",),
             s.off_grid,
@@ -173,7 +173,7 @@ def to_dataset(
 def _flags(
     array: np.ndarray[Any, Any], values: Sequence[int], words: Sequence[str], text: str
 ) -> dict[str, Any]:
-    """The attributes of numbers that stand for words (CF conventions, section 3.5)."""
+    """The attributes of numbers that encode words (CF conventions, section 3.5)."""
     return {
         "long_name": text,
         "flag_values": np.array(values, dtype=array.dtype),
@@ -182,7 +182,7 @@ def _flags(
 
 
 def _safeguard(program: ClosedLoopProgram, s: Trajectories) -> dict[str, Any]:
-    """What the law asked for at every recorded sample, and what its safeguard made of it."""
+    """The law's requests at every recorded sample, and the result of its safety filter."""
     names, units = (", ".join(part) for part in _columns(program.inputs))
     before = "before the safeguard and saturation"
     answers = list(SafeguardAnswer)
@@ -213,7 +213,7 @@ def _safeguard(program: ClosedLoopProgram, s: Trajectories) -> dict[str, Any]:
         ),
     }
     if program.actuators:
-        about = {"long_name": f"actuator values that the law asked for, {before}"}
+        about = {"long_name": f"actuator values requested by the law, {before}"}
         found["nominal_actuator"] = (
             ("run", "time", "actuator_name"),
             s.nominal_actuator,
@@ -227,9 +227,9 @@ def _columns(quantities: Sequence[Quantity]) -> tuple[list[str], list[str]]:
 
 
 def from_format_1(dataset: xr.Dataset) -> xr.Dataset:
-    """The dataset of a file of format 1, with the names of today.
+    """The dataset of a file of format 1, with the present names.
 
-    There a variable `state` lay along an axis `state`: xarray takes it for a coordinate, and does
+    There a variable `state` lay along an axis `state`: xarray treats it as a coordinate, and does
     not select along it by name. `slack` was the largest of every run.
     """
     names = {axis: f"{axis}_name" for axis in NAMED_AXES if f"{axis}_name" in dataset}

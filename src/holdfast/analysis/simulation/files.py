@@ -1,4 +1,4 @@
-"""Data sets as NetCDF files, written whole or not at all, and read."""
+"""Reading datasets from NetCDF files and writing them atomically."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["atomic_file", "read_netcdf", "write_netcdf"]
 
 
 MARK = "holdfast_version"
-"""The attribute that every file of ours has."""
+"""The attribute of every file written by holdfast."""
 
 FORMAT = 2
 """The version of the files written here, in their attribute `format_version`.
@@ -34,7 +34,7 @@ def write_netcdf(dataset: xr.Dataset, path: str | Path) -> Path:
                 "dtype": "S1",
                 "fletcher32": variable.size > 0,
             }  # characters, which MATLAB reads too
-        elif variable.ndim >= 1 and variable.size:  # with checksums: damage does not go unnoticed
+        elif variable.ndim >= 1 and variable.size:  # with checksums, which detect damage
             packed = {"zlib": True, "complevel": 1, "shuffle": True} if variable.ndim >= 2 else {}
             encoding[str(name)] = {"fletcher32": True, **packed}
     with atomic_file(path) as partial:
@@ -48,10 +48,10 @@ def write_netcdf(dataset: xr.Dataset, path: str | Path) -> Path:
 
 
 def read_netcdf(path: str | Path) -> xr.Dataset:
-    """All of the file, which is closed again; what is wrong with a damaged one, readers say.
+    """The dataset of the file, which is closed again; readers check for damage.
 
-    Of a file that is not ours the attributes alone. Raises `HoldfastError` for what is no file, and
-    for what does not fit into memory.
+    For a file not written by holdfast only the attributes. Raises `HoldfastError` for a path that
+    is not a file, and for data that do not fit into memory.
     """
     check_file(path)
 

@@ -1,6 +1,6 @@
-"""Laws side by side: of the same starts, how many each keeps in the region and brings home.
+"""Comparison of laws: the share of common starts that each keeps in the region and brings home.
 
-And of those that a viability kernel says can be kept: no law fails where none could have kept.
+The share is also given among the starts inside a viability kernel, which some law can keep.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Rate:
 
     @property
     def interval(self) -> tuple[float, float]:
-        from scipy.stats import binomtest  # 22 MB that a march does not need
+        from scipy.stats import binomtest  # 22 MB, not needed by a march
 
         found = binomtest(self.count, self.total).proportion_ci(CONFIDENCE, method="wilson")
         return float(found.low), float(found.high)
@@ -46,11 +46,11 @@ class Rate:
 
 @dataclass(frozen=True)
 class Trial:
-    """One law in one case: what became of every run.
+    """One law in one case: the outcome of every run.
 
-    viable (run): never left the region; rescued (run): viable, and in the goal at the end, where
-    there is one; length (run): of the path in the plane [m], not a number without a plane;
-    vertices: what became of the runs at each vertex of what is varied.
+    viable (run): never left the region; rescued (run): viable, and in the goal at the end if the
+    case has one; length (run): of the path in the plane [m], NaN without a plane; vertices: the
+    outcomes at each vertex of the varied parameters.
     """
 
     law: str
@@ -69,7 +69,7 @@ class Trial:
 
 
 def trial(law: str, case: str, result: Result, plane: tuple[str, str] | None) -> Trial:
-    """What a comparison keeps of a result; the trajectories can be dropped then."""
+    """The part of a result that a comparison needs, without the trajectories."""
     data, summary = result.dataset, result.summary()
     outcome = data["outcome"].values
     length = np.full(len(outcome), np.nan)
@@ -98,10 +98,10 @@ def trial(law: str, case: str, result: Result, plane: tuple[str, str] | None) ->
 
 @dataclass(frozen=True)
 class Reference:
-    """The kernel that the laws of a case are judged by: its value V at every start.
+    """The reference kernel of a case: its value V at every start.
 
-    value (run) [unit]: not a number beyond the grid; margin [unit]: how far inside, or outside, a
-    start counts; horizon [s]: for how long the kernel can be kept, infinite if it has converged.
+    value (run) [unit]: NaN beyond the grid; margin [unit]: the least depth inside, or outside, of a
+    counted start; horizon [s]: the time that the kernel covers, infinite if it has converged.
     """
 
     kernel: str
@@ -112,12 +112,12 @@ class Reference:
 
     @property
     def inside(self) -> npt.NDArray[np.bool_]:
-        """V > margin: some input keeps these."""
+        """Starts with V > margin, which some input keeps."""
         return self.value > self.margin
 
     @property
     def given_up(self) -> npt.NDArray[np.bool_]:
-        """V < -margin: by the kernel no input keeps these."""
+        """Starts with V < -margin, which no input keeps according to the kernel."""
         return self.value < -self.margin
 
     def summary(self) -> dict[str, Any]:
@@ -137,10 +137,10 @@ class Comparison:
     """Every law in every case, on the same starts within a case.
 
     The rescue rate of a law is the fraction of the starts from which the closed loop stays in the
-    region over the horizon and ends in the goal, where there is one. A detour is the length of a
-    rescued run's path over the shortest that any of the laws found from that start (not below
-    1 cm). references: the kernel of each case that one can be computed for; unjudged: the cases
-    that it cannot follow, and why.
+    region over the horizon and ends in the goal, if there is one. A detour is the ratio of a
+    rescued run's path length to the shortest that any of the laws found from that start (not below
+    1 cm). references: the kernels of the cases, as far as one can be computed; unjudged: the cases
+    without one, and the reasons.
     """
 
     title: str
@@ -156,7 +156,7 @@ class Comparison:
 
     @checked
     def of(self, law: str, case: str) -> Trial:
-        """The trial of that law in that case; `ScenarioError` if there is none."""
+        """The trial of that law in that case; `ScenarioError` if it does not exist."""
         known = {(t.law, t.case): t for t in self.trials}
         if (law, case) not in known:
             names = "; ".join(", ".join(pair) for pair in known)
@@ -172,11 +172,11 @@ class Comparison:
         return Rate(int(found.rescued.sum()), len(found.rescued))
 
     def of_kernel(self, law: str, case: str) -> Rate | None:
-        """Of the starts inside the kernel of that case, those rescued; None if there are none."""
+        """The rescued share of the starts inside the case's kernel; None without such starts."""
         return self._among(self.of(law, case).rescued, case, "inside")
 
     def of_given_up(self, law: str, case: str) -> Rate | None:
-        """Of the starts that the kernel gives up, those that stayed in the region all the same."""
+        """The share of the starts outside the kernel that stayed in the region nevertheless."""
         return self._among(self.of(law, case).viable, case, "given_up")
 
     def _among(self, kept: npt.NDArray[np.bool_], case: str, which: str) -> Rate | None:
@@ -186,7 +186,7 @@ class Comparison:
         return Rate(int(kept[chosen].sum()), int(chosen.sum())) if chosen.any() else None
 
     def detours(self, law: str, case: str) -> Array:
-        """Of the rescued runs; empty where there is none."""
+        """The detours of the rescued runs; empty if no run was rescued."""
         rows = [self.of(other, case) for other in self.laws]
         lengths = np.array([np.where(t.rescued, t.length, np.inf) for t in rows])
         shortest = np.maximum(lengths.min(axis=0), 0.01)
@@ -195,7 +195,7 @@ class Comparison:
         return np.maximum(ratio[np.isfinite(ratio)], 1.0)
 
     def summary(self) -> dict[str, Any]:
-        """For comparison.json."""
+        """The content of comparison.json."""
         return {
             "scenario": self.scenario,
             "title": self.title,

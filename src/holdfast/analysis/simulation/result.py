@@ -29,7 +29,7 @@ NEEDED = (
     "worst_constraint", "peak_input", "peak_actuator", "switches", "infeasible",
     "largest_slack", "state_name", "state_unit", "state_is_angle", "input_name", "constraint_name",
 )  # fmt: skip
-"""What a file needs to be a result."""
+"""Variables that a result file must have."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Result:
     """Trajectories as `dataset`, the shapes to draw, and the reference state for errors.
 
     `scene` are the region's and the goal's shapes, `parameters` the values in them.
-    `reference` maps states to the values the run is meant to end at; may be empty.
+    `reference` maps states to the desired final values; may be empty.
     """
 
     dataset: xr.Dataset
@@ -47,7 +47,7 @@ class Result:
 
     @property
     def outcomes(self) -> dict[str, int]:
-        """How many runs ended in each way, by the outcome's label."""
+        """The number of runs with each outcome, by its label."""
         counts = np.bincount(self.dataset["outcome"].values, minlength=len(Outcome))
         return {
             o.label: int(counts[o])
@@ -63,7 +63,7 @@ class Result:
 
     @property
     def viable(self) -> int:
-        """How many runs never left the region."""
+        """The number of runs that never left the region."""
         values = self.dataset["outcome"].values
         kept = (Outcome.STAYED, Outcome.REACHED, Outcome.CHATTERED, Outcome.OFF_GRID)
         return int(np.isin(values, kept).sum())
@@ -101,7 +101,7 @@ class Result:
         }
 
     def _goal_times(self) -> dict[str, float | None]:
-        """Since when the runs that end in the goal are in it [s]."""
+        """Settling times [s]: when the runs that end in the goal entered it for the last time."""
         since = self.dataset["goal_time"].values
         since = since[np.isfinite(since)]
         return {
@@ -124,14 +124,14 @@ class Result:
         }
 
     def _safeguard(self) -> dict[str, float]:
-        """At how many samples of how many runs the safeguard changed the command, and at how many
-        it found no admissible input; {} without a safeguard.
+        """Counts of samples and runs in which the safety filter changed the command, and in which
+        it found no admissible input; {} without a safety filter.
         """
         data = self.dataset
         if not data.attrs.get("safeguarded", 0):
             return {}
         overruled = {}
-        if "overruled" in data:  # files of format 1 do not tell
+        if "overruled" in data:  # missing in files of format 1
             counts = data["overruled"].values
             overruled = {
                 "runs_overruled": int((counts > 0).sum()),
@@ -145,7 +145,7 @@ class Result:
         }
 
     def _vertices(self) -> list[dict[str, Any]]:
-        """What became of the runs at each vertex of what is varied; [] without vertices."""
+        """The outcomes at each vertex of the varied parameters; [] without vertices."""
         data = self.dataset
         names = json.loads(data.attrs.get("vertices", "[]"))
         if not names:
@@ -171,7 +171,7 @@ class Result:
         return found
 
     def final_errors(self) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
-        """How far every run ends from the reference, by state (run); no number if it diverged."""
+        """The final error of every run from the reference, by state (run); NaN if it diverged."""
         errors = {}
         for name, value in (self.reference or {}).items():
             final = self.dataset["state"].sel(state_name=name).isel(time=-1).values - value
@@ -184,7 +184,7 @@ class Result:
         errors: dict[str, dict[str, float | None]] = {}
         for name, final in self.final_errors().items():
             size = final[np.isfinite(final)]
-            # a run that diverged has no final state: then there is no worst one either
+            # a diverged run has no final state, and the worst error is undefined
             errors[name] = {
                 "median": float(np.median(size)) if size.size else None,
                 "worst": float(size.max()) if size.size == final.size else None,
@@ -213,7 +213,7 @@ def load(path: str | Path) -> Result | ValueFunction | Campaign:
     """A saved result, without the shapes to draw; a saved value function, or table of a sweep.
 
     Files of older formats are read too. Raises `OutputError` if the file is damaged, is not one of
-    ours, has a newer format than this version knows, or lacks what it needs.
+    from holdfast, has a newer format than this version knows, or lacks variables.
     """
     try:
         dataset = read_netcdf(path)
@@ -235,7 +235,7 @@ def load(path: str | Path) -> Result | ValueFunction | Campaign:
         raise OutputError(
             f"{path}, written by holdfast {dataset.attrs['holdfast_version']}, lacks what holdfast "
             f"{__version__} needs, or is damaged ({error})",
-            remedy="xarray.open_dataset reads what is there; or compute it again",
+            remedy="read the rest with xarray.open_dataset, or compute it again",
         ) from None
 
 

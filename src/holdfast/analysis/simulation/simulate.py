@@ -1,4 +1,4 @@
-"""Simulate a system under a law from many starts, and say how each run ended."""
+"""Closed-loop simulation of a system under a law from many starts."""
 
 from __future__ import annotations
 
@@ -52,20 +52,19 @@ def simulate(
 ) -> Result:
     """Simulate `system` under `law` from every start and return a `Result`.
 
-    starts: a `Starts`, or an array of shape (runs, states). part: the runs to simulate, of all that
-    there are; every run is the same in any part. region: the inequalities to
+    starts: a `Starts`, or an array of shape (runs, states). part: the subset of runs to simulate;
+    every run is the same in any part. region: the inequalities to
     watch; a run that violates one is marked as having left, and when. goal: where a run must
     be at the end to have reached it. horizon: seconds. stepper: "rk4", "bogacki-shampine" or
     "dormand-prince". disturbance: name -> number or expression of t. plant: parameters of the
-    simulated vehicle that its law does not know of. varied: what differs from run to run; with
-    `vertices`, every start is simulated at each of them.
-    reference: the state to end at, for
+    simulated vehicle that its law does not know. varied: the variation between runs; with
+    `vertices`, every start is simulated at each of them. reference: the desired final state, for
     error statistics. start_outside: allow starts outside the region. The other settings are
     those of `Settings` (sample_time, substeps, record_every, continuous, tolerance,
     noise_uniform, noise_normal, seed, threads, absolute, relative).
 
     Warns with `GainWarning` when the gains violate a condition of the law. Raises
-    `SimulationError` for starts, disturbances or settings that cannot be used.
+    `SimulationError` for invalid starts, disturbances or settings.
     """
     if stepper not in BY_NAME:
         raise SimulationError(f"unknown stepper '{stepper}'", remedy=suggestion(stepper, BY_NAME))
@@ -77,7 +76,7 @@ def simulate(
     chosen = Settings(horizon=horizon, **settings)
     for name in reference or {}:
         if name not in system.state_names:
-            raise SimulationError(f"reference of '{name}', which is no state", key="reference")
+            raise SimulationError(f"reference of '{name}', which is not a state", key="reference")
     given = {k: sp.sympify(v) for k, v in (disturbance or {}).items()}
     for name in given:
         if name not in system.disturbance_names:
@@ -95,7 +94,7 @@ def simulate(
             )
         if varied is not None and name in (*varied.names, *varied.plant):
             raise SimulationError(
-                f"'{name}' of the plant is varied, and given a number too",
+                f"'{name}' of the plant is both varied and given a number",
                 remedy="vary it under [varied.plant], or leave one of them out",
                 key="plant",
             )
@@ -169,7 +168,7 @@ def _limits(
 ) -> dict[str, tuple[Array, Array]]:
     """The least and the largest value of every input and actuator of the simulated vehicle.
 
-    Of every run, where they depend on what is varied.
+    One row per run if they depend on varied parameters.
     """
     bounds = system.input_bounds
     if bounds is None:
@@ -196,7 +195,7 @@ def _number(e: sp.Expr, values: Mapping[sp.Symbol, float]) -> float:
 def _from_every_start(
     initial: Callable[[range | None], Array], turns: int, part: range | None
 ) -> Array:
-    """Every start so many times in a row, or the part of these runs that is asked for."""
+    """Every start repeated in a row, or the requested part of these runs."""
     if turns == 1:
         return initial(part)
     if part is None:
@@ -261,13 +260,13 @@ def _check_disturbance(
 
 
 def _extremes(samples: Array) -> list[int]:
-    """The rows that decide for a box and for a ball: extreme components, extreme size."""
+    """The decisive rows for a box and for a ball: extreme components, extreme size."""
     sizes = np.linalg.norm(samples, axis=1)
     return sorted({int(sizes.argmax()), *samples.argmin(axis=0), *samples.argmax(axis=0)})
 
 
 def _check_varied(program: ClosedLoopProgram, own: Array, first: int) -> None:
-    """Refuse a value of some run that its parameter may not have."""
+    """Refuse a run's value that is invalid for its parameter."""
     limits = {p.name: p.above for p in program.parameters}
     names = [*program.varied.names, *program.varied.plant]
     for j, name in enumerate(names):
@@ -285,7 +284,7 @@ def _check_varied(program: ClosedLoopProgram, own: Array, first: int) -> None:
 def _warn_of_gains(
     program: ClosedLoopProgram, values: Mapping[sp.Symbol, float], own: Array
 ) -> None:
-    """One warning for each condition that the gains violate, in some run at least."""
+    """One warning for each gain condition that at least one run violates."""
     names = [symbol(n) for n in program.varied.names]
     for condition in program.conditions:
         involved = (condition.value + condition.limit).free_symbols & set(names)

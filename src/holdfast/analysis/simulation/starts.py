@@ -1,4 +1,4 @@
-"""Where runs start: given states, random ones of the region, random ones of its edges."""
+"""Starts of runs: given states, random ones of the region, random ones of its edges."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Starts:
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """The number of starts."""
         return len(self.states) + self.random
 
 
@@ -50,7 +50,7 @@ def initial_states(
     start_outside: bool,
     part: range | None = None,
 ) -> Array:
-    """The states of the starts, or of a part of them; `SimulationError` for what cannot be one."""
+    """The states of the starts, or of a part of them; `SimulationError` for an invalid state."""
     names = system.state_names
     first = part.start if part is not None else 0
     if isinstance(starts, Starts):
@@ -58,7 +58,7 @@ def initial_states(
             for name in given:
                 if name not in names:
                     raise SimulationError(
-                        f"'{name}' is no state of system '{system.name}'",
+                        f"'{name}' is not a state of system '{system.name}'",
                         remedy=suggestion(name, names),
                     )
         fixed = np.array([[s.get(n, 0.0) for n in names] for s in starts.states], dtype=float)
@@ -99,7 +99,7 @@ def initial_states(
         if part is not None:
             initial = initial[part.start : part.stop]
     if len(initial) == 0:
-        raise SimulationError("there are no runs", expected="at least one start")
+        raise SimulationError("the simulation has no runs", expected="at least one start")
     if not np.isfinite(initial).all():
         raise SimulationError("a start is not finite")
     if not start_outside:
@@ -129,7 +129,7 @@ def _on_boundary(
 ) -> Array:
     """Random states of the box at which the inequalities of a group are active together.
 
-    drawn: which of them. They are found block by block, each with numbers of its own, so that they
+    drawn: indices of the wanted ones. Every block has its own random numbers, so that the states
     are the same in any part.
     """
     if region is None:
@@ -147,7 +147,7 @@ def _on_boundary(
     evaluate = Evaluator([*values, *slopes], states, (*system.parameters, *region.parameters))
 
     def find(chosen: list[int], count: int, generator: np.random.Generator) -> Array:
-        """So many states, or fewer, where the chosen inequalities are active together."""
+        """At most `count` states where the chosen inequalities are active together."""
         found = np.empty((0, len(states)))
         for _ in range(_DRAWS):
             if len(found) >= count:
@@ -182,7 +182,7 @@ def _on_boundary(
 
 
 def _moved(evaluate: Evaluator, q: Array, chosen: list[int], free: list[int], count: int) -> Array:
-    """By Gauss-Newton steps of least size to where the chosen inequalities are -`_INSIDE`."""
+    """Gauss-Newton steps of least size to states where the chosen inequalities are -`_INSIDE`."""
     with np.errstate(all="ignore"):
         for _ in range(12):
             table = evaluate.values(q)

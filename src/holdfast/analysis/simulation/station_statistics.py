@@ -1,4 +1,4 @@
-"""How well a station was held: one number for each run and question of chapter 3."""
+"""Statistics of station keeping: one number for each run and criterion of chapter 3."""
 
 from __future__ import annotations
 
@@ -14,19 +14,18 @@ from holdfast.errors import SimulationError
 def station_statistics(
     result: Result, radius: float, *, settled: float, heading: float = 0.1
 ) -> xr.Dataset:
-    """What every run of a station-keeping simulation did, on its recorded samples.
+    """Statistics of every run of a station-keeping simulation, on its recorded samples.
 
-    `radius` [m] is that of the ball |(x, y)| <= radius to enter, `settled` [s] the time after
-    which the tail begins, `heading` [rad] how near to 0 the heading counts as right. Variables
-    over `run`:
+    `radius` [m] is that of the ball |(x, y)| <= radius to enter, `settled` [s] the start of the
+    tail, `heading` [rad] the tolerance of the heading around 0. Variables over `run`:
 
     entered, entry_time [s]: of the first time in the ball (NaN: never). tail_radius [m]:
-    the largest distance after `settled`. overshoot [m]: how far beyond the ball it was after
+    the largest distance after `settled`. overshoot [m]: the largest distance beyond the ball after
     entering. heading_share: of the samples after `settled`, those with |psi| < heading.
     switches_per_minute, mean_dwell [s], shortest_dwell [s] (infinite for fewer than two changes
     of mode). A run that diverged has an infinite tail.
 
-    Raises `SimulationError` for a radius or heading that is not positive, where there are no
+    Raises `SimulationError` for a radius or heading that is not positive, if the result has no
     x, y, psi, or no samples after `settled`.
     """
     for what, value in (("radius", radius), ("heading", heading)):
@@ -36,7 +35,7 @@ def station_statistics(
     names = [str(n) for n in data["state_name"].values]
     missing = [n for n in ("x", "y", "psi") if n not in names]
     if missing:
-        raise SimulationError(f"there is no state '{missing[0]}'", expected="x, y and psi")
+        raise SimulationError(f"the result has no state '{missing[0]}'", expected="x, y and psi")
     time = data["time"].values
     tail = time >= settled
     if not tail.any():

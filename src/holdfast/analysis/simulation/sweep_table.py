@@ -1,4 +1,4 @@
-"""A campaign: a table with the numbers of every cell."""
+"""Parameter sweeps (campaigns): a table with the numbers of every cell."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from holdfast.errors import OutputError, suggestion
 Array = npt.NDArray[np.float64]
 
 NAMES = ("success", "viable", "fraction")
-"""What a campaign is about unless it is said: the first of these that there is."""
+"""The default variable of a campaign: the first of these that it has."""
 
 TEXTS = ("note", "settings")
 
@@ -26,9 +26,9 @@ TEXTS = ("note", "settings")
 class Campaign:
     """The table as `dataset`.
 
-    Of a grid its axes are the names that were gone over; of a sample there is one axis, "cell",
-    along which they have their values. Every variable has a unit and says what it is. Where a cell
-    was refused, `refused` is 1, `note` tells why, and its numbers are NaN (counts: 0).
+    The axes of a grid are the swept names; a sample has one axis, "cell", along which the names
+    have their values. Every variable has a unit and a description. For a refused cell, `refused` is
+    1, `note` holds the reason, and its numbers are NaN (counts: 0).
     """
 
     dataset: xr.Dataset
@@ -40,7 +40,7 @@ class Campaign:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What was gone over."""
+        """The swept names."""
         return tuple(str(self.dataset.attrs["over"]).split())
 
     @property
@@ -50,9 +50,9 @@ class Campaign:
 
     @checked
     def variable(self, name: str | None = None) -> xr.DataArray:
-        """The variable of that name, by default what the campaign is about.
+        """The variable of that name, by default the main one of the campaign.
 
-        Raises `OutputError` for a name that there is not, or that is no number of a cell.
+        Raises `OutputError` for an unknown name, or one that is not a number of a cell.
         """
         known = [str(n) for n in self.dataset.data_vars if n not in TEXTS]
         if name is None:
@@ -63,7 +63,7 @@ class Campaign:
 
     @property
     def refused(self) -> int:
-        """How many cells were refused."""
+        """The number of refused cells."""
         return int(self.dataset["refused"].sum())
 
     @property
@@ -92,12 +92,12 @@ class Campaign:
 
     @checked
     def command(self, cell: int) -> str:
-        """What runs that cell alone."""
+        """The command that runs only that cell."""
         self._check(cell)
         return f"{self.dataset.attrs['command']} {self.dataset['settings'].values.ravel()[cell]}"
 
     def summary(self, variable: str | None = None) -> dict[str, Any]:
-        """The cells, what became of them, and the best and the worst of a variable."""
+        """The cells, their outcomes, and the best and the worst of a variable."""
         about = self.variable(variable)
         values = about.values.ravel()
         known = np.flatnonzero(np.isfinite(values))

@@ -1,1 +1,1 @@
-"""Expressions as source text: Python for Numba, C99 for a vehicle."""
+"""Code generation: expressions as source text, Python for Numba, C99 for a vehicle."""

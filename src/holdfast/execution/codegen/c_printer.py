@@ -24,7 +24,7 @@ _CALLS = {
     "magnitude": "fabs",
 }
 _GUARDED = ("angle", "length")
-"""These have a third argument that only their derivatives use."""
+"""Functions with a third argument that only their derivatives use."""
 
 
 class CPrinter(C99CodePrinter):
@@ -81,7 +81,7 @@ def c_body(
     into: str,
     indent: str = "    ",
 ) -> str:
-    """Lines that unpack what is used, share subexpressions, and fill the array `into`."""
+    """Lines that unpack the used symbols, share subexpressions, and fill the array `into`."""
     used = symbols_of(results)
     lines = [
         f"{indent}const double {_name(s)} = {argument}[{i}];"
@@ -99,11 +99,11 @@ def c_body(
         lines += [f"{indent}const double {s} = {_PRINTER.doprint(e)};" for s, e in shared]
         lines += [f"{indent}{into}[{i}] = {_PRINTER.doprint(e)};" for i, e in enumerate(reduced)]
     except PrintMethodNotImplementedError as error:
-        raise DefinitionError(f"there is no C99 for this: {error}") from None
+        raise DefinitionError(f"an expression has no C99 form: {error}") from None
     return "\n".join(lines)
 
 
 def _name(s: sp.Symbol) -> str:
-    """Names that begin with an underscore are not for programs in C."""
+    """The name in C, where names that begin with an underscore are reserved."""
     name = source_name(s)
     return f"hf{name}" if name.startswith("_") else name

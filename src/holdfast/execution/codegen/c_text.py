@@ -1,4 +1,4 @@
-"""The parts of an exported law that are written in C, and the table of a kernel as C."""
+"""The handwritten C parts of an exported law, and the table of a kernel as C."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from holdfast.maths.definitions.lookup import Lookup
 
 
 def c_name(name: str) -> str:
-    """The name with underscores for what C has no place for, and law_ before a digit."""
+    """The name as a C identifier: underscores for other characters, law_ before a digit."""
     return re.sub(r"^(?=\d|$)", "law_", re.sub(r"\W", "_", name, flags=re.ASCII))
 
 
@@ -24,9 +24,9 @@ def c_file(name: str) -> str:
 
 
 def c_needed(name: str, text: str) -> str:
-    """Of the functions of such a file those that the text calls, and those that they call.
+    """The functions of such a file that the text calls, directly or through others.
 
-    Compilers warn of functions that are not used. Blank lines stand between functions only.
+    Compilers warn of unused functions. Blank lines stand only between functions.
     """
     found: list[str] = []
     for block in reversed(c_file(name).split("\n\n")):
@@ -38,12 +38,12 @@ def c_needed(name: str, text: str) -> str:
 
 
 def c_own(text: str, name: str) -> str:
-    """The text with the name of the law before every name of this package: hf_, HF_."""
+    """The text with the law's name as a prefix of every name of this package: hf_, HF_."""
     return re.sub(r"\bHF_", f"{name.upper()}_HF_", re.sub(r"\bhf_", f"{name}_hf_", text))
 
 
 def c_comment(*lines: str) -> str:
-    """A comment, whatever is in the lines."""
+    """The lines as a C comment; sequences that would end it are replaced."""
     plain = [
         re.sub(r"\?(?=\?)", "? ", " ".join(x.split()).replace("*/", "* /").replace("/*", "/ *"))
         for x in lines
@@ -54,7 +54,7 @@ def c_comment(*lines: str) -> str:
 
 
 def c_table(lookup: Lookup) -> str:
-    """What `interpolate.c` looks a value up in."""
+    """The table that `interpolate.c` looks a value up in."""
     table: Any = lookup.table
     values, low, steps, shape, periodic = table
     single = values.dtype == np.float32
@@ -71,13 +71,13 @@ def c_table(lookup: Lookup) -> str:
 
 
 def _listed(values: Iterable[Any]) -> str:
-    """Numbers of an array, eight in a line."""
+    """The numbers of an array, eight per line."""
     texts = [_number(v) for v in values]
     return ",\n".join(", ".join(texts[k : k + 8]) for k in range(0, len(texts), 8))
 
 
 def _number(value: Any) -> str:
-    """The shortest text that is read back as this number."""
+    """The shortest text that reads back as this number."""
     if math.isfinite(value):
         return f"{value!s}f" if isinstance(value, np.float32) else repr(float(value))
     return "NAN" if math.isnan(value) else ("INFINITY" if value > 0 else "-INFINITY")

@@ -1,4 +1,4 @@
-"""How long an exported law takes on this machine, by the compiler that is here."""
+"""Execution time of an exported law on this machine: replay recorded runs."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from holdfast.execution.codegen.c_text import c_file, c_name
 COMPILERS = ("cc", "gcc", "clang")
 OPTIONS = ("-std=c99", "-O2")
 PATIENCE = 300.0
-"""Seconds after which a compiler, or the program, is given up."""
+"""Time limit in seconds of the compiler and of the program."""
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Nanoseconds of a call of the step, and what compiled it."""
+    """Nanoseconds per call of the step, and the compiler."""
 
     nanoseconds: float
     compiler: str
@@ -38,19 +38,19 @@ def time_law(
 ) -> Timing:
     """The time of a step of the law that `export_c` wrote for `name`.
 
-    times [s], states: shapes (times,) and (runs, times, states). The law goes along the runs, with
-    what it is told of disturbances zero; of a run that ended early, as far as there are numbers.
-    The fastest of five times a fifth of a second of a core.
+    times [s], states: shapes (times,) and (runs, times, states). The program replays the runs, with
+    measured disturbances zero; a run that ended early is replayed to its end. The result is the
+    fastest of five repetitions of a fifth of a second on one core.
 
-    Raises `SimulationError` where no state is a number, where there is no compiler, or where it
-    makes no program that runs.
+    Raises `SimulationError` if no state is a number, if no compiler is found, or if compilation or
+    the program fails.
     """
     compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
     if compiler is None:
-        raise SimulationError(f"there is no C compiler here ({', '.join(COMPILERS)})")
+        raise SimulationError(f"no C compiler was found ({', '.join(COMPILERS)})")
     rows = timed_rows(times, states)
     if not len(rows):
-        raise SimulationError("no state of its runs is a number")
+        raise SimulationError("all states of its runs are NaN")
     names = {"NAME": c_name(name), "UPPER": c_name(name).upper()}
     main = re.sub("|".join(names), lambda found: names[found[0]], c_file("timing"))
     with tempfile.TemporaryDirectory(prefix="holdfast-") as folder:
@@ -65,14 +65,14 @@ def time_law(
 def timed_rows(
     times: npt.NDArray[np.float64], states: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    """1 where a run begins, its time, its state; shape (rows, 2 + states)."""
+    """Rows (1 at the start of a run else 0, time, state); shape (rows, 2 + states)."""
     begins = np.broadcast_to(np.arange(len(times)) == 0, states.shape[:2])
     found = np.dstack([begins, np.broadcast_to(times, states.shape[:2]), states])
     return np.ascontiguousarray(found[np.isfinite(states).all(axis=2)], dtype=np.float64)
 
 
 def _done(command: list[str]) -> str:
-    """What it prints."""
+    """The output of the program."""
     name = Path(command[0]).name
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)

@@ -11,14 +11,14 @@ from holdfast.maths.definitions.switching import Switching
 
 
 def looked_up(switching: Switching) -> str:
-    """The line that looks up the function that a law uses."""
+    """The line that evaluates the lookup table of a law."""
     return "    look = look_up(table, places(t, q, p))\n" if switching.lookup else ""
 
 
 def unpacked(
     switching: Switching, state: Mapping[str, Sequence[sp.Symbol]], p: Sequence[sp.Symbol]
 ) -> dict[str, Sequence[sp.Symbol]]:
-    """What the arrays of a law hold."""
+    """The symbols in the argument arrays of a law."""
     look = {"look": switching.lookup.symbols} if switching.lookup else {}
     return {**state, "p": p, **look}
 
@@ -29,10 +29,10 @@ def law_source(
     state: Mapping[str, Sequence[sp.Symbol]],
     p: Sequence[sp.Symbol],
 ) -> str:
-    """The command in every mode, and the slack that its safeguard needed (0 without one).
+    """The command in every mode, and the slack that its safety filter needed (0 without one).
 
-    Where some mode has a safeguard, two things follow: 1 where it overruled the law, else 0, and
-    the command that it was given.
+    If some mode has a safety filter, two entries follow: 1 if the filter intervened, else 0, and
+    the unfiltered command.
     """
     guarded = any(mode.safeguard for mode in switching.modes.values())
     lines = ["@inlined", f"def law(t, q, mode, p, table):\n{looked_up(switching)}".rstrip()]
@@ -57,7 +57,7 @@ def law_source(
             continue
         guard, m = mode.safeguard, len(inputs)
         results += guard.rows(inputs)
-        # names of its own in each mode: Numba does not unify long tuples of different modes
+        # separate names in each mode: Numba does not unify long tuples of different modes
         asked, given = f"asked{number}", f"given{number}"
         lines.append(body(unpack, results, indent=indent, give=f"{asked} ="))
         end = len(results) - m
@@ -73,14 +73,14 @@ def law_source(
 
 
 def nominal_source(switching: Switching, inputs: int) -> str:
-    """The command before the safeguard, of what `law` returns."""
+    """The command before the safety filter, from the return value of `law`."""
     first = inputs + 2 if any(mode.safeguard for mode in switching.modes.values()) else 0
     entries = "".join(f"answer[{first + i}], " for i in range(inputs)) or "0.0, "
     return f"@inlined\ndef nominal(answer):\n    return ({entries})"
 
 
 def _in_every_mode(switching: Switching, inputs: Sequence[str]) -> dict[str, sp.Expr]:
-    """The outputs that are the same whatever the mode, where there is more than one."""
+    """The outputs that are equal in all modes, if there is more than one mode."""
     modes = list(switching.modes.values())
     if len(modes) == 1 or any(mode.safeguard for mode in modes):
         return {}

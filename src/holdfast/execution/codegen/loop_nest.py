@@ -1,7 +1,7 @@
-"""Where in a nest of loops over a grid a part of an expression is computed, as far out as can be.
+"""Loop-invariant code motion: every part of an expression moves to the outermost possible loop.
 
-Level k is inside the loop over axis k; -1 is before all loops, what depends on the last axis alone
-goes into a table, and what is left is computed at every node.
+Level k is inside the loop over axis k, and -1 is before all loops. Parts that depend only on the
+last axis go into a table, and the rest is computed at every node.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ BEFORE = -1
 
 @dataclass
 class Schedule:
-    """Statements by level for loops over `axes`; `moving` are symbols that differ at every node."""
+    """Statements by level for loops over `axes`; `moving` symbols differ at every node."""
 
     axes: Sequence[sp.Symbol]
     moving: frozenset[sp.Symbol] = frozenset()
@@ -28,14 +28,14 @@ class Schedule:
     _known: dict[sp.Expr, sp.Symbol] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.node = len(self.axes)  # the level of what differs at every node
+        self.node = len(self.axes)  # the level of node-dependent parts
         for i, axis in enumerate(self.axes):
             self._level_of[axis] = frozenset({i})
         for s in self.moving:
             self._level_of[s] = frozenset({self.node})
 
     def add(self, results: Sequence[sp.Expr]) -> list[sp.Expr]:
-        """Schedule what these expressions need; returns what is left of them at a node."""
+        """Schedule the parts of these expressions; returns the expressions left at a node."""
         shared, reduced = sp.cse(
             list(results), symbols=sp.numbered_symbols("c_", real=True), order="none"
         )
@@ -52,7 +52,7 @@ class Schedule:
         return frozenset().union(*known)
 
     def _level(self, where: frozenset[int]) -> int:
-        """The loop in which something with these dependences is computed; a table counts as one."""
+        """The level at which a part with these dependences is computed; the table counts as one."""
         if not where:
             return BEFORE
         last = self.node - 1
@@ -69,7 +69,7 @@ class Schedule:
         self._level_of[s] = where
 
     def _part(self, e: sp.Expr) -> sp.Expr:
-        """e as it is written at a node: a symbol, if it belongs further out."""
+        """The form of e at a node: a symbol, if it belongs further out."""
         where = self._where(e)
         if self._level(where) == self.node:
             return self._rewritten(e, where)
@@ -111,6 +111,6 @@ class Schedule:
 
 
 def renamed(expressions: Sequence[sp.Expr], names: Mapping[sp.Symbol, str]) -> list[sp.Expr]:
-    """The expressions with names of the generator's own for their symbols."""
+    """The expressions with their symbols renamed to the generator's own names."""
     new = {s: sp.Symbol(n, real=True) for s, n in names.items()}
     return [e.xreplace(new) for e in expressions]

@@ -1,4 +1,4 @@
-"""SymPy to source text: the only printer. Common subexpressions are shared."""
+"""The printer from SymPy to source text. Common subexpressions are shared."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from holdfast.maths.definitions.quantity import SAMPLE_TIME, TIME, TIME_IN_MODE
 from holdfast.maths.expressions.traversal import exchanged, parts, symbols_of
 
 LONG = 40
-"""Lines of a function that is not copied to several places: the compiler's time goes with them."""
+"""Functions of more lines are called, not inlined, since compilation time grows with length."""
 
 
 class Printer(PythonCodePrinter):
-    """Numba-compilable text for every expression holdfast can build."""
+    """Numba-compatible text for every expression holdfast can build."""
 
     def _print_sgn(self, e: sp.Expr) -> str:
         return f"sgn({self._print(e.args[0])})"
@@ -106,7 +106,7 @@ def function_source(
 ) -> str:
     """Source of one function; `unpack` maps an argument to the symbols it holds, in order.
 
-    A long one that `several` places use is called there, and not copied to each.
+    A long one that `several` places use is called there, not inlined.
     """
     text = body(unpack, results, scalar=scalar)
     how = "apart" if several and text.count("\n") > LONG else "inlined"
@@ -121,7 +121,7 @@ def body(
     indent: str = "    ",
     give: str = "return",
 ) -> str:
-    """Its lines: unpacking, shared subexpressions, and what they are given to."""
+    """The lines of its body: unpacking, shared subexpressions, result."""
     used = symbols_of(results)
     lines = []
     for argument, symbols in unpack.items():
@@ -153,5 +153,5 @@ def body(
 
 
 def source_name(s: sp.Symbol) -> str:
-    """The name in the source: it ends in '_', as no argument and no name made here does."""
+    """The name in the source. It ends in '_', unlike arguments and generated names."""
     return s.name if s in (TIME, TIME_IN_MODE, SAMPLE_TIME) else f"{s.name}_"

@@ -1,4 +1,4 @@
-"""Ready systems, laws, regions and fields; an entry is a file, and its name in `ALL`."""
+"""Catalogue of systems, laws, regions and fields; an entry is one file and its name in `ALL`."""
 
 import lazy_loader
 

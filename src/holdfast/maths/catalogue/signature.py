@@ -1,4 +1,4 @@
-"""How the functions of the catalogue are called: what each is built on and what it takes."""
+"""Signatures of the catalogue's functions: their leading arguments and their parameters."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ KINDS: dict[str, tuple[Callable[..., Any], ...]] = {
 def example(function: Callable[..., Any]) -> Any:
     """The catalogue entry with its standard parameters.
 
-    A law is built on the first system of the catalogue that it is made for.
+    A law is built on the first system of the catalogue that fits it.
     """
     if leading_argument(function) == "law":
         return function(laws.steer_marine(systems.marine_vehicle()))
@@ -34,11 +34,11 @@ def example(function: Callable[..., Any]) -> Any:
             return function(system())
         except DefinitionError as error:
             refusal = refusal or error
-    raise refusal or DefinitionError(f"'{function.__name__}' is made for no system")
+    raise refusal or DefinitionError(f"'{function.__name__}' fits no system of the catalogue")
 
 
 def leading_argument(function: Callable[..., Any]) -> str:
-    """What a catalogue function is built on: "system", "law", or the name of a parameter."""
+    """The leading arguments of a catalogue function: "system", "law", or a parameter's name."""
     return next(iter(inspect.signature(function).parameters), "")
 
 
@@ -48,7 +48,7 @@ def wants_law(function: Callable[..., Any]) -> bool:
 
 
 def arguments(function: Callable[..., Any], leading: int) -> tuple[list[str], list[str]]:
-    """The arguments after the first `leading` ones: those that are no numbers, and the numbers."""
+    """The arguments after the first `leading` ones: those that are not numbers, and the numbers."""
     named = list(inspect.signature(function).parameters.values())[leading:]
     named = [a for a in named if a.kind is not a.VAR_KEYWORD]
     numeric = [a.name for a in named if a.annotation in ("float", "float | None")]
@@ -59,8 +59,7 @@ def arguments(function: Callable[..., Any], leading: int) -> tuple[list[str], li
 def accepted_parameters(function: Callable[..., Any], parameters: Mapping[str, Any]) -> list[str]:
     """The names of the parameters a catalogue function takes.
 
-    Its numeric keyword arguments, or all of the `parameters` of what it builds where it
-    takes any keyword.
+    Its numeric keyword arguments; if it takes any keyword, all `parameters` of its result.
     """
     signature = inspect.signature(function).parameters.values()
     if any(p.kind is inspect.Parameter.VAR_KEYWORD for p in signature):

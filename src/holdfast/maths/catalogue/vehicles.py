@@ -22,7 +22,7 @@ from holdfast.maths.definitions.vehicle_file import (
 
 @checked
 def load_vehicle(name: str, **overrides: float) -> System:
-    """The system of a vehicle: that of its file, with the numbers of its file.
+    """The system of a vehicle, built with the numbers of the vehicle's file.
 
     name: a shipped vehicle, or a file that ends in .toml:
 
@@ -43,7 +43,7 @@ def load_vehicle(name: str, **overrides: float) -> System:
 
 
 def vehicle_of(name: str) -> Vehicle:
-    """The file of that vehicle, checked against the system that it is for."""
+    """The file of that vehicle, checked against the system that it names."""
     shown, data = read_vehicle(name)
     function = _system(data["system"], shown)
     return checked_vehicle(name, shown, data, needed(function))
@@ -64,7 +64,7 @@ def needed(
 def of_vehicle(
     function: Callable[..., System], name: str, structure: Mapping[str, Any]
 ) -> Callable[..., System]:
-    """What builds the system of the vehicle of that name, with other numbers in place of some."""
+    """A function that builds the system of that vehicle, with some of its numbers replaced."""
     shown, data = read_vehicle(name)
     if data["system"] != function.__name__:
         raise ScenarioError(

@@ -1,8 +1,8 @@
-"""How the inputs act on the inequalities of a region: what viability asks of them.
+"""Barrier conditions: the derivatives of a region's inequalities that the inputs act on.
 
     c_j(q) <= 0,   d/dt c_j = grad c_j . f(q, u, d)                      thesis (5.11)-(5.13)
 
-Where no input appears in d/dt c_j, the second derivative takes its place.
+If no input appears in d/dt c_j, the second derivative takes its place.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class ViabilityCondition:
     disturbance; `carried` are its coefficients where it enters affinely and, for k = 2, does not
     enter dc/dt: only then (`affine`) has the worst disturbance a closed form. `by_input` is the
     relative degree with respect to each input, 0 for an input that appears in neither derivative.
-    `ties` vanish where c has a kink that is no intersection of half-spaces: nothing is said there.
+    `ties` vanish where c has a kink that is not an intersection of half-spaces; no condition is
     """
 
     name: str
@@ -54,7 +54,7 @@ def viability_conditions(system: System, region: Region) -> tuple[ViabilityCondi
     """One condition for each smooth piece of each inequality of `region`.
 
     |x| <= 1 and max(a, b) <= 0 are two pieces each. Raises `DefinitionError` when the region
-    reads what the system does not have, an input does not appear affinely, or neither the
+    reads a quantity that the system lacks, an input does not appear affinely, or neither the
     first nor the second derivative contains an input (relative degree above 2).
     """
     check_reads(system, region)

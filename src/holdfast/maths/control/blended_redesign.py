@@ -1,4 +1,4 @@
-"""A convergent law and a region to a viable law: blending by distance to the boundary.
+"""Viable redesign of a convergent law: blending by the distance to the region's boundary.
 
 For each inequality c_j <= 0 the switching signal
 
@@ -12,8 +12,8 @@ down, E2: 0 at cmax, 1 at cmin). With sigma = min_j sigma_j, attained at j*, the
 and in a current, where they are relative to the water, likewise (5.39), (5.40).
 
 Once near the goal set while a viable law is active, the `hold` law takes over for good:
-without that latch the blend has spurious equilibria (E12). From then on no constraint is served
-any more; that the goal set lies well inside the region is the designer's to see.
+without that latch the blend has spurious equilibria (E12). From then on no constraint is
+enforced: the designer has to place the goal set well inside the region.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def switching_signals(
     for name, (inner, outer) in layers.items():
         if name not in region.inequality_names:
             raise DefinitionError(
-                f"layer for '{name}', which is no inequality of region '{region.name}'",
+                f"layer for '{name}', which is not an inequality of region '{region.name}'",
                 remedy=suggestion(name, region.inequality_names),
             )
         if not -math.inf < inner < outer < 0:
@@ -78,7 +78,7 @@ def redesign(
     `viable` maps the name of every inequality to the law used at its boundary, `layers` to
     its (cmax, cmin). `hold`, entered for good when `hold_when` >= 0 while a viable law is
     active, is the law that keeps the goal set. Modes: pursue (sigma = 1), protect
-    (sigma < 1), hold. What one of the laws is told of disturbances, every mode is told.
+    (sigma < 1), hold. A disturbance that one of the laws measures is measured in every mode.
 
     `goal` is the state that `law` converges to (states left out are 0; by default the
     parameters goal_x, goal_y of the law, where it has them, and heading 0). `as_printed` takes
@@ -86,8 +86,8 @@ def redesign(
 
     Raises `DefinitionError` when an inequality lacks a law or a layer, a law gives other
     outputs, only one of `hold` and `hold_when` is given, two laws believe different things of a
-    disturbance, or the goal is outside the region or inside a layer, where the convergent law
-    never has the last word.
+    disturbance, or the goal is outside the region or inside a layer, where the convergent law is
+    never fully active.
     """
     for what, given in (("viable law", viable), ("layer", layers)):
         for name in region.inequality_names:
@@ -96,7 +96,7 @@ def redesign(
         for name in given:
             if name not in region.inequality_names:
                 raise DefinitionError(
-                    f"{what} for '{name}', which is no inequality of region '{region.name}'",
+                    f"{what} for '{name}', which is not an inequality of region '{region.name}'",
                     remedy=suggestion(name, region.inequality_names),
                 )
     check_still(region)
@@ -167,7 +167,7 @@ def _check_goal(
     layers: Mapping[str, tuple[float, float]],
     goal: Mapping[str, float] | None,
 ) -> None:
-    """Refuse a goal of the convergent law where that law is not left alone."""
+    """Refuse a goal of the convergent law at which that law is overridden."""
     read = [q.name for q in region.reads]
     if goal is None:
         own = {p.name: p.value for p in law.parameters}
@@ -195,7 +195,7 @@ def _check_goal(
 
 
 def _beliefs(*laws: Law) -> dict[str, sp.Expr]:
-    """What the laws believe of the disturbances, which is one thing."""
+    """The values that all laws believe of the disturbances, which must agree."""
     found: dict[str, sp.Expr] = {}
     for law in laws:
         for name, belief in law.believed.items():

@@ -40,7 +40,7 @@ def surge_gain_limit(
 
 @checked
 def ultimate_bound(k1: float, mu: float, current: float) -> float:
-    """How far from its goal (5.31) leaves a vehicle in a current, in m: artanh(current/k1)/mu.
+    """The distance from the goal where (5.31) leaves a vehicle in a current: artanh(current/k1)/mu.
 
     Thesis (5.35). In a constant current of any direction it is exact: the surge k1 tanh(mu rho)
     that holds the vehicle against the current is that of rho. There are two such points, where
@@ -60,7 +60,7 @@ def ultimate_bound(k1: float, mu: float, current: float) -> float:
     if current >= k1:
         raise DefinitionError(
             f"a current of {current:g} m/s carries away a vehicle whose surge is at most "
-            f"k1 = {k1:g} m/s: there is no bound",
+            f"k1 = {k1:g} m/s: no bound exists",
             expected="a current below k1",
         )
     return math.atanh(current / k1) / mu

@@ -1,4 +1,4 @@
-"""A law that measures some states only: the others, and the disturbances, are estimated.
+"""State and disturbance observer (output feedback) for a law that measures some states only.
 
 Measured y, other states s, disturbances d; with e = y - yh (angles wrapped) and bandwidth w,
 
@@ -8,7 +8,7 @@ Measured y, other states s, disturbances d; with e = y - yh (angles wrapped) and
 
 one Euler step each control sample. The injections are those of the passive observers of marine
 craft (T. I. Fossen, J. P. Strand, Automatica 35, 1999), derived for any system: the estimation
-error's energy |y - yh|^2 w^2 + |s - sh|^2 + |d - dh|^2 falls but for what f_s does to it. Without
+error's energy |y - yh|^2 w^2 + |s - sh|^2 + |d - dh|^2 falls except for the effect of f_s. Without
 noise and with the right model a constant disturbance is found; dh is kept within its known bounds.
 """
 
@@ -45,27 +45,27 @@ def observe(
     measured: Sequence[str] | None = None,
     bandwidth: float = 2.0,
 ) -> Switching:
-    """`law`, told the `measured` states alone; it uses estimates for all else that it reads.
+    """`law` with measurements of the `measured` states only; estimates replace all else it reads.
 
-    measured: names of states, all of them by default: then the disturbances alone are estimated.
+    measured: names of states, by default all of them: then only the disturbances are estimated.
     bandwidth: w in 1/s, above 0. The estimate of a state s is the remembered quantity s_hat; the
     unmeasured states and the disturbances start at 0.
 
-    Raises `DefinitionError` for unknown names, a law that remembers already, a time-varying
+    Raises `DefinitionError` for unknown names, a law that already has a memory, a time-varying
     system, or a quantity that the law reads and that moves none of the measured states.
     """
     names = tuple(system.state_names if measured is None else measured)
     for name in names:
         if name not in system.state_names:
             raise DefinitionError(
-                f"'{name}' is no state of system '{system.name}'",
+                f"'{name}' is not a state of system '{system.name}'",
                 remedy=suggestion(name, system.state_names),
             )
     if isinstance(bandwidth, bool) or not 0 < bandwidth < math.inf:
         raise DefinitionError(f"the observer's bandwidth is {bandwidth!r}", expected="above 0")
     switching = as_switching(law)
     if switching.memory is not None:
-        raise DefinitionError(f"law '{law.name}' remembers something already")
+        raise DefinitionError(f"law '{law.name}' already has a memory")
     if any(rate.has(TIME) for rate in system.rates.values()):
         raise DefinitionError(f"the rates of system '{system.name}' depend on time")
     seen = [q for q in system.states if q.name in names]

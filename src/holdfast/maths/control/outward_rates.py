@@ -1,4 +1,4 @@
-"""How fast a system moves towards the boundary of a region.
+"""Outward rates: the speed of a system towards the boundary of a region.
 
 The viability condition of the thesis, (5.11): at a state z on the boundary the velocity is
 admissible when every active constraint has outward rate grad c_j . qdot <= 0.
@@ -31,26 +31,26 @@ def outward_rates(system: System, region: Region, law: Law | None = None) -> dic
 
 
 def check_reads(system: System, region: Region) -> None:
-    """Refuse a region that reads a state the system does not have, or that moves."""
+    """Refuse a region that reads an unknown state or depends on time."""
     check_still(region)
     check_states(system, region)
 
 
 def check_still(region: Region) -> None:
-    """Refuse a region that moves."""
+    """Refuse a region that depends on time."""
     if region.moves:
         raise DefinitionError(
             f"region '{region.name}' depends on time",
-            expected="a region that stands still; one that moves is for kernels and reachable sets",
+            expected="a stationary region; only kernels and reachable sets allow a moving one",
         )
 
 
 def check_states(system: System, region: Region) -> None:
-    """Refuse a region that reads a state the system does not have."""
+    """Refuse a region that reads an unknown state."""
     missing = [q.name for q in region.reads if q.name not in system.state_names]
     if missing:
         raise DefinitionError(
-            f"region '{region.name}' reads '{missing[0]}', which is no state of system "
+            f"region '{region.name}' reads '{missing[0]}', which is not a state of system "
             f"'{system.name}'",
             expected="states among " + ", ".join(system.state_names),
         )

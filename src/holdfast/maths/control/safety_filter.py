@@ -1,14 +1,14 @@
-"""A law that is changed no more than viability asks: a quadratic program on the inputs.
+"""Safety filter (CBF-QP): a quadratic program changes a law's inputs as little as possible.
 
     minimise  sum_i ((u_i - w_i) / scale_i)^2  over the inputs u within their bounds, subject to
 
     dc_j/dt + k1 (c_j + m_j) <= 0                                    relative degree 1
     d2c_j/dt2 + (k1 + k2) dc_j/dt + k1 k2 (c_j + m_j) <= 0           relative degree 2
 
-for every inequality c_j <= 0 of a region, w being what the law asks for. The conditions are those
-of a control barrier function (A. D. Ames et al., European Control Conference 2019) and of one of
-high order (W. Xiao, C. Belta, IEEE Trans. Automatic Control 67, 2022): as long as the bounds admit
-them, a c_j that starts with c_j <= 0 and dc_j/dt + k1 c_j <= 0 never crosses 0.
+for every inequality c_j <= 0 of a region; w is the input that the law requests. The conditions
+are those of a control barrier function (A. D. Ames et al., European Control Conference 2019) and
+of one of high order (W. Xiao, C. Belta, IEEE Trans. Automatic Control 67, 2022). As long as the
+input bounds admit them, a c_j that starts with c_j <= 0 and dc_j/dt + k1 c_j <= 0 never crosses 0.
 """
 
 from __future__ import annotations
@@ -47,19 +47,19 @@ def safeguard(
     scales: Mapping[str, float] | None = None,
     measured: bool = False,
 ) -> L:
-    """`law`, with its inputs changed no more than the viability of `region` asks.
+    """`law` with a safety filter: the least change of its inputs that keeps `region` viable.
 
-    constraints: inequalities that are kept beside those of the region. A run that violates one of
-    them has not left the region. gains: (k1, k2) in 1/s, above 0. margins: name of an inequality
+    constraints: further inequalities, enforced like those of the region. A run that violates one
+    of them has not left the region. gains: (k1, k2) in 1/s, above 0. margins: name of an inequality
     -> m_j >= 0 in its own unit, how far inside the boundary to stay. scales: input -> the change of
     it that counts as much as a change of another by its own scale; half the width of its bounds
-    where they are finite, else 1. measured: the law is told the disturbances; else it takes them
-    for what it believes in, or zero. Where no input is admissible, all conditions are relaxed by
-    the same least amount, and the run counts how often.
+    where they are finite, else 1. measured: whether the law measures the disturbances; if not, it
+    uses its believed values, or zero. If no input is admissible, all conditions are relaxed by the
+    same least amount, and the run counts such samples.
 
     A `Switching` is treated mode by mode. Raises `DefinitionError` for a law that does not give
     the system's inputs, a condition of relative degree above 2, inputs bounded by a ball or by
-    more actuators than inputs, and names or numbers that cannot be used.
+    more actuators than inputs, and invalid names or numbers.
     """
     pair = isinstance(gains, Sequence) and len(gains) == 2
     if not (pair and all(_is_number(k) and k > 0 for k in gains)):
@@ -75,7 +75,7 @@ def safeguard(
     for name, value in given.items():
         if name not in region.inequality_names:
             raise DefinitionError(
-                f"margin of '{name}', which is no inequality of region '{region.name}'",
+                f"margin of '{name}', which is not an inequality of region '{region.name}'",
                 remedy=suggestion(str(name), region.inequality_names),
             )
         if not (_is_number(value) and value >= 0):
@@ -155,7 +155,7 @@ def over_time(unit: str, order: int) -> str:
 
 
 def check_fit(system: System, law: Law) -> None:
-    """Refuse a law whose inputs cannot be safeguarded."""
+    """Refuse a law whose inputs cannot have a safety filter."""
     if set(law.outputs) != set(system.input_names):
         raise DefinitionError(
             f"law '{law.name}' gives {', '.join(law.outputs)}",
@@ -176,11 +176,11 @@ def input_rows(system: System) -> list[Row]:
 
 
 def input_scales(system: System, given: Mapping[str, float]) -> Mapping[str, sp.Expr]:
-    """Of every input the change that counts as much as a change of another by its own."""
+    """The scale of every input: changes by one scale count equally."""
     for name, value in given.items():
         if name not in system.input_names:
             raise DefinitionError(
-                f"scale of '{name}', which is no input of system '{system.name}'",
+                f"scale of '{name}', which is not an input of system '{system.name}'",
                 remedy=suggestion(str(name), system.input_names),
             )
         if not (_is_number(value) and value > 0):
@@ -197,12 +197,12 @@ def input_scales(system: System, given: Mapping[str, float]) -> Mapping[str, sp.
 
 
 def _table(what: str, given: object) -> dict[str, float]:
-    """`given` if it maps names to something, which is left to be checked."""
+    """`given` if it is a mapping of names; its values are not checked."""
     if given is not None and not isinstance(given, Mapping):
         raise DefinitionError(f"{what} of the safeguard are {given!r}", expected="names to numbers")
     return dict(given or {})
 
 
 def _is_number(value: object) -> bool:
-    """Whether it is a finite real number; true and false are none."""
+    """Whether it is a finite real number; True and False are not."""
     return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)

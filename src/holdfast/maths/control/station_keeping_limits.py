@@ -1,4 +1,4 @@
-"""Which ball, gains and sample time keep station in a current of bounded speed (chapter 3)."""
+"""Limits of ball, gains and sample time for station keeping in a bounded current (chapter 3)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from holdfast.errors import DefinitionError
 
 @dataclass(frozen=True)
 class StationKeepingLimits:
-    """What `hold_station` is proved to need, and what it was measured to give.
+    """Proved requirements of `hold_station`, and its measured accuracy.
 
     least_k1: for the radius r0, (3.7) holds for every direction of the current and every
     |r| >= r0 exactly when k1 is above this [1/s]. least_r0: for the gain k1, the smallest such
@@ -52,7 +52,7 @@ def station_keeping_limits(
 
 
 def _need(r: float, lam: float) -> float:
-    """k1 / |v| that (3.7) needs at the distance r, over all directions [1/m]."""
+    """k1 / |v| required by (3.7) at the distance r, over all directions [1/m]."""
     w = -math.expm1(-(r**2))
     return (lam * r**2 - 2 * w) / (r * (lam * r**2 - w))
 

@@ -1,4 +1,4 @@
-"""Vehicles that move along their heading and turn, in a current: what chapter 3 steers."""
+"""Vehicles with surge and turn rate in a current: the systems of chapter 3."""
 
 from __future__ import annotations
 
@@ -36,23 +36,23 @@ class SurgeAndTurn:
         return x, y
 
     def within_speed(self, surge: sp.Expr) -> sp.Expr:
-        """The surge kept within speed_limit."""
+        """The surge saturated at speed_limit."""
         return clip(surge, -symbol("speed_limit"), symbol("speed_limit"))
 
     def within_turn(self, turn: sp.Expr) -> sp.Expr:
-        """The turn rate kept within turn_limit."""
+        """The turn rate saturated at turn_limit."""
         return clip(turn, -symbol("turn_limit"), symbol("turn_limit"))
 
     def along(
         self, direction: sp.Expr, surge: sp.Expr, current: tuple[sp.Expr, sp.Expr]
     ) -> tuple[sp.Expr, sp.Expr]:
-        """The surge, slowed, and d/dt of a direction phi(x, y) that goes with it.
+        """The reduced surge, and d/dt of a direction phi(x, y) at that surge.
 
             sigma = the largest in [0, 1] with |sigma a + b| <= 0.8 turn_limit
 
-        d/dt phi = a + b has the part a in proportion to the surge, and b of the current and of
-        other velocities. Where the direction turns faster than the vehicle can, it goes slower:
-        a turn rate that is cut instead makes other lines attractive than those of the field.
+        In d/dt phi = a + b, a is proportional to the surge, and b comes from the current and other
+        velocities. If the direction turns faster than the vehicle can, the surge is reduced:
+        saturating the turn rate instead would make lines other than the field's attractive.
         """
         slope = [direction.diff(symbol(n)) for n in ("x", "y")]
         zero = sp.S.Zero
@@ -74,15 +74,15 @@ def surge_and_turn(
 ) -> SurgeAndTurn:
     """The system as a vehicle that surges and turns.
 
-    The limits are those that a system has parameters for; others must be given: what the
-    vehicle can follow. Raises `DefinitionError` for another kind of system, or limits that are
-    missing or given twice.
+    The limits are the system's parameters if it has them. Otherwise they must be given: the
+    largest values that the vehicle can follow. Raises `DefinitionError` for another kind of
+    system, or limits that are missing or given twice.
     """
     names = {q.name for q in system.states + system.inputs}
     cos, sin = sp.cos(symbol("psi")), sp.sin(symbol("psi"))
     moved = {"x": symbol("u") * cos + symbol("Vx"), "y": symbol("u") * sin + symbol("Vy")}
     fits = {"x", "y", "psi", "u", "r"} <= names and {"Vx", "Vy"} <= set(system.disturbance_names)
-    if fits:  # what else moves the position depends on states that are no inputs, nor u
+    if fits:  # the other velocities depend neither on u nor on states that are inputs
         rest = [sp.expand(system.rates[n] - own) for n, own in moved.items()]
         driven = [*system.inputs, *system.disturbances]
         barred = {q.symbol for q in driven} | {symbol("u")}
@@ -99,15 +99,15 @@ def surge_and_turn(
     own = {p.name: p for p in system.parameters}
     limits = []
     for name, unit, value, meaning in (
-        ("speed_limit", "m/s", speed_limit, "largest surge it asks for"),
-        ("turn_limit", "rad/s", turn_limit, "largest turn rate it asks for"),
+        ("speed_limit", "m/s", speed_limit, "largest requested surge"),
+        ("turn_limit", "rad/s", turn_limit, "largest requested turn rate"),
     ):
         if value is not None and not math.isfinite(value):
             raise DefinitionError(f"{name} of law '{law}' is {value}", expected="a finite number")
         if value is None and name not in own:
             raise DefinitionError(
                 f"law '{law}' needs {name} [{unit}]: system '{system.name}' has none of its own",
-                expected="what the vehicle can follow",
+                expected="the largest value that the vehicle can follow",
             )
         limit = own.get(name)
         if value is not None and (limit is None or limit.value != value):
@@ -115,7 +115,7 @@ def surge_and_turn(
                 raise DefinitionError(
                     f"{name} of law '{law}' is {value:g}, system '{system.name}' has "
                     f"{limit.value:g}",
-                    remedy="give it to the system alone",
+                    remedy="give it only to the system",
                 )
             limit = Parameter(name, unit, meaning, value=value, above=0.0)
         assert limit is not None

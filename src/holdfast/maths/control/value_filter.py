@@ -1,12 +1,13 @@
-"""Laws from a value function: the optimal input, and the least change that keeps the value.
+"""Laws from a value function: the optimal input, and a safety filter that preserves the value.
 
-V > 0 is where the constraints can be kept. With p = dV/dq, the optimal input takes the most of
-p . f(q, u, d) (thesis (7.3), (7.7)); a given law is kept as long as, for every disturbance d,
+The constraints can be kept where V > 0. With p = dV/dq, the optimal input maximises
+p . f(q, u, d) (thesis (7.3), (7.7)). A given law is left unchanged as long as, for every
+disturbance d,
 
     p . f(q, u, d) + rate (V - margin) >= 0
 
-so that it is left alone well inside, and taken over the more the nearer it comes to V = margin
-(V as a control barrier function: A. D. Ames et al., European Control Conference 2019).
+so that the filter does nothing well inside the set and intervenes progressively as V approaches
+the margin (V as a control barrier function: A. D. Ames et al., European Control Conference 2019).
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ def _at_costates(
 
 
 def optimal_law(system: System, lookup: Lookup) -> Law:
-    """The inputs that raise V the most, or lower it the least: bang-bang within a box."""
+    """The optimal inputs: they raise V most, or lower it least; bang-bang within a box."""
     h = hamiltonian(system)
     return Law(
         name=f"optimal inputs of {system.name}",
@@ -71,10 +72,10 @@ def keep_value(
     margin: float,
     scales: Mapping[str, float] | None = None,
 ) -> L:
-    """`law` with its inputs changed no more than keeping V above `margin` asks.
+    """`law` with a safety filter: the least change of its inputs that keeps V above `margin`.
 
     The last axes of `lookup` are the states; one before them is the time to go, which falls.
-    Raises `DefinitionError` for a law that does not give the system's inputs or is safeguarded
+    Raises `DefinitionError` for a law that does not give the system's inputs or has a safety filter
     already, and for inputs bounded by a ball or by more actuators than inputs.
     """
     if not system.inputs:
@@ -134,7 +135,7 @@ def keep_value(
 
 
 def _difference(function: sp.Expr, state: sp.Symbol, step: float) -> sp.Expr:
-    """The central difference over one step, which exists where the function has a kink too."""
+    """The central difference over one step, which also exists at a kink of the function."""
     half = sp.Float(step / 2)
     above, below = (function.xreplace({state: state + s * half}) for s in (1, -1))
     return (above - below) / sp.Float(step)
@@ -148,11 +149,11 @@ def against_the_worst(
     steps: Sequence[float] = (),
     parameters: tuple[Parameter, ...] = (),
 ) -> tuple[System, L]:
-    """The system and the law with the worst disturbance, chosen at every sample as the inputs are.
+    """The system and the law against the worst disturbance, chosen at every sample like the inputs.
 
-    The disturbances become inputs; what bounds there are, the law has been saturated by. They lower
-    the value along its gradient, or where the parameter `adversary_aim` is 1 the `margin`, an
-    expression of the states and `parameters`, along its differences over `steps`.
+    The disturbances become inputs; the law's own inputs are saturated by their bounds first. The
+    disturbances lower the value along its gradient. If the parameter `adversary_aim` is 1, they
+    lower `margin`, an expression of the states and `parameters`, by its differences over `steps`.
     """
     h = hamiltonian(system)
     slopes: Sequence[sp.Expr] = lookup.slopes[-len(system.states) :]
@@ -165,7 +166,7 @@ def against_the_worst(
             select(ADVERSARY_AIM - sp.Rational(1, 2), a, b)
             for a, b in zip(aimed, slopes, strict=True)
         ]
-        aim = Parameter(ADVERSARY_AIM.name, "1", "what the disturbance lowers", value=0.0)
+        aim = Parameter(ADVERSARY_AIM.name, "1", "target of the disturbance", value=0.0)
         parameters = (*parameters, aim)
     worst = _at_costates(h, h.disturbances, slopes)
     open_system = replace(

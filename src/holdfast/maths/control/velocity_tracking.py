@@ -1,4 +1,4 @@
-"""From a law for velocities to a law for forces: feedback linearisation and backstepping."""
+"""Forces that track a law for velocities: feedback linearisation and backstepping."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ def track_velocity(
 
     Raises `DefinitionError` when the law's outputs are not states, their number differs from
     that of the inputs, the inputs cannot be solved for, or d/dt gamma would need the answer:
-    gamma depends on an input-driven state that is not tracked, or on itself in a circle; or is
-    not known: gamma varies with what the law looks up (bang-bang velocities do not, but where
-    they switch).
+    gamma depends on an input-driven state that is not tracked, or on itself in a circle; or if
+    d/dt gamma is unknown: gamma varies with the law's lookup table (bang-bang velocities do so
+    only where they switch).
     """
     if isinstance(law, Switching):
         return law.map_laws(
@@ -49,21 +49,21 @@ def track_velocity(
         )
     if law.safeguard is not None:
         raise DefinitionError(
-            f"law '{law.name}' has a safeguard, which is on its velocities",
+            f"law '{law.name}' has a safeguard on its velocities",
             remedy="track the velocities first, then safeguard the inputs",
         )
     velocities = law.output_names
     for name, gamma in law.outputs.items():
         if law.lookup is not None and any(gamma.diff(s) != 0 for s in law.lookup.symbols):
             raise DefinitionError(
-                f"output '{name}' of law '{law.name}' varies with what it looks up, whose rate is "
+                f"output '{name}' of law '{law.name}' varies with its lookup table, whose rate is "
                 "not known",
-                expected="velocities that stand still between switches, as optimal ones of a box",
+                expected="velocities constant between switches, as the optimal ones of a box",
             )
     for name in velocities:
         if name not in system.state_names:
             raise DefinitionError(
-                f"law '{law.name}' gives '{name}', which is no state of system '{system.name}'",
+                f"law '{law.name}' gives '{name}', which is not a state of system '{system.name}'",
                 remedy=suggestion(name, system.state_names),
             )
     if set(gains) != set(velocities):
@@ -114,11 +114,11 @@ def track_velocity(
 
 
 def believed_disturbances(system: System, law: Law) -> dict[sp.Symbol, sp.Expr]:
-    """What the law takes each disturbance for: what it believes or reads, else zero."""
+    """The value that the law uses for each disturbance: measured or believed, else zero."""
     for name in law.believed:
         if name not in system.disturbance_names:
             raise DefinitionError(
-                f"law '{law.name}' believes something of '{name}', which is no disturbance",
+                f"law '{law.name}' has a value for '{name}', which is not a disturbance",
                 remedy=suggestion(name, system.disturbance_names),
             )
     read = {q.name: q.symbol for q in law.reads}

@@ -1,1 +1,1 @@
-"""What a user defines: systems, bounds, laws, measurements, regions, scenes, variation, units."""
+"""User definitions: systems, bounds, laws, measurements, regions, scenes, variation, units."""

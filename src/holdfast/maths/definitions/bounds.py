@@ -1,4 +1,4 @@
-"""Sets in which inputs and disturbances live: a box, a ball, a linear image, a product of them.
+"""Sets of admissible inputs and disturbances: box, ball, linear image, product of sets.
 
 Two thrusters in [-F, F] are the `LinearImage` of a `Box`; a current of bounded speed is a
 velocity in a `Ball`. So plants stay affine in every input.

@@ -1,4 +1,4 @@
-"""Several vehicles as one system, and how one of them moves as another sees it."""
+"""Several vehicles as one system, and the motion of one relative to another."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def renamed(system: System, names: Mapping[str, str], name: str = "") -> System:
 
 @checked
 def side_by_side(*systems: System, name: str) -> System:
-    """One system of several that do not touch; a parameter of the same name is the same number.
+    """One system of several uncoupled ones; a parameter of the same name is the same number.
 
     Raises `DefinitionError` where two have a quantity of the same name.
     """
@@ -91,7 +91,7 @@ def side_by_side(*systems: System, name: str) -> System:
 def seen_from(
     leader: System, leader_pose: Pose, follower: System, follower_pose: Pose, *, pose: Pose
 ) -> System:
-    """How the follower moves in the leader's frame; the leader's inputs are disturbances.
+    """The follower's motion in the leader's frame; the leader's inputs are disturbances.
 
         (x, y) = R(-theta_L) (r_F - r_L),   beta = theta_F - theta_L
 

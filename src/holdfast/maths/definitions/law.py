@@ -1,4 +1,4 @@
-"""A feedback law: expressions for inputs (or for velocities used as inputs)."""
+"""A feedback law (controller): expressions for inputs, or for velocities used as inputs."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from holdfast.maths.definitions.quantity import (
 @checked
 @dataclass(frozen=True)
 class GainCondition:
-    """A stability condition value < limit on the gains, and what happens without it.
+    """A stability condition value < limit on the gains, and the consequence of violating it.
 
-    Beside parameters it may use `SAMPLE_TIME`. `closed`: the limit itself is allowed.
+    Besides parameters it may use `SAMPLE_TIME`. `closed`: the limit itself is allowed.
     """
 
     value: sp.Expr
@@ -53,11 +53,11 @@ class GainCondition:
 @checked
 @dataclass(frozen=True)
 class Safeguard:
-    """Half-spaces sum_i normals_ij u_i <= offsets_j that the inputs are kept in.
+    """A safety filter (CBF-QP): half-spaces sum_i normals_ij u_i <= offsets_j of the inputs.
 
-    What a law asks for is replaced by the nearest input of them, in units of `scales`. Where
-    there is none, those after the first `hard` are all relaxed by the same least amount, the slack.
-    `units`: what that amount is counted in, one for every condition that is relaxed.
+    The input that a law requests is replaced by the nearest one in the half-spaces, in units of
+    `scales`. If they have no common point, those after the first `hard` are all relaxed by the
+    same least amount, the slack. `units`: the unit of the slack, one for every relaxed condition.
     """
 
     normals: Mapping[str, tuple[sp.Expr, ...]]
@@ -77,13 +77,13 @@ class Safeguard:
         return (*entries, *self.offsets, *self.scales.values())
 
     def rows(self, inputs: Sequence[str]) -> list[sp.Expr]:
-        """The normal and the offset of every half-space, one after the other, then the scales."""
+        """The normal and the offset of every half-space in turn, then the scales."""
         pairs = enumerate(self.offsets)
         rows = [e for j, offset in pairs for e in (*(self.normals[n][j] for n in inputs), offset)]
         return [*rows, *(self.scales[n] for n in inputs)]
 
     def subs(self, values: Mapping[sp.Symbol, sp.Expr]) -> Safeguard:
-        """The same with symbols replaced."""
+        """The same safeguard with symbols replaced."""
         return Safeguard(
             {n: tuple(e.xreplace(values) for e in row) for n, row in self.normals.items()},
             tuple(e.xreplace(values) for e in self.offsets),
@@ -99,11 +99,11 @@ class Law:
     """u_i = outputs_i(t, q; p).
 
     `reads` are the quantities the law may use, all of them measured: states, and disturbances
-    that it is told at every instant; an output or signal with any other symbol is refused.
-    `signals` are named expressions worth recording. `believed`: what the law takes disturbances
-    for, by name, where it needs the rates of the states; those left out are zero to it.
-    `safeguard`: the half-spaces that the outputs are kept in. `lookup`: a function known on a
-    grid, whose symbols the outputs, signals and safeguard may use.
+    that it knows at every instant; an output or signal with any other symbol is refused.
+    `signals` are named expressions to record. `believed`: the values that the law assumes for
+    disturbances, by name, where it needs the rates of the states; a missing name means zero.
+    `safeguard`: a safety filter, the half-spaces that the outputs are kept in. `lookup`: a
+    function known on a grid, whose symbols the outputs, signals and safeguard may use.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""A function that is known at the nodes of a grid, as symbols in the expressions of a law."""
+"""A lookup table: a function known at the nodes of a grid, as symbols in a law's expressions."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import sympy as sp
 
 @dataclass(frozen=True)
 class Lookup:
-    """V and its slopes at `places`, expressions of what a law reads, one for every axis.
+    """V and its slopes at `places`: expressions of quantities a law reads, one for every axis.
 
     `value` and `slopes` (dV/d place, one for every axis) stand for them in expressions. `table`
-    holds the numbers; what it is made of is known where laws are run. first_time: where the first
-    axis is the time that is left, the least that is known; below it the function stands still.
-    timed: whether the first axis is that time. unit: of V.
+    holds the numbers; its type is known only to the code that runs laws. timed: whether the first
+    axis is the remaining time. first_time: then the least remaining time that is stored; below it
+    the function is constant in time. unit: of V.
     """
 
     places: tuple[sp.Expr, ...]

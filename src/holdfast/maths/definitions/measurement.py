@@ -1,4 +1,4 @@
-"""What an instrument tells of the states, and laws that know the states by it alone."""
+"""Measurements (output equations), and laws that know the states only through them."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ class Measurement(Quantity):
 
 
 def by_measurements(system: System, law: Law | Switching) -> Law | Switching:
-    """`law` on the states of `system`: what it reads of the measurements is written out.
+    """`law` as a function of the states of `system`: measurements are replaced by expressions.
 
-    A law reads nothing but its `reads`, so that one whose reads are measurements knows of the
-    states what the instruments tell. A law that reads states alone is returned as it is.
+    A law reads only its `reads`. If these are measurements, the law knows nothing else of the
+    states. A law that reads only states is returned unchanged.
     """
     told = {m.name: m for m in system.measurements}
     if not any(q.name in told for q in law.reads):

@@ -1,4 +1,4 @@
-"""What a controller remembers from one sample to the next, as an observer does."""
+"""The discrete-time state of a controller from one sample to the next, as in an observer."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from holdfast.maths.definitions.quantity import (
 class Memory:
     """z(0) = initial(q), z(k+1) = following(q(k), z(k), u(k)) for the quantities z.
 
-    `reads` are measured quantities, `inputs` those of the system: what was asked of the
-    actuators at sample k, within the limits that the controller knows. `following` may use
-    `SAMPLE_TIME` beside them.
+    `reads` are measured quantities. `inputs` are those of the system: the command to the
+    actuators at sample k, saturated at the limits that the controller knows. `following` may
+    also use `SAMPLE_TIME`.
     """
 
     quantities: tuple[Quantity, ...]

@@ -17,7 +17,7 @@ from holdfast.maths.expressions.traversal import symbols_of
 from holdfast.maths.expressions.vocabulary import FUNCTIONS
 
 TIME = sp.Symbol("t", real=True)
-"""Time in seconds, the one symbol that every expression may use undeclared."""
+"""Time in seconds, the only symbol that every expression may use undeclared."""
 
 TIME_IN_MODE = sp.Symbol("time_in_mode", real=True)
 """Seconds since the last change of mode; only guards of a `Switching` may use it."""

@@ -1,4 +1,4 @@
-"""Smaller systems out of larger ones: states promoted to inputs and disturbances, or left out."""
+"""Model reduction: states become inputs or disturbances (`promote`), or are left out."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def promote(
 ) -> System:
     """The subsystem in which `states` are the inputs, and the former inputs are gone.
 
-    disturbances: states that become disturbances, before those that there are, within
-    `disturbance_bounds`. `steady_bounds` gives the `bounds` that the former inputs hold up. The
+    disturbances: states that become disturbances, listed before the existing ones, within
+    `disturbance_bounds`. `steady_bounds` gives the `bounds` that the former inputs can hold. The
     subsystem Sigma_1 of section 5.4.2 is promote(marine_vehicle, ("u", "r")); (7.4) of the thesis
     has the sway velocity "v" as a disturbance too. Raises `DefinitionError` for an unknown state,
     or when a remaining rate contains an old input.
@@ -63,11 +63,11 @@ def promote(
 
 @checked
 def subsystem(system: System, states: tuple[str, ...]) -> System:
-    """The system of these states alone, whose rates do not depend on the others.
+    """The subsystem of these states, whose rates do not depend on the others.
 
-    (7.5) of the thesis is that of ("u", "v", "r"). Disturbances that nothing depends on any more
-    are left out. Raises `DefinitionError` for an unknown state, and for a rate that depends on a
-    state that is left out.
+    (7.5) of the thesis is the subsystem of ("u", "v", "r"). Disturbances that no remaining rate
+    depends on are left out. Raises `DefinitionError` for an unknown state, and for a rate that
+    depends on a state that is left out.
     """
     _check_names(system, states)
     rates = {n: r for n, r in system.rates.items() if n in states}
@@ -108,6 +108,6 @@ def _check_names(system: System, names: Iterable[str]) -> None:
     for name in names:
         if name not in system.state_names:
             raise DefinitionError(
-                f"'{name}' is no state of system '{system.name}'",
+                f"'{name}' is not a state of system '{system.name}'",
                 remedy=suggestion(name, system.state_names),
             )

@@ -3,7 +3,7 @@
 The one sign convention of holdfast: c <= 0 is safe, as in chapters 5 and 6. Chapter 7 of
 the thesis calls l > 0 safe; l = -max_j c_j / s_j is formed here (`Region.margin`) and nowhere else,
 with s_j the scale of the inequality: the amount of it, in its unit, that counts as 1. Scales change
-no set. They say how metres weigh against radians when a depth inside is measured.
+no set. They weigh metres against radians when the depth inside the set is measured.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Inequality:
     scale: float | None = None
 
     def __post_init__(self) -> None:
-        expression = sp.sympify(self.expression).replace(sp.Abs, magnitude)  # its kink is known
+        expression = sp.sympify(self.expression).replace(sp.Abs, magnitude)  # its kinks are known
         object.__setattr__(self, "expression", expression)
         if self.scale is not None and not 0 < self.scale < math.inf:
             raise DefinitionError(
@@ -59,7 +59,7 @@ class Inequality:
 class Region:
     """K = { q : c_j(q) <= 0 for every j } (thesis (5.4), with its parameters).
 
-    `reads` are the states the inequalities use. `scene` says what to draw. A region that moves,
+    `reads` are the states the inequalities use. `scene` holds the shapes to draw. A moving region,
     whose inequalities depend on `TIME`, is for kernels and reachable sets.
     """
 
@@ -93,7 +93,7 @@ class Region:
 
     @checked
     def inequality(self, name: str) -> Inequality:
-        """The inequality of that name; `DefinitionError` if there is none."""
+        """The inequality of that name; `DefinitionError` for an unknown name."""
         if name not in self.inequality_names:
             raise DefinitionError(
                 f"region '{self.name}' has no inequality {name!r}",
@@ -103,7 +103,7 @@ class Region:
 
     @checked
     def with_scales(self, scales: Mapping[str, float]) -> Region:
-        """The same set with these scales; `DefinitionError` for a name that is no inequality."""
+        """The same set with these scales; `DefinitionError` for a name without an inequality."""
         for name in scales:
             self.inequality(name)
         return replace(
@@ -130,7 +130,7 @@ class Region:
 
     @property
     def worst(self) -> sp.Expr:
-        """max_j c_j(q) / s_j: the region is where this is <= 0."""
+        """max_j c_j(q) / s_j, which is <= 0 exactly in the region."""
         value = self.inequalities[0].scaled
         for c in self.inequalities[1:]:
             value = greatest(value, c.scaled)

@@ -1,4 +1,4 @@
-"""What a region looks like in the plane: shapes as data, drawn by `presentation`."""
+"""Shapes of a region in the plane, as data; `presentation` draws them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Cone:
 
 @dataclass(frozen=True)
 class Footprint:
-    """What a sensor sees: a polygon whose corners are (ahead, left) of the apex, as headed."""
+    """A sensor's footprint: a polygon with corners (ahead, left) of the apex, turned by heading."""
 
     role: str
     apex: tuple[sp.Expr, sp.Expr]

@@ -1,4 +1,4 @@
-"""The velocities that the inputs can hold: what bounds a state that becomes an input."""
+"""Velocities that the inputs can hold steadily: bounds of a state that becomes an input."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from holdfast.maths.definitions.quantity import TIME
 from holdfast.maths.definitions.system import System
 
 LOOKED_AT = 64
-"""How many values are tried below the first doubling that cannot be held."""
+"""Number of values tried below the first doubled value that cannot be held."""
 LARGEST = 1e9
 """Beyond this a value counts as unbounded."""
 
@@ -51,7 +51,7 @@ def steady_bounds(system: System, states: tuple[str, ...]) -> Box:
 
 
 def _furthest(system: System, name: str, side: float) -> float:
-    """How far from 0, on one side, the state can be held."""
+    """The largest distance from 0, on one side, at which the state can be held."""
     holds = _holds(system, name)
     if not holds(0.0):
         raise DefinitionError(

@@ -1,4 +1,4 @@
-"""Several laws and the rule that chooses among them, as data."""
+"""Switching laws (hybrid automata): several laws and the guarded transitions between them."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ class Switching:
     """Modes (each a `Law` with the same outputs), guarded transitions and the first mode.
 
     At every control sample the transitions out of the current mode are tried in the order
-    written; the first whose guard holds is taken, at most one a sample, before the law is
-    evaluated. `signals` are recorded whatever the mode. `memory`: what is remembered from one
-    sample to the next; every mode may read it.
+    written. The first whose guard holds is taken, at most one per sample, before the law is
+    evaluated. `signals` are recorded in every mode. `memory`: the discrete-time state of the
+    controller; every mode may read it.
     """
 
     name: str
@@ -91,7 +91,7 @@ class Switching:
             [*allowed, TIME_IN_MODE],
             owner,
         )
-        allowed += self.lookup.symbols if self.lookup else ()  # which guards have not
+        allowed += self.lookup.symbols if self.lookup else ()  # not for guards
         check_symbols({f"signal '{k}'": e for k, e in self.signals.items()}, allowed, owner)
 
     @property
@@ -111,7 +111,7 @@ class Switching:
 
     @property
     def lookup(self) -> Lookup | None:
-        """The function on a grid that its laws use, one for all of them."""
+        """The lookup table that its laws use, the same for all of them."""
         found = [law.lookup for law in self.modes.values() if law.lookup is not None]
         if any(other != found[0] or other.table is not found[0].table for other in found):
             raise DefinitionError(f"the modes of '{self.name}' look up different functions")

@@ -1,4 +1,4 @@
-"""A control system, written down once: qdot = f(t, q, u, d; p), with A(q) qdot = b."""
+"""A control system, defined once: qdot = f(t, q, u, d; p), with A(q) qdot = b."""
 
 from __future__ import annotations
 
@@ -47,9 +47,9 @@ class PfaffianRow:
 class System:
     """States q, inputs u, disturbances d, parameters p, rates f and Pfaffian rows.
 
-    `rates` maps every state to its rate. samples: with how many points along every coordinate the
-    bounds are replaced, in a Hamiltonian, where there is no closed form (0: it is refused there).
-    `measurements`: what instruments tell of the states, which a law may read in their stead.
+    `rates` maps every state to its rate. samples: the number of points per coordinate that replace
+    the bounds in a Hamiltonian without a closed form (0: such a Hamiltonian is refused).
+    `measurements`: output equations, which a law may read in place of the states.
     Raises `DefinitionError` when shapes disagree, a rate uses an undeclared name, or the rates
     leave a Pfaffian constraint.
     """
@@ -80,7 +80,7 @@ class System:
             odd = sorted(set(self.rates) ^ set(names))
             raise DefinitionError(
                 f"{owner}: '{odd[0]}' has "
-                + ("no rate" if odd[0] in names else "a rate but is no state"),
+                + ("no rate" if odd[0] in names else "a rate but is not a state"),
                 expected="one rate for every state: " + ", ".join(names),
             )
         object.__setattr__(self, "rates", frozen({n: self.rates[n] for n in names}))
@@ -120,7 +120,7 @@ class System:
         what = f"Pfaffian row {number}"
         unknown = sorted(set(row.coefficients) - set(self.rates))
         if unknown:
-            raise DefinitionError(f"{what} of {owner} names '{unknown[0]}', which is no state")
+            raise DefinitionError(f"{what} of {owner} names '{unknown[0]}', which is not a state")
         check_symbols({what: sp.Add(row.rhs, *row.coefficients.values())}, symbols, owner)
         residual = sum((c * self.rates[n] for n, c in row.coefficients.items()), start=-row.rhs)
         if not vanishes(residual, {p.symbol: sp.Float(p.value) for p in self.parameters}):
@@ -146,12 +146,12 @@ class System:
 
     @property
     def actuators(self) -> tuple[str, ...]:
-        """Names of what produces the inputs; empty where these are the inputs themselves."""
+        """Names of the actuators that produce the inputs; empty if the inputs have none."""
         return self.input_bounds.actuators if self.input_bounds else ()
 
     @property
     def actuator_bounds(self) -> Bounds | None:
-        """What limits the actuators, or the inputs where there are no others."""
+        """The limits of the actuators, or of the inputs if there are no actuators."""
         return self.input_bounds.limited if self.input_bounds else None
 
     def allocated(self, inputs: Sequence[sp.Expr]) -> list[sp.Expr]:
@@ -159,12 +159,12 @@ class System:
         return list(self.input_bounds.allocate(inputs) if self.input_bounds else inputs)
 
     def limited(self, actuators: Sequence[sp.Expr]) -> list[sp.Expr]:
-        """What the actuators do when these values are asked of them."""
+        """The actuator values after saturation of the requested ones."""
         bounds = self.actuator_bounds
         return list(bounds.saturate(actuators) if bounds else actuators)
 
     def produced(self, actuators: Sequence[sp.Expr]) -> list[sp.Expr]:
-        """The inputs that the actuators bring about."""
+        """The inputs that the actuators produce."""
         return list(self.input_bounds.produce(actuators) if self.input_bounds else actuators)
 
     def quantities(self, names: tuple[str, ...], owner: str) -> tuple[Quantity, ...]:
@@ -185,7 +185,7 @@ class System:
 
     @property
     def undisturbed_rates(self) -> dict[str, sp.Expr]:
-        """The rates with every disturbance zero, as a law that does not know them sees them."""
+        """The rates with every disturbance zero: the model of a law that does not know them."""
         still = {d.symbol: 0 for d in self.disturbances}
         return {name: rate.subs(still) for name, rate in self.rates.items()}
 
@@ -193,7 +193,7 @@ class System:
 def check_rates(law: str, system: System, wanted: Callable[..., System], *given: Any) -> None:
     """Refuse a system whose undisturbed rates are not those of `wanted`(*given).
 
-    Names count: a law is written in the names of the states and inputs it was made for.
+    Names must agree too: a law uses the names of the states and inputs it was made for.
     """
     try:
         model = wanted(*given)
@@ -213,7 +213,7 @@ def check_rates(law: str, system: System, wanted: Callable[..., System], *given:
 def vanishes(expression: sp.Expr, parameters: Mapping[sp.Symbol, float]) -> bool:
     """Whether an expression is zero, at random points of its symbols and the parameters' values.
 
-    Points where it is not a number are passed over; with too few others it counts as not zero.
+    Points where it is not a number are skipped; with too few others it counts as not zero.
     """
     generator = random.Random(0)
     terms = sp.Add.make_args(expression.xreplace(parameters))

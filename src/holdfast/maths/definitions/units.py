@@ -21,12 +21,12 @@ _PART = re.compile(r"1|[A-Za-z%°µμΩ_]+(\^[-+]?\d{1,2})?")
 
 
 class UnitError(HoldfastError):
-    """A value whose unit does not fit, or that is no value at all."""
+    """A value whose unit does not fit, or text that is not a value."""
 
 
 @cache
 def _registry() -> pint.UnitRegistry[float]:
-    import pint  # takes half a second, and only a value with a foreign unit needs it
+    import pint  # takes half a second, and only a value in another unit needs it
 
     return pint.UnitRegistry()
 
@@ -56,7 +56,7 @@ def to_si(value: object, unit: str) -> float:
 
 
 def split(text: str) -> tuple[float, str] | None:
-    """The number and the unit, "" where there is none; None if it does not begin with a number."""
+    """The number and the unit ("" without one); None if the text does not begin with a number."""
     match = _TEXT.match(text) if len(text) <= MAX_LENGTH else None
     return None if match is None else (float(match[1]), (match[2] or "").strip())
 
@@ -64,7 +64,7 @@ def split(text: str) -> tuple[float, str] | None:
 def in_base_units(value: object) -> float:
     """The number that `value` stands for, text in the base units of its own unit: "30 cm" is 0.3.
 
-    For where the wanted unit is known only later; `UnitError` for what is no value.
+    Used where the wanted unit is known only later. `UnitError` for text that is not a value.
     """
     parts = split(value) if isinstance(value, str) else None
     if parts is None or not parts[1]:
@@ -78,7 +78,7 @@ def in_base_units(value: object) -> float:
         quantity = _registry().Quantity(number, _registry().Unit(_pint_text(given)))
         return float(quantity.to_base_units().magnitude)
     except Exception:
-        raise UnitError(f"'{given[:40]}' is no unit", expected="a unit such as 'm/s'") from None
+        raise UnitError(f"'{given[:40]}' is not a unit", expected="a unit such as 'm/s'") from None
 
 
 def convert(number: float, given: str, unit: str) -> float:
@@ -95,12 +95,12 @@ def convert(number: float, given: str, unit: str) -> float:
     except pint.DimensionalityError:
         raise UnitError(f"the unit '{given}' does not fit", expected=f"'{unit}'") from None
     except Exception:
-        raise UnitError(f"'{given[:40]}' is no unit", expected=f"'{unit}'") from None
+        raise UnitError(f"'{given[:40]}' is not a unit", expected=f"'{unit}'") from None
     return float(converted.magnitude)
 
 
 def _pint_text(unit: str) -> str:
-    """The unit if it is made of names, * / and small powers alone: nothing else reaches pint."""
+    """The unit if it consists of names, * / and small powers only: nothing else reaches pint."""
     if len(unit) > MAX_LENGTH:
         raise ValueError(unit)
     for part in re.split(r"[\s*/]+", unit.strip().replace("**", "^")):
@@ -123,15 +123,15 @@ def _finite(number: float, shown: object) -> float:
 _COMMON = frozenset(
     ("1", "m", "s", "rad", "kg", "N", "m/s", "rad/s", "1/s", "1/m", "kg m^2", "N m", "N s/m")
 )
-"""Units known without loading the unit library."""
+"""Units that are known without the unit library."""
 
 
 def check_unit(unit: str) -> None:
-    """Refuse text that is no unit (`UnitError`)."""
+    """Refuse text that is not a unit (`UnitError`)."""
     if unit not in _COMMON:
         try:
             _registry().Unit(_pint_text(unit))
         except Exception:
             raise UnitError(
-                f"'{unit[:40]}' is no unit", expected='an SI unit such as "m/s"'
+                f"'{unit[:40]}' is not a unit", expected='an SI unit such as "m/s"'
             ) from None

@@ -1,4 +1,4 @@
-"""What differs from run to run: parameters drawn at random, and what follows from them."""
+"""Variation between runs: parameters drawn at random, and values computed from them."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.definitions.quantity import Parameter, frozen, symbol
 
 MOST_VERTICES = 1024
-"""Of a box of draws: ten of them, from every start."""
+"""Vertices of a box of ten draws, all tried from every start."""
 
 
 @checked
 @dataclass(frozen=True)
 class Varied:
-    """Parameters that every run has values of its own for.
+    """Parameters whose values differ from run to run.
 
     draws: name -> (lowest, highest), uniform and independent; a name that is not yet a
     parameter becomes one. values: parameter -> expression of the draws, of values before it and
     of other parameters; law and plant both get it. plant: the same for the simulated vehicle
-    alone, whose law keeps the nominal value. units: of the new names, "1" where not given.
-    vertices: the draws that are not drawn at random but take their lowest and their highest value
-    in every combination, from every start: run i is start i // n at the vertex i mod n of n = 2^k.
+    only; the law keeps the nominal value. units: of the new names, "1" where not given.
+    vertices: draws that take their lowest and their highest value in every combination, from every
+    start, instead of random ones: run i is start i // n at the vertex i mod n of n = 2^k.
     A rate over random draws is an average over their box; the vertices are its corners.
 
     A current of unknown direction: draws = {"direction": (-pi, pi)}, and the disturbance
-    Vx = 0.2 cos(direction). A law that is told the current: values = {"current_x": ...}.
+    Vx = 0.2 cos(direction). A law that knows the current: values = {"current_x": ...}.
 
-    What a catalogue function checks when it is called (r1 >= r0) is not checked again.
+    The checks of a catalogue function when it is called (r1 >= r0) are not repeated per run.
 
-    Raises `DefinitionError` for a range that is none, a parameter that is varied twice, a
-    value that uses one after it, or vertices of what is not drawn or of more than ten draws.
+    Raises `DefinitionError` for an invalid range, a parameter that is varied twice, a value that
+    uses a later one, vertices of a parameter that is not drawn, or vertices of more than ten draws.
     """
 
     draws: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -108,7 +108,7 @@ class Varied:
         return bool(self.draws or self.values or self.plant)
 
     def new_parameters(self, known: Mapping[str, object]) -> tuple[Parameter, ...]:
-        """The drawn names that are no parameters yet, with the middle of their range."""
+        """The drawn names that are not yet parameters, with the middle of their range."""
         return tuple(
             Parameter(n, self.units.get(n, "1"), "drawn for every run", value=(low + high) / 2)
             for n, (low, high) in self.draws.items()
@@ -118,7 +118,7 @@ class Varied:
     def check(
         self, parameters: Mapping[str, Parameter], of_the_plant: Mapping[str, object]
     ) -> None:
-        """Refuse what names no parameter, or an expression of anything else."""
+        """Refuse unknown parameters, and expressions of anything but parameters and draws."""
         for what, table, names in (
             ("values", self.values, parameters),
             ("plant", self.plant, of_the_plant),
@@ -126,7 +126,7 @@ class Varied:
             for name, expression in table.items():
                 if name not in names:
                     raise DefinitionError(
-                        f"there is no parameter '{name}'"
+                        f"unknown parameter '{name}'"
                         + (" of the system" if what == "plant" else ""),
                         remedy=suggestion(name, names),
                         key=f"varied.{what}.{name}",
@@ -152,10 +152,10 @@ class Varied:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What law and plant get: the draws, then the values."""
+        """The values for both law and plant: the draws, then the values computed from them."""
         return (*self.draws, *self.values)
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Every varied number by name; those of the plant alone are marked."""
+        """Every varied number by name; those of the plant only are marked."""
         return (*self.names, *(f"{n} of the plant" for n in self.plant))

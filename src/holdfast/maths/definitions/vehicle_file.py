@@ -20,7 +20,7 @@ DECLARED = "declared_parameters"
 
 @dataclass(frozen=True)
 class Vehicle:
-    """A vehicle file: its title, the system it is for, its parameters and a note."""
+    """A vehicle file: its title, the name of its system, its parameters and a note."""
 
     name: str
     title: str
@@ -30,7 +30,7 @@ class Vehicle:
 
 
 def takes(parameters: Mapping[str, tuple[str, str, float]]) -> Callable[[T], T]:
-    """Mark a function that takes every number of a table by name.
+    """Mark a function that takes every number of a table as a named argument.
 
     parameters: name -> (unit, meaning, exclusive lower limit).
     """
@@ -45,7 +45,7 @@ def takes(parameters: Mapping[str, tuple[str, str, float]]) -> Callable[[T], T]:
 def declared_parameters(
     function: Callable[..., Any],
 ) -> Mapping[str, tuple[str, str, float]] | None:
-    """The table that the function is marked with, if it is."""
+    """The table that the function is marked with; None without a mark."""
     return getattr(function, DECLARED, None)
 
 
@@ -61,7 +61,7 @@ def load_vehicle(
     """The vehicle of that name, or of that file when the name ends in .toml.
 
     `units` maps every parameter the system needs to (unit, meaning,
-    exclusive lower limit), `system` is what the file must be for. Raises `ScenarioError`
+    exclusive lower limit). `system` is the system that the file must name. Raises `ScenarioError`
     for an unknown vehicle, a missing or unknown parameter, a wrong unit or a missing source.
     """
     shown, data = read_vehicle(name)
@@ -71,7 +71,7 @@ def load_vehicle(
 
 
 def read_vehicle(name: str) -> tuple[str, dict[str, Any]]:
-    """(what it is called in messages, tables) of a vehicle, whatever its parameters are."""
+    """(name for messages, tables) of a vehicle; its parameters are not checked."""
     if not isinstance(name, str):
         raise ScenarioError(f"the vehicle is {name!r}", expected="a name or a file")
     if name.endswith(".toml"):
@@ -104,7 +104,7 @@ def read_vehicle(name: str) -> tuple[str, dict[str, Any]]:
 def checked_vehicle(
     name: str, shown: str, data: Mapping[str, Any], units: Mapping[str, tuple[str, str, float]]
 ) -> Vehicle:
-    """The vehicle of these tables, its parameters checked against what its system needs."""
+    """The vehicle of these tables; its parameters are checked against those its system needs."""
     given = data["parameters"]
     if not isinstance(given, dict):
         raise ScenarioError(f"{shown}: parameters is {given!r}", expected="a table")

@@ -1,1 +1,1 @@
-"""Expressions: the functions and the parser of files, traversal, random points, plain numbers."""
+"""Expressions: functions and parser for scenario files, traversal, tests at random points."""

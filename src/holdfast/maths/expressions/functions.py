@@ -1,4 +1,4 @@
-"""The symbolic functions that SymPy lacks or defines otherwise than control laws need.
+"""Symbolic functions that SymPy lacks or defines differently from what control laws need.
 
 Each has the value, the derivative and the convention at its kink that the laws assume;
 `execution/printer.py` prints each of them. A derivative never differentiates through a
@@ -43,7 +43,7 @@ class RealFunction(sp.Function):
         return self.slope([a.diff(s) for a in self.args])
 
     def _latex(self, printer: Any, exp: str | None = None) -> str:
-        """As it is read in a formula; `exp` is an exponent."""
+        """The LaTeX of the function; `exp` is an exponent."""
         arguments = [printer._print(a) for a in self.args]
         text = self._formula(*arguments)
         return text if exp is None else f"\\left({text}\\right)^{{{exp}}}"
@@ -72,7 +72,7 @@ class sgn(RealFunction):
 
 
 class wrap(RealFunction):
-    """An angle in radians brought to (-pi, pi]; its derivative is 1."""
+    """An angle in radians wrapped to (-pi, pi]; its derivative is 1."""
 
     nargs = 1
 

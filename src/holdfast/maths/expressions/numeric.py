@@ -1,4 +1,4 @@
-"""Numbers of expressions, for rooms that are not symbolic: values, functions of arrays, sizes."""
+"""Numerical values of expressions, for numerical code: numbers, array functions, norms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Text to expression, for scenario files: arithmetic, declared names and listed functions.
+"""Parser of scenario-file expressions: arithmetic, declared names and listed functions.
 
 The text is parsed to Python's syntax tree and only the nodes named below are translated;
 nothing is ever evaluated as code. Conditions become level expressions: a condition holds
@@ -31,7 +31,7 @@ MAX_TREE_DEPTH = 150
 def parse_expression(text: object, names: Mapping[str, sp.Expr]) -> sp.Expr:
     """The expression written in `text`; `names` maps every declared name to its symbol.
 
-    Numbers are taken as they are. Raises `ExpressionError` for an unknown name, a forbidden
+    A number stands for itself. Raises `ExpressionError` for an unknown name, a forbidden
     construct, a number or power out of range, or text that is too long or nested too deep.
     """
     if isinstance(text, bool) or not isinstance(text, (str, int, float)):
@@ -94,7 +94,7 @@ class _Translator:
         except (SyntaxError, ValueError, MemoryError, RecursionError) as error:
             reason = getattr(error, "msg", None) or str(error) or type(error).__name__
             raise ExpressionError(
-                f"'{self._shown()}' is no expression ({reason})",
+                f"'{self._shown()}' is not an expression ({reason})",
                 expected='arithmetic such as "u*cos(theta)"',
             ) from None
 
@@ -111,7 +111,7 @@ class _Translator:
         return self._level(self.tree, 0)
 
     def _checked(self, result: sp.Expr) -> sp.Expr:
-        """Refuse what has grown too large through definitions, and numbers out of range."""
+        """Refuse an expression too large after substitution, and numbers out of range."""
         if result.is_Number:
             return self._number(float(result))
         if result in (sp.zoo, sp.nan, sp.oo, -sp.oo) or result.is_real is False:
@@ -214,7 +214,7 @@ class _Translator:
 
     def _call(self, node: ast.Call, depth: int) -> sp.Expr:
         if not isinstance(node.func, ast.Name):
-            raise self._refuse("a call of something that is no name is not allowed")
+            raise self._refuse("a call of anything but a function name is not allowed")
         name = node.func.id
         if name == "diff":
             return self._derivative(node, depth)
@@ -281,8 +281,8 @@ class _Translator:
 def parse_number(
     text: object, names: Mapping[str, sp.Expr], values: Mapping[sp.Symbol, float]
 ) -> float:
-    """The number that an expression is with these values; `ExpressionError` if it is none."""
+    """The number of an expression at these values; `ExpressionError` if it is not a number."""
     found = parse_expression(text, names).subs(values)
     if not (found.is_number and found.is_real and found.is_finite):
-        raise ExpressionError(f"{found} is no number", expected="a value from parameters")
+        raise ExpressionError(f"{found} is not a number", expected="a value from parameters")
     return float(found)

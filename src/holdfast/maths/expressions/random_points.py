@@ -1,9 +1,9 @@
 """Expressions at random points, to fifty digits: whether they vanish, the rank of matrices.
 
 A number that comes out of terms that cancel is known to within the rounding of those terms, and
-counts as zero where it is below that. Every number here is evaluated together with the size of what
-cancels in it (`measured`), and nothing else decides what is zero: a vector is never rescaled before
-its zeros are told from its small entries.
+counts as zero below that. Every number here is evaluated together with the size of the terms that
+cancel in it (`measured`), and only this decides whether it is zero: a vector is never rescaled
+before its zeros are told from its small entries.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from holdfast.errors import DefinitionError
 _DIGITS = 50
 _TRIALS, _WANTED = 60, 6
 _EXACT, _DECIMAL = 1e-35, 1e-13
-"""What counts as rounding, relative to the terms that cancel: of exact expressions at fifty digits,
-and of expressions in which someone wrote a decimal number."""
+"""Thresholds of rounding, relative to the terms that cancel: for exact expressions at fifty digits,
+and for expressions that contain a decimal number."""
 
 
 class Sampler:
     """Evaluates expressions at random values of their symbols, in a fixed sequence.
 
-    `fixed` holds the symbols with given values; `about` are the expressions that the answers
-    are about: where one contains a decimal number, more counts as rounding. An analytic
+    `fixed` holds the symbols with given values. `about` holds the expressions under test: if one
+    contains a decimal number, the rounding threshold is larger. An analytic
     expression that vanishes at random points to rounding vanishes identically; this decides in
     milliseconds what a symbolic simplification may not decide at all.
     """
@@ -61,7 +61,7 @@ class Sampler:
             at = self.point(symbols, number)
             if all(mpmath.isfinite(value_at(e, at)) for e in listed):
                 return at
-        raise DefinitionError(f"{what} is no number near the origin", expected="numbers")
+        raise DefinitionError(f"{what} is not a number near the origin", expected="numbers")
 
     def vanishes(self, expression: sp.Expr) -> bool:
         """Whether the expression is zero at all random points where it is a number.
@@ -89,7 +89,7 @@ class Sampler:
     def row(
         self, expressions: Iterable[sp.Expr], at: Mapping[sp.Symbol, sp.Expr]
     ) -> list[Bounded] | None:
-        """The values there, each with a bound of its error; None where one is no number."""
+        """The values there, each with a bound of its error; None if one is not a number."""
         found = [measured(e, at) for e in expressions]
         if not all(mpmath.isfinite(value) for value, _ in found):
             return None
@@ -108,8 +108,8 @@ Bounded = tuple[mpmath.mpf, mpmath.mpf]
 def measured(expression: sp.Expr, at: Mapping[sp.Symbol, sp.Expr]) -> Bounded:
     """The value of an expression at a point, and the size of the terms that cancel in it.
 
-    The size is what the error of the value is, per unit of relative rounding of every operation:
-    |a| + |b| for a + b, however small the sum. Both are nan where the value is no real number.
+    The size is the error of the value per unit of relative rounding of every operation:
+    |a| + |b| for a + b, however small the sum. Both are nan if the value is not a real number.
     """
     known: dict[sp.Basic, Bounded] = {}
     with mpmath.workdps(_DIGITS):
@@ -143,11 +143,11 @@ def _product(parts: Sequence[Bounded]) -> Bounded:
 
 
 def _applied(e: sp.Basic, parts: Sequence[Bounded], at: Mapping[sp.Symbol, sp.Expr]) -> Bounded:
-    """Of a symbol, a number, or a function of arguments that are known."""
+    """The value and size of a symbol, a number, or a function of known arguments."""
     if not parts:
         value = value_at(e, at)
         return value, abs(value)
-    # the slopes are taken at the values of the arguments, which stand in for them
+    # the derivatives are evaluated at the values of the arguments
     arguments = [sp.Dummy() for _ in parts]
     f = e.func(*arguments)
     here = {a: sp.Float(v, _DIGITS) for a, (v, _) in zip(arguments, parts, strict=True)}
@@ -160,7 +160,7 @@ def _applied(e: sp.Basic, parts: Sequence[Bounded], at: Mapping[sp.Symbol, sp.Ex
 
 
 def value_at(expression: sp.Expr, at: Mapping[sp.Symbol, sp.Expr]) -> mpmath.mpf:
-    """The value of an expression with all its symbols replaced; nan where it is no real number."""
+    """The value of an expression with all its symbols replaced; nan if it is not real."""
     number = sp.N(sp.sympify(expression).xreplace(dict(at)), _DIGITS)
     if not number.is_number or number.has(sp.nan, sp.zoo, sp.oo, -sp.oo):
         return mpmath.mpf("nan")
@@ -174,8 +174,8 @@ def value_at(expression: sp.Expr, at: Mapping[sp.Symbol, sp.Expr]) -> mpmath.mpf
 def rank(rows: Sequence[Sequence[Bounded]]) -> int:
     """The rank of a matrix of numbers with bounds of their errors, by complete pivoting.
 
-    A pivot counts where it is above its own error, which the elimination carries along. Rows and
-    columns are brought to one scale, errors and all, for the choice of the pivots alone.
+    A pivot counts if it is above its own error, which the elimination propagates. Rows and
+    columns are scaled, with their errors, only for the choice of the pivots.
     """
     with mpmath.workdps(_DIGITS):
         matrix = [list(row) for row in rows]

@@ -1,4 +1,4 @@
-"""Expressions whose parts occur many times: every part is visited once.
+"""Traversal of expressions with repeated subexpressions: each is visited once.
 
 SymPy's own methods walk the tree, whose size may be a thousand times that of the expression.
 """
@@ -59,7 +59,7 @@ def _derivative(e: sp.Expr, s: sp.Symbol, known: dict[sp.Basic, sp.Expr]) -> sp.
 
 _OF_ONE = (sp.sin, sp.cos, sp.tan, sp.tanh, sp.exp, sp.log, sp.atan)
 CHAINED = (sp.Add, sp.Mul, sp.Pow, RealFunction, *_OF_ONE)
-"""Of all else the arguments may be no numbers: the conditions of a `Piecewise`."""
+"""Other functions may have arguments that are not numbers, such as `Piecewise` conditions."""
 
 
 def _by_chain(e: sp.Expr, s: sp.Symbol, slopes: Sequence[sp.Expr]) -> sp.Expr:

@@ -1,4 +1,4 @@
-"""A little simplification of sines, cosines and tangents, in bounded time."""
+"""Light simplification of sines, cosines and tangents, in bounded time."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import sympy as sp
 
 
 def plain(expression: sp.Expr) -> sp.Expr:
-    """A little simplification in bounded time: sin / cos to tan, tan^2 + 1 to 1 / cos^2."""
+    """Light simplification in bounded time: sin / cos to tan, tan^2 + 1 to 1 / cos^2."""
     swaps: dict[sp.Expr, sp.Expr] = {}
     for a in {f.args[0] for f in expression.atoms(sp.tan)}:
         swaps |= {sp.tan(a) ** 2 + 1: sp.cos(a) ** -2, -(sp.tan(a) ** 2) - 1: -(sp.cos(a) ** -2)}

@@ -24,7 +24,7 @@ _EPS = sp.Float(1e-12)
 
 
 def pairwise(function: Callable[..., sp.Expr]) -> Callable[..., sp.Expr]:
-    """A function of two arguments as one of many."""
+    """Extend a function of two arguments to any number of them."""
 
     def fold(first: sp.Expr, *rest: sp.Expr) -> sp.Expr:
         for value in rest:

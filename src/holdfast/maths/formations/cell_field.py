@@ -1,4 +1,4 @@
-"""A reference field in a convex cell that leaves it by one face alone (thesis section 6.5.1)."""
+"""A reference field in a convex cell that exits through one face (thesis section 6.5.1)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from holdfast.maths.reference_fields.dipole import UNSEEN
 Field = tuple[sp.Expr, sp.Expr]
 
 WEIGHT = sp.Float(8)
-"""What a face adds to the field of length one where it is nearest."""
+"""Weight of a face's term, relative to the unit field, at the face itself."""
 
 
 def exit_field(
@@ -24,12 +24,12 @@ def exit_field(
     shift: sp.Expr,
     exponent: sp.Expr,
 ) -> Field:
-    """The dipolar field (6.10) that leaves a cell through a passage.
+    """The dipolar field (6.10) that exits a cell through a passage.
 
-    middle: of the passage; direction: of its outward normal, and of the moment p. The zero of the
-    field lies `shift` beyond the passage: in the middle itself, as the thesis has it, the field
-    points back into the cell all along the passage. On the line of the passage, at a distance eta
-    from its middle, the outward component is (lambda - 1) shift^2 - eta^2.
+    middle: midpoint of the passage; direction: of its outward normal and of the moment p. The zero
+    of the field lies `shift` beyond the passage: at the midpoint itself, as in the thesis, the
+    field points back into the cell all along the passage. On the line of the passage, at a distance
+    eta from its middle, the outward component is (lambda - 1) shift^2 - eta^2.
     """
     along, left = _aligned(x - middle[0], y - middle[1], direction)
     along -= shift
@@ -40,7 +40,7 @@ def exit_field(
 
 
 def goal_field(x: sp.Expr, y: sp.Expr, goal: tuple[sp.Expr, sp.Expr]) -> Field:
-    """Straight to a point of the cell, from wherever."""
+    """A field that points straight to a point of the cell from everywhere."""
     return goal[0] - x, goal[1] - y
 
 
@@ -52,7 +52,7 @@ def blended(
     senses: Sequence[int],
     depth: float,
 ) -> Field:
-    """The field of length one, and near every face what points away from it, or out at the exit.
+    """The unit field plus, near every face, a term away from a wall or out through the exit.
 
         F / |F| + sum_i 8 sense_i smoothstep(1 - d_i / depth) n_i
 
@@ -71,7 +71,7 @@ def blended(
 
 
 def direction_of(field: Field) -> sp.Expr:
-    """The angle of a field that has no zero where it is used."""
+    """The angle of a field without a zero in the region of use."""
     return angle(field[1], field[0], UNSEEN)
 
 

@@ -1,4 +1,4 @@
-"""A leader and its followers in the world, each of which sees the one before it alone."""
+"""A leader and its followers in the world frame; each sees only the robot before it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Walls = Sequence[tuple[tuple[float, float], tuple[float, float]]]
 
 
 def robot_names(followers: int) -> tuple[str, ...]:
-    """ "L", "1", "2", ...: what the names of a robot's quantities end in."""
+    """ "L", "1", "2", ...: the suffixes of the names of the robots' quantities."""
     return ("L", *(str(k) for k in range(1, followers + 1)))
 
 
@@ -53,16 +53,16 @@ def chain(followers: int = 1, *, speed_limit: float = 2.0, turn_limit: float = 4
     return replace(
         side_by_side(*robots, name="chain"),
         measurements=tuple(measured),
-        description="wheeled robots in a row, each of which sees the one before it",
+        description="wheeled robots in a row; each sees the one before it",
         source="thesis (6.1), section 6.6",
     )
 
 
 def joint_law(system: System, leader: Switching, followers: Sequence[Law]) -> Switching:
-    """The leader's law and, whatever its mode, that of every follower, as one law of the chain.
+    """The leader's law (all its modes) and every follower's law as one law of the chain.
 
-    A follower's law reads `range` and `bearing` and gives uF and wF; the k-th is given those of
-    the k-th follower. Its parameter `leader_speed` is what the k-th is told of the one before it.
+    A follower's law reads `range` and `bearing` and gives uF and wF; the k-th law gets those of
+    the k-th follower. Its parameter `leader_speed` is its assumed speed of the robot before it.
     """
     placed = []
     for k, law in enumerate(followers, start=1):
@@ -156,7 +156,7 @@ def _place(of: str) -> tuple[sp.Symbol, sp.Symbol]:
 
 
 def _in_view(of: str, other: str) -> tuple[sp.Expr, sp.Expr]:
-    """Where another robot is, ahead and to the left of this one."""
+    """The position of another robot, ahead and to the left of this one."""
     (x, y), (other_x, other_y) = _place(of), _place(other)
     theta, dx, dy = symbol(f"theta{of}"), other_x - x, other_y - y
     return sp.cos(theta) * dx + sp.sin(theta) * dy, sp.cos(theta) * dy - sp.sin(theta) * dx
@@ -168,7 +168,7 @@ def _between(one: str, other: str) -> sp.Expr:
 
 
 def _renamed_law(law: Law, names: Mapping[str, str], of: str) -> Law:
-    """The law with other names for what it reads and for its parameters; outputs u{of}, w{of}."""
+    """The law with its reads and parameters renamed; outputs u{of}, w{of}."""
     new = {symbol(old): symbol(given) for old, given in names.items()}
     outputs = {"uF": f"u{of}", "wF": f"w{of}"}
     if law.safeguard is not None or set(law.outputs) != set(outputs):

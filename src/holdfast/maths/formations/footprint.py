@@ -1,4 +1,4 @@
-"""What a sensor sees of the plane around a robot: a convex polygon in the robot's own frame."""
+"""Sensor footprints: convex polygons in the robot's own frame."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def triangle(reach: sp.Expr, half_angle: sp.Expr) -> tuple[tuple[sp.Expr, sp.Exp
 def polygon(vertices: object = None, what: str = "the footprint") -> Polygon:
     """The vertices of a convex polygon, counterclockwise; None: the triangle of 2.5 m, 35 degrees.
 
-    Raises `DefinitionError` for fewer than three vertices, what are no pairs of numbers, and a
-    polygon that is not convex.
+    Raises `DefinitionError` for fewer than three vertices, vertices that are not pairs of numbers,
+    and a polygon that is not convex.
     """
     if vertices is None:
         usual = triangle(sp.Float(2.5), sp.rad(35))
@@ -79,7 +79,7 @@ def _cross(a: tuple[float, float], b: tuple[float, float]) -> float:
 
 
 def side_parameters(corners: Polygon) -> tuple[tuple[Edge, ...], tuple[Parameter, ...]]:
-    """The sides in symbols, and their values: one program serves all polygons of so many sides."""
+    """The sides as symbols, and their values: polygons of equal side count share one program."""
     symbols, values = [], []
     for number, side in enumerate(edges(corners), start=1):
         named = [
@@ -96,13 +96,13 @@ def side_parameters(corners: Polygon) -> tuple[tuple[Edge, ...], tuple[Parameter
 
 
 def body_coordinates() -> tuple[sp.Expr, sp.Expr]:
-    """Where the leader is in the frame of a follower at (x, y, beta) of the leader's frame."""
+    """The leader's position in the frame of a follower at (x, y, beta) of the leader's frame."""
     x, y, beta = (symbol(n) for n in ("x", "y", "beta"))
     return -x * sp.cos(beta) - y * sp.sin(beta), x * sp.sin(beta) - y * sp.cos(beta)
 
 
 def _listed(value: Any) -> list[Any]:
-    """What a list, a tuple or an array contains; nothing for anything else."""
+    """The entries of a list, a tuple or an array; none for anything else."""
     value = getattr(value, "tolist", lambda: value)()
     return list(value) if isinstance(value, Sequence) and not isinstance(value, str) else []
 

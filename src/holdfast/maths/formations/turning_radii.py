@@ -1,8 +1,8 @@
-"""Around a corner with a follower: how sharply a leader may turn, and where the follower goes.
+"""Turning radii of a leader around a corner, and the path of its follower.
 
 A leader that turns in a circle of radius RL drags the follower, held at `distance` rd and pointing
-at it, as a tractor does a trailer. Widths are those that the robots' centres have (the corridor's
-less 2 r0). Lengths in m.
+at it, as a tractor does a trailer. Widths are those available to the robots' centres (the
+corridor's less 2 r0). Lengths in m.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ def critical_radius(
 
         RF = (s - r0)^2 / (2 ((s - r0) sb - r0 (1 - cb)))
 
-    as_printed: (6.24), which has the middle of the rounded corner for the point that is touched,
-    and lets the follower into the wall where the corridor is narrow or wide (errata C6). Raises
-    `DefinitionError` where there is no such circle.
+    as_printed: (6.24), which takes the middle of the rounded corner as the contact point, and lets
+    the follower into the wall if the corridor is narrow or wide (errata C6). Raises
+    `DefinitionError` if no such circle exists.
     """
     _check(distance, width, robot_radius)
     s = math.sqrt(distance**2 - width**2 / 4)
@@ -77,9 +77,9 @@ def turning_radii(
 
     RF is `critical_radius`; the second keeps the leader in the next corridor, `next_width` wide.
     The centre of the leader's circle is at x = -s + RF w / (2 rd). The thesis adds that last term
-    to the bound instead of subtracting it (RL <= w_next + s + RF w / (2 rd)), and takes the least
-    RF for sqrt(RL^2 - rd^2): so it is with `as_printed`. Raises `DefinitionError` where there is
-    no circle at all.
+    to the bound instead of subtracting it (RL <= w_next + s + RF w / (2 rd)), and uses the least
+    RF for sqrt(RL^2 - rd^2); `as_printed` reproduces both. Raises `DefinitionError` if no circle
+    exists.
     """
     if not 0 < next_width < math.inf:
         raise DefinitionError(f"next_width is {next_width!r}", expected="above 0")
@@ -90,7 +90,7 @@ def turning_radii(
     if as_printed:
         return TurningRadii(low, next_width + follower * sine + s, follower)
     far, rest = next_width + s, 1 - sine**2
-    if far < distance:  # on no circle is the leader within the next corridor
+    if far < distance:  # no circle keeps the leader within the next corridor
         return TurningRadii(low, -math.inf, follower)
     high = (far - math.sqrt(far**2 - rest * (far**2 + (sine * distance) ** 2))) / rest
     return TurningRadii(low, high, follower)
@@ -120,7 +120,7 @@ def chain_radii(radius: float, distance: float, followers: int) -> tuple[float, 
 
 
 def zero_off_tracking_gain(leader_speed: float, radius: float, distance: float) -> float:
-    """k2 = (uL / RL) / asin(rd / (2 RL)): by wF = k2 bearing a follower is in the leader's circle.
+    """k2 = (uL / RL) / asin(rd / (2 RL)): wF = k2 bearing keeps a follower on the leader's circle.
 
     Its bearing is then asin(rd / (2 RL)), which has to be within the half angle of view with room
     for what comes before. Raises `DefinitionError` for rd > 2 RL.

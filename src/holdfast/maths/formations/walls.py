@@ -1,8 +1,8 @@
-"""How far a point, or the line between two points, is from walls: exact, whatever their number.
+"""Exact distances of points and lines of sight to any number of walls.
 
 Walls are segments; `ends` are the four coordinates x0, y0, x1, y1 of each, one after the other.
-Where on the walls the nearest point lies is a function of its own that is frozen when
-differentiated: the gradient of a distance is that of the distance to where that point now is.
+The nearest point on the walls is a separate function that is frozen when
+differentiated: the gradient of a distance is that of the distance to this fixed point.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Hamiltonians of a vehicle against a disturbance, of bounded and of sampled inputs."""
+"""Hamiltonians of a differential game, vehicle against disturbance: closed-form or sampled."""

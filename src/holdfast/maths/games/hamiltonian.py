@@ -4,8 +4,8 @@
 
 For rates that are affine in u and d the two separate, H = p . f0 + s_u(G'p) + s_d(D'p), where s
 is the support function of the set: sum of |.| for a box, the Euclidean norm for a ball, that of
-M' G'p for the image under M. What has no closed form is sampled (`sampled.py`). Nothing here is
-specific to a system (thesis (7.3), (7.6), (7.7)).
+M' G'p for the image under M. Inputs without a closed form are sampled (`sampled_inputs.py`).
+Nothing here is specific to a system (thesis (7.3), (7.6), (7.7)).
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ from holdfast.maths.games.sampled_inputs import (
 
 @dataclass(frozen=True)
 class Hamiltonian:
-    """H and what follows from it, as expressions of t, the states, `costates` and parameters.
+    """H and its derived quantities, as expressions of t, the states, `costates` and parameters.
 
     costates: p_i, one for each state. inputs, disturbances: the optimal ones. speeds: bounds of
     |dH/dp_i| for every p, the dissipation of a local Lax-Friedrichs scheme. tight_speeds: the same
     for p_i within `spreads` (half-widths) of `costates`, of the local-local scheme. samples: along
-    every coordinate of what is sampled, 0 for a closed form. separable: whether no rate mixes
+    every sampled coordinate, 0 for a closed form. separable: whether no rate mixes
     inputs with disturbances, so that it does not matter who chooses first (the condition of
     R. Isaacs); where it is False, the disturbance answers the input.
     """
@@ -61,12 +61,12 @@ def hamiltonian(
 ) -> Hamiltonian:
     """The Hamiltonian of `system` within its bounds; each player a "max" or a "min".
 
-    samples: what has no closed form is replaced by so many points along every coordinate of its
-    set (`maths/sampled.py`), the rest keeps its closed form; by default `system.samples`.
+    samples: the points per coordinate that replace the set of an input without a closed form
+    (`sampled_inputs.py`); the others keep their closed form. By default `system.samples`.
 
     Raises `DefinitionError` for an input or a disturbance that is unbounded; without samples, for
-    rates that are not affine in them, or that multiply one by another; and for samples where there
-    is a closed form, or that are more points than `sampled.MOST`.
+    rates that are not affine in them, or that multiply one by another; and for samples where a
+    closed form exists, or more points than `sampled_inputs.MOST`.
     """
     for what, side in (("inputs", inputs), ("disturbances", disturbances)):
         if side not in ("max", "min"):
@@ -85,7 +85,7 @@ def hamiltonian(
     if samples and not which:
         raise DefinitionError(
             f"samples: {samples}, but the rates of system '{system.name}' are affine in every "
-            "input and disturbance: there is a closed form",
+            "input and disturbance: a closed form exists",
             remedy="leave out samples",
         )
     players, points = [], []
@@ -132,7 +132,7 @@ def hamiltonian(
 
 @dataclass(frozen=True)
 class _Case:
-    """H for some points of what is sampled, and who chooses what.
+    """H at some sample points, and the choices of both players.
 
     low, high: bounds of dH/dp_i for every p. tight_speeds: of |dH/dp_i| for p within the spread.
     """
@@ -179,14 +179,13 @@ def _case(
 
 
 def _best(cases: Sequence[_Case], sign: int, spread: sp.Matrix) -> _Case:
-    """The case of the most (the least) value.
+    """The case of the largest (smallest) value.
 
     Within the spread dp the lead of the best case b over case k changes by at most
 
         S_k = sum_i |dH_b/dp_i - dH_k/dp_i| dp_i
 
-    so that a case which is further behind is the best for none of those p, and its speeds do not
-    count.
+    A case that is further behind is the best for none of those p, and its speeds do not count.
     """
     if len(cases) == 1:
         return cases[0]
@@ -199,7 +198,7 @@ def _best(cases: Sequence[_Case], sign: int, spread: sp.Matrix) -> _Case:
             * spread[i]
             for i in axes
         )
-        room = swing - sign * (first.value - case.value)  # below 0: the best nowhere near
+        room = swing - sign * (first.value - case.value)  # < 0: nowhere best
         for i in axes:
             tight[i].append(select(room, case.tight_speeds[i], sp.S.Zero))
     return _Case(
@@ -213,7 +212,7 @@ def _best(cases: Sequence[_Case], sign: int, spread: sp.Matrix) -> _Case:
 
 
 def _first(cases: Sequence[_Case], sign: int) -> _Case:
-    """The case that has the most (the least) value at p itself, by halves."""
+    """The case of the largest (smallest) value at p itself, by bisection of the list."""
     if len(cases) == 1:
         return cases[0]
     one, other = (_first(half, sign) for half in (cases[::2], cases[1::2]))
@@ -232,7 +231,7 @@ def _first(cases: Sequence[_Case], sign: int) -> _Case:
 
 
 def _of_all(pick: Callable[..., sp.Expr], values: Sequence[sp.Expr]) -> sp.Expr:
-    """The least or the greatest, by halves, so that expressions stay shallow."""
+    """The least or the greatest, by bisection of the list, so that expressions stay shallow."""
     if len(values) == 1:
         return values[0]
     return pick(_of_all(pick, values[::2]), _of_all(pick, values[1::2]))
@@ -251,14 +250,14 @@ def _check_bounded(
         raise DefinitionError(
             f"{'an' if what == 'input' else 'a'} {what} of {owner} is unbounded",
             expected="finite bounds",
-            remedy=f"say what the {what} can be at most",
+            remedy=f"give the largest {what}",
         )
 
 
 @dataclass(frozen=True)
 class _Player:
-    """One side: its quantities that have a closed form, the set they live in, whether it takes the
-    most or the least, and what is sampled of either side."""
+    """One player: its quantities with a closed form, their set, whether it maximises or minimises,
+    and the sampled quantities of both players."""
 
     system: System
     what: str
@@ -287,14 +286,14 @@ class _Player:
         return rates.jacobian(symbols) if symbols else sp.zeros(len(rates), 0)
 
     def support(self, weights: sp.Matrix) -> tuple[sp.Expr, dict[sp.Symbol, sp.Expr]]:
-        """opt over the set of weights . u, and where it is attained."""
+        """opt over the set of weights . u, and the point that attains it."""
         if self.bounds is None or not self.members:
             return sp.S.Zero, {}
         value, best = self.bounds.support(list(weights), self.sign)
         return value, dict(zip((q.symbol for q in self.members), best, strict=True))
 
     def reach(self, gain: sp.Matrix, p: sp.Matrix, spread: sp.Matrix) -> tuple[list[sp.Expr], ...]:
-        """What it adds to each rate: centre and half-width, for any p, and for those near."""
+        """Its contribution to each rate: centre and half-width, for any p and within the spread."""
         if self.bounds is None:
             return ([sp.S.Zero] * gain.rows,) * 4
         return self.bounds.reach(gain, p, spread, self.sign)

@@ -1,9 +1,9 @@
-"""Points in place of the sets of some inputs and disturbances, where there is no closed form.
+"""Sampling of inputs and disturbances for which the Hamiltonian has no closed form.
 
     H = opt_i opp_j  p . f(t, q, u_i, d_j)   over the points u_i, d_j of the sets
 
 opt comes first: the disturbance answers the input. With max_i min_j that is the lower value,
-max min <= min max, and what it promises holds for a disturbance that knows the input.
+max min <= min max, which is guaranteed even against a disturbance that knows the input.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import select, sgn, wrap
 
 MOST = 400
-"""Pairs of a point of the inputs and one of the disturbances; every node looks at all of them."""
+"""Most pairs of an input point and a disturbance point; every node evaluates all of them."""
 
 Point = dict[sp.Symbol, sp.Expr]
 
 
 def dependences(system: System, symbol: sp.Symbol) -> list[set[sp.Symbol]]:
-    """What the derivative of every rate by `symbol` depends on: nothing, for a constant gain.
+    """The symbols in the derivative of every rate by `symbol`: none for a constant gain.
 
-    What jumps in `symbol`, and so has no derivative there, depends on it.
+    A rate that jumps in `symbol`, and so has no derivative there, depends on it.
     """
     found = []
     for rate in system.rates.values():
@@ -38,7 +38,7 @@ def dependences(system: System, symbol: sp.Symbol) -> list[set[sp.Symbol]]:
 def in_the_way(system: System, symbol: sp.Symbol, sampled: set[sp.Symbol]) -> list[set[sp.Symbol]]:
     """For every rate, the inputs and disturbances for which `symbol` has no closed form.
 
-    A disturbance has one at every sampled input; an input, which comes first, has to do without
+    A disturbance has one at every sampled input. An input is chosen first, without
     knowing the disturbance.
     """
     inputs = {q.symbol for q in system.inputs}
@@ -50,10 +50,10 @@ def in_the_way(system: System, symbol: sp.Symbol, sampled: set[sp.Symbol]) -> li
 
 
 def without_closed_form(system: System) -> set[sp.Symbol]:
-    """The inputs and disturbances that have to be sampled for all the others to have a closed form.
+    """The inputs and disturbances to sample so that all others have a closed form.
 
-    Members of a ball or an image go together. First what is not affine in itself; then the inputs
-    that mix with disturbances; then what mixes among the inputs, or among the disturbances.
+    Members of a ball or an image go together. First those in which a rate is not affine; then the
+    inputs that mix with disturbances; then those that mix among the inputs, or the disturbances.
     """
     groups = [
         group
@@ -79,7 +79,7 @@ def without_closed_form(system: System) -> set[sp.Symbol]:
 
 def points_of(bounds: Bounds | None, members: Sequence[sp.Symbol], which: set[sp.Symbol],
               samples: int) -> list[Point]:  # fmt: skip
-    """The points of the members in `which`; one without coordinates where there are none."""
+    """The points of the members in `which`; one point without coordinates if it is empty."""
     part = section(bounds, [m in which for m in members])
     if part is None:
         return [{}]
@@ -98,5 +98,5 @@ def check_count(inputs: int, disturbances: int) -> None:
 
 
 def _groups(bounds: Bounds | None, members: Sequence[sp.Symbol]) -> list[Sequence[sp.Symbol]]:
-    """The members of a set that are free of each other."""
+    """The members of a set that can be chosen independently."""
     return [members] if bounds is None else bounds.groups(members)

@@ -1,8 +1,8 @@
-"""Reflections that a problem does not notice, so that half of its states tell the other half.
+"""Verify that a problem is invariant under a reflection: half the grid then suffices.
 
     H(t, S q, S p) = H(t, q, p),   { c_j(S q) } = { c_j(q) },   S = diag(+-1)
 
-Then V(S q) = V(q). The inputs need no reflection of their own: they are optimised away in H.
+Then V(S q) = V(q). The inputs need no reflection: H is already optimal over them.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from holdfast.maths.games.hamiltonian import Hamiltonian
 
 
 def check_symmetry(h: Hamiltonian, regions: Sequence[Region], signs: Mapping[str, int]) -> None:
-    """Refuse a reflection (state -> -1, or 1) of which it cannot be shown that nothing changes.
+    """Refuse a reflection (state -> -1, or 1) whose invariance cannot be shown.
 
     Raises `DefinitionError` that names the rate, the inequality or the players that change.
     """
@@ -30,7 +30,7 @@ def check_symmetry(h: Hamiltonian, regions: Sequence[Region], signs: Mapping[str
     for name, sign in signs.items():
         if name not in system.state_names:
             raise DefinitionError(
-                f"symmetry of '{name}', which is no state",
+                f"symmetry of '{name}', which is not a state",
                 remedy=suggestion(name, system.state_names),
             )
         if isinstance(sign, bool) or sign not in (-1, 1):
@@ -47,7 +47,7 @@ def check_symmetry(h: Hamiltonian, regions: Sequence[Region], signs: Mapping[str
             raise _broken(f"the rate of '{name}'")
     steered = h.value - sum((p * f for p, f in zip(h.costates, drift, strict=True)), sp.S.Zero)
     if not _same(steered.xreplace(states | costates), steered):
-        raise _broken("what the inputs and disturbances can do")
+        raise _broken("the effect of inputs and disturbances")
     for region in regions:
         every = [c.expression for c in region.inequalities]
         for c in region.inequalities:
@@ -63,6 +63,6 @@ def _broken(what: str) -> DefinitionError:
 
 
 def _same(one: sp.Expr, *others: sp.Expr) -> bool:
-    """Whether it is one of the others."""
+    """Whether it equals one of the others."""
     gaps = [sp.expand(sp.expand(one) - sp.expand(other)) for other in others]
     return any(gap == 0 for gap in gaps) or any(sp.simplify(gap) == 0 for gap in gaps)

@@ -31,7 +31,7 @@ ESCAPE, STEER, STOP = "escape", "steer", "stop"
 Pole = float | complex | Sequence[float]
 
 POLE = -2.0
-"""Where all poles of M are unless a law is told otherwise [1/s]."""
+"""The default of all poles of M [1/s]."""
 
 
 def closed_loop_matrix(k1: sp.Expr, gains: Sequence[sp.Expr], *, frozen: bool = False) -> sp.Matrix:

@@ -23,16 +23,16 @@ from holdfast.maths.expressions.trigonometry import plain
 from holdfast.maths.nonholonomic.structure import Structure
 
 _LARGEST = 20_000
-"""Operations in one expression beyond which a pair of coordinates is given up."""
+"""Most operations in one expression; a pair of coordinates beyond it is abandoned."""
 
 
 @dataclass(frozen=True)
 class ChainedForm:
-    """Chained coordinates z(q) and what turns their inputs into the system's.
+    """Chained coordinates z(q) and the transformation of their inputs to the system's.
 
     coordinates: (z1, ..., zn). coefficients: each input u_i = a v1 + b v2 as (a, b).
-    divisors: what must not vanish, and positive: what must stay positive; the law is local to
-    where they do.
+    divisors: expressions that must not vanish. positive: expressions that must stay positive. The
+    law is local to the states where both hold.
     """
 
     coordinates: tuple[sp.Expr, ...]
@@ -43,7 +43,7 @@ class ChainedForm:
 
 @dataclass(frozen=True)
 class Search:
-    """The outcome: a chained form, or why there is none; and how many pairs were tried."""
+    """The outcome: a chained form, or the reason for its absence; and the number of pairs tried."""
 
     found: ChainedForm | None
     reason: str
@@ -164,7 +164,7 @@ def _regular(z: tuple[sp.Expr, ...], q: list[sp.Symbol], sampler: Sampler) -> bo
 def _domain(
     expressions: tuple[sp.Expr, ...], states: set[sp.Symbol]
 ) -> tuple[tuple[sp.Expr, ...], tuple[sp.Expr, ...]]:
-    """What must not vanish, and what must be positive, for the expressions to be regular."""
+    """Divisors that must not vanish and terms that must be positive for regular expressions."""
     nonzero: set[sp.Expr] = set()
     positive: set[sp.Expr] = set()
     for e in expressions:

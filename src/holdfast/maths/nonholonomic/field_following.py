@@ -1,4 +1,4 @@
-"""The law that follows the reference field, where the uniform logic alone gives it.
+"""The law that follows the reference field, where the uniform logic alone determines it.
 
 One leaf direction g(t) in a plane, one transverse state t, no drift: then the misalignment
 s between g and F is a scalar that t moves, and
@@ -46,24 +46,24 @@ class Alignment:
 
     @property
     def everywhere(self) -> bool:
-        """Whether the law holds everywhere but at x = 0."""
+        """Whether the law is valid everywhere except at x = 0."""
         return self.turns and self.regular
 
 
 def alignment(found: Structure) -> Alignment | str:
-    """The pieces of the law, or the sentence that says what is missing."""
+    """The pieces of the law, or a sentence that names the missing one."""
     kappa, transverse = found.matrix.rows, found.transverse
     if not found.catastatic:
         shown = ", ".join(str(b) for b in found.rhs if b != 0)
         return (
-            f"the constraint is acatastatic: b = {shown} moves the system across F whatever its "
-            "inputs do; that b vanishes at the origin has to be secured apart"
+            f"the constraint is acatastatic: b = {shown} moves the system across F for any "
+            "inputs; a separate condition has to make b vanish at the origin"
         )
     if any(f != 0 for f in found.drift):
         return "the system drifts with its inputs at zero"
     if not transverse:
         return (
-            f"there is no transverse state: {kappa} equation{'s' * (kappa > 1)} h = 0 "
+            f"the system has no transverse state: {kappa} equation{'s' * (kappa > 1)} h = 0 "
             f"for {len(found.directions)} inputs; which consistency errors to bring to zero first "
             "is a choice that A does not make (for the nonholonomic integrator x3, then x2)"
         )
@@ -80,14 +80,14 @@ def alignment(found: Structure) -> Alignment | str:
     if len(transverse) != kappa or len(found.leaf) != 2:
         return (
             f"{len(found.leaf)} leafwise and {len(transverse)} transverse states for {kappa} "
-            "constraints: the misalignment with F is no single angle (needed: 2, 1 and 1)"
+            "constraints: the misalignment with F is not a single angle (needed: 2, 1 and 1)"
         )
     g = signed_minors(found.leaf_matrix)
     sampler = found.sampler()
     at = sampler.origin(found.symbols)
     along = sp.Add(*(p * e for p, e in zip(found.moment, g, strict=True)))
     if not sampler.nonzero(along, at):
-        return "the direction g(0) is normal to p, or no number"
+        return "the direction g(0) is normal to p, or not a number"
     g = sp.ImmutableMatrix(g * (1 if value_at(along, at) > 0 else -1))
     f = found.field
     error = angle(g[0] * f[1] - g[1] * f[0], g[0] * f[0] + g[1] * f[1], UNSEEN)
@@ -104,7 +104,7 @@ def alignment(found: Structure) -> Alignment | str:
 
 
 def _range(found: Structure, g: sp.Matrix, slope: sp.Expr) -> tuple[float, bool]:
-    """How far g turns as the transverse state runs through its range, at x = 0, and whether
+    """The angle by which g turns over the range of the transverse state, at x = 0, and whether
     ds/dt keeps its sign on the way, there and at a few other x."""
     t, sampler = found.transverse[0], found.sampler()
     reach = [math.pi * i / 90 for i in range(-90, 91)] if t.angle else _wide()

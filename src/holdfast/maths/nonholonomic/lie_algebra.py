@@ -1,4 +1,4 @@
-"""Is a constraint nonholonomic at all: growth of the Lie algebra of the allowed motions."""
+"""Test of nonholonomy: growth of the Lie algebra of the allowed motions."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from holdfast.maths.nonholonomic.structure import Structure
 
 @dataclass(frozen=True)
 class Growth:
-    """How the dimension of span{g_i, [g_i, g_j], ...} grows with the order of the brackets.
+    """The dimension of span{g_i, [g_i, g_j], ...} by the order of the brackets.
 
     vector: the dimensions at a generic point, order by order, until they no longer grow.
     origin: the dimension found at the origin, at least. brackets: (name, field) of the new
@@ -89,7 +89,7 @@ def growth(found: Structure) -> Growth:
 
 
 _FURTHER = 1
-"""Orders beyond n that are tried for the dimension at the origin."""
+"""Bracket orders beyond n that are tried for the dimension at the origin."""
 
 _MOST = 60
 """Brackets of one order."""

@@ -1,4 +1,4 @@
-"""The kernel of A(q): the motions a constraint allows, and back, the rows that motions obey."""
+"""The null space of A(q): the motions a constraint allows; conversely, the rows motions obey."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def kinematic_system(
 ) -> System:
     """The system q' = sum_i g_i(q) w_i of all motions that A(q) q' = 0 allows.
 
-    For a constraint that is all one knows. Inputs w1, w2, ...: along the leaf first, then one
+    For use when only the constraint is known. Inputs w1, w2, ...: along the leaf first, then one
     for each transverse state. Raises `DefinitionError` for rows with b != 0 or rows that are
     dependent at the origin.
     """
@@ -35,7 +35,7 @@ def kinematic_system(
         for state in row.coefficients:
             if state not in names:
                 raise DefinitionError(
-                    f"a Pfaffian row of system '{name}' names '{state}', which is no state",
+                    f"a Pfaffian row of system '{name}' names '{state}', which is not a state",
                     remedy=suggestion(state, names),
                 )
     matrix = sp.Matrix([[row.coefficients.get(n, sp.S.Zero) for n in names] for row in rows])

@@ -1,4 +1,4 @@
-"""The uniform logic of the thesis: from the constraint A(q) q' = b(q) to what F must be.
+"""The uniform logic of the thesis: the reference field F from the constraint A(q) q' = b(q).
 
     zero columns of A -> transverse states t, the others leafwise states x, N of them
     p in ker A(0) on the leafwise columns -> F = lambda (p . x) x - p |x|^2      (4.6)
@@ -37,7 +37,7 @@ KINKS = {
 
 @dataclass(frozen=True)
 class Structure:
-    """What A(q) q' = b says, before any law.
+    """The structure of A(q) q' = b, independent of any law.
 
     coordinates: the generalised coordinates q. matrix: A, shape (kappa, n). rhs: b, shape
     (kappa,). leaf, transverse: the states with nonzero and with zero columns. admissible: a
@@ -110,8 +110,8 @@ def structure(system: System, moment: Sequence[float] | None = None) -> Structur
     """The structure of the system's Pfaffian constraint, thesis chapter 4.
 
     `moment` is p, one number for each leafwise state; needed where ker A(0) has more than one
-    dimension (its first basis vector is taken otherwise). Where the system declares no
-    Pfaffian row, A is derived as what annihilates its input directions.
+    dimension (its first basis vector is the default). If the system declares no
+    Pfaffian row, A is derived as the annihilator of its input directions.
 
     Raises `DefinitionError` for a system without a constraint, one whose A is not a number
     or loses rank at the origin, p = 0, p of the wrong dimension, and A(0) p != 0.
@@ -154,7 +154,7 @@ def structure(system: System, moment: Sequence[float] | None = None) -> Structur
 
 
 def relative_degrees(found: Structure, t: Quantity) -> tuple[int, ...]:
-    """How often each output is differentiated before the rate of t appears; 0: never."""
+    """The number of differentiations of each output until the rate of t appears; 0: never."""
     moved = {
         q.symbol: set().union(*(g[i].free_symbols for g in found.directions))
         for i, q in enumerate(found.coordinates)
@@ -173,7 +173,7 @@ def relative_degrees(found: Structure, t: Quantity) -> tuple[int, ...]:
 
 
 def inputs_at_rest(found: Structure) -> tuple[sp.Expr, ...]:
-    """The inputs that hold the system where it can rest, against its drift."""
+    """The inputs that hold the system at an equilibrium against its drift."""
     return tuple(found.speeds(-sp.Matrix(found.drift)))
 
 
@@ -203,7 +203,7 @@ def constraint(system: System) -> tuple[tuple[Quantity, ...], sp.Matrix, tuple[s
 
 
 def _check_names(system: System) -> None:
-    """Refuse names that the law's own symbols have."""
+    """Refuse names that the derived law uses itself."""
     for q in (*system.states, *system.inputs, *system.disturbances, *system.parameters):
         if q.name in RESERVED:
             raise DefinitionError(
@@ -214,7 +214,7 @@ def _check_names(system: System) -> None:
 
 
 def _check_symbols(system: System, matrix: sp.Matrix, coordinates: tuple[Quantity, ...]) -> None:
-    """Refuse an A that is no smooth function of the coordinates alone."""
+    """Refuse an A that is not a smooth function of the coordinates only."""
     known = {q.symbol for q in (*coordinates, *system.parameters)}
     odd = sorted(str(s) for s in matrix.free_symbols - known)
     if odd:
@@ -223,7 +223,7 @@ def _check_symbols(system: System, matrix: sp.Matrix, coordinates: tuple[Quantit
             expected="a function of the coordinates "
             + ", ".join(q.name for q in coordinates)
             + " and parameters",
-            remedy="what else moves the system belongs into b (rhs)",
+            remedy="put other motions of the system into b (rhs)",
         )
     kinks = [name for function, name in KINKS.items() if matrix.has(function)]
     if kinks:
@@ -307,7 +307,7 @@ def _motions(
     )
     known = {q.symbol for q in (*coordinates, *system.parameters)}
     if any(g.free_symbols - known or g.has(*KINKS) for g in effect):
-        inputs = []  # not directions of the coordinates alone
+        inputs = []  # they depend on more than the coordinates
     if len(inputs) == matrix.cols - matrix.rows:
         own = tuple(map(sp.ImmutableMatrix, effect))
         return own, tuple(inputs), drift

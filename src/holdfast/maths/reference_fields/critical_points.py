@@ -1,4 +1,4 @@
-"""What a planar field does at a zero: its sectors, its index, its kind (thesis 4.1.1).
+"""Classification of a planar field's zero: its sectors, index and kind (thesis 4.1.1).
 
 Near a zero the field is its leading homogeneous part of degree m. With e(a) = (cos a, sin a),
 
@@ -22,7 +22,7 @@ from holdfast.errors import DefinitionError
 from holdfast.maths.reference_fields.field import Field
 
 MAX_ORDER = 12
-"""The highest degree at which a leading part is looked for."""
+"""The highest degree searched for a leading part."""
 
 _ANALYTIC = (sp.exp, sp.sin, sp.cos, sp.tan, sp.sinh, sp.cosh, sp.tanh, sp.atan, sp.asinh)
 _T = sp.Symbol("t", real=True)
@@ -60,7 +60,7 @@ class CriticalPoint:
     validity: str = ""
 
     def count(self, kind: str) -> int:
-        """How many sectors are of this kind."""
+        """The number of sectors of this kind."""
         return sum(sector.kind == kind for sector in self.sectors)
 
 
@@ -88,7 +88,7 @@ def classify(field: Field, point: Sequence[sp.Expr | float] | None = None) -> Cr
         try:
             return _classified(field, at, field.any_values, "for every " + ", ".join(limits))
         except (_UndecidedError, DefinitionError):
-            pass  # what does not hold in general may hold at the values
+            pass  # a sign that is undetermined in general may be determined at the values
     chosen = [f"{p.name} = {p.value:g}" for p in field.parameters if p.symbol in used]
     validity = "at " + ", ".join(chosen) if chosen else ""
     try:
@@ -101,7 +101,7 @@ def classify(field: Field, point: Sequence[sp.Expr | float] | None = None) -> Cr
 def winding_number(
     field: Field, radius: float, centre: Sequence[float] = (0.0, 0.0), samples: int = 128
 ) -> int:
-    """How often the field turns along a circle, counted without any algebra.
+    """The winding number of the field along a circle, counted numerically.
 
     The circle of `radius` is sampled finer and finer until the field turns by less than
     pi/4 from one sample to the next. Raises `DefinitionError` where the field is not planar
@@ -238,7 +238,7 @@ def _taylor(expression: sp.Expr, symbols: tuple[sp.Symbol, ...], order: int) -> 
 
 
 def _leading(field: Field, local: tuple[sp.Expr, ...]) -> tuple[int, tuple[sp.Expr, sp.Expr]]:
-    for order in (2, MAX_ORDER):  # mostly found at once
+    for order in (2, MAX_ORDER):  # usually found at the first order
         parts = [_taylor(c, field.symbols, order) for c in local]
         for degree, pair in enumerate(zip(*parts, strict=True)):
             if any(c != 0 for c in pair):
@@ -249,7 +249,7 @@ def _leading(field: Field, local: tuple[sp.Expr, ...]) -> tuple[int, tuple[sp.Ex
 
 
 def _linear_part(field: Field, local: tuple[sp.Expr, ...]) -> tuple[int, tuple[sp.Expr, sp.Expr]]:
-    """The linear part at a point known in decimals: only where its determinant is not small."""
+    """The linear part at a point known in decimals; refused if its determinant is small."""
     x, y = field.symbols
     origin = {x: 0, y: 0}
     entries = [[float(sp.N(c.diff(s).subs(origin))) for s in (x, y)] for c in local]
@@ -268,7 +268,7 @@ def _linear_part(field: Field, local: tuple[sp.Expr, ...]) -> tuple[int, tuple[s
 def _slopes(
     field: Field, form: sp.Expr, symbols: tuple[sp.Symbol, sp.Symbol]
 ) -> list[tuple[sp.Expr, sp.Expr]]:
-    """The directions in which a homogeneous form vanishes, each with its opposite."""
+    """The directions in which a homogeneous form vanishes, each together with its opposite."""
     x, y = symbols
     total = sp.Poly(form, x, y).total_degree()
     poly = sp.Poly(sp.expand(form.subs({x: 1, y: _T}, simultaneous=True)), _T)

@@ -24,7 +24,7 @@ between 1e-6 and 0.03 m."""
 
 
 UNSEEN = sp.Float(1e-60)
-"""A guard that only keeps divisions defined, for laws that do not use what is guarded there."""
+"""A guard that only avoids division by zero, for laws that do not use the value there."""
 
 
 def dipolar_field(
@@ -33,7 +33,7 @@ def dipolar_field(
     """F(r) = lambda (p . r) r - p |r|^2 for a position error r of any dimension.
 
     `exponent` is lambda (> 1), `moment` is p. Raises `DefinitionError` for p = 0, a
-    dimension mismatch, or a numeric lambda <= 1, where the flow lines are no rose.
+    dimension mismatch, or a numeric lambda <= 1, for which the flow lines do not form a rose.
     """
     if len(position) != len(moment):
         raise DefinitionError(

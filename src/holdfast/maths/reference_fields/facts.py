@@ -1,4 +1,4 @@
-"""What is known of a field, as sentences: its zeros, their sectors, its flow lines, its defects."""
+"""Known facts of a field as sentences: its zeros, their sectors, its flow lines, its defects."""
 
 from __future__ import annotations
 

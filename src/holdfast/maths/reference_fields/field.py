@@ -1,4 +1,4 @@
-"""A vector field whose flow lines are a reference picture: F(x) = factor(x) * components(x)."""
+"""A reference vector field and its flow lines: F(x) = factor(x) * components(x)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from holdfast.maths.definitions.quantity import (
 )
 
 LARGEST = 12
-"""The most coordinates of a field of the catalogue."""
+"""The largest dimension of a field of the catalogue."""
 
 
 @checked
@@ -30,9 +30,9 @@ class Field:
     """F_i(x; parameters) = factor * components[i], one component for each coordinate.
 
     `components` are smooth at the zeros that are to be classified. `factor` is positive away
-    from the origin and leaves the flow lines as they are: 1/r^3 of the electric dipole,
-    1/rho^2 of thesis (2.14). `potential` is V with F = -grad V, where there is one. `moment`
-    is the axis p, empty where there is none; `notes` are facts that were measured, not derived.
+    from the origin and does not change the flow lines: 1/r^3 of the electric dipole,
+    1/rho^2 of thesis (2.14). `potential` is V with F = -grad V, if it exists. `moment`
+    is the axis p, empty without one; `notes` are facts that were measured, not derived.
     Raises `DefinitionError` when dimensions disagree, a name is undeclared, or the factor is
     not positive.
     """
@@ -71,7 +71,7 @@ class Field:
             )
         if self.moment and all(p == 0 for p in self.moment):
             raise DefinitionError(
-                f"{owner}: the moment p is zero", expected="a direction, or no moment at all"
+                f"{owner}: the moment p is zero", expected="a direction, or no moment"
             )
         quantities = self.coordinates + self.parameters
         check_unique((q.name for q in quantities), owner)
@@ -99,7 +99,7 @@ class Field:
                 raise DefinitionError(
                     f"{owner}: the factor is {value.real:g} at ({shown})",
                     expected="a positive number away from the origin",
-                    remedy="move what changes sign into the components",
+                    remedy="move the part that changes sign into the components",
                 )
 
     @property
@@ -147,7 +147,7 @@ def coordinate_names(dimension: int) -> tuple[str, ...]:
 def exact_moment(moment: Sequence[float]) -> tuple[sp.Expr, ...]:
     """The moment as exact numbers: 0.7071067811865476 is sqrt(2)/2; its length is kept.
 
-    Raises `DefinitionError` where it is zero, or not made of finite numbers.
+    Raises `DefinitionError` if it is zero or has an entry that is not finite.
     """
     if not isinstance(moment, Sequence) or isinstance(moment, str) or len(moment) > LARGEST:
         raise DefinitionError(f"the moment p is {moment!r}", expected=f"2 to {LARGEST} numbers")

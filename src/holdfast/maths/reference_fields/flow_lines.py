@@ -1,4 +1,4 @@
-"""Flow lines in closed form: curves of the dipolar family, its exact flow, what is conserved.
+"""Flow lines in closed form: curves of the dipolar family, its exact flow, first integrals.
 
     rho = R |sin a|^k,   a = angle(x, p),   k = lambda - 1        thesis 2.1, (4.5), (4.6)
 
@@ -50,7 +50,7 @@ class FlowLine:
 
 
 def loop_exponent(field: Field) -> sp.Expr | None:
-    """k of the flow lines rho = R |sin a|^k, or None where they are no such curves.
+    """k of the flow lines rho = R |sin a|^k, or None for other curves.
 
     d rho / (rho d a) = R(a)/A(a) must be k cot(a) in every plane through p, for k > 0; k is an
     expression of the parameters.
@@ -75,7 +75,7 @@ def flow_line(field: Field, start: Sequence[sp.Expr | float]) -> FlowLine:
 
     A start on the axis of p gives one of the two half-lines, any other a loop; a start in
     decimals gives numbers of 20 digits in place of exact ones. Raises
-    `DefinitionError` for x0 = 0, a wrong dimension, or a field whose lines are no loops.
+    `DefinitionError` for x0 = 0, a wrong dimension, or a field whose lines are not loops.
     """
     exponent = loop_exponent(field)
     if exponent is None:
@@ -107,7 +107,7 @@ def flow_line(field: Field, start: Sequence[sp.Expr | float]) -> FlowLine:
     x_across = sp.radsimp(sp.expand(dot(e, x0)))
     rho = sp.sqrt(sp.expand(dot(x0, x0)))
     size = rho / (x_across / rho) ** k
-    if any(sp.sympify(c).has(sp.Float) for c in start):  # exact roots of long decimals serve nobody
+    if any(sp.sympify(c).has(sp.Float) for c in start):  # exact roots of long decimals are useless
         size, p, e = sp.N(size, 20), tuple(sp.N(c, 20) for c in p), tuple(sp.N(c, 20) for c in e)
     distance = size * sp.sin(ANGLE) ** k  # sin a > 0 between the two ends
     return FlowLine(

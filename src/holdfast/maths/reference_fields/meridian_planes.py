@@ -1,8 +1,8 @@
-"""A field of any dimension seen in the planes through its moment p.
+"""A field of any dimension, restricted to the planes through its moment p.
 
 Where the field is axially symmetric, every plane span{p, e} is invariant and carries the same
 picture, so a critical point in N > 2 dimensions is classified plane by plane. An index test
-would not do: the degree of the dipolar field on the sphere of N = 3 is 0.
+is not sufficient: the degree of the dipolar field on the sphere of N = 3 is 0.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Vector = tuple[sp.Expr, ...]
 class PlaneByPlane:
     """The critical point at the origin in several planes span{p, direction}.
 
-    `exact` says that the field is axially symmetric, by algebra: then any plane stands for all.
+    `exact`: the field is axially symmetric, by algebra; then any plane represents all.
     """
 
     directions: tuple[Vector, ...]
@@ -80,7 +80,7 @@ def frame(field: Field, direction: Sequence[object] | None = None) -> tuple[Vect
 def meridian(field: Field, direction: Sequence[object] | None = None) -> Field:
     """The planar field of coordinates `along` p and `across`, in one plane through p.
 
-    The part of the field out of the plane is left out: `invariance_residuals` tells whether
+    The part of the field normal to the plane is dropped: `invariance_residuals` tells whether
     there is any. Raises `DefinitionError` as `frame`.
     """
     p, e = frame(field, direction)

@@ -1,4 +1,4 @@
-"""All zeros of a field: exactly where algebra or monotony decides, else by a stated search."""
+"""All zeros of a field: exact if algebra or monotonicity decides, else by a stated search."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ _W = sp.Symbol("w", positive=True)
 class Zeros:
     """The real zeros of a field.
 
-    `exact` says that there are no others at all; `method` says how they were found, and for a
-    search where. A critical point whose kind is not decided has None in `critical_points`.
+    `exact`: no other zeros exist. `method` names how they were found, and for a search the box. A
+    critical point whose kind is not decided has None in `critical_points`.
     """
 
     points: tuple[Vector, ...]
@@ -46,7 +46,7 @@ class Zeros:
 
 
 _MERGED = 1e-5
-"""Zeros closer than this part of the box count as one."""
+"""Zeros closer than this fraction of the box count as one."""
 
 
 def _span(box: Sequence[tuple[float, float]]) -> float:

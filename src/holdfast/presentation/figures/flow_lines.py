@@ -32,17 +32,17 @@ Array = npt.NDArray[np.float64]
 SECTORS = {"elliptic": style.SKY, "parabolic": style.GREEN, "hyperbolic": style.ORANGE}
 _SIZES = (0.12, 0.25, 0.42, 0.64, 0.94, 1.4, 2.2, 3.6, 6.5)
 _LOCAL = 0.22
-"""Radius of the sectors of a local picture, as a part of the figure's reach."""
+"""Radius of the sectors in a local phase portrait, as a fraction of the figure's reach."""
 
 
 @checked
 def flow_lines_figure(field: Field, *, reach: float = 1.0, planes: int = 4) -> Figure:
     """The flow lines of a field within `reach` of the origin, in the coordinates' unit.
 
-    Planar: closed forms where there are some, else streamlines; sectors are shaded about each
-    critical point, out to the edge where the picture is the same at every scale. Three
-    dimensions: loops in `planes` planes through p. More, or no closed form: the picture in one
-    plane through p, the same in all.
+    Planar: closed forms if they exist, otherwise streamlines; sectors are shaded about each
+    critical point, out to the edge if the portrait is the same at every scale. Three dimensions:
+    loops in `planes` planes through p. More dimensions, or no closed form: the portrait in one
+    plane through p, which is the same in all.
     """
     if not 0 < reach < math.inf or planes < 1:
         raise OutputError(
@@ -92,7 +92,7 @@ def _title(field: Field) -> str:
 
 
 def _points(line: FlowLine, reach: float) -> Array:
-    """The curve in the sense of the field, one row for each point."""
+    """The curve in the direction of the field, one row for each point."""
     function = array_function(line.parameter, line.curve)
     upper = float(line.upper) if line.kind == "loop" else 2 * reach
     parameter = upper * np.linspace(0.0, 1.0, 400)
@@ -146,10 +146,10 @@ def _draw_streams(axis: Axes, field: Field, reach: float) -> None:
 
 
 def _draw_potential(axis: Axes, field: Field, reach: float) -> Line2D:
-    """Equipotential lines, evenly many on either side."""
+    """Equipotential lines, equally many on either side."""
     assert field.potential is not None
     function = array_function(field.symbols, field.potential, field.values)
-    ticks = np.linspace(-reach, reach, 240)  # even: no node at the origin
+    ticks = np.linspace(-reach, reach, 240)  # even, so that no node lies at the origin
     grid = np.meshgrid(ticks, ticks)
     values = function(*grid)
     sizes = np.quantile(np.abs(values), np.linspace(0.15, 0.97, 6))
@@ -221,7 +221,7 @@ def _draw_moment(axis: Axes, p: Sequence[Expression], length: float) -> Line2D:
 
 
 def _spatial(field: Field, reach: float, planes: int) -> Figure:
-    """Loops in planes evenly turned about p, one colour for each plane."""
+    """Loops in planes at equal angles about p, one colour for each plane."""
     p, e = frame(field)
     along, across = (np.array([float(c) for c in v]) for v in (p, e))
     third = np.cross(along, across)

@@ -1,4 +1,4 @@
-"""Robots in a row among walls: the map with fields, paths and views, constraints, an animation."""
+"""Figures of robot formations: map with fields, paths and views; constraints; animation."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ FRAMES_PER_SECOND = 12
 
 @dataclass(frozen=True)
 class Ground:
-    """What is drawn beneath the robots: cells, and arrows (x, y, direction) of the fields."""
+    """The background of the map: cells, and arrows (x, y, direction) of the fields."""
 
     cells: Sequence[Sequence[tuple[float, float]]]
     arrows: Array
@@ -71,9 +71,9 @@ TITLES = {
 
 
 def constraints_figure(result: Result, run: int = 0) -> Figure:
-    """Every constraint of a run against time, those of one kind in one panel; safe below zero.
+    """Every constraint of a run over time, one panel for each kind; safe below zero.
 
-    The colour is that of the robot; of two that do not follow each other, grey.
+    The colour is that of the robot; grey for pairs that do not follow each other.
     """
     data = result.dataset
     units = [str(u) for u in data["constraint_unit"].values]
@@ -116,7 +116,7 @@ OTHERS = "other pairs"
 
 
 def _line_of(of: str, robots: list[str]) -> tuple[str, dict[str, Any]]:
-    """What a constraint's line is called, and how it is drawn: of one robot, or of two."""
+    """Label and style of a constraint's line, for one robot or a pair."""
     *before, last = ["leader" if n == "L" else n for n in of.split("_")]
     if before and robots.index(last) - robots.index(before[0]) > 1:
         return OTHERS, {"color": style.GREY, "linewidth": 0.7}
@@ -174,7 +174,7 @@ def write_animation(
 
 
 class _GifWriter(PillowWriter):
-    """Whatever the name of the file ends in."""
+    """Matplotlib's writer, with the format GIF for any suffix of the file's name."""
 
     def finish(self) -> None:
         first, *others = self._frames  # type: ignore[attr-defined]
@@ -236,7 +236,7 @@ def _map(ground: Ground, result: Result, scale: float = 1.0) -> tuple[Figure, Ax
 
 
 def _bodies(result: Result) -> tuple[float, list[Array]]:
-    """The radius of a robot, and the corners (ahead, left) of what every follower sees."""
+    """The radius of a robot, and the corners (ahead, left) of every follower's view."""
     parameters = result.parameters or {}
     values = parameter_values(parameters)
     views = [shape for shape in result.scene if isinstance(shape, Footprint)]

@@ -1,7 +1,7 @@
-"""One run against time: states, inputs, constraints, signals, with the mode as background.
+"""Time histories of one run: states, inputs, constraints, signals, with the mode as background.
 
-Where the law has a safeguard, the inputs are drawn beside what the law asked for, and marks tell
-where it was overruled and where no admissible input was there.
+For a law with a safeguard (safety filter), the inputs are drawn with the law's requests, and marks
+show samples at which the filter intervened or found no admissible input.
 """
 
 from __future__ import annotations
@@ -27,26 +27,24 @@ from holdfast.presentation.figures.panels import Panel, panels
 Array = npt.NDArray[np.float64]
 
 NEAR = 0.2
-"""A limit is within the picture where an input comes to this share of it; else it is told only."""
+"""A limit is drawn if an input reaches this share of it, and otherwise only named."""
 
 MARKS = {
     SafeguardAnswer.OVERRULED: (style.OVERRULED, 0.05),
     SafeguardAnswer.INFEASIBLE: (style.INFEASIBLE, 0.05),
 }
-"""Colour, and height as a share of the panel."""
+"""Colour, and height as a fraction of the panel."""
 
 
 @checked
 def histories_figure(result: Result, run: int = 0) -> Figure:
     """States by unit, actuators (or inputs), constraints by unit and signals of one run.
 
-    Raises `OutputError` when there is no such run.
+    Raises `OutputError` for an unknown run.
     """
     data = result.dataset
     if not 0 <= run < data.sizes["run"]:
-        raise OutputError(
-            f"there is no run {run} to draw", expected=f"0 to {data.sizes['run'] - 1}"
-        )
+        raise OutputError(f"the result has no run {run}", expected=f"0 to {data.sizes['run'] - 1}")
     shown = panels(result, run)
     time = data["time"].values
     mode = data["mode"].values[run]
@@ -111,7 +109,7 @@ def _draw(axis: Axes, panel: Panel, time: Array) -> None:
     _limit(axis, panel)
     entries = [n for n in axis.get_legend_handles_labels()[1] if not n.startswith("_")]
     crowded = len(entries) > 2
-    if crowded:  # no corner is free: make room above the curves
+    if crowded:  # no corner is free: leave space above the curves
         low, high = axis.get_ylim()
         axis.set_ylim(low, high + (0.45 if len(entries) <= 4 else 0.65) * (high - low))
     axis.legend(
@@ -126,7 +124,7 @@ def _draw(axis: Axes, panel: Panel, time: Array) -> None:
 
 
 def _limit(axis: Axes, panel: Panel) -> None:
-    """The limits of the inputs, and a scale by what is applied: a nominal command may be huge."""
+    """The limits of the inputs, and a scale from the applied ones: nominal commands may be huge."""
     if panel.limits is None and panel.nominal is None:
         return
     applied = panel.values[np.isfinite(panel.values)]
@@ -148,7 +146,7 @@ def _limit(axis: Axes, panel: Panel) -> None:
 
 
 def _limits_label(pairs: Iterable[tuple[float, float]]) -> str:
-    """How large they are; the same for every curve of the panel is told once."""
+    """The limits as text; equal limits of all curves of the panel appear once."""
     texts = dict.fromkeys(
         f"±{high:.3g}" if low == -high else f"{low:.3g}, {high:.3g}" for low, high in pairs
     )
@@ -157,7 +155,7 @@ def _limits_label(pairs: Iterable[tuple[float, float]]) -> str:
 
 
 def _mark(axis: Axes, time: Array, answers: npt.NDArray[np.int8]) -> list[Patch]:
-    """Bars along the foot of the panel, at the samples at which the safeguard did something."""
+    """Bars at the bottom of the panel, at the samples at which the safety filter intervened."""
     step = time[1] - time[0] if len(time) > 1 else 1.0
     found = []
     for answer, (colour, height) in MARKS.items():
@@ -180,7 +178,7 @@ def _mark(axis: Axes, time: Array, answers: npt.NDArray[np.int8]) -> list[Patch]
 
 
 def _settled(time: Array, states: Array) -> float:
-    """A little after the states have come to rest, or the end."""
+    """A time shortly after the states have come to rest, or the end."""
     finite = np.isfinite(states).all(axis=1)
     if not finite.all():
         return float(time[-1])

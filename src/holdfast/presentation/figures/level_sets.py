@@ -1,4 +1,4 @@
-"""A set { V > 0 } in a plane: V as colours, its zero level, and other sets to compare with."""
+"""Level sets in a plane: V as colours, its zero level, and other sets for comparison."""
 
 from __future__ import annotations
 
@@ -31,25 +31,25 @@ DASHES: tuple[tuple[str, Any], ...] = (
     (PURPLE, (0, (5, 1, 1, 1))),
     (GREEN, (0, (7, 2))),
 )
-"""Colour and dashes of the sets to compare with, in their order."""
+"""Colour and dashes of the sets for comparison, in their order."""
 
 _SHADES = np.concatenate([np.linspace(0.27, 0.5, 128), np.linspace(0.5, 0.9, 128)])
 SIGNED = LinearSegmentedColormap.from_list("signed", colormaps["RdBu"](_SHADES))
-"""Blue in the set, pale red outside: told apart by readers who do not see all colours."""
+"""Blue in the set, pale red outside: distinguishable by colour-blind readers."""
 
 MOST = 6
-"""Times drawn at most."""
+"""The most times drawn."""
 
 FILL = "#bfdcec"  # of the set
 
 
 def nodes(axis: Axis) -> Array:
-    """The nodes of an axis; a whole turn is closed."""
+    """The nodes of an axis; a periodic one is closed by its first node."""
     return np.append(axis.nodes, axis.high) if axis.ends == "periodic" else axis.nodes
 
 
 def closed(value: ValueFunction, values: npt.NDArray[Any]) -> Array:
-    """An array over the grid of a value function; whole turns are closed."""
+    """An array over the grid of a value function; periodic axes are closed."""
     table: Array = np.asarray(values, dtype=np.float64)
     for k, axis in enumerate(value.grid.axes):
         if axis.ends == "periodic":
@@ -75,7 +75,7 @@ def curve(value: ValueFunction, time: float | None = None) -> tuple[Array, Array
 
 
 def times(value: ValueFunction) -> list[float]:
-    """The times to draw that a value function holds, if there are several: at most `MOST` [s]."""
+    """The times [s] of a value function to draw, if it has several: at most `MOST`."""
     data = value.dataset["value"]
     found = [float(t) for t in data["time"].values] if "time" in data.dims else []
     if len(found) < 2:
@@ -91,7 +91,7 @@ def time_colours(value: ValueFunction) -> dict[float, Any]:
 
 
 def draw_zero(axis: Axes, x: Array, y: Array, values: Array, **drawn: Any) -> None:
-    """The zero level, where there is one."""
+    """The zero level, if it exists."""
     if (values > 0).any() and (values <= 0).any():
         axis.contour(x, y, values, levels=[0.0], **drawn)
 
@@ -125,7 +125,7 @@ def draw_values(axis: Axes, value: ValueFunction, plane: tuple[str, str]) -> Con
     """V as colours about zero, and the zero level."""
     x, y = mesh(value, plane)
     table = on_mesh(value, plane, value.values())
-    # as far as the set is deep: what is far outside needs no colours of its own
+    # the depth of the set is the scale; values far outside need no distinct colours
     most = float(table.max()) if (table > 0).any() else float(np.abs(table).max()) or 1.0
     levels = MaxNLocator(16, symmetric=True).tick_values(-most, most)
     filled = axis.contourf(x, y, table, levels=levels, cmap=SIGNED, extend="both")
@@ -151,7 +151,7 @@ def draw_arrival(
 
 
 def _widened(seconds: Array) -> Array:
-    """The nodes next to those with a time take the largest of their neighbours."""
+    """Nodes next to those with a time get the largest time of their neighbours."""
     rows, columns = seconds.shape
     room = np.pad(seconds, 1, constant_values=np.nan)
     near = np.fmax.reduce([room[i : i + rows, j : j + columns] for i in range(3) for j in range(3)])
@@ -196,7 +196,7 @@ def set_up(axis: Axes, value: ValueFunction, plane: tuple[str, str]) -> None:
 
 
 def label_outer(axis: Axes, k: int, columns: int, count: int) -> None:
-    """Of `count` panels in rows, keep the labels of those at the left and those with none below."""
+    """Of `count` panels in rows, keep the labels of the left column and the lowest panels."""
     first, last = k % columns == 0, k + columns >= count
     axis.tick_params(labelleft=first, labelbottom=last)
     axis.xaxis.label.set_visible(last)
@@ -209,7 +209,7 @@ def lengths(value: ValueFunction, plane: tuple[str, str]) -> bool:
 
 
 def panel_height(value: ValueFunction, plane: tuple[str, str], width: float) -> float:
-    """Of a panel `width` inches wide, between half and one and a half times that."""
+    """The height of a panel `width` inches wide, between 0.5 and 1.5 times the width."""
     if not lengths(value, plane):
         return 0.8 * width
     spans = {a.name: a.high - a.low for a in value.grid.axes}
@@ -223,7 +223,7 @@ def add_bar(axis: Axes, filled: ContourSet, label: str) -> None:
 
 
 def add_legend(figure: Figure, found: list[Artist]) -> None:
-    """One legend below, every label once, in as many columns as there is room for."""
+    """One legend below, every label once, in as many columns as fit."""
     once = {str(h.get_label()): h for h in found}
     if not once:
         return

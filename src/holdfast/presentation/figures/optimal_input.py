@@ -1,4 +1,4 @@
-"""The law of a value function in a plane: the sign of each input, and where the system goes."""
+"""The optimal law of a value function in a plane: sign of each input, and velocity of the state."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Array = npt.NDArray[np.float64]
 
 POSITIVE, NEGATIVE = "#f6cf85", "#9fd0ee"  # tints of orange and sky
 _ARROWS = 16
-"""Along either axis."""
+"""Arrows along either axis."""
 
 
 @checked
@@ -45,21 +45,21 @@ def optimal_input_figure(
 
     inputs: name -> the input at the nodes of the plane; velocity: the rates of the plane's two
     states there, in their units per second. Every array has the shape (nodes of the first state,
-    nodes of the second); not a number where there is nothing to show. An arrow is the way in the
-    time that the legend says. plane, others, scene, parameters: as of `value_function_figure`; all
-    states outside the plane are held (`at`). Thesis figures 7.10 and 7.11.
+    nodes of the second), with NaN at empty places. An arrow is the displacement in the time that
+    the legend gives. plane, others, scene, parameters: as in `value_function_figure`; all states
+    outside the plane are fixed (`at`). Thesis figures 7.10 and 7.11.
 
-    Raises `OutputError` for a state that is neither drawn nor held and for arrays of other shapes.
+    Raises `OutputError` for a state that is neither drawn nor fixed and for arrays of other shapes.
     """
     others = dict(others or {})
     check_same_states(value, others)
     view = look_at(value, plane, at)
     if view.along or len(view.plane) != 2:
         raise OutputError(
-            "the states left to draw are not two",
+            "the number of states to draw is not two",
             expected="a plane, and all other states of "
             + ", ".join(value.names)
-            + " held at one value (at)",
+            + " fixed at one value (at)",
         )
     plane = (view.plane[0], view.plane[1])
     flat = value.slice(**view.held).last()
@@ -102,7 +102,7 @@ def optimal_input_figure(
             Line2D([], [], color=style.BLUE, linewidth=1.8, label="edge of the set"),
             Line2D(
                 [], [], color=style.BLACK, marker=r"$\rightarrow$", markersize=11, linestyle="",
-                label=f"way in {seconds:g} s",
+                label=f"displacement in {seconds:g} s",
             ),
         ]  # fmt: skip
         found += level_sets.entries(flat, found[2], others)
@@ -111,7 +111,7 @@ def optimal_input_figure(
 
 
 def _table(value: ValueFunction, plane: tuple[str, str], what: str, array: npt.ArrayLike) -> Array:
-    """An array of the caller as (second, first) of the plane."""
+    """The caller's array, transposed to (second, first) of the plane."""
     counts = {a.name: a.count for a in value.grid.axes}
     shape = tuple(counts[n] for n in plane)
     try:
@@ -141,7 +141,7 @@ def _draw_sign(axis: Axes, value: ValueFunction, plane: tuple[str, str], table: 
 def _draw_arrows(
     axis: Axes, value: ValueFunction, plane: tuple[str, str], first: Array, second: Array
 ) -> float:
-    """The way of the system in a short time, which is returned [s]; grey outside the set."""
+    """Draw the displacement in a short time, which is returned [s]; grey outside the set."""
     x, y = level_sets.mesh(value, plane)
     thin = tuple(slice(None, None, -(-len(n) // _ARROWS)) for n in (y, x))
     step = [float(n[s][1] - n[s][0]) for n, s in zip((x, y), (thin[1], thin[0]), strict=True)]
@@ -161,6 +161,6 @@ def _draw_arrows(
 
 
 def _round_down(value: float) -> float:
-    """To one, two or five times a power of ten."""
+    """The value rounded to one, two or five times a power of ten."""
     power = 10.0 ** math.floor(math.log10(value))
     return power * max(k for k in (1, 2, 5) if k * power <= value * (1 + 1e-9))

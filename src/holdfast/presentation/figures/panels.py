@@ -1,4 +1,4 @@
-"""What stands in the panels of a run's histories: curves of one unit, limits and thresholds."""
+"""The panels of a run's histories: curves of one unit, limits and thresholds."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ Array = npt.NDArray[np.float64]
 class Panel:
     """Curves against time, values (time, name).
 
-    nominal: the same curves as the law asked for them, before its safeguard. limits: (low, high)
-    of every curve, infinite where there is none. levels: horizontal lines by what they are called.
-    fed: whether the curves are what drives the vehicle.
+    nominal: the same curves as requested by the law, before its safety filter. limits: (low, high)
+    of every curve, infinite without a limit. levels: horizontal lines by label. fed: whether the
+    curves are the inputs applied to the vehicle.
     """
 
     title: str
@@ -50,7 +50,7 @@ def panels(result: Result, run: int) -> list[Panel]:
 
 
 def _fed(data: xr.Dataset, run: int) -> list[Panel]:
-    """The actuators, or the inputs where they are the same, with nominal values and limits."""
+    """The actuators, or the inputs if these are the same, with nominal values and limits."""
     axis = "actuator" if data.sizes["actuator_name"] else "input"
     names = [str(n) for n in data[f"{axis}_name"].values]
     units = _units(data, "input")
@@ -61,7 +61,7 @@ def _fed(data: xr.Dataset, run: int) -> list[Panel]:
     asked = "nominal" if axis == "input" else "nominal_actuator"
     nominal = data[asked].values[run] if asked in data else None
     limits = None
-    if f"{axis}_low" in data:  # files of format 1 do not tell
+    if f"{axis}_low" in data:  # missing in files of format 1
         ends = [data[f"{axis}_{side}"] for side in ("low", "high")]
         limits = np.array([(e[run] if "run" in e.dims else e).values for e in ends]).T
     title = {"actuator": "actuators", "input": "input"}[axis]
@@ -105,7 +105,7 @@ def _signals(result: Result, run: int) -> list[Panel]:
 
 
 def _near_zero(states: Array, angles: npt.NDArray[np.int8]) -> Array:
-    """The states with every angle less its full turns, as counted at the end."""
+    """The states; every angle is shifted by the full turns counted at its end."""
     late = states[len(states) // 2 :]
     late = late[np.isfinite(late).all(axis=1)]
     turns = np.round(np.median(late, axis=0) / (2 * np.pi)) if len(late) else 0.0

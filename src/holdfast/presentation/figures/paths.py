@@ -1,4 +1,4 @@
-"""The paths in the plane, with what stands in it: wall, target, field of view, goals."""
+"""Paths in the plane, with the scene: wall, target, field of view, goals."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def paths_figure(
     names = [str(n) for n in data["state_name"].values]
     for name in plane:
         if name not in names:
-            raise OutputError(f"'{name}' is no state", remedy=suggestion(name, names))
+            raise OutputError(f"'{name}' is not a state", remedy=suggestion(name, names))
     columns = [names.index(n) for n in plane]
     states = data["state"].values
     xy = states[:, :, columns]
@@ -112,7 +112,7 @@ def _limits(xy: Array, result: Result) -> tuple[tuple[float, float], tuple[float
 
 
 def _thinned(path: Array, most: int = _MAX_POINTS) -> Array:
-    """At most so many points, evenly spaced along the path."""
+    """At most `count` points, evenly spaced along the path."""
     path = path[np.isfinite(path).all(axis=1)]
     if len(path) <= most:
         return path
@@ -242,7 +242,7 @@ def _draw_views(
 
 
 def _outline(view: Cone | Footprint, values: Values) -> Patch | None:
-    """What is seen there, or None where it has no shape."""
+    """The visible area there, or None if the scene has no such shape."""
     x, y, heading = evaluated((*view.apex, view.heading), values)
     if isinstance(view, Cone):
         half, reach = evaluated((view.half_angle, view.range), values)

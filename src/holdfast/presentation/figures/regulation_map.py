@@ -1,4 +1,4 @@
-"""The inputs that keep a state inside, drawn in the plane of two inputs."""
+"""Figure of a regulation map: admissible inputs of a state, in the plane of two inputs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from holdfast.presentation.figures import style
 
 @checked
 def regulation_map_figure(found: RegulationMap) -> Figure:
-    """The bounds of the inputs, the edge of every active condition, and what is left.
+    """The bounds of the inputs, the edge of every active condition, and the regulation map.
 
     An arrow at each edge points to the inputs that its condition allows. Raises `OutputError`
     unless there are two inputs with bounds.

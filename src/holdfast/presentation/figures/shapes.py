@@ -1,4 +1,4 @@
-"""What stands in the plane and does not move: walls, targets, obstacles, sets of goals."""
+"""Stationary shapes in the plane: walls, targets, obstacles, sets of goals."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def draw_fixed(axis: Axes, scene: Iterable[Shape], parameters: Mapping[str, floa
 
 
 def labelled(axis: Axes) -> list[Artist]:
-    """What a panel has for a legend, without what lies outside its limits."""
+    """The legend entries of a panel, without those outside its limits."""
     return [
         handle
         for handle in axis.get_legend_handles_labels()[0]
@@ -41,7 +41,7 @@ def labelled(axis: Axes) -> list[Artist]:
 
 
 def seen_from(x: float, y: float, heading: float, corners: Any) -> Any:
-    """Corners (ahead, left), shape (n, 2), of what is seen from there, in the plane."""
+    """The corners (ahead, left), shape (n, 2), of a view from a pose, in the plane."""
     ahead = np.array([np.cos(heading), np.sin(heading)])
     left = np.array([-ahead[1], ahead[0]])
     return (x, y) + corners[:, :1] * ahead + corners[:, 1:] * left

@@ -1,4 +1,4 @@
-"""One look for every figure: sizes, colours, and how a figure is written."""
+"""The common style of all figures: sizes, colours, file formats."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from holdfast.execution.simulation.closed_loop import Outcome
 from holdfast.host.writing import atomic_file
 
-# Okabe-Ito, told apart by readers who do not see all colours
+# Okabe-Ito, distinguishable by colour-blind readers
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, BLACK, GREY = (
     "#0072B2",
     "#E69F00",
@@ -38,7 +38,7 @@ OUTCOMES: dict[Outcome, str] = dict(
 """The colour of every outcome, in every figure: stayed, reached goal, left, diverged, chattered."""
 
 OVERRULED, INFEASIBLE = ORANGE, BLACK
-"""What marks the samples at which a safeguard overruled its law, or found no admissible input."""
+"""Marks of samples at which a safety filter intervened, or found no admissible input."""
 
 WIDTH = 7.2
 """Inches: the text width of a page."""
@@ -64,7 +64,7 @@ _SETTINGS: Any = {
 
 @contextmanager
 def look() -> Iterator[None]:
-    """The settings of every figure, for the time of drawing it."""
+    """Context manager: the settings of every figure while it is drawn."""
     with matplotlib.rc_context(_SETTINGS):
         yield
 
@@ -74,14 +74,14 @@ def write(figure: Figure, folder: Path, name: str) -> list[Path]:
     written = []
     try:
         with look():
-            figure.draw_without_rendering()  # lay it out once, not once for each format
+            figure.draw_without_rendering()  # one layout for both formats
             equal = any(axis.get_aspect() != "auto" for axis in figure.axes)
             if equal:
-                figure.draw_without_rendering()  # equal axes have moved their labels since
+                figure.draw_without_rendering()  # equal axes have moved their labels in between
             figure.set_layout_engine("none")
             everything = None
             if equal:
-                # equal axes can push a title over the edge of the page: then the page grows
+                # equal axes can push a title over the page's edge: the page then grows
                 box = figure.get_tightbbox()
                 inside = box.x0 >= 0 and box.y0 >= 0 and (box.max <= figure.get_size_inches()).all()
                 everything = None if inside else box.padded(0.05)
@@ -109,5 +109,5 @@ def label(symbol: str) -> str:
 
 
 def axis_label(symbol: str, unit: str) -> str:
-    """The name with its unit; without one where there is none."""
+    """The name with its unit, if it has one."""
     return label(symbol) if unit == "1" else f"{label(symbol)} [{unit}]"

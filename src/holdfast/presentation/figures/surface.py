@@ -1,4 +1,4 @@
-"""A set of three states as a body, thesis figures 7.7 and 7.9."""
+"""Surface of a set of three states, thesis figures 7.7 and 7.9."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ def surface_figure(
 ) -> Figure:
     """The surface of the set in three states, at its last time; the others first, in grey.
 
-    at: state -> the value it is held at, in its unit: all but three states. others: label -> value
-    function of the same states, each a panel of its own. view: elevation and azimuth of the eye
-    [deg]. Where the set goes on beyond the grid it is cut flat. Thesis figures 7.7 and 7.9.
+    at: state -> its fixed value, in its unit, for all but three states. others: label -> value
+    function of the same states, each in its own panel. view: elevation and azimuth of the eye
+    [deg]. If the set continues beyond the grid, it is cut flat there. Thesis figures 7.7 and 7.9.
 
-    Raises `OutputError` unless three states are left, `SimulationError` for a state held outside
+    Raises `OutputError` unless three states remain, `SimulationError` for a state fixed outside
     the grid.
     """
     others, held = dict(others or {}), {n: float(v) for n, v in (at or {}).items()}
@@ -51,9 +51,9 @@ def surface_figure(
     body = value.slice(**held)
     if len(body.names) != 3:
         raise OutputError(
-            f"the states left to draw are: {', '.join(body.names) or 'none'}",
+            f"the states to draw are: {', '.join(body.names) or 'none'}",
             expected="three",
-            remedy="hold the others (at)",
+            remedy="fix the others (at)",
         )
     with style.look():
         panels = {name: (other.slice(**held), OTHER) for name, other in others.items()}
@@ -88,7 +88,7 @@ def surface_figure(
 
 
 def _limits(value: ValueFunction, faces: Array) -> Array:
-    """Low and high of every state: around all bodies, or of the grid if there is none."""
+    """Low and high of every state: around all bodies, or of the grid without any body."""
     if not len(faces):
         return np.array([[a.low, a.high] for a in value.grid.axes]).T
     low, high = faces.min(axis=(0, 1)), faces.max(axis=(0, 1))
@@ -97,7 +97,7 @@ def _limits(value: ValueFunction, faces: Array) -> Array:
 
 
 def _draw_body(axis: Axes3D, faces: Array, span: Array, colour: str) -> None:
-    """The triangles, bright where they face the light; in a vector file they are a picture."""
+    """The triangles, bright where they face the light; rasterized in vector files."""
     if not len(faces):
         return
     colours = np.array(to_rgb(colour)) * brightness(faces, span)[:, None]
@@ -109,7 +109,7 @@ def _draw_body(axis: Axes3D, faces: Array, span: Array, colour: str) -> None:
 
 
 def brightness(faces: Array, span: Array) -> Array:
-    """How bright triangles are, DARK to 1, in states scaled by `span`; either side is the front."""
+    """Brightness of triangles, DARK to 1, in states scaled by `span`; both sides are lit."""
     one, two = ((faces[:, k] - faces[:, 0]) / span for k in (1, 2))
     normal = np.cross(one, two)
     size = np.linalg.norm(normal, axis=1)
@@ -121,8 +121,8 @@ def brightness(faces: Array, span: Array) -> Array:
 def zero_surface(nodes: list[Array], values: npt.NDArray[np.float64]) -> Array:
     """Triangles of shape (count, 3 corners, 3 states) around { V > 0 }, cut flat at the grid's end.
 
-    Marching tetrahedra: every cell is six about its diagonal, in each V is linear, and the zero
-    level is a triangle or two (A. Doi, A. Koide, IEICE Transactions E74, 1991).
+    Marching tetrahedra: every cell is split into six about its diagonal. In each V is linear, and
+    the zero level is one triangle or two (A. Doi, A. Koide, IEICE Transactions E74, 1991).
     """
     table = np.pad(values, 1, constant_values=_OUTSIDE)
     places = np.stack(np.meshgrid(*(np.pad(n, 1, "edge") for n in nodes), indexing="ij"), axis=-1)
@@ -156,4 +156,4 @@ _TRIANGLES = (
     (2, ((0, 2), (1, 3), (1, 2))),
     (3, ((0, 3), (1, 3), (2, 3))),
 )
-"""By the number of corners inside: the edges, from inside to outside, that a triangle cuts."""
+"""By number of corners inside: the edges, from inside to outside, that a triangle cuts."""

@@ -1,4 +1,4 @@
-"""A value function as a figure: the set that it describes, in slices and in projection."""
+"""Figure of a value function: its set { V > 0 } in slices and in projection."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ def value_function_figure(
 ) -> Figure:
     """The set { V > 0 } of one to six states.
 
-    One state left after those held: V against it. Two: V in colours; of a capture basin the least
-    time; where V is known at several times, its zero level at each. More: slices through the plane
-    at several values of a third state, and the projection onto the plane.
+    One state not fixed: V over that state. Two: V in colours; of a capture basin the least time; if
+    V is known at several times, its zero level at each. More: slices through the plane at several
+    values of a third state, and the projection onto the plane.
 
-    plane: the two states to draw, the first across; by default the first two that are not held.
-    at: state -> the value it is held at, in its unit; or several values of one state: the slices.
-    What is neither drawn nor held goes to zero, or to the middle if that is outside the grid.
+    plane: the two states to draw, the first across; by default the first two that are not fixed.
+    at: state -> its fixed value, in its unit; or several values of one state: the slices. A state
+    that is neither drawn nor fixed is set to zero, or to the middle if that is outside the grid.
     others: label -> value function of the same states, drawn dashed. label: of the set itself.
-    scene: shapes that stand in the plane, as of `Region.scene`, with the values of `parameters`.
+    scene: shapes in the plane, as in `Region.scene`, with the values of `parameters`.
 
-    Raises `OutputError` for a plane that is not two of the states left and for others of other
-    states, `SimulationError` for a state held outside the grid.
+    Raises `OutputError` for a plane that is not two of the remaining states and for others of other
+    states, `SimulationError` for a state fixed outside the grid.
     """
     others = dict(others or {})
     check_same_states(value, others)
@@ -62,7 +62,7 @@ def value_function_figure(
 def _line(
     value: ValueFunction, view: View, others: Mapping[str, ValueFunction], label: str
 ) -> Figure:
-    """V against one state, at all its times; the set is shaded."""
+    """V over one state, at all its times; the set is shaded."""
     flat = value.slice(**view.held)
     (state,) = flat.grid.axes
     figure, axis = plt.subplots(figsize=(0.62 * style.WIDTH, 3.0), layout="constrained")
@@ -104,7 +104,7 @@ def _plane(
     figure, axis = plt.subplots(figsize=(width, height), layout="constrained")
     alone = level_sets.in_set(label)
     if "arrival" in value.dataset:
-        flat = flat.last()  # the colours tell the times
+        flat = flat.last()  # the colours represent the times
         filled = level_sets.draw_arrival(axis, flat, plane, _arrival(value, view.held))
         if filled is not None:
             level_sets.add_bar(axis, filled, "least time [s]")
@@ -132,7 +132,7 @@ def _slices(
     scene: Sequence[Shape],
     parameters: Mapping[str, float] | None,
 ) -> Figure:
-    """The set in slices along a third state, and its shadow on the plane."""
+    """The set in slices along a third state, and its projection on the plane."""
     plane = (view.plane[0], view.plane[1])
     cuts = [view.held | {view.along: v} for v in view.values]
     over = [n for n in value.names if n not in plane and n not in view.given]
@@ -184,6 +184,6 @@ def _value_label(value: ValueFunction) -> str:
 
 
 def _arrival(value: ValueFunction, held: Mapping[str, float]) -> Array:
-    """The least times, held as the values are."""
+    """The least times, with the same states fixed as for the values."""
     times = value.dataset[["arrival"]].rename(arrival="value")
     return ValueFunction(times, value.grid).slice(**held).values()

@@ -1,4 +1,4 @@
-"""What a figure of a value function shows: states drawn, states held, and the words."""
+"""The content of a value function's figure: states drawn, states fixed, titles."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from holdfast.errors import OutputError, suggestion
 from holdfast.presentation.figures import style
 
 SLICES = 5
-"""As many are drawn where nothing else is said."""
+"""The default number of slices."""
 
 Held = Mapping[str, float | Sequence[float]]
 
 
 @dataclass(frozen=True)
 class View:
-    """Drawn are one or two states; `held` are others, `given` by the caller or where it is usual.
+    """One or two states are drawn; `held` are the fixed ones, `given` by the caller or by default.
 
-    along: the state that the slices are taken at, at `values`; "" if there is one picture.
+    along: the state of the slices, at `values`; "" for a single picture.
     """
 
     plane: tuple[str, ...]
@@ -37,17 +37,17 @@ def look_at(
     at: Held | None,
     others: Iterable[ValueFunction] = (),
 ) -> View:
-    """What to draw; `OutputError` for a plane or states held that leave no picture."""
+    """The view to draw; `OutputError` for a plane or fixed states that leave no picture."""
     at = dict(at or {})
     for name in at:
         if name not in value.names:
-            raise OutputError(f"'{name}' is no state", remedy=suggestion(name, value.names))
+            raise OutputError(f"'{name}' is not a state", remedy=suggestion(name, value.names))
     given = {n: float(v) for n, v in at.items() if not isinstance(v, Sequence | np.ndarray)}
     several = {n: [float(x) for x in v] for n, v in at.items() if n not in given}  # type: ignore[union-attr]
     free = [n for n in value.names if n not in at]
     if not free or len(several) > 1 or (len(free) == 1 and several):
         raise OutputError(
-            f"the states left to draw are: {', '.join(free) or 'none'}",
+            f"the states to draw are: {', '.join(free) or 'none'}",
             expected="one; or two, with several values of at most one other",
         )
     if plane is not None and (len(set(plane)) != 2 or not set(plane) <= set(free)):
@@ -66,7 +66,7 @@ def look_at(
 
 
 def check_same_states(value: ValueFunction, others: Mapping[str, ValueFunction]) -> None:
-    """Refuse to compare with a value function of other states."""
+    """Refuse a comparison with a value function of other states."""
     for name, other in others.items():
         if other.names != value.names:
             raise OutputError(
@@ -80,7 +80,7 @@ def _usual(low: float, high: float) -> float:
 
 
 def _across(name: str, values: Sequence[ValueFunction]) -> list[float]:
-    """Nodes of one state, evenly over where any of the sets is, at any of its times."""
+    """Nodes of one state, evenly spaced over the extent of all sets at all their times."""
     (axis,) = (a for a in values[0].grid.axes if a.name == name)
     inside = [axis.nodes[[0, -1]]]
     for value in values:
@@ -95,7 +95,7 @@ def _across(name: str, values: Sequence[ValueFunction]) -> list[float]:
 
 
 def told(value: ValueFunction) -> str:
-    """What the set is, what the answer is worth, and whether the set is empty or everything."""
+    """Title: the set, its convergence, and whether it is empty or covers the grid."""
     said, last = value.dataset.attrs, value.values()
     text = "value function"
     if "kind" in said:
@@ -115,7 +115,7 @@ def told(value: ValueFunction) -> str:
 
 
 def where(value: ValueFunction, held: Mapping[str, float]) -> str:
-    """The states held, with units."""
+    """The fixed states, with units."""
     units = {a.name: a.state.unit for a in value.grid.axes}
     return ", ".join(
         f"{style.label(n)} = {v if abs(v) > 1e-12 else 0.0:.3g}"

@@ -1,4 +1,4 @@
-"""Figures for a browser, to be turned and read: sets of three states, and paths."""
+"""Interactive figures for a browser: sets of three states, and paths."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from holdfast.presentation.figures.surface import BODY, DARK, brightness, zero_s
 Array = npt.NDArray[np.float64]
 
 MOST_RUNS, MOST_PLACES = 40, 150
-"""Paths, and places of each, that are drawn: the rest would make the page heavy."""
+"""Most paths, and points of each, that are drawn, to limit the size of the page."""
 
 
 def set_data(value: ValueFunction) -> dict[str, Any] | None:
-    """The body of a set of three states, at its last time, as a Plotly figure; None for others."""
+    """The surface of a set of three states at its last time as a Plotly figure; None for others."""
     if len(value.names) != 3 or not value.values().max() > 0:
         return None
     axes = value.grid.axes
@@ -60,9 +60,9 @@ def set_data(value: ValueFunction) -> dict[str, Any] | None:
 
 
 def paths_data(result: Result, plane: Sequence[str] | None) -> dict[str, Any] | None:
-    """The paths of runs in the plane, time at every place; None without a plane.
+    """The paths of runs in the plane, with the time at every point; None without a plane.
 
-    The colour is that of the outcome; of many runs the first are drawn.
+    The colour is that of the outcome; only the first of many runs are drawn.
     """
     data = result.dataset
     names = [str(n) for n in data["state_name"].values]
@@ -101,7 +101,7 @@ def paths_data(result: Result, plane: Sequence[str] | None) -> dict[str, Any] | 
 
 
 def _figure(traces: list[Any], **layout: Any) -> dict[str, Any]:
-    """Data and layout as plain tables; the page gives it the colours of its theme."""
+    """Data and layout as plain tables; the page adds the colours of its theme."""
     margin = {"l": 50, "r": 10, "t": 10, "b": 40}
     figure = go.Figure(
         traces,

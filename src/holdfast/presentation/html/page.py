@@ -1,4 +1,4 @@
-"""Pages that need nothing else: scripts and pictures are inside, and no network is used."""
+"""Self-contained pages: scripts and pictures are embedded, and no network is used."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from PIL import Image
 from plotly.offline import get_plotlyjs  # type: ignore[import-untyped]
 
 WIDTH, QUALITY = 1100, 82
-"""Pixels of a picture on a page, and how finely it is kept."""
+"""Width in pixels of a picture on a page, and its quality."""
 
 
 def rendered(template: str, **values: Any) -> str:
-    """The page of a template of this folder with these values, and with `plotly`, the script."""
+    """The page from a template of this folder with these values and the script `plotly`."""
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     text = (resources.files(__package__) / f"{template}.html.jinja").read_text("utf-8")
     return environment.from_string(text).render(plotly=get_plotlyjs(), **values)
 
 
 def picture(path: Path) -> str:
-    """The picture as a data address, small enough for a page of many."""
+    """The picture as a data URL, small enough for a page of many."""
     with Image.open(path) as image:
         image.thumbnail((WIDTH, 4 * WIDTH))
         kept = BytesIO()

@@ -17,7 +17,7 @@ from holdfast.presentation.figures.style import LINES, WIDTH, look
 
 
 def comparison_text(found: Comparison) -> str:
-    """For each case a table: of how many starts each law keeps the region and reaches the goal."""
+    """A table for each case: rates at which each law keeps the region and reaches the goal."""
     runs = len(found.trials[0].viable)
     lines = [
         found.title,
@@ -27,13 +27,13 @@ def comparison_text(found: Comparison) -> str:
         "  viable: never leaves the region"
         + ("; rescued: viable, and in the goal at the end;" if found.to_goal else ";"),
         f"  in brackets Wilson's interval at {CONFIDENCE:.0%}"
-        + ("; detour: path by the shortest found" if found.to_goal else ""),
+        + ("; detour: path length over the shortest found" if found.to_goal else ""),
     ]
     if found.references:
         kept = "rescued" if found.to_goal else "viable"
         lines.append(
-            f"  of those that can: {kept} of the starts that a kernel says can be kept;"
-            " of those that cannot: viable all the same"
+            f"  inside kernel: {kept} of the starts inside a viability kernel;"
+            " outside kernel: viable of those outside"
         )
     width = max(len(title) for title in found.laws.values()) + 2
     for case, title in found.cases.items():
@@ -48,16 +48,16 @@ def comparison_text(found: Comparison) -> str:
 
 
 def _judged(found: Comparison, case: str) -> list[str]:
-    """What the kernel says about the starts of a case, or why it says nothing."""
+    """The kernel's verdict on the starts of a case, or the reason why it has none."""
     if case in found.unjudged:
-        return [f"    no kernel to judge by: {found.unjudged[case]}"]
+        return [f"    no reference kernel: {found.unjudged[case]}"]
     if case not in found.references:
         return []
     r = found.references[case]
     lasts = f"for {r.horizon:g} s" if isfinite(r.horizon) else "for ever"
     lines = [
-        f"    by the kernel of {r.kernel} {r.inside.sum()} starts can be kept {lasts}, and "
-        f"{r.given_up.sum()} cannot, by more than {r.margin:.3g} {r.unit}"
+        f"    kernel of {r.kernel}: {r.inside.sum()} starts inside ({lasts}), "
+        f"{r.given_up.sum()} outside, by more than {r.margin:.3g} {r.unit}"
     ]
     if beyond := int(np.isnan(r.value).sum()):
         lines.append(f"    {beyond} starts are beyond its grid")
@@ -71,8 +71,8 @@ def _row(found: Comparison, law: str, case: str) -> dict[str, str]:
     if found.to_goal:
         row["rescued"] = _rate(found.rescued(law, case))
     if case in found.references:
-        row["of those that can"] = _rate(found.of_kernel(law, case))
-        row["of those that cannot"] = _rate(found.of_given_up(law, case))
+        row["inside kernel"] = _rate(found.of_kernel(law, case))
+        row["outside kernel"] = _rate(found.of_given_up(law, case))
     if found.to_goal:
         detours = sorted(found.detours(law, case))
         middle = len(detours) // 2
@@ -107,23 +107,23 @@ MARKS: dict[str, dict[str, Any]] = {
     "viable": {
         "marker": "o", "markersize": 6.5, "markerfacecolor": "none", "markeredgewidth": 0.8,
     },
-    "of those that can be kept": {"marker": "D", "markersize": 4},
-    "of those that cannot": {"marker": "x", "markersize": 4.5, "markeredgewidth": 1.0},
+    "of starts inside the kernel": {"marker": "D", "markersize": 4},
+    "of starts outside the kernel": {"marker": "x", "markersize": 4.5, "markeredgewidth": 1.0},
 }  # fmt: skip
-"""What stands for a share in the figure."""
+"""The markers of the shares in the figure."""
 
 
 @checked
 def comparison_figure(found: Comparison) -> Figure:
     """The rescue rate of every law in every case with its interval; rings: the viable fraction.
 
-    Without a goal these are the same, and the rings have the interval. Where there is a kernel to
-    judge by, diamonds with an interval: of the starts that can be kept; crosses: how many of those
-    that cannot stayed all the same.
+    Without a goal these are the same, and the rings have the interval. With a reference kernel,
+    diamonds with an interval: the share of the starts inside the kernel; crosses: the share of
+    those outside that stayed nevertheless.
     """
     cases, laws = list(found.cases), list(found.laws)
     shown = {case: _shares(found, laws, case) for case in cases}
-    precise = ("rescued" if found.to_goal else "viable", "of those that can be kept")
+    precise = ("rescued" if found.to_goal else "viable", "of starts inside the kernel")
     with look():
         height = 1.1 + 0.17 * len(cases) * (len(laws) + 1)
         figure, axis = plt.subplots(figsize=(WIDTH, height), layout="constrained")
@@ -150,7 +150,7 @@ def comparison_figure(found: Comparison) -> Figure:
         axis.set_xlim(0, 1)
         axis.xaxis.set_major_formatter(PercentFormatter(1.0))
         runs = len(found.trials[0].viable)
-        judged = ", and of those that can, or cannot, be kept" if found.references else ""
+        judged = ", and of starts inside or outside the kernel" if found.references else ""
         axis.set_xlabel(f"share of {runs} starts{judged}")
         axis.set_title(found.title, loc="left")
         figure.legend(loc="outside lower center", ncols=2)
@@ -158,11 +158,11 @@ def comparison_figure(found: Comparison) -> Figure:
 
 
 def _shares(found: Comparison, laws: Sequence[str], case: str) -> dict[str, list[Rate | None]]:
-    """What is drawn of a case -> the rate of every law."""
+    """Label of each drawn share of a case -> the rate of every law."""
     shares: dict[str, Any] = {"viable": found.viable}
     if found.to_goal:
         shares = {"rescued": found.rescued, **shares}
     if case in found.references:
-        shares["of those that can be kept"] = found.of_kernel
-        shares["of those that cannot"] = found.of_given_up
+        shares["of starts inside the kernel"] = found.of_kernel
+        shares["of starts outside the kernel"] = found.of_given_up
     return {what: [rate(law, case) for law in laws] for what, rate in shares.items()}

@@ -1,4 +1,4 @@
-"""How much of something can be stood: what was tried, what was left, and where the limit is."""
+"""Text and figure of a bisection: the trials, the remaining kernels, and the limit."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ def margin_figure(
     answers: Sequence[Answer] | None = None,
     keeps: bool = False,
 ) -> Figure:
-    """The share of the box in the kernel against the bound of a disturbance, as it was tried.
+    """The share of the box in the kernel over the tried bounds of a disturbance.
 
     values: the bounds tried, in `unit`, in any order; fractions: of the box in the kernel of each,
     0 to 1; threshold: at or below this share a kernel counts as empty. The limit lies between the
     largest bound that leaves a kernel and the least that leaves none (shaded). name: of the
-    disturbance or its bound. answers: of every bound, where the shares do not tell them. keeps: the
-    question is whether states are kept; the share where they are not, is no number, and no matter.
+    disturbance or its bound. answers: of every bound, if the shares do not determine them. keeps:
+    the question is whether states are kept; the share is then NaN for a bound that loses them.
 
     Raises `OutputError` unless there are as many shares as bounds, and at least one of each.
     """
@@ -102,13 +102,13 @@ def margin_figure(
 
 
 def margin_text(found: Margin, files: Sequence[Path] = ()) -> str:
-    """Every trial in a line, and what they say together."""
+    """One line for every trial, and their common result."""
     unit = "" if found.unit == "1" else f" {found.unit}"
     until = ", for ever" if found.forever else f", for {found.horizon:g} s"
     if found.key == "march.horizon":
         until = ""
     kept = "the states are kept" if found.keeps else "a kernel is left"
-    what = f"up to which value {kept}"
+    what = f"largest value for which {kept}"
     head = f"{found.name} [{found.unit}]"
     width = max(len(head), 10) + 2
     lines = [found.title, "", f"  {found.key}: {what}{until}", ""]
@@ -121,24 +121,24 @@ def margin_text(found: Margin, files: Sequence[Path] = ()) -> str:
         )
     lines += ["", f"  the limit      {_limit(found, unit)}"]
     if found.monotone:
-        lines.append("  monotone       yes: a larger one does nothing but enlarge what disturbs")
+        lines.append("  monotone       yes: a larger value only widens disturbance bounds")
     elif found.holds_again:
         shown = ", ".join(f"{v:.4g}" for v in found.holds_again)
         lines.append(f"  monotone       no: {shown}{unit} above it are kept too")
     else:
-        lines.append("  monotone       as far as was tried: no proof")
+        lines.append("  monotone       in all trials, but not proved")
     if found.undecided:
         shown = ", ".join(f"{v:.4g}" for v in found.undecided)
         lines.append(
             f"  undecided      {shown}{unit}: neither lost nor converged within {found.horizon:g} s"
         )
     warm = sum(t.warm for t in found.trials)
-    begun = f", {warm} begun from the kernel of a smaller bound" if warm else ""
+    begun = f", {warm} warm-started from the kernel of a smaller bound" if warm else ""
     steps, seconds = (sum(getattr(t, n) for t in found.trials) for n in ("steps", "wall_time"))
     lines.append(f"  {len(found.trials)} trials{begun}: {steps:,} steps, {seconds:.1f} s")
     if found.settings:
         changes = " ".join(f"--set {shlex.quote(s)}" for s in found.settings)
-        lines.append(f"  to see it      holdfast run {found.scenario} {changes}")
+        lines.append(f"  reproduce      holdfast run {found.scenario} {changes}")
     if files:
         lines += ["", f"  files in {files[0].parent}: " + ", ".join(f.name for f in files)]
     return "\n".join(lines)
@@ -158,7 +158,7 @@ def _limit(found: Margin, unit: str) -> str:
         least = found.trials[0]
         return f"none found: {least.value:.4g}{unit} is {_what(least)} already"
     if high is None:
-        bounds = ", where the bounds of the system end" if low >= found.end else ""
+        bounds = ", the largest value within the bounds" if low >= found.end else ""
         return f"none found: nothing is lost up to {low:.4g}{unit}{bounds}"
-    wide = "" if found.answered else f", not as close as {found.tolerance:.2g}{unit}"
+    wide = "" if found.answered else f", wider than the tolerance {found.tolerance:.2g}{unit}"
     return f"between {low:.4g} and {high:.4g}{unit}{wide}"

@@ -1,4 +1,4 @@
-"""A campaign as text, and as a heat map."""
+"""Parameter sweeps (campaigns) as text, and as a heat map."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ Array = npt.NDArray[np.float64]
 
 COLOURS = "viridis"
 WRITTEN = 100
-"""Up to so many cells have their number written in them."""
+"""Heat maps of at most this many cells show the numbers in the cells."""
 
 MOST_NAMES = 6
 
 
 def campaign_text(found: Campaign, variable: str | None = None, files: Sequence[Path] = ()) -> str:
-    """How many cells there are, between what the variable lies, and where it is best."""
+    """The number of cells, the range of the variable, and its best cell."""
     said = found.summary(variable)
     about = found.variable(variable)
     data = found.dataset
@@ -62,11 +62,11 @@ def campaign_text(found: Campaign, variable: str | None = None, files: Sequence[
     notes = np.unique(data["note"].values[data["refused"].values == 0])
     warned = [str(note) for note in notes if note]
     if warned:
-        lines.append(f"  warned of in some cells, as in: {warned[0]}")
+        lines.append(f"  warnings in some cells, such as: {warned[0]}")
     if said["refused"]:
         lines.append(f"  {said['refused']:,} cells refused, the first: {found.notes[0]}")
     if "most" in said:
-        lines.append(f"  to see it     {found.command(said['most']['cell'])}")
+        lines.append(f"  reproduce     {found.command(said['most']['cell'])}")
     if files:
         lines += ["", f"  files in {files[0].parent}: " + ", ".join(f.name for f in files)]
     return "\n".join(lines)
@@ -78,10 +78,10 @@ def _unit(unit: str) -> str:
 
 @checked
 def campaign_figure(found: Campaign, variable: str | None = None) -> Figure:
-    """The variable over what was gone over; refused cells are hatched.
+    """The variable over the swept names; refused cells are hatched.
 
     One name: a curve, with the interval of a share. Two: a heat map. More: one for each pair, the
-    mean over the others. Of a sample a dot for every cell.
+    mean over the others. A sample has a dot for every cell.
 
     Raises `OutputError` for an unknown variable, or more than six names.
     """
@@ -189,7 +189,7 @@ def _curve(found: Campaign, about: Any) -> Figure:
 
 
 def _edges(values: Array, log: bool) -> Array:
-    """Between the places of a grid, and as far beyond the first and the last."""
+    """The midpoints between values, and as far beyond the first and the last."""
     places = np.log(values) if log else values
     middle = (places[1:] + places[:-1]) / 2
     found = np.concatenate(

@@ -1,1 +1,1 @@
-"""Text on the screen: summaries, values, equations, derivations."""
+"""Text for the terminal: summaries, values, equations, derivations."""

@@ -1,4 +1,4 @@
-"""The steps of a derivation as sentences and equations, each from its result."""
+"""The steps of a derivation as sentences and equations."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def _names(quantities: Sequence[Quantity]) -> str:
 
 def _constraint(system: System, found: Structure) -> Step:
     kappa, n = found.matrix.shape
-    origin = "as declared" if system.pfaffian else "derived: what annihilates the input directions"
+    origin = "as declared" if system.pfaffian else "derived, annihilates the input directions"
     body: list[str | Equation] = [
         f"Coordinates q: {_names(found.coordinates)}; {kappa} constraint{'s' * (kappa > 1)} "
         f"A(q) q' = b(q), {origin}.",
@@ -85,7 +85,7 @@ def _constraint(system: System, found: Structure) -> Step:
 
 
 def _row(vector: sp.ImmutableMatrix) -> sp.Basic:
-    """A vector in one line where that is short enough to read."""
+    """A vector in one line if it is short enough."""
     return sp.Tuple(*vector) if sp.count_ops(vector) < 20 else vector
 
 
@@ -159,8 +159,8 @@ def _field(found: Structure, *, chosen: bool) -> Step:
         body.append(f"which leaves {dimension} dimensions in ({names}); p is the one given:")
     else:
         body.append(
-            f"which leaves {dimension} dimensions in ({names}). That choice is the designer's; "
-            "taken here is the first basis vector (choose with --moment):"
+            f"which leaves {dimension} dimensions in ({names}). The designer chooses p; "
+            "here it is the first basis vector (choose with --moment):"
         )
     body += [
         Equation("p", p),
@@ -281,7 +281,7 @@ def _domain(form: ChainedForm) -> str:
     needs = []
     for what, expressions in (("nonzero", form.divisors), ("positive", form.positive)):
         shown = dict.fromkeys(
-            str(e) if len(str(e)) < 60 else "what else the inputs divide by" for e in expressions
+            str(e) if len(str(e)) < 60 else "other divisors of the inputs" for e in expressions
         )
         if shown:
             needs.append(f"{what} {', '.join(shown)}")

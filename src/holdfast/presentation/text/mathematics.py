@@ -38,7 +38,7 @@ def equations(pairs: Iterable[tuple[str, sp.Expr]], relation: str = "=") -> list
 
 
 class _Printer(PrettyPrinter):
-    """Names and functions as they are written in a scenario, Greek letters excepted."""
+    """Names and functions as in a scenario file, except for Greek letters."""
 
     def _print_Symbol(self, e: sp.Symbol) -> prettyForm:  # noqa: N802
         return prettyForm(greek_unicode.get(e.name, e.name))

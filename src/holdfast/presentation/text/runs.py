@@ -14,7 +14,7 @@ SHOWN_VERTICES = 16
 
 
 def summary_text(result: Result, files: Sequence[Path] = ()) -> str:
-    """How many runs stayed viable, the worst constraints, the goal, the peaks, the files."""
+    """The viable runs, the worst constraints, the goal, the peaks, the files."""
     data, summary = result.dataset, result.summary()
     runs = summary["runs"]
     title = data.attrs.get("title") or data.attrs["system"]
@@ -33,7 +33,7 @@ def summary_text(result: Result, files: Sequence[Path] = ()) -> str:
     since = summary["in_goal_since"]
     if since["worst"] is not None:
         lines.append(
-            f"  there since    {since['median']:.3g} s (median), {since['worst']:.3g} s (worst)"
+            f"  settled after  {since['median']:.3g} s (median), {since['worst']:.3g} s (worst)"
         )
     if switching := summary["switching"]:
         median, worst = switching["median_per_minute"], switching["worst_per_minute"]
@@ -75,7 +75,7 @@ def summary_text(result: Result, files: Sequence[Path] = ()) -> str:
 
 
 def _safeguard(data: xr.Dataset, guard: dict[str, float]) -> list[str]:
-    """At how many samples of how many runs it overruled the law, or found no admissible input."""
+    """Counts of samples and runs in which the filter intervened, or found no admissible input."""
 
     def counted(what: str) -> str:
         runs = int(guard[f"runs_{what}"])
@@ -92,7 +92,7 @@ def _safeguard(data: xr.Dataset, guard: dict[str, float]) -> list[str]:
 
 
 def _vertices(found: Sequence[Mapping[str, Any]], constrained: bool, to_goal: bool) -> list[str]:
-    """A line for each vertex, those that keep or bring home the fewest runs first."""
+    """A line for each vertex, those with the fewest viable or successful runs first."""
     if not found:
         return []
     worst_first = sorted(found, key=lambda v: (v["viable"], v["reached"]))

@@ -1,4 +1,4 @@
-"""A value function and what its promise was worth, as a few lines of text for the terminal."""
+"""A value function and its closed-loop validation as a few lines of text for the terminal."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def value_text(
     *,
     promised: bool = False,
 ) -> str:
-    """The set, how it was found, what it is worth, what the closed loops did, the files.
+    """The set, the march, the error estimates, the closed-loop validation, the files.
 
-    begun: the value function that the march began with, for the share that is left of it.
-    promised: whether a promise was asked for.
+    begun: the initial value function of the march, for the share that remains of it.
+    promised: whether a validation was requested.
     """
     said = value.dataset.attrs
     axes = value.grid.axes
@@ -50,7 +50,7 @@ def value_text(
         )
     lines.append(f"  converged      {_converged(value)}")
     if said.get("ends_reached"):
-        lines.append(f"  touches        {said['ends_reached']}: what is beyond may matter")
+        lines.append(f"  touches        {said['ends_reached']}: may depend on extrapolation")
     lines += [f"  {name:<15}{shown}" for name, shown in _worth(value)]
     lines.append(
         f"  march          {said['steps']:,} steps, {said['scheme']}, order {said['order']}, "
@@ -61,7 +61,7 @@ def value_text(
     elif promised and said["empty"]:
         lines += [
             "",
-            "  promise        none: the set is empty, and there is no state to start from",
+            "  promise        none: the set is empty and has no state to start from",
         ]
     if files:
         folder = files[0].parent
@@ -85,18 +85,18 @@ def _until(value: ValueFunction) -> str:
 def _converged(value: ValueFunction) -> str:
     said = value.dataset.attrs
     if said["empty"]:
-        return f"yes: nothing is left after {said['reached_s']:.3g} s"
-    left = f"{said['residual_cells']:.2g} cells left to move" if "residual_cells" in said else ""
+        return f"yes: empty after {said['reached_s']:.3g} s"
+    left = f"residual {said['residual_cells']:.2g} cells" if "residual_cells" in said else ""
     if said["converged"]:
-        return f"yes: after {said['reached_s']:.3g} s, {left or 'nothing changes any more'}"
+        return f"yes: after {said['reached_s']:.3g} s, {left or 'no node changes any more'}"
     return (
-        f"no: {left or 'some nodes still change'} at {said['horizon_s']:g} s, and the set is one "
-        "for that long only"
+        f"no: {left or 'some nodes still change'} at {said['horizon_s']:g} s; the set is valid for "
+        "that horizon only"
     )
 
 
 def _worth(value: ValueFunction) -> list[tuple[str, str]]:
-    """What further marches say of the answer, where they were asked for."""
+    """The results of further marches on the error of the answer, if they were requested."""
     said = value.dataset.attrs
     unit = said["value_unit"]
     found = []
@@ -109,11 +109,9 @@ def _worth(value: ValueFunction) -> list[tuple[str, str]]:
             )
         )
     if "inner_cells" in said:
-        found.append(("inner", f"worn away by {said['inner_cells']} cells, its estimated error"))
+        found.append(("inner", f"eroded by {said['inner_cells']} cells, the estimated error"))
     if "nodes_from_outside" in said:
-        found.append(
-            ("from outside", f"{said['nodes_from_outside']:,} nodes depend on what is there")
-        )
+        found.append(("extrapolation", f"{said['nodes_from_outside']:,} nodes depend on it"))
     return found
 
 

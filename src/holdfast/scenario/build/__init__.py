@@ -1,1 +1,1 @@
-"""Tables of a file to definitions: one module for each table."""
+"""Definitions from the tables of a scenario file: one module for each table."""

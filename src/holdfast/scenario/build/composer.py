@@ -41,7 +41,7 @@ Names = dict[str, sp.Expr]
 
 @dataclass
 class Composer:
-    """What has been declared so far while one file is read."""
+    """The names declared so far while one file is read."""
 
     file: str
     known: dict[str, Parameter] = field(default_factory=dict)
@@ -204,7 +204,7 @@ class Composer:
         return Box(tuple(low), tuple(high))
 
     def scope(self) -> Names:
-        """States, what is measured of them, time and every parameter declared so far."""
+        """States, measurements, time and every parameter declared so far."""
         names: Names = {q.name: q.symbol for q in self.states}
         measured = self.system_built.measurements if self.system_built else ()
         names |= {m.name: m.expression for m in measured}
@@ -224,7 +224,7 @@ class Composer:
         spec = validated(LawSpec, table, self.file, "law")
         self.declare((*self._parameters(spec.parameters, "law"), *self.drawn.values()))
         reads = self._reads(spec.reads)
-        scope = self.scope() | {q.name: q.symbol for q in reads}  # and all that it measures
+        scope = self.scope() | {q.name: q.symbol for q in reads}  # and all its measurements
         names = self._with_definitions(spec.definitions, scope, "law")
         signals = self._parsed(spec.signals, names, "law.signals")
         if (spec.outputs is None) == (spec.modes is None):
@@ -269,7 +269,7 @@ class Composer:
         for name in wanted:
             if name not in known:
                 raise ScenarioError(
-                    f"{self.file}: law.reads: '{name}' is no state, disturbance or measurement",
+                    f"{self.file}: law.reads: '{name}' is not a state, disturbance or measurement",
                     remedy=suggestion(name, known),
                 )
         return tuple(known[name] for name in wanted)
@@ -282,7 +282,7 @@ class Composer:
         names: Names,
         reads: tuple[Quantity, ...] | None = None,
     ) -> Law:
-        """A law given by outputs and definitions alone."""
+        """A law given only by outputs and definitions."""
         names = self._with_definitions(spec.definitions, names, key)
         return Law(
             name=name,

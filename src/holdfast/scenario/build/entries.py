@@ -1,4 +1,4 @@
-"""A table that names a catalogue entry, to that entry with the table's values."""
+"""Catalogue entries with the values of the table that names them."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ def catalogue_entry(
 ) -> Any:
     """The catalogue entry that the table names, built with the table's parameters.
 
-    Arguments that are no numbers (a vehicle, a dimension, a list of poles) go to it as they
-    are. A parameter `known` from elsewhere keeps its value unless given. `leading` is what the
-    entry is built on, by default the system where it asks for it. Raises `ScenarioError`.
+    Arguments that are not numbers (a vehicle, a dimension, a list of poles) are passed as they
+    are. A parameter `known` from elsewhere keeps its value unless given. `leading` holds what the
+    entry is built on, by default the system if it takes one. Raises `ScenarioError`.
     """
     by_name = {function.__name__: function for function in catalogue}
     name = table["name"]
@@ -48,7 +48,7 @@ def catalogue_entry(
     if function in systems.ALL and "vehicle" in given:
         with at(file, f"{key}.vehicle"):
             build = of_vehicle(function, given.pop("vehicle"), structure)
-    # everything goes in at once: gains may be right only for their k1
+    # all at once: gains may be valid only together with their k1
     plain = {k: known[k].value for k in numeric if k in known}
     for parameter in [k for k in given if k in numeric]:
         with at(file, f"{key}.{parameter}"):
@@ -56,7 +56,7 @@ def catalogue_entry(
     with at(file, key):
         try:
             standard = build(**plain)
-        except DefinitionError:  # or is it a unit that does not fit?
+        except DefinitionError:  # or else a unit that does not fit
             plain = {k: v for k, v in plain.items() if not isinstance(given.get(k), str)}
             standard = build(**plain)
         units = {p.name: p.unit for p in standard.parameters}

@@ -1,4 +1,4 @@
-"""A scenario of a leader and its followers among walls: planned, checked, composed."""
+"""Scenarios of a leader and its followers among walls: planning, checks, composition."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ from holdfast.scenario.schema.formation import FormationSpec
 from holdfast.scenario.validation import at
 
 WINDOWS = ("approach_leader", "follow_leader")
-"""The laws whose gains have a known window."""
+"""The laws with a known window of gains."""
 
 
 @dataclass(frozen=True)
 class Formation:
-    """The parts of a closed loop: what a scenario of kind closed-loop says in its own tables."""
+    """The parts of a closed loop, as given by the tables of a closed-loop scenario."""
 
     system: System
     law: Switching
@@ -53,7 +53,7 @@ class Formation:
 
 
 def composed_formation(file: str, spec: FormationSpec) -> Formation:
-    """The parts of the closed loop; `ScenarioError` names what cannot be planned, and why."""
+    """The parts of the closed loop; `ScenarioError` says why one cannot be planned."""
     radius = _si(file, "environment.robot_radius", spec.environment.robot_radius, "m")
     with at(file, "environment"):
         cells = dict(spec.environment.cells)
@@ -132,7 +132,7 @@ def _pose(file: str, key: str, given: Mapping[str, Any]) -> Pose:
 
 
 def _check_together(file: str, free: Environment, starts: list[Pose]) -> None:
-    """All robots have to begin in one cell: what lies between is the leader's plan, not theirs."""
+    """All robots have to start in one cell, since followers do not plan a way between cells."""
     found = []
     for name, (x, y, _) in zip(robot_names(len(starts) - 1), starts, strict=True):
         who = "the leader" if name == "L" else f"follower {name}"
@@ -153,7 +153,7 @@ def _check_together(file: str, free: Environment, starts: list[Pose]) -> None:
 def _check_view(
     file: str, free: Environment, starts: list[Pose], reach: float, half_angle: float
 ) -> None:
-    """Every follower has to see the robot before it at first, and none may touch another."""
+    """Initially every follower has to see the robot before it, and none may touch another."""
     names = robot_names(len(starts) - 1)
     for (before, (ax, ay, _)), (name, (x, y, theta)) in pairwise(zip(names, starts, strict=True)):
         who = "the leader" if before == "L" else f"follower {before}"
@@ -183,7 +183,7 @@ def _check_view(
 
 
 def _check_first(free: Environment, first: str, starts: list[Pose]) -> None:
-    """Followers that begin in a cell that the leader does not go through are not led out of it."""
+    """Refuse followers that start outside the first cell of the leader's way."""
     for name, (x, y, _) in zip(robot_names(len(starts) - 1)[1:], starts[1:], strict=True):
         if first not in [free.cells[i].name for i in free.cells_at((x, y))]:
             raise ScenarioError(
@@ -194,24 +194,24 @@ def _check_first(free: Environment, first: str, starts: list[Pose]) -> None:
 def _check_speeds(
     file: str, system: System, speed: float, laws: tuple[Law, ...], corners: tuple[Corner, ...]
 ) -> None:
-    """Refuse a leader that is faster than its follower is told, or than it can be."""
+    """Refuse a leader faster than its follower assumes, or than its own limit."""
     limits = {p.name: p.value for p in system.parameters}
     told = {p.name: p.value for p in laws[0].parameters}.get("leader_speed", math.inf)
     turn = max((speed / c.radius for c in corners), default=0.0)
     for value, limit, unit, what in (
-        (speed, told, "m/s", "its follower is told leader_speed ="),
+        (speed, told, "m/s", "its follower assumes leader_speed ="),
         (speed, limits["speed_limit"], "m/s", "it can do"),
         (turn, limits["turn_limit"], "rad/s", "on its arcs; it can do"),
     ):
         if value > limit:
             raise ScenarioError(
                 f"{file}: leader.speed: {value:g} {unit}, {what} {limit:g} {unit}",
-                expected="a slower leader" if what != "its follower is told leader_speed =" else "",
+                expected="a slower leader" if what != "its follower assumes leader_speed =" else "",
             )
 
 
 def _laws(file: str, spec: FormationSpec, view: Mapping[str, float]) -> tuple[Law, ...]:
-    """The followers' laws, each with what it is told of the one before it; gains are checked."""
+    """The followers' laws, each with its assumed leader speed; gains are checked."""
     count = len(spec.followers.starts)
     speeds = spec.followers.leader_speeds
     if speeds is not None and len(speeds) != count:
@@ -219,7 +219,7 @@ def _laws(file: str, spec: FormationSpec, view: Mapping[str, float]) -> tuple[La
             f"{file}: followers.leader_speeds: {len(speeds)} numbers for {count} followers"
         )
     composer = Composer(file)
-    composer.system_built = leader_follower()  # what the law of a follower is written for
+    composer.system_built = leader_follower()  # the system that a follower's law is written for
     with at(file, "followers.law"):
         law = composer.law(spec.followers.law)
         if not isinstance(law, Law) or "distance" not in [p.name for p in law.parameters]:
@@ -249,7 +249,7 @@ def _laws(file: str, spec: FormationSpec, view: Mapping[str, float]) -> tuple[La
 
 def _told(law: Law, speed: float) -> Law:
     if "leader_speed" not in [p.name for p in law.parameters]:
-        raise ScenarioError(f"law '{law.name}' is not told a speed", remedy="leave it out")
+        raise ScenarioError(f"law '{law.name}' takes no leader speed", remedy="leave it out")
     return replace(
         law,
         parameters=tuple(
@@ -261,7 +261,7 @@ def _told(law: Law, speed: float) -> Law:
 def _check_gains(
     file: str, spec: FormationSpec, law: Law, number: int, view: Mapping[str, float]
 ) -> None:
-    """Refuse distances that make no sense; warn of gains outside the window."""
+    """Refuse impossible distances; warn of gains outside the window."""
     values = {p.name: p.value for p in law.parameters}
     with at(file, "followers.law"):
         check_view(values["distance"], **view)

@@ -1,4 +1,4 @@
-"""[law], [redesign], [tracking], [safeguard]: from tables to the law that runs."""
+"""[law], [redesign], [tracking], [safeguard]: the executed law from the tables."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from holdfast.scenario.validation import at
 def composed_law(
     composer: Composer, spec: ScenarioSpec, system: System, region: Region | None
 ) -> Law | Switching:
-    """The law, redesigned, tracked and safeguarded as far as the scenario says so."""
+    """The law with the redesign, tracking and safety filter that the scenario gives."""
     with at(composer.file, "law"):
         law = by_measurements(system, composer.law(spec.law))
     if spec.redesign is not None:
@@ -110,7 +110,7 @@ def _redesigned(
     for name in printed:
         if name not in (allowed := ["redesign", *printable]):
             raise ScenarioError(
-                f"{file}: redesign.as_printed: '{name}' is no part of this redesign",
+                f"{file}: redesign.as_printed: '{name}' is not a part of this redesign",
                 remedy=suggestion(name, allowed),
             )
     built: dict[str, Law] = {}

@@ -1,4 +1,4 @@
-"""[region.scale]: how much of each inequality of a catalogue region counts as 1."""
+"""[region.scale]: the amount of each inequality of a catalogue region that counts as 1."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from holdfast.scenario.validation import at
 
 
 def scaled_region(file: str, region: Region, scales: object, key: str) -> Region:
-    """The region with the scales of the table; `ScenarioError` for an unknown name or no amount."""
+    """The region with the scales of the table; `ScenarioError` for an unknown name or no number."""
     with at(file, f"{key}.scale"):
         if not isinstance(scales, Mapping):
             raise ScenarioError(

@@ -1,4 +1,4 @@
-"""[[region.scene]]: from tables to the shapes that figures draw."""
+"""[[region.scene]]: the shapes that figures draw, from tables."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ KINDS: dict[str, tuple[Callable[..., scene.Shape], tuple[str, ...]]] = {
     "footprint": (scene.Footprint, ("apex", "heading", "corners")),
 }
 MOVING = ("cone", "footprint")
-"""What is seen from a vehicle; what else there is stands still, and depends on no state."""
+"""Shapes that move with a vehicle; all others are stationary and depend on no state."""
 
 
 def composed_shape(
     file: str, key: str, spec: ShapeSpec, names: Mapping[str, sp.Expr], known: Container[str]
 ) -> scene.Shape:
-    """The shape of one table; `known` are the names that do not change while it runs."""
+    """The shape of one table; `known` are the names that are constant during a run."""
     if spec.kind not in MOVING:
         names = {n: e for n, e in names.items() if n in known or n == "pi"}
 

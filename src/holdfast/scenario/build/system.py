@@ -1,4 +1,4 @@
-"""[system]: the system, and which of its states are kept, promoted to inputs or to disturbances."""
+"""[system]: the system, with states selected, or promoted to inputs or disturbances."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from holdfast.scenario.validation import at
 
 REDUCTIONS = ("keep", "promote", "disturb", "extend")
 STEADY = "steady"
-"""In place of an interval: the velocities that the inputs can hold in still water."""
+"""Replaces an interval: the velocities that the inputs can hold in still water."""
 
 
 def composed_system(composer: Composer, table: Mapping[str, Any]) -> System:
-    """The system of the table, reduced as it says; the composer knows it from now on."""
+    """The system of the table, reduced as given there, and registered with the composer."""
     system = composer.system({k: v for k, v in table.items() if k not in REDUCTIONS})
     if "keep" in table:
         kept = table["keep"]

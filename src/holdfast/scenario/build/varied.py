@@ -1,4 +1,4 @@
-"""[varied.draws]: what every run draws, as parameters with ranges."""
+"""[varied.draws]: the random draws of every run, as parameters with ranges."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from holdfast.scenario.validation import at
 
 
 def drawn_names(composer: Composer, system: System, spec: VariedSpec) -> dict[str, Parameter]:
-    """The drawn names as parameters, for laws and goals that are written out and use them."""
+    """The drawn names as parameters, for laws and goals whose expressions use them."""
     moving = {q.name for q in (*system.states, *system.inputs, *system.disturbances)}
     found = {}
     for name, draw in spec.ranges.items():
@@ -27,7 +27,7 @@ def drawn_names(composer: Composer, system: System, spec: VariedSpec) -> dict[st
 
 
 def drawn_ranges(composer: Composer, spec: VariedSpec) -> dict[str, tuple[float, float]]:
-    """The ranges in SI units; the names that are new by now are declared."""
+    """The ranges in SI units; names that are not yet declared are declared."""
     ranges = {}
     for name, draw in spec.ranges.items():
         with at(composer.file, f"varied.draws.{name}"):

@@ -1,4 +1,4 @@
-"""The shape of a file of claims, checked by pydantic."""
+"""Schema of a file of claims (Pydantic)."""
 
 from __future__ import annotations
 
@@ -13,14 +13,13 @@ Range = Annotated[list[float], Field(min_length=2, max_length=2)]
 
 
 class TrialSpec(Section):
-    """What is run or evaluated, and the number that decides.
+    """A run or a function call, and the number that decides about a claim.
 
     scenario, with `set` and `runs` as on the command line, or function, a name in `holdfast`, with
-    arguments. number: where it is in the summary, or in what the function returns: names joined by
-    dots, or two of them with " / " between. The claim holds in it where the number is within
-    `needs`, ends included. recorded: what it was, and `within` how much it is still the same.
-    refused: words of the message with which holdfast refuses to run it, where it does: then the
-    claim does not hold in it.
+    arguments. number: its place in the summary or in the function's result: names joined by dots,
+    or two of them with " / " between. The claim holds if the number is within `needs`, ends
+    included. recorded: the recorded number, and `within` its tolerance. refused: words of the
+    expected error message, if holdfast refuses to run the trial: the claim then does not hold.
     """
 
     says: Text = ""
@@ -48,7 +47,7 @@ class TrialSpec(Section):
 class ClaimSpec(Section):
     """A sentence of the thesis, its verdict, and the trials that decide it.
 
-    stated: as the thesis has it; conditioned: under the condition with which it holds.
+    stated: as in the thesis; conditioned: under the condition that makes it hold.
     """
 
     name: Text

@@ -1,4 +1,4 @@
-"""The shape of a scenario file, checked by pydantic; see docs/scenarios.md."""
+"""Schema of a closed-loop scenario file (Pydantic); see docs/scenarios.md."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class BoundedSpec(Section):
 
 
 class MeasurementSpec(Section):
-    """What an instrument tells of the states."""
+    """A measurement: an output equation of the states."""
 
     expression: Expression
     unit: str = "1"
@@ -73,8 +73,8 @@ Parameters = dict[Name, ParameterSpec | Value]
 class PfaffianSpec(Section):
     """One row of A(q) qdot = b: { coefficients = { x = "-sin(psi)", ... }, rhs = "0" }.
 
-    The coefficients are those of the rates, the entries of A; what is left out is 0. rhs: the
-    entry of b, the sway or the current across the hull, where the row is not zero.
+    The coefficients are those of the rates, the entries of A; missing ones are 0. rhs: the
+    entry of b (the sway or the current across the hull), if it is not zero.
     """
 
     renamed: ClassVar[Renamed] = {"row": ("coefficients", {})}
@@ -84,7 +84,7 @@ class PfaffianSpec(Section):
 
 
 class SystemSpec(Section):
-    """[system], written by expressions: rates, or Pfaffian rows alone (all they allow)."""
+    """[system], written by expressions: rates, or only Pfaffian rows (all motions they allow)."""
 
     name: Name = "system"
     description: Text = ""
@@ -130,7 +130,7 @@ class LawSpec(Section):
 
 
 class InequalitySpec(Section):
-    """expression <= 0 is safe. scale: how much of it counts as 1 when a depth is measured."""
+    """expression <= 0 is safe. scale: the amount of it that counts as 1 in a depth."""
 
     expression: Expression
     unit: str = "1"
@@ -139,7 +139,7 @@ class InequalitySpec(Section):
 
 
 class ShapeSpec(Section):
-    """What to draw: a segment, a circle, or a field of view: a cone, or a polygon (footprint)."""
+    """A shape to draw: a segment, a circle, or a field of view (cone, or polygonal footprint)."""
 
     kind: Literal["segment", "cone", "circle", "footprint"]
     role: Name
@@ -169,7 +169,7 @@ class RegionSpec(Section):
 class RedesignSpec(Section):
     """[redesign]: a viable law and a layer for every constraint, and the law that holds.
 
-    `as_printed`: everything as the thesis prints it, or the parts named: "redesign" for (5.26),
+    `as_printed`: everything as printed in the thesis, or the named parts: "redesign" for (5.26),
     else the name of a viable law.
     """
 
@@ -183,9 +183,9 @@ class RedesignSpec(Section):
 
 
 class SafeguardSpec(Section):
-    """[safeguard]: the inputs are changed no more than the viability of [region] asks.
+    """[safeguard], a safety filter (CBF-QP): the least change of inputs that keeps [region] viable.
 
-    constraints: more of them that are kept, and not counted as leaving the region.
+    constraints: further enforced ones; violating them does not count as leaving the region.
     """
 
     constraints: dict[Name, InequalitySpec | Expression] = Field(default_factory=dict)
@@ -196,11 +196,11 @@ class SafeguardSpec(Section):
 
 
 class SafetySpec(Section):
-    """[safety]: the inputs are changed no more than staying in a kernel asks.
+    """[safety], a safety filter: the least change of the inputs that keeps the state in a kernel.
 
     kernel: a scenario that computes it, for the [system] of this one, or a file of a value
-    function. alone: the optimal inputs, whatever the law asks for; where those are velocities of
-    this system, followed by [tracking].
+    function. alone: the optimal inputs replace the law's; if they are velocities of this system,
+    [tracking] follows them.
     """
 
     kernel: Text
@@ -212,8 +212,8 @@ class SafetySpec(Section):
 class StartsSpec(Section):
     """[starts]: given states, then random ones from a box; `every` for states not in it.
 
-    active: lists of constraints; the random ones are moved to where those of a list, in turn, are
-    all active. start_outside: allow starts outside the region.
+    active: lists of constraints; the random starts are moved, list by list in turn, to states where
+    all constraints of the list are active. start_outside: allow starts outside the region.
     """
 
     renamed: ClassVar[Renamed] = {"outside": ("start_outside", {})}
@@ -227,7 +227,7 @@ class StartsSpec(Section):
 
 
 class RunSpec(Section):
-    """[run]: how to simulate."""
+    """[run]: the settings of the simulation."""
 
     renamed: ClassVar[Renamed] = {"control": ("continuous", {"continuous": True, "sampled": False})}
 
@@ -246,7 +246,7 @@ class RunSpec(Section):
 
 
 class VariedSpec(Section):
-    """[varied]: what every run draws anew, and what follows from it.
+    """[varied]: the random draws of every run, and the values computed from them.
 
     vertices: the draws that take their lowest and highest values instead, in every combination,
     from every start; true for all of them.
@@ -259,7 +259,7 @@ class VariedSpec(Section):
 
     @property
     def of_vertices(self) -> list[str]:
-        """The names whose vertices are tried."""
+        """The names of the draws whose vertices are tried."""
         if isinstance(self.vertices, bool):
             return [*self.draws] if self.vertices else []
         return self.vertices
@@ -283,14 +283,14 @@ class FiguresSpec(Section):
 
 
 class ObserverSpec(Section):
-    """[observer]: the law is told these states alone and estimates all else that it reads."""
+    """[observer]: the law measures only these states and estimates all else that it reads."""
 
     measured: list[Name] | None = None
     bandwidth: float = 2.0
 
 
 class AlterationSpec(Section):
-    """What makes another law or another case of a scenario: tables left out, then tables given."""
+    """Another law or case of a scenario: removed tables, then replacement tables."""
 
     model_config = ConfigDict(extra="allow", strict=True, frozen=True)
 
@@ -301,8 +301,8 @@ class AlterationSpec(Section):
 class CompareSpec(Section):
     """[compare]: other laws and other cases, for `holdfast compare`.
 
-    kernel: a scenario that computes which starts can be kept, for the [system] of every case;
-    margin: how far inside it a start counts.
+    kernel: a scenario that computes the viable starts, for the [system] of every case;
+    margin: the least depth inside it of a counted start.
     """
 
     title: Text = ""
@@ -316,7 +316,7 @@ class CompareSpec(Section):
 class ScenarioSpec(Section):
     """A whole scenario file; catalogue entries stay tables of { name, parameters }.
 
-    kernels: name -> tables that are altered in the scenarios that `kernel` keys name."""
+    kernels: name -> tables to alter in the scenarios that `kernel` keys name."""
 
     scenario: Header
     system: dict[str, Any]

@@ -1,4 +1,4 @@
-"""The shape of a scenario of a leader and its followers, checked by pydantic."""
+"""Schema of a scenario of a leader and its followers (Pydantic)."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ class EnvironmentSpec(Section):
 
 
 class LeaderSpec(Section):
-    """[leader]: start { x, y, theta }, goal [x, y]; radius: of all arcs, else what is safe.
+    """[leader]: start { x, y, theta }, goal [x, y]; radius: of all arcs, by default a safe one.
 
-    rule: how an arc begins, from the heading that the leader has or from the thesis's tangent.
+    rule: the start of an arc, from the leader's present heading or from the thesis's tangent.
     """
 
     start: dict[Name, Value]
@@ -44,9 +44,9 @@ class LeaderSpec(Section):
 
 
 class FollowersSpec(Section):
-    """[followers]: one start for each, the law of all of them, what each is told as `leader_speed`.
+    """[followers]: one start for each, the law of all, the assumed `leader_speed` of each.
 
-    within: how far from its distance [m] a follower may be at the end.
+    within: tolerance [m] of a follower's distance at the end.
     """
 
     starts: Annotated[list[dict[Name, Value]], Field(min_length=1)]
@@ -56,14 +56,14 @@ class FollowersSpec(Section):
 
 
 class CameraSpec(Section):
-    """[camera]: how far and how wide a follower sees."""
+    """[camera]: the range and angle of a follower's view."""
 
     range_max: Value
     half_angle: Value
 
 
 class FormationFigures(Section):
-    """[figures]: at how many instants robots are drawn; animate: the seconds in one, 0: none."""
+    """[figures]: the number of drawn instants; animate: simulated seconds per second, 0: none."""
 
     cones: Annotated[int, Field(ge=2, le=100)] = 4
     animate: Annotated[float, Field(ge=0)] = 0.0

@@ -1,4 +1,4 @@
-"""The shape of a scenario file whose question is a kernel, a reachable set or a basin."""
+"""Schema of a scenario file for a viability kernel, a reachable set or a reach-avoid set."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class KernelHeader(Section):
 
 
 class GridSpec(Section):
-    """[grid]: the box of the states, the nodes along all axes or each, what is beyond its ends."""
+    """[grid]: box of the states, nodes along all axes or each, boundary conditions (`ends`)."""
 
     box: dict[Name, Interval]
     nodes: int | dict[Name, int]
@@ -38,11 +38,11 @@ class GridSpec(Section):
 
 
 class MarchSpec(Section):
-    """[march]: how far and how; the keys of `Marching` beside those of a problem.
+    """[march]: the horizon and the solver options, the keys of `Marching` and of a problem.
 
-    times: at which the value is kept, or how many, equally spaced from 0 to the horizon. forever:
-    the question is the set that lasts, so that a march that has not converged at the horizon is no
-    answer. inner: the set less the cells by which it may be off, by the estimate of a coarser grid.
+    times: those at which the value is stored, or their number, equally spaced from 0 to the
+    horizon. forever: request the infinite-horizon kernel; a march that has not converged at the
+    horizon is then not an answer. inner: the set shrunk by the estimated error of a coarser grid.
     """
 
     model_config = ConfigDict(extra="allow", strict=True, frozen=True)
@@ -56,7 +56,7 @@ class MarchSpec(Section):
 
 
 class PromiseSpec(Section):
-    """[promise]: closed loops from random states of the set; see `check_promise`."""
+    """[promise]: closed-loop (Monte Carlo) validation from random states; see `check_promise`."""
 
     runs: Annotated[int, Field(ge=1)] = 1000
     margin: Value | None = None
@@ -67,7 +67,7 @@ class PromiseSpec(Section):
 
 
 class SetFiguresSpec(Section):
-    """[figures]: the plane, where the other states are held, the optimal inputs to draw in it."""
+    """[figures]: the plane, the values of the other states, the optimal inputs to draw in it."""
 
     plane: Plane | None = None
     at: dict[Name, Value] = Field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""What the keys of a scenario file hold: texts, names, numbers with units, arrays of two."""
+"""Value types of scenario files: texts, names, numbers with units, arrays of two."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,60}$")
 Text = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x08\x0b-\x1f\x7f]*$", max_length=2000)]
 
 PAIR = "pair"
-"""The type of the error of an array that is not the two that it should be."""
+"""The error type of an array without exactly the two expected entries."""
 
 
 def _two(what: str) -> WrapValidator:
-    """Whatever is wrong with an array of two is answered by what it should be."""
+    """Answer every error in an array of two with its expected form."""
 
     def check(given: object, handler: Callable[[object], object]) -> object:
         try:
@@ -55,13 +55,13 @@ Plane = Annotated[tuple[Name, Name], _Array, _two('names of states, such as ["x"
 
 
 Renamed = Mapping[str, tuple[str, Mapping[str, object]]]
-"""Former key -> the key that replaced it, and its former values -> those of now."""
+"""Former key -> the key that replaced it, and its former values -> the present ones."""
 
 
 class Section(BaseModel):
     """A table of the file: unknown keys are refused.
 
-    A key that was `renamed` is understood for one release, with a warning.
+    A key that was `renamed` is accepted for one release, with a warning.
     """
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -84,7 +84,7 @@ class Section(BaseModel):
             given[key] = values[value] if values else value
             shown = f" = {str(given[key]).lower()}" if values else ""
             warnings.warn(
-                f"the key '{former}' is now '{key}': write {key}{shown}; the former word goes with "
+                f"the key '{former}' is now '{key}': write {key}{shown}; the former goes with "
                 "the next release",
                 RenamedWarning,
                 stacklevel=2,

@@ -1,1 +1,1 @@
-"""One scenario beside others; a closed loop beside a kernel."""
+"""Comparison of laws and cases of a scenario; of closed loops with a reference kernel."""

@@ -1,4 +1,4 @@
-"""`[compare]` of a scenario: several laws, in several cases, from the same starts."""
+"""Comparison of several laws in several cases from the same starts (`[compare]`)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from holdfast.scenario.validation import at, validated
 from holdfast.studies.comparison.kernel_reference import composed_judge
 
 LAW_TABLES = ("law", "redesign", "tracking", "safeguard", "observer", "safety")
-"""What makes the law of a scenario."""
+"""The tables that define the law of a scenario."""
 
 
 @checked
@@ -37,10 +37,10 @@ def compare(
 
     laws: names in its table [compare.laws], its own name for its own law, or the names or files
     of other scenarios, whose law is taken; by default its own and all of the table. cases: names
-    in [compare.cases], by default all, or the scenario as it is where there are none. runs: how
-    many starts, by default [compare] runs, or the scenario's. progress: called with what is
-    worked on and the finished fraction. With [compare] kernel the laws of every case are judged by
-    that kernel, of the system of the case, as far as the kernel can follow it.
+    in [compare.cases], by default all, or the unchanged scenario without that table. runs: the
+    number of starts, by default [compare] runs, or the scenario's. progress: called with a label of
+    the current work and the finished fraction. With [compare] kernel the starts of every case are
+    classified by that kernel for the system of the case, if the kernel applies to it.
 
     Raises `ScenarioError` for unknown names and for a law or a case that cannot be composed.
     """
@@ -103,7 +103,7 @@ def compare(
 
     try:
         check_overrides(changes, alone(changes), alone)
-    except ScenarioError:  # some other law, or some case, may depend on it
+    except ScenarioError:  # another law or case may depend on it
         check_overrides(changes, every(changes), every)
     for case, alteration in picked.items():
         scenarios = in_case(data, case)
@@ -183,7 +183,7 @@ def _of_scenario(file: str, name: str, known: Mapping[str, Any]) -> AlterationSp
 
 
 def _altered(data: Mapping[str, Any], change: AlterationSpec) -> dict[str, Any]:
-    """The tables without those to leave out, and with what is given merged in."""
+    """The tables without the removed ones, and with the given ones merged in."""
     left = {n: t for n, t in data.items() if n not in change.without}
     return merged(left, change.model_extra or {})
 

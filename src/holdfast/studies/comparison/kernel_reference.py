@@ -1,4 +1,4 @@
-"""[compare] kernel: which starts of a case any law could have kept."""
+"""[compare] kernel: the reference kernel, whose starts some law can keep."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ JUDGES = ("viability-kernel", "discriminating-kernel")
 
 @dataclass(frozen=True)
 class Judge:
-    """The kernel that [compare] names, and how far inside it a start counts (None: one cell)."""
+    """The kernel of [compare], and the least depth of counted starts (None: one cell)."""
 
     name: str
     margin: float | None
@@ -36,7 +36,7 @@ class Judge:
     def value(
         self, tables: Mapping[str, Any], scenarios: Sequence[Scenario], progress: Progress
     ) -> tuple[ValueFunction | None, str]:
-        """The kernel of a case with these tables, or why it says nothing about its scenarios."""
+        """The kernel of a case with these tables, or the reason why it does not apply."""
         try:
             kernel = named_kernel(self.name, tables["system"], tables.get("kernels"))
         except ScenarioError as error:
@@ -48,7 +48,7 @@ class Judge:
         deepest = float(value.values().max())
         if self.margin is None and 0 < deepest <= (cell := self._margin(value)):
             raise ScenarioError(
-                f"no state of it is a cell, {cell:.3g} {value.dataset.attrs['value_unit']}, inside",
+                f"it has no state a cell, {cell:.3g} {value.dataset.attrs['value_unit']}, inside",
                 expected=f"[compare] margin, below {deepest:.3g}",
             )
         for scenario in scenarios:
@@ -63,7 +63,7 @@ class Judge:
         return float(value.dataset.attrs["cell"]) if self.margin is None else self.margin
 
     def reference(self, value: ValueFunction, starts: Array) -> Reference:
-        """What the kernel says about the starts."""
+        """The kernel's values at the starts."""
         said = value.dataset.attrs
         return Reference(
             kernel=scenario_title(self.name),
@@ -75,11 +75,11 @@ class Judge:
 
 
 def composed_judge(file: str, spec: ScenarioSpec) -> Judge | None:
-    """[compare] kernel and margin; `ScenarioError` for what is no kernel of this system."""
+    """[compare] kernel and margin; `ScenarioError` if it is not a kernel of this system."""
     given = spec.compare
     if given.kernel is None:
         if given.margin is not None:
-            raise ScenarioError(f"{file}: compare.margin: there is no compare.kernel")
+            raise ScenarioError(f"{file}: compare.margin: needs compare.kernel")
         return None
     with at(file, "compare.kernel"):
         found = named_kernel(given.kernel, spec.system, spec.kernels).scenario
@@ -97,29 +97,29 @@ def composed_judge(file: str, spec: ScenarioSpec) -> Judge | None:
 
 
 def _not_followed(kernel: NamedKernel, scenario: Scenario) -> str:
-    """Why this kernel is none of the plant of the scenario, or nothing.
+    """The reason why this kernel does not apply to the scenario's plant, or an empty text.
 
-    What a law is told (noise, delay, an observer) changes nothing of what could have been kept.
+    Measurements (noise, delay, an observer) do not matter: they do not change the viable states.
     """
     found = kernel.scenario
     assert isinstance(found, KernelScenario)
     if scenario.varied:
         return "it is varied from run to run"
     if scenario.plant:
-        return "the vehicle is not the one of [system], which the kernel is computed for"
+        return "the vehicle is not that of [system], for which the kernel is computed"
     if found.system.state_names != scenario.system.state_names:
         return "the states are " + ", ".join(scenario.system.state_names)
     assert scenario.region is not None
     if _said(found.about, found.system) != _said(scenario.region, scenario.system):
-        return f"the kernel is one of another region, '{found.about.name}'"
+        return f"the kernel belongs to another region, '{found.about.name}'"
     given: Mapping[str, float] = found.options.get("disturbance", {})
     for name, number in given.items():
         if constant(scenario.disturbance.get(name, 0)) != number:
-            return f"{name} is not {number:g}, which the kernel is computed for"
+            return f"{name} is not {number:g}, the value of the kernel"
     return ""
 
 
 def _said(region: Region, system: System) -> tuple[Expression, Values]:
-    """What a set of states is: its margin, and the numbers in it."""
+    """The definition of a set of states: its margin, and the numbers in it."""
     values = {q.symbol: q.value for q in (*system.parameters, *region.parameters)}
     return region.margin, {s: v for s, v in values.items() if s in region.margin.free_symbols}

@@ -1,1 +1,1 @@
-"""Campaigns: a scenario in many cells, each with values of its own for some numbers."""
+"""Parameter sweeps (campaigns): a scenario in many cells with different parameter values."""

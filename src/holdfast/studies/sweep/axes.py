@@ -1,4 +1,4 @@
-"""What a campaign goes over: texts such as k1=0.05:0.5:20, to the values of every cell."""
+"""The axes of a sweep: from texts such as k1=0.05:0.5:20 to the values of every cell."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ EXPECTED_LATIN = "KEY=LOW:HIGH or KEY=LOW:HIGH:log, with --latin"
 
 @dataclass(frozen=True)
 class Over:
-    """A name, and the values it takes in a grid, or the ends between which it is sampled.
+    """A name, and its values in a grid, or the ends of its range in a sample.
 
-    unit: the one that was written behind the values, if any; log: as many in every decade.
+    unit: the unit written after the values, if any; log: equally many values in every decade.
     """
 
     name: str
@@ -37,7 +37,7 @@ class Over:
 def read_over(text: str, *, latin: bool = False) -> Over:
     """KEY=LOW:HIGH:COUNT[:log] or KEY=VALUE,VALUE,...; with latin KEY=LOW:HIGH[:log].
 
-    A unit behind the last value is that of all; without one it is that of the key. Raises
+    A unit after the last value applies to all; the default is that of the key. Raises
     `ScenarioError` for anything else.
     """
     name, _, rest = (part.strip() for part in text.partition("="))
@@ -52,7 +52,7 @@ def read_over(text: str, *, latin: bool = False) -> Over:
     values, unit = _values(text, [p.strip() for p in parts[0].split(",")] if listed else parts)
     if listed:
         if len(set(values)) < len(values):
-            raise ScenarioError(f"--over {text}: a value is there twice")
+            raise ScenarioError(f"--over {text}: a value occurs twice")
         return Over(name, tuple(sorted(values)), unit, log)
     low, high = values
     if not low < high:
@@ -60,7 +60,7 @@ def read_over(text: str, *, latin: bool = False) -> Over:
     if log and low <= 0:
         raise ScenarioError(f"--over {text}: {low:g} has no logarithm", expected="LOW > 0")
     spaced = np.geomspace(low, high, count) if log else np.linspace(low, high, count)
-    return Over(name, tuple(float(f"{v:.12g}") for v in spaced), unit, log)  # 0.15, as is written
+    return Over(name, tuple(float(f"{v:.12g}") for v in spaced), unit, log)  # 0.15, as written
 
 
 def _count(text: str, given: str) -> int:
@@ -78,7 +78,7 @@ def _values(text: str, parts: Sequence[str]) -> tuple[list[float], str]:
     for part in parts:
         number, unit = split(part) or (math.nan, "")
         if not math.isfinite(number):
-            raise ScenarioError(f"--over {text}: '{part}' is no number", expected=EXPECTED)
+            raise ScenarioError(f"--over {text}: '{part}' is not a number", expected=EXPECTED)
         found.append(number)
         if unit:
             units.add(unit)

@@ -1,4 +1,4 @@
-"""One part of a cell: what a process does, here or on a cluster."""
+"""One part of a sweep's cell: the work of a process, local or on a cluster."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from holdfast.scenario.load import scenario_of
 class Part:
     """The runs first..last-1 of the scenario of these tables, with the settings of a cell.
 
-    last = 0: the scenario is no batch of runs. code: the digest of the holdfast that asks;
-    threads: 0 for one a core.
+    last = 0: the scenario is not a batch of runs. code: the digest of the requesting holdfast;
+    threads: 0 for one per core.
     """
 
     file: str
@@ -41,12 +41,12 @@ _last: tuple[object, Composed] | None = None
 def run_part(part: Part) -> dict[str, Any]:
     """{"numbers": a tally as lists, "note": warnings} or {"refused": why}.
 
-    "failed" is there where it was no refusal, but a failure, which may be gone another time.
-    Raises `ScenarioError` where another version of holdfast asks.
+    The key "failed" marks a failure, which may not recur, in contrast to a refusal. Raises
+    `ScenarioError` if the request comes from another version of holdfast.
     """
     if part.code != code_digest():
         raise ScenarioError(
-            "a process of the cluster has another holdfast than the one that asks",
+            "a process of the cluster has another version of holdfast",
             remedy="install the same version everywhere",
         )
     with _one_at_a_time, warnings.catch_warnings(record=True) as heard:
@@ -55,7 +55,7 @@ def run_part(part: Part) -> dict[str, Any]:
             numbers = _numbers(part)
         except HoldfastError as error:
             return {"refused": str(error)}
-        except Exception as error:  # one cell is not to end the others
+        except Exception as error:  # a failing cell must not end the others
             return {"refused": f"{type(error).__name__}: {error}", "failed": True}
     said = [str(w.message) for w in heard if issubclass(w.category, GainWarning)]
     return {"numbers": as_table(numbers), "note": "; ".join(dict.fromkeys(said))}

@@ -1,6 +1,6 @@
-"""What is finished of a campaign, on disk: killed at any time, it loses nothing that is finished.
+"""The store of a campaign's finished parts on disk: a kill at any time loses no finished part.
 
-SQLite keeps it, whose transactions are whole or not at all.
+It is an SQLite file, whose transactions are atomic.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ Key = tuple[int, int]
 class Store:
     """The answers of the parts of one campaign, by `campaign`, its digest.
 
-    Answers of other campaigns in the same file are let be. What failed is not kept beyond this
-    call: the next one tries it again.
+    Answers of other campaigns in the same file are left untouched. Failures are not kept beyond
+    this call: the next one tries again.
     """
 
     def __init__(self, connection: sqlite3.Connection, campaign: str) -> None:
@@ -35,14 +35,14 @@ class Store:
             )
 
     def finished(self) -> set[Key]:
-        """The parts that are there."""
+        """The finished parts."""
         rows = self.connection.execute(
             "SELECT cell, number FROM part WHERE campaign = ?", (self.campaign,)
         )
         return set(rows)
 
     def put(self, key: Key, answer: dict[str, Any]) -> None:
-        """Keep the answer of a part; it is on disk when this returns."""
+        """Store the answer of a part; it is on disk when this returns."""
         if answer.get("failed"):
             self.failed.setdefault(key[0], {})[key[1]] = answer
             return
@@ -53,7 +53,7 @@ class Store:
             )
 
     def answers(self, cell: int) -> list[dict[str, Any]]:
-        """Of every part of a cell, in order."""
+        """The answers of all parts of a cell, in order."""
         rows = self.connection.execute(
             "SELECT number, answer FROM part WHERE campaign = ? AND cell = ?",
             (self.campaign, cell),
@@ -67,7 +67,7 @@ class Store:
 def store(path: Path | None, campaign: str) -> Iterator[Store]:
     """The store in that file, or in memory.
 
-    Raises `OutputError` where the file cannot be written, is no store, or the disk is full.
+    Raises `OutputError` if the file cannot be written, is not a store, or the disk is full.
     """
     shown = path if path is not None else ":memory:"
     try:
@@ -79,5 +79,5 @@ def store(path: Path | None, campaign: str) -> Iterator[Store]:
     except sqlite3.DatabaseError as error:
         raise OutputError(
             f"{shown} cannot be used ({error})",
-            remedy="make room or choose another folder with --out: what it holds is kept",
+            remedy="make room or choose another folder with --out: its content is kept",
         ) from None

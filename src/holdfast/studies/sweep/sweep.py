@@ -1,4 +1,4 @@
-"""`holdfast sweep`: a scenario over values of its numbers, in processes, on disk as it goes."""
+"""Parameter sweeps of a scenario in worker processes, stored on disk: `holdfast sweep`."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ from holdfast.studies.sweep.table import Axis, campaign_table, check_variable
 Array = npt.NDArray[np.float64]
 
 PART = 5_000
-"""Runs of a cell that are simulated together: what is in memory at a time."""
+"""Runs of a cell that are simulated together, which bounds the memory."""
 
 MOST_PARTS = 20_000_000
 
 KEPT = "sweep-cells.db"
 COUNTS = ("starts.random", "starts.states")
-"""What would give every cell as many runs of its own."""
+"""Keys that would change the number of runs of a cell."""
 
 TAKEN = ("cell", "note", "settings", "refused", "runs", "success", "viable", "fraction", "volume")
-"""What means something else in a table."""
+"""Names with another meaning in a table."""
 
 
 @checked
@@ -64,33 +64,32 @@ def sweep(
 ) -> Campaign:
     """A scenario in every cell of a grid, or of a Latin hypercube, over any of its numbers.
 
-    over: "law.k1=0.05:0.5:20" (lowest, highest, how many), "k1=0.01:1:9:log", "k1=0.1,0.2"; with
-    units "half_angle=20:40 deg:5". A key of the scenario, its last part where only one key ends in
-    it, or "current.speed". latin: that many cells of a Latin hypercube in the place of a grid; then
-    "k1=0.05:0.5". runs: how many starts in every cell, the same in all of them. overrides: of all
-    cells.
+    over: "law.k1=0.05:0.5:20" (lowest, highest, count), "k1=0.01:1:9:log", "k1=0.1,0.2"; with
+    units "half_angle=20:40 deg:5". The name is a key of the scenario, its last part if unique, or
+    "current.speed". latin: the number of cells of a Latin hypercube instead of a grid; then
+    "k1=0.05:0.5". runs: the number of starts in every cell, the same starts in all of them.
+    overrides: of all cells.
 
-    Every cell is what `run` gives with its settings, runs and seed, whoever computes it. Memory is
-    bounded whatever the number of runs: they are simulated 5,000 at a time, and counted. Where a
-    cell is refused the table says why.
+    Every cell equals the result of `run` with its settings, runs and seed, on any machine. Memory
+    is bounded for any number of runs: they are simulated 5,000 at a time, and counted. The table
+    gives the reason for a refused cell.
 
-    show: a variable that the table is to have: refused as soon as one part of a cell is known.
+    show: a variable that the table must have; checked as soon as one part of a cell is finished.
 
-    folder: where finished parts are kept, in a file; a second call with the same scenario, code and
-    arguments goes on from there. workers: how many processes, one a core by default (one, of a
-    kernel, which uses all cores itself). executor: where to compute in place of them, such as
-    `dask.distributed.Client(...).get_executor()`; `workers` is how much to ask of it at a time.
+    folder: the place of the file of finished parts; a second call with the same scenario, code and
+    arguments continues from it. workers: the number of processes, one per core by default (one for
+    a kernel, which uses all cores itself). executor: computes in place of them, such as
+    `dask.distributed.Client(...).get_executor()`; `workers` then limits the concurrent requests.
 
-    Raises `ScenarioError` for a key or a scenario that cannot be used and where all cells tried
-    first are refused, `OutputError` for a folder that cannot be written and a variable that there
-    is not.
+    Raises `ScenarioError` for an invalid key or scenario and if all cells tried first are refused,
+    `OutputError` for a folder that cannot be written and an unknown variable.
     """
     overrides = tuple(overrides)
     shown, text, data = read_tables(scenario, overrides)
     own = scenario_of(shown, text, data, runs, seed)
     read = [read_over(given, latin=latin is not None) for given in over]
     if not read:
-        raise ScenarioError("a sweep goes over nothing", expected="--over KEY=LOW:HIGH:COUNT")
+        raise ScenarioError("a sweep needs at least one axis", expected="--over KEY=LOW:HIGH:COUNT")
     axes = _axes(own, data, read)
     cells = grid_cells(read) if latin is None else latin_cells(read, latin, own.seed)
     settings = [_settings(axes, cell) for cell in cells]
@@ -137,7 +136,7 @@ def sweep(
             for key, answer in answers(executor, run_part, asked, 2 * at_once, tell):
                 kept.put(key, answer)
                 there.add(key)
-                if isinstance(own, Scenario):  # what a kernel gives depends on whether it is empty
+                if isinstance(own, Scenario):  # its numbers depend on emptiness
                     check_variable(show, answer)
                 tell()
         found = [kept.answers(cell) for cell in range(len(cells))]
@@ -159,9 +158,11 @@ def _axes(own: Any, data: Mapping[str, Any], read: Sequence[Over]) -> list[Axis]
     keys = [knob.key for knob in knobs]
     for key in keys:
         if keys.count(key) > 1:
-            raise ScenarioError(f"--over {key}: it is gone over twice")
+            raise ScenarioError(f"--over {key}: occurs twice")
         if key.startswith(COUNTS):
-            raise ScenarioError(f"--over {key}: every cell has as many runs", remedy="use --runs")
+            raise ScenarioError(
+                f"--over {key}: every cell has equally many runs", remedy="use --runs"
+            )
     whole = [key.replace(".", "_") for key in keys]
     short = [
         long if key == CURRENT else last_part(key) for key, long in zip(keys, whole, strict=True)
@@ -181,7 +182,7 @@ def _shown(settings: Iterable[str]) -> str:
 
 
 def _command(scenario: str, overrides: Sequence[str], runs: int | None, seed: int | None) -> str:
-    """What runs the scenario as it is in all cells."""
+    """The command that runs the scenario with the settings of all cells."""
     given = {"runs": runs, "seed": seed}
     numbers = [f"--{name} {value}" for name, value in given.items() if value is not None]
     parts = ["holdfast run", shlex.quote(scenario), *numbers, _shown(overrides)]
@@ -195,7 +196,7 @@ def _check_some(
     runs: int | None,
     seed: int | None,
 ) -> None:
-    """Refuse at once what every cell would refuse: an unknown key, a number without effect."""
+    """Refuse at once the errors of every cell: an unknown key, a number without effect."""
     refusal: HoldfastError | None = None
 
     def compose(settings: Sequence[str]) -> list[Composed]:
@@ -218,7 +219,7 @@ def _check_some(
 def _digest(
     data: Mapping[str, Any], settings: Sequence[tuple[str, ...]], runs: int | None, seed: int | None
 ) -> str:
-    """The name of a campaign: of all that decides its numbers, files that it names too."""
+    """The digest of a campaign: of everything that determines its numbers, with named files."""
     asked = [data, settings, runs, seed, PART]
     found = hashlib.sha256((code_digest() + files_digest()).encode())
     found.update(json.dumps(asked, sort_keys=True, default=str).encode())

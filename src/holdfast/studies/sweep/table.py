@@ -23,7 +23,7 @@ CELL, REFUSED = "cell", "refused"
 
 @dataclass(frozen=True)
 class Axis:
-    """What is gone over: its name in the table, what it turns, and its values."""
+    """A swept axis: its name in the table, its parameter, and its values."""
 
     name: str
     knob: Knob
@@ -31,13 +31,13 @@ class Axis:
 
     @property
     def attributes(self) -> dict[str, str]:
-        """The key it stands for, its unit, and what to call it."""
+        """The key, the unit and the label of the axis."""
         unit = self.over.unit or self.knob.unit
         spacing = {"spacing": "log"} if self.over.log else {}
         return {"units": unit, "long_name": self.knob.name, "key": self.knob.key, **spacing}
 
     def settings(self, value: float) -> tuple[str, ...]:
-        """The KEY=VALUE that the value makes."""
+        """The overrides KEY=VALUE of the value."""
         return self.knob.settings(f"{value!r} {self.over.unit}" if self.over.unit else value)
 
 
@@ -89,8 +89,8 @@ def campaign_table(
         dims, refused.reshape(shape), {"units": "1", "long_name": "1 where the cell was refused"},
     )  # fmt: skip
     for name, texts, says in (
-        ("note", notes, "why it was refused, or what was warned of"),
-        ("settings", settings, "what makes the cell of the scenario"),
+        ("note", notes, "reason of the refusal, or warnings"),
+        ("settings", settings, "overrides that make the cell of the scenario"),
     ):
         variables[name] = (dims, _texts(texts).reshape(shape), {"long_name": says})
     fixed = {"Conventions": "CF-1.11", "holdfast_version": __version__, "over": " ".join(names)}
@@ -98,7 +98,7 @@ def campaign_table(
 
 
 def check_variable(name: str | None, answer: Mapping[str, Any]) -> None:
-    """Raises `OutputError` where the table will have no variable of that name."""
+    """Raises `OutputError` if the table will not have a variable of that name."""
     if name in (None, REFUSED) or "numbers" not in answer:
         return
     entries = from_table(answer["numbers"]).items()

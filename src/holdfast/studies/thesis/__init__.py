@@ -1,1 +1,1 @@
-"""Claims of the thesis as data, judged, and the report on them."""
+"""Claims of the thesis as data, their verdicts, and the report."""

@@ -1,4 +1,4 @@
-"""What the claims of the thesis came to, as one page that needs nothing else."""
+"""The report on the claims of the thesis, as one self-contained page."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from holdfast.scenario.schema.claims import TrialSpec
 from holdfast.studies.thesis.reproduce import CONDITION, FAILS, HOLDS, Found, Judged, chapter
 
 SHOWN = ("map", "set", "paths", "law", "constraints", "histories")
-"""Figures of a trial by name, in the order in which the page shows them."""
+"""Figures of a trial by name, in the order of the page."""
 
 
 def write_report(judged: Sequence[Judged], path: Path) -> Path:
-    """Claims by chapter, with verdicts, numbers, figures and how to run them again, as HTML.
+    """Claims by chapter, with verdicts, numbers, figures and commands to reproduce them, as HTML.
 
-    Opens without a network: the script that turns the figures is in the page.
+    The page opens without a network: the script of the interactive figures is embedded.
     """
     claims = [_shown(j) for j in judged]
     chapters = [
@@ -48,7 +48,7 @@ def write_report(judged: Sequence[Judged], path: Path) -> Path:
 
 
 def report_text(judged: Sequence[Judged]) -> str:
-    """The same in lines: chapter, verdict, where, what is said; what differs below."""
+    """The report as lines of text: chapter, verdict, place, claim; differences below."""
     lines = ["The thesis, reproduced", ""]
     for j in judged:
         mark = "!" if j.problems else " "
@@ -56,7 +56,7 @@ def report_text(judged: Sequence[Judged]) -> str:
         lines.append(f"     {j.claim.says}")
         lines += [f"     differs: {problem}" for problem in j.problems]
     differing = sum(bool(j.problems) for j in judged)
-    lines += ["", f"  {len(judged)} claims, {differing} differ from what is recorded"]
+    lines += ["", f"  {len(judged)} claims, {differing} differ from the record"]
     return "\n".join(lines)
 
 
@@ -94,7 +94,7 @@ def _trial(spec: TrialSpec, found: Found) -> dict[str, Any]:
 
 
 def command(spec: TrialSpec) -> str:
-    """What a user types to run the trial again."""
+    """The command that repeats the trial."""
     if spec.scenario is None:
         said = ", ".join(f"{k}={v!r}" for k, v in spec.arguments.items())
         return f"holdfast.{spec.function}({said})"

@@ -1,4 +1,4 @@
-"""The claims of the thesis, each run and judged: what `holdfast reproduce` does."""
+"""Reproduction of the thesis: every claim is run and judged (`holdfast reproduce`)."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ HOLDS, CONDITION, FAILS = "holds", "holds with a condition", "does not hold"
 
 @dataclass(frozen=True)
 class Found:
-    """What a trial gave: its number, and the folder of its figures; `trouble` if it gave none.
+    """The result of a trial: its number, and the folder of its figures; `trouble` after a failure.
 
-    refusal: why holdfast does not run it, where that is on record.
+    refusal: the error with which holdfast refuses to run it, if the record expects one.
     """
 
     number: float | None
@@ -40,12 +40,12 @@ class Found:
     refusal: str = ""
 
     def within(self, spec: TrialSpec) -> bool:
-        """Whether the claim holds in it."""
+        """Whether the claim holds in the trial."""
         low, high = spec.needs
         return self.number is not None and low <= self.number <= high
 
     def as_recorded(self, spec: TrialSpec) -> bool:
-        """Whether the number is still what it was; whether it is still refused."""
+        """Whether the number, or the refusal, agrees with the record."""
         if spec.refused:
             return bool(self.refusal)
         return self.number is not None and abs(self.number - spec.recorded) <= spec.within
@@ -53,7 +53,7 @@ class Found:
 
 @dataclass(frozen=True)
 class Judged:
-    """A claim with what its trials gave."""
+    """A claim with the results of its trials."""
 
     chapter: int
     claim: ClaimSpec
@@ -62,7 +62,7 @@ class Judged:
 
     @property
     def trials(self) -> tuple[tuple[TrialSpec, Found], ...]:
-        """The specification of every trial, and what it gave."""
+        """The specification of every trial, and its result."""
         found = [(self.claim.stated, self.stated)]
         if self.claim.conditioned is not None and self.conditioned is not None:
             found.append((self.claim.conditioned, self.conditioned))
@@ -70,7 +70,7 @@ class Judged:
 
     @property
     def verdict(self) -> str:
-        """What the numbers say; "" where there are none."""
+        """The verdict from the numbers; "" without numbers."""
         if any(found.trouble for _, found in self.trials):
             return ""
         holds = [found.within(spec) for spec, found in self.trials]
@@ -80,7 +80,7 @@ class Judged:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """How it differs from what is recorded."""
+        """The differences from the record."""
         said = [found.trouble for _, found in self.trials if found.trouble]
         if said:
             return tuple(said)
@@ -97,9 +97,9 @@ class Judged:
 
 
 def chapter(number: int) -> ChapterSpec:
-    """The claims of a chapter; `ScenarioError` where there are none."""
+    """The claims of a chapter; `ScenarioError` for a chapter without claims."""
     if number not in CHAPTERS:
-        raise ScenarioError(f"chapter {number} claims nothing", expected=f"one of {CHAPTERS}")
+        raise ScenarioError(f"chapter {number} has no claims", expected=f"one of {CHAPTERS}")
     name = f"chapter-{number}.toml"
     text = (resources.files("holdfast.studies.thesis") / name).read_text("utf-8")
     return validated(ChapterSpec, tomllib.loads(text), name)
@@ -113,14 +113,14 @@ def reproduce(
     workers: int | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> tuple[Judged, ...]:
-    """Every claim of the chapters, judged by its trials; quick: those of a few seconds alone.
+    """Every claim of the chapters, judged by its trials; quick: only trials of a few seconds.
 
-    Trials run in `workers` processes, by default one for every core. What a trial gave is kept in
-    a folder of its own below `folder`, named by the digest of the trial and of the code: a second
-    call, after an interruption or not, runs what is missing.
+    Trials run in `workers` processes, by default one for every core. The result of a trial is kept
+    in a separate folder below `folder`, named by the digest of the trial and of the code: a second
+    call, after an interruption or not, runs only the missing ones.
 
-    A trial that is refused or fails is told in `Judged.problems`. Raises `ScenarioError` for a
-    chapter without claims, `OutputError` for a folder that cannot be written, and where the system
+    `Judged.problems` lists trials that are refused or fail. Raises `ScenarioError` for a chapter
+    without claims, `OutputError` for a folder that cannot be written, and if the operating system
     killed a process.
     """
     chosen = dict.fromkeys(chapters)
@@ -139,7 +139,7 @@ def reproduce(
     tell("reproducing")
     if missing:
         count = min(workers or os.cpu_count() or 1, len(missing))
-        asked = [  # the last chapters take longest, and are begun first
+        asked = [  # the last chapters take longest and start first
             (key, (missing[key].model_dump(), places[key])) for key in reversed(missing)
         ]
         with processes(count) as pool:
@@ -165,7 +165,7 @@ def _trials(claim: ClaimSpec) -> Iterator[TrialSpec]:
 
 
 def digest(spec: TrialSpec) -> str:
-    """The name of what a trial gives: of what decides it, and of the code and its files."""
+    """The digest of a trial's result: of its specification, of the code and of its files."""
     asked = spec.model_dump(
         include={"scenario", "set", "runs", "function", "arguments", "number", "refused"}
     )
@@ -173,7 +173,7 @@ def digest(spec: TrialSpec) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:20]
 
 
-# -- one trial, in a process of its own -------------------------------------------------------
+# -- one trial, in a worker process -----------------------------------------------------------
 
 
 def _run(asked: tuple[Mapping[str, Any], Path]) -> None:
@@ -181,7 +181,7 @@ def _run(asked: tuple[Mapping[str, Any], Path]) -> None:
 
 
 def run_trial(asked: Mapping[str, Any], folder: Path) -> None:
-    """Run it, draw its figures, and write what it gave; a refusal is written too."""
+    """Run the trial, draw its figures, and write its result; a refusal is written too."""
     spec = TrialSpec.model_validate(asked)
     make_folder(folder)
     said: dict[str, Any] = {"number": None, "figures": [], "trouble": "", "refusal": ""}
@@ -196,7 +196,7 @@ def run_trial(asked: Mapping[str, Any], folder: Path) -> None:
     except HoldfastError as error:
         awaited = spec.refused and spec.refused in str(error)
         said["refusal" if awaited else "trouble"] = str(error)
-    except Exception as error:  # one trial is not to end the others
+    except Exception as error:  # a failing trial must not end the others
         said["trouble"] = f"{type(error).__name__}: {error}"
     write_text(folder / DONE, json.dumps(said, indent=2) + "\n")
 
@@ -242,10 +242,10 @@ def _leaf(said: object, where: str) -> float:
         else:
             known, found = [], getattr(said, name, None)
         if found is None:
-            raise ScenarioError(f"there is no '{name}'", expected=", ".join(map(str, known)))
+            raise ScenarioError(f"unknown name '{name}'", expected=", ".join(map(str, known)))
         said = found
     if not isinstance(said, int | float):
-        raise ScenarioError(f"{said!r} is no number")
+        raise ScenarioError(f"{said!r} is not a number")
     return float(said)
 
 

@@ -1,4 +1,4 @@
-"""Two opposite charges: the physical electric dipole that the point dipole is the limit of."""
+"""Two opposite charges: the physical electric dipole, whose limit is the point dipole."""
 
 from __future__ import annotations
 

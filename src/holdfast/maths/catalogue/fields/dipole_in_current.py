@@ -1,4 +1,4 @@
-"""The dipole-like field of a vehicle in a current: its axis lies along the current."""
+"""The dipole-like field of a vehicle in a current, with its axis along the current."""
 
 from __future__ import annotations
 

@@ -21,13 +21,13 @@ def dipole_like(
 
     `lam` is lambda >= 1 (below 1 there are other zeros), `moment` is p. Without the
     `exponential`, F1 = lambda (p . q) q - p of figure 2.3(a), the lines are those of two
-    charges, with nodes at +-p/(|p| sqrt(lambda)). Coordinates without unit, for the thesis
+    charges, with nodes at +-p/(|p| sqrt(lambda)). Coordinates without unit, because the thesis
     compares |q|^2 with 1. Raises `DefinitionError` for lambda < 1 or p = 0.
     """
     if not lam >= 1:
         raise DefinitionError(
             f"dipole-like field: lambda = {lam:g}",
-            expected="lambda >= 1, else it vanishes elsewhere than at the origin",
+            expected="lambda >= 1, else it has zeros away from the origin",
         )
     if not isinstance(exponential, bool):
         raise DefinitionError(

@@ -1,4 +1,4 @@
-"""The electric point dipole: the picture that the reference fields are drawn after."""
+"""The electric point dipole, the model of the reference fields."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def electric_dipole(
         description="electric field of a point dipole, moment in C m",
         source="thesis (2.4)-(2.6)",
         notes=(
-            "E itself is unbounded at the origin: what vanishes there is E without its positive "
-            "factor, which has the same lines",
+            "E itself is unbounded at the origin; the field that vanishes there is E without its "
+            "positive factor, which has the same lines",
         ),
     )

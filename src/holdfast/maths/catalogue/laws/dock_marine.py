@@ -65,8 +65,8 @@ def project_marine(
         r_d = -k2 wrap(psi - phi) + d/dt phi                                        (4.34)
 
     with F = (x^2 - y^2, 2 x y) (4.33). The distance falls as 1 / (k1 t) only: 1.7 cm after
-    60 s at k1 = 1. Large k1 is no cure: the hull then side-slips into the origin (thesis
-    appendix 4.6 asks for large k1; the opposite holds). `dock_marine` is what to use.
+    60 s at k1 = 1. A large k1 does not help: the hull then side-slips into the origin (thesis
+    appendix 4.6 asks for large k1; the opposite holds). Use `dock_marine` instead.
     k1 in 1/(m s), k2 in 1/s, `freeze` as in `dock_marine`.
     """
     x, y, psi, _, turn, parameters = _approach(
@@ -107,7 +107,7 @@ def _approach(
         (
             Parameter("k1", unit, "gain of the distance", value=k1, above=0),
             Parameter("k2", "1/s", "heading gain", value=k2, above=0),
-            Parameter("freeze", "m", "distance below which it only turns", value=freeze, above=0),
+            Parameter("freeze", "m", "distance of the final turn", value=freeze, above=0),
             *(p for p in system.parameters if p.name in needed),
         ),
     )

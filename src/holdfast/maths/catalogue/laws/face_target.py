@@ -29,8 +29,8 @@ def face_target(
         r = -kv wrap(psi - phi_t),          phi_t = atan2(-y, -x)
 
     The viable law at the edges of the view, and the one that keeps the goal set
-    G = { |(x, y)| = distance, psi = phi_t }. The thesis prints the goal point with the
-    other sign, which puts it behind the wall (E3): so it is with `as_printed`. In a current the
+    G = { |(x, y)| = distance, psi = phi_t }. The thesis prints the goal point with the opposite
+    sign, which puts it behind the wall (E3); `as_printed` reproduces that. In a current the
     law is (5.41), u and r relative to the water. Outputs: surge u [m/s], yaw rate r [rad/s].
     """
     if not isinstance(as_printed, bool):

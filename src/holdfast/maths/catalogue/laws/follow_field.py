@@ -1,4 +1,4 @@
-"""Follow the reference field of a system, by the law that its constraint alone gives."""
+"""Follow the reference field of a system, by the law derived from its constraint alone."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def follow_field(
     freeze: float = 1e-4,
     moment: Sequence[float] | None = None,
 ) -> Law:
-    """Follow the reference field, by the law that is derived from A(q) alone.
+    """Follow the reference field, by the law derived from A(q) alone.
 
         s = atan2(g x F, g . F),   u = -k1 sgn(g . x) |x| / |g| along g,   sdot = -k s
 
@@ -32,7 +32,7 @@ def follow_field(
     and t goes to zero with the gain k. Local where g cannot point every way (as in a chained
     form). `moment` is p where the system leaves a choice. k1, k in 1/s, lam > 1.
 
-    Raises `DefinitionError` with what is missing for any other system.
+    Raises `DefinitionError` for any other system, and names the missing property.
     """
     found = structure(system, moment)
     pieces = alignment(found)
@@ -46,7 +46,7 @@ def follow_field(
             Parameter("k1", "1/s", "gain of the distance", value=k1, above=0),
             Parameter("k", "1/s", "decay rate of the misalignment", value=k, above=0),
             Parameter("lam", "1", "exponent lambda of the dipolar field", value=lam, above=1),
-            Parameter("freeze", "1", "distance below which it only turns", value=freeze, above=0),
+            Parameter("freeze", "1", "distance of the final turn", value=freeze, above=0),
             *system.parameters,
         ),
         description="follow the dipolar field, by the law derived from the constraint alone",

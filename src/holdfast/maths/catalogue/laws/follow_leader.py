@@ -1,4 +1,4 @@
-"""Follow a leader by its range and bearing alone, and never lose sight of it: chapter 6."""
+"""Follow a leader by its range and bearing alone and keep it in view: chapter 6."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from holdfast.maths.expressions.functions import clip, greatest, sgn
 from holdfast.maths.formations.footprint import edges, polygon, side_parameters
 
 SEEN = (Quantity("range", "m", "distance to the leader"), Quantity("bearing", "rad"))
-"""All that a follower reads: a law with these reads can know of the leader no more."""
+"""The only reads of a follower: its law knows nothing else about the leader."""
 
 NEAR = sp.Float(1e-2)
-"""Below this the distance [m] ahead is not divided by: the robots have touched long before."""
+"""The smallest divisor [m] for the distance ahead: the robots collide long before."""
 
 TURNS = ("bearing", "line_of_sight")
 
@@ -26,16 +26,16 @@ TURNS = ("bearing", "line_of_sight")
 def approach_leader(
     *, k1: float = 0.6, k2: float = 0.8, distance: float = 1.0, turn: str = "bearing"
 ) -> Law:
-    """Go to `distance` from a leader that stands still, facing it; nominal, (6.12).
+    """Go to `distance` from a stationary leader, facing it; nominal, (6.12).
 
         uF = k1 (range - rd)
         wF = k2 bearing                                        turn = "bearing"
         wF = k2 bearing + uF sin(bearing) / range              turn = "line_of_sight"
 
-    (6.12) with the desired position on the line of sight, where its field points along it: the
-    dipole plays no part. The second form adds the turn rate of the line of sight of a leader that
-    stands still, so that d/dt bearing = -k2 bearing, as the thesis has it; the first is what the
-    thesis computes its gains (6.17), (6.18) for. Gains that keep the leader in view:
+    (6.12) with the desired position on the line of sight, where the field points along that line:
+    the dipole has no effect. The second form adds the turn rate of the line of sight of a
+    stationary leader, so that d/dt bearing = -k2 bearing, as in the thesis. The thesis computes
+    its gains (6.17), (6.18) for the first form. Gains that keep the leader in view:
     `hf.visibility_gains`. k1, k2 [1/s], distance rd [m].
     """
     speed = symbol("k1") * (symbol("range") - symbol("distance"))
@@ -44,7 +44,7 @@ def approach_leader(
         speed,
         turn,
         _gains(k1, k2, distance),
-        "go to a distance from a leader that stands still, facing it",
+        "go to a distance from a stationary leader, facing it",
         "thesis (6.12), with rd on the line of sight",
     )
 
@@ -60,15 +60,15 @@ def follow_leader(
     turn: str = "bearing",
     as_printed: bool = False,
 ) -> Law:
-    """Stay at `distance` from a leader that moves, facing it; perturbed, (6.19).
+    """Stay at `distance` from a moving leader, facing it; perturbed, (6.19).
 
         uF = k1 (range - rd) + uLM clip((range - rd) / softness, -1, 1)
         wF = k2 bearing
 
-    uLM = `leader_speed`, the largest speed of the leader, is all that is known of how it moves.
+    uLM = `leader_speed`, the largest speed of the leader, is all that the law knows of its motion.
     turn = "line_of_sight" adds uF sin(bearing) / range to wF, the part of the turn rate of the
     line of sight that the follower knows; (6.19b) asks for all of it, in the leader's frame, which
-    contains uL and wL. With `as_printed` the sign takes the place of the saturation, and chatters.
+    contains uL and wL. With `as_printed` the sign replaces the saturation, and chatters.
     Gains that keep the leader in view: `hf.visibility_gains`. k1, k2 [1/s], lengths in m.
     """
     if not isinstance(as_printed, bool):
@@ -92,7 +92,7 @@ def follow_leader(
         symbol("k1") * gap + symbol("leader_speed") * hurry,
         turn,
         parameters,
-        "stay at a distance from a leader that moves, facing it",
+        "stay at a distance from a moving leader, facing it",
         "thesis (6.19), with rd on the line of sight, "
         + ("its sign as printed" if as_printed else "corrected"),
     )
@@ -107,14 +107,14 @@ def keep_footprint(
     firmness: float = 1.0,
     vertices: object = None,
 ) -> Law:
-    """Stay behind a leader so that it moves straight to (rd, 0) of the follower's own frame.
+    """Stay behind a leader so that it moves straight to (rd, 0) in the follower's frame.
 
         wF = k1 Y / X,   uF = k1 (X - rd) + wF Y,   (X, Y) = range (cos(bearing), sin(bearing))
 
-    By which X' = -k1 (X - rd), Y' = -k1 Y while the leader stands still: no footprint that is
-    star-shaped about (rd, 0) is left, by any k1 [1/s]. While it moves, both are changed no more
-    than every side n . s <= b of the footprint asks, with the leader's worst motion of
-    uLM = `leader_speed`:
+    While the leader is stationary, X' = -k1 (X - rd) and Y' = -k1 Y: for any k1 [1/s] it stays in
+    every footprint that is star-shaped about (rd, 0). While it moves, a safety filter changes both
+    inputs as little as the sides n . s <= b of the footprint require, against the leader's worst
+    motion of uLM = `leader_speed`:
 
         n . s' + uLM <= -firmness (n . s - b)
 

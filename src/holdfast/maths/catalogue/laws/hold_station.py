@@ -1,4 +1,4 @@
-"""Hold station in a current, known or bounded: laws and the supervisors that switch them."""
+"""Hold station in a known or bounded current: laws and the supervisors that switch them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from holdfast.maths.reference_fields.dipole import UNSEEN, dipole_like_field, fi
 APPROACH, PUSH, TURN = "approach", "push", "turn"
 
 ALIGNED = math.acos(0.8)
-"""How far [rad] a heading may be off that of pushing for a vehicle that turns home at once."""
+"""Largest heading error [rad] from the pushing direction at which a vehicle may turn home."""
 
 
 @checked
@@ -65,8 +65,8 @@ def hold_station(
     Inside |r| <= r0 the vehicle turns home while the current brings it nearer (r . v < 0) and
     pushes against the current otherwise; outside |r| > r1 >= r0 it approaches again. The
     thesis has r1 = r0, which leaves no hysteresis, and no rule for leaving the ball downstream
-    while pushing: that one goes back to approaching. The ball is left by about 0.03/k2 m
-    in the current of the thesis, by up to five times that in others.
+    while pushing; here the vehicle then approaches again. The excursion from the ball is about
+    0.03/k2 m in the current of the thesis, and up to five times that in others.
 
     A vehicle with inertia is carried out of the ball while it turns into the current, and the
     flow lines that lead back from there ask for a whole turn. With `r2` [m] the vehicle pushes on
@@ -123,7 +123,7 @@ def hold_station(
         Parameter("r1", "m", "radius beyond which it approaches again", value=r1, above=0.0),
         Parameter("k1", "1/s", "gain of the distance", value=k1, above=0),
         Parameter("k2", "1/s", "heading gain while approaching", value=k2, above=0),
-        Parameter("k3", "1", "speed while pushing over that of the current", value=k3, above=1),
+        Parameter("k3", "1", "speed while pushing, relative to the current", value=k3, above=1),
         Parameter("k4", "1/s", "heading gain while pushing", value=k4, above=0),
         Parameter("k5", "1/s", "heading gain while turning home", value=k5, above=0),
         Parameter("lam", "1", "exponent lambda of the field", value=lam, above=1),
@@ -131,7 +131,7 @@ def hold_station(
     )
     if r2 is not None:
         parameters += (
-            Parameter("r2", "m", "radius beyond which pushing is given up", value=r2, above=0.0),
+            Parameter("r2", "m", "radius beyond which pushing ends", value=r2, above=0.0),
             Parameter(
                 "k6", "1/m", "gain of the distance from the current's line", value=k6, above=0
             ),
@@ -186,7 +186,7 @@ def hold_station(
             Transition(TURN, APPROACH, least(outside, outward)),
         ),
         initial=APPROACH,
-        description="hold station in a known current, by three laws that take turns",
+        description="hold station in a known current, by switching between three laws",
         source="thesis (3.4), (3.5), (3.8), (3.9) and the logic of section 3.2, completed",
     )
 
@@ -199,7 +199,7 @@ def _check_push(k3: float) -> None:
 
 
 def _outruns(push: sp.Expr) -> GainCondition:
-    """The speed that pushing asks for is within the limit."""
+    """The speed required for pushing is within the limit."""
     return GainCondition(
         value=push,
         limit=symbol("speed_limit"),
@@ -248,8 +248,8 @@ def hold_station_unknown(
 
     phi is the direction of the nominal field F = lambda x r - (1, 0) (1 - exp(-|r|^2)) (3.3),
     its rate taken without the current; x_in the side on which |r| <= r0 was entered. It
-    approaches again outside |r| >= r1. With r1 = r0, as in the thesis, there is no hysteresis
-    and this law slides on the boundary; its other readings of sgn(r . v) stay away from the
+    approaches again outside |r| >= r1. With r1 = r0, as in the thesis, the law has no hysteresis
+    and slides on the boundary; the other readings of sgn(r . v) keep the vehicle away from the
     ball (3.11 does not follow from its proof).
 
     Speeds are limited and scaled as in `hold_station`. Lengths in m, `current_bound` in m/s,
@@ -276,7 +276,7 @@ def hold_station_unknown(
         Parameter("r1", "m", "radius beyond which it approaches again", value=r1, above=0.0),
         Parameter("k1", "1/s", "gain of the distance", value=k1, above=0),
         Parameter("k2", "1/s", "heading gain while approaching", value=k2, above=0),
-        Parameter("k3", "1", "speed while holding over the bound", value=k3, above=1),
+        Parameter("k3", "1", "ratio of the speed while holding to the bound", value=k3, above=1),
         Parameter("k4", "1/s", "heading gain while holding", value=k4, above=0),
         Parameter("lam", "1", "exponent lambda of the field", value=lam, above=1),
         *vehicle.limits,
@@ -304,6 +304,6 @@ def hold_station_unknown(
             Transition(ASTERN, APPROACH, outside),
         ),
         initial=APPROACH,
-        description="hold station in a current of which only a bound is known",
+        description="hold station in a current with a known bound",
         source="thesis (3.3), section 3.3.4, in the reading that works, with an exit radius",
     )

@@ -58,17 +58,17 @@ def inspect_target(
         r = -kv wrap(psi - beta - delta),    R0 = distance (1 - max(|beta| - settle, 0))
 
     n = `exponent` > 1: the way home ends as beta ~ s^n, tangent to the goal's heading, as the
-    lines of the dipolar field with lambda = n / (n - 1) do. Ahead it goes as far as it can. Where
-    the leg ends before the target (s < 0.1, or 5 cm before the least range) with the bearing off by
-    more than `settle` [rad] and what the rest of the leg can mend, it backs up until one leg home
-    suffices, or to within `far_margin` [m] of the largest range `range_max`, but at least to 10 cm
-    beyond the least range: the two guards never hold at once. `swing` [rad] is what turning from
-    one leg to the other loses. Where the heading is off by more than `turn_first` [rad] the vehicle
-    slows down, to the share `creep` of its speed at last, but not where a range limit keeps it from
-    turning.
+    lines of the dipolar field with lambda = n / (n - 1) do. A leg ahead goes as far as it can. If
+    it ends before the target (s < 0.1, or 5 cm before the least range) with the bearing off by
+    more than `settle` [rad] plus the change that the rest of the leg allows, the vehicle backs up
+    until one leg home suffices, or to within `far_margin` [m] of the largest range `range_max`, but
+    at least to 10 cm beyond the least range: the two guards never hold at once. `swing` [rad] is
+    the bearing lost in turning from one leg to the other. If the heading is off by more than
+    `turn_first` [rad], the vehicle slows down, to no less than the share `creep` of its speed; it
+    does not slow down where a range limit keeps it from turning.
 
-    The law does not keep the view by itself: `safeguard` it. What is proved of it is only this
-    geometry; that it arrives is measured (docs/rescue.md). Keep k1 mu below the gain limit of the
+    The law does not keep the view by itself: add a safety filter (`safeguard`). Only this geometry
+    is proved; the arrival is measured (docs/rescue.md). Keep k1 mu below the gain limit of the
     vehicle and of every model of it that may be true (0.351 1/s for the VideoRay, 0.234 1/s with
     20 % more inertia and 20 % less drag): beyond it the sway outpaces the approach.
     Outputs: surge u [m/s], yaw rate r [rad/s].
@@ -86,12 +86,12 @@ def inspect_target(
         "target_half_width": (target_half_width, "m", "half-width yT"),
         "range_min": (range_min, "m", "least laser range Lmin"),
         "range_max": (range_max, "m", "largest laser range Lmax"),
-        "leg_margin": (leg_margin, "rad", "how far the legs keep from the edge of the view"),
-        "far_margin": (far_margin, "m", "how far backing up keeps from the largest range"),
-        "turn_first": (turn_first, "rad", "heading error from which on it slows down"),
+        "leg_margin": (leg_margin, "rad", "distance of the legs from the edge of the view"),
+        "far_margin": (far_margin, "m", "margin of backing up to the largest range"),
+        "turn_first": (turn_first, "rad", "heading error above which the vehicle slows down"),
         "creep": (creep, "1", "least share of the speed"),
         "swing": (swing, "rad", "bearing lost in turning to the other leg"),
-        "settle": (settle, "rad", "bearing that is good enough at the pose"),
+        "settle": (settle, "rad", "acceptable bearing error at the pose"),
     }
     if not exponent > 1:
         raise DefinitionError(f"exponent is {exponent:g}", expected="above 1")
@@ -123,9 +123,9 @@ def inspect_target(
     near = sp.Rational(1, 50) ** 2
     home = clip(sp.atan(s["exponent"] * bearing * depth / (depth**2 + near)), -leg, leg)
 
-    # the target's bearing that is not yet good enough keeps it moving
+    # an unacceptable bearing error keeps the vehicle moving
     beyond = greatest(magnitude(bearing) - s["settle"], sp.S.Zero)
-    # where a range limit keeps the vehicle from turning, it is speed that frees it
+    # at a range limit that prevents turning, speed frees the vehicle
     pressed = {
         AHEAD: 1 - (x + s["range_max"] * sp.cos(psi)) / sp.Rational(3, 10),
         BACK: 1 + (x + s["range_min"] * sp.cos(psi)) / sp.Rational(1, 10),
@@ -139,7 +139,7 @@ def inspect_target(
         reads = system.quantities(("x", "y", "psi"), "inspect_target")
         return Law(name, reads, {"u": surge, "r": -s["kv"] * error}, parameters)
 
-    # the leg in the middle of the way home stands for all of it
+    # the leg in the middle of the way home represents all of it
     middle = sp.atan(width / sp.sqrt(radius * start))
     usual = greatest(s["half_angle"] - middle - s["leg_margin"], sp.S.Zero)
     reach = sp.tan(usual) * magnitude(depth)

@@ -16,7 +16,7 @@ def back_off(law: Law, *, creep: float = 0.02, as_printed: bool = False) -> Law:
     """Straight back: u = -(|u_convergent| + creep), r = 0; the viable law at the near limit.
 
     The thesis keeps u of (5.18a) there, which drives the vehicle across the limit whenever
-    the goal lies behind it (E4): so it is with `as_printed`. `creep` [m/s] keeps it moving when
+    the goal lies behind it (E4); `as_printed` reproduces that. `creep` [m/s] keeps it moving when
     the convergent surge is zero.
     """
     return _straight(law, "back_off", -1, creep, as_printed, "back from the near range limit")
@@ -44,7 +44,7 @@ def _straight(
         outputs={"u": speed, "r": sp.S.Zero},
         parameters=(
             *law.parameters,
-            Parameter("creep", "m/s", "speed beyond the convergent one", value=creep, above=0.0),
+            Parameter("creep", "m/s", "speed added to the convergent one", value=creep, above=0.0),
         ),
         believed=law.believed,
         description="straight on, at the convergent surge" if as_printed else f"straight {where}",

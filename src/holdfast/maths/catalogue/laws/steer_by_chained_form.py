@@ -1,4 +1,4 @@
-"""Steer a system to the origin through chained coordinates that are searched for."""
+"""Steer a system to the origin through chained coordinates found by search."""
 
 from __future__ import annotations
 

@@ -38,9 +38,10 @@ def steer_integrator(
     with rho^2 = x1^2 + x2^2. Then x3 and rho decay exactly as exp(-k1 t) and exp(-k2 t), so
     the inputs stay bounded only for k1 > k2 (refused otherwise) and the spin k1 x3 / rho^2
     only for k1 > 2 k2 (warned). Where the inputs would pass `input_limit`, as on x1 = x2 = 0,
-    u1 = u2 = -escape_gain sgn(x3) max(|x3|, escape_least) is held for `escape_time` [s] first:
-    test the size of the input, never x1 = x2 = 0, and go a least way, or the spin that follows
-    grows as 1 / |x3|. There |x3| <= `rest` counts as zero and is left alone.
+    u1 = u2 = -escape_gain sgn(x3) max(|x3|, escape_least) is held for `escape_time` [s] first.
+    The test is on the size of the input, not x1 = x2 = 0, and the escape has a least length,
+    since the later spin would otherwise grow as 1 / |x3|. There |x3| <= `rest` counts as zero and
+    causes no escape.
     """
     check_rates("steer_integrator", system, nonholonomic_integrator)
     if not k1 > k2:
@@ -70,7 +71,7 @@ def steer_integrator(
             Parameter("k2", "1/s", "decay rate of x1 and x2", value=k2, above=0),
             Parameter("escape_gain", "1/s", "gain while escaping", value=escape_gain, above=0),
             Parameter(
-                "escape_least", "1", "least |x3| to escape by", value=escape_least, above=0.0
+                "escape_least", "1", "least |x3| of the escape", value=escape_least, above=0.0
             ),
             Parameter("rest", "1", "|x3| that counts as zero", value=rest, above=0.0),
             *_escape(escape_time, input_limit),

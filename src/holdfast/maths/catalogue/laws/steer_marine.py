@@ -37,8 +37,8 @@ def steer_marine(
     and the sway the measured one (E8). Outputs: surge u [m/s], yaw rate r [rad/s].
 
     In a current the same law is (5.31): u and v are relative to the water, and xdot, ydot those
-    over ground. With `measured` the law is told the current (Vx, Vy) at every instant, as Lemma 3
-    needs; without, it takes the water for still. The vehicle then ends within
+    over ground. With `measured` the law measures the current (Vx, Vy) at every instant, as Lemma 3
+    needs; without, it assumes still water. The vehicle then ends within
     `lyapunov.ultimate_bound` of the goal, heading along the current or against it.
 
     Gains: k1 [m/s] the top speed, mu [1/m], k2 [1/s], lam (lambda > 1). Condition for
@@ -49,7 +49,7 @@ def steer_marine(
     told = tuple(q for q in system.disturbances if measured and q.name in ("Vx", "Vy"))
     if measured and len(told) != 2:
         raise DefinitionError(
-            f"steer_marine is to measure the current, and system '{system.name}' has none",
+            f"steer_marine has to measure the current, but system '{system.name}' has none",
             expected="disturbances Vx and Vy",
         )
     vx, vy = (q.symbol for q in told) if measured else (sp.S.Zero, sp.S.Zero)

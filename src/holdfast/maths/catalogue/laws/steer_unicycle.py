@@ -49,7 +49,7 @@ def steer_unicycle(
             Parameter("k1", "1/s", "gain of the distance", value=k1, above=0),
             Parameter("k", "1/s", "heading gain", value=k, above=0),
             Parameter("lam", "1", "exponent lambda of the dipolar field", value=lam, above=1),
-            Parameter("freeze", "m", "distance below which it only turns", value=freeze, above=0),
+            Parameter("freeze", "m", "distance of the final turn", value=freeze, above=0),
             *system.quantities(("speed_limit", "turn_limit"), "steer_unicycle"),  # type: ignore[arg-type]
         ),
         description="go to the origin with heading 0 along a dipolar field, within input limits",
@@ -117,7 +117,7 @@ def align_unicycle(
         parameters=(
             Parameter("k", "1/s", "decay rate of the misalignment", value=k, above=0),
             Parameter("epsilon", "1", "least |dh/dpsi| to divide by", value=epsilon, above=0),
-            Parameter("freeze", "m", "distance below which it only turns", value=freeze, above=0),
+            Parameter("freeze", "m", "distance of the final turn", value=freeze, above=0),
         ),
         description="go to the origin along the field of a point dipole, at bounded speed",
         source="thesis (2.14)-(2.16), corrected, and (4.14)",

@@ -1,4 +1,4 @@
-"""Hold station with the heading left free: what the laws of chapter 3 are compared with."""
+"""Hold station with a free heading (weathervaning): the baseline for the laws of chapter 3."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ def weathervane(
     speed_limit: float | None = None,
     turn_limit: float | None = None,
 ) -> Law:
-    """Hold the position at the origin in a known current V, whatever heading that takes.
+    """Hold the position at the origin in a known current V, with a free heading.
 
-        w = -k1 r - V, at most speed_limit         the velocity through the water that is needed
+        w = -k1 r - V, at most speed_limit         the required velocity through the water
         u = w . h,   r = -k2 wrap(psi - phi) + d/dt phi,   phi the direction of w
 
     The vehicle comes to rest at the origin with its bow into the current: an equilibrium of
-    (3.1), so no switching is needed, but psi = 0 is given up. It goes slower where w turns faster
-    than 0.8 turn_limit, and the limits are those of `hold_station`. k1, k2 in 1/s; `current_x`,
+    (3.1), so no switching is needed, but psi = 0 is not reached. The speed is reduced where w turns
+    faster than 0.8 turn_limit. The limits are those of `hold_station`. k1, k2 in 1/s; `current_x`,
     `current_y` [m/s] are the current the law believes in.
     """
     vehicle = surge_and_turn("weathervane", system, speed_limit, turn_limit)

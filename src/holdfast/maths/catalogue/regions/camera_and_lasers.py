@@ -22,7 +22,7 @@ def camera_and_lasers(
     image_width: float = 0.08,
     stand_off: float = 0.3,
 ) -> Region:
-    """The safe set S of chapter 7: what a camera and two laser pointers need to measure the pose.
+    """The safe set S of chapter 7, in which a camera and two laser pointers can measure the pose.
 
     The camera is at the vehicle's origin, its half angle alpha, its focal length 1; the target is
     on the wall x = 0, centred at the origin, of half-width yT; two parallel laser pointers are at
@@ -37,8 +37,8 @@ def camera_and_lasers(
         c8 = x + x_min                                          too_near: stand-off
 
     Fc = -x c - y s. No division, so that they are Lipschitz and hold for every |psi| <= pi/2 with
-    x < 0; the forms with tan(psi + alpha) change sign where that angle exceeds pi/2. The
-    thesis (section 7.1) names these limits and leaves the formulas out. Angles in rad, lengths
+    x < 0. The forms with tan(psi + alpha) change sign where that angle exceeds pi/2. The
+    thesis (section 7.1) names these limits without the formulas. Angles in rad, lengths
     in m, e and w in focal lengths.
     """
     x, y, psi = (symbol(n) for n in ("x", "y", "psi"))

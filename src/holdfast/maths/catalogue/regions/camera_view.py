@@ -26,14 +26,14 @@ def camera_view(
         c2 = beta_up - psi - alpha <= 0       edge_high: so is its high end
         c3 = Lmin cos(psi) + x <= 0           too_near
         c4 = -x - Lmax cos(psi) <= 0          too_far
-        c5, c6 = +-y - along_wall <= 0        too_high, too_low, where along_wall is given
+        c5, c6 = +-y - along_wall <= 0        too_high, too_low, if along_wall is given
 
     beta_low, beta_up = atan2(-+yT - y, -x) are the bearings of the ends of the target, which
     is centred at the origin of the wall x = 0; the vehicle is at x < 0. The angular form has
     the zero set of thesis (5.23) for x < 0 and |psi| < pi/2 - alpha, and stays regular
-    beyond (E10). Without `along_wall` the set has no end along the wall: a vehicle that looks along
-    it at more than pi/2 - alpha sees the target from any distance. A grid needs an end. Angles in
-    rad, lengths in m.
+    beyond (E10). Without `along_wall` the set is unbounded along the wall: a vehicle that looks
+    along it at more than pi/2 - alpha sees the target from any distance. A grid needs a bound.
+    Angles in rad, lengths in m.
     """
     x, y, psi = (symbol(n) for n in ("x", "y", "psi"))
     alpha, width = symbol("half_angle"), symbol("target_half_width")

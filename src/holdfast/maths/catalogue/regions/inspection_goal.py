@@ -1,4 +1,4 @@
-"""The inspection pose, or any pose that looks at the target from the wanted distance."""
+"""The inspection pose, or any pose that faces the target at the desired distance."""
 
 from __future__ import annotations
 
@@ -48,12 +48,10 @@ def inspection_goal(
             Parameter("goal_x", "m", "goal position", value=goal_x),
             Parameter("goal_y", "m", "goal position", value=goal_y),
             Parameter("distance", "m", "distance to the target", value=distance, above=0.0),
-            Parameter("goal_radius", "m", "how near counts as there", value=goal_radius, above=0),
-            Parameter(
-                "goal_angle", "rad", "how aligned counts as there", value=goal_angle, above=0.0
-            ),
+            Parameter("goal_radius", "m", "position tolerance", value=goal_radius, above=0),
+            Parameter("goal_angle", "rad", "heading tolerance", value=goal_angle, above=0.0),
         ),
         scene=(Circle("goals", (sp.S.Zero, sp.S.Zero), s["distance"]),),
-        description="at the inspection pose, or facing the target from the wanted distance",
+        description="at the inspection pose, or facing the target at the desired distance",
         source="thesis section 5.4.3, goal set G",
     )

@@ -64,7 +64,7 @@ def leader_in_view(
 
 @checked
 def leader_in_footprint(*, vertices: object = None) -> Region:
-    """The leader within a convex polygon in the follower's own frame, whatever the sensor.
+    """The leader within a convex sensor footprint, a polygon in the follower's own frame.
 
         n_i . s <= b_i for every side i,   s = range (cos(bearing), sin(bearing))
 

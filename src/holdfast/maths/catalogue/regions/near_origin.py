@@ -1,4 +1,4 @@
-"""A box around the origin: where a steering law is to bring a system."""
+"""A box around the origin, the goal of a steering law."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import magnitude, wrap
 
 TOLERANCES = {
-    "m": ("near", "how near a position counts as there"),
-    "rad": ("near_angle", "how aligned an angle counts as there"),
+    "m": ("near", "position tolerance"),
+    "rad": ("near_angle", "angle tolerance"),
 }
-OTHER = ("near_rest", "how small any other state counts as there")
+OTHER = ("near_rest", "tolerance of any other state")
 
 
 @checked

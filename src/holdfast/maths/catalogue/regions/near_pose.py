@@ -38,10 +38,8 @@ def near_pose(
             Parameter("goal_x", "m", "goal position", value=goal_x),
             Parameter("goal_y", "m", "goal position", value=goal_y),
             Parameter("goal_heading", "rad", "goal heading", value=goal_heading),
-            Parameter("goal_radius", "m", "how near counts as there", value=goal_radius, above=0),
-            Parameter(
-                "goal_angle", "rad", "how aligned counts as there", value=goal_angle, above=0
-            ),
+            Parameter("goal_radius", "m", "position tolerance", value=goal_radius, above=0),
+            Parameter("goal_angle", "rad", "heading tolerance", value=goal_angle, above=0),
         ),
         scene=(Circle("goals", (s["goal_x"], s["goal_y"]), s["goal_radius"]),),
         description="near a pose in the plane",

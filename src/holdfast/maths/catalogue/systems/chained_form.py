@@ -7,7 +7,7 @@ from holdfast.maths.definitions.quantity import Quantity, symbol, whole_number
 from holdfast.maths.definitions.system import PfaffianRow, System
 
 LARGEST = 12
-"""Beyond this the inputs of any stabilising law pass all bounds."""
+"""Largest dimension: beyond it the inputs of any stabilising law exceed all bounds."""
 
 
 @checked

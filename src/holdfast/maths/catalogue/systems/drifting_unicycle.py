@@ -1,4 +1,4 @@
-"""Unicycle that a current carries: a marine vehicle by its kinematics alone."""
+"""Unicycle in a current: the kinematics of a marine vehicle."""
 
 from __future__ import annotations
 
@@ -51,6 +51,6 @@ def drifting_unicycle(
         input_bounds=Box((-fast, -turn), (fast, turn)),
         disturbance_bounds=Ball(symbol("current_limit"), 2),
         pfaffian=(PfaffianRow({"x": -sin, "y": cos}, vy * cos - vx * sin),),
-        description="unicycle-like marine vehicle in a current, kinematics alone",
+        description="unicycle-like marine vehicle in a current, kinematics only",
         source="thesis (3.1), (3.2)",
     )

@@ -1,4 +1,4 @@
-"""A wheeled robot that follows another, as the leader sees it."""
+"""A wheeled robot that follows another, in the leader's frame."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def leader_follower(
         x' = uF cos(beta) - uL + y wL,   y' = uF sin(beta) - x wL,   beta' = wF - wL     (6.7)
 
     Inputs: the follower's speed uF [m/s] in [-speed_limit, speed_limit] and turn rate wF [rad/s]
-    likewise. Disturbances: the leader's, |uL| <= leader_speed and |wL| <= leader_turn, which the
-    follower is not told. What it measures is `range` [m], the distance between the robots, and
+    likewise. Disturbances: the leader's inputs, |uL| <= leader_speed and |wL| <= leader_turn, which
+    the follower does not know. It measures `range` [m], the distance between the robots, and
     `bearing` [rad], the direction of the leader from its own heading, positive to the left:
 
         range = |(x, y)|,   bearing = atan2(-y, -x) - beta
@@ -59,7 +59,7 @@ def leader_follower(
 
 
 def sight(ahead: sp.Expr, left: sp.Expr, of: str = "") -> tuple[Measurement, Measurement]:
-    """Range and bearing of what is at (ahead, left) in a robot's own frame."""
+    """Range and bearing of a point (ahead, left) in a robot's own frame."""
     return (
         Measurement(
             f"range{of}", "m", "distance to the leader", expression=length(ahead, left, UNSEEN)
@@ -71,7 +71,7 @@ def sight(ahead: sp.Expr, left: sp.Expr, of: str = "") -> tuple[Measurement, Mea
 
 
 def _robot(of: str, speed: float, turn: float) -> System:
-    """A unicycle whose names end in `of`, with the thesis's letters for them."""
+    """A unicycle whose names end in `of`, with the letters of the thesis."""
     letters = {"x": "x", "y": "y", "psi": "theta", "v": "u", "r": "w"}
     letters |= {"speed_limit": "speed_limit", "turn_limit": "turn_limit"}
     robot = renamed(unicycle(speed, turn), {old: f"{new}{of}" for old, new in letters.items()})

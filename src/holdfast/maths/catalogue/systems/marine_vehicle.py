@@ -47,7 +47,7 @@ def marine_vehicle(
 
     with m11 = mass - Xudot, m22 = mass - Yvdot, m33 = Iz - Nrdot; u, v are relative to the
     water. Thesis (5.14), and (5.30) with the current (Vx, Vy) in the earth frame, taken from
-    a ball of radius `current_limit` and zero unless a scenario says otherwise. The Pfaffian
+    a ball of radius `current_limit` and zero unless a scenario gives one. The Pfaffian
     row is (5.15): -sin(psi) xdot + cos(psi) ydot = v + current across the hull.
 
     Inputs: surge force tau_u [N] and yaw moment tau_r [N m] of two thrusters in
@@ -55,9 +55,9 @@ def marine_vehicle(
     tau_r = arm (Fs - Fp). z is up and psi counter-clockwise, so that more port thrust turns
     the vehicle to starboard (negative yaw).
 
-    As the thesis prints (7.2) (`as_printed`), Xudot r times the current across the hull is added
-    to m11 udot, and -Yvdot r times the current along it to m22 vdot: what appears when the added
-    mass acts on the absolute acceleration, and cancels when it acts on the relative one.
+    With `as_printed`, as in the thesis's (7.2), Xudot r times the current across the hull is added
+    to m11 udot, and -Yvdot r times the current along it to m22 vdot. These terms appear if the
+    added mass acts on the absolute acceleration, and cancel if it acts on the relative one.
 
     `vehicle` names a shipped vehicle or a vehicle file; `overrides` replaces parameter values
     by name (SI units, see `PARAMETERS`). Raises `ScenarioError` for an unknown vehicle or name.
