@@ -230,22 +230,25 @@ def test_double_integrator_needs_the_least_time_of_athans_and_falb():
         names,
     )
     near = region(time - 1, reads=("x", "v"))
-    grid = hf.grid(system, {"x": (-2.5, 2.5), "v": (-2.2, 2.2)}, 121)
-    found = hf.capture_basin(system, near, None, grid, 1.0, arrival_steps=50)
-    arrival = found.dataset["arrival"].values
-    x, y = np.meshgrid(*(a.nodes for a in grid.axes), indexing="ij")
-    above = x > -0.5 * y * np.abs(y)
-    with np.errstate(invalid="ignore"):
-        exact = np.where(
-            above, y + np.sqrt(np.maximum(4 * x + 2 * y**2, 0)),
-            -y + np.sqrt(np.maximum(-4 * x + 2 * y**2, 0)),
-        ) - 1  # fmt: skip
-    reached = (exact > 0.02) & (exact < 0.9)
-    gap = np.abs(arrival - exact)[reached]
-    # the time rises like a square root beside the switching curve: there the grid is late
-    assert np.isfinite(arrival[reached]).mean() > 0.98
-    assert np.nanmedian(gap) < 0.02
-    assert np.nanquantile(gap, 0.99) < 0.21  # measured: 0.208
+    medians, worst, lost = [], [], []
+    for nodes in (61, 121):
+        grid = hf.grid(system, {"x": (-2.5, 2.5), "v": (-2.2, 2.2)}, nodes)
+        found = hf.capture_basin(system, near, None, grid, 1.0, arrival_steps=50)
+        arrival = found.dataset["arrival"].values
+        x, y = np.meshgrid(*(a.nodes for a in grid.axes), indexing="ij")
+        side = np.where(x > -0.5 * y * np.abs(y), 1.0, -1.0)
+        exact = side * y + np.sqrt(np.maximum(4 * side * x + 2 * y**2, 0)) - 1
+        reached = (exact > 0.02) & (exact < 0.9)
+        gap = np.abs(arrival - exact)[reached]
+        medians.append(np.nanmedian(gap))
+        worst.append(np.nanquantile(gap, 0.99))
+        lost.append(np.isnan(gap).mean())
+        assert medians[-1] < grid.axes[0].step
+        # a cell beside the switching curve the least time is later by a square root
+        assert worst[-1] < math.sqrt(4 * grid.axes[0].step)
+    assert order_of(medians)[0] > 0.8
+    assert order_of(worst)[0] > 0.5
+    assert order_of(lost)[0] > 1
 
 
 @pytest.fixture(scope="module")
