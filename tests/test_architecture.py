@@ -87,3 +87,21 @@ def test_every_public_name_exists():
     assert set(holdfast.__all__) <= set(dir(holdfast))
     with pytest.raises(AttributeError, match="attribute nonsense"):
         _ = holdfast.nonsense
+
+
+TESTS = Path(__file__).parent
+MODULES = sorted(p for folder in (TESTS, TESTS.parent / "benchmarks") for p in folder.rglob("*.py"))
+
+
+def parts_of_imports(path):
+    """Every folder, module and name in the import statements of a file."""
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            names = [alias.name for alias in node.names] + [getattr(node, "module", None) or ""]
+            yield from (part for name in names for part in name.split("."))
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(TESTS.parent)))
+def test_no_module_imports_a_test_module(path):
+    """What tests share stands in a module of its own: a test that moves takes nothing along."""
+    assert not [part for part in parts_of_imports(path) if part.startswith("test_")]
