@@ -105,3 +105,16 @@ def parts_of_imports(path):
 def test_no_module_imports_a_test_module(path):
     """What tests share stands in a module of its own: a test that moves takes nothing along."""
     assert not [part for part in parts_of_imports(path) if part.startswith("test_")]
+
+
+ACROSS = {"documented", "known_solutions", "promises", "thesis"}
+"""Folders of tests that are of no single room."""
+
+
+@pytest.mark.parametrize(
+    "folder", sorted({p.parent for p in TESTS.rglob("test_*.py")}), ids=lambda p: p.name
+)
+def test_tests_of_a_room_stand_in_a_folder_of_its_name(folder):
+    room = folder.relative_to(TESTS)
+    assert (folder / "__init__.py").exists(), "or two modules of one name would be one"
+    assert ACROSS & set(room.parts) or (SOURCE / room).is_dir()

@@ -22,7 +22,7 @@ from holdfast.scenario.kernel import KernelScenario
 from holdfast.scenario.load import load_scenario
 
 CLOSED_LOOPS = [n for n in scenario_names() if load_scenario(n).kind == "closed-loop"]
-"""Formations have one start; `test_formations.py` runs them."""
+"""Formations have one start; `tests/scenario/test_formation.py` runs them."""
 
 
 @pytest.mark.parametrize("name", scenario_names())

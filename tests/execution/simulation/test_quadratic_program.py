@@ -12,7 +12,7 @@ from scipy.optimize import linprog
 
 from holdfast.execution.compile import compile_functions
 from tests.conftest import called
-from tests.execution.random_programs import (
+from tests.execution.simulation.random_programs import (
     COUNTS,
     FAMILIES,
     MOST_ROWS,

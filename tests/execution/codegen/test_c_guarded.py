@@ -17,7 +17,13 @@ from holdfast.maths.definitions.switching import as_switching
 from holdfast.maths.formations.walls import sight_distance, wall_distance
 from tests.c_code import built, needs_gcc, pointer
 from tests.carts import BOX, WALLS, cart, swinging
-from tests.execution.random_programs import FAMILIES, MOST_ROWS, answers, packed, programs
+from tests.execution.simulation.random_programs import (
+    FAMILIES,
+    MOST_ROWS,
+    answers,
+    packed,
+    programs,
+)
 
 pytestmark = needs_gcc
 
