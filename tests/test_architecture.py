@@ -87,3 +87,34 @@ def test_every_public_name_exists():
     assert set(holdfast.__all__) <= set(dir(holdfast))
     with pytest.raises(AttributeError, match="attribute nonsense"):
         _ = holdfast.nonsense
+
+
+TESTS = Path(__file__).parent
+MODULES = sorted(p for folder in (TESTS, TESTS.parent / "benchmarks") for p in folder.rglob("*.py"))
+
+
+def parts_of_imports(path):
+    """Every folder, module and name in the import statements of a file."""
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            names = [alias.name for alias in node.names] + [getattr(node, "module", None) or ""]
+            yield from (part for name in names for part in name.split("."))
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(TESTS.parent)))
+def test_no_module_imports_a_test_module(path):
+    """What tests share stands in a module of its own: a test that moves takes nothing along."""
+    assert not [part for part in parts_of_imports(path) if part.startswith("test_")]
+
+
+ACROSS = {"documented", "known_solutions", "promises", "thesis"}
+"""Folders of tests that are of no single room."""
+
+
+@pytest.mark.parametrize(
+    "folder", sorted({p.parent for p in TESTS.rglob("test_*.py")}), ids=lambda p: p.name
+)
+def test_tests_of_a_room_stand_in_a_folder_of_its_name(folder):
+    room = folder.relative_to(TESTS)
+    assert (folder / "__init__.py").exists(), "or two modules of one name would be one"
+    assert ACROSS & set(room.parts) or (SOURCE / room).is_dir()

@@ -16,23 +16,7 @@ import xarray as xr
 
 import holdfast as hf
 from tests.c_code import needs_gcc
-
-HEARS = (  # also where the tests run in the background, whose processes ignore the signal
-    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-)
-FAST = ["--set", "run.horizon=4", "--runs", "4"]
-
-
-def holdfast(*arguments, cwd=None, **changes):
-    environment = os.environ | {"PYTHONWARNINGS": "default"} | changes
-    return subprocess.run(
-        [sys.executable, "-m", "holdfast", *arguments],
-        cwd=cwd,
-        text=True,
-        capture_output=True,
-        env=environment,
-        timeout=120,
-    )
+from tests.command_line import FAST, HEARS, ONE_STATE, holdfast
 
 
 def test_version_is_printed():
@@ -389,22 +373,6 @@ def test_an_interruption_that_a_library_swallows_is_remembered():
     )
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert answer.stdout == "heard\n"
-
-
-ONE_STATE = """
-[scenario]
-title = "decay"
-[system]
-states = { T = { unit = "m" } }
-inputs = { h = { unit = "m/s" } }
-rates = { T = "h - T" }
-[law]
-outputs = { h = "0" }
-[starts]
-states = [{ T = 1 }]
-[run]
-horizon = 1
-"""
 
 
 @pytest.mark.parametrize("states", [1, 2])

@@ -14,8 +14,7 @@ from holdfast.errors import HoldfastError, OutputError
 from holdfast.maths.definitions.vehicle_file import load_vehicle
 from holdfast.planning.geojson import geojson_cells
 from holdfast.scenario.load import load_scenario
-from tests.test_cli import FAST, ONE_STATE, holdfast
-from tests.test_interruption import started
+from tests.command_line import FAST, ONE_STATE, holdfast, started
 
 posix = pytest.mark.skipif(os.name == "nt", reason="devices and pipes")
 

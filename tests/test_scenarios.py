@@ -1,16 +1,28 @@
 """Every shipped scenario loads, runs, and keeps what its description promises."""
 
+import math
+
 import numpy as np
 import pytest
+import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import ScenarioError
+from holdfast.maths.expressions.functions import (
+    angle,
+    greatest,
+    least,
+    length,
+    magnitude,
+    sgn,
+    wrap,
+)
 from holdfast.scenario.files import scenario_names
 from holdfast.scenario.kinds.kernel import KernelScenario
 from holdfast.scenario.load import load_scenario
 
 CLOSED_LOOPS = [n for n in scenario_names() if load_scenario(n).kind == "closed-loop"]
-"""Formations have one start; `test_formations.py` runs them."""
+"""Formations have one start; `tests/scenario/test_formation.py` runs them."""
 
 
 @pytest.mark.parametrize("name", scenario_names())
@@ -22,12 +34,25 @@ def test_every_scenario_loads_and_says_what_it_is(name):
     assert about is not None or scenario.goal is not None
 
 
+LEAVING = {
+    "ch5-leaves-view": "what the convergent law alone does",
+    "ch7-rescue": "thrusters off: the worst of the laws that are compared",
+}
+"""Scenarios that show how a region is left."""
+
+
 @pytest.mark.parametrize("name", CLOSED_LOOPS)
-def test_every_scenario_runs_and_stays_on_its_constraint(name):
+def test_every_scenario_runs_and_keeps_its_constraints(name):
+    """For ten seconds, from its first six starts, up to its own tolerance."""
     scenario = load_scenario(name, ["run.horizon=10"], runs=6)
     result = scenario.run()
-    assert result.dataset.sizes["run"] == 6
-    assert np.isfinite(result.dataset["state"].values).all()
+    data = result.dataset
+    assert data.sizes["run"] == 6
+    assert np.isfinite(data["state"].values).all()
+    worst = data["worst_constraint"].values.max(axis=1, initial=-np.inf)
+    kept = worst <= scenario.settings.get("tolerance", 0.0)
+    assert result.viable == kept.sum()
+    assert kept.all() != (name in LEAVING)
 
 
 def test_inspection_keeps_the_view_from_every_start_and_brings_each_to_the_pose():
@@ -39,16 +64,34 @@ def test_inspection_keeps_the_view_from_every_start_and_brings_each_to_the_pose(
     assert result.dataset["switches"].values.max() <= 4
 
 
+def wrapped(angles):
+    return (angles + np.pi) % (2 * np.pi) - np.pi
+
+
 def test_blending_reports_the_true_fraction_of_viable_starts():
-    """203 starts at 5 N: the corrected blending keeps most, not all (reference .977, .942)."""
-    result = load_scenario("ch5-viable-goal-set").run()
-    assert result.dataset.sizes["run"] == 203
-    assert result.viable == pytest.approx(198, abs=1)
+    """203 starts at 5 N: the corrected blending keeps at least 197 and brings 93 % to the goal.
+
+    What is reported is what the recorded states say of the constraints, run by run.
+    """
+    scenario = load_scenario("ch5-viable-goal-set")
+    result = scenario.run()
+    data = result.dataset
+    assert data.sizes["run"] == 203
+    x, y, psi = (data["state"].sel(state_name=n).values for n in ("x", "y", "psi"))
+    rows = [
+        wrapped(psi - np.arctan2(-0.1 - y, -x)) - np.pi / 6,
+        wrapped(np.arctan2(0.1 - y, -x) - psi) - np.pi / 6,
+        0.35 * np.cos(psi) + x,
+        -x - 2.0 * np.cos(psi),
+    ]
+    tolerance = scenario.settings["tolerance"]
+    kept = np.max(rows, axis=(0, 2)) <= tolerance
+    assert result.viable == kept.sum() >= 197
     assert result.outcomes["diverged"] == 0
     assert result.outcomes["reached goal"] / 203 > 0.93
     worst = result.summary()["worst_constraint"]
-    assert worst["too_far"] == pytest.approx(0.07, abs=5e-3), "every failure is at the far limit"
-    assert max(v for k, v in worst.items() if k != "too_far") <= 1e-3
+    assert worst["too_far"] < 0.075, "every failure is at the far limit"
+    assert max(v for k, v in worst.items() if k != "too_far") <= tolerance
     assert max(result.summary()["peak_actuator"].values()) <= 5.0 + 1e-9
 
 
@@ -59,23 +102,60 @@ def test_wheeled_robot_written_in_toml_keeps_the_beacon_in_view_from_every_start
     assert result.outcomes["reached goal"] >= 100
 
 
+def robot_in_python():
+    """System, law, region and goal of wheeled_camera.toml: the unicycle of the catalogue, r for w."""
+    x, y, psi = (hf.symbol(n) for n in ("x", "y", "psi"))
+    system = hf.systems.unicycle(speed_limit=0.4, turn_limit=1.5)
+    guard, dock = sp.Float(1e-12), sp.Float(-0.8)
+    bearing, distance = angle(-y, -x, guard), length(x, y, guard)
+    view = hf.Region(
+        "view", system.states,
+        (
+            hf.Inequality("left", wrap(bearing - psi) - math.radians(35), "rad"),
+            hf.Inequality("right", wrap(psi - bearing) - math.radians(35), "rad"),
+            hf.Inequality("near", 0.4 - distance, "m"),
+            hf.Inequality("far", distance - 3, "m"),
+        ),
+    )  # fmt: skip
+    ahead = x - dock
+    field = angle(3 * ahead * y, 2 * ahead**2 - y**2, guard)
+    speed = -sgn(ahead * sp.cos(psi) + y * sp.sin(psi)) * sp.tanh(1.5 * length(ahead, y, guard)) / 4
+    along = speed * (sp.diff(field, x) * sp.cos(psi) + sp.diff(field, y) * sp.sin(psi))
+    face = -2 * wrap(psi - bearing)
+    circle = sp.tanh(1.5 * (distance + dock)) / 4
+
+    def law(name, forward, turn):
+        return hf.Law(name, system.states, {"v": forward, "r": turn})
+
+    hold = law("hold", circle, face)
+    blend = hf.redesign(
+        law("go", speed, along - wrap(psi - field)), view,
+        viable={
+            "left": hold, "right": hold,
+            "near": law("back", sp.Float(-0.05), face), "far": law("on", sp.Float(0.05), face),
+        },
+        layers=dict.fromkeys(("left", "right"), (-0.25, -0.08))
+        | dict.fromkeys(("near", "far"), (-0.15, -0.05)),
+        hold=hold, hold_when=0.03 - magnitude(distance + dock), goal={"x": -0.8},
+    )  # fmt: skip
+    at_dock = greatest(length(ahead, y, guard) / 0.03, magnitude(wrap(psi)) / 0.05)
+    on_circle = greatest(magnitude(distance + dock) / 0.03, magnitude(wrap(psi - bearing)) / 0.05)
+    goal = hf.Region("goal", system.states, (hf.Inequality("goal", least(at_dock, on_circle) - 1),))
+    return system, blend, view, goal
+
+
 def test_mechanism_of_the_toml_robot_is_that_of_the_catalogue():
     """The same unicycle, law and region written in Python give the same trajectories."""
-    scenario = load_scenario("wheeled_camera")
-    by_toml = scenario.run().dataset["state"].values
-    by_python = (
-        hf.simulate(
-            scenario.system,
-            scenario.law,
-            region=scenario.region,
-            goal=scenario.goal,
-            starts=by_toml[:, 0],
-            **scenario.settings,
-        )
-        .dataset["state"]
-        .values
-    )
-    assert np.array_equal(by_toml, by_python)
+    by_toml = load_scenario("wheeled_camera").run().dataset
+    system, law, region, goal = robot_in_python()
+    starts = by_toml["state"].values[:, 0]
+    settings = {"horizon": 60.0, "sample_time": 0.02, "substeps": 1, "record_every": 0.1}
+    by_python = hf.simulate(
+        system, law, region=region, goal=goal, starts=starts, **settings
+    ).dataset  # fmt: skip
+    assert by_python["state"].values == pytest.approx(by_toml["state"].values, abs=1e-9)
+    for name in ("outcome", "mode", "switches"):
+        assert np.array_equal(by_python[name].values, by_toml[name].values)
 
 
 def test_switching_law_can_be_written_in_a_file(tmp_path):

@@ -6,12 +6,9 @@ import pytest
 import holdfast as hf
 from holdfast.errors import ScenarioError, SimulationError
 from holdfast.scenario.load import load_scenario
+from tests import carts
+from tests.carts import STATES, WALLS, U, V, X
 
-X, V, U, D = (hf.symbol(n) for n in ("x", "v", "u", "d"))
-STATES = (hf.Quantity("x", "m"), hf.Quantity("v", "m/s"))
-WALLS = hf.Region("walls", STATES[:1], (
-    hf.Inequality("left", -1 - X, "m"), hf.Inequality("right", X - 1, "m"),
-))  # fmt: skip
 COUNT = 20_000
 
 
@@ -29,12 +26,8 @@ def line(nodes):
 
 def cart(nodes):
     """x'' = u + d brakes at 1/2 before both walls."""
-    system = hf.System(
-        "cart", STATES, (hf.Quantity("u", "m/s^2"),), {"x": V, "v": U + D},
-        disturbances=(hf.Quantity("d", "m/s^2"),),
-        input_bounds=hf.Box((-1,), (1,)), disturbance_bounds=hf.Box((-0.5,), (0.5,)),
-    )  # fmt: skip
-    grid = hf.grid(system, {"x": (-1.3, 1.3), "v": (-1.8, 1.8)}, nodes)
+    system = carts.cart()
+    grid = hf.grid(system, carts.BOX, nodes)
     value = hf.discriminating_kernel(system, WALLS, grid, 6, estimate_error=True)
     x, v = np.random.default_rng(0).uniform((-1, -1.8), (1, 1.8), (COUNT, 2)).T
     return value, np.stack([x, v], axis=1), (v <= np.sqrt(1 - x)) & (v >= -np.sqrt(1 + x))

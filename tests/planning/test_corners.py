@@ -20,7 +20,7 @@ from holdfast.planning.environment import environment
 from holdfast.planning.fields import route_fields
 from holdfast.planning.leader import lead_along
 from holdfast.planning.route import plan_route
-from tests.planning.test_environment import CORNER, box
+from tests.planning.spaces import CORNER, box
 
 
 def clearance(distance, width, robot, radius):

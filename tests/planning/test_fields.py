@@ -15,7 +15,7 @@ from holdfast.maths.formations.footprint import edges, polygon
 from holdfast.planning.environment import environment
 from holdfast.planning.fields import DEPTH, route_fields
 from holdfast.planning.route import plan_route
-from tests.planning.test_environment import CORNER, box, ring
+from tests.planning.spaces import CORNER, box, ring
 
 X, Y = hf.symbol("x"), hf.symbol("y")
 

@@ -249,10 +249,7 @@ def test_new_name_is_a_parameter_with_the_middle_of_its_range():
 
 def test_value_that_follows_from_another_value_uses_that_of_the_run():
     varied = hf.Varied({"s": (1.0, 2.0)}, {"c": S, "k": 2 * C})
-    try:
-        program = program_of(varied=varied)
-    except HoldfastError:
-        return  # refusing is as good
+    program = program_of(varied=varied)
     s, c, k = ClosedLoop(program).varied(5, 0).T
     assert np.array_equal(c, s)
     assert np.array_equal(k, 2 * c)
@@ -359,12 +356,11 @@ def test_bound_of_the_disturbance_that_varies_is_that_of_the_run(result):
 
 
 def test_number_of_the_plant_is_not_lost_to_a_draw_of_the_same_name():
-    """Refused, or obeyed: with g = 4 in the plant alone and c = v = 0, x = exp(-2 k t)."""
-    varied = hf.Varied(DRAWS | {"g": (2.0, 2.0), "s": (1.0, 1.0)}, {"c": sp.S.Zero})
-    try:
-        found = run(varied=varied, plant={"g": 4.0}, disturbance={})
-    except HoldfastError:
-        return
+    """Two numbers for g of the plant are refused; a g of the plant beside other draws is obeyed."""
+    draws = {"k": DRAWS["k"]}
+    with pytest.raises(SimulationError, match="'g' of the plant is varied, and given a number too"):
+        run(varied=hf.Varied(draws | {"g": (2.0, 2.0)}), plant={"g": 4.0}, disturbance={})
+    found = run(varied=hf.Varied(draws), plant={"g": 4.0}, disturbance={})
     assert states(found)[:, -1] == pytest.approx(np.exp(-2 * own(found, "k") * END), abs=1e-9)
 
 
@@ -707,11 +703,10 @@ def test_scenario_draws_a_parameter_of_its_law_in_units(load):
 
 
 def test_scenario_never_takes_one_unit_for_another(load):
-    try:
-        scenario = load('k = { range = [60, 60], unit = "1/min" }', d="0")
-    except ScenarioError:
-        return  # refusing is as good
-    assert scenario.varied.draws["k"] == pytest.approx((1.0, 1.0))
+    """60 1/min as a unit of its own is refused; as numbers with their unit it is 1 1/s."""
+    with pytest.raises(ScenarioError, match=r"varied\.draws\.k: 'k' has the unit 1/s"):
+        load('k = { range = [60, 60], unit = "1/min" }', d="0")
+    assert load('k = ["60 1/min", "60 1/min"]', d="0").varied.draws["k"] == pytest.approx((1, 1))
 
 
 @pytest.mark.parametrize("draw", ["[0.4, 0.5]", '{ range = [0.4, 0.5], unit = "1/s" }'])

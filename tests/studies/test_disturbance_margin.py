@@ -11,7 +11,8 @@ import holdfast as hf
 from holdfast.analysis.reachability.bisection import Answer, Tried, search
 from holdfast.errors import ScenarioError, SimulationError
 from holdfast.presentation.studies.margin import margin_text
-from tests.test_cli import holdfast
+from tests.command_line import holdfast
+from tests.scenario_files import LINE
 
 CART = """
 [scenario]
@@ -36,30 +37,6 @@ ends = { v = "extrapolated" }
 [march]
 horizon = 30
 forever = true
-"""
-LINE = """
-[scenario]
-title = "An unstable line"
-kind = "discriminating-kernel"
-
-[system]
-states = { x = { unit = "m" } }
-inputs = { u = { unit = "m/s", bounds = [-0.6, 0.6] } }
-disturbances = { d = { unit = "m/s", bounds = ["-push", "push"] } }
-parameters = { push = { value = 0.4, unit = "m/s" } }
-rates = { x = "x + u + d" }
-
-[region]
-constraints = { end = { expression = "abs(x) - 1", unit = "m" } }
-
-[grid]
-nodes = 101
-box = { x = [-1.2, 1.2] }
-
-[march]
-horizon = 60
-forever = true
-band = 0.2
 """
 PUSH = "system.parameters.push.value"
 

@@ -168,11 +168,13 @@ def test_delay_is_the_law_at_the_state_so_many_samples_ago(late):
         assert np.abs(states - on_time).max() > 0.05
 
 
-def test_no_delay_is_the_same_to_the_last_digit():
-    first = run(CART, late_law(), [1.0, -0.5])
-    second = run(CART, late_law(), [1.0, -0.5], delay=0.0)
-    for name in ("state", "input", "signal"):
-        assert (first[name].values == second[name].values).all()
+def test_law_without_delay_sees_the_state_of_its_sample_to_the_last_digit():
+    """Whether the delay is left out or zero; with one of a sample it sees the state before."""
+    for settings in ({}, {"delay": 0.0}):
+        data = run(CART, late_law(), [1.0, -0.5], **settings)
+        assert np.array_equal(signal(data, "seen"), data["state"].values[0, :, 0])
+    data = run(CART, late_law(), [1.0, -0.5], delay=H)
+    assert np.array_equal(signal(data, "seen")[1:], data["state"].values[0, :-1, 0])
 
 
 def test_delay_as_long_as_the_run_holds_the_first_state():

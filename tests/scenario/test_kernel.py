@@ -11,32 +11,8 @@ from holdfast.scenario.files import scenario_names
 from holdfast.scenario.kernel_reference import named_kernel
 from holdfast.scenario.kinds.kernel import KernelScenario
 from holdfast.scenario.load import load_scenario
-from tests.test_cli import holdfast
-
-PLANT = """
-[system]
-name = "cart"
-states = { x = { unit = "m" }, v = { unit = "m/s" } }
-inputs = { a = { unit = "m/s^2", bounds = [-1, 1] } }
-disturbances = { d = { unit = "m/s^2", bounds = [-0.5, 0.5] } }
-rates = { x = "v", v = "a + d" }
-[region]
-constraints = { left = { expression = "-1 - x", unit = "m" }, right = { expression = "x - 1", unit = "m" } }
-"""
-CART = f"""
-[scenario]
-title = "cart between walls"
-kind = "discriminating-kernel"
-{PLANT}[grid]
-nodes = 61
-box = {{ x = ["-130 cm", 1.3], v = [-1.8, 1.8] }}
-[march]
-horizon = 10
-forever = true
-[promise]
-runs = 200
-horizon = 10
-"""
+from tests.command_line import holdfast
+from tests.scenario_files import CART, PLANT
 
 
 @pytest.fixture

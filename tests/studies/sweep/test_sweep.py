@@ -26,8 +26,8 @@ from holdfast.studies.scenario_parameter import find_knob
 from holdfast.studies.sweep import sweep as module
 from holdfast.studies.sweep.axes import grid_cells, latin_cells, read_over
 from holdfast.studies.sweep.store import store
-from tests.test_cli import HEARS, holdfast
-from tests.test_margin import LINE
+from tests.command_line import HEARS, holdfast
+from tests.scenario_files import LINE
 
 CART = """
 [scenario]

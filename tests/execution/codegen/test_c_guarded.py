@@ -15,9 +15,15 @@ from holdfast.execution.simulation.closed_loop import ClosedLoop
 from holdfast.execution.simulation.steppers import RK4
 from holdfast.maths.definitions.switching import as_switching
 from holdfast.maths.formations.walls import sight_distance, wall_distance
-from tests.analysis.test_safety_law import BOX, WALLS, cart, swinging
 from tests.c_code import built, needs_gcc, pointer
-from tests.execution.test_nearest import FAMILIES, MOST_ROWS, answers, packed, programs
+from tests.carts import BOX, WALLS, cart, swinging
+from tests.execution.simulation.random_programs import (
+    FAMILIES,
+    MOST_ROWS,
+    answers,
+    packed,
+    programs,
+)
 
 pytestmark = needs_gcc
 

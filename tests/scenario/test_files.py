@@ -9,7 +9,7 @@ from holdfast.scenario.files import load_system, read_text
 from holdfast.scenario.kernel_reference import named_kernel
 from holdfast.scenario.load import load_scenario
 from holdfast.studies.comparison.compare import compare
-from tests.test_kernel_scenarios import CART
+from tests.scenario_files import CART
 
 LOOP = f"""
 [scenario]

@@ -10,12 +10,10 @@ import time
 import pytest
 
 from holdfast.host.writing import atomic_file, remove_left_over, undisturbed
+from tests.command_line import started
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="signals")
 
-HEARS = (  # also where the tests run in the background, whose processes ignore the signal
-    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-)
 BIG = """
 import os, sys, threading, time
 import numpy as np, xarray as xr
@@ -25,13 +23,6 @@ folder = Path(sys.argv[1])
 numbers = np.random.default_rng(0).random((100, 1500))
 data = xr.Dataset({f"v{k}": (("run", "time"), numbers + k) for k in range(8)})
 """
-
-
-def started(code, *arguments):
-    return subprocess.Popen(
-        [sys.executable, "-c", HEARS + code, *map(str, arguments)],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
 
 
 def test_interrupted_writes_leave_no_file_and_no_lock_behind(tmp_path):
@@ -66,7 +57,7 @@ def hung(where):
     """The program with its `result.nc` never done: another thread holds the lock of the library."""
     return f"""
 import sys, threading, time
-from holdfast.analysis import files
+from holdfast.analysis.simulation import files
 from holdfast.host.writing import atomic_file
 def write(dataset, path):
     with atomic_file(path) as partial:

@@ -17,7 +17,7 @@ from holdfast.scenario.kernel_reference import named_kernel
 from holdfast.scenario.load import load_scenario
 from holdfast.studies.comparison.compare import variant
 from holdfast.studies.comparison.kernel_reference import Judge
-from tests.test_cli import holdfast
+from tests.command_line import holdfast
 
 CART = """
 [system]

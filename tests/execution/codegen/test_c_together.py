@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from tests.analysis.test_safety_law import BOX, WALLS, cart, swinging
 from tests.c_code import STRICT, needs_gcc
+from tests.carts import BOX, WALLS, cart, swinging
 
 pytestmark = needs_gcc
 

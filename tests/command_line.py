@@ -1,0 +1,45 @@
+"""The command line in a process of its own."""
+
+import os
+import subprocess
+import sys
+
+HEARS = (  # also where the tests run in the background, whose processes ignore the signal
+    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+)
+FAST = ["--set", "run.horizon=4", "--runs", "4"]
+
+
+def holdfast(*arguments, cwd=None, **changes):
+    environment = os.environ | {"PYTHONWARNINGS": "default"} | changes
+    return subprocess.run(
+        [sys.executable, "-m", "holdfast", *arguments],
+        cwd=cwd,
+        text=True,
+        capture_output=True,
+        env=environment,
+        timeout=120,
+    )
+
+
+def started(code, *arguments):
+    return subprocess.Popen(
+        [sys.executable, "-c", HEARS + code, *map(str, arguments)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+
+
+ONE_STATE = """
+[scenario]
+title = "decay"
+[system]
+states = { T = { unit = "m" } }
+inputs = { h = { unit = "m/s" } }
+rates = { T = "h - T" }
+[law]
+outputs = { h = "0" }
+[starts]
+states = [{ T = 1 }]
+[run]
+horizon = 1
+"""

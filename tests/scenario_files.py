@@ -1,0 +1,50 @@
+"""Scenario files of kernels that are known in closed form."""
+
+PLANT = """
+[system]
+name = "cart"
+states = { x = { unit = "m" }, v = { unit = "m/s" } }
+inputs = { a = { unit = "m/s^2", bounds = [-1, 1] } }
+disturbances = { d = { unit = "m/s^2", bounds = [-0.5, 0.5] } }
+rates = { x = "v", v = "a + d" }
+[region]
+constraints = { left = { expression = "-1 - x", unit = "m" }, right = { expression = "x - 1", unit = "m" } }
+"""
+CART = f"""
+[scenario]
+title = "cart between walls"
+kind = "discriminating-kernel"
+{PLANT}[grid]
+nodes = 61
+box = {{ x = ["-130 cm", 1.3], v = [-1.8, 1.8] }}
+[march]
+horizon = 10
+forever = true
+[promise]
+runs = 200
+horizon = 10
+"""
+LINE = """
+[scenario]
+title = "An unstable line"
+kind = "discriminating-kernel"
+
+[system]
+states = { x = { unit = "m" } }
+inputs = { u = { unit = "m/s", bounds = [-0.6, 0.6] } }
+disturbances = { d = { unit = "m/s", bounds = ["-push", "push"] } }
+parameters = { push = { value = 0.4, unit = "m/s" } }
+rates = { x = "x + u + d" }
+
+[region]
+constraints = { end = { expression = "abs(x) - 1", unit = "m" } }
+
+[grid]
+nodes = 101
+box = { x = [-1.2, 1.2] }
+
+[march]
+horizon = 60
+forever = true
+band = 0.2
+"""
