@@ -101,7 +101,11 @@ def test_grids_that_are_none(arguments, message):
 @pytest.mark.parametrize(
     ("interval", "ends", "message"),
     [
-        ((-1, 1), {}, "the angle 'theta' is 2 rad, not a whole turn; expected 2 pi; or give a boundary"),
+        (
+            (-1, 1),
+            {},
+            "the angle 'theta' is 2 rad, not a whole turn; expected 2 pi; or give a boundary",
+        ),
         ((-4, 4), {}, "the interval of the angle 'theta' is 8 rad; expected at most 2 pi"),
         ((-4, 4), {"theta": "contained"}, "is 8 rad; expected at most 2 pi"),
         ((-1, 1), {"theta": "periodic"}, "'theta' is periodic over [-1, 1]; expected an angle"),

@@ -158,7 +158,9 @@ def test_samples_that_cannot_be_used_are_refused():
         with pytest.raises(DefinitionError, match=r"samples: .*; expected a whole number of at"):
             hf.hamiltonian(boat, samples=bad)
     affine = system((U, Y), ("u",), UNIT)
-    with pytest.raises(DefinitionError, match=r"samples: 9, but .* closed form exists; leave out samples"):
+    with pytest.raises(
+        DefinitionError, match=r"samples: 9, but .* closed form exists; leave out samples"
+    ):
         hf.hamiltonian(affine, samples=9)
     both = system((sp.cos(H + D), Y), ("h",), TURN, ("d",), UNIT)
     with pytest.raises(
