@@ -208,8 +208,8 @@ def test_case_that_the_kernel_cannot_follow_is_left_out_with_the_reason(files, c
 @pytest.mark.parametrize(
     ("system", "change", "reason"),
     [
-        ({"current_limit": 0.2}, "disturbance.Vy=0.1", "Vy is not 0, which"),
-        ({"current_limit": 0.2}, 'disturbance.Vy="0.1*sin(t)"', "Vy is not 0, which"),
+        ({"current_limit": 0.2}, "disturbance.Vy=0.1", "Vy is not 0, the value"),
+        ({"current_limit": 0.2}, 'disturbance.Vy="0.1*sin(t)"', "Vy is not 0, the value"),
         ({"promote": {"u": [-1, 1], "r": [-1, 1]}}, "run.seed=1", "grid.box.u: unknown name"),
     ],
 )
@@ -252,7 +252,7 @@ def test_kernel_of_which_nothing_is_a_cell_inside_asks_for_a_margin(files, tmp_p
     changes = ["compare.margin=", "run.horizon=1"]
     found = hf.compare(files[1], ["loop"], ["weak"], overrides=changes, runs=2)
     assert found.references["weak"].margin == pytest.approx(0.0325)
-    with pytest.raises(ScenarioError, match=r"a cell, 0\.0175 m, inside; expected \[compare\]"):
+    with pytest.raises(ScenarioError, match=r"a cell, 0\.0175 m; expected \[compare\]"):
         hf.compare(path, ["other"], ["weak"], overrides=changes, runs=2)
 
 

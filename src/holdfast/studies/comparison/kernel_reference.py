@@ -48,7 +48,7 @@ class Judge:
         deepest = float(value.values().max())
         if self.margin is None and 0 < deepest <= (cell := self._margin(value)):
             raise ScenarioError(
-                f"it has no state a cell, {cell:.3g} {value.dataset.attrs['value_unit']}, inside",
+                f"it has no state inside by a cell, {cell:.3g} {value.dataset.attrs['value_unit']}",
                 expected=f"[compare] margin, below {deepest:.3g}",
             )
         for scenario in scenarios:
