@@ -30,15 +30,11 @@ from holdfast.maths.games.hamiltonian import hamiltonian
 
 L = TypeVar("L", bound=Law | Switching)
 
-FORMER = "backward-reachable-set"
-"""What files of former releases call the tube."""
-
-TUBES = ("backward-reachable-tube", FORMER)
-KEPT = ("viability-kernel", "discriminating-kernel", "capture-basin", *TUBES)
-"""Problems whose value the inputs raise against the disturbances."""
-
-REACHED = ("capture-basin", *TUBES)
-"""Those of them in which a state is not to stay, but to arrive while time is left."""
+FORMER = "backward-reachable-set"  # what files of former releases call the tube
+REACHED = ("capture-basin", "backward-reachable-tube", FORMER)
+"""Problems in which the state has to arrive within the time, not to stay."""
+KEPT = ("viability-kernel", "discriminating-kernel", *REACHED)
+"""Problems in which the inputs maximise the value against the disturbances."""
 
 MANY = 100_000
 """Number of nodes near the boundary that a margin is computed from."""
