@@ -199,12 +199,12 @@ def test_bad_file_gets_one_clear_message_and_writes_nothing(
         (["run", "inspection", "--runs", "0"], "--runs is 0; expected at least 1"),
         (
             ["run", "inspection", "--runs", "many"],
-            "'many' is no whole number in digits, such as 200",
+            "'many' is not a whole number in digits, such as 200",
         ),
-        (["run", "inspection", "--runs", "1e22"], "'1e22' is no whole number in digits"),
+        (["run", "inspection", "--runs", "1e22"], "'1e22' is not a whole number in digits"),
         (["run", "inspection", "--runs", "1" + 22 * "0"], "is too large, expected less than 2^64"),
         (["run", "inspection", "--seed", "9" * 5000], "is too large, expected less than 2^64"),
-        (["run", "inspection", "--runs", "2.0"], "'2.0' is no whole number in digits"),
+        (["run", "inspection", "--runs", "2.0"], "'2.0' is not a whole number in digits"),
         (
             ["run", "inspection", "--runs", str(2**63)],
             "expected a whole number below 2^63",
@@ -213,10 +213,10 @@ def test_bad_file_gets_one_clear_message_and_writes_nothing(
         (["run", "inspection", "--set", "law.k1"], "expected key=value"),
         (["run", "inspection", "--set", "law.k11=1"], "did you mean 'k1'"),
         (["run", "inspection", "--set", "lw.k1=1"], "lw: unknown key"),
-        (["run", "inspection", "--set", "scenario.title.x=1"], "'title' is no table"),
+        (["run", "inspection", "--set", "scenario.title.x=1"], "'title' is not a table"),
         (
             ["run", "inspection", "--out", "/dev/null/x"],
-            "cannot be written (/dev/null is no folder",
+            "cannot be written (/dev/null is not a folder",
         ),
         (["run", "inspection", "--colour"], "No such option"),
         (["run"], "Missing argument"),

@@ -12,7 +12,7 @@ from holdfast.host.output import check_writable, make_folder
 
 def _a_number(context: click.Context, parameter: click.Parameter, value: float) -> float:
     if value != value:
-        raise click.BadParameter("nan is no number of seconds")
+        raise click.BadParameter("nan is not a number of seconds")
     return value
 
 

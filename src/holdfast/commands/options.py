@@ -24,7 +24,7 @@ class WholeNumber(click.ParamType):  # type: ignore[type-arg]
         text = str(value).strip()
         shown = text if len(text) <= LONGEST else f"{text[:LONGEST]}..."
         if not re.fullmatch(r"[+-]?[0-9]+", text):
-            self.fail(f"'{shown}' is no whole number in digits, such as 200", parameter, context)
+            self.fail(f"'{shown}' is not a whole number in digits, such as 200", parameter, context)
         if len(text) > LONGEST or abs(int(text)) >= 2**64:
             self.fail(f"{shown} is too large, expected less than 2^64", parameter, context)
         return int(text)

@@ -28,7 +28,7 @@ from holdfast.studies.progress import bar
     metavar="CELLS",
     help="A Latin hypercube of so many cells, with --over KEY=LOW:HIGH.",
 )
-@click.option("--show", metavar="VARIABLE", help="What of the table the figure shows.")
+@click.option("--show", metavar="VARIABLE", help="The variable of the table that the figure shows.")
 @click.option(
     "--workers", type=click.IntRange(min=1), help="How many processes [default: one a core]."
 )

@@ -6,14 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.errors import DefinitionError, SimulationError
+from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.printer import function_source
 from holdfast.execution.compile import compile_functions
 from holdfast.maths.definitions.quantity import Parameter
-
-Array = npt.NDArray[np.float64]
 
 _LOOP = """@compiled
 def evaluate(points, p, out):

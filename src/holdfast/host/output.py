@@ -25,7 +25,8 @@ def check_writable(folder: Path, option: str = "--out") -> None:
         place = place.parent
     if not place.is_dir() or not os.access(place, os.W_OK | os.X_OK):
         raise OutputError(
-            f"the folder {folder} cannot be written ({place} is no folder, or not yours)",
+            f"the folder {folder} cannot be written "
+            f"({place} is not a folder, or belongs to another user)",
             remedy=f"choose another with {option}",
         )
 

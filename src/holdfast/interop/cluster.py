@@ -12,7 +12,7 @@ import distributed
 
 from holdfast.errors import ScenarioError
 
-PATIENCE = "20s"
+CONNECTION_TIMEOUT = "20s"
 _client: Any = distributed.Client  # it has no types
 
 
@@ -28,7 +28,7 @@ def cluster_executor(address: str) -> Iterator[tuple[Executor, int]]:
             f"--cluster {address}", expected="the address of a scheduler, such as tcp://host:8786"
         )
     try:
-        client: Any = _client(address, timeout=PATIENCE, set_as_default=False)
+        client: Any = _client(address, timeout=CONNECTION_TIMEOUT, set_as_default=False)
     except (OSError, ValueError) as error:
         raise ScenarioError(
             f"--cluster {address}: {error}", expected="the address of a scheduler",
@@ -36,7 +36,7 @@ def cluster_executor(address: str) -> Iterator[tuple[Executor, int]]:
         ) from None  # fmt: skip
     with client:
         try:
-            client.wait_for_workers(1, timeout=PATIENCE)  # that begins as this does
+            client.wait_for_workers(1, timeout=CONNECTION_TIMEOUT)  # that begins as this does
         except OSError:
             raise ScenarioError(
                 f"--cluster {address}: it has no workers", remedy=f"dask worker {address}"

@@ -7,9 +7,9 @@ from typing import Any
 
 import control  # type: ignore[import-untyped]
 import numpy as np
-import numpy.typing as npt
 import sympy as sp
 
+from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_source import closed_loop_program
 from holdfast.execution.evaluate import Evaluator
 from holdfast.execution.simulation.closed_loop import ClosedLoop
@@ -20,8 +20,6 @@ from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import TIME
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
-
-Array = npt.NDArray[np.float64]
 
 
 def plant(system: System) -> Any:

@@ -7,15 +7,13 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.errors import DefinitionError
+from holdfast.execution.arrays import Array
 from holdfast.execution.evaluate import Evaluator
 from holdfast.interop.numeric import Numeric
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
-
-Array = npt.NDArray[np.float64]
 
 DRAWS = 10_000
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 import sympy as sp
 
 from holdfast.errors import DefinitionError
+from holdfast.execution.arrays import Array
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.definitions.bounds import Box
 from holdfast.maths.definitions.law import Law
@@ -18,8 +18,6 @@ from holdfast.maths.definitions.measurement import by_measurements
 from holdfast.maths.definitions.quantity import TIME, Parameter, merge_parameters, symbol
 from holdfast.maths.definitions.switching import Switching, as_switching
 from holdfast.maths.definitions.system import System
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.errors import DefinitionError
+from holdfast.execution.arrays import Array
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.catalogue.laws.follow_leader import SEEN
 from holdfast.maths.definitions.law import Law
 from holdfast.planning.fields import Fields
 
-Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 Pose = tuple[float, float, float]
 

@@ -15,13 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.errors import DefinitionError
+from holdfast.execution.arrays import Array
 from holdfast.maths.formations.turning_radii import turning_radii
 from holdfast.planning.convoy import Convoy, Pose, unit, wrapped
 from holdfast.planning.environment import Passage, shown
 from holdfast.planning.fields import Fields
 from holdfast.planning.route import Leg
-
-Array = npt.NDArray[np.float64]
 
 CANDIDATES = 50
 PLACES = 7

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from holdfast.execution.arrays import Array
 from holdfast.planning.corners import Corner
 from holdfast.planning.environment import Environment
 from holdfast.planning.fields import Fields
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,14 +9,13 @@ from functools import cached_property
 from itertools import combinations, pairwise
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 import shapely.ops
 
 from holdfast.errors import DefinitionError
+from holdfast.execution.arrays import Array
 from holdfast.maths.formations.footprint import Edge, edges, polygon
 
-Array = npt.NDArray[np.float64]
 Point = tuple[float, float]
 
 

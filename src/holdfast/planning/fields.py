@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.errors import DefinitionError
+from holdfast.execution.arrays import Array
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.definitions.quantity import Parameter, symbol
 from holdfast.maths.formations.cell_field import (
@@ -22,8 +22,6 @@ from holdfast.maths.formations.cell_field import (
 )
 from holdfast.planning.environment import CLOSE, shown
 from holdfast.planning.route import Leg, Route
-
-Array = npt.NDArray[np.float64]
 
 X, Y = symbol("xL"), symbol("yL")
 

@@ -176,7 +176,7 @@ def _override(data: dict[str, Any], change: str) -> None:
         else:
             table = table.setdefault(part, {})
         if not isinstance(table, dict | list):
-            raise ScenarioError(f"--set {change}: '{part}' is no table")
+            raise ScenarioError(f"--set {change}: '{part}' is not a table")
     last: Any = path[-1]
     if isinstance(table, list):
         last = _place_in(table, last, change)

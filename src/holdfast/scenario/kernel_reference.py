@@ -23,7 +23,7 @@ from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 from holdfast.scenario.files import code_digest, merged, read_tables
 from holdfast.scenario.kinds.kernel import KernelScenario, composed_kernel, is_kernel
-from holdfast.scenario.schema.kernel import KINDS
+from holdfast.scenario.schema.kernel import PROBLEMS
 
 DECISIVE = ("system", "region", "goal", "origin", "disturbance", "grid", "march")
 """The tables that determine a value function, in addition to the kind."""
@@ -87,7 +87,9 @@ def named_kernel(
         return NamedKernel(name, None)
     file, text, own = read_tables(name)
     if not is_kernel(file, own):
-        raise ScenarioError(f"'{name}' computes no kernel", expected="one of " + ", ".join(KINDS))
+        raise ScenarioError(
+            f"'{name}' computes no kernel", expected="one of " + ", ".join(PROBLEMS)
+        )
     data = merged(merged(own, {"system": dict(system or {})}), changes)
     if data != own:
         text += f"\n# with: {json.dumps({n: t for n, t in data.items() if t != own.get(n)})}\n"

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from holdfast.errors import ScenarioError, suggestion
-from holdfast.maths.catalogue.signature import KINDS, example
+from holdfast.maths.catalogue.signature import CATALOGUES, example
 from holdfast.maths.catalogue.vehicles import vehicle_of
 from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.law import GainCondition, Law
@@ -27,7 +27,7 @@ from holdfast.scenario.load import load_scenario
 def catalogue_lines() -> Iterable[str]:
     """One line for each entry, by kind."""
     rows: list[tuple[str, str, str]] = []
-    for kind, catalogue in KINDS.items():
+    for kind, catalogue in CATALOGUES.items():
         for function in catalogue:
             rows.append((kind, function.__name__, example(function).description))
     for name in vehicle_names():
@@ -44,7 +44,7 @@ def describe(name: str, overrides: Sequence[str] = ()) -> str:
     Raises `ScenarioError` for an unknown name, or overrides of an entry without parameters.
     """
     load = {"system": load_system, "field": load_field}
-    for kind, catalogue in KINDS.items():
+    for kind, catalogue in CATALOGUES.items():
         for function in catalogue:
             if function.__name__ != name:
                 continue
@@ -59,7 +59,7 @@ def describe(name: str, overrides: Sequence[str] = ()) -> str:
     if name in scenario_names() or name.endswith(".toml"):
         load_scenario(name)
         return read_text(name)[1].rstrip()
-    known = [f.__name__ for c in KINDS.values() for f in c]
+    known = [f.__name__ for c in CATALOGUES.values() for f in c]
     raise ScenarioError(
         f"unknown name '{name}'",
         remedy=suggestion(name, [*known, *vehicle_names(), *scenario_names()]),

@@ -253,7 +253,7 @@ def test_gains_beyond_their_limit_warn_with_the_limit(vehicle):
         ({"record_every": 0.03}, "whole multiple"),
         ({"tolerance": -1e-3}, "0 or more"),
         ({"seed": -1}, "seed is -1"),
-        ({"noise_normal": {"z": 0.1}}, "'z', which is no state"),
+        ({"noise_normal": {"z": 0.1}}, "'z', which is not a state"),
         ({"noise_uniform": {"x": -0.1}}, "0 or more"),
         ({"stepper": "rk5"}, "did you mean 'rk4'"),
         ({"substep": 2}, "did you mean 'substeps'"),

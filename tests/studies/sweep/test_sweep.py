@@ -411,7 +411,7 @@ def begun(cart, folder, *more):
 
 
 def rows(folder):
-    place = folder / module.KEPT
+    place = folder / module.CELLS_FILE
     if not place.exists():
         return []
     with contextlib.closing(sqlite3.connect(place)) as kept, contextlib.suppress(sqlite3.Error):
@@ -435,7 +435,7 @@ def test_killed_it_goes_on_where_it_was(cart, tmp_path, how):
     assert 3 <= len(before) < MANY
     assert not (tmp_path / "sweep.nc").exists()
     # what is finished is marked: it would be lost if it were done again
-    with contextlib.closing(sqlite3.connect(tmp_path / module.KEPT)) as kept, kept:
+    with contextlib.closing(sqlite3.connect(tmp_path / module.CELLS_FILE)) as kept, kept:
         answer = json.loads(before[0][2])
         answer["note"] = "marked"
         kept.execute(
@@ -463,7 +463,9 @@ def test_other_campaigns_in_the_same_folder_are_let_be(cart, here, tmp_path):
 
 
 def test_a_file_that_is_no_store_is_told(cart, here, tmp_path):
-    (tmp_path / module.KEPT).write_text("not a database, but long enough to be looked at " * 40)
+    (tmp_path / module.CELLS_FILE).write_text(
+        "not a database, but long enough to be looked at " * 40
+    )
     with pytest.raises(OutputError, match=r"sweep-cells\.db cannot be used"):
         hf.sweep(cart, ["k=1,2"], executor=here, folder=tmp_path, runs=5)
 

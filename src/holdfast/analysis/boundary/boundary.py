@@ -7,19 +7,17 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.analysis.boundary.contingent_cone import ContingentCone, generators, qualified
 from holdfast.analysis.boundary.regulation_map import RegulationMap, input_half_spaces
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, SimulationError, suggestion
+from holdfast.execution.arrays import Array
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.control.barrier_conditions import ViabilityCondition, viability_conditions
 from holdfast.maths.definitions.quantity import merge_parameters
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
-
-Array = npt.NDArray[np.float64]
 
 
 @checked

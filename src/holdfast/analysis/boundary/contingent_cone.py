@@ -7,12 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import linprog
 
 from holdfast.errors import SimulationError
-
-Array = npt.NDArray[np.float64]
+from holdfast.execution.arrays import Array
 
 
 @dataclass(frozen=True)

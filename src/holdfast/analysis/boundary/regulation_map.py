@@ -14,10 +14,9 @@ from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
 from holdfast.errors import DefinitionError, SimulationError
+from holdfast.execution.arrays import Array
 from holdfast.maths.definitions.quantity import Quantity
 from holdfast.maths.definitions.system import System
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

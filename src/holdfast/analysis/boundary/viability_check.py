@@ -7,14 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.analysis.boundary.boundary import Boundary
 from holdfast.analysis.reachability.given import whole
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion
-
-Array = npt.NDArray[np.float64]
+from holdfast.execution.arrays import Array
 
 
 @dataclass(frozen=True)

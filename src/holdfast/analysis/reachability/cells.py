@@ -5,12 +5,10 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[Any]
+from holdfast.execution.arrays import AnyArray as Array
 
 TOGETHER = 1_000_000
 """The most nodes of a block evaluated at once, unless two axes alone have more."""

@@ -16,17 +16,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import sympy as sp
 
 from holdfast._version import __version__
 from holdfast.analysis.reachability.problem import Posed
 from holdfast.analysis.reachability.snapshots import Record
 from holdfast.errors import OutputError, SimulationError
+from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.settling import Done
 from holdfast.host.writing import atomic_file, remove_left_over
-
-Array = npt.NDArray[Any]
 
 SHOWN = 40
 """Characters up to which two texts that differ are shown."""
@@ -47,13 +45,15 @@ class Checkpoint:
     def load(self, values: Array, record: Record) -> Done:
         """Put back what the file holds; a march that has not begun where there is none.
 
-        Raises `SimulationError` for a file that is no checkpoint, or one of another problem.
+        Raises `SimulationError` for another file than a checkpoint, and for one of another problem.
         """
         remove_left_over(self.path.parent)  # of a process that ended while it wrote
         if not self.path.exists():
             return Done()
         if not self.path.is_file():
-            raise SimulationError(f"{self.path} is no file", remedy="choose another for it")
+            raise SimulationError(
+                f"{self.path} is not a regular file", remedy="choose another for it"
+            )
         try:
             with np.load(self.path, allow_pickle=False) as kept:
                 said = json.loads(str(kept["said"]))

@@ -8,18 +8,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.analysis.reachability.grid import Axis, Grid
 from holdfast.analysis.reachability.obstacles import largest_change
 from holdfast.analysis.reachability.problem import Posed, check_counts
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import HoldfastError, SimulationError
-
-Array = npt.NDArray[Any]
+from holdfast.execution.arrays import AnyArray as Array
 
 LEAST_ORDER = 0.5
 """A lower observed order says that the grids are too coarse for one; it is taken for this."""
@@ -28,8 +25,8 @@ LEAST_ORDER = 0.5
 def coarser(posed: Posed, count: int) -> list[Posed]:
     """The same problem with half as many cells along every axis, and again half, `count` times.
 
-    Raises `SimulationError` where the cells along an axis are no multiple of 2 (of 4), so that the
-    grids would have no nodes in common, or where a grid is too coarse for the scheme.
+    Raises `SimulationError` where the cells along an axis are not a multiple of 2 (of 4), so that
+    the grids would have no nodes in common, or where a grid is too coarse for the scheme.
     """
     found: list[Posed] = []
     for k in range(1, count + 1):
@@ -119,7 +116,7 @@ def _rms(values: Array) -> float:
 def with_outside(
     found: ValueFunction, posed: Posed, march: Callable[[Posed], ValueFunction]
 ) -> ValueFunction:
-    """`found`, with what of it rests on what is beyond the open ends of the grid.
+    """`found`, with the nodes whose side depends on extrapolation beyond the grid.
 
     There the value is continued, which is a guess. So the problem is solved twice more, as if
     whoever leaves the grid had lost, and as if they had won:

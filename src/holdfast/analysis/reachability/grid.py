@@ -12,7 +12,7 @@ import numpy.typing as npt
 from holdfast.analysis.reachability.given import as_number, by_name, whole
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion
-from holdfast.execution.level_set.march import KINDS
+from holdfast.execution.level_set.march import ENDS
 from holdfast.maths.definitions.quantity import Quantity
 from holdfast.maths.definitions.system import System
 
@@ -163,8 +163,8 @@ def _axis(
             remedy='or give a boundary condition: ends = {"' + q.name + '": "contained"}',
         )
     ends = ends or ("periodic" if once else "contained")
-    if not isinstance(ends, str) or ends not in KINDS:
-        raise SimulationError(f"ends of '{q.name}': '{ends}'", remedy=suggestion(str(ends), KINDS))
+    if not isinstance(ends, str) or ends not in ENDS:
+        raise SimulationError(f"ends of '{q.name}': '{ends}'", remedy=suggestion(str(ends), ENDS))
     if ends == "periodic" and not once:
         raise SimulationError(
             f"'{q.name}' is periodic over [{low:g}, {high:g}]", expected="an angle over 2 pi"

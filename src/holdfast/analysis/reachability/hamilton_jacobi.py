@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -31,13 +30,12 @@ from holdfast.analysis.reachability.problem import Posed
 from holdfast.analysis.reachability.snapshots import Record
 from holdfast.analysis.reachability.value_function import ValueFunction, to_value_function
 from holdfast.errors import SimulationError
+from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.march import March
 from holdfast.execution.level_set.settling import Done
 from holdfast.execution.resources import available_cores
 from holdfast.maths.games.hamiltonian import Hamiltonian, hamiltonian
 from holdfast.maths.games.symmetry import check_symmetry
-
-Array = npt.NDArray[Any]
 
 GROWTH_CHECKED = 25
 """Steps from one look at whether the value has grown to the next: they cost it nothing."""

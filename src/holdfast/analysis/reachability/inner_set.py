@@ -13,15 +13,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.analysis.reachability.obstacles import largest_change
 from holdfast.errors import SimulationError
+from holdfast.execution.arrays import AnyArray as Array
 
 if TYPE_CHECKING:
     from holdfast.analysis.reachability.value_function import ValueFunction
-
-Array = npt.NDArray[Any]
 
 MOST_CELLS = 20
 """A set with an error of more cells than this counts as unknown."""

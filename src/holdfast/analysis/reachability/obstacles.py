@@ -10,16 +10,12 @@ open ends of the grid, leaving the grid counts as lost with W <= d, and as won w
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.analysis.reachability.problem import Posed, check_inside
 from holdfast.errors import SimulationError
+from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.over_grid import over_grid
-
-Array = npt.NDArray[Any]
 
 
 class Obstacles:

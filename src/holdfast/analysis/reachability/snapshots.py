@@ -7,12 +7,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.analysis.reachability.problem import Posed
 from holdfast.analysis.reachability.value_function import ValueFunction, to_value_function
-
-Array = npt.NDArray[Any]
+from holdfast.execution.arrays import AnyArray as Array
 
 
 class Record:

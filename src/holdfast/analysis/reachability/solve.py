@@ -52,9 +52,9 @@ def solve(
 
         V <= begin <= l,   so that   V <= W(tau) <= W(tau) from l   for all tau
 
-    and it converges to the same kernel; before that, W is no value for tau seconds. The steps have
-    to be monotone for that, those of the scheme "upwind" with global or local dissipation. Others
-    are refused: weno5 may come to rest above the kernel.
+    and it converges to the same kernel; before that, W is not the value for tau seconds. The steps
+    have to be monotone for that, those of the scheme "upwind" with global or local dissipation.
+    Others are refused: weno5 may come to rest above the kernel.
     until: called with the value so far every few steps, ends the march where it gives True. The
     two are refused together with what rests on the whole march: times, a checkpoint, an error.
     """

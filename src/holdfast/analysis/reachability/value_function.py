@@ -19,10 +19,9 @@ from holdfast.analysis.reachability.inner_set import inner
 from holdfast.analysis.simulation.files import write_netcdf
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
+from holdfast.execution.arrays import Array
 from holdfast.execution.compile import compile_interpolation
 from holdfast.maths.definitions.quantity import Quantity
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

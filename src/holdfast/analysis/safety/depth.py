@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.analysis.reachability.node_sampler import Places
-from holdfast.analysis.reachability.value_function import Array, ValueFunction
+from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import SimulationError
+from holdfast.execution.arrays import Array
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System

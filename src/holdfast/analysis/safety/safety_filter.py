@@ -15,9 +15,10 @@ import numpy.typing as npt
 from holdfast.analysis.reachability.given import number
 from holdfast.analysis.reachability.node_sampler import Places
 from holdfast.analysis.reachability.problem import definition, with_disturbance
-from holdfast.analysis.reachability.value_function import Array, ValueFunction
+from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
+from holdfast.execution.arrays import Array
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.control.value_filter import against_the_worst, keep_value, optimal_law
 from holdfast.maths.definitions.law import Law
@@ -33,11 +34,10 @@ L = TypeVar("L", bound=Law | Switching)
 FORMER = "backward-reachable-set"  # what files of former releases call the tube
 REACHED = ("capture-basin", "backward-reachable-tube", FORMER)
 """Problems in which the state has to arrive within the time, not to stay."""
-KEPT = ("viability-kernel", "discriminating-kernel", *REACHED)
+LAWFUL = ("viability-kernel", "discriminating-kernel", *REACHED)
 """Problems in which the inputs maximise the value against the disturbances."""
 
-MANY = 100_000
-"""Number of nodes near the boundary that a margin is computed from."""
+MANY = 100_000  # nodes near the boundary that a margin is computed from
 
 
 @checked
@@ -245,10 +245,10 @@ def _times(value: ValueFunction) -> Array | None:
 def decided(system: System, value: ValueFunction) -> System:
     """The system of the value function's problem, with its prescribed disturbances."""
     said = value.dataset.attrs
-    if said.get("kind") not in KEPT:
+    if said.get("kind") not in LAWFUL:
         raise SimulationError(
             f"a value function of the kind '{said.get('kind')}'",
-            expected="one of " + ", ".join(KEPT),
+            expected="one of " + ", ".join(LAWFUL),
         )
     if said.get("disturbances") == "max":
         raise SimulationError(

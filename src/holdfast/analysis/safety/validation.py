@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from holdfast.analysis.reachability.given import whole
 from holdfast.analysis.reachability.memory_estimate import check_trials
-from holdfast.analysis.reachability.value_function import Array, ValueFunction
+from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.adversary import CONSTANT, INSIDE, SWINGING, SWITCHING, schedules
 from holdfast.analysis.safety.depth import inside_states, outside_states
 from holdfast.analysis.safety.safety_filter import (
@@ -28,6 +28,7 @@ from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.simulate import simulate
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
+from holdfast.execution.arrays import Array
 from holdfast.execution.evaluate import Evaluator
 from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.closed_loop import Outcome

@@ -8,12 +8,10 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.analysis.simulation.law_comparison import Rate
 from holdfast.analysis.simulation.result import Result
-
-Array = npt.NDArray[np.float64]
+from holdfast.execution.arrays import Array
 
 
 @dataclass(frozen=True)

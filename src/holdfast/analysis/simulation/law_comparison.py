@@ -15,9 +15,8 @@ import numpy.typing as npt
 from holdfast.analysis.simulation.result import Result
 from holdfast.arguments import checked
 from holdfast.errors import ScenarioError
+from holdfast.execution.arrays import Array
 from holdfast.execution.simulation.closed_loop import Outcome
-
-Array = npt.NDArray[np.float64]
 
 CONFIDENCE = 0.95
 

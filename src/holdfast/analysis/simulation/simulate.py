@@ -16,9 +16,10 @@ from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.starts import Starts, initial_states
 from holdfast.arguments import checked
 from holdfast.errors import GainWarning, SimulationError, suggestion
+from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_source import ClosedLoopProgram, closed_loop_program
 from holdfast.execution.resources import Progress
-from holdfast.execution.simulation.closed_loop import Array, ClosedLoop
+from holdfast.execution.simulation.closed_loop import ClosedLoop
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.steppers import BY_NAME
 from holdfast.maths.definitions.bounds import Bounds

@@ -7,14 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 
 from holdfast.analysis.simulation.files import write_netcdf
 from holdfast.arguments import checked
 from holdfast.errors import OutputError, suggestion
-
-Array = npt.NDArray[np.float64]
 
 NAMES = ("success", "viable", "fraction")
 """The default variable of a campaign: the first of these that it has."""

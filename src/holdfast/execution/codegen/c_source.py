@@ -79,7 +79,7 @@ class _File:
         unknown = read - {q.name for q in (*self.seen, *self.kept)}
         if unknown:
             raise DefinitionError(
-                f"law '{switching.name}' reads '{min(unknown)}', which is no state"
+                f"law '{switching.name}' reads '{min(unknown)}', which is not a state"
             )
         self.inputs = [q.symbol for q in system.inputs]
         self.guards = {n: m.safeguard for n, m in switching.modes.items() if m.safeguard}

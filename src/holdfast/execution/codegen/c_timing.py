@@ -17,7 +17,7 @@ from holdfast.execution.codegen.c_text import c_file, c_name
 
 COMPILERS = ("cc", "gcc", "clang")
 OPTIONS = ("-std=c99", "-O2")
-PATIENCE = 300.0
+COMPILER_TIMEOUT = 300.0
 """Time limit in seconds of the compiler and of the program."""
 
 
@@ -75,7 +75,7 @@ def _done(command: list[str]) -> str:
     """The output of the program."""
     name = Path(command[0]).name
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=COMPILER_TIMEOUT)
     except (OSError, subprocess.TimeoutExpired) as error:
         raise SimulationError(f"'{name}' could not be run ({error})") from None
     if done.returncode:

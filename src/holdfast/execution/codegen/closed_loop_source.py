@@ -129,7 +129,7 @@ def closed_loop_program(
                 f"disturbance '{s.name}' uses '{sorted(map(str, unknown))[0]}'",
                 expected="an expression of t and declared parameters",
             )
-    # numbers are handed over as parameters are: another current is no other program
+    # numbers are handed over as parameters are: another current needs no new program
     given = {s.name: e for s, e in zip(system.disturbances, still, strict=True) if e.is_Number}
     given = {n: e for n, e in given.items() if n in disturbance and e.is_finite}
     handed = {n: sp.Symbol(f"_given_{n}", real=True) for n in given}  # no user name begins so
@@ -287,7 +287,7 @@ def _check_fit(system: System, switching: Switching) -> None:
     for quantity in (*switching.reads, *(switching.memory.reads if switching.memory else ())):
         if quantity.name not in (*system.state_names, *system.disturbance_names, *kept):
             raise SimulationError(
-                f"law '{switching.name}' reads '{quantity.name}', which is no state of system "
+                f"law '{switching.name}' reads '{quantity.name}', which is not a state of system "
                 f"'{system.name}', nor a disturbance of it"
             )
 

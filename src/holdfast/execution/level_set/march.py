@@ -16,12 +16,12 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from holdfast.errors import SimulationError
+from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.compile import compile_sweep
 from holdfast.execution.level_set.mirrored_grid import Fold
 from holdfast.execution.level_set.over_grid import over_grid, padded
@@ -32,9 +32,7 @@ from holdfast.execution.level_set.workers import Workers
 from holdfast.maths.definitions.quantity import TIME, Parameter
 from holdfast.maths.games.hamiltonian import Hamiltonian
 
-Array = npt.NDArray[Any]
-
-KINDS = {"contained": 0, "extrapolated": 0, "periodic": 1, "limited": 2}
+ENDS = {"contained": 0, "extrapolated": 0, "periodic": 1, "limited": 2}
 """What is beyond the ends of an axis; the numbers of `differences.py`."""
 
 STAGES = {1: ((1.0, 0.0),), 2: ((1.0, 0.0), (0.5, 1.0)), 3: ((1.0, 0.0), (0.25, 1.0), (2 / 3, 0.5))}
@@ -99,7 +97,7 @@ class March:
         self.shape = np.array([len(a) for a in axes], dtype=np.int64)
         self.axes = padded(axes)
         self.steps = np.array(steps, dtype=np.float64)
-        self.kinds = np.array([KINDS[k] for k in kinds], dtype=np.int64)
+        self.kinds = np.array([ENDS[k] for k in kinds], dtype=np.int64)
         self.p = np.array([*(float(q.value) for q in parameters), 0.0])
         self.nodes = math.prod(len(a) for a in axes)
         self.threads = threads if self.nodes > FEW else 1

@@ -79,7 +79,7 @@ def slope_lines(n: int, scheme: Scheme, row_of: dict[str, int]) -> list[str]:
 
 
 def _wherever(i: int, place: str, wide: str, lines: list[str]) -> list[str]:
-    """The lines for the values themselves, or for what of them is gathered."""
+    """The lines for the values themselves, or for those that are gathered."""
     return [
         f"if reach(at, here, {place}, count, kinds[{i}], GHOSTS, len(values)):",
         *("    " + x.format("values") for x in lines),

@@ -269,7 +269,7 @@ def advance(
 ):
     """One stage of a step of a run of nodes; `rate` becomes the new values.
 
-    What is no number stays so through every bound, so that it is seen.
+    NaN passes every bound, so that it is seen.
     """
     room = min(lanes(count), np.uint64(len(values) - here))
     here = np.uint64(here)

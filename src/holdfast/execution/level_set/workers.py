@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 Counts = npt.NDArray[np.float64]
 
-PATIENCE = 100_000
+SPINS = 100_000
 """How often to look before going to sleep: for some 100 microseconds."""
 
 
@@ -69,7 +69,7 @@ class Workers:
         self._begin(job)
         found = job()
         for other in self._others:
-            self.watch(self._waits, other.waits, self.stage + 1, PATIENCE)
+            self.watch(self._waits, other.waits, self.stage + 1, SPINS)
             theirs = other.result()
             found[:2] += theirs[:2]
             found[2] = max(found[2], theirs[2])
@@ -96,7 +96,7 @@ class _Other(threading.Thread):
         first = 1
         while True:
             first += self.of.turns
-            self.of.watch(self.waits, self.of.turn, first, PATIENCE)
+            self.of.watch(self.waits, self.of.turn, first, SPINS)
             self.go.acquire()
             if self.of.job is None:
                 return

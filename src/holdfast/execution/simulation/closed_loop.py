@@ -12,12 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.errors import SimulationError
+from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_source import ClosedLoopProgram
 from holdfast.execution.compile import compile_closed_loop
 from holdfast.execution.resources import Progress, available_cores, check_memory, run_threads
 from holdfast.execution.simulation.settings import Settings
-
-Array = npt.NDArray[np.float64]
 
 
 class Outcome(IntEnum):
@@ -234,7 +233,7 @@ class ClosedLoop:
         for row, given in enumerate((settings.noise_uniform, settings.noise_normal)):
             for name, size in given.items():
                 if name not in names:
-                    raise SimulationError(f"noise of '{name}', which is no state", key="noise")
+                    raise SimulationError(f"noise of '{name}', which is not a state", key="noise")
                 noise[row, names.index(name)] = size
         result = Trajectories(
             time=np.arange(rows, dtype=np.float64) * (stride * settings.sample_time),

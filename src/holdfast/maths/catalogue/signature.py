@@ -11,7 +11,7 @@ from holdfast.maths.catalogue import fields, laws, regions, systems
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.vehicle_file import declared_parameters
 
-KINDS: dict[str, tuple[Callable[..., Any], ...]] = {
+CATALOGUES: dict[str, tuple[Callable[..., Any], ...]] = {
     "system": systems.ALL,
     "law": laws.ALL,
     "region": regions.ALL,

@@ -24,7 +24,7 @@ def dynamic_extension(
 
     With a velocity as input its rate is an acceleration, with a force it is how fast an actuator
     acts. A region may then constrain u, and f too, such as an acceleration. The bounds that u had
-    are no bounds of the new inputs: `input_limits` gives them as constraints of the state, which
+    do not bound the new inputs: `input_limits` gives them as constraints of the state, which
     belong in the region. Raises `DefinitionError` for an unknown input, and where the others are
     not free of those that are extended.
     """

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -18,6 +17,7 @@ from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 
 from holdfast.arguments import checked
 from holdfast.errors import OutputError
+from holdfast.execution.arrays import Array
 from holdfast.maths.expressions.numeric import Expression, array_function, evaluated
 from holdfast.maths.reference_fields.critical_points import CriticalPoint
 from holdfast.maths.reference_fields.facts import critical_point_name
@@ -26,8 +26,6 @@ from holdfast.maths.reference_fields.flow_lines import FlowLine, flow_line, loop
 from holdfast.maths.reference_fields.meridian_planes import frame, meridian, plane_by_plane
 from holdfast.maths.reference_fields.zeros import critical_points
 from holdfast.presentation.figures import style
-
-Array = npt.NDArray[np.float64]
 
 SECTORS = {"elliptic": style.SKY, "parabolic": style.GREEN, "hyperbolic": style.ORANGE}
 _SIZES = (0.12, 0.25, 0.42, 0.64, 0.94, 1.4, 2.2, 3.6, 6.5)

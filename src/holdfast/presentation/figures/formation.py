@@ -10,7 +10,6 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-import numpy.typing as npt
 from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -18,13 +17,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Polygon
 
 from holdfast.analysis.simulation.result import Result
+from holdfast.execution.arrays import Array
 from holdfast.host.writing import atomic_file
 from holdfast.maths.definitions.scene import Footprint
 from holdfast.maths.expressions.numeric import evaluated, parameter_values
 from holdfast.presentation.figures import style
 from holdfast.presentation.figures.shapes import draw_fixed, seen_from
-
-Array = npt.NDArray[np.float64]
 
 FRAMES_PER_SECOND = 12
 

@@ -20,11 +20,10 @@ from matplotlib.patches import Patch
 from holdfast.analysis.simulation.result import Result
 from holdfast.arguments import checked
 from holdfast.errors import OutputError
+from holdfast.execution.arrays import Array
 from holdfast.execution.simulation.closed_loop import SafeguardAnswer
 from holdfast.presentation.figures import style
 from holdfast.presentation.figures.panels import Panel, panels
-
-Array = npt.NDArray[np.float64]
 
 NEAR = 0.2
 """A limit is drawn if an input reaches this share of it, and otherwise only named."""

@@ -20,10 +20,9 @@ from matplotlib.ticker import MaxNLocator
 
 from holdfast.analysis.reachability.grid import Axis
 from holdfast.analysis.reachability.value_function import ValueFunction
+from holdfast.execution.arrays import Array
 from holdfast.presentation.figures import style
 from holdfast.presentation.figures.style import BLACK, BLUE, GREEN, PURPLE, RED
-
-Array = npt.NDArray[np.float64]
 
 DASHES: tuple[tuple[str, Any], ...] = (
     (BLACK, (0, (4, 2))),

@@ -17,12 +17,11 @@ from matplotlib.patches import Patch
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.arguments import checked
 from holdfast.errors import OutputError
+from holdfast.execution.arrays import Array
 from holdfast.maths.definitions.scene import Shape
 from holdfast.presentation.figures import level_sets, style
 from holdfast.presentation.figures.shapes import draw_fixed, labelled
 from holdfast.presentation.figures.view import check_same_states, look_at, told, where
-
-Array = npt.NDArray[np.float64]
 
 POSITIVE, NEGATIVE = "#f6cf85", "#9fd0ee"  # tints of orange and sky
 _ARROWS = 16

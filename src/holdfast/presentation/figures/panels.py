@@ -10,9 +10,8 @@ import numpy.typing as npt
 import xarray as xr
 
 from holdfast.analysis.simulation.result import Result
+from holdfast.execution.arrays import Array
 from holdfast.presentation.figures import style
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

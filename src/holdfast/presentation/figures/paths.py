@@ -7,7 +7,6 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-import numpy.typing as npt
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
@@ -17,14 +16,13 @@ from matplotlib.patches import Patch, Polygon, Wedge
 from holdfast.analysis.simulation.result import Result
 from holdfast.arguments import checked
 from holdfast.errors import OutputError, suggestion
+from holdfast.execution.arrays import Array
 from holdfast.execution.simulation.closed_loop import Outcome
 from holdfast.maths.definitions.quantity import symbol
 from holdfast.maths.definitions.scene import Cone, Footprint, Segment
 from holdfast.maths.expressions.numeric import Values, evaluated, parameter_values
 from holdfast.presentation.figures import style
 from holdfast.presentation.figures.shapes import draw_fixed, seen_from
-
-Array = npt.NDArray[np.float64]
 
 _MAX_POINTS = 160
 _MAX_BOLD = 3000

@@ -17,10 +17,9 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-u
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.arguments import checked
 from holdfast.errors import OutputError
+from holdfast.execution.arrays import Array
 from holdfast.presentation.figures import level_sets, style
 from holdfast.presentation.figures.view import check_same_states, told, where
-
-Array = npt.NDArray[np.float64]
 
 BODY, OTHER = "#7cc0e6", "#c4c4c4"
 DARK = 0.4

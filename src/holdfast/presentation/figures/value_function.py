@@ -6,19 +6,16 @@ from collections.abc import Mapping, Sequence
 from itertools import cycle
 
 import matplotlib.pyplot as plt
-import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.arguments import checked
+from holdfast.execution.arrays import Array
 from holdfast.maths.definitions.scene import Shape
 from holdfast.presentation.figures import level_sets, style
 from holdfast.presentation.figures.shapes import draw_fixed, labelled
 from holdfast.presentation.figures.view import Held, View, check_same_states, look_at, told, where
-
-Array = npt.NDArray[np.float64]
 
 
 @checked

@@ -7,17 +7,15 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import plotly.graph_objects as go  # type: ignore[import-untyped]
 from matplotlib.colors import to_rgb
 
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.simulation.result import Result
+from holdfast.execution.arrays import Array
 from holdfast.execution.simulation.closed_loop import Outcome
 from holdfast.presentation.figures import level_sets, style
 from holdfast.presentation.figures.surface import BODY, DARK, brightness, zero_surface
-
-Array = npt.NDArray[np.float64]
 
 MOST_RUNS, MOST_PLACES = 40, 150
 """Most paths, and points of each, that are drawn, to limit the size of the page."""

@@ -9,7 +9,6 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
@@ -20,9 +19,8 @@ from matplotlib.ticker import PercentFormatter
 from holdfast.analysis.simulation.sweep_table import Campaign
 from holdfast.arguments import checked
 from holdfast.errors import OutputError
+from holdfast.execution.arrays import Array
 from holdfast.presentation.figures import style
-
-Array = npt.NDArray[np.float64]
 
 COLOURS = "viridis"
 WRITTEN = 100

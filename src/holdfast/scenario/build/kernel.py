@@ -7,7 +7,7 @@ from typing import Any
 
 from holdfast.analysis.reachability.grid import grid
 from holdfast.analysis.reachability.options import Marching
-from holdfast.analysis.safety.safety_filter import KEPT, check_pace
+from holdfast.analysis.safety.safety_filter import LAWFUL, check_pace
 from holdfast.errors import ScenarioError, SimulationError, suggestion
 from holdfast.execution.simulation.settings import Settings
 from holdfast.maths.control.velocity_tracking import track_velocity
@@ -128,7 +128,7 @@ def kernel_parts(file: str, data: Mapping[str, Any]) -> dict[str, Any]:
                 f"{file}: figures.inputs: unknown name '{name}'",
                 remedy=suggestion(name, system.input_names),
             )
-    if spec.figures.inputs and kind not in KEPT:
+    if spec.figures.inputs and kind not in LAWFUL:
         raise ScenarioError(f"{file}: figures.inputs: a {kind} says nothing of optimal inputs")
     return {
         "name": scenario_title(file).strip(".") or "scenario",
@@ -176,7 +176,7 @@ def _check_tables(file: str, kind: str, spec: KernelSpec) -> None:
     for key, used in (("arrival_steps", "capture-basin"), ("disturbances", "reachable")):
         if getattr(spec.march, key) is not None and used not in kind:
             raise ScenarioError(f"{file}: march.{key}: a {kind} does not use it")
-    if kind not in KEPT:
+    if kind not in LAWFUL:
         for key in ("promise", "law"):
             if getattr(spec, key) is not None:
                 raise ScenarioError(f"{file}: {key}: a {kind} promises nothing to a law")

@@ -13,7 +13,7 @@ from holdfast.maths.expressions.parser import parse_expression
 from holdfast.scenario.schema.closed_loop import ShapeSpec
 from holdfast.scenario.validation import at
 
-KINDS: dict[str, tuple[Callable[..., scene.Shape], tuple[str, ...]]] = {
+SHAPES: dict[str, tuple[Callable[..., scene.Shape], tuple[str, ...]]] = {
     "segment": (scene.Segment, ("start", "end")),
     "circle": (scene.Circle, ("centre", "radius")),
     "cone": (scene.Cone, ("apex", "heading", "half_angle", "range")),
@@ -35,7 +35,7 @@ def composed_shape(
             return tuple(parsed(g) for g in given)
         return parse_expression(given, names)
 
-    shape, parts = KINDS[spec.kind]
+    shape, parts = SHAPES[spec.kind]
     values = []
     for part in parts:
         given = getattr(spec, part)

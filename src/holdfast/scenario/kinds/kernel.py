@@ -29,8 +29,7 @@ from holdfast.scenario.build.kernel import kernel_parts
 from holdfast.scenario.files import overridden
 from holdfast.scenario.kinds import kind_of
 from holdfast.scenario.kinds.base import Bar, Composed, Kind
-from holdfast.scenario.schema.kernel import KINDS as NAMES
-from holdfast.scenario.schema.kernel import SetFiguresSpec
+from holdfast.scenario.schema.kernel import PROBLEMS, SetFiguresSpec
 from holdfast.scenario.validation import at
 
 
@@ -278,4 +277,4 @@ def _compose_former(
     return _compose(file, text, renamed, runs, seed)
 
 
-KINDS = (*(Kind(name, _compose) for name in NAMES), Kind(FORMER, _compose_former))
+KINDS = (*(Kind(name, _compose) for name in PROBLEMS), Kind(FORMER, _compose_former))

@@ -17,7 +17,7 @@ Kind = Literal[
     "forward-reachable-set",
     "capture-basin",
 ]
-KINDS: tuple[str, ...] = get_args(Kind)
+PROBLEMS: tuple[str, ...] = get_args(Kind)
 
 
 class KernelHeader(Section):

@@ -9,8 +9,9 @@ from typing import Any
 
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.safety_filter import decided
-from holdfast.analysis.simulation.law_comparison import Array, Reference
+from holdfast.analysis.simulation.law_comparison import Reference
 from holdfast.errors import HoldfastError, ScenarioError
+from holdfast.execution.arrays import Array
 from holdfast.execution.resources import Progress
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System

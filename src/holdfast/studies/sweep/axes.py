@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.errors import ScenarioError
+from holdfast.execution.arrays import Array
 from holdfast.maths.definitions.units import split
-
-Array = npt.NDArray[np.float64]
 
 MOST_CELLS = 10_000_000
 LOG = "log"

@@ -12,12 +12,10 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 from holdfast.analysis.simulation.sweep_table import Campaign
 from holdfast.arguments import checked
 from holdfast.errors import GainWarning, HoldfastError, ScenarioError
+from holdfast.execution.arrays import Array
 from holdfast.execution.resources import available_cores
 from holdfast.host.output import make_folder
 from holdfast.scenario.files import code_digest, files_digest, overridden, read_tables
@@ -32,14 +30,12 @@ from holdfast.studies.sweep.cell import Part, run_part
 from holdfast.studies.sweep.store import Key, store
 from holdfast.studies.sweep.table import Axis, campaign_table, check_variable
 
-Array = npt.NDArray[np.float64]
-
 PART = 5_000
 """Runs of a cell that are simulated together, which bounds the memory."""
 
 MOST_PARTS = 20_000_000
 
-KEPT = "sweep-cells.db"
+CELLS_FILE = "sweep-cells.db"
 COUNTS = ("starts.random", "starts.states")
 """Keys that would change the number of runs of a cell."""
 
@@ -106,7 +102,7 @@ def sweep(
     if folder is not None:
         make_folder(folder)
     with ExitStack() as stack:
-        place = folder / KEPT if folder is not None else None
+        place = folder / CELLS_FILE if folder is not None else None
         kept = stack.enter_context(store(place, _digest(data, settings, runs, seed)))
         there = kept.finished()
         keys = ((cell, part) for cell in range(len(cells)) for part in range(parts))

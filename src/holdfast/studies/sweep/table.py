@@ -7,16 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import xarray as xr
 
 from holdfast._version import __version__
 from holdfast.analysis.simulation.aggregates import from_table, put_together
 from holdfast.errors import OutputError, suggestion
+from holdfast.execution.arrays import Array
 from holdfast.studies.scenario_parameter import Knob
 from holdfast.studies.sweep.axes import Over
-
-Array = npt.NDArray[np.float64]
 
 CELL, REFUSED = "cell", "refused"
 

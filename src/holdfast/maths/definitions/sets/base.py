@@ -39,7 +39,7 @@ class Bounds(ABC):
 
     @abstractmethod
     def at(self, parameters: Mapping[sp.Symbol, sp.Expr | float]) -> Bounds:
-        """The set with these for its parameters; `DefinitionError` if it is none then."""
+        """The set with these for its parameters; `DefinitionError` if these give an empty one."""
 
     @abstractmethod
     def contains(self, values: Sequence[float], slack: float = 1e-9) -> bool:
@@ -77,7 +77,7 @@ class Bounds(ABC):
         return [(high - low) / 2 for low, high in self.ranges()]
 
     def half_spaces(self) -> list[Row]:
-        """The set as normals . u <= offsets; `DefinitionError` for a set that is no polytope."""
+        """The set as normals . u <= offsets; `DefinitionError` for any set but a polytope."""
         raise DefinitionError(
             f"inputs are bounded by {self.shape}, which is not a polytope",
             expected="a box, or a linear image of one with as many actuators as inputs",
@@ -162,7 +162,7 @@ class Bounds(ABC):
 
 
 def entries(values: Sequence[object], what: str) -> tuple[sp.Expr, ...]:
-    """The values as expressions; `DefinitionError` for NaN and what is no expression."""
+    """The values as expressions; `DefinitionError` for NaN and other objects."""
     result = tuple(sp.sympify(v) for v in values)
     for value in result:
         if not isinstance(value, sp.Expr) or value.has(sp.nan):
