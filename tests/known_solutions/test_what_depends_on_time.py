@@ -219,7 +219,7 @@ def test_region_that_moves_is_refused_where_it_would_be_taken_to_stand():
         lambda: hf.regulation_map(slow, WALL, [0.0]),
     ):  # fmt: skip
         with pytest.raises(
-            DefinitionError, match="region 'region' depends on time; expected a region"
+            DefinitionError, match="region 'region' depends on time; expected a stationary region"
         ):
             use()
 

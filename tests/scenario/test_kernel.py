@@ -55,7 +55,7 @@ def test_set_that_lasts_and_has_not_converged_is_no_answer(cart, tmp_path):
         "--set", "march.horizon=0.5", "--set", "promise.horizon=0.5",
     )  # fmt: skip
     assert done.returncode == 1
-    assert "not converged within 0.5 s" in done.stderr
+    assert "did not converge within 0.5 s" in done.stderr
 
 
 def test_law_of_a_file_is_kept_safe_and_runs_and_seed_are_those_of_the_promise(cart):

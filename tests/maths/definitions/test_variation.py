@@ -358,7 +358,7 @@ def test_bound_of_the_disturbance_that_varies_is_that_of_the_run(result):
 def test_number_of_the_plant_is_not_lost_to_a_draw_of_the_same_name():
     """Two numbers for g of the plant are refused; a g of the plant beside other draws is obeyed."""
     draws = {"k": DRAWS["k"]}
-    with pytest.raises(SimulationError, match="'g' of the plant is varied, and given a number too"):
+    with pytest.raises(SimulationError, match="'g' of the plant is both varied and given a number"):
         run(varied=hf.Varied(draws | {"g": (2.0, 2.0)}), plant={"g": 4.0}, disturbance={})
     found = run(varied=hf.Varied(draws), plant={"g": 4.0}, disturbance={})
     assert states(found)[:, -1] == pytest.approx(np.exp(-2 * own(found, "k") * END), abs=1e-9)

@@ -327,20 +327,18 @@ def test_keys_of_whole_numbers_are_swept_too(cart, here):
 
 
 def test_a_cell_that_fails_does_not_end_the_others(cart, here, monkeypatch, tmp_path):
-    from holdfast.studies.sweep import cell
-
     def failing(scenario, part=None):
         if scenario.settings["substeps"] == 2:
             raise ZeroDivisionError("of ours")
         return run(scenario, part=part)
 
-    run = cell.Scenario.run
-    monkeypatch.setattr(cell.Scenario, "run", failing)
+    run = hf.Scenario.run
+    monkeypatch.setattr(hf.Scenario, "run", failing)
     asked = {"over": ["run.substeps=1:3:3"], "executor": here, "runs": 4, "folder": tmp_path}
     found = hf.sweep(cart, **asked)
     assert found.dataset["refused"].values.tolist() == [0, 1, 0]
     assert found.notes == ("ZeroDivisionError: of ours",)
-    monkeypatch.setattr(cell.Scenario, "run", run)
+    monkeypatch.setattr(hf.Scenario, "run", run)
     assert hf.sweep(cart, **asked).refused == 0, "what failed is tried again"
     assert [r[1] for r in rows(tmp_path)] == [0, 2, 1]
     again = hf.sweep(cart, **asked)
