@@ -525,7 +525,7 @@ def test_a_cluster_that_is_not_there_is_told(monkeypatch):
     distributed = pytest.importorskip("distributed")
     from holdfast.interop import cluster
 
-    monkeypatch.setattr(cluster, "PATIENCE", "1s")
+    monkeypatch.setattr(cluster, "CONNECTION_TIMEOUT", "1s")
     with (
         pytest.raises(ScenarioError, match=r"--cluster tcp://127\.0\.0\.1:9"),
         cluster_executor("tcp://127.0.0.1:9"),
