@@ -86,6 +86,21 @@ horizon = 4
     assert not kernel.contains([[0.5, 0.9], [0.0, 1.05]]).any()
 
 
+def test_rates_belong_to_the_inputs_in_the_order_in_which_these_are_named():
+    wheels = hf.systems.unicycle()
+    found = hf.dynamic_extension(wheels, ("r", "v"), hf.Box((-9, -1), (9, 1)))
+    bounds = dict(zip(found.input_names, found.input_bounds.ranges(), strict=True))
+    assert bounds == {"r_rate": (-9, 9), "v_rate": (-1, 1)}
+
+
+def test_bounds_of_the_other_inputs_stay_where_the_rate_has_none():
+    found = hf.dynamic_extension(hf.systems.unicycle(), ("v",))
+    limit = hf.symbol("turn_limit")
+    oo = float("inf")
+    assert found.input_names == ("r", "v_rate")
+    assert found.input_bounds.ranges() == [(-limit, limit), (-oo, oo)]
+
+
 def test_inputs_that_cannot_be_extended_are_refused():
     ball = hf.System(
         "sled", (hf.Quantity("x"),), (hf.Quantity("u"), hf.Quantity("w")),

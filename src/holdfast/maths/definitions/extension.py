@@ -8,7 +8,7 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
-from holdfast.maths.definitions.bounds import Bounds, product, section
+from holdfast.maths.definitions.bounds import Bounds, Box, product, section
 from holdfast.maths.definitions.quantity import Quantity, merge_parameters, symbol
 from holdfast.maths.definitions.region import Inequality, Region
 from holdfast.maths.definitions.system import System
@@ -34,7 +34,8 @@ def dynamic_extension(
                 f"'{name}' is not an input of system '{system.name}'",
                 remedy=suggestion(name, system.input_names),
             )
-    extended = tuple(q for q in system.inputs if q.name in inputs)
+    by_name = {q.name: q for q in system.inputs}
+    extended = tuple(by_name[name] for name in inputs)  # `rates` are in this order
     kept = tuple(q for q in system.inputs if q.name not in inputs)
     new = tuple(
         Quantity(f"{q.name}_rate", per_second(q.unit), f"rate of {q.description or q.name}")
@@ -47,7 +48,7 @@ def dynamic_extension(
         states=(*system.states, *extended),
         inputs=(*kept, *new),
         rates={**system.rates, **{q.name: symbol(f"{q.name}_rate") for q in extended}},
-        input_bounds=product(left, rates) if kept else rates,
+        input_bounds=product(left or _free(len(kept)), rates or _free(len(new))) if kept else rates,
     )
 
 
@@ -94,6 +95,11 @@ def both(first: Region, second: Region) -> Region:
         inequalities=(*first.inequalities, *second.inequalities),
         parameters=merge_parameters(first.parameters, second.parameters),
     )
+
+
+def _free(count: int) -> Box:
+    """No bounds, as a set: a product with it keeps those of the others."""
+    return Box((-sp.oo,) * count, (sp.oo,) * count)
 
 
 def per_second(unit: str) -> str:
