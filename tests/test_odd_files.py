@@ -11,7 +11,7 @@ import xarray as xr
 
 import holdfast as hf
 from holdfast.errors import HoldfastError, OutputError
-from holdfast.maths.definitions.vehicle_file import load_vehicle
+from holdfast.maths.definitions.vehicle_file import vehicle_for
 from holdfast.planning.geojson import geojson_cells
 from holdfast.scenario.load import load_scenario
 from tests.command_line import FAST, ONE_STATE, holdfast, started
@@ -20,7 +20,7 @@ posix = pytest.mark.skipif(os.name == "nt", reason="devices and pipes")
 
 READERS = {
     ".toml": lambda path: load_scenario(path),
-    "vehicle.toml": lambda path: load_vehicle(path, {}),
+    "vehicle.toml": lambda path: vehicle_for(path, {}),
     ".nc": lambda path: hf.load(path),
     ".json": lambda path: geojson_cells(path),
 }

@@ -252,6 +252,8 @@ def test_interval_grows_while_everything_holds():
         ("ch7-any-current", {"of": "grid.box"}, "is not a number"),
         ("ch7-any-current", {"between": (0.3, 0.1)}, "between 0.3 and 0.1; expected LOW < HIGH"),
         ("ch7-any-current", {"of": "promise.runs", "between": (1, 12)}, "promise.runs: no kernel depends on it"),
+        ("ch7-hold-goal", {"of": "system.thrust_limit"}, "nothing depends on 'thrust_limit'"),
+        ("ch7-hold-goal", {"overrides": ["system.thrust_limit=1"]}, "nothing depends on 'thrust_limit'"),
         ("ch7-any-current", {"tolerance": 0.0}, "the tolerance is 0; expected above 0"),
         ("ch7-any-current", {"overrides": ["system.current_limit=0"]}, "give the interval"),
         ("ch7-discriminating", {"overrides": ["disturbance.Vy=0"]}, "is zero and has no direction"),

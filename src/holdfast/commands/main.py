@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import warnings
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from pkgutil import iter_modules
 from typing import NoReturn
@@ -22,15 +23,14 @@ class Commands(click.Group):
     """Every module beside this one that has a `command`: `export_c.py` is `export-c`."""
 
     def list_commands(self, context: click.Context) -> list[str]:
-        names = (module.name for module in iter_modules([str(Path(__file__).parent)]))
-        return sorted(n.replace("_", "-") for n in names if self._found(n) is not None)
+        names = (m.name.replace("_", "-") for m in iter_modules([str(Path(__file__).parent)]))
+        return sorted(n for n in names if self.get_command(context, n) is not None)
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
-        return self._found(name.replace("-", "_")) if name in self.list_commands(context) else None
-
-    @staticmethod
-    def _found(module: str) -> click.Command | None:
-        return getattr(import_module(f"holdfast.commands.{module}"), "command", None)
+        module = f"holdfast.commands.{name.replace('-', '_')}"
+        if "." in name or "_" in name or find_spec(module) is None:
+            return None
+        return getattr(import_module(module), "command", None)
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})

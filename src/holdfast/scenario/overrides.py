@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from typing import Any
@@ -10,11 +11,11 @@ import numpy as np
 import sympy as sp
 from pydantic import BaseModel
 
-from holdfast.errors import HoldfastError, ScenarioError, suggestion
+from holdfast.errors import GainWarning, HoldfastError, ScenarioError, suggestion
 from holdfast.maths.definitions.quantity import Parameter, symbol
 
-APART = ("text", "file", "digest")
-"""Warnings and tables of a composed scenario about its own text."""
+TEXT_FIELDS = ("text", "file", "digest")
+"""Fields of a composed scenario about its own text: they differ with every override."""
 
 Compose = Callable[[Sequence[str]], Sequence[object]]
 
@@ -38,12 +39,14 @@ def check_overrides(overrides: Iterable[str], composed: Sequence[object], compos
             continue
         beside = [*changes[:place], f"{key}={_beside(value)}", *changes[place + 1 :]]
         try:
-            same = _substance(compose(beside)) == _substance(composed)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", GainWarning)
+                same = _substance(compose(beside)) == _substance(composed)
         except HoldfastError:  # the other number is refused, so the scenario depends on it
             continue
         if same:
             raise ScenarioError(
-                f"--set {key}: nothing depends on '{path[-1]}'",
+                f"{key}: nothing depends on '{path[-1]}'",
                 expected="a number that the answer depends on",
                 remedy=suggestion(path[-1], sorted(names & {s.name for s in used})),
             )
@@ -84,12 +87,10 @@ def _parts(value: object) -> Sequence[object] | None:
     if isinstance(value, BaseModel):
         value = dict(value)
     if is_dataclass(value):
-        return [
-            sorted(of) if f.name == "plant" and isinstance(of, Mapping) else of
-            for f in fields(value)
-            if f.name not in APART
-            for of in [getattr(value, f.name)]
-        ]
+        shown = {f.name: getattr(value, f.name) for f in fields(value) if f.name not in TEXT_FIELDS}
+        if isinstance(shown.get("plant"), Mapping):  # numbers of parameters by name
+            shown["plant"] = sorted(shown["plant"])
+        return list(shown.values())
     if isinstance(value, Mapping):
         return [x for key in sorted(value, key=str) for x in (key, value[key])]
     if isinstance(value, (list, tuple, set, frozenset)):

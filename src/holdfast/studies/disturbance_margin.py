@@ -18,6 +18,7 @@ from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.units import to_si
 from holdfast.scenario.files import read_tables
 from holdfast.scenario.kinds.kernel import KernelScenario, composed_kernel, is_kernel
+from holdfast.scenario.overrides import check_overrides
 from holdfast.scenario.validation import at
 from holdfast.studies.scenario_parameter import CURRENT, Knob, check_number, find_knob
 
@@ -82,11 +83,16 @@ def disturbance_margin(
         )
     value = check_number(own, data, knob)
 
-    def composed(value: float) -> KernelScenario:
-        file, text, data = read_tables(scenario, [*changes, *knob.settings(value)])
+    def of_changes(changes: Sequence[str]) -> list[KernelScenario]:
+        file, text, data = read_tables(scenario, changes)
         used = {name: table for name, table in data.items() if name not in UNUSED_TABLES}
-        return composed_kernel(file, text, used)
+        return [composed_kernel(file, text, used)]
 
+    def composed(value: float) -> KernelScenario:
+        return of_changes([*changes, *knob.settings(value)])[0]
+
+    check_overrides(changes, [own], lambda s: [composed_kernel(*read_tables(scenario, s))])
+    check_overrides(knob.settings(value), [composed(value)], lambda s: of_changes([*changes, *s]))
     low, high = _interval(knob, value, between)
     close = tolerance if tolerance is not None else 0.01 * max(abs(low), abs(high))
     if not 0 < close < high - low:

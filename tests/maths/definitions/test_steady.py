@@ -58,6 +58,7 @@ def test_sides_differ_and_the_first_value_that_cannot_be_held_ends_the_interval(
         (cart(a - v, hf.Box((-1,), (1,))), ("u",), "'u' is not a state"),
         (cart(a**2 - v, hf.Box((-1,), (1,))), ("v",), "not affine"),
         (cart(a + 2 - v, hf.Box((-1,), (1,))), ("v",), "cannot hold 'v' at 0"),
+        (cart(a - v * hf.TIME, hf.Box((-1,), (1,))), ("v",), "depends on time"),
         (cart(a, hf.Box((-1,), (1,))), ("v",), "hold every value of 'v'"),
     ],
 )

@@ -6,7 +6,7 @@ from holdfast.errors import HoldfastError, ScenarioError
 from holdfast.maths.catalogue.systems.marine_vehicle import PARAMETERS
 from holdfast.maths.catalogue.vehicles import vehicle_of
 from holdfast.maths.definitions.units import UnitError, check_unit, to_si
-from holdfast.maths.definitions.vehicle_file import load_vehicle, vehicle_names
+from holdfast.maths.definitions.vehicle_file import vehicle_for, vehicle_names
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_broken_vehicle_file_is_refused_with_the_key(tmp_path, old, new, complai
     path = tmp_path / "mine.toml"
     path.write_text(GOOD.replace(old, new, 1))
     with pytest.raises(HoldfastError) as caught:
-        load_vehicle(str(path), PARAMETERS)
+        vehicle_for(str(path), PARAMETERS)
     assert complaint in str(caught.value)
 
 
@@ -101,11 +101,11 @@ def test_grams_are_converted(tmp_path):
     path.write_text(
         GOOD.replace('mass = { value = 1.0, unit = "kg"', 'mass = { value = 5400, unit = "g"')
     )
-    assert load_vehicle(str(path), PARAMETERS).parameters["mass"].value == pytest.approx(5.4)
+    assert vehicle_for(str(path), PARAMETERS).parameters["mass"].value == pytest.approx(5.4)
 
 
 def test_unknown_or_unreadable_vehicle_is_refused():
     with pytest.raises(ScenarioError, match="did you mean 'bluerov2'"):
-        load_vehicle("bluerov", PARAMETERS)
+        vehicle_for("bluerov", PARAMETERS)
     with pytest.raises(ScenarioError, match="cannot be read"):
-        load_vehicle("nowhere.toml", PARAMETERS)
+        vehicle_for("nowhere.toml", PARAMETERS)

@@ -10,13 +10,14 @@ from holdfast.arguments import checked
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.maths.catalogue import systems
 from holdfast.maths.catalogue.signature import arguments
-from holdfast.maths.definitions.quantity import Parameter
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.vehicle_file import (
     Vehicle,
     checked_vehicle,
     declared_parameters,
+    overridden,
     read_vehicle,
+    vehicle_for,
 )
 
 
@@ -65,12 +66,7 @@ def of_vehicle(
     function: Callable[..., System], name: str, structure: Mapping[str, Any]
 ) -> Callable[..., System]:
     """A function that builds the system of that vehicle, with some of its numbers replaced."""
-    shown, data = read_vehicle(name)
-    if data["system"] != function.__name__:
-        raise ScenarioError(
-            f"{shown}: is for system {data['system']!r}", expected=f"'{function.__name__}'"
-        )
-    vehicle = checked_vehicle(name, shown, data, needed(function, **structure))
+    vehicle = vehicle_for(name, needed(function, **structure), function.__name__)
 
     def build(**overrides: float) -> System:
         return with_vehicle(function, vehicle, overrides, **structure)
@@ -85,22 +81,9 @@ def with_vehicle(
     **structure: Any,
 ) -> System:
     """The system with the numbers of the vehicle, and their sources."""
-    for name in overrides:
-        if name not in vehicle.parameters:
-            raise ScenarioError(
-                f"{vehicle.name} has no parameter '{name}'",
-                remedy=suggestion(name, vehicle.parameters),
-            )
-    values = {n: p.value for n, p in vehicle.parameters.items()} | dict(overrides)
-    system = function(**structure, **values)
-
-    def told(p: Parameter) -> Parameter:
-        of = vehicle.parameters.get(p.name)
-        if of is None or p.name in overrides:
-            return p
-        return replace(p, source=of.source, assumed=of.assumed)
-
-    return replace(system, parameters=tuple(map(told, system.parameters)))
+    numbers = overridden(vehicle.parameters, overrides, vehicle.name)
+    system = function(**structure, **{name: p.value for name, p in numbers.items()})
+    return replace(system, parameters=tuple(numbers.get(p.name, p) for p in system.parameters))
 
 
 def _system(name: object, shown: str) -> Callable[..., System]:

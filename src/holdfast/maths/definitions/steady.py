@@ -32,8 +32,9 @@ def steady_bounds(system: System, states: tuple[str, ...]) -> Box:
     that cannot be held. Each state is taken by itself, so that a corner of the box may be more than
     the inputs can hold together. In the unit of the state, at the values of the parameters.
 
-    Raises `DefinitionError` for an unknown state, inputs without bounds, a rate that is not affine
-    in the inputs, and a state that the inputs cannot hold at 0 or hold at any value.
+    Raises `DefinitionError` for an unknown state, inputs without bounds, a rate that depends on
+    time or is not affine in the inputs, and a state that the inputs cannot hold at 0 or hold at
+    any value.
     """
     for name in states:
         if name not in system.state_names:
@@ -80,6 +81,11 @@ def _furthest(system: System, name: str, side: float) -> float:
 def _holds(system: System, name: str) -> Callable[[float], bool]:
     rate = sp.sympify(system.rates[name])
     inputs = [q.symbol for q in system.inputs]
+    if rate.has(TIME):
+        raise DefinitionError(
+            f"the rate of '{name}' depends on time, so that no value is held steadily",
+            remedy=f"give an interval: {name} = [lowest, highest]",
+        )
     gains = [rate.diff(u) for u in inputs]
     if any(g.free_symbols & set(inputs) for g in gains):
         raise DefinitionError(
@@ -88,7 +94,7 @@ def _holds(system: System, name: str) -> Callable[[float], bool]:
     own = next(q.symbol for q in system.states if q.name == name)
     others = (*system.states, *system.disturbances)
     numbers = {q.symbol: sp.Float(q.value) for q in system.parameters}
-    numbers |= {q.symbol: sp.S.Zero for q in others if q.symbol != own} | {TIME: sp.S.Zero}
+    numbers |= {q.symbol: sp.S.Zero for q in others if q.symbol != own}
     drift = rate.xreplace(dict.fromkeys(inputs, sp.S.Zero)).xreplace(numbers)
     drift, *gains = (e.xreplace(numbers) for e in (drift, *gains))
     assert system.input_bounds is not None

@@ -55,7 +55,7 @@ def vehicle_names() -> tuple[str, ...]:
     return tuple(sorted(f.name.removesuffix(".toml") for f in files if f.name.endswith(".toml")))
 
 
-def load_vehicle(
+def vehicle_for(
     name: str, units: Mapping[str, tuple[str, str, float]], system: str = "marine_vehicle"
 ) -> Vehicle:
     """The vehicle of that name, or of that file when the name ends in .toml.

@@ -10,7 +10,7 @@ from holdfast.arguments import checked
 from holdfast.maths.definitions.bounds import Ball, Box, LinearImage
 from holdfast.maths.definitions.quantity import Quantity, symbol
 from holdfast.maths.definitions.system import PfaffianRow, System
-from holdfast.maths.definitions.vehicle_file import load_vehicle, overridden, takes
+from holdfast.maths.definitions.vehicle_file import overridden, takes, vehicle_for
 from holdfast.maths.expressions.functions import magnitude
 
 _ANY, _POSITIVE = -math.inf, 0.0
@@ -63,7 +63,7 @@ def marine_vehicle(
     by name (SI units, see `PARAMETERS`). Raises `ScenarioError` for an unknown vehicle or name.
     """
     parameters = overridden(
-        load_vehicle(vehicle, PARAMETERS).parameters, overrides, "marine_vehicle"
+        vehicle_for(vehicle, PARAMETERS).parameters, overrides, "marine_vehicle"
     )
     psi, u, v, r = (symbol(n) for n in ("psi", "u", "v", "r"))
     tau_u, tau_r, vx, vy = (symbol(n) for n in ("tau_u", "tau_r", "Vx", "Vy"))
