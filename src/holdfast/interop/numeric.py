@@ -11,12 +11,12 @@ import sympy as sp
 
 from holdfast.errors import DefinitionError
 from holdfast.execution.arrays import Array
+from holdfast.execution.codegen.controller_program import controller_program
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.definitions.bounds import Box
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.measurement import by_measurements
-from holdfast.maths.definitions.quantity import TIME, Parameter, merge_parameters, symbol
-from holdfast.maths.definitions.switching import Switching, as_switching
+from holdfast.maths.definitions.quantity import TIME, Parameter, symbol
+from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 
 
@@ -73,28 +73,11 @@ def closed_expressions(
     The inputs follow the state at every instant, within their bounds. `DefinitionError` for a law
     that is not a function of the state: one with modes, a memory, a safeguard or a kernel.
     """
-    switching = as_switching(by_measurements(system, law))
-    (mode, *others) = switching.modes.values()
-    kind = (
-        "has modes" if others
-        else "remembers" if switching.memory
-        else "solves a quadratic program at every sample" if mode.safeguard
-        else "looks up a kernel" if switching.lookup
-        else ""
-    )  # fmt: skip
-    if kind:
-        raise DefinitionError(
-            f"law '{switching.name}' {kind}",
-            expected="a law that is a function of the state and of t",
-        )
-    if set(mode.outputs) != set(system.input_names):
-        raise DefinitionError(
-            f"law '{switching.name}' gives {', '.join(mode.outputs)}",
-            expected="the inputs " + ", ".join(system.input_names),
-        )
-    asked = [sp.sympify(mode.outputs[n]) for n in system.input_names]
+    program = controller_program(system, law)
+    program.check_function_of_state()
+    asked = [sp.sympify(e) for e in program.commands(*program.modes)]
     bounds = system.input_bounds
     inputs = list(bounds.saturate(asked)) if bounds else asked
-    fed = dict(zip([u.symbol for u in system.inputs], inputs, strict=True))
+    fed = dict(zip(program.inputs, inputs, strict=True))
     rates = [sp.sympify(e).xreplace(fed) for e in system.rates.values()]
-    return rates, inputs, merge_parameters(system.parameters, switching.parameters)
+    return rates, inputs, program.parameters

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import holdfast as hf
-from holdfast.errors import OutputError, SimulationError
+from holdfast.errors import DefinitionError, OutputError
 from holdfast.execution.codegen.closed_loop_source import closed_loop_program
 from holdfast.execution.codegen.printer import function_source
 from holdfast.execution.compile import cache_directory, compile_closed_loop
@@ -117,11 +117,11 @@ def test_outputs_are_matched_to_inputs_by_name_not_by_order(vehicle):
 
 
 def test_law_that_does_not_fit_the_system_is_refused_with_the_remedy(vehicle):
-    with pytest.raises(SimulationError, match="let the inputs track them"):
+    with pytest.raises(DefinitionError, match="let the inputs track them"):
         hf.simulate(vehicle, hf.laws.steer_marine(vehicle), starts=np.zeros((1, 6)), horizon=1)
     unicycle = hf.systems.unicycle()
     law = hf.Law("l", vehicle.states, {"v": hf.symbol("u"), "r": sp.S.Zero})
-    with pytest.raises(SimulationError, match="reads 'u'"):
+    with pytest.raises(DefinitionError, match="reads 'u'"):
         hf.simulate(unicycle, law, starts=np.zeros((1, 3)), horizon=1)
 
 

@@ -459,7 +459,7 @@ def test_numbers_and_names_that_cannot_be_used_are_refused(wall, options, compla
 def test_law_that_gives_velocities_is_to_be_tracked_first(vehicle, view, wall):
     found = refusal(vehicle, hf.laws.steer_marine(vehicle), view)
     assert "gives u, r; expected the inputs" in found
-    assert "let the inputs track its velocities first" in found
+    assert "let the inputs track them" in found
     other = go(outputs={"a": sp.S.One, "c": sp.S.One})
     assert "track" not in refusal(pushed(), other, wall)
 

@@ -65,7 +65,8 @@ def simulate(
     noise_uniform, noise_normal, seed, threads, absolute, relative).
 
     Warns with `GainWarning` when the gains violate a condition of the law. Raises
-    `SimulationError` for invalid starts, disturbances or settings.
+    `DefinitionError` for a law that does not fit the system, and `SimulationError` for invalid
+    starts, disturbances or settings.
     """
     if stepper not in BY_NAME:
         raise SimulationError(f"unknown stepper '{stepper}'", remedy=suggestion(stepper, BY_NAME))

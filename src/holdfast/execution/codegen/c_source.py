@@ -14,13 +14,11 @@ import sympy as sp
 
 from holdfast._version import __version__
 from holdfast.arguments import checked
-from holdfast.errors import DefinitionError
 from holdfast.execution.codegen.c_printer import c_body
 from holdfast.execution.codegen.c_text import c_comment, c_file, c_name, c_needed, c_own, c_table
+from holdfast.execution.codegen.controller_program import ControllerProgram, controller_program
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.measurement import by_measurements
-from holdfast.maths.definitions.quantity import Parameter, Quantity, merge_parameters, symbol
-from holdfast.maths.definitions.switching import Switching, as_switching
+from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.traversal import symbols_of
 
@@ -60,41 +58,23 @@ def export_c_header(system: System, law: Law | Switching, name: str = "controlle
 
 
 def _file(system: System, law: Law | Switching, name: str) -> _File:
-    return _File(system, as_switching(by_measurements(system, law)), c_name(name))
+    return _File(controller_program(system, law), c_name(name))
 
 
 class _File:
-    def __init__(self, system: System, switching: Switching, name: str) -> None:
-        self.system, self.switching, self.name = system, switching, name
-        if set(system.input_names) ^ set(switching.output_names):
-            raise DefinitionError(
-                f"law '{switching.name}' gives {', '.join(switching.output_names)}",
-                expected="the inputs " + ", ".join(system.input_names),
-            )
-        memory = switching.memory
-        self.kept = list(memory.quantities) if memory else []
-        read = {r.name for r in (*switching.reads, *(memory.reads if memory else ()))}
-        told = [d for d in system.disturbances if d.name in read]
-        self.seen: list[Quantity] = [*system.states, *told]
-        unknown = read - {q.name for q in (*self.seen, *self.kept)}
-        if unknown:
-            raise DefinitionError(
-                f"law '{switching.name}' reads '{min(unknown)}', which is not a state"
-            )
-        self.inputs = [q.symbol for q in system.inputs]
-        self.guards = {n: m.safeguard for n, m in switching.modes.items() if m.safeguard}
-        self.actuators = list(system.actuators or system.input_names)
-        used, known = self._symbols(), merge_parameters(system.parameters, switching.parameters)
-        self.parameters: tuple[Parameter, ...] = tuple(p for p in known if p.symbol in used)
+    def __init__(self, program: ControllerProgram, name: str) -> None:
+        self.program, self.name = program, name
+        used = symbols_of(program.expressions)
+        self.parameters = tuple(p for p in program.parameters if p.symbol in used)
 
     def header(self) -> str:
         return "\n".join([self._about(), *self._interface()]) + "\n"
 
     def text(self) -> str:
         n, upper = self.name, self.name.upper()
-        functions = [self._place()] if self.switching.lookup else []
+        functions = [self._place()] if self.program.lookup else []
         functions += [self._law(), self._next_mode(), self._limit()]
-        functions += [self._remember()] if self.kept else []
+        functions += [self._remember()] if self.program.remembered else []
         values = "\n".join(
             f"    {float(p.value)!r}, {c_comment(f'{i} {p.name} [{p.unit}] {p.description}')}"
             for i, p in enumerate(self.parameters)
@@ -119,27 +99,27 @@ class _File:
         return "\n".join(lines) + "\n"
 
     def _about(self) -> str:
-        n = self.name
+        n, system, law = self.name, self.program.system, self.program.switching
         return c_comment(
-            f"{self.switching.name}, for {self.system.name}. Made by holdfast {__version__}.",
+            f"{law.name}, for {system.name}. Made by holdfast {__version__}.",
             "",
-            *(f"seen[{i}]: {q.name} [{q.unit}]" for i, q in enumerate(self.seen)),
-            *(f"command[{i}]: {q.name} [{q.unit}]" for i, q in enumerate(self.system.inputs)),
-            *(f"actuators[{i}]: {a}" for i, a in enumerate(self.actuators)),
-            *(f"mode {i}: {m}" for i, m in enumerate(self.switching.modes)),
-            *([f"{n}_state.slack: {SLACK}"] if self.guards else []),
-            *([f"{n}_state.outside: {OUTSIDE}"] if self.switching.lookup else []),
+            *(f"seen[{i}]: {q.name} [{q.unit}]" for i, q in enumerate(self.program.seen)),
+            *(f"command[{i}]: {q.name} [{q.unit}]" for i, q in enumerate(system.inputs)),
+            *(f"actuators[{i}]: {a}" for i, a in enumerate(self.program.actuators)),
+            *(f"mode {i}: {m}" for i, m in enumerate(self.program.modes)),
+            *([f"{n}_state.slack: {SLACK}"] if self.program.safeguards else []),
+            *([f"{n}_state.outside: {OUTSIDE}"] if self.program.lookup else []),
         )
 
     def _interface(self) -> list[str]:
         """What other files see."""
         n, upper = self.name, self.name.upper()
         sizes = {
-            "MODES": len(self.switching.modes),
-            "SEEN": len(self.seen),
-            "KEPT": max(len(self.kept), 1),
-            "INPUTS": len(self.inputs),
-            "ACTUATORS": len(self.actuators),
+            "MODES": len(self.program.modes),
+            "SEEN": len(self.program.seen),
+            "KEPT": max(len(self.program.remembered), 1),
+            "INPUTS": len(self.program.inputs),
+            "ACTUATORS": len(self.program.actuators),
             "PARAMETERS": max(len(self.parameters), 1),
         }
         return [
@@ -173,40 +153,26 @@ class _File:
             "        const double *p, double *command, double *actuators)"
         )
 
-    def _symbols(self) -> set[sp.Symbol]:
-        switching, memory = self.switching, self.switching.memory
-        used: list[sp.Expr] = [e for m in switching.modes.values() for e in m.outputs.values()]
-        used += [e for guard in self.guards.values() for e in guard.expressions]
-        used += switching.lookup.places if switching.lookup else []
-        used += [t.when for t in switching.transitions]
-        used += [*memory.initial.values(), *memory.following.values()] if memory else []
-        used += self._limits()
-        return symbols_of(used)
-
     def _helpers(self, functions: str) -> list[str]:
         """What the functions call."""
         found = [c_needed(name, functions) for name in ("basics", "walls")]
-        if self.guards:
-            most = max(len(guard.offsets) for guard in self.guards.values())
-            found.append(f"#define HF_M {len(self.inputs)}\n#define HF_ROWS {most}\n")
+        if self.program.safeguards:
+            most = max(len(guard.offsets) for guard in self.program.safeguards.values())
+            found.append(f"#define HF_M {len(self.program.inputs)}\n#define HF_ROWS {most}\n")
             found.append(c_file("nearest"))
-        if self.switching.lookup is not None:
-            found += [c_table(self.switching.lookup), c_file("interpolate")]
+        if self.program.lookup is not None:
+            found += [c_table(self.program.lookup), c_file("interpolate")]
         return [text for text in found if text]
-
-    def _limits(self) -> list[sp.Expr]:
-        """What the actuators do at a command."""
-        return self.system.limited(self.system.allocated(self.inputs))
 
     def _unpack(self) -> dict[str, Sequence[sp.Symbol]]:
         return {
-            "seen": [q.symbol for q in self.seen],
-            "kept": [q.symbol for q in self.kept],
+            "seen": [q.symbol for q in self.program.seen],
+            "kept": [q.symbol for q in self.program.remembered],
             "p": [p.symbol for p in self.parameters],
         }
 
     def _start(self) -> str:
-        first = list(self.switching.modes).index(self.switching.initial)
+        first = self.program.initial_mode
         return (
             f"void {self.name}_start({self.name}_state *s) {{\n    s->mode = {first};\n"
             "    s->begun = s->outside = 0;\n    s->since = s->slack = 0.0;\n"
@@ -214,7 +180,7 @@ class _File:
         )
 
     def _law(self) -> str:
-        lookup, names = self.switching.lookup, self.system.input_names
+        lookup, names = self.program.lookup, self.program.system.input_names
         unpack, look = self._unpack(), ""
         if lookup is not None:
             n = len(lookup.places)
@@ -224,10 +190,10 @@ class _File:
             look += "    hf_look_up(place, look);\n"
             unpack |= {"look": lookup.symbols}
         cases = []
-        for number, (name, mode) in enumerate(self.switching.modes.items()):
-            results, into, ending = [mode.outputs[n] for n in names], "command", "return 0.0;"
+        for number, name in enumerate(self.program.modes):
+            results, into, ending = self.program.commands(name), "command", "return 0.0;"
             asked = ""
-            if guard := self.guards.get(name):
+            if guard := self.program.safeguards.get(name):
                 m, count = len(names), len(guard.offsets)
                 results += guard.rows(names)
                 into, end = "asked", len(results) - m
@@ -248,29 +214,26 @@ class _File:
         )
 
     def _place(self) -> str:
-        assert self.switching.lookup is not None
+        assert self.program.lookup is not None
         return (
             "static void hf_place(double t, const double *seen, const double *kept,\n"
             "                     const double *p, double *place) {\n"
             "    (void)t; (void)seen; (void)kept; (void)p;\n"
-            + c_body(self._unpack(), self.switching.lookup.places, "place", "    ")
+            + c_body(self._unpack(), self.program.lookup.places, "place", "    ")
             + "\n}"
         )
 
     def _next_mode(self) -> str:
-        numbers = {name: i for i, name in enumerate(self.switching.modes)}
         cases = []
-        for name, number in numbers.items():
-            leaving = [x for x in self.switching.transitions if x.source == name]
-            if not leaving:
-                continue
+        for name, leaving in self.program.transitions.items():
             tests = [
-                f"        if (level[{i}] >= 0.0) return {numbers[x.target]};"
-                for i, x in enumerate(leaving)
+                f"        if (level[{i}] >= 0.0) return {target};"
+                for i, (_, target) in enumerate(leaving)
             ]
             cases.append(
-                f"    case {number}: {{\n        double level[{len(leaving)}];\n"
-                + c_body(self._unpack(), [x.when for x in leaving], "level", "        ")
+                f"    case {self.program.modes.index(name)}: {{\n"
+                f"        double level[{len(leaving)}];\n"
+                + c_body(self._unpack(), [when for when, _ in leaving], "level", "        ")
                 + "\n"
                 + "\n".join(tests)
                 + "\n        break;\n    }"
@@ -284,43 +247,37 @@ class _File:
         )
 
     def _limit(self) -> str:
-        unpack = {"command": self.inputs, "p": [p.symbol for p in self.parameters]}
+        unpack = {"command": self.program.inputs, "p": [p.symbol for p in self.parameters]}
         return (
             "static void hf_limit(const double *command, const double *p, double *actuators) {\n"
-            "    (void)p;\n" + c_body(unpack, self._limits(), "actuators") + "\n}"
+            "    (void)p;\n" + c_body(unpack, self.program.actuation(), "actuators") + "\n}"
         )
 
     def _remember(self) -> str:
-        memory = self.switching.memory
-        assert memory is not None
-        count = len(self.kept)
-        a = [symbol(n) for n in self.actuators]
-        produced = self.system.produced(a) if self.system.actuators else self.inputs
-        made = {"actuators": a, "p": [p.symbol for p in self.parameters]}
-        u = {"u": self.inputs}
-        initial = [memory.initial[z.name] for z in self.kept]
-        following = [memory.following[z.name] for z in self.kept]
+        program, count = self.program, len(self.program.remembered)
+        made = {"actuators": program.requested, "p": [p.symbol for p in self.parameters]}
+        u = {"u": program.inputs}
         return (
             "static void hf_first(const double *seen, const double *p, double *kept) {\n"
             "    (void)seen; (void)p;\n"
-            + c_body(self._unpack() | {"kept": []}, initial, "kept")
+            + c_body(self._unpack() | {"kept": []}, program.initial_memory, "kept")
             + "\n}\n\n"
             "static void hf_remember(double t, double sample_time, const double *seen,\n"
             "                        const double *actuators, const double *p, double *kept) {\n"
-            f"    double u[{len(self.inputs)}], next[{count}];\n"
+            f"    double u[{len(self.program.inputs)}], next[{count}];\n"
             "    (void)t; (void)sample_time;\n    {\n"
-            + c_body(made, produced, "u", "        ")
+            + c_body(made, program.produced(), "u", "        ")
             + "\n    }\n"
-            + c_body(self._unpack() | u, following, "next")
+            + c_body(self._unpack() | u, program.next_memory, "next")
             + f"\n    for (int i = 0; i < {count}; i++) kept[i] = next[i];\n}}"
         )
 
     def _step(self) -> str:
-        asked, begin = "", "    if (!s->begun) hf_first(seen, p, s->kept);\n" if self.kept else ""
-        remember = (
-            "    hf_remember(t, sample_time, seen, actuators, p, s->kept);\n" if self.kept else ""
-        )
-        if lookup := self.switching.lookup:
+        asked = begin = remember = ""
+        if self.program.remembered:
+            begin = "    if (!s->begun) hf_first(seen, p, s->kept);\n"
+            remember = "    hf_remember(t, sample_time, seen, actuators, p, s->kept);\n"
+        if lookup := self.program.lookup:
             asked = f"    double place[{len(lookup.places)}];\n"
             asked += "    hf_place(t, seen, s->kept, p, place);\n"
             asked += "    s->outside = hf_off_grid(place);\n"

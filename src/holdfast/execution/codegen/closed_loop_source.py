@@ -8,22 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import sympy as sp
 
 from holdfast.errors import SimulationError, suggestion
+from holdfast.execution.codegen.controller_program import controller_program
 from holdfast.execution.codegen.law_source import (
     guard_source,
     law_source,
-    looked_up,
     nominal_source,
-    unpacked,
+    signals_source,
 )
-from holdfast.execution.codegen.printer import body, function_source
+from holdfast.execution.codegen.printer import function_source
 from holdfast.execution.simulation.steppers import Tableau, stepper_source
 from holdfast.maths.control.outward_rates import check_reads
 from holdfast.maths.definitions.law import GainCondition, Law
-from holdfast.maths.definitions.measurement import by_measurements
 from holdfast.maths.definitions.quantity import (
     TIME,
     Parameter,
@@ -32,7 +32,7 @@ from holdfast.maths.definitions.quantity import (
     symbol,
 )
 from holdfast.maths.definitions.region import Region
-from holdfast.maths.definitions.switching import Switching, as_switching
+from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.traversal import symbols_of
@@ -67,7 +67,7 @@ class ClosedLoopProgram:
     signal_units: tuple[str, ...] = ()
     value_signal: str = ""
     continuous: bool = False
-    table: object = None
+    table: Any = None
 
 
 def closed_loop_program(
@@ -85,17 +85,17 @@ def closed_loop_program(
 
     `continuous`: the inputs follow the state at every instant, not once per control sample.
     `disturbance` gives each disturbance as an expression of time and parameters (those not
-    named are zero), `varied` what differs from run to run. Raises `SimulationError` when the
-    law does not give the system's inputs or reads what the system does not have.
+    named are zero), `varied` what differs from run to run. Raises `DefinitionError` for a law that
+    does not fit the system (`controller_program`), and `SimulationError` for a disturbance or a
+    variation that does not.
     """
-    switching = as_switching(by_measurements(system, law))
-    _check_fit(system, switching)
+    controller = controller_program(system, law)
+    switching = controller.switching
     for watched in (region, goal):
         if watched is not None:
             check_reads(system, watched)
     parameters = merge_parameters(
-        system.parameters,
-        switching.parameters,
+        controller.parameters,
         region.parameters if region else (),
         goal.parameters if goal else (),
     )
@@ -111,9 +111,7 @@ def closed_loop_program(
     varied.check({q.name: q for q in parameters}, {q.name: q for q in system.parameters})
     if region is not None:
         _check_still(region, varied)
-    memory = switching.memory
-    kept = memory.quantities if memory else ()
-    if memory and continuous:
+    if controller.remembered and continuous:
         raise SimulationError(
             "the law remembers, and the control is continuous", remedy="sample the control"
         )
@@ -135,18 +133,13 @@ def closed_loop_program(
     handed = {n: sp.Symbol(f"_given_{n}", real=True) for n in given}  # no user name begins so
     still = [handed.get(s.name, e) for s, e in zip(system.disturbances, still, strict=True)]
     p += handed.values()
-    told = [(s.symbol, e) for s, e in zip(system.disturbances, still, strict=True)]
-    measured = {r.symbol for r in (*switching.reads, *(memory.reads if memory else ()))}
-    told = [(s, e) for s, e in told if s in measured]
-    # what the law sees: states, disturbances that it is told (or one zero), what it remembers
-    seen = {"q": [*q, *([s for s, _ in told] or [sp.Dummy()]), *(s.symbol for s in kept)]}
-    used = [*still, *varied.values.values(), *varied.plant.values()]
-    used += [goal.worst] if goal else []
-    for mode in switching.modes.values():
-        used += [*mode.outputs.values(), *(mode.safeguard.expressions if mode.safeguard else ())]
-    used += [*memory.initial.values(), *memory.following.values()] if memory else []
-    used += [*(x.when for x in switching.transitions), *switching.signals.values()]
-    used += [*system.rates.values(), *(switching.lookup.places if switching.lookup else ())]
+    felt = dict(zip(system.disturbances, still, strict=True))
+    measured = [felt[d] for d in controller.measured]
+    # the functions of a law without measured disturbances receive one zero in their place
+    seen = [q.symbol for q in controller.seen] + ([] if measured else [sp.Dummy()])
+    seen += [z.symbol for z in controller.remembered]
+    used = [*still, *varied.values.values(), *varied.plant.values(), *controller.expressions]
+    used += [*system.rates.values(), *switching.signals.values(), *([goal.worst] if goal else [])]
     symbols = symbols_of(used)
     for bounds in (system.input_bounds, system.disturbance_bounds):
         symbols |= bounds.free_symbols if bounds else set()
@@ -157,23 +150,21 @@ def closed_loop_program(
                 remedy=suggestion(name, sorted(map(str, symbols & set(p)))),
                 key=f"varied.draws.{name}",
             )
-    a = [symbol(n) for n in system.actuators] or u
-    signals, lookup = list(switching.signals), switching.lookup
+    a, lookup = controller.requested, controller.lookup
     values = [n for n, e in switching.signals.items() if lookup and e == lookup.value]
-    guards = [mode.safeguard for mode in switching.modes.values() if mode.safeguard]
+    guards = controller.safeguards.values()
     c = [x.expression for x in region.inequalities] if region else []
     qdot = [sp.Symbol(f"_qdot{i}", real=True) for i in range(len(q))]  # no user name begins so
     cdot = [sum((e.diff(s) * r for s, r in zip(q, qdot, strict=True)), sp.S.Zero) for e in c]
-    state = {"q": q}
     constants = {
         "WATCHED": len(c),
-        "SIGNALS": len(signals),
+        "SIGNALS": len(switching.signals),
         "ACTUATORS": len(system.actuators),
         "SAFEGUARDED": bool(guards),
         "CONTINUOUS": continuous,
         "ADAPTIVE": stepper.adaptive,
         "ORDER": stepper.order,
-        "LOOKED_UP": len(lookup.places) if lookup else 0,
+        "LOOKED_UP": len(controller.places),
         "FIRST_STATE": int(lookup.timed) if lookup else 0,
     }
     functions = [
@@ -186,55 +177,52 @@ def closed_loop_program(
             several=True,
         ),
         function_source("disturbance", ("t", "p"), {"p": p}, still),
-        function_source("allocate", ("u", "p"), {"u": u, "p": p}, system.allocated(u)),
-        function_source("limit", ("a", "p"), {"a": a, "p": p}, system.limited(a)),
-        function_source("produce", ("a", "p"), {"a": a, "p": p}, system.produced(a)),
-        function_source("felt", ("t", "p"), {"p": p}, [e for _, e in told]),
+        function_source("allocate", ("u", "p"), {"u": u, "p": p}, controller.allocated()),
+        function_source("limit", ("a", "p"), {"a": a, "p": p}, controller.limited()),
+        function_source("produce", ("a", "p"), {"a": a, "p": p}, controller.produced()),
+        function_source("felt", ("t", "p"), {"p": p}, measured),
         function_source(
             "first_memory",
             ("q", "p"),
-            {"q": seen["q"], "p": p},
-            [memory.initial[z.name] for z in kept] if memory else [],
+            {"q": seen, "p": p},
+            controller.initial_memory,
         ),
         function_source(
             "next_memory",
             ("t", "q", "u", "p", "sample_time"),
-            {**seen, "u": u, "p": p},
-            [memory.following[z.name] for z in kept] if memory else [],
+            {"q": seen, "u": u, "p": p},
+            controller.next_memory,
         ),
         function_source(
             "places",
             ("t", "q", "p"),
-            {**seen, "p": p},
-            list(switching.lookup.places) if switching.lookup else [],
+            {"q": seen, "p": p},
+            controller.places,
         ),
-        law_source(switching, system.input_names, seen, p),
-        nominal_source(switching, len(u)),
-        guard_source(switching, seen, p),
-        "@inlined\ndef signals(t, q, p, table):\n"
-        + looked_up(switching)
-        + body(unpacked(switching, seen, p), [switching.signals[n] for n in signals]),
-        function_source("constraints", ("q", "p"), {**state, "p": p}, c, several=True),
+        law_source(controller, seen, p),
+        nominal_source(controller),
+        guard_source(controller, seen, p),
+        signals_source(controller, seen, p),
+        function_source("constraints", ("q", "p"), {"q": q, "p": p}, c, several=True),
         function_source(
             "constraint_rates",
             ("q", "qdot", "p"),
-            {**state, "qdot": qdot, "p": p},
+            {"q": q, "qdot": qdot, "p": p},
             cdot,
             several=True,
         ),
         function_source(
             "goal_level",
             ("q", "p"),
-            {**state, "p": p},
+            {"q": q, "p": p},
             [goal.worst if goal else sp.S.One],
             scalar=True,
         ),
         function_source("varied", ("p",), {"p": p}, list(varied.expressions)),
         _load_source("as_tuple", len(q)),
-        _load_source("as_memory", len(kept)),
+        _load_source("as_memory", len(controller.remembered)),
         stepper_source(stepper, len(q)),
     ]
-    modes = tuple(switching.modes)
     return ClosedLoopProgram(
         source="\n\n\n".join(functions) + "\n",
         states=system.states,
@@ -242,21 +230,23 @@ def closed_loop_program(
         disturbances=system.disturbances,
         actuators=system.actuators,
         actuator_unit=system.inputs[0].unit if system.actuators else "1",
-        modes=modes,
-        initial_mode=modes.index(switching.initial),
-        signals=tuple(signals),
+        modes=controller.modes,
+        initial_mode=controller.initial_mode,
+        signals=tuple(switching.signals),
         constraints=tuple((x.name, x.unit) for x in region.inequalities) if region else (),
         parameters=parameters,
         conditions=switching.conditions,
         varied=varied,
         given=tuple(float(e) for e in given.values()),
-        remembered=tuple(z.name for z in kept),
+        remembered=tuple(z.name for z in controller.remembered),
         safeguarded=bool(constants["SAFEGUARDED"]),
         slack_units=tuple(dict.fromkeys(u for guard in guards for u in guard.units)),
-        signal_units=tuple(lookup.unit if lookup and n in values else "1" for n in signals),
+        signal_units=tuple(
+            lookup.unit if lookup and n in values else "1" for n in switching.signals
+        ),
         value_signal=values[0] if values else "",
         continuous=continuous,
-        table=switching.lookup.table if switching.lookup else None,
+        table=lookup.table if lookup else None,
     )
 
 
@@ -266,30 +256,6 @@ def _check_still(region: Region, varied: Varied) -> None:
     for name in (*varied.names, *varied.plant):
         if symbol(name) in used:
             raise SimulationError(f"'{name}' is varied, and the region depends on it", key="varied")
-
-
-def _check_fit(system: System, switching: Switching) -> None:
-    missing = [n for n in system.input_names if n not in switching.output_names]
-    if missing or len(switching.output_names) != len(system.inputs):
-        velocities = set(switching.output_names) <= set(system.state_names)
-        raise SimulationError(
-            f"law '{switching.name}' gives {', '.join(switching.output_names)}",
-            expected=f"the inputs of system '{system.name}': " + ", ".join(system.input_names),
-            remedy="its outputs are velocities: let the inputs track them (track_velocity, or "
-            "[tracking] in a scenario)"
-            if velocities
-            else "",
-        )
-    kept = [z.name for z in switching.memory.quantities] if switching.memory else []
-    for name in kept:
-        if name in (*system.state_names, *system.input_names, *system.disturbance_names):
-            raise SimulationError(f"'{name}' of system '{system.name}' is remembered too")
-    for quantity in (*switching.reads, *(switching.memory.reads if switching.memory else ())):
-        if quantity.name not in (*system.state_names, *system.disturbance_names, *kept):
-            raise SimulationError(
-                f"law '{switching.name}' reads '{quantity.name}', which is not a state of system "
-                f"'{system.name}', nor a disturbance of it"
-            )
 
 
 def _load_source(name: str, dimension: int) -> str:

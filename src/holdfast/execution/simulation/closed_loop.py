@@ -16,6 +16,7 @@ from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_source import ClosedLoopProgram
 from holdfast.execution.compile import compile_closed_loop
 from holdfast.execution.resources import Progress, available_cores, check_memory, run_threads
+from holdfast.execution.simulation.loop_arguments import Numbers, Records, Sampling
 from holdfast.execution.simulation.settings import Settings
 
 
@@ -222,7 +223,6 @@ class ClosedLoop:
             varied = self.varied(runs, settings.seed, first)
         shared = len(program.varied.names)
         columns_plant = self._columns((*program.varied.names, *program.varied.plant))
-        own_gains = np.ascontiguousarray(varied[:, :shared])
 
         def blank(*shape: int) -> Array:
             return np.full((runs, *shape), np.nan)
@@ -268,60 +268,36 @@ class ClosedLoop:
         chunk = max(1, min(64, -(-runs // (4 * threads))))
         bounds = [(a, min(a + chunk, runs)) for a in range(0, runs, chunk)]
         counters = [np.zeros(1, dtype=np.int64) for _ in bounds]
-        law_values, plant_values = self.parameter_array(), self.parameter_array(plant)
+        numbers = Numbers(
+            plant=self.parameter_array(plant),
+            gains=self.parameter_array(),
+            varied_plant=columns_plant,
+            varied_gains=columns_plant[:shared],
+            own_plant=varied,
+            own_gains=np.ascontiguousarray(varied[:, :shared]),
+            table=np.zeros(1) if program.table is None else program.table,
+        )
+        sampling = Sampling(
+            noise=noise,
+            noisy=bool(noise.any()),
+            seed=np.uint64(settings.seed),
+            sample_time=settings.sample_time,
+            samples=samples,
+            stride=stride,
+            substeps=int(settings.substeps),
+            absolute=settings.absolute,
+            relative=settings.relative,
+            tolerance=settings.tolerance,
+            initial_mode=program.initial_mode,
+            switch_limit=min(settings.switch_limit, samples + 2),  # never more than it can count
+            delay=settings.delay_samples,
+        )
+        records = Records(*(getattr(result, name) for name in Records._fields))
+        begin = np.ascontiguousarray(starts)
 
         def work(start: int, stop_at: int, counter: npt.NDArray[np.int64]) -> None:
             self.module.simulate_runs(
-                start,
-                stop_at,
-                first,
-                np.ascontiguousarray(starts),
-                plant_values,
-                law_values,
-                columns_plant,
-                columns_plant[:shared],
-                varied,
-                own_gains,
-                np.zeros(1) if program.table is None else program.table,
-                noise,
-                bool(noise.any()),
-                np.uint64(settings.seed),
-                settings.sample_time,
-                samples,
-                stride,
-                int(settings.substeps),
-                settings.absolute,
-                settings.relative,
-                settings.tolerance,
-                program.initial_mode,
-                min(settings.switch_limit, samples + 2),  # never more than it can count
-                settings.delay_samples,
-                result.state,
-                result.input,
-                result.actuator,
-                result.mode,
-                result.signal,
-                result.constraint,
-                result.nominal,
-                result.nominal_actuator,
-                result.sample_slack,
-                result.safeguard,
-                result.outcome,
-                result.exit_time,
-                result.exit_constraint,
-                result.goal_time,
-                result.worst,
-                result.peak_input,
-                result.peak_actuator,
-                result.switches,
-                result.shortest_dwell,
-                result.overruled,
-                result.infeasible,
-                result.largest_slack,
-                result.rejected,
-                result.off_grid,
-                stop,
-                counter,
+                start, stop_at, first, begin, numbers, sampling, records, stop, counter
             )
 
         work(0, 0, np.zeros(1, dtype=np.int64))  # compile, or load, before the threads start

@@ -1,7 +1,8 @@
 """The simulation loop, written for Numba.
 
-`compile.py` joins this file below the mark and the text of one closed loop (`translate.py`): the
-functions here that only raise are the interface, and the generated ones take their place.
+`compile.py` joins this file below the mark and the text of one closed loop, which
+`closed_loop_source.py` makes: the functions here that only raise are the interface, and the
+generated ones take their place.
 State, inputs and rates are tuples; `plant` holds the parameters of the simulated vehicle and
 `gains` those its controller believes, in the same order.
 """
@@ -143,100 +144,43 @@ def field(t, q, u, mode, plant, gains, table):
 
 
 @compiled
-def simulate_runs(
-    first,
-    last,
-    before,
-    starts,
-    plant,
-    gains,
-    varied_plant,
-    varied_gains,
-    own_plant,
-    own_gains,
-    table,
-    noise,
-    noisy,
-    seed,
-    sample_time,
-    samples,
-    stride,
-    substeps,
-    absolute,
-    relative,
-    tolerance,
-    initial_mode,
-    switch_limit,
-    delay,
-    state_out,
-    input_out,
-    actuator_out,
-    mode_out,
-    signal_out,
-    constraint_out,
-    nominal_out,
-    nominal_actuator_out,
-    slack_out,
-    safeguard_out,
-    outcome,
-    exit_time,
-    exit_constraint,
-    goal_time,
-    worst,
-    peak_input,
-    peak_actuator,
-    switches,
-    shortest_dwell,
-    overruled,
-    infeasible,
-    largest_slack,
-    rejected,
-    off_grid,
-    stop,
-    progress,
-):
-    """Simulate the runs first..last-1; every output array is indexed by run.
+def simulate_runs(first, last, before, starts, numbers, sampling, out, stop, progress):
+    """Simulate the runs first..last-1; every array of `out` is indexed by run.
 
-    They are runs `before` + first and so on of those that share the seed: a run draws its random
-    numbers by that place.
+    numbers, sampling, out: the named tuples of `loop_arguments`. The runs are `before` + first and
+    so on of those that share the seed: a run draws its random numbers by that place.
 
-    `varied_plant` are columns of `plant` that every run has values of its own for, in its row
-    of `own_plant`; the same of `gains`. A run chatters from the time on at which its mode
-    changed more than `switch_limit` times within a second. The law sees what was measured
-    `delay` samples ago. Of its safeguard `overruled` counts the samples at
-    which it changed the command, `infeasible` those at which it needed slack; the arrays of what it
-    was given and of its slack are empty where there is none. `off_grid` is the first time at which
-    a law that reads a table was asked outside its grid.
-
-    c_j > `tolerance` counts as leaving, located in time inside the step in which it happens.
+    The first time at which c_j exceeds the tolerance is located inside the step in which it
+    happens. The arrays of the safeguard are empty where there is none.
     `stop[0]` set from outside ends the call early; `progress[0]` counts control samples.
     """
+    sample_time, samples, delay = sampling.sample_time, sampling.samples, sampling.delay
     n = starts.shape[1]
-    m = input_out.shape[2]
+    m = out.input.shape[2]
     scratch = np.empty(n)
     past = np.empty((delay + 1, n))  # the states of the last samples, in turn
-    plant, gains = plant.copy(), gains.copy()
-    recent = np.empty(switch_limit)  # when the mode last changed, in turn
+    plant, gains, table = numbers.plant.copy(), numbers.gains.copy(), numbers.table
+    recent = np.empty(sampling.switch_limit)  # when the mode last changed, in turn
     for run in range(first, last):
-        for j in range(len(varied_plant)):
-            plant[varied_plant[j]] = own_plant[run, j]
-        for j in range(len(varied_gains)):
-            gains[varied_gains[j]] = own_gains[run, j]
+        for j in range(len(numbers.varied_plant)):
+            plant[numbers.varied_plant[j]] = numbers.own_plant[run, j]
+        for j in range(len(numbers.varied_gains)):
+            gains[numbers.varied_gains[j]] = numbers.own_gains[run, j]
         recent[:] = -np.inf
         q = as_tuple(starts[run])
-        mode = initial_mode
+        mode = sampling.initial_mode
         mode_since = 0.0
         inside_since = np.nan
-        outcome[run] = STAYED
+        out.outcome[run] = STAYED
         trial = sample_time
         if WATCHED:
             c0 = constraints(q, plant)
             for j in range(WATCHED):
-                worst[run, j] = c0[j]
-                if c0[j] > tolerance and outcome[run] != LEFT:
-                    outcome[run] = LEFT
-                    exit_time[run] = 0.0
-                    exit_constraint[run] = j
+                out.worst[run, j] = c0[j]
+                if c0[j] > sampling.tolerance and out.outcome[run] != LEFT:
+                    out.outcome[run] = LEFT
+                    out.exit_time[run] = 0.0
+                    out.exit_constraint[run] = j
         for k in range(samples + 1):
             if stop[0] != 0:
                 return
@@ -246,8 +190,8 @@ def simulate_runs(
                 past[k % (delay + 1), i] = q[i]
             for i in range(n):
                 scratch[i] = past[back % (delay + 1), i]
-            if noisy:
-                add_noise(noise, seed, before + run, back, scratch)
+            if sampling.noisy:
+                add_noise(sampling.noise, sampling.seed, before + run, back, scratch)
             seen = as_tuple(scratch) + felt(back * sample_time, plant)
             if k == 0:
                 memory = first_memory(seen, gains)
@@ -255,74 +199,74 @@ def simulate_runs(
             last_mode = mode
             mode = next_mode(t, seen, mode, t - mode_since, gains)
             if mode != last_mode:
-                if switches[run] > 0:
-                    shortest_dwell[run] = min(shortest_dwell[run], t - mode_since)
-                place = switches[run] % switch_limit
-                if t - recent[place] < ONE_SECOND and outcome[run] == STAYED:
-                    outcome[run] = CHATTERED
-                    exit_time[run] = t
+                if out.switches[run] > 0:
+                    out.shortest_dwell[run] = min(out.shortest_dwell[run], t - mode_since)
+                place = out.switches[run] % sampling.switch_limit
+                if t - recent[place] < ONE_SECOND and out.outcome[run] == STAYED:
+                    out.outcome[run] = CHATTERED
+                    out.exit_time[run] = t
                 recent[place] = t
-                switches[run] += 1
+                out.switches[run] += 1
                 mode_since = t
             if LOOKED_UP:
                 outside = beyond_grid(table, places(t, seen, gains), FIRST_STATE)
-                if outside and math.isnan(off_grid[run]):
-                    off_grid[run] = t
-                    if outcome[run] == STAYED:
-                        outcome[run] = OFF_GRID
-                        exit_time[run] = t
+                if outside and math.isnan(out.off_grid[run]):
+                    out.off_grid[run] = t
+                    if out.outcome[run] == STAYED:
+                        out.outcome[run] = OFF_GRID
+                        out.exit_time[run] = t
             command = law(t, seen, mode, gains, table)
             if SAFEGUARDED:
                 if command[m + 1] > 0.0:
-                    overruled[run] += 1
+                    out.overruled[run] += 1
                 if command[m] > 0.0:
-                    infeasible[run] += 1
-                    largest_slack[run] = max(largest_slack[run], command[m])
+                    out.infeasible[run] += 1
+                    out.largest_slack[run] = max(out.largest_slack[run], command[m])
             asked = allocate(command, gains)
             memory = next_memory(t, seen, produce(limit(asked, gains), gains), gains, sample_time)
             a = limit(asked, plant)
             u = produce(a, plant)
             if not below(u, np.inf) or not below(a, np.inf):
-                end_of(run, t, outcome, exit_time)
+                end_of(run, t, out.outcome, out.exit_time)
                 progress[0] += samples + 1 - k
                 break
             for i in range(m):
-                peak_input[run, i] = max(peak_input[run, i], abs(u[i]))
+                out.peak_input[run, i] = max(out.peak_input[run, i], abs(u[i]))
             if ACTUATORS:
                 for i in range(ACTUATORS):
-                    peak_actuator[run, i] = max(peak_actuator[run, i], abs(a[i]))
+                    out.peak_actuator[run, i] = max(out.peak_actuator[run, i], abs(a[i]))
             if goal_level(q, plant) <= 0.0:
                 if math.isnan(inside_since):
                     inside_since = t
             else:
                 inside_since = np.nan
-            if k % stride == 0:
-                row = k // stride
+            if k % sampling.stride == 0:
+                row = k // sampling.stride
                 for i in range(n):
-                    state_out[run, row, i] = q[i]
+                    out.state[run, row, i] = q[i]
                 for i in range(m):
-                    input_out[run, row, i] = u[i]
+                    out.input[run, row, i] = u[i]
                 if ACTUATORS:
                     for i in range(ACTUATORS):
-                        actuator_out[run, row, i] = a[i]
-                mode_out[run, row] = mode
+                        out.actuator[run, row, i] = a[i]
+                out.mode[run, row] = mode
                 if SAFEGUARDED:
                     wanted = nominal(command)
-                    slack_out[run, row] = command[m]
-                    safeguard_out[run, row] = 2 if command[m] > 0.0 else int(command[m + 1])
+                    out.sample_slack[run, row] = command[m]
+                    out.safeguard[run, row] = 2 if command[m] > 0.0 else int(command[m + 1])
                     for i in range(m):
-                        nominal_out[run, row, i] = wanted[i]
+                        out.nominal[run, row, i] = wanted[i]
                     if ACTUATORS:
                         wanted_actuators = allocate(wanted, gains)
                         for i in range(ACTUATORS):
-                            nominal_actuator_out[run, row, i] = wanted_actuators[i]
+                            out.nominal_actuator[run, row, i] = wanted_actuators[i]
                 if SIGNALS:
                     s = signals(t, seen, gains, table)
                     for i in range(SIGNALS):
-                        signal_out[run, row, i] = s[i]
+                        out.signal[run, row, i] = s[i]
                 if WATCHED:
                     for j in range(WATCHED):
-                        constraint_out[run, row, j] = c0[j]
+                        out.constraint[run, row, j] = c0[j]
             progress[0] += 1
             if k == samples:
                 break
@@ -332,11 +276,11 @@ def simulate_runs(
                 d0 = constraint_rates(q, k0, plant)
             elapsed = 0.0
             index = 0
-            stiff_at = rejected[run] + 4096
+            stiff_at = out.rejected[run] + 4096
             failed = False
             while True:
                 if ADAPTIVE:
-                    if index + rejected[run] > stiff_at:  # also where an interruption is heard
+                    if index + out.rejected[run] > stiff_at:  # also where an interruption is heard
                         failed = stop[0] != 0 or index > MOST_STEPS
                         if failed:
                             break
@@ -345,13 +289,13 @@ def simulate_runs(
                     h = min(trial, left)
                     last_step = h >= left * (1.0 - 1e-12)
                 else:
-                    h = sample_time / substeps
-                    last_step = index == substeps - 1
+                    h = sample_time / sampling.substeps
+                    last_step = index == sampling.substeps - 1
                 new, error = step(t + elapsed, h, q, k0, u, mode, plant, gains, table)
                 if ADAPTIVE:
-                    size = error_size(q, new, error, absolute, relative)
+                    size = error_size(q, new, error, sampling.absolute, sampling.relative)
                     if not size <= 1.0:
-                        rejected[run] += 1
+                        out.rejected[run] += 1
                         factor = (
                             0.2
                             if not math.isfinite(size)
@@ -386,25 +330,25 @@ def simulate_runs(
                         if (
                             d0[j] > 0.0
                             and d1[j] < 0.0
-                            and tangent_bound(h, c0[j], d0[j], c1[j], d1[j]) > worst[run, j]
+                            and tangent_bound(h, c0[j], d0[j], c1[j], d1[j]) > out.worst[run, j]
                         ):
                             s_peak = peak_fraction(j, h, q, k0, new, k1, plant, scratch)
                             inner = constraint_at(s_peak, j, h, q, k0, new, k1, plant, scratch)
                             if inner > top:
                                 top = inner
                                 at = s_peak
-                        worst[run, j] = max(worst[run, j], top)
-                        if top > tolerance and outcome[run] != LEFT:
+                        out.worst[run, j] = max(out.worst[run, j], top)
+                        if top > sampling.tolerance and out.outcome[run] != LEFT:
                             fraction = crossing_fraction(
-                                j, tolerance, at, h, q, k0, new, k1, plant, scratch
+                                j, sampling.tolerance, at, h, q, k0, new, k1, plant, scratch
                             )
                             if fraction < earliest:
                                 earliest = fraction
                                 culprit = j
                     if culprit >= 0:
-                        outcome[run] = LEFT
-                        exit_time[run] = t + elapsed + earliest * h
-                        exit_constraint[run] = culprit
+                        out.outcome[run] = LEFT
+                        out.exit_time[run] = t + elapsed + earliest * h
+                        out.exit_constraint[run] = culprit
                     c0 = c1
                     d0 = d1
                 q = new
@@ -414,11 +358,11 @@ def simulate_runs(
                 if last_step:
                     break
             if failed:
-                end_of(run, t + elapsed, outcome, exit_time)
+                end_of(run, t + elapsed, out.outcome, out.exit_time)
                 progress[0] += samples - k
                 break
-        goal_time[run] = inside_since
-        if outcome[run] == STAYED and not math.isnan(inside_since):
-            outcome[run] = REACHED
-        if outcome[run] == DIVERGED:
-            goal_time[run] = np.nan
+        out.goal_time[run] = inside_since
+        if out.outcome[run] == STAYED and not math.isnan(inside_since):
+            out.outcome[run] = REACHED
+        if out.outcome[run] == DIVERGED:
+            out.goal_time[run] = np.nan

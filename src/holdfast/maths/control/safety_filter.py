@@ -28,7 +28,7 @@ from holdfast.maths.control.velocity_tracking import believed_disturbances
 from holdfast.maths.definitions.law import Law, Safeguard
 from holdfast.maths.definitions.quantity import Parameter, merge_parameters, symbol
 from holdfast.maths.definitions.region import Region
-from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.definitions.switching import Switching, check_outputs
 from holdfast.maths.definitions.system import System
 
 L = TypeVar("L", bound=Law | Switching)
@@ -156,14 +156,7 @@ def over_time(unit: str, order: int) -> str:
 
 def check_fit(system: System, law: Law) -> None:
     """Refuse a law whose inputs cannot have a safety filter."""
-    if set(law.outputs) != set(system.input_names):
-        raise DefinitionError(
-            f"law '{law.name}' gives {', '.join(law.outputs)}",
-            expected=f"the inputs of system '{system.name}': " + ", ".join(system.input_names),
-            remedy="let the inputs track its velocities first"
-            if set(law.outputs) <= set(system.state_names)
-            else "",
-        )
+    check_outputs(system, law)
     if law.safeguard is not None:
         raise DefinitionError(f"law '{law.name}' has a safeguard already")
 

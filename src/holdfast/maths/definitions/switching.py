@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import sympy as sp
 
@@ -22,6 +23,9 @@ from holdfast.maths.definitions.quantity import (
     frozen,
     merge_parameters,
 )
+
+if TYPE_CHECKING:
+    from holdfast.maths.definitions.system import System
 
 
 @checked
@@ -148,3 +152,17 @@ def as_switching(law: Law | Switching) -> Switching:
         description=law.description,
         source=law.source,
     )
+
+
+def check_outputs(system: System, law: Law | Switching) -> None:
+    """Refuse a law whose outputs are not the inputs of the system."""
+    given, wanted = law.output_names, system.input_names
+    if len(given) != len(wanted) or set(given) != set(wanted):
+        raise DefinitionError(
+            f"law '{law.name}' gives {', '.join(given)}",
+            expected=f"the inputs of system '{system.name}': " + ", ".join(wanted),
+            remedy="its outputs are velocities: let the inputs track them (track_velocity, or "
+            "[tracking] in a scenario)"
+            if set(given) <= set(system.state_names)
+            else "",
+        )
