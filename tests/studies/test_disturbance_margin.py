@@ -173,7 +173,7 @@ def test_value_to_begin_with_has_to_be_one_of_the_same_question():
     short = hf.discriminating_kernel(*unstable(0.1), 0.5, **upwind)
     coarse = unstable(0.2, 51)[2]
     for begin, over, options, complaint in (
-        (short, grid, {}, "has converged = 0; expected 1"),
+        (short, grid, {}, "has converged = False; expected True"),
         (done, coarse, {}, "is on another grid"),
         (done, grid, {"scheme": "weno5"}, "cannot begin with another value: its steps"),
         (done, grid, {"dissipation": "local-local"}, "its steps are not monotone"),

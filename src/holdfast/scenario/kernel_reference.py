@@ -55,10 +55,10 @@ class NamedKernel:
 
     def check_horizon(self, value: ValueFunction, horizon: float) -> None:
         """Refuse runs longer than the horizon of a kernel that has not converged."""
-        said = value.dataset.attrs
-        if not said["converged"] and horizon > said["horizon_s"] * (1 + 1e-9):
+        report = value.report
+        if not report.converged and horizon > report.horizon_s * (1 + 1e-9):
             raise ScenarioError(
-                f"the kernel of '{self.name}' is valid for {said['horizon_s']:g} s, but the run "
+                f"the kernel of '{self.name}' is valid for {report.horizon_s:g} s, but the run "
                 f"takes {horizon:g} s",
                 remedy="raise its march.horizon until it converges, or shorten the run",
             )

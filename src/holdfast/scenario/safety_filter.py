@@ -46,7 +46,7 @@ class Safety:
         region: the constraints of the runs; the kernel has to lie within it.
         """
         value = self.kernel.value(progress)
-        if value.dataset.attrs["empty"]:
+        if value.report.empty:
             raise ScenarioError(f"the kernel of '{self.kernel.name}' is empty")
         self.kernel.check_horizon(value, horizon)
         check_implies(self.kernel, value, region, system)

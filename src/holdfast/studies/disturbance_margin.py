@@ -156,8 +156,8 @@ class _Trials:
                 self.progress(f"{self.name} {value:.4g}", done + share * fraction)
 
         found = replace(asked, options=options).solve(tell)
-        said = found.dataset.attrs
-        least, converged = self.kept.least(found), bool(said["converged"])
+        report = found.report
+        least, converged = self.kept.least(found), report.converged
         if not least > 0:
             answer = Answer.LOST
         else:
@@ -172,9 +172,9 @@ class _Trials:
             fraction=math.nan if unknown else found.fraction(),
             converged=converged,
             warm=warm,
-            steps=int(said["steps"]),
-            reached=float(said["reached_s"]),
-            wall_time=float(said["wall_time_s"]),
+            steps=report.steps,
+            reached=report.reached_s,
+            wall_time=report.wall_time_s,
         )
 
 

@@ -34,7 +34,9 @@ def of_range():
 
 
 def remembering():
-    memory = hf.Memory((hf.Quantity("z", "m"),), {"z": X}, {"z": Z + A}, reads=CART.states, inputs=CART.inputs)
+    memory = hf.Memory(
+        (hf.Quantity("z", "m"),), {"z": X}, {"z": Z + A}, reads=CART.states, inputs=CART.inputs
+    )
     modes = {
         "near": law("near", {"a": -X - Z}, *CART.states, hf.Quantity("z", "m")),
         "far": law("far", {"a": -V}, *CART.states),
@@ -95,4 +97,6 @@ def test_every_target_refuses_a_law_that_does_not_fit_with_the_same_message(told
 def test_function_of_the_state_is_closed_within_its_bounds():
     rates, inputs, _ = closed_expressions(CART, of_range())
     assert [e.subs({X: 3, W: 0}) for e in inputs] == [-1]
-    assert [e.subs({X: 0.25, V: 0, W: 0.1, hf.symbol("tide"): 0}) for e in rates] == pytest.approx([0, -0.5])
+    assert [e.subs({X: 0.25, V: 0, W: 0.1, hf.symbol("tide"): 0}) for e in rates] == pytest.approx(
+        [0, -0.5]
+    )

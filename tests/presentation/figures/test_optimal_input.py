@@ -7,6 +7,7 @@ from matplotlib.quiver import Quiver
 
 import holdfast as hf
 from holdfast.analysis.reachability.grid import Axis, Grid
+from holdfast.analysis.reachability.report import Report
 from holdfast.analysis.reachability.value_function import to_value_function
 from holdfast.errors import OutputError
 from holdfast.presentation.figures.optimal_input import NEGATIVE, POSITIVE
@@ -24,7 +25,7 @@ def value(*names, counts=(21, 17, 5)):
         for n, c in zip(names, counts, strict=False)
     )
     mesh = np.meshgrid(*(a.nodes for a in axes), indexing="ij")
-    return to_value_function(Grid(axes), 1 - np.hypot(mesh[0], mesh[1]), {"value_unit": "m"})
+    return to_value_function(Grid(axes), 1 - np.hypot(mesh[0], mesh[1]), Report(value_unit="m"))
 
 
 def coordinates(shown):

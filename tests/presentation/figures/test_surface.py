@@ -8,6 +8,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.analysis.reachability.grid import Axis, Grid
+from holdfast.analysis.reachability.report import Report
 from holdfast.analysis.reachability.value_function import to_value_function
 from holdfast.errors import OutputError
 from holdfast.presentation.figures.surface import zero_surface
@@ -22,7 +23,7 @@ def close():
 def ball(radius, names=("x", "y", "z"), count=15):
     axes = tuple(Axis(hf.Quantity(n, "m"), -2.0, 2.0, count, "contained") for n in names)
     mesh = np.meshgrid(*(a.nodes for a in axes), indexing="ij")
-    return to_value_function(Grid(axes), radius - np.sqrt(sum(m**2 for m in mesh)), {})
+    return to_value_function(Grid(axes), radius - np.sqrt(sum(m**2 for m in mesh)), Report())
 
 
 def enclosed(faces):

@@ -7,6 +7,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.analysis.reachability.grid import Axis, Grid
+from holdfast.analysis.reachability.report import Report
 from holdfast.analysis.reachability.value_function import to_value_function
 from holdfast.errors import OutputError, SimulationError
 from holdfast.maths.definitions.scene import Circle, Segment
@@ -35,9 +36,9 @@ def ball(*names, radius=1.0, nodes=9, times=None, attributes=None, arrival=False
     values = radius - distance - sum(0.1 * np.cos(m) for m in mesh[2:])
     if times:
         values = np.stack([values - 0.1 * t for t in times])
-    attributes = {"value_unit": "m"} | (attributes or {})
+    report = Report(**{"value_unit": "m"} | (attributes or {}))
     seconds = np.where(values > 0, distance, np.nan) if arrival else None
-    return to_value_function(grid, values, attributes, times=times, arrival=seconds)
+    return to_value_function(grid, values, report, times=times, arrival=seconds)
 
 
 def texts(figure):

@@ -92,14 +92,13 @@ def with_error(found: ValueFunction, coarse: Sequence[ValueFunction]) -> ValueFu
         slopes += np.gradient(fine, axis=i)[thin] ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
         cells = np.where(error > 0, error / np.sqrt(slopes[near]), 0.0)
-    attributes = {
-        "error_order": order,
-        "error_largest": float(error.max()),
-        "error_rms": _rms(error),
-        "error_cells": float(np.quantile(cells, 0.95, method="higher")),
-        "volume_coarse": coarse[0].volume(),
-    }
-    return replace(found, dataset=found.dataset.assign_attrs(attributes))
+    return found.reported(
+        error_order=order,
+        error_largest=float(error.max()),
+        error_rms=_rms(error),
+        error_cells=float(np.quantile(cells, 0.95, method="higher")),
+        volume_coarse=coarse[0].volume(),
+    )
 
 
 def _near(fine: Array, coarse: ValueFunction) -> Array:
@@ -143,9 +142,8 @@ def with_outside(
     text = "1 in the set by what is outside the grid, -1 not in it by what is outside, 0 sure"
     names = [a.name for a in found.grid.axes]
     dataset = found.dataset.assign(outside=(names, side, {"units": "1", "long_name": text}))
-    attributes = {
-        "nodes_from_outside": int(gained.sum()),
-        "share_from_outside": float(gained.sum() / max(inside.sum(), 1)),
-        "nodes_kept_outside": int(missed.sum()),
-    }
-    return replace(found, dataset=dataset.assign_attrs(attributes))
+    return replace(found, dataset=dataset).reported(
+        nodes_from_outside=int(gained.sum()),
+        share_from_outside=float(gained.sum() / max(inside.sum(), 1)),
+        nodes_kept_outside=int(missed.sum()),
+    )

@@ -15,7 +15,6 @@ the set, in every problem.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 
 import numpy as np
@@ -27,6 +26,7 @@ from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.memory_estimate import check_fits, memory_of
 from holdfast.analysis.reachability.obstacles import Obstacles
 from holdfast.analysis.reachability.problem import Posed
+from holdfast.analysis.reachability.report import Report
 from holdfast.analysis.reachability.snapshots import Record
 from holdfast.analysis.reachability.value_function import ValueFunction, to_value_function
 from holdfast.errors import SimulationError
@@ -117,7 +117,7 @@ def marched(
         if saved is not None and saved.due:
             saved.save(done, now(), record)
         if until is not None and done.steps % LOOKED == 0:
-            enough = until(to_value_function(grid, now().reshape(grid.shape), {}))
+            enough = until(to_value_function(grid, now().reshape(grid.shape), Report()))
         done.converged = done.measured and at_rest(done, now)
         return enough or done.converged
 
@@ -159,42 +159,40 @@ def marched(
     _check_growth(largest, obstacles.highest, cell, done.time)
     if saved is not None:
         saved.save(done, values, record)
-    attributes = {
-        "holdfast_version": __version__,
-        "kind": problem.kind,
-        "system": posed.system.name,
-        "disturbances": problem.disturbances,
-        "region": problem.start.name,
-        "value_unit": problem.start.margin_unit,
-        "horizon_s": posed.horizon,
-        "reached_s": done.time,
-        "start_time_s": posed.start_time,
-        "depends_on_time": int(posed.varies),
-        "converged": int(done.converged),
-        "empty": int(largest <= 0),
-        "ended_early": int(enough),
-        "begun_from_another": int(begin is not None),
-        "tolerance_cells": marching.tolerance,
-        "residual_cells": 0.0 if decided(done, values) else residual(done),
-        "ends_reached": _ends_reached(grid, values),
-        "cell": cell,
-        "scheme": marching.scheme,
-        "order": marching.method.order,
-        "dissipation": marching.dissipation,
-        "cfl": marching.cfl,
-        "precision": marching.precision,
-        "samples": h.samples,
-        "separable": int(h.separable),
-        "steps": done.steps,
-        "memory_bytes": memory_of(posed),
-        "computed_share": done.computed / max(done.of, 1),
-        "wall_time_s": done.seconds,
-        "parameters": json.dumps({q.name: q.value for q in posed.named}),
-        "disturbance": json.dumps(
-            {n: float(v) if v.is_number else str(v) for n, v in posed.disturbance.items()}
-        ),
-    }
-    return record.value_function(values, attributes)
+    report = Report(
+        holdfast_version=__version__,
+        kind=problem.kind,
+        system=posed.system.name,
+        disturbances=problem.disturbances,
+        region=problem.start.name,
+        value_unit=problem.start.margin_unit,
+        horizon_s=posed.horizon,
+        reached_s=done.time,
+        start_time_s=posed.start_time,
+        depends_on_time=posed.varies,
+        converged=done.converged,
+        empty=largest <= 0,
+        ended_early=enough,
+        begun_from_another=begin is not None,
+        tolerance_cells=marching.tolerance,
+        residual_cells=0.0 if decided(done, values) else residual(done),
+        ends_reached=_ends_reached(grid, values),
+        cell=cell,
+        scheme=marching.scheme,
+        order=marching.method.order,
+        dissipation=marching.dissipation,
+        cfl=marching.cfl,
+        precision=marching.precision,
+        samples=h.samples,
+        separable=h.separable,
+        steps=done.steps,
+        memory_bytes=memory_of(posed),
+        computed_share=done.computed / max(done.of, 1),
+        wall_time_s=done.seconds,
+        parameters={q.name: q.value for q in posed.named},
+        disturbance={n: float(v) if v.is_number else str(v) for n, v in posed.disturbance.items()},
+    )
+    return record.value_function(values, report)
 
 
 def _reflected(posed: Posed, h: Hamiltonian) -> list[npt.NDArray[np.int64]] | None:

@@ -53,18 +53,17 @@ def with_error_in_cells(found: ValueFunction, coarse: ValueFunction) -> ValueFun
         if float(((low[thin] <= other) & (other <= high[thin]))[near].mean()) >= SHARE:
             reach = cells
             break
-    return replace(found, dataset=found.dataset.assign_attrs(error_reach=reach))
+    return found.reported(error_reach=reach)
 
 
 def inner(value: ValueFunction) -> ValueFunction:
     """The value function of the set of `value`, eroded by `error_reach` cells on all sides."""
-    said = value.dataset.attrs
-    if "error_reach" not in said:
+    cells = value.report.error_reach
+    if cells is None:
         raise SimulationError(
             "an inner set of a value function without an estimate of its error",
             remedy="compute it with estimate_error=True",
         )
-    cells = int(said["error_reach"])
     if not cells:
         raise SimulationError(
             f"the estimated error of the set exceeds {MOST_CELLS} cells",
@@ -80,8 +79,8 @@ def inner(value: ValueFunction) -> ValueFunction:
     last = worn[-1] if "time" in data.dims else worn
     dataset = value.dataset.assign(value=data.copy(data=worn))
     dataset = dataset.drop_vars([n for n in ("arrival", "outside") if n in dataset])
-    more = {"inner_cells": cells, "empty": int(not float(last.max()) > 0)}
-    return replace(value, dataset=dataset.assign_attrs(more))
+    worn_value = replace(value, dataset=dataset)
+    return worn_value.reported(inner_cells=cells, empty=not float(last.max()) > 0)
 
 
 def _worn(numbers: Array, periodic: Iterable[bool], cells: int) -> Array:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from holdfast.analysis.reachability.problem import Posed
+from holdfast.analysis.reachability.report import Report
 from holdfast.analysis.reachability.value_function import ValueFunction, to_value_function
 from holdfast.execution.arrays import AnyArray as Array
 
@@ -56,12 +56,12 @@ class Record:
             self.arrival, self.before = kept["arrival"], kept["before"]
             self.then = float(kept["then"])
 
-    def value_function(self, values: Array, attributes: dict[str, Any]) -> ValueFunction:
+    def value_function(self, values: Array, report: Report) -> ValueFunction:
         grid, asked = self.posed.grid, self.posed.asked
         arrival = None if self.arrival is None else self.arrival.reshape(grid.shape)
         if not self.posed.several:
             values = values.reshape(grid.shape)
-            return to_value_function(grid, values, attributes, arrival=arrival)
+            return to_value_function(grid, values, report, arrival=arrival)
         # converged before: it stays as it is
         stack = np.stack([self.found.get(t, values).reshape(grid.shape) for t in asked])
-        return to_value_function(grid, stack, attributes, times=asked, arrival=arrival)
+        return to_value_function(grid, stack, report, times=asked, arrival=arrival)

@@ -16,6 +16,7 @@ from holdfast.analysis.reachability.hamilton_jacobi import Progress, Until, marc
 from holdfast.analysis.reachability.inner_set import with_error_in_cells
 from holdfast.analysis.reachability.options import Problem, marching_of
 from holdfast.analysis.reachability.problem import Posed, definition, pose
+from holdfast.analysis.reachability.report import Report
 from holdfast.analysis.reachability.value_function import ValueFunction, to_value_function
 from holdfast.errors import SimulationError
 from holdfast.execution.level_set.over_grid import over_grid
@@ -84,8 +85,7 @@ def solve(
         found = with_error_in_cells(with_error(found, rougher), rougher[0])
     if marching.check_outside:
         found = with_outside(found, posed, marched)
-    found.dataset.attrs["definition"] = definition(system)
-    return found
+    return found.reported(definition=definition(system))
 
 
 def _begun(
@@ -117,17 +117,17 @@ def _begun(
             "another value: its steps are not monotone",
             expected='scheme="upwind" with global or local dissipation',
         )
-    said = begin.dataset.attrs
+    known = begin.report
     here = {
         "kind": posed.problem.kind,
         "system": posed.system.name,
         "region": posed.problem.start.name,
-        "converged": 1,
+        "converged": True,
     }
     for name, value in here.items():
-        if said.get(name) != value:
+        if getattr(known, name) != value:
             raise SimulationError(
-                f"the value to begin with has {name} = {said.get(name)}", expected=str(value)
+                f"the value to begin with has {name} = {getattr(known, name)}", expected=str(value)
             )
     axes = [
         [(a.name, a.low, a.high, a.count, a.ends) for a in g.axes] for g in (begin.grid, posed.grid)
@@ -149,5 +149,5 @@ def set_on_grid(
     nodes = [a.nodes if m else a.nodes[:1] for a, m in zip(grid.axes, matters, strict=True)]
     at = over_grid(region.margin, symbols, region.parameters, nodes, band=band, precision=precision)
     values = np.broadcast_to(at(0.0).reshape([len(n) for n in nodes]), grid.shape)
-    said = {"kind": "region", "region": region.name, "value_unit": region.margin_unit}
-    return to_value_function(grid, values, said)
+    report = Report(kind="region", region=region.name, value_unit=region.margin_unit)
+    return to_value_function(grid, values, report)

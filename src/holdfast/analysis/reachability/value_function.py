@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from holdfast.analysis.reachability.cells import share_inside
 from holdfast.analysis.reachability.given import number
 from holdfast.analysis.reachability.grid import Axis, Grid
 from holdfast.analysis.reachability.inner_set import inner
+from holdfast.analysis.reachability.report import Report
 from holdfast.analysis.simulation.files import write_netcdf
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
@@ -30,11 +32,21 @@ class ValueFunction:
 
     dataset: `value` with one dimension for every state and, if several times were requested,
     `time` [s] first; of a capture basin also `arrival` [s], the least time to the goal. Its
-    attributes hold the problem, the method, and the error estimates (see `summary`).
+    attributes hold the problem, the method, and the error estimates: see `report`.
     """
 
     dataset: xr.Dataset
     grid: Grid
+
+    @property
+    def report(self) -> Report:
+        """The problem, the march and its error estimates, as one record."""
+        return Report.read(self.dataset.attrs)
+
+    def reported(self, **changes: Any) -> ValueFunction:
+        """The same values with some entries of the report replaced."""
+        attributes = dataclasses.replace(self.report, **changes).attributes()
+        return ValueFunction(self.dataset.assign_attrs(attributes), self.grid)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -228,14 +240,14 @@ class ValueFunction:
 def to_value_function(
     grid: Grid,
     values: npt.NDArray[Any],
-    attributes: dict[str, Any],
+    report: Report,
     *,
     times: Sequence[float] | None = None,
     arrival: npt.NDArray[Any] | None = None,
 ) -> ValueFunction:
     """The dataset of the arrays with names and units; `values` of several times has time first."""
     names = [a.name for a in grid.axes]
-    unit = attributes.get("value_unit", "1")
+    unit = report.value_unit
     coordinates: dict[str, Any] = {
         a.name: (
             a.name,
@@ -260,7 +272,7 @@ def to_value_function(
     if arrival is not None:
         said = {"units": "s", "long_name": "least time to the target; NaN where it is not reached"}
         variables["arrival"] = (names, arrival, said)
-    return ValueFunction(xr.Dataset(variables, coordinates, attributes), grid)
+    return ValueFunction(xr.Dataset(variables, coordinates, report.attributes()), grid)
 
 
 def value_function(dataset: xr.Dataset) -> ValueFunction:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import replace
@@ -82,7 +81,7 @@ def safety_law(
             )
         return optimal_law(known, lookup)
     check_pace(rate, sample_time, delay)
-    kind = value.dataset.attrs["kind"]
+    kind = value.report.kind
     if kind in REACHED and (len(lookup.places) == len(system.states) or lookup.first_time > 0):
         raise SimulationError(
             f"a law that is kept in a {kind} whose value is not known down to the end need not "
@@ -103,10 +102,10 @@ def safety_law(
 
 def check_not_empty(value: ValueFunction) -> None:
     """Raises `SimulationError` for an empty set."""
-    said = value.dataset.attrs
+    report = value.report
     if not float(value.values().max()) > 0:
         raise SimulationError(
-            f"the {said['kind']} of '{said['region']}' is empty after {said['reached_s']:.3g} s: "
+            f"the {report.kind} of '{report.region}' is empty after {report.reached_s:.3g} s: "
             "no law keeps any state",
             remedy="shorten the horizon, or allow larger inputs or smaller disturbances",
         )
@@ -146,7 +145,7 @@ def sampled_margin(
         "sample_time is ", sample_time, "a positive number of seconds", lambda v: 0 < v < math.inf
     )
     number("delay is ", delay, "a number of seconds, 0 or more", lambda v: 0 <= v < math.inf)
-    falls, reach = _Falls(system, value), 2.0 * float(value.dataset.attrs["cell"])
+    falls, reach = _Falls(system, value), 2.0 * value.report.cell
     while True:
         still, moving = falls.most(reach)
         margin = delay * still + sample_time * moving
@@ -224,7 +223,7 @@ def lookup_of(value: ValueFunction) -> Lookup:
         np.array(counts, dtype=np.int64),
         np.array(periodic),
     )
-    unit = str(value.dataset.attrs.get("value_unit", "1"))
+    unit = value.report.value_unit
     return Lookup(tuple(places), table, first, timed=times is not None, unit=unit)
 
 
@@ -233,10 +232,10 @@ def _times(value: ValueFunction) -> Array | None:
 
     It does so if the value function has one time only, and for a converged kernel.
     """
-    data, said = value.dataset["value"], value.dataset.attrs
+    data, report = value.dataset["value"], value.report
     if "time" not in data.dims or data.sizes["time"] == 1:
         return None
-    if said["converged"] and said["kind"] not in REACHED:
+    if report.converged and report.kind not in REACHED:
         return None
     times: Array = data["time"].values
     return times
@@ -244,29 +243,29 @@ def _times(value: ValueFunction) -> Array | None:
 
 def decided(system: System, value: ValueFunction) -> System:
     """The system of the value function's problem, with its prescribed disturbances."""
-    said = value.dataset.attrs
-    if said.get("kind") not in LAWFUL:
+    report = value.report
+    if report.kind not in LAWFUL:
         raise SimulationError(
-            f"a value function of the kind '{said.get('kind')}'",
+            f"a value function of the kind '{report.kind}'",
             expected="one of " + ", ".join(LAWFUL),
         )
-    if said.get("disturbances") == "max":
+    if report.disturbances == "max":
         raise SimulationError(
             "the value assumes helpful disturbances, on which a law cannot rely",
             remedy='compute it with disturbances="min"',
         )
-    if value.names != system.state_names or said["system"] != system.name:
+    if value.names != system.state_names or report.system != system.name:
         raise SimulationError(
-            f"the value function belongs to system '{said['system']}' with the states "
+            f"the value function belongs to system '{report.system}' with the states "
             + ", ".join(value.names),
             expected=f"system '{system.name}' with " + ", ".join(system.state_names),
         )
-    if said.get("depends_on_time"):
+    if report.depends_on_time:
         raise SimulationError(
             "the value function depends on time, and is valid at the start of its problem only",
             expected="a time-invariant problem, for a law",
         )
-    numbers = json.loads(said["parameters"])
+    numbers = report.parameters
     for q in system.parameters:
         if q.name in numbers and float(q.value) != numbers[q.name]:
             raise SimulationError(
@@ -274,14 +273,14 @@ def decided(system: System, value: ValueFunction) -> System:
                 f"has {q.value:g}",
                 remedy="compute it again; to simulate another vehicle under this law, use plant",
             )
-    if said.get("definition") not in (None, definition(system)):
+    if report.definition not in ("", definition(system)):
         raise SimulationError(
             f"the rates or the bounds of system '{system.name}' are not those that the value "
             "function was computed with",
             remedy="compute it again; to simulate another vehicle under this law, use plant",
         )
-    known = with_disturbance(system, json.loads(said["disturbance"]))
-    return replace(known, samples=int(said.get("samples", 0)))
+    known = with_disturbance(system, report.disturbance)
+    return replace(known, samples=report.samples)
 
 
 class _Falls:
@@ -336,5 +335,5 @@ def _near(low: Array, high: Array, reach: float) -> tuple[npt.NDArray[np.intp], 
 
 
 def _parameters(value: ValueFunction, system: System) -> dict[str, float]:
-    numbers = json.loads(value.dataset.attrs["parameters"])
+    numbers = value.report.parameters
     return {q.name: numbers[q.name] for q in system.parameters if q.name in numbers}

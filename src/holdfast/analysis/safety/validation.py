@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from holdfast.analysis.reachability.given import whole
 from holdfast.analysis.reachability.memory_estimate import check_trials
+from holdfast.analysis.reachability.report import Report
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.adversary import CONSTANT, INSIDE, SWINGING, SWITCHING, schedules
 from holdfast.analysis.safety.depth import inside_states, outside_states
@@ -98,11 +99,11 @@ def check_promise(
 
     Raises `SimulationError` for a value function without a claim about a law, or of an empty set.
     """
-    said = value.dataset.attrs
-    longest = float(said["horizon_s"])
+    report = value.report
+    longest = report.horizon_s
     if horizon is None:
         horizon = longest
-    if horizon > longest and not said["converged"]:
+    if horizon > longest and not report.converged:
         raise SimulationError(
             f"a validation over {horizon:g} s of a value function that has not converged",
             expected=f"at most its horizon, {longest:g} s",
@@ -165,23 +166,23 @@ def check_promise(
     return Promise(
         law=steered.name,
         margin=margin,
-        unit=str(said["value_unit"]),
+        unit=report.value_unit,
         horizon=horizon,
         sample_time=sample_time,
         inside=tuple(trials),
         outside=lost,
         aim="stay" if goal is None else "reach the goal",
         beaten=tuple(beaten),
-        doubt=_doubt(said) or _doubt_of_samples(known),
+        doubt=_doubt(report) or _doubt_of_samples(known),
         held_loss=loss,
         share=share,
     )
 
 
-def _doubt(said: dict[str, Any]) -> str:
+def _doubt(report: Report) -> str:
     """The doubt that the set touches ends of the grid beyond which its value is extrapolated."""
-    ends = said.get("ends_reached", "")
-    if not ends or said.get("nodes_from_outside") == 0:
+    ends = report.ends_reached
+    if not ends or report.nodes_from_outside == 0:
         return ""
     return (
         f"the set touches the open ends of the grid ({ends}) and depends on extrapolation "

@@ -28,7 +28,7 @@ from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.control.outward_rates import check_still
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.quantity import Quantity, merge_parameters
+from holdfast.maths.definitions.quantity import Quantity
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching, Transition
 from holdfast.maths.expressions.functions import clip, least, select
@@ -123,7 +123,7 @@ def redesign(
         sigma, deep = least(sigma, raw[name]), least(deep, depth[name])
     share = clip(sigma, sp.S.Zero, sp.S.One)
     reads = _united(law, region, *laws)
-    parameters = merge_parameters(law.parameters, region.parameters, *(x.parameters for x in laws))
+    parameters = (*law.parameters, *region.parameters, *(p for x in laws for p in x.parameters))
     believed = _beliefs(law, *laws)
 
     def told(mode: Law) -> Law:

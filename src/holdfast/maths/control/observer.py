@@ -29,7 +29,6 @@ from holdfast.maths.definitions.quantity import (
     TIME,
     Parameter,
     Quantity,
-    merge_parameters,
     symbol,
 )
 from holdfast.maths.definitions.switching import Switching, Transition, as_switching
@@ -108,12 +107,10 @@ def observe(
         following=following,
         reads=tuple(seen),
         inputs=system.inputs,
-        parameters=merge_parameters(
-            system.parameters,
-            (
-                Parameter(
-                    "observer_bandwidth", "1/s", "of the observer", value=float(bandwidth), above=0
-                ),
+        parameters=(
+            *system.parameters,
+            Parameter(
+                "observer_bandwidth", "1/s", "of the observer", value=float(bandwidth), above=0
             ),
         ),
     )

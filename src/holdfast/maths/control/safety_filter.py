@@ -25,8 +25,9 @@ from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.control.barrier_conditions import ViabilityCondition, viability_conditions
 from holdfast.maths.control.velocity_tracking import believed_disturbances
+from holdfast.maths.definitions.extension import both
 from holdfast.maths.definitions.law import Law, Safeguard
-from holdfast.maths.definitions.quantity import Parameter, merge_parameters, symbol
+from holdfast.maths.definitions.quantity import Parameter, symbol
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching, check_outputs
 from holdfast.maths.definitions.system import System
@@ -70,7 +71,7 @@ def safeguard(
         raise DefinitionError(
             f"measured of the safeguard is {measured!r}", expected="true or false"
         )
-    region = region if constraints is None else _joined(region, constraints)
+    region = region if constraints is None else both(region, constraints)
     given = _table("margins", margins)
     for name, value in given.items():
         if name not in region.inequality_names:
@@ -113,9 +114,7 @@ def safeguard(
         return replace(
             law,
             name=f"{law.name}, safeguarded",
-            parameters=merge_parameters(
-                law.parameters, system.parameters, region.parameters, parameters
-            ),
+            parameters=(*law.parameters, *system.parameters, *region.parameters, *parameters),
             safeguard=Safeguard(
                 normals={name: tuple(n[i] for n, _ in rows) for i, name in enumerate(names)},
                 offsets=tuple(b for _, b in rows),
@@ -129,16 +128,6 @@ def safeguard(
     if isinstance(law, Switching):
         return cast(L, law.map_laws(guarded, f"{law.name}, safeguarded"))
     return cast(L, guarded(law))
-
-
-def _joined(region: Region, more: Region) -> Region:
-    """The inequalities of both regions."""
-    return replace(
-        region,
-        reads=tuple({q.name: q for q in (*region.reads, *more.reads)}.values()),
-        inequalities=(*region.inequalities, *more.inequalities),
-        parameters=merge_parameters(region.parameters, more.parameters),
-    )
 
 
 def _condition(c: ViabilityCondition, kept_away: bool) -> Row:

@@ -22,7 +22,7 @@ from holdfast.errors import DefinitionError
 from holdfast.maths.control.safety_filter import check_fit, input_rows, input_scales, over_time
 from holdfast.maths.definitions.law import Law, Safeguard
 from holdfast.maths.definitions.lookup import Lookup
-from holdfast.maths.definitions.quantity import Parameter, merge_parameters, symbol
+from holdfast.maths.definitions.quantity import Parameter, symbol
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import select
@@ -114,7 +114,7 @@ def keep_value(
             mode,
             name=f"{mode.name}, kept safe",
             reads=tuple(reads.values()),
-            parameters=merge_parameters(mode.parameters, system.parameters, parameters),
+            parameters=(*mode.parameters, *system.parameters, *parameters),
             signals={**mode.signals, "value": lookup.value},
             lookup=lookup,
             safeguard=Safeguard(
@@ -198,7 +198,7 @@ def against_the_worst(
             mode,
             reads=tuple(q for q in reads.values() if q not in system.disturbances),
             outputs={**outputs, **worst},
-            parameters=merge_parameters(mode.parameters, system.parameters, parameters),
+            parameters=(*mode.parameters, *system.parameters, *parameters),
             lookup=lookup,
             safeguard=guard,
         )

@@ -10,7 +10,7 @@ import sympy as sp
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.quantity import TIME, Parameter, merge_parameters
+from holdfast.maths.definitions.quantity import TIME, Parameter
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.traversal import derivatives
@@ -104,7 +104,7 @@ def track_velocity(
         name=f"{law.name}, velocities tracked",
         reads=(*system.states, *(d for d in system.disturbances if d in law.reads)),
         outputs=dict(zip(system.input_names, solved, strict=True)),
-        parameters=merge_parameters(law.parameters, tracking, system.parameters),
+        parameters=(*law.parameters, *tracking, *system.parameters),
         signals=law.signals,
         conditions=law.conditions,
         lookup=law.lookup,

@@ -11,7 +11,7 @@ import sympy as sp
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.definitions.bounds import product
-from holdfast.maths.definitions.quantity import Quantity, merge_parameters, symbol
+from holdfast.maths.definitions.quantity import Quantity, symbol
 from holdfast.maths.definitions.system import PfaffianRow, System, vanishes
 
 Pose = tuple[str, str, str]
@@ -72,7 +72,7 @@ def side_by_side(*systems: System, name: str) -> System:
         states=tuple(q for s in systems for q in s.states),
         inputs=tuple(q for s in systems for q in s.inputs),
         disturbances=tuple(q for s in systems for q in s.disturbances),
-        parameters=merge_parameters(*(s.parameters for s in systems)),
+        parameters=tuple(p for s in systems for p in s.parameters),
         rates={n: r for s in systems for n, r in s.rates.items()},
         input_bounds=reduce(product, [s.input_bounds for s in systems if s.inputs]),
         disturbance_bounds=reduce(

@@ -9,7 +9,7 @@ import sympy as sp
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.definitions.bounds import Bounds, Box, product, section
-from holdfast.maths.definitions.quantity import Quantity, merge_parameters, symbol
+from holdfast.maths.definitions.quantity import Quantity, symbol
 from holdfast.maths.definitions.region import Inequality, Region
 from holdfast.maths.definitions.system import System
 
@@ -93,7 +93,7 @@ def both(first: Region, second: Region) -> Region:
         first,
         reads=tuple(reads.values()),
         inequalities=(*first.inequalities, *second.inequalities),
-        parameters=merge_parameters(first.parameters, second.parameters),
+        parameters=(*first.parameters, *second.parameters),
     )
 
 

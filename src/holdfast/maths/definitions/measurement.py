@@ -9,7 +9,7 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.quantity import Quantity, merge_parameters
+from holdfast.maths.definitions.quantity import Quantity
 from holdfast.maths.definitions.switching import Switching, Transition
 
 if TYPE_CHECKING:
@@ -52,9 +52,7 @@ def by_measurements(system: System, law: Law | Switching) -> Law | Switching:
             believed={n: e.xreplace(known) for n, e in mode.believed.items()},
             safeguard=mode.safeguard.subs(known) if mode.safeguard else None,
             lookup=mode.lookup.subs(known) if mode.lookup else None,
-            parameters=merge_parameters(
-                mode.parameters, (p for p in system.parameters if p.symbol in used)
-            ),
+            parameters=(*mode.parameters, *(p for p in system.parameters if p.symbol in used)),
         )
 
     if isinstance(law, Law):

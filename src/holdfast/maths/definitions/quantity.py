@@ -91,8 +91,9 @@ class Parameter(Quantity):
 def merge_parameters(*groups: Iterable[Parameter]) -> tuple[Parameter, ...]:
     """All parameters, each once.
 
-    One name is one number: two groups may share a parameter only with the same value.
-    Raises `DefinitionError` where they differ.
+    One name is one number: two groups may share a parameter only with the same value. A definition
+    merges its own when it is made, so that whoever makes one from others just lists theirs; a
+    computation merges those of its definitions. Raises `DefinitionError` where they differ.
     """
     merged: dict[str, Parameter] = {}
     for group in groups:

@@ -14,7 +14,7 @@ from holdfast.maths.catalogue.systems.unicycle import unicycle
 from holdfast.maths.definitions.compose_systems import renamed, side_by_side
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.measurement import Measurement, by_measurements
-from holdfast.maths.definitions.quantity import Parameter, merge_parameters, symbol, whole_number
+from holdfast.maths.definitions.quantity import Parameter, symbol, whole_number
 from holdfast.maths.definitions.region import Inequality, Region
 from holdfast.maths.definitions.scene import Footprint, Segment
 from holdfast.maths.definitions.switching import Switching
@@ -76,7 +76,7 @@ def joint_law(system: System, leader: Switching, followers: Sequence[Law]) -> Sw
             mode,
             reads=system.states,
             outputs={**mode.outputs, **{n: e for law in placed for n, e in law.outputs.items()}},
-            parameters=merge_parameters(mode.parameters, *(law.parameters for law in placed)),
+            parameters=(*mode.parameters, *(p for law in placed for p in law.parameters)),
         )
 
     return leader.map_laws(with_followers, f"{leader.name}, {followers[0].name}")

@@ -96,14 +96,14 @@ def _across(name: str, values: Sequence[ValueFunction]) -> list[float]:
 
 def told(value: ValueFunction) -> str:
     """Title: the set, its convergence, and whether it is empty or covers the grid."""
-    said, last = value.dataset.attrs, value.values()
+    report, last = value.report, value.values()
     text = "value function"
-    if "kind" in said:
-        text = f"{said['kind'].replace('-', ' ')} of {said['region']}, {said['system']}"
-        reached = f"{float(said['reached_s']):.3g} s"
-        if said["converged"]:
+    if report.kind:
+        text = f"{report.kind.replace('-', ' ')} of {report.region}, {report.system}"
+        reached = f"{report.reached_s:.3g} s"
+        if report.converged:
             text += f"\nconverged after {reached}"
-        elif "kernel" in said["kind"]:
+        elif "kernel" in report.kind:
             text += f"\nfor {reached}, not converged"
         else:
             text += f"\nwithin {reached}"

@@ -24,22 +24,22 @@ def value_text(
     begun: the initial value function of the march, for the share that remains of it.
     promised: whether a validation was requested.
     """
-    said = value.dataset.attrs
+    report = value.report
     axes = value.grid.axes
-    kind = str(said["kind"]).replace("-", " ")
-    lines = [str(said.get("title") or f"{kind} of {said['region']}"), ""]
+    kind = report.kind.replace("-", " ")
+    lines = [report.title or f"{kind} of {report.region}", ""]
     shape = " x ".join(str(a.count) for a in axes)
-    lines.append(f"  {kind} of {said['region']}, {_until(value)}")
+    lines.append(f"  {kind} of {report.region}, {_until(value)}")
     lines.append(
         f"  grid           {shape} = {value.grid.nodes:,} nodes over " + ", ".join(value.names)
     )
     share = value.fraction()
     text = f"{100 * share:.3g} % of the grid's box"
     if begun is not None and (first := begun.fraction()) > 0:
-        name, ratio = begun.dataset.attrs["region"], share / first
+        name, ratio = begun.report.region, share / first
         text += f", {100 * ratio:.3g} % of {name}" if ratio < 2 else f", {ratio:.3g} times {name}"
-    lines.append(f"  the set        {'empty' if said['empty'] else text}")
-    if not said["empty"]:
+    lines.append(f"  the set        {'empty' if report.empty else text}")
+    if not report.empty:
         ends = value.extent()
         lines.append(
             "  reaches        "
@@ -49,16 +49,16 @@ def value_text(
             )
         )
     lines.append(f"  converged      {_converged(value)}")
-    if said.get("ends_reached"):
-        lines.append(f"  touches        {said['ends_reached']}: may depend on extrapolation")
+    if report.ends_reached:
+        lines.append(f"  touches        {report.ends_reached}: may depend on extrapolation")
     lines += [f"  {name:<15}{shown}" for name, shown in _worth(value)]
     lines.append(
-        f"  march          {said['steps']:,} steps, {said['scheme']}, order {said['order']}, "
-        f"{said['precision']}, {said['wall_time_s']:.1f} s"
+        f"  march          {report.steps:,} steps, {report.scheme}, order {report.order}, "
+        f"{report.precision}, {report.wall_time_s:.1f} s"
     )
     if promise is not None:
         lines += ["", *_promise(promise)]
-    elif promised and said["empty"]:
+    elif promised and report.empty:
         lines += [
             "",
             "  promise        none: the set is empty and has no state to start from",
@@ -78,40 +78,41 @@ def _unit(unit: str) -> str:
 
 
 def _until(value: ValueFunction) -> str:
-    said = value.dataset.attrs
-    return "for ever" if said["converged"] else f"for {said['horizon_s']:g} s"
+    report = value.report
+    return "for ever" if report.converged else f"for {report.horizon_s:g} s"
 
 
 def _converged(value: ValueFunction) -> str:
-    said = value.dataset.attrs
-    if said["empty"]:
-        return f"yes: empty after {said['reached_s']:.3g} s"
-    left = f"residual {said['residual_cells']:.2g} cells" if "residual_cells" in said else ""
-    if said["converged"]:
-        return f"yes: after {said['reached_s']:.3g} s, {left or 'no node changes any more'}"
+    report = value.report
+    if report.empty:
+        return f"yes: empty after {report.reached_s:.3g} s"
+    cells = report.residual_cells
+    left = "" if cells is None else f"residual {cells:.2g} cells"
+    if report.converged:
+        return f"yes: after {report.reached_s:.3g} s, {left or 'no node changes any more'}"
     return (
-        f"no: {left or 'some nodes still change'} at {said['horizon_s']:g} s; the set is valid for "
+        f"no: {left or 'some nodes still change'} at {report.horizon_s:g} s; the set is valid for "
         "that horizon only"
     )
 
 
 def _worth(value: ValueFunction) -> list[tuple[str, str]]:
     """The results of further marches on the error of the answer, if they were requested."""
-    said = value.dataset.attrs
-    unit = said["value_unit"]
+    report = value.report
+    unit = report.value_unit
     found = []
-    if "error_largest" in said:
+    if report.error_largest is not None:
         found.append(
             (
                 "error",
-                f"up to {said['error_largest']:.2g} {unit}, {said['error_cells']:.2g} cells, by a "
+                f"up to {report.error_largest:.2g} {unit}, {report.error_cells:.2g} cells, by a "
                 "coarser grid",
             )
         )
-    if "inner_cells" in said:
-        found.append(("inner", f"eroded by {said['inner_cells']} cells, the estimated error"))
-    if "nodes_from_outside" in said:
-        found.append(("extrapolation", f"{said['nodes_from_outside']:,} nodes depend on it"))
+    if report.inner_cells is not None:
+        found.append(("inner", f"eroded by {report.inner_cells} cells, the estimated error"))
+    if report.nodes_from_outside is not None:
+        found.append(("extrapolation", f"{report.nodes_from_outside:,} nodes depend on it"))
     return found
 
 

@@ -49,9 +49,9 @@ class KernelResult:
 
         A kernel of which nothing is left stays empty.
         """
-        said = self.value.dataset.attrs
-        gone = said["empty"] and scenario.kind.endswith("kernel")
-        return not scenario.forever or bool(said["converged"] or gone)
+        report = self.value.report
+        gone = report.empty and scenario.kind.endswith("kernel")
+        return not scenario.forever or report.converged or gone
 
     def summary(self) -> dict[str, Any]:
         """For summary.json."""
@@ -103,8 +103,7 @@ class KernelScenario(Composed):
             )
             if self.inner:
                 value = value.inner()
-        value.dataset.attrs.update(title=self.title, scenario=self.name, scenario_text=self.text)
-        return value
+        return value.reported(title=self.title, scenario=self.name, scenario_text=self.text)
 
     def run(self, progress: Progress | None = None) -> KernelResult:
         """The value function, and its promise tried in closed loop."""
@@ -222,13 +221,13 @@ class KernelScenario(Composed):
     def tally(self, part: range | None, threads: int) -> dict[str, Entry]:
         """How large the set is, whether the march answered, and how the promise was kept."""
         answer = self.run()
-        said = answer.value.dataset.attrs
+        report = answer.value.report
         known = (
             ("fraction", answer.value.fraction(), "1", "share of the grid in the set"),
             ("volume", answer.value.volume(), "1", "volume of the set"),
             ("answered", answer.answers(self), "1", "1 where the set asked for was found"),
-            ("converged", said["converged"], "1", "1 where nothing changes any more"),
-            ("reached", said["reached_s"], "s", "time marched"),
+            ("converged", report.converged, "1", "1 where nothing changes any more"),
+            ("reached", report.reached_s, "s", "time marched"),
         )
         found = {name: Entry("most", float(v), 0.0, unit, says) for name, v, unit, says in known}
         for k, trials in enumerate(answer.promise.inside if answer.promise else ()):

@@ -49,7 +49,7 @@ class Judge:
         deepest = float(value.values().max())
         if self.margin is None and 0 < deepest <= (cell := self._margin(value)):
             raise ScenarioError(
-                f"it has no state inside by a cell, {cell:.3g} {value.dataset.attrs['value_unit']}",
+                f"it has no state inside by a cell, {cell:.3g} {value.report.value_unit}",
                 expected=f"[compare] margin, below {deepest:.3g}",
             )
         for scenario in scenarios:
@@ -61,17 +61,17 @@ class Judge:
         return value, ""
 
     def _margin(self, value: ValueFunction) -> float:
-        return float(value.dataset.attrs["cell"]) if self.margin is None else self.margin
+        return value.report.cell if self.margin is None else self.margin
 
     def reference(self, value: ValueFunction, starts: Array) -> Reference:
         """The kernel's values at the starts."""
-        said = value.dataset.attrs
+        report = value.report
         return Reference(
             kernel=scenario_title(self.name),
             value=value.at(starts),
             margin=self._margin(value),
-            unit=str(said["value_unit"]),
-            horizon=math.inf if said["converged"] else float(said["horizon_s"]),
+            unit=report.value_unit,
+            horizon=math.inf if report.converged else report.horizon_s,
         )
 
 

@@ -1,0 +1,102 @@
+"""What was marched, how, and what the answer is worth: one record, and the attributes of a file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Report:
+    """The problem of a value function, the march that solved it, and its error estimates.
+
+    kind, region, system, disturbances: what was solved; definition: a digest of the system.
+    parameters, disturbance: the numbers, or expressions of t, that it was solved for. horizon_s:
+    as requested; reached_s: as marched. converged: the set is that of every longer horizon too.
+    empty: it has no node. ended_early: the caller's condition ended the march. residual_cells: by
+    how far the boundary may still move. ends_reached: the axes at whose ends the set is cut off.
+    cell: the largest change of V over a cell. computed_share: nodes that were computed of those
+    that were not skipped.
+
+    None where it was not requested. error_order, error_largest, error_rms, error_cells,
+    volume_coarse: see `error_estimate.with_error`. error_reach: cells by which `inner` erodes the
+    set; inner_cells: by which it did. nodes_from_outside, share_from_outside, nodes_kept_outside:
+    see `error_estimate.with_outside`.
+    """
+
+    kind: str = ""
+    region: str = ""
+    value_unit: str = "1"
+    holdfast_version: str = ""
+    system: str = ""
+    disturbances: str = ""
+    horizon_s: float = 0.0
+    reached_s: float = 0.0
+    start_time_s: float = 0.0
+    depends_on_time: bool = False
+    converged: bool = False
+    empty: bool = False
+    ended_early: bool = False
+    begun_from_another: bool = False
+    tolerance_cells: float | None = None
+    residual_cells: float | None = None
+    ends_reached: str = ""
+    cell: float = 0.0
+    scheme: str = ""
+    order: int = 0
+    dissipation: str = ""
+    cfl: float = 0.0
+    precision: str = ""
+    samples: int = 0
+    separable: bool = False
+    steps: int = 0
+    memory_bytes: int = 0
+    computed_share: float = 0.0
+    wall_time_s: float = 0.0
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    disturbance: Mapping[str, float | str] = field(default_factory=dict)
+    definition: str = ""
+    error_order: float | None = None
+    error_largest: float | None = None
+    error_rms: float | None = None
+    error_cells: float | None = None
+    volume_coarse: float | None = None
+    error_reach: int | None = None
+    inner_cells: int | None = None
+    nodes_from_outside: int | None = None
+    share_from_outside: float | None = None
+    nodes_kept_outside: int | None = None
+    title: str | None = None
+    scenario: str | None = None
+    scenario_text: str | None = None
+
+    def attributes(self) -> dict[str, Any]:
+        """As attributes of a dataset: numbers and text, tables as JSON; None is left out."""
+        return {n: _written(v) for n, v in asdict(self).items() if v is not None}
+
+    @classmethod
+    def read(cls, attributes: Mapping[Any, Any]) -> Report:
+        """The record of these attributes; others are ignored, and missing ones have defaults."""
+        known = {n: attributes[n] for n in _DEFAULTS if n in attributes}
+        return cls(**{n: _read(v, _DEFAULTS[n]) for n, v in known.items()})
+
+
+_DEFAULTS: dict[str, Any] = asdict(Report())
+
+
+def _written(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return json.dumps(value)
+    return int(value) if isinstance(value, bool) else value
+
+
+def _read(value: Any, default: Any) -> Any:
+    if isinstance(default, Mapping):
+        return json.loads(value)
+    if isinstance(default, bool):
+        return bool(value)
+    if isinstance(value, str):
+        return value
+    return value.item() if hasattr(value, "item") else value
