@@ -124,7 +124,8 @@ def test_corners_without_a_circle_are_refused(arguments, message):
 
 def circling(law, radius, followers=1, speed=0.2, seconds=300.0):
     """The radii of the followers' circles in the end, by simulation."""
-    from holdfast.maths.formations.chain import chain, joint_law
+    from holdfast.maths.catalogue.systems.chain import chain
+    from holdfast.maths.formations.chain import joint_law
 
     system = chain(followers)
     lead = hf.Law("circle", system.states[:3], {"uL": hf.symbol("s"), "wL": hf.symbol("s") / hf.symbol("R")},
@@ -246,7 +247,8 @@ def test_row_that_is_longer_than_a_cell_goes_through_it():
 
 def driven(fields, corners, convoy, starts, seconds):
     """Poses (time, robot, x y theta) by the compiled loop: the plan is not asked."""
-    from holdfast.maths.formations.chain import chain, joint_law
+    from holdfast.maths.catalogue.systems.chain import chain
+    from holdfast.maths.formations.chain import joint_law
 
     system = chain(len(convoy.laws))
     law = joint_law(system, lead_along(fields, corners, speed=convoy.speed), convoy.laws)

@@ -5,8 +5,11 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
+from holdfast.analysis.reachability.report import Report
+from holdfast.analysis.reachability.value_function import to_value_function
 from holdfast.execution.codegen.closed_loop_source import closed_loop_program
 from holdfast.execution.compile import compile_closed_loop
+from holdfast.execution.evaluate import Evaluator
 from holdfast.execution.simulation.steppers import RK4
 from holdfast.maths.catalogue.signature import example
 from holdfast.maths.definitions.vehicle_file import vehicle_names
@@ -21,17 +24,42 @@ LAWS = [example(function) for function in hf.laws.ALL]
 REGIONS = [example(function) for function in hf.regions.ALL]
 FIELDS = [function() for function in hf.fields.ALL]
 
+# those that are made from more than numbers promise the same
+CHAIN = hf.load_scenario("ch6-corridor-s")
+LAWS.append(CHAIN.law)
+
+
+def optimal():
+    """The optimal inputs for a value function 1 - |q|^2, as a law."""
+    boat = hf.systems.drifting_unicycle()
+    over = hf.grid(boat, {q.name: (-1.5, 1.5) for q in boat.states}, 9, {"psi": "contained"})
+    squares = np.meshgrid(*(a.nodes**2 for a in over.axes), indexing="ij")
+    known = Report(kind="viability-kernel", region="room", system=boat.name, converged=True)
+    return hf.safety_law(boat, to_value_function(over, 1 - sum(squares), known))
+
+
+LAWS.append(optimal())
+
 
 def named(entry):
     return entry.name
 
 
-def point(quantities, parameters, generator, size=1.0):
+def point(quantities, parameters, generator, size=1.0, lookup=None):
+    """Numbers for every symbol; those of a lookup table are slopes and values of any size."""
     values = {p.symbol: p.value for p in parameters}
-    return values | {q.symbol: float(generator.uniform(-size, size)) for q in quantities}
+    symbols = [q.symbol for q in quantities] + list(lookup.symbols if lookup else ())
+    return values | {s: float(generator.uniform(-size, size)) for s in symbols}
 
 
-@pytest.mark.parametrize("entry", [*SYSTEMS, *LAWS, *REGIONS, *FIELDS], ids=named)
+def test_names_of_shared_parts_mean_nothing_else_in_the_system():
+    """A chain has the input w1, so that no part of its measurements is called so."""
+    text = describe("chain")
+    assert "w2 = " in text
+    assert "w1 = " not in text
+
+
+@pytest.mark.parametrize("entry", [*SYSTEMS, *LAWS, *REGIONS, CHAIN.region, *FIELDS], ids=named)
 def test_every_entry_is_described_with_its_source(entry):
     assert entry.description
     assert entry.source
@@ -89,7 +117,7 @@ def test_every_law_is_finite_everywhere_and_bounded_near_its_goal(law):
     generator = np.random.default_rng(2)
     for size in (1e-9, 1e-3, 1.0, 30.0):
         for _ in range(10):
-            at = point(law.reads, law.parameters, generator, size)
+            at = point(law.reads, law.parameters, generator, size, law.lookup)
             for name in ("x", "y"):
                 if hf.symbol(name) in at:
                     at[hf.symbol(name)] += at.get(hf.symbol(f"goal_{name}"), 0.0)
@@ -130,6 +158,21 @@ def test_gradients_of_every_region_are_the_limits_of_difference_quotients(region
                 slope = (number_at(c.expression, up) - number_at(c.expression, down)) / (2 * h)
                 derived = number_at(c.expression.diff(q.symbol), at)
                 assert derived == pytest.approx(slope, rel=1e-3, abs=1e-4)
+
+
+def test_gradients_of_a_chain_in_view_are_the_limits_of_difference_quotients():
+    """In compiled code: the distances to walls have no number in SymPy."""
+    region, h = CHAIN.region, 1e-6
+    generator = np.random.default_rng(7)
+    rows = generator.uniform(-2, 2, (20, len(region.reads)))
+    symbols = [q.symbol for q in region.reads]
+    values = Evaluator([c.expression for c in region.inequalities], symbols, region.parameters)
+    for i, s in enumerate(symbols):
+        slopes = [c.expression.diff(s) for c in region.inequalities]
+        derived = Evaluator(slopes, symbols, region.parameters).values(rows)
+        step = h * np.eye(len(symbols))[i]
+        quotients = (values.values(rows + step) - values.values(rows - step)) / (2 * h)
+        assert derived == pytest.approx(quotients, rel=1e-3, abs=1e-4)
 
 
 @pytest.mark.parametrize("system", HULLS)

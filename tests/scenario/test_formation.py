@@ -13,7 +13,8 @@ from random_corridors import judged
 
 import holdfast as hf
 from holdfast.errors import GainWarning, ScenarioError
-from holdfast.maths.formations.chain import chain, joint_law
+from holdfast.maths.catalogue.systems.chain import chain
+from holdfast.maths.formations.chain import joint_law
 from holdfast.planning.corners import Corner
 from holdfast.planning.course import Course
 from holdfast.planning.leader import lead_along

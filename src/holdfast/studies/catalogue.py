@@ -96,10 +96,12 @@ def _system(system: System) -> list[str]:
     lines = _quantities("states", system.states) + _quantities("inputs", system.inputs)
     lines += _bounds(system.input_bounds)
     lines += _quantities("disturbances", system.disturbances) + _bounds(system.disturbance_bounds)
-    lines += ["", "  rates", *equations((f"d{n}/dt", e) for n, e in system.rates.items())]
+    taken = [q.name for q in (*system.states, *system.inputs, *system.parameters)]
+    rates = ((f"d{n}/dt", e) for n, e in system.rates.items())
+    lines += ["", "  rates", *equations(rates, taken=taken)]
     if system.measurements:
         lines += _quantities("measurements", system.measurements)
-        lines += equations((m.name, m.expression) for m in system.measurements)
+        lines += equations(((m.name, m.expression) for m in system.measurements), taken=taken)
     if system.pfaffian:
         lines += ["", "  Pfaffian constraints A(q) qdot = b"]
         for row in system.pfaffian:

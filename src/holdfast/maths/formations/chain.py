@@ -1,4 +1,4 @@
-"""A leader and its followers in the world frame; each sees only the robot before it."""
+"""The law and the region of a chain of robots: each sees only the robot before it."""
 
 from __future__ import annotations
 
@@ -9,12 +9,10 @@ from itertools import pairwise
 import sympy as sp
 
 from holdfast.errors import DefinitionError
-from holdfast.maths.catalogue.systems.leader_follower import sight
-from holdfast.maths.catalogue.systems.unicycle import unicycle
-from holdfast.maths.definitions.compose_systems import renamed, side_by_side
+from holdfast.maths.catalogue.systems.chain import chain, in_view, place, robot_names
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.measurement import Measurement, by_measurements
-from holdfast.maths.definitions.quantity import Parameter, symbol, whole_number
+from holdfast.maths.definitions.measurement import by_measurements
+from holdfast.maths.definitions.quantity import Parameter, symbol
 from holdfast.maths.definitions.region import Inequality, Region
 from holdfast.maths.definitions.scene import Footprint, Segment
 from holdfast.maths.definitions.switching import Switching
@@ -25,37 +23,6 @@ from holdfast.maths.formations.walls import sight_distance, wall_distance
 from holdfast.maths.reference_fields.dipole import GUARD, UNSEEN
 
 Walls = Sequence[tuple[tuple[float, float], tuple[float, float]]]
-
-
-def robot_names(followers: int) -> tuple[str, ...]:
-    """ "L", "1", "2", ...: the suffixes of the names of the robots' quantities."""
-    return ("L", *(str(k) for k in range(1, followers + 1)))
-
-
-def chain(followers: int = 1, *, speed_limit: float = 2.0, turn_limit: float = 4.0) -> System:
-    """A leader and its followers, unicycles in the world: xL, yL, thetaL, x1, y1, theta1, ...
-
-    Inputs uL, wL, u1, w1, ... [m/s, rad/s], all within the same limits. Follower k measures
-    `range{k}` and `bearing{k}` of the robot before it.
-    """
-    whole_number(followers, "number of followers", 1, 20)
-    names = robot_names(followers)
-    letters = {"x": "x", "y": "y", "psi": "theta", "v": "u", "r": "w"}
-    robots = [
-        renamed(
-            unicycle(speed_limit, turn_limit), {old: f"{new}{of}" for old, new in letters.items()}
-        )
-        for of in names
-    ]
-    measured: list[Measurement] = []
-    for before, of in pairwise(names):
-        measured += sight(*_in_view(of, before), of)
-    return replace(
-        side_by_side(*robots, name="chain"),
-        measurements=tuple(measured),
-        description="wheeled robots in a row; each sees the one before it",
-        source="thesis (6.1), section 6.6",
-    )
 
 
 def joint_law(system: System, leader: Switching, followers: Sequence[Law]) -> Switching:
@@ -101,15 +68,15 @@ def chain_in_view(
     ends, corners = _walls(walls)
     seen: list[Inequality] = []
     for k, (before, of) in enumerate(pairwise(names), start=1):
-        ahead, left = _in_view(of, before)
-        line = sight_distance(_place(before), _place(of), ends)
+        ahead, left = in_view(of, before)
+        line = sight_distance(place(before), place(of), ends)
         seen += [
             Inequality(f"bearing{k}", magnitude(angle(left, ahead, GUARD**2)) - alpha, "rad"),
             Inequality(f"range{k}", ahead - reach * sp.cos(alpha), "m"),
             Inequality(f"sight{k}", -line, "m"),
         ]
     clear = [
-        Inequality(f"clear_{of}", radius - wall_distance(_place(of), ends), "m") for of in names
+        Inequality(f"clear_{of}", radius - wall_distance(place(of), ends), "m") for of in names
     ]
     apart = [
         Inequality(f"apart_{one}_{other}", 2 * radius - _between(one, other), "m")
@@ -133,7 +100,7 @@ def chain_in_view(
                 for i in range(0, len(ends), 4)
             ),
             *(
-                Footprint("view", _place(of), symbol(f"theta{of}"), triangle(reach, alpha))
+                Footprint("view", place(of), symbol(f"theta{of}"), triangle(reach, alpha))
                 for of in names[1:]
             ),
         ),
@@ -151,19 +118,8 @@ def _walls(walls: Walls) -> tuple[list[sp.Symbol], tuple[Parameter, ...]]:
     return [p.symbol for p in corners], tuple(corners)
 
 
-def _place(of: str) -> tuple[sp.Symbol, sp.Symbol]:
-    return symbol(f"x{of}"), symbol(f"y{of}")
-
-
-def _in_view(of: str, other: str) -> tuple[sp.Expr, sp.Expr]:
-    """The position of another robot, ahead and to the left of this one."""
-    (x, y), (other_x, other_y) = _place(of), _place(other)
-    theta, dx, dy = symbol(f"theta{of}"), other_x - x, other_y - y
-    return sp.cos(theta) * dx + sp.sin(theta) * dy, sp.cos(theta) * dy - sp.sin(theta) * dx
-
-
 def _between(one: str, other: str) -> sp.Expr:
-    (ax, ay), (bx, by) = _place(one), _place(other)
+    (ax, ay), (bx, by) = place(one), place(other)
     return length(bx - ax, by - ay, UNSEEN)
 
 

@@ -15,10 +15,15 @@ from sympy.printing.pretty.stringpict import prettyForm
 WIDTH = 100
 
 
-def equations(pairs: Iterable[tuple[str, sp.Expr]], relation: str = "=") -> list[str]:
-    """Equations set in two dimensions; long ones are split by naming their parts."""
+def equations(
+    pairs: Iterable[tuple[str, sp.Expr]], relation: str = "=", taken: Iterable[str] = ()
+) -> list[str]:
+    """Equations set in two dimensions; long ones are split by naming their parts.
+
+    taken: names that mean something else beside these equations.
+    """
     given = dict(pairs)
-    used = {str(s) for e in given.values() for s in e.free_symbols} | set(given)
+    used = {str(s) for e in given.values() for s in e.free_symbols} | {*given, *taken}
     free = (s for s in sp.numbered_symbols("w", start=1) if s.name not in used)
     if max(width(e) for e in given.values()) > WIDTH:
         shared, reduced = sp.cse(list(given.values()), symbols=free, order="none")

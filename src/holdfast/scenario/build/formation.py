@@ -15,6 +15,7 @@ from holdfast.analysis.safety.visibility_gains import check_view, visibility_gai
 from holdfast.analysis.simulation.starts import Starts
 from holdfast.errors import GainWarning, ScenarioError
 from holdfast.maths.catalogue.laws.follow_leader import SEEN, TURNS
+from holdfast.maths.catalogue.systems.chain import chain, robot_names
 from holdfast.maths.catalogue.systems.leader_follower import leader_follower
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import Parameter, symbol
@@ -23,7 +24,7 @@ from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.units import to_si
 from holdfast.maths.expressions.functions import magnitude
-from holdfast.maths.formations.chain import chain, chain_in_view, joint_law, robot_names
+from holdfast.maths.formations.chain import chain_in_view, joint_law
 from holdfast.planning.convoy import Convoy, Pose
 from holdfast.planning.corners import Corner, route_corners
 from holdfast.planning.course import Course

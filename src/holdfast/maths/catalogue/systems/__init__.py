@@ -1,6 +1,7 @@
 """The catalogue of systems: one noun, one file; membership in `ALL` enrols it in the tests."""
 
 from holdfast.maths.catalogue.systems.car import car, front_axle_car
+from holdfast.maths.catalogue.systems.chain import chain
 from holdfast.maths.catalogue.systems.chained_form import chained_form
 from holdfast.maths.catalogue.systems.drifting_unicycle import drifting_unicycle
 from holdfast.maths.catalogue.systems.leader_follower import leader_follower
@@ -19,11 +20,13 @@ ALL = (
     front_axle_car,
     tractor_trailer,
     leader_follower,
+    chain,
 )
 
 __all__ = [
     "ALL",
     "car",
+    "chain",
     "chained_form",
     "drifting_unicycle",
     "front_axle_car",

@@ -10,6 +10,7 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.maths.definitions.sets.base import Bounds, Reach, Row, V
+from holdfast.maths.definitions.sets.box import Box
 
 
 @checked
@@ -118,11 +119,20 @@ class Product(Bounds):
 
 
 def product(first: Bounds | None, second: Bounds | None) -> Bounds | None:
-    """The product of two sets; None where one of them is missing, which leaves all unbounded."""
+    """The product of two sets; None where one of them is missing, which leaves all unbounded.
+
+    That of two boxes is a box.
+    """
     if first is None or second is None:
         return None
-    parts = [p for b in (first, second) for p in (b.parts if isinstance(b, Product) else (b,))]
-    return Product(tuple(parts))
+    parts: list[Bounds] = []
+    for part in (p for b in (first, second) for p in (b.parts if isinstance(b, Product) else (b,))):
+        last = parts[-1] if parts else None
+        if isinstance(last, Box) and isinstance(part, Box):
+            parts[-1] = Box((*last.lower, *part.lower), (*last.upper, *part.upper))
+        else:
+            parts.append(part)
+    return parts[0] if len(parts) == 1 else Product(tuple(parts))
 
 
 def section(bounds: Bounds | None, kept: Sequence[bool]) -> Bounds | None:
