@@ -5,7 +5,7 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.analysis.reachability.report import Report
+from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.value_function import to_value_function
 from holdfast.execution.codegen.closed_loop_source import closed_loop_program
 from holdfast.execution.compile import compile_closed_loop

@@ -15,7 +15,7 @@ from holdfast.execution.evaluate import Evaluator
 from holdfast.execution.simulation.closed_loop import ClosedLoop
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.steppers import RK4
-from holdfast.interop.numeric import Numeric, closed_expressions
+from holdfast.interop.numeric_system import Numeric, closed_expressions
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import TIME
 from holdfast.maths.definitions.switching import Switching

@@ -11,7 +11,7 @@ import numpy as np
 from holdfast.errors import DefinitionError
 from holdfast.execution.arrays import Array
 from holdfast.execution.evaluate import Evaluator
-from holdfast.interop.numeric import Numeric
+from holdfast.interop.numeric_system import Numeric
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 

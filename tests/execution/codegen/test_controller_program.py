@@ -9,7 +9,7 @@ from holdfast.errors import DefinitionError
 from holdfast.execution.codegen.closed_loop_source import closed_loop_program
 from holdfast.execution.codegen.controller_program import controller_program
 from holdfast.execution.simulation.steppers import RK4
-from holdfast.interop.numeric import closed_expressions
+from holdfast.interop.numeric_system import closed_expressions
 from holdfast.maths.definitions.measurement import Measurement
 
 X, V, A, W, Z = map(hf.symbol, "xvawz")

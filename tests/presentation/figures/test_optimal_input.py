@@ -7,7 +7,7 @@ from matplotlib.quiver import Quiver
 
 import holdfast as hf
 from holdfast.analysis.reachability.grid import Axis, Grid
-from holdfast.analysis.reachability.report import Report
+from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.value_function import to_value_function
 from holdfast.errors import OutputError
 from holdfast.presentation.figures.optimal_input import NEGATIVE, POSITIVE

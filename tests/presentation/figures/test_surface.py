@@ -8,7 +8,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.analysis.reachability.grid import Axis, Grid
-from holdfast.analysis.reachability.report import Report
+from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.value_function import to_value_function
 from holdfast.errors import OutputError
 from holdfast.presentation.figures.surface import zero_surface

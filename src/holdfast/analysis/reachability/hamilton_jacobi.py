@@ -23,10 +23,10 @@ import numpy.typing as npt
 from holdfast._version import __version__
 from holdfast.analysis.reachability.checkpoint import Checkpoint
 from holdfast.analysis.reachability.grid import Grid
+from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.memory_estimate import check_fits, memory_of
 from holdfast.analysis.reachability.obstacles import Obstacles
 from holdfast.analysis.reachability.problem import Posed
-from holdfast.analysis.reachability.report import Report
 from holdfast.analysis.reachability.snapshots import Record
 from holdfast.analysis.reachability.value_function import ValueFunction, to_value_function
 from holdfast.errors import SimulationError

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.problem import Posed
-from holdfast.analysis.reachability.report import Report
 from holdfast.analysis.reachability.value_function import ValueFunction, to_value_function
 from holdfast.execution.arrays import AnyArray as Array
 

@@ -17,7 +17,7 @@ from holdfast.analysis.reachability.cells import share_inside
 from holdfast.analysis.reachability.given import number
 from holdfast.analysis.reachability.grid import Axis, Grid
 from holdfast.analysis.reachability.inner_set import inner
-from holdfast.analysis.reachability.report import Report
+from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.simulation.files import write_netcdf
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.analysis.reachability.given import whole
+from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.memory_estimate import check_trials
-from holdfast.analysis.reachability.report import Report
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.adversary import CONSTANT, INSIDE, SWINGING, SWITCHING, schedules
 from holdfast.analysis.safety.depth import inside_states, outside_states

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.analysis.reachability.report import Report
+from holdfast.analysis.reachability.march_report import Report
 
 X, U = hf.symbol("x"), hf.symbol("u")
 SYSTEM = hf.System(
