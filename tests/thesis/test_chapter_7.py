@@ -346,7 +346,7 @@ def test_goal_that_is_held_for_a_minute_goes_on_shrinking(horizon, share):
 @pytest.mark.parametrize(
     ("name", "horizon", "left", "share", "outside"),
     [
-        ("ch7-discriminating", 3, 0.50, 0.31, 0),
+        ("ch7-discriminating", 3, 0.50, 0.32, 0),
         ("ch7-any-current", 3, 0.40, 0.23, 0),
         ("ch7-safety-law", 3, 0.51, 0.36, 2),
         ("ch7-capture-basin", 4, 15.8, 0.46, 0),
