@@ -158,7 +158,7 @@ BAD_FILES = [
     (edited('"abs(hypot(x, y) - distance) <= 0.03"', '"distanc < x"'), r"did you mean 'distance'"),
     (
         edited("u = 5.0", "w = 5.0"),
-        r"tracking: .*gain for 'u' is missing|gain for 'w' is not wanted",
+        r"tracking: .*gain for 'u' is missing|gain for 'w' is not needed",
     ),
     (edited("[tracking]\nu = 5.0\nr = 10.0", ""), r"let the inputs track them"),
     (edited('kind = "closed-loop"', 'kind = "kernel"'), r"scenario\.kind: got 'kernel'"),
@@ -407,14 +407,14 @@ def test_exported_law_is_timed_by_the_compiler_that_is_here(tmp_path):
     answer = holdfast("export-c", "wheeled_camera", "--set", "run.horizon=4", cwd=tmp_path)
     assert answer.returncode == 0
     assert re.search(
-        r"  \d+ ns a call on this machine \(\w+ -O2\), along 4 of its runs", answer.stdout
+        r"  \d+ ns per call on this machine \(\w+ -O2\), along 4 of its runs", answer.stdout
     )
     assert "wheeled_camera_step" in (tmp_path / "wheeled_camera.c").read_text()
     assert "int wheeled_camera_step(" in (tmp_path / "wheeled_camera.h").read_text()
     alone = holdfast("export-c", "wheeled_camera", "--no-timing", "--out", "a.c", cwd=tmp_path)
     assert "  header: a.h" in alone.stdout
     assert (tmp_path / "a.h").read_text() == (tmp_path / "wheeled_camera.h").read_text()
-    assert "ns a call" not in alone.stdout
+    assert "ns per call" not in alone.stdout
     assert (tmp_path / "a.c").read_text() == (tmp_path / "wheeled_camera.c").read_text()
 
 
@@ -445,7 +445,7 @@ def test_law_is_written_where_it_cannot_be_timed(compiler, said, tmp_path):
 def test_law_and_header_are_never_one_file(tmp_path):
     answer = holdfast("export-c", "wheeled_camera", "--no-timing", "--out", "a.h", cwd=tmp_path)
     assert answer.returncode == 2
-    assert "would be one file; write --out a.c" in answer.stderr
+    assert "would be the same file; write --out a.c" in answer.stderr
     assert not list(tmp_path.iterdir())
 
 

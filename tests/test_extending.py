@@ -200,7 +200,60 @@ def gentle(acceleration_limit: float = 0.5) -> Region:
     )
 '''
 
+SYSTEM = '''"""A drifter that only its own speed moves."""
+
+from holdfast.arguments import checked
+from holdfast.maths.definitions.quantity import Quantity, symbol
+from holdfast.maths.definitions.bounds import Box
+from holdfast.maths.definitions.system import System
+
+
+@checked
+def drifter() -> System:
+    """xdot = u, |u| <= 2 m/s."""
+    return System(
+        name="drifter",
+        states=(Quantity("x", "m"),),
+        inputs=(Quantity("u", "m/s"),),
+        rates={"x": symbol("u")},
+        input_bounds=Box((-2,), (2,)),
+        description="a drifter",
+        source="test",
+    )
+'''
+
+EXPERIMENT = """
+[scenario]
+title = "a drifter comes home"
+kind = "closed-loop"
+[system]
+name = "drifter"
+[law]
+name = "back"
+outputs = { u = "-x" }
+[starts]
+random = 5
+box = { x = [-1, 1] }
+[region]
+name = "road"
+constraints = { wall = "x - 3" }
+[goal]
+name = "home"
+constraints = { near = "abs(x) - 0.05" }
+[run]
+horizon = 8
+"""
+
 ADDED = {
+    "a system, law, region or field": {
+        "maths/catalogue/systems/drifter.py": SYSTEM,
+        "maths/catalogue/systems/__init__.py": (
+            "from holdfast.maths.catalogue.systems.marine_vehicle import marine_vehicle\n",
+            "from holdfast.maths.catalogue.systems.drifter import drifter\n"
+            "from holdfast.maths.catalogue.systems.marine_vehicle import marine_vehicle\n",
+        ),
+    },
+    "an experiment": {"scenarios/drift.toml": EXPERIMENT},
     "a finite-difference scheme of kernels": {
         "execution/level_set/schemes/plain.py": SCHEME,
     },
@@ -292,7 +345,8 @@ def package(tmp_path_factory):
                 old, new = text
                 assert old in path.read_text("utf-8")
                 text = path.read_text("utf-8").replace(old, new)
-                text = re.sub(r"ALL = \(\n", "ALL = (\n    gentle,\n", text)
+                added = Path(next(iter(files))).stem
+                text = re.sub(r"ALL = \(\n", f"ALL = (\n    {added},\n", text)
             path.write_text(text, "utf-8")
     return folder
 
@@ -325,6 +379,15 @@ def test_scheme_set_vehicle_and_constraint_are_used(package):
     assert len(said["gentle"]) == 6
     assert said["free"] == pytest.approx(4.5 / 5.4, rel=0.01)
     assert 0.3 < said["filtered"] <= 0.5
+
+
+def test_system_and_experiment_are_used(package):
+    listed = called(package, "-m", "holdfast", "list").stdout
+    assert re.search(r"^system +drifter +a drifter$", listed, re.M)
+    assert re.search(r"^scenario +drift +a drifter comes home$", listed, re.M)
+    done = called(package, "-m", "holdfast", "run", "drift", "--out", "home", "--no-figures")
+    assert done.returncode == 0, done.stderr
+    assert json.loads((package / "home" / "summary.json").read_text())["success_fraction"] == 1.0
 
 
 def test_command_kind_and_figure_are_used(package):

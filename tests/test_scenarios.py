@@ -359,7 +359,7 @@ def test_safeguard_keeps_constraints_of_its_own_beside_those_of_the_region():
         ("inspection", ["safeguard.margins.edge_low='2 m'"], "does not fit"),
         ("inspection", ["safeguard.gains=[1.0, -1.0]"], "safeguard: gains"),
         ("inspection", ["safeguard.constraints.heading='abs(chi) - 1'"], "unknown name 'chi'"),
-        ("inspection", ["tracking="], "let the inputs track its velocities first"),
+        ("inspection", ["tracking="], "let the inputs track them"),
         ("inspection", ["observer.measured=['z']"], "observer: 'z' is not a state"),
         ("inspection", ["observer.bandwidth=0.0"], "bandwidth is 0.0"),
         ("inspection", ["run.delay=0.015"], "delay a whole multiple of sample_time"),

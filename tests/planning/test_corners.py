@@ -109,7 +109,7 @@ def test_6_25_has_the_wrong_sign_before_the_radius_of_the_follower():
     ("arguments", "message"),
     [
         ((1.0, 2.1, 0.2), "the follower may be beside the leader"),
-        ((1.0, 1.2, 0.7), "no circle takes a follower"),
+        ((1.0, 1.2, 0.7), "no circular arc leads a follower"),
         ((0.0, 1.2, 0.2), "distance is 0.0"),
         ((1.0, math.nan, 0.2), "width is nan"),
     ],
@@ -166,7 +166,7 @@ def test_gain_without_off_tracking_puts_all_followers_on_the_leaders_circle():
 
 
 def test_circles_that_are_none_are_refused():
-    with pytest.raises(DefinitionError, match="has no follower 1 m behind"):
+    with pytest.raises(DefinitionError, match="a follower 1 m behind"):
         chain_radii(1.5, 1.0, 3)
     with pytest.raises(DefinitionError, match="at most twice the radius"):
         zero_off_tracking_gain(0.2, 0.4, 1.0)
@@ -222,7 +222,7 @@ def test_corner_that_cannot_be_taken_is_named():
     ):
         corner(planned(narrow, (-2.5, 0), (0.1, -4)), 0, convoy(3), (-2.5, 0, 0))
     fields = planned(CORNER, (-3, 0), (0.6, -4.5))
-    with pytest.raises(DefinitionError, match="the given radius takes the robots"):
+    with pytest.raises(DefinitionError, match="the given radius leads the robots"):
         corner(fields, 0, convoy(), radius=0.3)
     assert corner(fields, 0, convoy(), radius=0.8).radius == 0.8
 

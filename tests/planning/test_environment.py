@@ -82,7 +82,7 @@ def test_shortest_way_around_a_ring_is_taken():
         ),
         (
             {"a": box(0, 0, 2, 4), "b": box(2, 0, 4, 2), "c": box(2, 2, 4, 6)},
-            r"the face of cell 'a' from \(2, 0\) to \(2, 4\) opens to cells that end there and to one",
+            r"the face of cell 'a' from \(2, 0\) to \(2, 4\) borders on cells that end there and on one",
         ),
     ],
 )  # fmt: skip

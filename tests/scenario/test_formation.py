@@ -240,7 +240,7 @@ def test_random_corridors_that_are_planned_are_passed():
     """Six of the 200 of the benchmark: refused with the corner, or kept all the way."""
     generator = np.random.default_rng(3)
     found = [judged(corridor_of(generator, 4))[0] for _ in range(6)]
-    assert set(found) <= {"kept", "no radius takes the robots around"}
+    assert set(found) <= {"kept", "no radius leads the robots around"}
     assert found.count("kept") >= 3
 
 
@@ -251,6 +251,6 @@ def test_every_random_corridor_that_is_planned_is_passed():
     found = [judged(corridor_of(generator, 4)) for _ in range(200)]
     said = [outcome for outcome, _ in found]
     assert said.count("kept") == 174
-    assert said.count("no radius takes the robots around") == 26
+    assert said.count("no radius leads the robots around") == 26
     worst_of_all = np.max([constraints for _, constraints in found if constraints is not None], 0)
     assert worst_of_all[0] == pytest.approx(-0.383, abs=2e-3), "bearing within the side of the view"

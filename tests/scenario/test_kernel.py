@@ -105,7 +105,7 @@ def test_options_that_are_none_are_refused(cart):
         ("system.promote={x=[0]}", "expected [lowest, highest]"),
         ("system.keep=['x']", "depends on 'v'"),
         ("system.disturb={v=[-1, 1]}", "'disturb' without 'promote'"),
-        ("scenario.kind=invariance-kernel", "promises nothing to a law"),
+        ("scenario.kind=invariance-kernel", "has no closed-loop promise"),
         ("tracking.a=1", "there is no [law]"),
         ("promise.sample_time=-1", "promise: sample_time -1 s"),
     ],
@@ -157,7 +157,7 @@ horizon = 20
         ScenarioError, match="safety: the optimal inputs without a law have no margin"
     ):
         load_scenario(str(path), ["run.delay=0.1", "safety.alone=true"]).run()
-    with pytest.raises(ScenarioError, match="computes no kernel"):
+    with pytest.raises(ScenarioError, match="does not compute a kernel"):
         load_scenario(str(path), ["safety.kernel=inspection"]).run()
     with pytest.raises(ScenarioError, match="leave one of them out"):
         load_scenario(str(path), ["safeguard.gains=[1, 2]"])

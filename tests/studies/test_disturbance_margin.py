@@ -244,14 +244,16 @@ def test_interval_grows_while_everything_holds():
 @pytest.mark.parametrize(
     ("name", "options", "complaint"),
     [
-        ("inspection", {}, "'inspection' computes no kernel"),
-        ("ch7-capture-basin", {}, "'ch7-capture-basin' computes no kernel"),
+        ("inspection", {}, "'inspection' does not compute a kernel"),
+        ("ch7-capture-basin", {}, "'ch7-capture-basin' does not compute a kernel"),
         ("ch7-any-current", {"of": "system.curent_limit"}, "did you mean 'current.speed'|did you"),
         ("ch7-any-current", {"of": "system.name"}, "system.name: 'marine_vehicle' is not a number"),
         ("ch7-any-current", {"of": "march.forever", "overrides": ["march.forever=true"]}, "True is not a number"),
         ("ch7-any-current", {"of": "grid.box"}, "is not a number"),
         ("ch7-any-current", {"between": (0.3, 0.1)}, "between 0.3 and 0.1; expected LOW < HIGH"),
         ("ch7-any-current", {"of": "promise.runs", "between": (1, 12)}, "promise.runs: no kernel depends on it"),
+        ("ch7-any-current", {"overrides": ["promise.runs=5"]}, "promise.runs=5: no kernel depends on it"),
+        ("ch7-any-current", {"overrides": ["law.outputs.u=0.2"]}, "law.outputs.u=0.2: no kernel depends on it"),
         ("ch7-hold-goal", {"of": "system.thrust_limit"}, "nothing depends on 'thrust_limit'"),
         ("ch7-hold-goal", {"overrides": ["system.thrust_limit=1"]}, "nothing depends on 'thrust_limit'"),
         ("ch7-any-current", {"tolerance": 0.0}, "the tolerance is 0; expected above 0"),

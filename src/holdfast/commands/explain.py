@@ -1,4 +1,4 @@
-"""`holdfast explain`: from the constraint of a system to its law."""
+"""`holdfast explain`: the derivation from the constraint of a system to its law."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _a_number(context: click.Context, parameter: click.Parameter, value: float) 
 @click.command("explain")
 @click.argument("system")
 @click.option(
-    "--moment", metavar="P1,P2,...", help="The moment p, where the system leaves a choice."
+    "--moment", metavar="P1,P2,...", help="The moment p, if the system leaves a choice of it."
 )
 @click.option(
     "--set",
@@ -34,7 +34,7 @@ def _a_number(context: click.Context, parameter: click.Parameter, value: float) 
     callback=_a_number,
     default=60.0,
     show_default=True,
-    help="Seconds the derivation may take.",
+    help="Time limit of the derivation, in seconds.",
 )
 @click.option("--latex", is_flag=True, help="Print a LaTeX document instead of text.")
 @click.option(
@@ -50,7 +50,7 @@ def command(
     latex: bool,
     markdown: Path | None,
 ) -> None:
-    """Derive what the constraint of SYSTEM says, up to its steering law where there is one.
+    """Derive the consequences of the constraint of SYSTEM, and its steering law where there is one.
 
     SYSTEM is a system of the catalogue, a scenario, or a TOML file with a table [system]: rates
     with or without Pfaffian rows, or the rows alone.

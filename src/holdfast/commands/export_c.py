@@ -1,4 +1,4 @@
-"""`holdfast export-c`: a law as C99."""
+"""`holdfast export-c`: a law written as C99."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ if TYPE_CHECKING:
 @click.option(
     "--timing/--no-timing",
     default=True,
-    help="Compile it here and time it along runs of the scenario.",
+    help="Compile the file here and time it along runs of the scenario.",
     show_default=True,
 )
 def command(scenario: str, overrides: tuple[str, ...], out: Path | None, timing: bool) -> None:
     """Write the law of SCENARIO as one file of C99, and its header for C and C++.
 
-    No allocation, no library but libm; with the modes of the law, what it remembers, the program
-    of a safeguard, the table of a kernel, and the limits of the actuators. The comments of the file
-    say what every number is. Every name begins with that of the scenario, so that several laws can
-    be in one program.
+    The file allocates no memory and needs no library but libm. It contains the modes and the memory
+    of the law, the optimization of a safeguard, the table of a kernel, and the limits of the
+    actuators; its comments explain every number. Every name begins with that of the scenario, so
+    that one program can contain several laws.
     """
     from holdfast.execution.codegen.c_source import export_c, export_c_header
     from holdfast.host.output import make_folder, write_text
@@ -50,7 +50,7 @@ def command(scenario: str, overrides: tuple[str, ...], out: Path | None, timing:
     header = path.with_suffix(".h")
     if header == path:
         raise ScenarioError(
-            f"--out {path}: the law and its header would be one file",
+            f"--out {path}: the law and its header would be the same file",
             remedy=f"write --out {path.with_suffix('.c')}",
         )
     check_writable(path.parent)
@@ -61,7 +61,9 @@ def command(scenario: str, overrides: tuple[str, ...], out: Path | None, timing:
         make_folder(path.parent)
         write_text(path, text)
         write_text(header, declared)
-    click.echo(f"written: {path} ({len(text.splitlines())} lines); its comments say what is what")
+    click.echo(
+        f"written: {path} ({len(text.splitlines())} lines); its comments explain every number"
+    )
     click.echo(f"  header: {header}")
     if timing:
         click.echo(_timed(loaded, text))
@@ -71,7 +73,7 @@ TIMED_RUNS = 4
 
 
 def _timed(scenario: Scenario, text: str) -> str:
-    """The nanoseconds of a call, or why they are not known: the file is written in any case."""
+    """The nanoseconds of a call, or the reason why they were not measured."""
     from holdfast.errors import HoldfastError
     from holdfast.execution.codegen.c_timing import time_law
 
@@ -84,6 +86,6 @@ def _timed(scenario: Scenario, text: str) -> str:
     except HoldfastError as error:
         return f"  not timed: {error}"
     return (
-        f"  {found.nanoseconds:.0f} ns a call on this machine ({found.compiler}), along {runs} "
+        f"  {found.nanoseconds:.0f} ns per call on this machine ({found.compiler}), along {runs} "
         "of its runs"
     )

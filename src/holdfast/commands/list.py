@@ -1,4 +1,4 @@
-"""`holdfast list`: all that there is, one line each."""
+"""`holdfast list`: the entries of the catalogue and the scenarios, one line each."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import click
 
 @click.command("list")
 def command() -> None:
-    """List the systems, laws, regions, vehicles and scenarios, one line each."""
+    """List the systems, laws, regions, fields, vehicles and scenarios, one line each."""
     from holdfast.studies.catalogue import catalogue_lines
 
     for line in catalogue_lines():

@@ -14,7 +14,7 @@ import click
 
 from holdfast._version import __version__
 from holdfast.commands.options import ANSWERED, BAD_INPUT, NOT_ANSWERED
-from holdfast.errors import GainWarning, HoldfastError
+from holdfast.errors import GainWarning, HoldfastError, suggestion
 from holdfast.host.interruption import INTERRUPTED, SAID, end, listening
 from holdfast.host.streams import forgiving
 
@@ -31,6 +31,14 @@ class Commands(click.Group):
         if "." in name or "_" in name or find_spec(module) is None:
             return None
         return getattr(import_module(module), "command", None)
+
+    def resolve_command(
+        self, context: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if self.get_command(context, args[0]) is None and not args[0].startswith("-"):
+            help_ = suggestion(args[0], self.list_commands(context))
+            context.fail(f"No such command '{args[0]}'; {help_}")
+        return super().resolve_command(context, args)
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})

@@ -1,4 +1,4 @@
-"""`holdfast margin`: the largest disturbance that a kernel stands."""
+"""`holdfast margin`: the largest disturbance for which a kernel is not empty."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from holdfast.studies.progress import bar
     default="current.speed",
     show_default=True,
     metavar="KEY",
-    help="Which number: a key such as system.current_limit, or the speed of the current.",
+    help="The number to vary: a key such as system.current_limit, or the speed of the current.",
 )
 @click.option(
     "--between",
     type=(float, float),
     metavar="LOW HIGH",
-    help="Where the limit is looked for [default: 0 and twice the scenario's own, and further].",
+    help="The interval to search [default: from 0 to twice the scenario's value, then further].",
 )
 @click.option(
-    "--tolerance", type=float, help="How close it is enclosed [default: a hundredth of HIGH]."
+    "--tolerance", type=float, help="Width of the final interval [default: a hundredth of HIGH]."
 )
 @click.option(
     "--keep",
     multiple=True,
     metavar="STATE",
-    help="A state that the kernel has to contain, such as x=-0.8,psi=0 (repeatable).",
+    help="A state that the kernel must contain, such as x=-0.8,psi=0 (repeatable).",
 )
 @file_options
 def command(
@@ -49,10 +49,10 @@ def command(
     overrides: tuple[str, ...],
     no_figures: bool,
 ) -> None:
-    """Find how large a disturbance the kernel of SCENARIO stands: until when it is not empty.
+    """Find the largest disturbance for which the kernel of SCENARIO is not empty.
 
-    With --keep: until when it contains these states. A kernel is one for the horizon of the
-    scenario, or with march.forever = true the set that lasts.
+    With --keep: for which it contains these states. The kernel is that of the horizon of the
+    scenario, or with march.forever = true the infinite-horizon kernel.
     """
     from holdfast.presentation.studies.margin import margin_text
     from holdfast.scenario.files import scenario_title

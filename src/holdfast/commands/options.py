@@ -1,4 +1,4 @@
-"""What several commands take: --set, --out, --runs, --seed; and how they end."""
+"""Options of several commands (--set, --out, --runs, --seed), and the exit statuses."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ set_option = click.option(
 
 
 def file_options(command: Callable[..., None]) -> Callable[..., None]:
-    """What every command that reads a scenario and writes files takes."""
+    """Add the options of a command that reads a scenario and writes files."""
     for option in (
         click.option("--no-figures", is_flag=True, help="Write the data only."),
         set_option,
@@ -58,11 +58,11 @@ def file_options(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def simulation_options(command: Callable[..., None]) -> Callable[..., None]:
-    """What every command that simulates takes."""
+    """Add the options of a command that simulates."""
     for option in (
         click.option("--seed", type=WHOLE, help="Seed of every random number."),
         click.option(
-            "--runs", type=WHOLE, help="How many starts: the given states, then random ones."
+            "--runs", type=WHOLE, help="Number of starts: the given states, then random ones."
         ),
         file_options,
     ):

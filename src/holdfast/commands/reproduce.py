@@ -1,4 +1,4 @@
-"""`holdfast reproduce`: the claims of the thesis, run and judged."""
+"""`holdfast reproduce`: the claims of the thesis, computed and judged."""
 
 from __future__ import annotations
 
@@ -14,22 +14,24 @@ from holdfast.studies.progress import bar
 
 @click.command("reproduce")
 @click.option("--chapter", "chapters", type=WHOLE, multiple=True, help="A chapter (repeatable).")
-@click.option("--quick", is_flag=True, help="Of every chapter what takes seconds.")
+@click.option("--quick", is_flag=True, help="Only the claims that take seconds.")
 @click.option(
-    "--workers", type=click.IntRange(min=1), help="How many processes [default: one a core]."
+    "--workers",
+    type=click.IntRange(min=1),
+    help="Number of processes [default: one for each core].",
 )
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
     default=Path("runs") / "thesis",
     show_default=True,
-    help="Folder for the report; what is there already is not run again.",
+    help="Folder for the report; claims that are judged there are not computed again.",
 )
 def command(chapters: tuple[int, ...], quick: bool, workers: int | None, out: Path) -> None:
-    """Run what the thesis claims, and write a report: does it hold?
+    """Compute the claims of the thesis and write a report: which of them hold?
 
-    Every claim has a recorded verdict and number; exit status 1 says that one of them differs.
-    Interrupted, it goes on where it was.
+    Every claim has a recorded verdict and number. The exit status is 1 if one of them differs. An
+    interrupted reproduction resumes when it is repeated.
     """
     from holdfast.studies.thesis.reproduce import CHAPTERS, reproduce
 
@@ -42,5 +44,5 @@ def command(chapters: tuple[int, ...], quick: bool, workers: int | None, out: Pa
     click.echo(report_text(judged))
     click.echo(f"  report: {report}")
     if any(j.problems for j in judged):
-        click.echo("holdfast: not all verdicts and numbers are those recorded", err=True)
+        click.echo("holdfast: some verdicts or numbers differ from the recorded ones", err=True)
         sys.exit(NOT_ANSWERED)

@@ -1,4 +1,4 @@
-"""`holdfast show`: the equations of one entry, the text of a scenario."""
+"""`holdfast show`: the equations of one catalogue entry, or the text of a scenario."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ from holdfast.host.output import check_writable, make_folder
     help="Also write the figure of a field, its flow lines, to this folder.",
 )
 def command(name: str, overrides: tuple[str, ...], out: Path | None) -> None:
-    """Show what NAME is: equations, parameters with units, source; of a field what is known."""
+    """Show the equations, the parameters with units and the source of NAME.
+
+    For a field, its known facts are shown too; for a scenario, its text.
+    """
     from holdfast.studies.catalogue import describe
 
     if out is not None:
@@ -38,7 +41,7 @@ def command(name: str, overrides: tuple[str, ...], out: Path | None) -> None:
         field = load_field(name, overrides)
     from holdfast.studies.progress import bounded
 
-    with bounded(f"showing '{name}'", 60.0, "ask for less: fewer dimensions, simpler values"):
+    with bounded(f"showing '{name}'", 60.0, "use fewer dimensions or simpler values"):
         text = describe(name, overrides)
     click.echo(text)
     if out is not None:

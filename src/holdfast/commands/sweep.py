@@ -19,23 +19,25 @@ from holdfast.studies.progress import bar
     "--over",
     multiple=True,
     metavar="KEY=LOW:HIGH:COUNT",
-    help="Over which values of which number (repeatable); also KEY=LOW:HIGH:COUNT:log and "
-    "KEY=VALUE,VALUE. KEY may be the last part of one, such as k1, or current.speed.",
+    help="The values of a number (repeatable); also KEY=LOW:HIGH:COUNT:log and "
+    "KEY=VALUE,VALUE. KEY may be the last part of a key, such as k1, or current.speed.",
 )
 @click.option(
     "--latin",
     type=WHOLE,
     metavar="CELLS",
-    help="A Latin hypercube of so many cells, with --over KEY=LOW:HIGH.",
+    help="Number of cells of a Latin hypercube, with --over KEY=LOW:HIGH.",
 )
 @click.option("--show", metavar="VARIABLE", help="The variable of the table that the figure shows.")
 @click.option(
-    "--workers", type=click.IntRange(min=1), help="How many processes [default: one a core]."
+    "--workers",
+    type=click.IntRange(min=1),
+    help="Number of processes [default: one for each core].",
 )
 @click.option(
     "--cluster",
     metavar="ADDRESS",
-    help="Compute on the Dask cluster whose scheduler is there, such as tcp://host:8786.",
+    help="Address of the scheduler of a Dask cluster to use, such as tcp://host:8786.",
 )
 @simulation_options
 def command(
@@ -51,10 +53,10 @@ def command(
     seed: int | None,
     no_figures: bool,
 ) -> None:
-    """Run SCENARIO in every cell of a grid over its numbers, and count what becomes of the runs.
+    """Run SCENARIO in every cell of a grid over its numbers, and count the outcomes of the runs.
 
-    The table is sweep.nc, its heat map sweep.png. Killed or interrupted, it goes on where it was;
-    exit status 1 says that some cells were refused.
+    The table is sweep.nc, its heat map sweep.png. An interrupted sweep resumes when it is repeated.
+    The exit status is 1 if cells were refused.
     """
     from holdfast.presentation.studies.sweep import campaign_text
     from holdfast.scenario.files import scenario_title
@@ -88,5 +90,6 @@ def command(
     files = write_campaign(found, folder, show, figures=not no_figures)
     click.echo(campaign_text(found, show, files))
     if found.refused:
-        click.echo(f"holdfast: {found.refused} cells were refused", err=True)
+        refused = "1 cell was" if found.refused == 1 else f"{found.refused:,} cells were"
+        click.echo(f"holdfast: {refused} refused", err=True)
         sys.exit(NOT_ANSWERED)

@@ -1,4 +1,4 @@
-"""Where results are written: folders checked before the work, files that appear whole."""
+"""Folders of results, checked before the work, and files that appear whole."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from holdfast.host.writing import atomic_file
 
 
 class Saves(Protocol):
-    """What writes itself to a file."""
+    """An object that writes itself to a file."""
 
     def save(self, path: Path) -> Path: ...
 
@@ -51,7 +51,7 @@ def saved(result: Saves, path: Path) -> Path:
             result.save(spare)
         except OutputError:
             raise error from None
-        raise OutputError(error.cause, remedy=f"what was computed is in {spare}") from None
+        raise OutputError(error.cause, remedy=f"the results are in {spare}") from None
 
 
 def write_summary(path: Path, said: dict[str, Any]) -> Path:

@@ -75,9 +75,9 @@ def closed_expressions(
     """
     program = controller_program(system, law)
     program.check_function_of_state()
-    asked = [sp.sympify(e) for e in program.commands(*program.modes)]
-    bounds = system.input_bounds
-    inputs = list(bounds.saturate(asked)) if bounds else asked
+    asked = dict(zip(program.inputs, program.commands(*program.modes), strict=True))
+    actuators = [sp.sympify(e).xreplace(asked) for e in program.actuation()]
+    inputs = system.produced(actuators)
     fed = dict(zip(program.inputs, inputs, strict=True))
     rates = [sp.sympify(e).xreplace(fed) for e in system.rates.values()]
     return rates, inputs, program.parameters

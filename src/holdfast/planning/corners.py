@@ -163,11 +163,11 @@ def _corner(
         best = int(np.argmax(worst))
         given = "the given radius" if radius is not None else "no radius"
         raise DefinitionError(
-            f"{given} takes the robots around the corner from cell '{leg.cell.name}' to cell "
-            f"'{following.cell.name}' at {shown(leg.exit.middle)}: on {radii[best]:.3g} m one of "
-            f"them goes {-worst[best]:.2g} m into a wall"
+            f"{given} leads the robots around the corner from cell '{leg.cell.name}' to cell "
+            f"'{following.cell.name}' at {shown(leg.exit.middle)}: with {radii[best]:.3g} m one of "
+            f"them is {-worst[best]:.2g} m inside a wall"
             if np.isfinite(worst[best])
-            else f"{given} takes the leader from cell '{leg.cell.name}' to cell "
+            else f"{given} leads the leader from cell '{leg.cell.name}' to cell "
             f"'{following.cell.name}' at {shown(leg.exit.middle)}: its arc does not end",
             remedy="take a smaller distance, fewer followers or other gains, or widen the cells",
         )
@@ -196,7 +196,7 @@ def _tangents(
     found = turning_radii(convoy.distance, width, depth, fields.route.environment.robot_radius)
     if found.empty and radius is None:
         raise DefinitionError(
-            f"no radius takes the robots around the corner from cell '{leg.cell.name}' to cell "
+            f"no radius leads the robots around the corner from cell '{leg.cell.name}' to cell "
             f"'{following.cell.name}' at {shown(leg.exit.middle)}: at least {found.low:.3g} m for "
             f"the follower, at most {found.high:.3g} m for the leader",
             remedy="take the rule 'arc', a smaller distance, or a wider cell",

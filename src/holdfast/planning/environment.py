@@ -232,8 +232,8 @@ def _offsets(cells: tuple[Cell, ...], touching: list[_Contact], radius: float) -
         if len(values) > 1:
             a, b = cells[i].side(k)
             raise DefinitionError(
-                f"the face of cell '{cells[i].name}' from {shown(a)} to {shown(b)} opens to cells "
-                "that end there and to one that does not",
+                f"the face of cell '{cells[i].name}' from {shown(a)} to {shown(b)} borders on "
+                "cells that end there and on one that does not",
                 remedy="split the cell there",
             )
     return [

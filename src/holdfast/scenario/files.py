@@ -1,4 +1,4 @@
-"""Where the tables of a scenario come from: a shipped file or one of the user's, with overrides."""
+"""The tables of a scenario: read from a shipped file or one of the user's, with overrides."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ def named_kernel(
     file, text, own = read_tables(name)
     if not is_kernel(file, own):
         raise ScenarioError(
-            f"'{name}' computes no kernel", expected="one of " + ", ".join(PROBLEMS)
+            f"'{name}' does not compute a kernel", expected="one of " + ", ".join(PROBLEMS)
         )
     data = merged(merged(own, {"system": dict(system or {})}), changes)
     if data != own:

@@ -68,7 +68,8 @@ def describe(name: str, overrides: Sequence[str] = ()) -> str:
 
 def _entry(kind: str, function: Callable[..., Any], entry: Any) -> list[str]:
     lines = [f"{kind} {function.__name__}", f"  {entry.description}", f"  source: {entry.source}"]
-    lines += ["", *("  " + x if x else "" for x in inspect.getdoc(function).splitlines()[1:])]  # type: ignore[union-attr]
+    text = (inspect.getdoc(function) or "").partition("\n")[2].strip("\n")
+    lines += ["", *("  " + x if x else "" for x in text.splitlines())] if text else []
     if isinstance(entry, System):
         lines += _system(entry)
     elif isinstance(entry, Law):

@@ -24,7 +24,7 @@ from holdfast.studies.scenario_parameter import CURRENT, Knob, check_number, fin
 
 KERNELS = ("viability-kernel", "discriminating-kernel", "invariance-kernel")
 UNUSED_TABLES = ("promise", "law")
-"""The table of the closed-loop validation, which a search leaves out."""
+"""The tables of the closed-loop validation, which a search does not use."""
 
 UNUSED = ("checkpoint", "estimate_error", "check_outside")
 """Keys of [march] for a single march, which a search of many does not use."""
@@ -59,13 +59,14 @@ def disturbance_margin(
     bound (warm start; `solve.solve`). A finite-horizon kernel cannot be found that way, and schemes
     of higher order may converge above the kernel: they begin with the region.
 
-    Raises `ScenarioError` for a scenario that is not a kernel and a key that is not a number.
+    Raises `ScenarioError` for a scenario that is not a kernel, a key that is not a number, an
+    override or a number that nothing depends on, and an invalid interval or tolerance.
     """
     changes = list(overrides)
     file, text, data = read_tables(scenario, changes)
     if not is_kernel(file, data) or data["scenario"]["kind"] not in KERNELS:
         raise ScenarioError(
-            f"'{scenario}' computes no kernel", expected="a scenario that is one of "
+            f"'{scenario}' does not compute a kernel", expected="a scenario that is one of "
             + ", ".join(KERNELS),
         )  # fmt: skip
     own = composed_kernel(file, text, data)
@@ -76,21 +77,19 @@ def disturbance_margin(
                 remedy=f"remove it with --set march.{name}=",
             )
     knob = find_knob(own, data, of)
-    if knob.key.partition(".")[0] in UNUSED_TABLES:
-        raise ScenarioError(
-            f"{file}: {knob.key}: no kernel depends on it",
-            expected="a number of the system, the region, the disturbance, the grid or the march",
-        )
+    _check_used(file, knob.key)
     value = check_number(own, data, knob)
 
-    def of_changes(changes: Sequence[str]) -> list[KernelScenario]:
-        file, text, data = read_tables(scenario, changes)
-        used = {name: table for name, table in data.items() if name not in UNUSED_TABLES}
-        return [composed_kernel(file, text, used)]
+    def of_changes(some: Sequence[str]) -> list[KernelScenario]:
+        shown, its_text, tables = read_tables(scenario, some)
+        used = {name: table for name, table in tables.items() if name not in UNUSED_TABLES}
+        return [composed_kernel(shown, its_text, used)]
 
     def composed(value: float) -> KernelScenario:
         return of_changes([*changes, *knob.settings(value)])[0]
 
+    for change in changes:
+        _check_used(file, change)
     check_overrides(changes, [own], lambda s: [composed_kernel(*read_tables(scenario, s))])
     check_overrides(knob.settings(value), [composed(value)], lambda s: of_changes([*changes, *s]))
     low, high = _interval(knob, value, between)
@@ -178,6 +177,15 @@ class _Trials:
         )
 
 
+def _check_used(file: str, key: str) -> None:
+    """Refuse a key of a table that the search does not use."""
+    if key.partition(".")[0].strip() in UNUSED_TABLES:
+        raise ScenarioError(
+            f"{file}: {key}: no kernel depends on it",
+            expected="a number of the system, the region, the disturbance, the grid or the march",
+        )
+
+
 def _interval(knob: Knob, own: float, between: tuple[float, float] | None) -> tuple[float, float]:
     if between is None:
         if not own > 0:
@@ -216,7 +224,7 @@ def _kept(own: KernelScenario, keep: Sequence[Mapping[str, Any] | Region]) -> Ke
     kept = Kept(own.grid, states, regions)
     if regions and kept.lost(begun):
         raise ScenarioError(
-            f"keep: a region is not within region '{own.about.name}'",
+            f"--keep: a region is not within region '{own.about.name}'",
             expected="one that the kernel could contain",
         )
     return kept

@@ -137,7 +137,7 @@ def test_checkpoint_of_another_problem_is_refused(other, complaint, tmp_path):
     path = tmp_path / "a.checkpoint"
     given = {"system": CART, "region": WALLS, "grid": GRID, "horizon": 1.0, "checkpoint": path}
     hf.viability_kernel(**given)
-    with pytest.raises(SimulationError, match=f"is of another problem: {complaint}"):
+    with pytest.raises(SimulationError, match=f"belongs to another problem: {complaint}"):
         hf.viability_kernel(**given | other)
 
 

@@ -65,6 +65,20 @@ def test_other_attributes_are_kept_and_missing_ones_have_defaults(value):
     assert asdict(other.reported(title="new").report)["title"] == "new"
 
 
+def test_none_removes_an_entry(value):
+    assert value.report.error_cells is not None
+    assert value.reported(error_cells=None).report.error_cells is None
+    assert value.report.error_cells is not None
+
+
+def test_truth_of_an_array_is_written(value, tmp_path):
+    """A condition of the caller may answer with NumPy's truth value, which NetCDF refuses."""
+    grid = hf.grid(SYSTEM, {"x": (-4, 4)}, 201, {"x": "extrapolated"})
+    found = hf.backward_reachable_tube(SYSTEM, ROOM, grid, 1.0, until=lambda v: np.bool_(True))
+    assert found.report.ended_early == True  # noqa: E712
+    assert hf.load(found.save(tmp_path / "v.nc")).report.ended_early is True
+
+
 def test_nan_and_infinite_entries_are_read_back(value, tmp_path):
     found = hf.load(value.reported(cell=np.inf, cfl=np.nan).save(tmp_path / "v.nc")).report
     assert found.cell == np.inf

@@ -81,7 +81,7 @@ def test_nodes_that_are_no_whole_numbers(nodes):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ((None, BOX, 11), "None for a system; expected a System"),
+        ((None, BOX, 11), "got None; expected a System"),
         ((CART, 3, 11), 'box: 3; expected a table by name, such as {"x": (0, 1)}'),
         ((CART, None, 11), "box: None; expected a table by name"),
         ((CART, {"x": (0, 1)}, 11), "the grid has no interval for 'v'"),
@@ -120,7 +120,7 @@ def test_grid_that_does_not_contain_the_region():
     small = hf.grid(CART, BOX | {"x": (-0.8, 1.3)}, 21)
     message = (
         "the grid cuts off region 'walls' at x = -0.8; expected a grid that contains the region; "
-        'widen it, or say ends = {"x": "limited"}'
+        'widen it, or give ends = {"x": "limited"}'
     )
     refused(message, lambda: kernel(grid=small))
 
@@ -158,7 +158,7 @@ def test_inputs_without_bounds():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"grid": 3}, "3 for a grid; make one: hf.grid(system, box, nodes)"),
+        ({"grid": 3}, "got 3; expected a Grid; make one: hf.grid(system, box, nodes)"),
         ({"start_time": "a"}, "start_time is 'a'; expected a finite number of seconds"),
         ({"start_time": math.nan}, "start_time is nan; expected a finite number of seconds"),
         ({"times": 0.05}, "times: 0.05; expected a list of times"),
@@ -182,9 +182,7 @@ def test_problems_that_are_none(options, message):
 
 def test_regions_and_disturbances_that_are_none():
     grid = hf.grid(CART, BOX, 21)
-    refused(
-        "None for a region; expected a Region", lambda: hf.viability_kernel(CART, None, grid, 1)
-    )
+    refused("got None; expected a Region", lambda: hf.viability_kernel(CART, None, grid, 1))
     pushed = hf.System(
         "pushed", STATES, CART.inputs, {"x": V, "v": U + D}, disturbances=(hf.Quantity("d", "1"),),
         input_bounds=CART.input_bounds, disturbance_bounds=hf.Box((-1,), (1,)),

@@ -83,7 +83,7 @@ def test_values_at_times_shrink(found):
         SimulationError, match=r"no value at 0\.3 s; expected one of 0\.25, 0\.5, 1"
     ):
         several.values(0.3)
-    with pytest.raises(SimulationError, match="has its last time only"):
+    with pytest.raises(SimulationError, match="is stored at its last time only"):
         found.values(0.5)
 
 
@@ -224,7 +224,9 @@ def test_a_state_with_the_name_of_a_variable_of_the_file_is_refused(name):
 
 def test_grids_of_another_system_and_margins_that_are_no_numbers_are_refused():
     one = hf.System("one", CART.states[:1], CART.inputs, {"x": U}, input_bounds=CART.input_bounds)
-    with pytest.raises(SimulationError, match="the grid is one of another system: x; expected the"):
+    with pytest.raises(
+        SimulationError, match="the grid belongs to another system, with the states x; expected the"
+    ):
         hf.viability_kernel(CART, WALLS, hf.grid(one, {"x": (-2, 2)}, 21), 1.0)
     root = hf.Region("root", CART.states[:1], (hf.Inequality("c", sp.sqrt(X) - 1, "m"),))
     with pytest.raises(SimulationError, match="are NaN at some nodes"):
@@ -232,7 +234,7 @@ def test_grids_of_another_system_and_margins_that_are_no_numbers_are_refused():
 
 
 def test_problems_that_are_another_are_refused():
-    with pytest.raises(SimulationError, match="nothing disturbs the system"):
+    with pytest.raises(SimulationError, match="the system has no disturbances"):
         hf.discriminating_kernel(CART, WALLS, cart_grid(), 1.0)
     drifting = hf.systems.drifting_unicycle()
     box = dict.fromkeys(drifting.state_names, (-4, 4)) | {"psi": (-math.pi, math.pi)}

@@ -293,7 +293,7 @@ def test_what_was_computed_is_kept_elsewhere_where_its_folder_is_full(
     from holdfast.host.output import saved as _saved
 
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    with pytest.raises(OutputError, match="what was computed is in") as caught:
+    with pytest.raises(OutputError, match="the results are in") as caught:
         _saved(result, tmp_path / "nowhere" / "result.nc")
     kept = str(caught.value).rpartition(" ")[2]
     assert hf.load(kept).outcomes == result.outcomes

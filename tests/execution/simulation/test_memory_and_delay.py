@@ -230,7 +230,7 @@ def test_delays_that_cannot_be_are_refused(settings, complaint):
 
 
 def test_memory_has_no_place_in_continuous_control():
-    with pytest.raises(SimulationError, match="the law remembers, and the control is continuous"):
+    with pytest.raises(SimulationError, match="a law with memory needs sampled control"):
         run(MOVER, remembering(), [0.9], continuous=True)
 
 
@@ -264,7 +264,9 @@ def test_what_the_system_has_is_not_remembered_under_the_same_name(name):
     memory = hf.Memory((hf.Quantity(name),), {name: 0}, {name: 1}, reads=())
     law = hf.Law("go", STATE, {"a": -X})
     switching = hf.Switching("go", {"go": law}, memory=memory)
-    with pytest.raises(DefinitionError, match=f"'{name}' of system 'mover' is remembered too"):
+    with pytest.raises(
+        DefinitionError, match=f"'{name}' is both a quantity of system 'mover' and in"
+    ):
         run(MOVER, switching, [0.9])
 
 

@@ -456,7 +456,7 @@ def test_field_is_the_same_for_a_current_and_its_opposite_off_vx_zero():
 def test_field_without_a_current_is_refused():
     for zero in (0, 0.0, -0.0):
         with pytest.raises(
-            DefinitionError, match="the current is zero; without a current, dipole_like"
+            DefinitionError, match="the current is zero; use dipole_like without a current"
         ):
             hf.fields.dipole_in_current(current_x=zero, current_y=zero)
     with pytest.raises(DefinitionError, match="expected finite numbers"):

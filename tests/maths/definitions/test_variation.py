@@ -481,7 +481,7 @@ def test_disturbance_that_varies_in_time_is_checked_in_every_run():
 def test_law_that_reads_neither_state_nor_disturbance_is_refused():
     z = hf.Quantity("z", "m")
     with pytest.raises(
-        DefinitionError, match=r"reads 'z', which is not a state .* nor a disturbance"
+        DefinitionError, match=r"reads 'z', which is neither a state nor a disturbance"
     ):
         run(law=hf.Law("stranger", (z,), {"u": z.symbol}))
 

@@ -165,7 +165,7 @@ def test_samples_that_cannot_be_used_are_refused():
     both = system((sp.cos(H + D), Y), ("h",), TURN, ("d",), UNIT)
     with pytest.raises(
         DefinitionError,
-        match="21 points of the inputs times 21 of the disturbances are 441; expected at most 400",
+        match="21 points of the inputs times 21 points of the disturbances make 441 pairs; expected at most 400",
     ):
         hf.hamiltonian(both, samples=21)
     free = system((sp.cos(H), Y), ("h",), hf.Box((-sp.oo,), (sp.oo,)))

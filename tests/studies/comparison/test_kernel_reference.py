@@ -267,7 +267,7 @@ def test_start_beyond_the_grid_is_neither_kept_nor_given_up():
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
-        ("compare.kernel=inspection", "computes no kernel"),
+        ("compare.kernel=inspection", "does not compute a kernel"),
         ("compare.kernel=value.nc", "is a viability-kernel or a discriminating-kernel"),
         ("compare.margin=-1", "at least 0"),
         ("compare.margin=2 s", "the unit 's' does not fit"),

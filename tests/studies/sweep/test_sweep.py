@@ -313,7 +313,7 @@ def test_cells_that_are_refused_are_in_the_table_with_the_reason(cart, here, tmp
     assert found.dataset["runs"].values.tolist() == [32, 32, 0]
     answer = holdfast("sweep", cart, "--over", "run.delay=0,0.05,0.07", "--out", str(tmp_path))
     assert answer.returncode == 1
-    assert "1 cells refused" in answer.stdout
+    assert "1 cell refused" in answer.stdout
     assert (tmp_path / "sweep.png").exists()
 
 

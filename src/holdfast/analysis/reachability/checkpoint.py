@@ -95,7 +95,7 @@ class Checkpoint:
         shown = f", {two[0]} there and {two[1]} here" if len("".join(two)) <= SHOWN else ""
         more = f" (and {', '.join(unlike[1:])})" if unlike[1:] else ""
         raise SimulationError(
-            f"the checkpoint {self.path} is of another problem: {name} differs{shown}{more}",
+            f"the checkpoint {self.path} belongs to another problem: {name} differs{shown}{more}",
             remedy="remove it to begin anew, or choose another file",
         )
 

@@ -1,6 +1,6 @@
-"""What a value function is worth: how far the grid puts it off, and what rests on what is outside.
+"""Error estimates of a value function: of its grid, and of values extrapolated from outside it.
 
-Both are found by marching the problem again, on coarser grids and with other ends.
+Both march the problem again, on coarser grids and with other ends.
 """
 
 from __future__ import annotations

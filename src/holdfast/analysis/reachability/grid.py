@@ -62,8 +62,8 @@ class Axis:
         fits = self.ends == "periodic" or whole == self.count - 1
         if not fits or abs(middle - whole) > 1e-9 * self.count:
             raise SimulationError(
-                f"the nodes along '{self.name}' are not reflected onto one another",
-                expected="an interval with 0 in its middle, for a symmetry",
+                f"the nodes along '{self.name}' are not symmetric about 0",
+                expected="an interval with 0 in its middle, as the symmetry needs",
             )
         return (whole - np.arange(self.count, dtype=np.int64)) % self.count
 
@@ -101,7 +101,7 @@ def grid(
     periodic axis that is not one turn of an angle, fewer than two nodes, and more than six states.
     """
     if not isinstance(system, System):
-        raise SimulationError(f"{system!r} for a system", expected="a System")
+        raise SimulationError(f"got {system!r}", expected="a System")
     names = system.state_names
     by_name("box", box, '{"x": (0, 1)}')
     ends = dict(by_name("ends", {} if ends is None else ends, '{"x": "limited"}'))

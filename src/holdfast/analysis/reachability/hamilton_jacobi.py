@@ -208,7 +208,7 @@ def _reflected(posed: Posed, h: Hamiltonian) -> list[npt.NDArray[np.int64]] | No
 
 
 def _ends_reached(grid: Grid, values: Array) -> str:
-    """Where the set touches an open end of the grid: what is beyond may matter there."""
+    """The nodes where the set touches an open end of the grid, so that the outside may matter."""
     table = values.reshape(grid.shape)
     found = []
     for i, axis in enumerate(grid.axes):

@@ -1,4 +1,4 @@
-"""What was marched, how, and what the answer is worth: one record, and the attributes of a file."""
+"""The problem, the march and its error estimates as one record: the attributes of a file."""
 
 from __future__ import annotations
 
@@ -7,23 +7,27 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+import numpy as np
+
 
 @dataclass(frozen=True)
 class Report:
     """The problem of a value function, the march that solved it, and its error estimates.
 
-    kind, region, system, disturbances: what was solved; definition: a digest of the system.
-    parameters, disturbance: the numbers, or expressions of t, that it was solved for. horizon_s:
-    as requested; reached_s: as marched. converged: the set is that of every longer horizon too.
-    empty: it has no node. ended_early: the caller's condition ended the march. residual_cells: by
-    how far the boundary may still move. ends_reached: the axes at whose ends the set is cut off.
-    cell: the largest change of V over a cell. computed_share: nodes that were computed of those
-    that were not skipped.
+    kind, region, system, disturbances: the problem; definition: a digest of the system; value_unit:
+    of V. parameters, disturbance: the numbers, or expressions of t, of the problem. horizon_s: as
+    requested; reached_s: as marched; start_time_s: the time t at the beginning of the problem.
+    depends_on_time: whether its rates or regions do. converged: the set is that of every longer
+    horizon too. empty: no node is in the set. ended_early: the caller's condition ended the march.
+    begun_from_another: the march was a warm start. tolerance_cells: the requested, residual_cells:
+    the remaining movement of the boundary. ends_reached: the axes at whose ends the set is cut off.
+    cell: the largest change of V over a cell. memory_bytes: the estimate for the march.
+    computed_share: the share of the node updates that were computed and not skipped.
 
-    None where it was not requested. error_order, error_largest, error_rms, error_cells,
+    The following are None unless requested. error_order, error_largest, error_rms, error_cells,
     volume_coarse: see `error_estimate.with_error`. error_reach: cells by which `inner` erodes the
     set; inner_cells: by which it did. nodes_from_outside, share_from_outside, nodes_kept_outside:
-    see `error_estimate.with_outside`.
+    see `error_estimate.with_outside`. title, scenario, scenario_text: of the scenario.
     """
 
     kind: str = ""
@@ -73,8 +77,13 @@ class Report:
     scenario_text: str | None = None
 
     def attributes(self) -> dict[str, Any]:
-        """As attributes of a dataset: numbers and text, tables as JSON; None is left out."""
+        """The attributes of a dataset: numbers and text, tables as JSON, without None."""
         return {n: _written(v) for n, v in asdict(self).items() if v is not None}
+
+    @staticmethod
+    def names() -> frozenset[str]:
+        """The names of the entries, which are those of the attributes."""
+        return frozenset(_DEFAULTS)
 
     @classmethod
     def read(cls, attributes: Mapping[Any, Any]) -> Report:
@@ -89,7 +98,7 @@ _DEFAULTS: dict[str, Any] = asdict(Report())
 def _written(value: Any) -> Any:
     if isinstance(value, Mapping):
         return json.dumps(value)
-    return int(value) if isinstance(value, bool) else value
+    return int(value) if isinstance(value, bool | np.bool_) else value
 
 
 def _read(value: Any, default: Any) -> Any:

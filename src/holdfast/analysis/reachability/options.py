@@ -1,4 +1,4 @@
-"""What is marched over a grid, and how."""
+"""Problems to be marched over a grid, and options of the march."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from holdfast.maths.definitions.region import Region
 
 @dataclass(frozen=True)
 class Marching:
-    """How a problem is solved.
+    """Options for solving a problem.
 
     scheme: "upwind", "eno2", "eno3" or "weno5"; order: of the Runge-Kutta method, 1 to 3, by
     default that of the scheme; dissipation: "global", "local" or "local-local"; cfl: share of the
@@ -137,7 +137,7 @@ def marching_of(options: Mapping[str, Any]) -> Marching:
 
 @dataclass(frozen=True)
 class Problem:
-    """What is marched: the region it begins with, what becomes of it, and the obstacles.
+    """A problem: the initial region, how the set changes, and the obstacles.
 
     limit: "shrink" if `start` is to be kept, "grow" if it is to be reached, "free" if it is to be
     reached within `above`, "exact" if it is to be reached at the horizon itself. inputs,

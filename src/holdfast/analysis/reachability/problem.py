@@ -28,12 +28,12 @@ GIVEN = "given_"
 """Before the name of a disturbance: the parameter that holds the number given for it."""
 
 ARRIVAL_STEPS = 100
-"""How often it is looked which nodes of a capture basin are new, where nobody says."""
+"""Default number of steps at which the new nodes of a capture basin are recorded."""
 
 
 @dataclass(frozen=True)
 class Posed:
-    """What is marched.
+    """A problem ready for the march.
 
     system: with what is given for its disturbances, in reverse where the problem asks for it.
     Numbers are parameters, so that others need no other program; a symmetry that is to be shown
@@ -115,10 +115,10 @@ def pose(
     by_name("parameters", parameters, '{"mass": 3.0}')
     for region in problem.regions:
         if not isinstance(region, Region):
-            raise SimulationError(f"{region!r} for a region", expected="a Region")
+            raise SimulationError(f"got {region!r}", expected="a Region")
     if not isinstance(grid, Grid):
         raise SimulationError(
-            f"{grid!r} for a grid", remedy="make one: hf.grid(system, box, nodes)"
+            f"got {grid!r}", expected="a Grid", remedy="make one: hf.grid(system, box, nodes)"
         )
     given = said = {n: _expression(v) for n, v in disturbance.items()}
     if marching.symmetry is None:
@@ -130,7 +130,8 @@ def pose(
         check_states(moved, region)
     if tuple(a.name for a in grid.axes) != moved.state_names:
         raise SimulationError(
-            "the grid is one of another system: " + ", ".join(a.name for a in grid.axes),
+            "the grid belongs to another system, with the states "
+            + ", ".join(a.name for a in grid.axes),
             expected="the states " + ", ".join(moved.state_names),
         )
     check_counts(grid, marching.scheme)
@@ -155,8 +156,8 @@ def pose(
         arrival_steps = ARRIVAL_STEPS if problem.limit == "free" and not posed.varies else 0
     if posed.varies and arrival_steps:
         raise SimulationError(
-            "the least time to the goal depends on when one starts",
-            expected="no arrival_steps, where something depends on time",
+            "the least time to the goal depends on the start time",
+            expected="no arrival_steps if a rate or region depends on time",
             remedy="ask for the values at times=[...]",
         )
     return replace(posed, arrival_steps=arrival_steps)
@@ -192,19 +193,19 @@ def check_inside(posed: Posed, start: npt.NDArray[np.floating]) -> None:
                         "contains it",
                         expected="a region that ends within the grid",
                         remedy=f"add the constraint {within} <= 0 (of region "
-                        f"'camera_view': along_wall), or say ends = {{\"{axis.name}\": "
-                        '"extrapolated"} to take the consequences',
+                        f"'camera_view': along_wall), or give ends = {{\"{axis.name}\": "
+                        '"extrapolated"} and accept extrapolated values',
                     )
                 raise SimulationError(
                     f"the grid cuts off region '{region.name}' at {axis.name} = {where:g}",
                     expected="a grid that contains the region",
-                    remedy=f'widen it, or say ends = {{"{axis.name}": "limited"}} if the state '
-                    'itself ends there, or "extrapolated" to take the consequences',
+                    remedy=f'widen it, or give ends = {{"{axis.name}": "limited"}} if the state '
+                    'itself ends there, or "extrapolated" and accept extrapolated values',
                 )
 
 
 FAR = (1e1, 1e2, 1e3)
-"""How many widths of a grid beyond its end a region is looked for, before it is called endless."""
+"""Number of grid widths beyond an end that are searched before a region is called endless."""
 
 
 def _endless(posed: Posed, number: int, end: float) -> bool:

@@ -54,7 +54,7 @@ def discriminating_kernel(
     V_t + min{0, max_u min_d p . f} = 0, V(T) = l (thesis (7.6)). The rest as `viability_kernel`.
     """
     if not _undecided(system, options):
-        raise SimulationError("nothing disturbs the system", remedy="ask for the viability_kernel")
+        raise SimulationError("the system has no disturbances", remedy="use viability_kernel")
     problem = Problem("discriminating-kernel", "shrink", region)
     return solve(system, problem, grid, horizon, **options)
 

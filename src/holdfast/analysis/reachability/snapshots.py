@@ -1,4 +1,4 @@
-"""What is kept of a march: the values at the times asked for, and when nodes were reached."""
+"""The records of a march: values at the requested times, and the times when nodes were reached."""
 
 from __future__ import annotations
 

@@ -108,8 +108,8 @@ def _begun(
         return None
     if posed.limit != "shrink":
         raise SimulationError(
-            f"a {posed.problem.kind} cannot begin with another value",
-            expected="a kernel, of what does not depend on time",
+            f"a {posed.problem.kind} cannot begin with another value function",
+            expected="a kernel whose rates and regions do not depend on time",
         )
     if not marching.monotone:
         raise SimulationError(
@@ -133,7 +133,9 @@ def _begun(
         [(a.name, a.low, a.high, a.count, a.ends) for a in g.axes] for g in (begin.grid, posed.grid)
     ]
     if axes[0] != axes[1]:
-        raise SimulationError("the value to begin with is on another grid", expected="the same")
+        raise SimulationError(
+            "the value function to begin with is on another grid", expected="the same grid"
+        )
     return np.asarray(begin.values())
 
 

@@ -44,9 +44,12 @@ class ValueFunction:
         return Report.read(self.dataset.attrs)
 
     def reported(self, **changes: Any) -> ValueFunction:
-        """The same values with some entries of the report replaced."""
+        """The same values with some entries of the report replaced; None removes an entry."""
         attributes = dataclasses.replace(self.report, **changes).attributes()
-        return ValueFunction(self.dataset.assign_attrs(attributes), self.grid)
+        others = {n: v for n, v in self.dataset.attrs.items() if n not in Report.names()}
+        dataset = self.dataset.copy(deep=False)
+        dataset.attrs = {**others, **attributes}
+        return ValueFunction(dataset, self.grid)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -61,7 +64,8 @@ class ValueFunction:
             data = data.isel(time=-1) if time is None else _at(data, time)
         elif time is not None:
             raise SimulationError(
-                "this value function has its last time only", remedy="compute it with times=[...]"
+                "this value function is stored at its last time only",
+                remedy="compute it with times=[...]",
             )
         found: Array = data.values
         return found
@@ -160,7 +164,8 @@ class ValueFunction:
     def inner(self) -> ValueFunction:
         """The set eroded by its estimated error in cells, from a coarser grid.
 
-        Needs `estimate_error` of the march; see `analysis.inner`. An estimate is not a proof.
+        Needs `estimate_error` of the march; see `reachability.inner_set`. An estimate is not a
+        proof.
         """
         return inner(self)
 

@@ -62,7 +62,7 @@ def put_together(parts: Iterable[Tally]) -> dict[str, Entry]:
 
 
 def as_table(tally: Tally) -> dict[str, list[Any]]:
-    """As lists, for JSON."""
+    """The arrays as lists, for JSON."""
     return {name: list(asdict(entry).values()) for name, entry in tally.items()}
 
 

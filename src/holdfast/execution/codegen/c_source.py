@@ -22,23 +22,23 @@ from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.traversal import symbols_of
 
-SLACK = "0 where an input was admissible, else by how much the safeguard was relaxed"
+SLACK = "0 if an input was admissible, else the relaxation of the safeguard"
 
-OUTSIDE = "1 where the table of the kernel was asked outside its grid: the nearest place answered"
+OUTSIDE = "1 if the state was outside the grid of the kernel: the nearest place of the grid is used"
 
 
 @checked
 def export_c(system: System, law: Law | Switching, name: str = "controller") -> str:
-    """The law as C99, with its modes, what it remembers, and the limits of the actuators.
+    """The law as C99, with its modes, its memory, and the limits of the actuators.
 
-    One file without allocation, that needs libm alone. NAME is `name` with underscores for what C
-    has no place for, and law_ before a digit. `NAME_start` sets the first mode; at every control
-    sample `NAME_step` takes the time [s], what is measured and the parameters, gives what the law
-    asks for and what the actuators do, and returns the mode. Its numbers are those of the compiled
-    closed loop (to rounding). What a safeguard lacks at a sample is `slack` of the state: 0 where
-    an admissible input was found. The table of a kernel is in the file; `outside` of the state is 1
-    at a sample at which it was asked outside its grid. Every name at file scope begins with NAME,
-    or with its upper case. `export_c_header` gives the header.
+    The file allocates no memory and needs no library but libm. NAME is `name` with underscores in
+    place of characters that a C name cannot have, and law_ before a digit. `NAME_start` sets the
+    first mode; at every control sample `NAME_step` takes the time [s], the measurements and the
+    parameters, writes the command of the law and the limited values of the actuators, and returns
+    the mode. Its numbers are those of the compiled closed loop, up to rounding. `slack` of the
+    state is the relaxation of a safeguard at a sample: 0 if an input was admissible. The table of a
+    kernel is in the file; `outside` of the state is 1 at a sample outside its grid. Every name at
+    file scope begins with NAME, or with its upper case. `export_c_header` gives the header.
 
     Raises `DefinitionError` for a law that does not fit the system.
     """
@@ -112,7 +112,7 @@ class _File:
         )
 
     def _interface(self) -> list[str]:
-        """What other files see."""
+        """The declarations for other files."""
         n, upper = self.name, self.name.upper()
         sizes = {
             "MODES": len(self.program.modes),
@@ -154,7 +154,7 @@ class _File:
         )
 
     def _helpers(self, functions: str) -> list[str]:
-        """What the functions call."""
+        """The helper functions that the functions call."""
         found = [c_needed(name, functions) for name in ("basics", "walls")]
         if self.program.safeguards:
             most = max(len(guard.offsets) for guard in self.program.safeguards.values())

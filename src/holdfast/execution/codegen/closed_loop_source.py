@@ -113,7 +113,7 @@ def closed_loop_program(
         _check_still(region, varied)
     if controller.remembered and continuous:
         raise SimulationError(
-            "the law remembers, and the control is continuous", remedy="sample the control"
+            "a law with memory needs sampled control", remedy="use continuous = false"
         )
     p = [q.symbol for q in parameters]
     q = [s.symbol for s in system.states]

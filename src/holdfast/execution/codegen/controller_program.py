@@ -1,4 +1,4 @@
-"""What a controller measures, remembers and commands: decided once, printed by every target."""
+"""The program of a controller: measurements, memory and commands, printed by every target."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import cached_property
 
 import sympy as sp
 
-from holdfast.errors import DefinitionError
+from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.definitions.law import Law, Safeguard
 from holdfast.maths.definitions.lookup import Lookup
 from holdfast.maths.definitions.measurement import by_measurements
@@ -87,7 +87,7 @@ class ControllerProgram:
         return [memory.following[q.name] for q in memory.quantities] if memory else []
 
     def actuation(self) -> list[sp.Expr]:
-        """What the actuators do at a command, as expressions of the inputs."""
+        """The limited values of the actuators at a command, as expressions of the inputs."""
         return self.system.limited(self.allocated())
 
     def allocated(self) -> list[sp.Expr]:
@@ -150,13 +150,18 @@ def controller_program(system: System, law: Law | Switching) -> ControllerProgra
     remembered = [q.name for q in memory.quantities] if memory else []
     for name in remembered:
         if name in (*system.state_names, *system.input_names, *system.disturbance_names):
-            raise DefinitionError(f"'{name}' of system '{system.name}' is remembered too")
+            raise DefinitionError(
+                f"'{name}' is both a quantity of system '{system.name}' and in the memory of the "
+                "law",
+                expected="different names",
+            )
     reads = [q.name for q in (*switching.reads, *(memory.reads if memory else ()))]
     for name in reads:
         if name not in (*system.state_names, *system.disturbance_names, *remembered):
             raise DefinitionError(
-                f"law '{switching.name}' reads '{name}', which is not a state of system "
-                f"'{system.name}', nor a disturbance of it"
+                f"law '{switching.name}' reads '{name}', which is neither a state nor a "
+                f"disturbance of system '{system.name}'",
+                remedy=suggestion(name, [*system.state_names, *system.disturbance_names]),
             )
     return ControllerProgram(
         system=system,

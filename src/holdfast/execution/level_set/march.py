@@ -33,7 +33,7 @@ from holdfast.maths.definitions.quantity import TIME, Parameter
 from holdfast.maths.games.hamiltonian import Hamiltonian
 
 ENDS = {"contained": 0, "extrapolated": 0, "periodic": 1, "limited": 2}
-"""What is beyond the ends of an axis; the numbers of `differences.py`."""
+"""The continuation beyond the ends of an axis; the numbers of `differences.py`."""
 
 STAGES = {1: ((1.0, 0.0),), 2: ((1.0, 0.0), (0.5, 1.0)), 3: ((1.0, 0.0), (0.25, 1.0), (2 / 3, 0.5))}
 """(weight, time) of the stages of the total-variation-diminishing Runge-Kutta methods
@@ -159,7 +159,7 @@ class March:
 
     @property
     def crossing(self) -> float:
-        """How long it takes to cross a cell at the largest speed along the slowest axis [s]."""
+        """The time to cross a cell at the largest speed along the slowest axis [s]."""
         moving = self.speeds > 0
         return float((self.steps[moving] / self.speeds[moving]).max(initial=0.0))
 
@@ -295,7 +295,7 @@ class March:
                 now = end if several == count else now + dt
 
     def _count(self, now: float, end: float) -> int:
-        """How many steps to take; with speeds that vary, so that the first is short enough."""
+        """The number of steps; with speeds that vary, so that the first is short enough."""
         count, longest = 1, self._longest_step((now,)) if self.varying else self.longest_step
         while (needed := math.ceil((end - now) / longest - 1e-9)) > count:
             count = needed

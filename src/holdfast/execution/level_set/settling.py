@@ -1,4 +1,4 @@
-"""What has been done of a march, and whether the set that it marches comes to rest."""
+"""The progress of a march, and whether its set comes to rest."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Done:
 
     @property
     def speed(self) -> float:
-        """How fast the set has moved of late [cells/s]: in an eighth of a doubling, or more."""
+        """The recent speed of the set [cells/s], over an eighth of a doubling or more."""
         return max(self.speeds[-2:], default=math.inf)
 
     @property

@@ -47,7 +47,7 @@ def place_of(there, nodes, kind):
 
 @swept
 def reach(at, first, place, tall, nodes, stride, count, kind, ghosts, end):
-    """Where the `count` nodes around `tall` places from `place` on, which is at `first`, are.
+    """The places of the `count` nodes around `tall` places from `place` on, which is at `first`.
 
     False if they are not on the grid, or not in as many runs, or if whole registers of them would
     not stop before `end`: they are gathered then.
@@ -127,7 +127,7 @@ def ghost(values, first, there, nodes, kind):
 
 @swept
 def lanes(count):
-    """How many to compute so that vector instructions leave no rest; some are not used."""
+    """The number to compute so that vector instructions leave no rest; some are not used."""
     return np.uint64((count + VECTOR - 1) & ~(VECTOR - 1))
 
 

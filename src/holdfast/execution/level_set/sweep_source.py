@@ -34,7 +34,7 @@ LIMITS = {
     "shrink": "({0} if not {0} > 0.0 else 0.0)",
     "grow": "({0} if not {0} < 0.0 else 0.0)",
 }
-"""What becomes of dW/dt: as it is, never above zero, never below."""
+"""The limits of dW/dt: none, never above zero, never below."""
 
 
 def sweep_source(
@@ -88,7 +88,7 @@ def _names(h: Hamiltonian, parameters: Sequence[Parameter]) -> dict[sp.Symbol, s
 
 
 def layout(shape: Sequence[int]) -> tuple[int, int, int, int]:
-    """How the last two axes are cut into units: several whole rows, or a stretch of a single one.
+    """The units of the last two axes: several whole rows, or a stretch of a single one.
 
     Rows in a unit, groups of rows, stretches of a row, nodes in a stretch.
     """

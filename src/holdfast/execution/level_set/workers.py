@@ -17,7 +17,7 @@ import numpy.typing as npt
 Counts = npt.NDArray[np.float64]
 
 SPINS = 100_000
-"""How often to look before going to sleep: for some 100 microseconds."""
+"""Number of looks before a worker sleeps: some 100 microseconds."""
 
 
 class Workers:
@@ -107,7 +107,7 @@ class _Other(threading.Thread):
             self.done.release()
 
     def result(self) -> Counts:
-        """What it has counted in the stage that the caller has begun."""
+        """Its counts in the stage that the caller has begun."""
         self.done.acquire()
         if isinstance(self.found, BaseException):
             raise self.found

@@ -1,4 +1,4 @@
-"""What is asked of a whole batch at once: starts, draws, values at given states and times.
+"""Computations for a whole batch at once: starts, draws, values at given states and times.
 
 Joined after `driver.py` into the generated module, whose functions and constants it uses.
 """
@@ -48,7 +48,7 @@ def draw_varied(first, lower, upper, seed, out):
 
 @compiled
 def evaluate_varied(plant, columns, draws, out):
-    """What follows from the draws of every run."""
+    """The values that follow from the draws of every run."""
     p = plant.copy()
     for run in range(draws.shape[0]):
         for j in range(len(columns)):

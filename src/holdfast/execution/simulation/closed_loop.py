@@ -21,7 +21,7 @@ from holdfast.execution.simulation.settings import Settings
 
 
 class Outcome(IntEnum):
-    """How a trajectory ended."""
+    """The outcome of a trajectory."""
 
     STAYED = 0
     REACHED = 1
@@ -36,12 +36,12 @@ class Outcome(IntEnum):
 
 
 OUTCOMES = ("stayed", "reached goal", "left region", "diverged", "chattered", "left grid")
-"""The labels, in the order of `Outcome`. A run that left the grid asked its law where the value
-function of the law is not known, and did not leave its region."""
+"""The labels, in the order of `Outcome`. A run that left the grid stayed in its region, but reached
+a state where the value function of its law is not known."""
 
 
 class SafeguardAnswer(IntEnum):
-    """What a safeguard did with the command of its law at a sample."""
+    """The action of a safeguard on the command of its law at a sample."""
 
     KEPT = 0
     OVERRULED = 1
@@ -54,10 +54,10 @@ class SafeguardAnswer(IntEnum):
 
 @dataclass(frozen=True)
 class Trajectories:
-    """What a batch of runs did; the first axis of every array but `time` is the run.
+    """The trajectories of a batch of runs; the first axis of every array but `time` is the run.
 
     state, input, actuator, signal, constraint: (run, time, ...); mode: (run, time).
-    nominal, nominal_actuator (run, time, ...): what the law asked for before its safeguard, as
+    nominal, nominal_actuator (run, time, ...): the command of the law before its safeguard, as
     inputs and as actuators; sample_slack (run, time): how far its conditions were relaxed;
     safeguard (run, time): a `SafeguardAnswer`, -1 after the end of a run. They have no samples
     where there is no safeguard.
@@ -134,7 +134,7 @@ class ClosedLoop:
         return out
 
     def varied(self, runs: int, seed: int, first: int = 0) -> Array:
-        """What every run has values of its own for: draws, values, values of the plant.
+        """The quantities that differ between runs: draws, values, values of the plant.
 
         first: which of the runs that share the seed is the first of these.
         """
@@ -218,7 +218,10 @@ class ClosedLoop:
 
         self.check_room(runs, settings)
         if program.continuous != settings.continuous:
-            raise SimulationError("continuous control is compiled, not chosen for a run")
+            raise SimulationError(
+                "this loop was compiled with another setting of continuous",
+                remedy="compile the loop again with it",
+            )
         if varied is None:
             varied = self.varied(runs, settings.seed, first)
         shared = len(program.varied.names)

@@ -1,4 +1,4 @@
-"""When, inside a step, an inequality peaks or is violated. Joined after `driver.py`."""
+"""Times inside a step when an inequality peaks or is violated. Joined after `driver.py`."""
 
 # mypy: ignore-errors
 # ruff: noqa: F405
@@ -17,7 +17,7 @@ def constraint_at(s, j, h, q, k0, new, k1, plant, scratch):
 
 @inlined
 def peak_fraction(j, h, q, k0, new, k1, plant, scratch):
-    """Where in (0, 1) c_j is largest on a step at whose start it rises and at whose end it falls.
+    """The place in (0, 1) where c_j is largest, on a step where it rises first and falls last.
 
     By golden section along the interpolated state, so that a kink (the smaller of two
     constraints, a magnitude) is found as well as a smooth peak.

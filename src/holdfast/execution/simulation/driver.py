@@ -61,7 +61,7 @@ def law(t, q, mode, p, table):
 
 
 def nominal(answer):
-    """What the law had asked for, of what `law` returned."""
+    """The nominal command, taken from the values that `law` returned."""
     raise NotImplementedError
 
 
@@ -71,7 +71,7 @@ def next_mode(t, q, mode, time_in_mode, p):
 
 
 def places(t, q, p):
-    """Where the function that the law uses is looked up."""
+    """The lookup table of the function that the law uses."""
     raise NotImplementedError
 
 
@@ -106,12 +106,12 @@ def felt(t, p):
 
 
 def first_memory(q, p):
-    """What the controller remembers at first."""
+    """The initial memory of the controller."""
     raise NotImplementedError
 
 
 def next_memory(t, q, u, p, sample_time):
-    """What it remembers at the next sample."""
+    """The memory at the next sample."""
     raise NotImplementedError
 
 

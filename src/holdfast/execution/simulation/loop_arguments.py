@@ -13,11 +13,11 @@ Whole = npt.NDArray[np.int64]
 
 
 class Numbers(NamedTuple):
-    """What the expressions of a closed loop are evaluated with.
+    """The numbers with which the expressions of a closed loop are evaluated.
 
     plant: the parameters of the simulated vehicle; gains: those that its controller believes, in
-    the same order. varied_plant: columns of `plant` that every run has values of its own for, in
-    its row of `own_plant`; the same of the gains. table: the lookup table of the law.
+    the same order. varied_plant: columns of `plant` for which every run has its own values, in
+    its row of `own_plant`; likewise for the gains. table: the lookup table of the law.
     """
 
     plant: Array
@@ -30,7 +30,7 @@ class Numbers(NamedTuple):
 
 
 class Sampling(NamedTuple):
-    """How a run is measured, sampled and integrated.
+    """Measurement, sampling and integration of a run.
 
     noise: (uniform or normal, state); noisy: whether any of it is not 0. samples: control samples
     of `sample_time`, of which every `stride`-th is recorded. absolute, relative: error of an

@@ -230,7 +230,7 @@ def fill(rows, constraints_, scales, m, hard, relaxed):
 
 @apart
 def solve(wanted, scales, constraints_, hard, result):
-    """What `keep_within` does where the wanted input violates a constraint."""
+    """The case of `keep_within` in which the wanted input violates a constraint."""
     m = len(wanted)
     most = len(constraints_) // (m + 1)
     rows = np.empty((most + 1, m + 2))

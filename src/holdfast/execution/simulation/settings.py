@@ -1,4 +1,4 @@
-"""How to simulate: times, steps, noise, seed; checked when built."""
+"""Settings of a simulation: times, steps, noise, seed; checked when built."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from holdfast.errors import SimulationError
 @checked
 @dataclass(frozen=True)
 class Settings:
-    """How to simulate.
+    """Settings of a simulation.
 
     horizon: seconds simulated. sample_time: seconds between control samples; the input is
     held in between unless `continuous`. substeps: Runge-Kutta steps in one sample time (fixed

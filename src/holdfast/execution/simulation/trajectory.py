@@ -1,4 +1,4 @@
-"""What every closed loop asks of a state on its way: noise, bounds, errors, points inside a step.
+"""Functions that every closed loop uses: noise, bounds, errors, points inside a step.
 
 It knows no system, so that it is compiled once for all of as many states. Imported by the
 generated modules.
@@ -68,6 +68,6 @@ def hermite(s, h, a, da, b, db, state):
 
 @inlined
 def tangent_bound(h, c0, d0, c1, d1):
-    """Where the tangents at both ends of a step meet: c stays below it if it is concave."""
+    """The value where the tangents at both ends of a step meet: a bound of c if it is concave."""
     s = (c1 - c0 - h * d1) / (h * (d0 - d1))
     return c0 + h * d0 * s

@@ -85,7 +85,7 @@ def redesign(
     the middle branch of (5.26) as the thesis prints it.
 
     Raises `DefinitionError` when an inequality lacks a law or a layer, a law gives other
-    outputs, only one of `hold` and `hold_when` is given, two laws believe different things of a
+    outputs, only one of `hold` and `hold_when` is given, two laws contain different values of a
     disturbance, or the goal is outside the region or inside a layer, where the convergent law is
     never fully active.
     """

@@ -45,8 +45,8 @@ def ultimate_bound(k1: float, mu: float, current: float) -> float:
     Thesis (5.35). In a constant current of any direction it is exact: the surge k1 tanh(mu rho)
     that holds the vehicle against the current is that of rho. There are two such points, where
     the field runs along the current and against it, and the vehicle ends at one of them, heading
-    so (Lemma 4, modulo pi). In a current that turns slowly the vehicle goes up to 6 % further (12 %
-    if its law is not told), in one that jumps about 1.5 times as far (measured).
+    so (Lemma 4, modulo pi). Measured: in a current that turns slowly the vehicle goes up to 6 %
+    farther (12 % if its law does not measure the turn), in one that jumps about 1.5 times as far.
 
     k1 [m/s] is the top surge speed, mu [1/m] the steepness, `current` [m/s] the speed of the
     current or a bound of it. Raises `DefinitionError` for a current that the vehicle cannot

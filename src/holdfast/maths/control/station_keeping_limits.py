@@ -15,9 +15,10 @@ class StationKeepingLimits:
 
     least_k1: for the radius r0, (3.7) holds for every direction of the current and every
     |r| >= r0 exactly when k1 is above this [1/s]. least_r0: for the gain k1, the smallest such
-    radius [m]; 0 where any will do. longest_sample_time: k2 times it is 0.5 [s]. excess: about
-    how far the vehicle leaves the ball, 0.03 / k2 [m]: measured in the current of the thesis with
-    r1 = r0, up to five times that in other directions (the thesis says 'arbitrarily small').
+    radius [m]; 0 if any radius is enough. longest_sample_time: k2 times it is 0.5 [s]. excess: the
+    approximate distance by which the vehicle leaves the ball, 0.03 / k2 [m]: measured in the
+    current of the thesis with r1 = r0, up to five times that in other directions (the thesis says
+    'arbitrarily small').
     """
 
     least_k1: float

@@ -69,7 +69,7 @@ def track_velocity(
     if set(gains) != set(velocities):
         odd = sorted(set(gains) ^ set(velocities))[0]
         raise DefinitionError(
-            f"gain for '{odd}' is " + ("missing" if odd in velocities else "not wanted"),
+            f"gain for '{odd}' is " + ("missing" if odd in velocities else "not needed"),
             expected="one gain for each of " + ", ".join(velocities),
         )
     for name, value in gains.items():

@@ -102,8 +102,8 @@ def seen_from(
     both = side_by_side(leader, follower, name=f"{follower.name} seen from {leader.name}")
     if set(both.state_names) != {*leader_pose, *follower_pose} or both.disturbances:
         raise DefinitionError(
-            f"'{leader.name}' and '{follower.name}' have more states than their poses, or are "
-            "disturbed",
+            f"'{leader.name}' and '{follower.name}' have other states than their poses, or "
+            "disturbances",
             expected="vehicles whose inputs are velocities",
         )
     x_l, y_l, theta_l = (symbol(n) for n in leader_pose)

@@ -67,6 +67,8 @@ def in_base_units(value: object) -> float:
     Used where the wanted unit is known only later. `UnitError` for text that is not a value.
     """
     parts = split(value) if isinstance(value, str) else None
+    if parts is None and isinstance(value, str):
+        raise UnitError(f"got {value!r}", expected='a number, or text with a unit, such as "30 cm"')
     if parts is None or not parts[1]:
         return to_si(value, "1")
     number, given = parts

@@ -131,7 +131,7 @@ def _renamed_law(law: Law, names: Mapping[str, str], of: str) -> Law:
         raise DefinitionError(
             f"law '{law.name}' is not for a chain",
             expected="one of 'approach_leader', 'follow_leader', or one with outputs uF and wF "
-            "and no half-spaces to keep them in",
+            "and without a safeguard",
         )
     return replace(
         law,

@@ -56,7 +56,7 @@ def critical_radius(
         below = 2 * ((s - robot_radius) * sine - robot_radius * (1 - cosine))
     if not below > 0 or not s > robot_radius:
         raise DefinitionError(
-            f"no circle takes a follower {distance:g} m behind around a corner of a corridor "
+            f"no circular arc leads a follower {distance:g} m behind around a corner of a corridor "
             f"{width:g} m wide",
             expected="a smaller robot, or a wider corridor",
         )
@@ -105,7 +105,7 @@ def follower_radius(radius: float, distance: float, bearing: float = 0.0) -> flo
     inside = radius**2 - (distance * math.cos(bearing)) ** 2
     if inside < 0:
         raise DefinitionError(
-            f"a leader on a circle of {radius:g} m has no follower {distance:g} m behind on one",
+            f"a follower {distance:g} m behind a leader on a circle of {radius:g} m has no circle",
             expected=f"a radius of at least {distance * math.cos(bearing):g} m",
         )
     return distance * math.sin(bearing) + math.sqrt(inside)

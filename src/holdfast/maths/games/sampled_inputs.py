@@ -90,8 +90,8 @@ def points_of(bounds: Bounds | None, members: Sequence[sp.Symbol], which: set[sp
 def check_count(inputs: int, disturbances: int) -> None:
     if inputs * disturbances > MOST:
         raise DefinitionError(
-            f"{inputs} points of the inputs times {disturbances} of the disturbances are "
-            f"{inputs * disturbances}",
+            f"{inputs} points of the inputs times {disturbances} points of the disturbances "
+            f"make {inputs * disturbances} pairs",
             expected=f"at most {MOST}",
             remedy="take fewer samples",
         )

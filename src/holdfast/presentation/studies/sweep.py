@@ -36,9 +36,12 @@ def campaign_text(found: Campaign, variable: str | None = None, files: Sequence[
     data = found.dataset
     if found.is_grid:
         sizes = " x ".join(str(data.sizes[n]) for n in found.names)
-        cells = f"{sizes} = {said['cells']:,} cells" if len(found.names) > 1 else f"{sizes} cells"
+        cells = f"{sizes} = {said['cells']:,}" if len(found.names) > 1 else sizes
     else:
-        cells = f"{said['cells']:,} cells, a Latin hypercube"
+        cells = f"{said['cells']:,}"
+    cells += " cell" if said["cells"] == 1 else " cells"
+    if not found.is_grid:
+        cells += ", a Latin hypercube"
     lines = [said["title"], ""]
     over = ", ".join(found.keys.values())
     each = ""
@@ -53,7 +56,7 @@ def campaign_text(found: Campaign, variable: str | None = None, files: Sequence[
                 for n, v in said[word]["at"].items()
             )
             unit = _unit(about.attrs["units"])
-            lines.append(f"    {word + ',':<7} {said[word]['value']:.4g}{unit}, at {place}")
+            lines.append(f"    {word + ':':<6} {said[word]['value']:.4g}{unit}, at {place}")
     ended = [f"{said[n]:,} {n}" for n in ("diverged", "chattered") if said.get(n)]
     if ended:
         lines.append(f"  of {said['runs']:,} runs {', '.join(ended)}")
@@ -62,7 +65,8 @@ def campaign_text(found: Campaign, variable: str | None = None, files: Sequence[
     if warned:
         lines.append(f"  warnings in some cells, such as: {warned[0]}")
     if said["refused"]:
-        lines.append(f"  {said['refused']:,} cells refused, the first: {found.notes[0]}")
+        refused = "1 cell" if said["refused"] == 1 else f"{said['refused']:,} cells"
+        lines.append(f"  {refused} refused, the first: {found.notes[0]}")
     if "most" in said:
         lines.append(f"  reproduce     {found.command(said['most']['cell'])}")
     if files:

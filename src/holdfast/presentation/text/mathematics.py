@@ -24,7 +24,7 @@ def equations(
     """
     given = dict(pairs)
     used = {str(s) for e in given.values() for s in e.free_symbols} | {*given, *taken}
-    free = (s for s in sp.numbered_symbols("w", start=1) if s.name not in used)
+    free = (s for s in sp.numbered_symbols("s", start=1) if s.name not in used)
     if max(width(e) for e in given.values()) > WIDTH:
         shared, reduced = sp.cse(list(given.values()), symbols=free, order="none")
         given = {str(s): e for s, e in shared} | dict(zip(given, reduced, strict=True))

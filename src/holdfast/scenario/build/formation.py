@@ -125,7 +125,7 @@ def _pose(file: str, key: str, given: Mapping[str, Any]) -> Pose:
     if set(given) != set(units):
         odd = min(set(given) ^ set(units))
         raise ScenarioError(
-            f"{file}: {key}: '{odd}' is " + ("missing" if odd in units else "no part of a pose"),
+            f"{file}: {key}: '{odd}' is " + ("missing" if odd in units else "not part of a pose"),
             expected="{ x, y, theta }",
         )
     x, y, theta = (_si(file, f"{key}.{n}", given[n], unit) for n, unit in units.items())

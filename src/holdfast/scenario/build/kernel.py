@@ -129,7 +129,7 @@ def kernel_parts(file: str, data: Mapping[str, Any]) -> dict[str, Any]:
                 remedy=suggestion(name, system.input_names),
             )
     if spec.figures.inputs and kind not in LAWFUL:
-        raise ScenarioError(f"{file}: figures.inputs: a {kind} says nothing of optimal inputs")
+        raise ScenarioError(f"{file}: figures.inputs: a {kind} has no optimal inputs")
     return {
         "name": scenario_title(file).strip(".") or "scenario",
         "title": spec.scenario.title,
@@ -179,8 +179,8 @@ def _check_tables(file: str, kind: str, spec: KernelSpec) -> None:
     if kind not in LAWFUL:
         for key in ("promise", "law"):
             if getattr(spec, key) is not None:
-                raise ScenarioError(f"{file}: {key}: a {kind} promises nothing to a law")
+                raise ScenarioError(f"{file}: {key}: a {kind} has no closed-loop promise")
     if spec.law is not None and spec.promise is None:
-        raise ScenarioError(f"{file}: law: without [promise] it is not used")
+        raise ScenarioError(f"{file}: law: used by [promise] only, and there is no [promise]")
     if spec.tracking is not None and spec.law is None:
         raise ScenarioError(f"{file}: tracking: there is no [law]")

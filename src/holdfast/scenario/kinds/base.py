@@ -1,4 +1,4 @@
-"""What a kind of scenario gives: tables to a composed scenario, which runs, writes and judges."""
+"""The interface of a kind of scenario: it composes its tables, runs, writes and judges."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Composed(ABC):
         return []
 
     def trouble(self, answer: Any) -> str:
-        """What kept the answer from being whole, if something did."""
+        """The reasons why the answer is incomplete; empty if it is complete."""
         return ""
 
     def interactive(self, answer: Any) -> dict[str, Any] | None:
@@ -55,7 +55,7 @@ class Composed(ABC):
 
     @property
     def independent_runs(self) -> int:
-        """How many runs a campaign may divide among processes; 0: the whole is one piece."""
+        """The number of runs that a sweep may divide among processes; 0: it cannot be divided."""
         return 0
 
     @property
@@ -70,7 +70,7 @@ class Composed(ABC):
 
     @abstractmethod
     def tally(self, part: range | None, threads: int) -> dict[str, Entry]:
-        """What a campaign keeps of a run, or of these of its runs."""
+        """The row of a sweep's table for a run, or for these of its runs."""
 
     # -- a current that is given
 

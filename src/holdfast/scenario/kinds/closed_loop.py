@@ -64,7 +64,7 @@ class Scenario(Composed):
 
     @property
     def runs(self) -> int:
-        """How many runs there are: one from every start, or one at every vertex of [varied]."""
+        """The number of runs: one from every start, or one at every vertex of [varied]."""
         return self.starts.count * len(self.varied.corners)
 
     def kept(self, progress: Progress | None = None) -> Scenario:
@@ -202,7 +202,7 @@ def composed(shown: str, text: str, spec: ScenarioSpec, runs: int | None = None)
 
 
 def about(file: str, text: str, header: Header | FormationHeader) -> dict[str, Any]:
-    """What every scenario says of itself."""
+    """The attributes that every scenario writes."""
     return {
         "name": scenario_title(file).strip(".") or "scenario",
         "file": file,

@@ -86,7 +86,7 @@ class KernelScenario(Composed):
 
     @property
     def about(self) -> Region:
-        """What the march begins with."""
+        """The value function that the march begins with."""
         found = self.goal or self.origin or self.region
         assert found is not None
         return found
@@ -143,7 +143,7 @@ class KernelScenario(Composed):
 
     @cached_property
     def begun(self) -> ValueFunction:
-        """What the march begins with, in as little memory as the march itself."""
+        """The value function that the march begins with, in as little memory as the march."""
         alike = {k: v for k, v in self.options.items() if k in ("band", "precision")}
         return set_on_grid(self.about, self.grid, **alike)
 
@@ -219,7 +219,7 @@ class KernelScenario(Composed):
         return int((self.promised or {}).get("seed", 0))
 
     def tally(self, part: range | None, threads: int) -> dict[str, Entry]:
-        """How large the set is, whether the march answered, and how the promise was kept."""
+        """The size of the set, the outcome of the march, and the result of the promise."""
         answer = self.run()
         report = answer.value.report
         known = (

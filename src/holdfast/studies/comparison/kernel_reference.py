@@ -49,8 +49,8 @@ class Judge:
         deepest = float(value.values().max())
         if self.margin is None and 0 < deepest <= (cell := self._margin(value)):
             raise ScenarioError(
-                f"it has no state inside by a cell, {cell:.3g} {value.report.value_unit}",
-                expected=f"[compare] margin, below {deepest:.3g}",
+                f"no state of the kernel is inside by a cell, {cell:.3g} {value.report.value_unit}",
+                expected=f"[compare] margin below {deepest:.3g}",
             )
         for scenario in scenarios:
             try:

@@ -81,7 +81,9 @@ def _values(text: str, parts: Sequence[str]) -> tuple[list[float], str]:
         if unit:
             units.add(unit)
     if len(units) > 1:
-        raise ScenarioError(f"--over {text}: in {' and '.join(sorted(units))}", expected="one unit")
+        raise ScenarioError(
+            f"--over {text}: mixes {' and '.join(sorted(units))}", expected="one unit"
+        )
     return found, units.pop() if units else ""
 
 

@@ -149,7 +149,7 @@ def sweep(
 
 
 def _axes(own: Any, data: Mapping[str, Any], read: Sequence[Over]) -> list[Axis]:
-    """What the names turn; in the table by their last part, where these differ."""
+    """The keys by their names in the table: their last parts, where these differ."""
     knobs = [find_knob(own, data, over.name) for over in read]
     keys = [knob.key for knob in knobs]
     for key in keys:

@@ -1,4 +1,4 @@
-"""What a scheme says of itself. Its file is read, not imported: Numba waits until it is used."""
+"""The description of a scheme. Its file is read, not imported: Numba waits until it is used."""
 
 from __future__ import annotations
 

@@ -21,7 +21,9 @@ def dipole_in_current(*, lam: float = 3.0, current_x: float = 1.0, current_y: fl
     turns by pi; at v_x = 0 it is v itself. Raises `DefinitionError` for v = 0, lambda < 1.
     """
     if current_x == 0 and current_y == 0:
-        raise DefinitionError("the current is zero", remedy="without a current, dipole_like")
+        raise DefinitionError(
+            "dipole_in_current: the current is zero", remedy="use dipole_like without a current"
+        )
     side = 1.0 if current_x >= 0 else -1.0
     field = dipole_like(lam=lam, moment=(side * current_x, side * current_y))
     return replace(

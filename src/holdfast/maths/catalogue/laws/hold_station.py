@@ -95,9 +95,11 @@ def hold_station(
         raise DefinitionError(f"r2 = {r2:g} is below r1 = {r1:g}", expected="r2 >= r1")
     _check_push(k3)
     if not isinstance(measured, bool):
-        raise DefinitionError(f"measured of hold_station is {measured!r}", expected="true or false")
+        raise DefinitionError(f"hold_station: measured is {measured!r}", expected="true or false")
     if not measured and math.hypot(current_x, current_y) == 0:
-        raise DefinitionError("the current is zero", remedy="without a current, steer_unicycle")
+        raise DefinitionError(
+            "hold_station: the current is zero", remedy="use steer_unicycle without a current"
+        )
     x, y, psi = (symbol(n) for n in ("x", "y", "psi"))
     s = {n: symbol(n) for n in ("current_x", "current_y", "r0", "r1", "lam")}
     k = {n: symbol(n) for n in ("k1", "k2", "k3", "k4", "k5")}

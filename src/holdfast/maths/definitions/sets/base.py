@@ -1,4 +1,4 @@
-"""What a set of admissible inputs or disturbances answers.
+"""The interface of a set of admissible inputs or disturbances.
 
 A set of another shape is a class of its own, in a file of its own. It gives `dimension`,
 `free_symbols`, `at`, `contains`, `saturate` and `support`. Everything else follows from these, for
@@ -30,7 +30,7 @@ class Bounds(ABC):
 
         @property
         def dimension(self) -> int:
-            """How many members a value has."""
+            """The number of members of a value."""
 
     @property
     @abstractmethod
@@ -91,7 +91,7 @@ class Bounds(ABC):
         )
 
     def reach(self, gain: sp.Matrix, p: sp.Matrix, spread: sp.Matrix, sign: int) -> Reach:
-        """What u adds to the rates as gain . u where it is the best for a costate p.
+        """The part gain . u of the rates at the optimal u for a costate p.
 
         Centre and half-width of it for any p, and for those within the spread of this one.
         """
@@ -114,8 +114,8 @@ class Bounds(ABC):
     def section(self, kept: Sequence[bool]) -> Bounds | None:
         """The set of the members that are `kept` when the others are given numbers."""
         raise DefinitionError(
-            "some members of a set whose members depend on each other are given",
-            expected="all of them, or none",
+            "values are given for some members of a set whose members depend on each other",
+            expected="values for all of them, or for none",
         )
 
     def moving(self, wave: Callable[[str], sp.Expr]) -> list[sp.Expr]:
@@ -128,7 +128,7 @@ class Bounds(ABC):
 
     @property
     def shape(self) -> str:
-        """What it is, in two words."""
+        """The name of the set, in two words."""
         name = type(self).__name__.lower()
         return f"{'an' if name[0] in 'aeiou' else 'a'} {name}"
 
@@ -137,7 +137,7 @@ class Bounds(ABC):
         return self.shape
 
     def lines(self) -> Iterator[str]:
-        """What the set is, for a reader."""
+        """A description of the set."""
         yield self.shape
 
     # -- actuators: the inputs themselves, unless a set says otherwise
@@ -157,7 +157,7 @@ class Bounds(ABC):
         return tuple(values)
 
     def produce(self, actuators: Sequence[sp.Expr]) -> tuple[sp.Expr, ...]:
-        """What the actuators bring about."""
+        """The inputs that the actuators produce."""
         return tuple(actuators)
 
 
@@ -173,7 +173,9 @@ def entries(values: Sequence[object], what: str) -> tuple[sp.Expr, ...]:
 def check_count(values: Sequence[object], bounds: Bounds) -> None:
     """Refuse a value with another number of members."""
     if len(values) != bounds.dimension:
-        raise DefinitionError(f"{len(values)} values", expected=f"{bounds.dimension}")
+        raise DefinitionError(
+            f"got {len(values)} values", expected=f"{bounds.dimension}, one for each member"
+        )
 
 
 def cube_surface(dimension: int, samples: int) -> list[list[sp.Expr]]:
