@@ -14,6 +14,7 @@ from holdfast.execution.simulation.steppers import RK4
 from holdfast.maths.catalogue.signature import example
 from holdfast.maths.definitions.vehicle_file import vehicle_names
 from holdfast.maths.reference_fields.meridian_planes import meridian
+from holdfast.presentation.text.mathematics import equations
 from holdfast.studies.catalogue import describe
 from tests.conftest import number_at
 
@@ -53,10 +54,16 @@ def point(quantities, parameters, generator, size=1.0, lookup=None):
 
 
 def test_names_of_shared_parts_mean_nothing_else_in_the_system():
-    """A chain has the input w1, so that no part of its measurements is called so."""
+    """Of the chain, whose measurements are long, and of a system that has an s1."""
     text = describe("chain")
-    assert "w2 = " in text
-    assert "w1 = " not in text
+    assert "s1 = " in text
+    assert not any(f"{name} = " in text for name in ("u1", "w1", "x1"))
+    long = sum(
+        sp.Symbol(f"s{i}") ** 2 * sp.sin(sp.Symbol("s2") + sp.Symbol("s3")) for i in range(9)
+    )
+    lines = "\n".join(equations([("V", long**2 + long)], taken=["s9"]))
+    assert "s10 = " in lines
+    assert not any(f"s{i} = " in lines for i in range(10))
 
 
 @pytest.mark.parametrize("entry", [*SYSTEMS, *LAWS, *REGIONS, CHAIN.region, *FIELDS], ids=named)

@@ -138,7 +138,7 @@ def test_system_written_in_toml_is_explained(tmp_path):
 def test_constraint_alone_is_explained_and_steered(tmp_path):
     path = tmp_path / "sled.toml"
     path.write_text(ROWS_ALONE)
-    assert "s1 = motion_along" in run(path).stdout
+    assert "w1 = motion_along" in run(path).stdout
     path.write_text(
         ROWS_ALONE
         + '[scenario]\ntitle = "sled"\n[law]\nname = "follow_field"\n[goal]\nname = "near_origin"\n'

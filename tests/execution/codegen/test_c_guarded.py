@@ -170,7 +170,7 @@ int outside(const double *seen) {
 def test_law_of_a_kernel_in_c_says_that_it_was_asked_outside_its_grid(tmp_path):
     system, value = cart(), kernel()
     text = hf.export_c(system, hf.safety_law(system, value), "law")
-    assert "law_state.outside: 1 where" in hf.export_c_header(
+    assert "law_state.outside: 1 if" in hf.export_c_header(
         system, hf.safety_law(system, value), "law"
     )
     c = built(tmp_path, text + ONE_STEP, "outside")

@@ -77,7 +77,9 @@ def test_the_compiled_loop_and_c_see_the_same(made):
 
 MISFITS = {
     "gives b": law("other", {"b": X}, *CART.states),
-    "reads 'z', which is not a state": law("odd", {"a": -Z}, *CART.states, hf.Quantity("z", "m")),
+    "reads 'z', which is neither a state": law(
+        "odd", {"a": -Z}, *CART.states, hf.Quantity("z", "m")
+    ),
 }
 
 

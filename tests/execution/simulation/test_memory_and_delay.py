@@ -273,9 +273,9 @@ def test_what_the_system_has_is_not_remembered_under_the_same_name(name):
 def test_memory_of_what_nobody_has_is_refused():
     """By the law, and by the memory itself."""
     law = hf.Law("go", (*STATE, hf.Quantity("z")), {"a": -Z})
-    with pytest.raises(DefinitionError, match="reads 'z', which is not a state"):
+    with pytest.raises(DefinitionError, match="reads 'z', which is neither a state"):
         run(MOVER, law, [0.9])
     memory = hf.Memory((hf.Quantity("z"),), {"z": 0}, {"z": V}, reads=(hf.Quantity("v"),))
     switching = hf.Switching("go", {"go": hf.Law("go", STATE, {"a": -X})}, memory=memory)
-    with pytest.raises(DefinitionError, match="reads 'v', which is not a state"):
+    with pytest.raises(DefinitionError, match="reads 'v', which is neither a state"):
         run(MOVER, switching, [0.9])
