@@ -171,7 +171,7 @@ class _Cache(FunctionCache):
         self._py_func = function
         self._impl = _Impl(function)
         stamp = _stamp(function.__code__.co_filename)
-        self._cache_file: Any = _Files(self._impl.filename_base, stamp)
+        self._cache_file: Any = Stored(self._impl.filename_base, stamp)
         self._enabled = True
 
     @property
@@ -188,7 +188,7 @@ def _stamp(source: str) -> str:
         return source
 
 
-class _Files:
+class Stored:
     """The machine code of one function, by its signature and the machine."""
 
     def __init__(self, name: str, stamp: str) -> None:

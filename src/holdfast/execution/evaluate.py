@@ -7,19 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.errors import DefinitionError, SimulationError
+from holdfast.errors import SimulationError
+from holdfast.execution.arithmetic.steps import Steps
 from holdfast.execution.arrays import Array
-from holdfast.execution.codegen.printer import function_source
-from holdfast.execution.compile import compile_functions
+from holdfast.execution.codegen.llvm_text import Leaf
+from holdfast.execution.codegen.lowering import lowered
+from holdfast.execution.leaf import BLOCK, columns, compiled_leaves, padded
 from holdfast.maths.definitions.quantity import Parameter
-
-_LOOP = """@compiled
-def evaluate(points, p, out):
-    for i in range(points.shape[0]):
-        values = function(points[i], p)
-        for j in range(out.shape[1]):
-            out[i, j] = values[j]
-"""
 
 
 class Evaluator:
@@ -36,15 +30,21 @@ class Evaluator:
         arguments: Sequence[Any],
         parameters: Sequence[Parameter],
     ) -> None:
-        known = {*arguments, *(q.symbol for q in parameters)}
-        for expression in expressions:
-            if unknown := expression.free_symbols - known:
-                raise DefinitionError(f"the expression uses '{min(map(str, unknown))}'")
         self.count, self.width = len(expressions), len(arguments)
         self.parameters = tuple(parameters)
-        unpack = {"q": list(arguments), "p": [q.symbol for q in parameters]}
-        source = function_source("function", ("q", "p"), unpack, list(expressions))
-        self._module = compile_functions(f"{source}\n\n\n{_LOOP}")
+        steps = Steps(expanded=True)
+        rows = {
+            "q": [f"q{i}" for i in range(self.width)],
+            "p": [f"p{i}" for i in range(len(self.parameters))],
+        }
+        symbols = {"q": list(arguments), "p": [q.symbol for q in self.parameters]}
+        inputs = {
+            s: steps.input(name)
+            for array, names in rows.items()
+            for s, name in zip(symbols[array], names, strict=True)
+        }
+        results = lowered(steps, expressions, inputs)
+        self._leaves = compiled_leaves({"values": Leaf(steps, rows, results)})
 
     def values(self, points: Array, given: Mapping[str, float] | None = None) -> Array:
         """The values at points of shape (count, arguments), shape (count, expressions)."""
@@ -55,6 +55,13 @@ class Evaluator:
             )
         chosen = {q.name: q.value for q in self.parameters} | dict(given or {})
         out = np.zeros((len(points), self.count))
-        if out.size:
-            self._module.evaluate(points, np.array([*chosen.values(), 0.0]), out)
+        if not out.size:
+            return out
+        stride = min(padded(len(points)), BLOCK)
+        p = np.repeat(np.array([*chosen.values(), 0.0], dtype=np.float64)[:, None], stride, axis=1)
+        some = np.empty((self.count, stride))
+        for first in range(0, len(points), stride):
+            part = points[first : first + stride]
+            self._leaves.call("values", columns(part, stride), p, some)
+            out[first : first + stride] = some[:, : len(part)].T
         return out

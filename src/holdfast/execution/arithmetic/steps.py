@@ -1,0 +1,257 @@
+"""A computation as a list of steps, each one operation that IEEE 754 defines to the last bit.
+
+Targets print the steps, such as `codegen/llvm_text.py`. Every operation is exactly rounded, and no
+target may contract or reorder them, so that all targets give the same bits. There are no branches:
+a comparison selects between two values. A rare case, such as the sine of 1e300, has steps of its
+own, which a target may skip where no value needs them.
+"""
+
+from __future__ import annotations
+
+import inspect
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+FLOAT, WHOLE, TRUTH = "float", "whole", "truth"
+"""Kinds of values: binary64, 64 bits as an integer, and a truth value."""
+
+ONE_FLOAT = ("neg", "abs", "sqrt", "floor", "ceil", "rint")
+TWO_FLOATS = ("add", "sub", "mul", "div")
+COMPARISONS = ("lt", "le", "eq", "ne")
+"""False for NaN, except `ne`."""
+TRUTHS = ("both", "either")
+WHOLES = ("iadd", "isub", "imul", "iand", "ior", "ixor", "shl", "shr")
+"""Modulo 2^64; `shr` is logical."""
+
+
+@dataclass(frozen=True, eq=False)
+class Value:
+    """The result of a step, with Python's operators."""
+
+    steps: Steps
+    number: int
+    kind: str
+
+    def _with(self, operation: str, other: Operand, *, swapped: bool = False) -> Value:
+        pair = (self, self.steps.lifted(other, self.kind))
+        return self.steps.step(operation, *(pair[::-1] if swapped else pair))
+
+    def _float_or_whole(self, name: str, other: Operand, *, swapped: bool = False) -> Value:
+        return self._with(name if self.kind == FLOAT else f"i{name}", other, swapped=swapped)
+
+    def __add__(self, other: Operand) -> Value:
+        return self._float_or_whole("add", other)
+
+    def __radd__(self, other: Operand) -> Value:
+        return self._float_or_whole("add", other, swapped=True)
+
+    def __sub__(self, other: Operand) -> Value:
+        return self._float_or_whole("sub", other)
+
+    def __rsub__(self, other: Operand) -> Value:
+        return self._float_or_whole("sub", other, swapped=True)
+
+    def __mul__(self, other: Operand) -> Value:
+        return self._float_or_whole("mul", other)
+
+    def __rmul__(self, other: Operand) -> Value:
+        return self._float_or_whole("mul", other, swapped=True)
+
+    def __truediv__(self, other: Operand) -> Value:
+        return self._with("div", other)
+
+    def __rtruediv__(self, other: Operand) -> Value:
+        return self._with("div", other, swapped=True)
+
+    def __neg__(self) -> Value:
+        return self.steps.step("neg", self)
+
+    def __abs__(self) -> Value:
+        return self.steps.step("abs", self)
+
+    def __lt__(self, other: Operand) -> Value:
+        return self._with("lt", other)
+
+    def __le__(self, other: Operand) -> Value:
+        return self._with("le", other)
+
+    def __gt__(self, other: Operand) -> Value:
+        return self._with("lt", other, swapped=True)
+
+    def __ge__(self, other: Operand) -> Value:
+        return self._with("le", other, swapped=True)
+
+    def equals(self, other: Operand) -> Value:
+        return self._with("eq" if self.kind == FLOAT else "ieq", other)
+
+    def differs(self, other: Operand) -> Value:
+        return self._with("ne", other)
+
+    def __and__(self, other: Operand) -> Value:
+        return self._with("both" if self.kind == TRUTH else "iand", other)
+
+    def __or__(self, other: Operand) -> Value:
+        return self._with("either" if self.kind == TRUTH else "ior", other)
+
+    def __xor__(self, other: Operand) -> Value:
+        return self._with("ixor", other)
+
+    def __invert__(self) -> Value:
+        return self.steps.step("not", self)
+
+    def __lshift__(self, other: Operand) -> Value:
+        return self._with("shl", other)
+
+    def __rshift__(self, other: Operand) -> Value:
+        return self._with("shr", other)
+
+
+Operand = Value | float | int
+
+
+@dataclass(frozen=True)
+class Step:
+    """One operation on earlier steps. `given`: a constant, an input's name, a function, a table."""
+
+    operation: str
+    arguments: tuple[int, ...]
+    kind: str
+    given: Any = None
+
+
+class Steps:
+    """A list of steps, in which equal ones are one.
+
+    expanded: whether functions are replaced by their own steps, or called.
+    """
+
+    def __init__(self, expanded: bool) -> None:
+        self.expanded = expanded
+        self.list: list[Step] = []
+        self._known: dict[Any, Value] = {}
+
+    def step(self, operation: str, *arguments: Value, given: Any = None, kind: str = "") -> Value:
+        """The value of an operation; `kind` is that of the result, if it is open."""
+        for a in arguments:
+            if a.steps is not self:
+                raise ValueError("a value of other steps")
+        found = Step(
+            operation,
+            tuple(a.number for a in arguments),
+            kind or _kind(operation, arguments),
+            given,
+        )
+        key = (found.operation, found.arguments, found.kind, _key(given))
+        if key not in self._known:
+            self._known[key] = Value(self, len(self.list), found.kind)
+            self.list.append(found)
+        return self._known[key]
+
+    def input(self, name: str, kind: str = FLOAT) -> Value:
+        """A value that the caller gives."""
+        return self.step("input", given=name, kind=kind)
+
+    def constant(self, value: float | int, kind: str) -> Value:
+        if kind == FLOAT:
+            return self.step("constant", given=float(value), kind=FLOAT)
+        if kind != WHOLE or value != int(value):
+            raise ValueError(f"{value!r} as {kind}")
+        return self.step("constant", given=int(value) % 2**64, kind=WHOLE)
+
+    def lifted(self, operand: Operand, kind: str) -> Value:
+        return operand if isinstance(operand, Value) else self.constant(operand, kind)
+
+    def rare(
+        self, when: Value, usual: tuple[Value, ...], function: Function, *arguments: Value
+    ) -> tuple[Value, ...]:
+        """The results of `function` where `when` is true, else the usual ones."""
+        whole = self.step("rare", when, *usual, *arguments, given=function, kind="several")
+        return self._results(whole, function.kinds)
+
+    def call(self, function: Function, *arguments: Value) -> tuple[Value, ...]:
+        """The results of a function that is called."""
+        whole = self.step("call", *arguments, given=function, kind="several")
+        return self._results(whole, function.kinds)
+
+    def _results(self, whole: Value, kinds: tuple[str, ...]) -> tuple[Value, ...]:
+        return tuple(self.step("result", whole, given=i, kind=kind) for i, kind in enumerate(kinds))
+
+
+class Function:
+    """A named function of floats, which is made of steps."""
+
+    def __init__(self, definition: Callable[..., Any]) -> None:
+        self.definition = definition
+        self.name = definition.__name__
+        self.text = inspect.getdoc(definition) or ""
+        self.parameters = tuple(inspect.signature(definition).parameters)
+
+    def __call__(self, *arguments: Operand) -> Any:
+        steps = next(a.steps for a in arguments if isinstance(a, Value))
+        values = [steps.lifted(a, FLOAT) for a in arguments]
+        if steps.expanded:
+            return self.definition(*values)
+        found = steps.call(self, *values)
+        return found if len(found) > 1 else found[0]
+
+    def traced(self, expanded: bool) -> tuple[Steps, list[Value]]:
+        """Its steps for inputs of the names of its parameters, and its results."""
+        steps = Steps(expanded)
+        found = self.definition(*(steps.input(name) for name in self.parameters))
+        return steps, list(found) if isinstance(found, tuple) else [found]
+
+    @cached_property
+    def kinds(self) -> tuple[str, ...]:
+        return tuple(v.kind for v in self.traced(expanded=True)[1])
+
+
+def choose(condition: Value, a: Operand, b: Operand) -> Value:
+    """a where the condition is true, else b."""
+    kind = next((v.kind for v in (a, b) if isinstance(v, Value)), FLOAT)
+    steps = condition.steps
+    return steps.step("choose", condition, steps.lifted(a, kind), steps.lifted(b, kind))
+
+
+def _operation(name: str) -> Callable[[Value], Value]:
+    def apply(x: Value) -> Value:
+        return x.steps.step(name, x)
+
+    return apply
+
+
+root, floor, ceil, rint = map(_operation, ("sqrt", "floor", "ceil", "rint"))
+bits, from_bits = map(_operation, ("bits", "from_bits"))
+
+
+def entry(table: tuple[int, ...], place: Value) -> Value:
+    """The entry of a table of integers; `place` is within it."""
+    return place.steps.step("entry", place, given=table, kind=WHOLE)
+
+
+_KINDS: dict[str, tuple[tuple[str, ...], str]] = {
+    **dict.fromkeys(ONE_FLOAT, ((FLOAT,), FLOAT)),
+    **dict.fromkeys(TWO_FLOATS, ((FLOAT, FLOAT), FLOAT)),
+    **dict.fromkeys(COMPARISONS, ((FLOAT, FLOAT), TRUTH)),
+    **dict.fromkeys(TRUTHS, ((TRUTH, TRUTH), TRUTH)),
+    **dict.fromkeys(WHOLES, ((WHOLE, WHOLE), WHOLE)),
+    "not": ((TRUTH,), TRUTH),
+    "ieq": ((WHOLE, WHOLE), TRUTH),
+    "bits": ((FLOAT,), WHOLE),
+    "from_bits": ((WHOLE,), FLOAT),
+}
+
+
+def _kind(operation: str, arguments: tuple[Value, ...]) -> str:
+    kinds = tuple(a.kind for a in arguments)
+    same = (TRUTH, kinds[-1], kinds[-1])
+    expected, result = (same, kinds[-1]) if operation == "choose" else _KINDS[operation]
+    if kinds != expected:
+        raise ValueError(f"{operation} of {kinds}")
+    return result
+
+
+def _key(given: Any) -> Any:
+    return struct.pack("<d", given) if isinstance(given, float) else given

@@ -1,0 +1,163 @@
+"""Expressions of SymPy as steps of arithmetic, in one order for every target."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import sympy as sp
+
+from holdfast.errors import DefinitionError
+from holdfast.execution.arithmetic import basics, exponential, trigonometric, walls
+from holdfast.execution.arithmetic.steps import FLOAT, Steps, Value, root
+from holdfast.maths.expressions.traversal import symbols_of
+
+MOST_FACTORS = 8
+"""Powers of larger whole numbers are computed by logarithms."""
+
+
+def lowered(
+    steps: Steps, expressions: Sequence[Any], inputs: Mapping[sp.Symbol, Value]
+) -> list[Value]:
+    """The values of the expressions, as steps that follow those of the inputs.
+
+    Sums and products are taken from left to right in SymPy's printing order. Raises
+    `DefinitionError` for a function without steps, and for a symbol that is not an input.
+    """
+    exact = [sp.sympify(e) for e in expressions]
+    if unknown := symbols_of(exact) - set(inputs):
+        raise DefinitionError(f"the expression uses '{min(map(str, unknown))}'")
+    found = _Lowering(steps, inputs)
+    return [found.value(e) for e in exact]
+
+
+class _Lowering:
+    def __init__(self, steps: Steps, inputs: Mapping[sp.Symbol, Value]) -> None:
+        self.steps = steps
+        self.known: dict[sp.Basic, Value] = dict(inputs)
+
+    def value(self, e: sp.Basic) -> Value:
+        """The value of an expression, each part of which is lowered once."""
+        if e not in self.known:
+            self.known[e] = self._new(e)
+        return self.known[e]
+
+    def _new(self, e: sp.Basic) -> Value:
+        if e.is_Number or e.is_NumberSymbol:
+            return self._number(float(e))
+        if isinstance(e, sp.Add):
+            return self._sum(e)
+        if isinstance(e, sp.Mul):
+            return self._product(e)
+        if isinstance(e, sp.Pow):
+            return self._power(*e.as_base_exp())
+        name = type(e).__name__
+        if name in _PICKED:
+            return _PICKED[name](*map(self.value, e.args[1:]))[int(e.args[0])]
+        if name not in _FUNCTIONS:
+            raise DefinitionError(f"function '{name}' cannot be compiled: {e}")
+        arguments = e.args[:2] if name in _GUARDED else e.args
+        return _FUNCTIONS[name](*map(self.value, arguments))
+
+    def _number(self, value: float) -> Value:
+        return self.steps.constant(value, FLOAT)
+
+    def _sum(self, e: sp.Add) -> Value:
+        first, *rest = e.as_ordered_terms()
+        total = self.value(first)
+        for term in rest:
+            if term.could_extract_minus_sign():
+                total = total - self.value(-term)
+            else:
+                total = total + self.value(term)
+        return total
+
+    def _product(self, e: sp.Mul) -> Value:
+        above: list[Value] = []
+        below: list[Value] = []
+        minus = False
+        for factor in e.as_ordered_factors():
+            if factor == -1:
+                minus = True
+            elif factor.is_Number and factor < 0:
+                minus = True
+                above.append(self._number(float(-factor)))
+            elif isinstance(factor, sp.Pow) and _is_negative(factor.exp):
+                below.append(self._power(factor.base, -factor.exp))
+            else:
+                above.append(self.value(factor))
+        found = _in_turn(above) if above else None
+        if below:
+            found = (self._number(1.0) if found is None else found) / _in_turn(below)
+        assert found is not None
+        return -found if minus else found
+
+    def _power(self, base: sp.Expr, exponent: sp.Expr) -> Value:
+        if _is_negative(exponent):
+            return 1.0 / self._power(base, -exponent)
+        value = self.value(base)
+        whole, half = divmod(2 * exponent, 2) if (2 * exponent).is_Integer else (None, None)
+        if whole is None or whole > MOST_FACTORS:
+            return _value(exponential.power(value, self.value(exponent)))
+        factors = [value] * int(whole) + ([root(value)] if half else [])
+        return _in_turn(factors)
+
+
+def _in_turn(factors: Sequence[Value]) -> Value:
+    found = factors[0]
+    for factor in factors[1:]:
+        found = found * factor
+    return found
+
+
+def _is_negative(exponent: sp.Expr) -> bool:
+    return bool(exponent.is_Number and exponent < 0)
+
+
+def _value(found: Any) -> Value:
+    assert isinstance(found, Value)
+    return found
+
+
+_GUARDED = ("angle", "length")
+"""Functions with a third argument that only their derivatives use."""
+
+_PICKED: dict[str, Callable[..., tuple[Value, ...]]] = {
+    "nearest_on_walls": walls.nearest_on_walls,
+    "nearest_to_sight": walls.nearest_to_sight,
+}
+"""Functions with several results, of which the first argument picks one."""
+
+_FUNCTIONS: dict[str, Callable[..., Any]] = {
+    "sin": lambda x: trigonometric.sine_and_cosine(x)[0],
+    "cos": lambda x: trigonometric.sine_and_cosine(x)[1],
+    "tan": trigonometric.tangent,
+    "asin": trigonometric.arcsine,
+    "acos": trigonometric.arccosine,
+    "atan": trigonometric.arctangent,
+    "atan2": trigonometric.angle_of,
+    "angle": trigonometric.angle_of,
+    "exp": exponential.exponential,
+    "log": exponential.logarithm,
+    "sinh": exponential.hyperbolic_sine,
+    "cosh": exponential.hyperbolic_cosine,
+    "tanh": exponential.hyperbolic_tangent,
+    "Abs": abs,
+    "magnitude": abs,
+    "Min": lambda *a: _folded(basics.least, a),
+    "Max": lambda *a: _folded(basics.greatest, a),
+    "sgn": basics.sgn,
+    "sign": basics.sign,
+    "wrap": basics.wrap,
+    "select": basics.select,
+    "least": basics.least,
+    "greatest": basics.greatest,
+    "length": basics.length,
+}
+
+
+def _folded(function: Callable[..., Any], values: Sequence[Value]) -> Value:
+    found = values[0]
+    for value in values[1:]:
+        found = _value(function(found, value))
+    return found

@@ -1,0 +1,121 @@
+"""Leaves: functions over columns, compiled alone by LLVM and called through their addresses.
+
+A leaf contains one program; the loops that call leaves contain none and are compiled once. LLVM
+compiles a leaf in some hundredths of a second, without the analysis of types that Numba does for
+Python text. llvmlite is the binding to LLVM that Numba is built on.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import threading
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+import llvmlite
+import llvmlite.binding as llvm
+import numpy as np
+
+from holdfast.execution.arrays import Array
+from holdfast.execution.cache import Stored
+from holdfast.execution.codegen.llvm_text import LANES, Leaf, leaves_text
+
+BLOCK = 1024
+"""Points that are computed together: their columns stay in the processor's cache."""
+
+_compiling = threading.RLock()
+
+
+class Leaves:
+    """Compiled leaves; `addresses[name]` is that of `void (double *arguments..., *out, i64)`."""
+
+    def __init__(self, text: str, names: Mapping[str, int]) -> None:
+        self._engine = _engine(_object_code(text))  # which holds the machine code
+        self.addresses = {n: self._engine.get_function_address(_symbol(n)) for n in names}
+        self._functions = {
+            name: ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * (count + 1), ctypes.c_int64)(
+                self.addresses[name]
+            )
+            for name, count in names.items()
+        }
+
+    def call(self, name: str, *columns: Array) -> None:
+        """Fill the last of the arrays, from the others; all have rows of the same length."""
+        self._functions[name](*(c.ctypes.data for c in columns), columns[0].shape[1])
+
+
+def compiled_leaves(leaves: Mapping[str, Leaf]) -> Leaves:
+    """The machine code of these leaves, from memory, the disk or LLVM."""
+    text = leaves_text({_symbol(name): leaf for name, leaf in leaves.items()})
+    with _compiling:
+        return _leaves(text, tuple((n, len(leaf.arguments)) for n, leaf in leaves.items()))
+
+
+@cache
+def _leaves(text: str, names: tuple[tuple[str, int], ...]) -> Leaves:
+    return Leaves(text, dict(names))
+
+
+def padded(count: int) -> int:
+    """The least number of columns for `count` points."""
+    return -(-count // LANES) * LANES
+
+
+def columns(rows: Array, stride: int) -> Array:
+    """Points, one a row, as columns; the places that are left are repetitions of the last."""
+    found = np.empty((rows.shape[1], stride))
+    found[:, : len(rows)] = rows.T
+    found[:, len(rows) :] = rows[-1][:, np.newaxis]
+    return found
+
+
+def _symbol(name: str) -> str:
+    return f"holdfast_{name}"  # unlike the names of libraries, which the linker finds too
+
+
+@cache
+def _machine() -> Any:
+    """This processor, as LLVM has it."""
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    return llvm.Target.from_default_triple()
+
+
+def _target() -> Any:
+    cpu, features = _processor()
+    return _machine().create_target_machine(
+        cpu=cpu, features=features, opt=2, codemodel="jitdefault", jit=True
+    )
+
+
+@cache
+def _processor() -> tuple[str, str]:
+    """The name and the instruction sets of this processor: code for another one is not run here."""
+    return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+
+
+def _object_code(text: str) -> bytes:
+    version = ".".join(map(str, llvm.llvm_version_info))
+    key = (llvmlite.__version__, version, *_processor())
+    stored = Stored("leaf", hashlib.sha256(text.encode()).hexdigest())
+    found = stored.load(key)
+    if found is None:
+        module = llvm.parse_assembly(text)
+        target = _target()
+        module.triple = target.triple
+        module.data_layout = str(target.target_data)
+        module.verify()
+        found = target.emit_object(module)
+        stored.save(key, found)
+    assert isinstance(found, bytes)
+    return found
+
+
+def _engine(code: bytes) -> Any:
+    target = _target()
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), target)
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    return engine
