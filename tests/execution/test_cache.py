@@ -8,13 +8,21 @@ import warnings
 import numpy as np
 import pytest
 
-import holdfast as hf
 from holdfast.errors import CacheWarning, OutputError
 from holdfast.execution import cache
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.compile import compile_functions
 
-x = hf.symbol("x")
 ANSWER = [2.0, 6.0]
+TEXT = """@inlined
+def function(x):
+    return x * x + x
+
+
+@compiled
+def evaluate(points, out):
+    for i in range(len(points)):
+        out[i] = function(points[i])
+"""
 
 
 @pytest.fixture
@@ -30,11 +38,11 @@ def anew():
     for name in kept:
         del sys.modules[name]
     try:
-        found = Evaluator([x**2 + x], [x], [])
-        values = found.values(np.array([[1.0], [2.0]]))[:, 0].tolist()
-        stats = found._module.evaluate.stats
+        module, out = compile_functions(TEXT), np.zeros(2)
+        module.evaluate(np.array([1.0, 2.0]), out)
+        stats = module.evaluate.stats
         assert sum(stats.cache_hits.values()) + sum(stats.cache_misses.values()) == 1
-        return values, bool(stats.cache_hits)
+        return out.tolist(), bool(stats.cache_hits)
     finally:
         sys.modules.update(kept)
 

@@ -140,7 +140,8 @@ def keep_source(path: Path, text: str) -> None:
 
 def kept(function: Callable[..., Any]) -> Callable[..., Any]:
     """The Numba function, with its machine code in this cache."""
-    function._cache = _Cache(function.py_func)  # type: ignore[attr-defined]
+    own = getattr(function, "py_func", None) or function.__wrapped__  # type: ignore[attr-defined]
+    function._cache = _Cache(own)  # type: ignore[attr-defined]
     return function
 
 

@@ -6,22 +6,32 @@ import hashlib
 import re
 import sys
 import threading
+from functools import cache
 from importlib import resources
 from importlib.abc import InspectLoader
 from pathlib import Path
 from types import CodeType, ModuleType
+from typing import Any
 
-from holdfast.execution.cache import cache_directory, keep_source
+from holdfast.execution.cache import cache_directory, keep_source, kept
 
 __all__ = ["cache_directory"]
 
 MARK = "# -- joined from here on"
 
-DRIVER = ("driver", "crossings", "batch")
+DRIVER, PARTS = "simulation/driver", "simulation/parts"
 QUADRATIC_PROGRAM, INTERPOLATION = "simulation/quadratic_program", "interpolate"
 FINITE_DIFFERENCES, SCHEMES = "level_set/finite_differences", "level_set/schemes"
-BELOW = {FINITE_DIFFERENCES: "level_set/stencils"}
-"""The file whose names another one uses; `primitives` for all others."""
+BELOW = {
+    FINITE_DIFFERENCES: ("level_set/stencils",),
+    "simulation/block": ("simulation/trajectory",),
+    "simulation/controller": ("simulation/block",),
+    "simulation/crossings": ("simulation/block",),
+    "simulation/stepping": ("simulation/controller", "simulation/crossings"),
+    DRIVER: ("simulation/stepping",),
+    PARTS: ("simulation/block", QUADRATIC_PROGRAM, INTERPOLATION),
+}
+"""The files whose names another one uses; `primitives` for all others."""
 
 _NUMBER = re.compile(r"(?<![\w.])(\d+\.\d*(e[+-]?\d+)?|\d+e[+-]?\d+)(?![\w.])")
 
@@ -29,11 +39,34 @@ _building = threading.RLock()
 """Other threads see a module only after its execution."""
 
 
-def compile_closed_loop(source: str) -> ModuleType:
-    """The module of one closed loop: the driver with the generated `source` in its place."""
-    parts = (_text(f"simulation/{name}").partition(MARK)[2] for name in DRIVER)
-    above = "\n".join(map(_import, (QUADRATIC_PROGRAM, INTERPOLATION, "simulation/trajectory")))
-    return _module("loop", "\n\n".join([above, *parts, source]))
+def compile_driver() -> ModuleType:
+    """The module of the loop that simulates every program."""
+    return _shared(DRIVER)
+
+
+@cache
+def part(name: str) -> int:
+    """The address of a part of the loop (`simulation/parts.py`), compiled when first needed."""
+    from numba import types
+    from numba.core.ccallback import CFunc
+
+    function = getattr(_shared(PARTS), name)
+    whole, real = (types.CPointer(kind) for kind in (types.int64, types.float64))  # type: ignore[no-untyped-call]
+    signature = (whole, real, types.int64)
+    made = CFunc(function, (signature, types.void), {}, {"error_model": "numpy"})
+    kept(made)
+    made.compile()
+    _parts.append(made)
+    return made.address or 0
+
+
+_parts: list[Any] = []
+"""They hold the machine code."""
+
+
+def compile_batch() -> ModuleType:
+    """The module of `batch.py`."""
+    return _shared("simulation/batch")
 
 
 def compile_functions(source: str) -> ModuleType:
@@ -63,6 +96,11 @@ def compile_interpolation() -> ModuleType:
     return _shared(INTERPOLATION)
 
 
+def compile_quadratic_program() -> ModuleType:
+    """The module of `quadratic_program.py`."""
+    return _shared(QUADRATIC_PROGRAM)
+
+
 def _shared(name: str, precision: str = "float64") -> ModuleType:
     """The module of a file shared by all programs, so that it is compiled once."""
     above, mark, text = _text(name).partition(MARK)
@@ -71,8 +109,9 @@ def _shared(name: str, precision: str = "float64") -> ModuleType:
     kind = name.rpartition("/")[2]
     if not mark:
         return _module(kind, above)
-    below = FINITE_DIFFERENCES if name.startswith(SCHEMES) else BELOW.get(name, "primitives")
-    return _module(kind, f"{_import(below, precision)}\n{text}")
+    below = (FINITE_DIFFERENCES,) if name.startswith(SCHEMES) else BELOW.get(name, ("primitives",))
+    imports = "\n".join(_import(one, precision) for one in below)
+    return _module(kind, f"{imports}\n{text}")
 
 
 def _import(name: str, precision: str = "float64") -> str:

@@ -91,8 +91,8 @@ def beyond_grid(table, place, first):
 
 
 @inlined
-def look_up(table, place):
-    """The value and its slopes at a point, or at the nearest point of the grid."""
+def look_up(table, place, out):
+    """Fill `out` with the value and its slopes at a point, or at the nearest point of the grid."""
     values, low, steps, shape, periodic = table
     n = len(shape)
     at = np.empty(n)
@@ -100,7 +100,5 @@ def look_up(table, place):
         at[i] = place[i]
         if not periodic[i]:
             at[i] = min(max(at[i], low[i]), low[i] + steps[i] * (shape[i] - 1))
-    out = np.empty(n + 1)
     out[0] = interpolate(values, at, low, steps, shape, periodic)
     slopes(values, at, low, steps, shape, periodic, out[1:])
-    return out

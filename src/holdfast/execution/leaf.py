@@ -43,7 +43,29 @@ class Leaves:
 
     def call(self, name: str, *columns: Array) -> None:
         """Fill the last of the arrays, from the others; all have rows of the same length."""
-        self._functions[name](*(c.ctypes.data for c in columns), columns[0].shape[1])
+        self._functions[name](*(c.ctypes.data for c in columns), columns[-1].shape[1])
+
+    def values(self, name: str, count: int, width: int, *arguments: Array) -> Array:
+        """The results at `count` points, shape (count, width).
+
+        An argument has the shape (count, rows), or (rows,) if it is the same at all points.
+        """
+        out = np.zeros((count, width))
+        if not out.size:
+            return out
+        stride = min(padded(count), BLOCK)
+        same = {i: _repeated(a, stride) for i, a in enumerate(arguments) if a.ndim == 1}
+        some = np.empty((width, stride))
+        for first in range(0, count, stride):
+            part = slice(first, first + stride)
+            given = (same.get(i, a) for i, a in enumerate(arguments))
+            self.call(
+                name,
+                *(a if i in same else columns(a[part], stride) for i, a in enumerate(given)),
+                some,
+            )
+            out[part] = some[:, : min(stride, count - first)].T
+        return out
 
 
 def compiled_leaves(leaves: Mapping[str, Leaf]) -> Leaves:
@@ -68,6 +90,12 @@ def columns(rows: Array, stride: int) -> Array:
     found = np.empty((rows.shape[1], stride))
     found[:, : len(rows)] = rows.T
     found[:, len(rows) :] = rows[-1][:, np.newaxis]
+    return found
+
+
+def _repeated(values: Array, stride: int) -> Array:
+    found = np.empty((max(len(values), 1), stride))
+    found[: len(values)] = values[:, np.newaxis]
     return found
 
 

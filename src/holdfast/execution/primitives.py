@@ -10,7 +10,8 @@ unpack Python's objects around a copy of the function, were a quarter of the com
 import math
 
 import numpy as np
-from numba import njit, types
+from llvmlite import ir  # noqa: F401
+from numba import carray, njit, types  # noqa: F401
 from numba.core.registry import CPUDispatcher
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
@@ -47,6 +48,7 @@ inlined = within(forceinline=True)
 apart = within()  # a separate call
 
 TWO_PI = 2.0 * math.pi
+WIDTH = 16  # runs that advance together, the lanes of a block
 MOST_SLICES = 1 << 20  # the turns of a stage; the next stage has the next so many
 
 

@@ -10,9 +10,10 @@ import numpy as np
 import sympy as sp
 
 from holdfast.execution.arrays import Array
-from holdfast.execution.codegen.closed_loop_source import closed_loop_program
+from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.evaluate import Evaluator
 from holdfast.execution.simulation.closed_loop import ClosedLoop
+from holdfast.execution.simulation.one_sample import Controller, one_sample
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.steppers import RK4
 from holdfast.interop.numeric_system import Numeric, closed_expressions
@@ -99,21 +100,21 @@ def sampled_loop(
     )  # fmt: skip
     loop = ClosedLoop(program)
     n, remembered = len(program.states), len(program.remembered)
-    table = np.zeros(1) if program.table is None else program.table
     told = list(system.input_names)
     if program.safeguarded:
         told += [*(f"nominal_{name}" for name in system.input_names), "slack"]
 
     def sample(t: float, x: Array, d: Array, given: Mapping[str, float]) -> tuple[Array, Array]:
-        values = loop.parameter_array(given)
+        values = loop.parameter_array(given, sample_time)
         values[len(values) - 1 - len(program.given) : -1] = np.atleast_1d(d)[: len(program.given)]
-        after, fed = np.empty(n + remembered + 2), np.empty(len(told))
-        held, mode = np.ascontiguousarray(x[n : n + remembered]), int(x[-2])
-        after[-2:] = loop.module.one_sample(
-            float(t), t <= 0, np.ascontiguousarray(x[:n]), held, mode, float(x[-1]), values, values,
-            table, sample_time, substeps, after[:n], after[n : n + remembered], fed,
-        )  # fmt: skip
-        return after, np.concatenate([x[:n], fed, after[-2:-1]])
+        memory = x[n : n + remembered] if t > 0 else None
+        controller = Controller(memory, int(x[-2]), float(x[-1]))
+        found = one_sample(loop, float(t), x[:n], controller, values, substeps)
+        _, mode, in_mode = found.controller
+        kept = found.controller.memory if remembered else np.empty(0)
+        after = np.concatenate([found.state, kept, [mode, in_mode]])
+        filtered = [*found.nominal, found.slack] if program.safeguarded else []
+        return after, np.concatenate([x[:n], found.input, filtered, [mode]])
 
     made = control.NonlinearIOSystem(
         lambda t, x, d, params: sample(t, x, d, params)[0],

@@ -9,14 +9,14 @@ import sympy as sp
 import holdfast as hf
 from holdfast.execution.codegen.c_source import export_c
 from holdfast.execution.codegen.c_text import c_file
-from holdfast.execution.codegen.closed_loop_source import closed_loop_program
-from holdfast.execution.compile import compile_closed_loop
+from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.simulation.closed_loop import ClosedLoop
 from holdfast.execution.simulation.steppers import RK4
 from holdfast.maths.definitions.switching import as_switching
 from holdfast.maths.formations.walls import sight_distance, wall_distance
 from tests.c_code import built, needs_gcc, pointer
 from tests.carts import BOX, WALLS, cart, swinging
+from tests.execution.compiled_law import commands
 from tests.execution.simulation.random_programs import (
     FAMILIES,
     MOST_ROWS,
@@ -65,19 +65,6 @@ void laws(int count, const double *rows, int width, int mode, const double *p, d
         law__hf_limit(to, p, to + INPUTS);
     }
 }
-"""
-SWEEP = """
-@compiled
-def sweep_laws(rows, mode, p, table, out):
-    for i in range(len(rows)):
-        row = rows[i]
-        given = law(row[{n}], ({seen} 0.0,), mode, p, table)
-        acts = limit(allocate(given, p), p)
-        for j in range({m}):
-            out[i, j] = given[j]
-        for j in range(out.shape[1] - {m} - 1):
-            out[i, {m} + j] = acts[j]
-        out[i, -1] = given[{m}]
 """
 
 
@@ -135,11 +122,7 @@ def test_exported_law_is_the_law_at_a_hundred_thousand_states(name, tmp_path):
     c = built(tmp_path, export_c(system, law, "law_"), "law_", LAWS)
     program = closed_loop_program(system, law, region=None, goal=None, disturbance={}, stepper=RK4)
     n, m = len(system.states), len(system.inputs)
-    seen = "".join(f"row[{i}], " for i in range(n))
-    module = compile_closed_loop(program.source + SWEEP.format(n=n, m=m, seen=seen))
-    loop = ClosedLoop(program)
-    switching = as_switching(law)
-    table = np.zeros(1) if program.table is None else program.table
+    loop, switching = ClosedLoop(program), as_switching(law)
     count = 100_000 // len(switching.modes)
     rows = np.random.default_rng(5).uniform(-2.0, 2.0, (count, n + 1))
     text = (tmp_path / "law_.c").read_text()
@@ -147,7 +130,8 @@ def test_exported_law_is_the_law_at_a_hundred_thousand_states(name, tmp_path):
     parameters = (ctypes.c_double * used).in_dll(c, "law__parameters")
     for mode in range(len(switching.modes)):
         expected = np.zeros((count, m + len(program.actuators or system.inputs) + 1))
-        module.sweep_laws(rows, mode, loop.parameter_array(), table, expected)
+        given, acts = commands(loop, rows[:, n], rows[:, :n], mode)
+        expected[:, :m], expected[:, m:-1], expected[:, -1] = given[:, :m], acts, given[:, m]
         out = np.zeros_like(expected)
         c.laws(count, pointer(rows), n + 1, mode, parameters, pointer(out))
         assert np.isfinite(expected).all()

@@ -6,7 +6,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from holdfast.execution.codegen.closed_loop_source import closed_loop_program
+from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.codegen.controller_program import controller_program
 from holdfast.execution.simulation.steppers import RK4
 from holdfast.interop.numeric_system import closed_expressions

@@ -18,7 +18,7 @@ from holdfast.errors import (
     ScenarioError,
     SimulationError,
 )
-from holdfast.execution.codegen.closed_loop_source import closed_loop_program
+from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.simulation.closed_loop import ClosedLoop
 from holdfast.execution.simulation.steppers import BY_NAME
 from holdfast.maths.expressions.functions import magnitude

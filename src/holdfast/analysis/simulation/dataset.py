@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from holdfast.execution.arrays import Array
-from holdfast.execution.codegen.closed_loop_source import ClosedLoopProgram
+from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
 from holdfast.execution.simulation.closed_loop import Outcome, SafeguardAnswer, Trajectories
 from holdfast.execution.simulation.settings import Settings
 

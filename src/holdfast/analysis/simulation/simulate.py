@@ -17,7 +17,7 @@ from holdfast.analysis.simulation.starts import Starts, initial_states
 from holdfast.arguments import checked
 from holdfast.errors import GainWarning, SimulationError, suggestion
 from holdfast.execution.arrays import Array
-from holdfast.execution.codegen.closed_loop_source import ClosedLoopProgram, closed_loop_program
+from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram, closed_loop_program
 from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.closed_loop import ClosedLoop
 from holdfast.execution.simulation.settings import Settings

@@ -57,6 +57,9 @@ def leaves_text(leaves: Mapping[str, Leaf]) -> str:
 class Leaf:
     """A function of columns: row i of an argument is its column `i * stride`, and so of the result.
 
+    All rows of `LANES` values are read before one is written, so that the result may be in place of
+    an argument.
+
     arguments: the names of the arrays, with the inputs of the steps in their rows. results: the
     rows of the array that is filled.
     """
@@ -81,10 +84,10 @@ def _leaf(module: _Module, name: str, leaf: Leaf) -> str:
         lines.append(
             f"  store {_VECTOR[FLOAT]} {body.names[value.number]}, ptr %o{row}.at, align 8"
         )
-    arrays = "".join(f"ptr noalias readonly %{array}, " for array in leaf.arguments)
+    arrays = "".join(f"ptr %{array}, " for array in leaf.arguments)
     return "\n".join(
         [
-            f"define void @{name}({arrays}ptr noalias %out, i64 %stride) nounwind {{",
+            f"define void @{name}({arrays}ptr %out, i64 %stride) nounwind {{",
             "entry:",
             "  br label %loop",
             "loop:",

@@ -10,6 +10,7 @@ import sympy as sp
 from holdfast.errors import DefinitionError
 from holdfast.execution.arithmetic import basics, exponential, trigonometric, walls
 from holdfast.execution.arithmetic.steps import FLOAT, Steps, Value, root
+from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.maths.expressions.traversal import symbols_of
 
 MOST_FACTORS = 8
@@ -29,6 +30,18 @@ def lowered(
         raise DefinitionError(f"the expression uses '{min(map(str, unknown))}'")
     found = _Lowering(steps, inputs)
     return [found.value(e) for e in exact]
+
+
+def leaf_of(arrays: Mapping[str, Sequence[sp.Symbol]], results: Sequence[Any]) -> Leaf:
+    """The leaf of these expressions; the symbols are the rows of its argument arrays."""
+    steps = Steps(expanded=True)
+    rows = {name: [f"{name}{i}" for i in range(len(symbols))] for name, symbols in arrays.items()}
+    inputs = {
+        symbol: steps.input(row)
+        for name, symbols in arrays.items()
+        for symbol, row in zip(symbols, rows[name], strict=True)
+    }
+    return Leaf(steps, rows, lowered(steps, results, inputs))
 
 
 class _Lowering:

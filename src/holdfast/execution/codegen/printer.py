@@ -1,17 +1,11 @@
-"""The printer from SymPy to source text. Common subexpressions are shared."""
+"""The printer from SymPy to source text."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
 
 import sympy as sp
 from sympy.printing.pycode import PythonCodePrinter
 
 from holdfast.maths.definitions.quantity import SAMPLE_TIME, TIME, TIME_IN_MODE
-from holdfast.maths.expressions.traversal import exchanged, parts, symbols_of
-
-LONG = 40
-"""Functions of more lines are called, not inlined, since compilation time grows with length."""
 
 
 class Printer(PythonCodePrinter):
@@ -93,63 +87,6 @@ _PRINTER = Printer({"fully_qualified_modules": True})
 def text_of(expression: sp.Expr) -> str:
     """One expression as text."""
     return str(_PRINTER.doprint(expression))
-
-
-def function_source(
-    name: str,
-    arguments: Sequence[str],
-    unpack: Mapping[str, Sequence[sp.Symbol]],
-    results: Sequence[sp.Expr],
-    *,
-    scalar: bool = False,
-    several: bool = False,
-) -> str:
-    """Source of one function; `unpack` maps an argument to the symbols it holds, in order.
-
-    A long one that `several` places use is called there, not inlined.
-    """
-    text = body(unpack, results, scalar=scalar)
-    how = "apart" if several and text.count("\n") > LONG else "inlined"
-    return f"@{how}\ndef {name}({', '.join(arguments)}):\n{text}"
-
-
-def body(
-    unpack: Mapping[str, Sequence[sp.Symbol]],
-    results: Sequence[sp.Expr],
-    *,
-    scalar: bool = False,
-    indent: str = "    ",
-    give: str = "return",
-) -> str:
-    """The lines of its body: unpacking, shared subexpressions, result."""
-    used = symbols_of(results)
-    lines = []
-    for argument, symbols in unpack.items():
-        for i, s in enumerate(symbols):
-            if s in used:
-                lines.append(f"{indent}{source_name(s)} = {argument}[{i}]")
-    renamed = {s: sp.Symbol(source_name(s), real=True) for s in used}
-    results = exchanged(results, renamed)
-    calls = [part for part in parts(results) if isinstance(part, (sp.sin, sp.cos))]
-    turning = set(renamed.values()).intersection(
-        *({call.args[0] for call in calls if isinstance(call, f)} for f in (sp.sin, sp.cos))
-    )
-    for a in sorted(turning, key=str):
-        pair = {f(a): sp.Symbol(f"{a}{f.__name__}", real=True) for f in (sp.sin, sp.cos)}
-        lines.append(f"{indent}{', '.join(map(str, pair.values()))} = sine_and_cosine({a})")
-        results = exchanged(results, pair)
-    shared, reduced = sp.cse(
-        results,
-        symbols=sp.numbered_symbols("c_", real=True),
-        order="none",
-    )
-    lines += [f"{indent}{s} = {_PRINTER.doprint(e)}" for s, e in shared]
-    texts = [_PRINTER.doprint(e) for e in reduced]
-    if scalar:
-        lines.append(f"{indent}{give} {texts[0]}")
-    else:
-        lines.append(f"{indent}{give} ({', '.join(texts or ['0.0'])},)")
-    return "\n".join(lines)
 
 
 def source_name(s: sp.Symbol) -> str:

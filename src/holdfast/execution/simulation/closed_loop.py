@@ -6,18 +6,21 @@ import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from types import ModuleType
 
 import numpy as np
 import numpy.typing as npt
 
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
-from holdfast.execution.codegen.closed_loop_source import ClosedLoopProgram
-from holdfast.execution.compile import compile_closed_loop
+from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
+from holdfast.execution.compile import compile_batch, compile_driver
+from holdfast.execution.leaf import compiled_leaves
 from holdfast.execution.resources import Progress, available_cores, check_memory, run_threads
-from holdfast.execution.simulation.loop_arguments import Numbers, Records, Sampling
+from holdfast.execution.simulation.loop_arguments import Numbers, Records, Sampling, block
 from holdfast.execution.simulation.settings import Settings
+
+ATTEMPTS = 100_000
+"""Draws of a random start, of which the first in the region is taken."""
 
 
 class Outcome(IntEnum):
@@ -102,36 +105,48 @@ class Trajectories:
 
 
 class ClosedLoop:
-    """A compiled closed loop with its parameter values; the second process starts warm."""
+    """A compiled closed loop with its parameter values."""
 
     def __init__(self, program: ClosedLoopProgram) -> None:
         self.program = program
-        self.module: ModuleType = compile_closed_loop(program.source)
+        self.leaves = compiled_leaves(program.leaves)
 
-    def parameter_array(self, overrides: Mapping[str, float] | None = None) -> Array:
-        """The parameter values in order, with some replaced by name."""
+    def parameter_array(
+        self, overrides: Mapping[str, float] | None = None, sample_time: float = 0.0
+    ) -> Array:
+        """The parameter values in order, with some replaced by name; then the sample time."""
         values = {p.name: float(p.value) for p in self.program.parameters}
         for name, value in (overrides or {}).items():
             if name not in values:
                 raise SimulationError(f"no parameter '{name}' in this closed loop")
             values[name] = float(value)
-        return np.array([*values.values(), *self.program.given, 0.0], dtype=np.float64)
+        return np.array([*values.values(), *self.program.given, sample_time], dtype=np.float64)
 
     def constraints(self, states: Array) -> Array:
         """c_j of each state, shape (run, constraint)."""
-        out = np.zeros((len(states), len(self.program.constraints)))
-        if out.size:
-            self.module.evaluate_constraints(
-                np.ascontiguousarray(states), self.parameter_array(), out.shape[1], out
-            )
-        return out
+        return self._values("constraints", len(self.program.constraints), q=states)
 
     def disturbances(self, times: Array, overrides: Mapping[str, float] | None = None) -> Array:
         """d(t), shape (time, disturbance)."""
-        out = np.zeros((len(times), len(self.program.disturbances)))
-        if out.size:
-            self.module.evaluate_disturbance(times, self.parameter_array(overrides), out)
-        return out
+        p = self.parameter_array(overrides)
+        t = np.asarray(times, dtype=np.float64)[:, np.newaxis]
+        return self._values("disturbance", len(self.program.disturbances), t=t, p=p)
+
+    def _values(
+        self,
+        name: str,
+        width: int,
+        *,
+        t: Array | None = None,
+        q: Array | None = None,
+        p: Array | None = None,
+    ) -> Array:
+        """The results of a leaf at every given time, state or row of parameters."""
+        p = self.parameter_array() if p is None else p
+        none = np.zeros(1)
+        given = [none if a is None else np.asarray(a, dtype=np.float64) for a in (t, q, None, p)]
+        count = next(len(a) for a in given if a.ndim == 2)
+        return self.leaves.values(name, count, width, *given)
 
     def varied(self, runs: int, seed: int, first: int = 0) -> Array:
         """The quantities that differ between runs: draws, values, values of the plant.
@@ -143,14 +158,15 @@ class ClosedLoop:
             return np.empty((runs, 0))
         draws = np.empty((runs, len(chosen.draws)))
         low, high = (np.array([r[i] for r in chosen.draws.values()]) for i in (0, 1))
-        self.module.draw_varied(first, low, high, np.uint64(seed), draws)
+        compile_batch().draw_varied(first, low, high, np.uint64(seed), draws)
         if chosen.vertices:  # every start at each of them in turn
             turns = np.arange(first, first + runs) % len(chosen.corners)
             places = [list(chosen.draws).index(name) for name in chosen.vertices]
             draws[:, places] = np.array(chosen.corners)[turns]
-        out = np.empty((runs, len(chosen.values) + len(chosen.plant)))
-        self.module.evaluate_varied(self.parameter_array(), self._columns(chosen.draws), draws, out)
-        return np.hstack([draws, out])
+        p = np.repeat(self.parameter_array()[np.newaxis], runs, axis=0)
+        p[:, self._columns(chosen.draws)] = draws
+        width = len(chosen.values) + len(chosen.plant)
+        return np.hstack([draws, self._values("varied", width, p=p)])
 
     def _columns(self, names: Iterable[str]) -> npt.NDArray[np.int64]:
         order = [p.name for p in self.program.parameters]
@@ -159,27 +175,25 @@ class ClosedLoop:
     def sample(self, lower: Array, upper: Array, count: int, seed: int, first: int = 0) -> Array:
         """`count` uniform states of a box that satisfy every inequality, from the `first` on.
 
-        Raises `SimulationError` when 100,000 draws find none for some run.
+        Raises `SimulationError` when `ATTEMPTS` draws find none for some run.
         """
         check_memory(8 * count * len(lower), f"{count} random starts")
-        out = np.empty((count, len(lower)))
-        failed = self.module.sample_starts(
-            first,
-            first + count,
-            lower,
-            upper,
-            self.parameter_array(),
-            np.uint64(seed),
-            len(self.program.constraints),
-            100_000,
-            out,
+        out, waiting = np.empty((count, len(lower))), np.arange(count)
+        draw, watched = compile_batch().draw_starts, len(self.program.constraints)
+        for attempt in range(ATTEMPTS):
+            runs = waiting + first
+            some = np.empty((len(waiting), len(lower)))
+            draw(runs, np.full(len(runs), attempt), lower, upper, np.uint64(seed), some)
+            levels = self.constraints(some) if watched else np.zeros((len(runs), 1))
+            inside = np.all(levels <= 0, axis=1)
+            out[waiting[inside]] = some[inside]
+            waiting = waiting[~inside]
+            if not len(waiting):
+                return out
+        raise SimulationError(
+            f"no state of the region found in the box of random starts (run {first + waiting[0]})",
+            remedy="check that the box overlaps the region",
         )
-        if failed >= 0:
-            raise SimulationError(
-                f"no state of the region found in the box of random starts (run {failed})",
-                remedy="check that the box overlaps the region",
-            )
-        return out
 
     def check_room(self, runs: int, settings: Settings) -> None:
         """Refuse more runs than fit into memory, before anything is allocated."""
@@ -272,13 +286,12 @@ class ClosedLoop:
         bounds = [(a, min(a + chunk, runs)) for a in range(0, runs, chunk)]
         counters = [np.zeros(1, dtype=np.int64) for _ in bounds]
         numbers = Numbers(
-            plant=self.parameter_array(plant),
-            gains=self.parameter_array(),
+            plant=self.parameter_array(plant, settings.sample_time),
+            gains=self.parameter_array(None, settings.sample_time),
             varied_plant=columns_plant,
             varied_gains=columns_plant[:shared],
             own_plant=varied,
             own_gains=np.ascontiguousarray(varied[:, :shared]),
-            table=np.zeros(1) if program.table is None else program.table,
         )
         sampling = Sampling(
             noise=noise,
@@ -287,20 +300,17 @@ class ClosedLoop:
             sample_time=settings.sample_time,
             samples=samples,
             stride=stride,
-            substeps=int(settings.substeps),
-            absolute=settings.absolute,
-            relative=settings.relative,
-            tolerance=settings.tolerance,
             initial_mode=program.initial_mode,
-            switch_limit=min(settings.switch_limit, samples + 2),  # never more than it can count
             delay=settings.delay_samples,
         )
         records = Records(*(getattr(result, name) for name in Records._fields))
         begin = np.ascontiguousarray(starts)
+        driver = compile_driver()
 
         def work(start: int, stop_at: int, counter: npt.NDArray[np.int64]) -> None:
-            self.module.simulate_runs(
-                start, stop_at, first, begin, numbers, sampling, records, stop, counter
+            s, w = block(driver, program, self.leaves.addresses, settings)
+            driver.simulate_runs(
+                start, stop_at, first, begin, s, w, numbers, sampling, records, stop, counter
             )
 
         work(0, 0, np.zeros(1, dtype=np.int64))  # compile, or load, before the threads start

@@ -1,4 +1,4 @@
-"""Explicit Runge-Kutta methods: a tableau each, and the one printer that unrolls them.
+"""Explicit Runge-Kutta methods, a tableau each.
 
 A method with a second row of weights estimates its error and may choose its own steps.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,18 @@ class Tableau:
     @property
     def adaptive(self) -> bool:
         return self.b_low is not None
+
+    def weights(self) -> npt.NDArray[np.float64]:
+        """The rows of a, then b, b - b_low and c, each with an entry for every stage."""
+        stages = len(self.b)
+        found = np.zeros((stages + 3, stages))
+        for row, weights in zip(found, self.a, strict=False):
+            row[: len(weights)] = weights
+        found[stages] = self.b
+        if self.b_low is not None:
+            found[stages + 1] = np.subtract(self.b, self.b_low)
+        found[stages + 2] = self.c
+        return found
 
 
 RK4 = Tableau(
@@ -73,36 +86,3 @@ DORMAND_PRINCE = Tableau(
 
 ALL = (RK4, BOGACKI_SHAMPINE, DORMAND_PRINCE)
 BY_NAME = {tableau.name: tableau for tableau in ALL}
-
-
-def _combination(weights: tuple[float, ...], component: int) -> str:
-    terms = [f"{w!r} * k{i}[{component}]" for i, w in enumerate(weights) if w]
-    return " + ".join(terms) if terms else "0.0"
-
-
-def stepper_source(tableau: Tableau, dimension: int) -> str:
-    """Source of `step(t, h, q, k0, ...)`: the state after h and the error estimate.
-
-    k0 = field(t, q, ...) is given by the caller, who needs it anyway. The estimate is a
-    tuple of zeros for a method without a second row.
-    """
-    lines = [
-        "@inlined",
-        "def step(t, h, q, k0, u, mode, plant, gains, table):",
-    ]
-    for i in range(1, len(tableau.a)):
-        stage = ", ".join(
-            f"q[{j}] + h * ({_combination(tableau.a[i], j)})" for j in range(dimension)
-        )
-        lines.append(
-            f"    k{i} = field(t + {tableau.c[i]!r} * h, ({stage},), u, mode, plant, gains, table)"
-        )
-    new = ", ".join(f"q[{j}] + h * ({_combination(tableau.b, j)})" for j in range(dimension))
-    lines.append(f"    new = ({new},)")
-    if tableau.b_low is None:
-        error = ", ".join("0.0" for _ in range(dimension))
-    else:
-        gap = tuple(float(x) for x in np.subtract(tableau.b, tableau.b_low))
-        error = ", ".join(f"h * ({_combination(gap, j)})" for j in range(dimension))
-    lines.append(f"    return new, ({error},)")
-    return "\n".join(lines)

@@ -1,31 +1,28 @@
-"""A system under a law to the source text of its closed loop.
+"""A system under a law as the leaves of its closed loop, which `simulation/driver.py` calls.
 
-The text defines the functions that `driver.py` leaves open; each takes the state and the
-inputs as tuples and the parameters as arrays, so that a sweep over gains or currents compiles once.
+A leaf takes the parameters as columns, so that a sweep over gains or currents compiles once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import sympy as sp
 
 from holdfast.errors import SimulationError, suggestion
-from holdfast.execution.codegen.controller_program import controller_program
-from holdfast.execution.codegen.law_source import (
-    guard_source,
-    law_source,
-    nominal_source,
-    signals_source,
-)
-from holdfast.execution.codegen.printer import function_source
-from holdfast.execution.simulation.steppers import Tableau, stepper_source
+from holdfast.execution.codegen.controller_program import ControllerProgram, controller_program
+from holdfast.execution.codegen.lane_leaves import lane_leaves
+from holdfast.execution.codegen.llvm_text import Leaf
+from holdfast.execution.codegen.lowering import leaf_of
+from holdfast.execution.simulation.steppers import Tableau
 from holdfast.maths.control.outward_rates import check_reads
 from holdfast.maths.definitions.law import GainCondition, Law
 from holdfast.maths.definitions.quantity import (
+    SAMPLE_TIME,
     TIME,
+    TIME_IN_MODE,
     Parameter,
     Quantity,
     merge_parameters,
@@ -35,19 +32,30 @@ from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.variation import Varied
-from holdfast.maths.expressions.traversal import symbols_of
+from holdfast.maths.expressions.traversal import exchanged, symbols_of
 
 
 @dataclass(frozen=True)
 class ClosedLoopProgram:
-    """The text of one closed loop and the meaning of each of its array columns.
+    """The leaves of one closed loop and the meaning of each of its array columns.
 
+    leaves: see `_leaves`. targets: for each mode those of its guards, in order.
+    conditions_of_modes: how many conditions its safeguard has, and how many are hard.
+    measured: how many disturbances the law measures; limited: how many values its actuators have.
+    places: how many axes its table has; timed: whether the first of them is the remaining time.
     given: numbers that follow the parameters, those of the disturbances. slack_units: the units of
     the conditions that a safeguard relaxes, each once. value_signal: the signal that is the value
     of a kernel.
     """
 
-    source: str
+    leaves: Mapping[str, Leaf]
+    targets: tuple[tuple[int, ...], ...]
+    conditions_of_modes: tuple[tuple[int, int], ...]
+    measured: int
+    limited: int
+    timed: bool
+    places: int
+    stepper: Tableau
     states: tuple[Quantity, ...]
     inputs: tuple[Quantity, ...]
     disturbances: tuple[Quantity, ...]
@@ -116,8 +124,6 @@ def closed_loop_program(
             "a law with memory needs sampled control", remedy="use continuous = false"
         )
     p = [q.symbol for q in parameters]
-    q = [s.symbol for s in system.states]
-    u = [s.symbol for s in system.inputs]
     d = [s.symbol for s in system.disturbances]
     still = [sp.sympify(disturbance.get(s.name, 0)) for s in system.disturbances]
     for s, expression in zip(system.disturbances, still, strict=True):
@@ -150,81 +156,35 @@ def closed_loop_program(
                 remedy=suggestion(name, sorted(map(str, symbols & set(p)))),
                 key=f"varied.draws.{name}",
             )
-    a, lookup = controller.requested, controller.lookup
+    lookup = controller.lookup
     values = [n for n, e in switching.signals.items() if lookup and e == lookup.value]
-    guards = controller.safeguards.values()
+    guards = controller.safeguards
     c = [x.expression for x in region.inequalities] if region else []
-    qdot = [sp.Symbol(f"_qdot{i}", real=True) for i in range(len(q))]  # no user name begins so
-    cdot = [sum((e.diff(s) * r for s, r in zip(q, qdot, strict=True)), sp.S.Zero) for e in c]
-    constants = {
-        "WATCHED": len(c),
-        "SIGNALS": len(switching.signals),
-        "ACTUATORS": len(system.actuators),
-        "SAFEGUARDED": bool(guards),
-        "CONTINUOUS": continuous,
-        "ADAPTIVE": stepper.adaptive,
-        "ORDER": stepper.order,
-        "LOOKED_UP": len(controller.places),
-        "FIRST_STATE": int(lookup.timed) if lookup else 0,
-    }
-    functions = [
-        "\n".join(f"{name} = {value!r}" for name, value in constants.items()),
-        function_source(
-            "rates",
-            ("t", "q", "u", "d", "p"),
-            {"q": q, "u": u, "d": d, "p": p},
-            list(system.rates.values()),
-            several=True,
-        ),
-        function_source("disturbance", ("t", "p"), {"p": p}, still),
-        function_source("allocate", ("u", "p"), {"u": u, "p": p}, controller.allocated()),
-        function_source("limit", ("a", "p"), {"a": a, "p": p}, controller.limited()),
-        function_source("produce", ("a", "p"), {"a": a, "p": p}, controller.produced()),
-        function_source("felt", ("t", "p"), {"p": p}, measured),
-        function_source(
-            "first_memory",
-            ("q", "p"),
-            {"q": seen, "p": p},
-            controller.initial_memory,
-        ),
-        function_source(
-            "next_memory",
-            ("t", "q", "u", "p", "sample_time"),
-            {"q": seen, "u": u, "p": p},
-            controller.next_memory,
-        ),
-        function_source(
-            "places",
-            ("t", "q", "p"),
-            {"q": seen, "p": p},
-            controller.places,
-        ),
-        law_source(controller, seen, p),
-        nominal_source(controller),
-        guard_source(controller, seen, p),
-        signals_source(controller, seen, p),
-        function_source("constraints", ("q", "p"), {"q": q, "p": p}, c, several=True),
-        function_source(
-            "constraint_rates",
-            ("q", "qdot", "p"),
-            {"q": q, "qdot": qdot, "p": p},
-            cdot,
-            several=True,
-        ),
-        function_source(
-            "goal_level",
-            ("q", "p"),
-            {"q": q, "p": p},
-            [goal.worst if goal else sp.S.One],
-            scalar=True,
-        ),
-        function_source("varied", ("p",), {"p": p}, list(varied.expressions)),
-        _load_source("as_tuple", len(q)),
-        _load_source("as_memory", len(controller.remembered)),
-        stepper_source(stepper, len(q)),
-    ]
     return ClosedLoopProgram(
-        source="\n\n\n".join(functions) + "\n",
+        leaves=_method_leaves(controller, stepper, len(c))
+        | _leaves(
+            controller,
+            rates=[e.xreplace(dict(zip(d, still, strict=True))) for e in system.rates.values()],
+            measured=measured,
+            constraints=c,
+            goal=goal.worst if goal else sp.S.One,
+            varied=list(varied.expressions),
+            disturbance=still,
+            parameters=p,
+        ),
+        targets=tuple(
+            tuple(target for _, target in controller.transitions.get(mode, ()))
+            for mode in controller.modes
+        ),
+        conditions_of_modes=tuple(
+            (len(guards[mode].offsets), guards[mode].hard) if mode in guards else (0, 0)
+            for mode in controller.modes
+        ),
+        measured=len(measured),
+        limited=len(controller.requested),
+        timed=bool(lookup and lookup.timed),
+        stepper=stepper,
+        places=len(controller.places),
         states=system.states,
         inputs=system.inputs,
         disturbances=system.disturbances,
@@ -239,8 +199,8 @@ def closed_loop_program(
         varied=varied,
         given=tuple(float(e) for e in given.values()),
         remembered=tuple(z.name for z in controller.remembered),
-        safeguarded=bool(constants["SAFEGUARDED"]),
-        slack_units=tuple(dict.fromkeys(u for guard in guards for u in guard.units)),
+        safeguarded=bool(guards),
+        slack_units=tuple(dict.fromkeys(u for guard in guards.values() for u in guard.units)),
         signal_units=tuple(
             lookup.unit if lookup and n in values else "1" for n in switching.signals
         ),
@@ -258,6 +218,98 @@ def _check_still(region: Region, varied: Varied) -> None:
             raise SimulationError(f"'{name}' is varied, and the region depends on it", key="varied")
 
 
-def _load_source(name: str, dimension: int) -> str:
-    entries = "".join(f"values[{i}], " for i in range(dimension)) or "0.0, "  # as `body` has it
-    return f"@inlined\ndef {name}(values):\n    return ({entries})"
+def _leaves(
+    controller: ControllerProgram,
+    *,
+    rates: Sequence[sp.Expr],
+    measured: Sequence[sp.Expr],
+    constraints: Sequence[sp.Expr],
+    goal: sp.Expr,
+    varied: Sequence[sp.Expr],
+    disturbance: Sequence[sp.Expr],
+    parameters: Sequence[sp.Symbol],
+) -> dict[str, Leaf]:
+    """The leaves of a closed loop: each is a function of four arrays, of which it may ignore some.
+
+    | leaf | t | q | x | p | result |
+    |---|---|---|---|---|---|
+    | rates | time | state | input | of the plant | dq/dt |
+    | felt, disturbance | time | | | of the plant | what the law measures, all of them |
+    | begin | time | seen | | believed | the first memory |
+    | places | time | seen | | believed | where the law looks up its table |
+    | law k | time | seen | found in the table | believed | command, conditions, scales |
+    | guards k | time | seen | time in the mode | believed | levels |
+    | signals | time | seen | found in the table | believed | signals |
+    | actuate | | command | believed | of the plant | requested, limited, input |
+    | remember | time | seen | requested | believed | the next memory |
+    | constraints | | state | | of the plant | c_j |
+    | constraint_rates | | state | dq/dt | of the plant | dc_j/dt |
+    | goal | | state | | of the plant | level |
+    | varied | | | | of the plant | values |
+    """
+    system, switching = controller.system, controller.switching
+    q = [s.symbol for s in system.states]
+    u, seen = controller.inputs, [s.symbol for s in (*controller.seen, *controller.remembered)]
+    p = [*parameters, SAMPLE_TIME]
+    look = controller.lookup.symbols if controller.lookup else ()
+    requested = controller.requested
+    qdot = [sp.Symbol(f"_qdot{i}", real=True) for i in range(len(q))]  # no user name begins so
+    rise = [
+        sum((e.diff(s) * r for s, r in zip(q, qdot, strict=True)), sp.S.Zero) for e in constraints
+    ]
+    believed = [sp.Symbol(f"_believed{i}", real=True) for i in range(len(p))]
+    limits = dict(zip(requested, controller.limited(), strict=True))
+    produced = dict(zip(u, exchanged(controller.produced(), limits), strict=True))
+
+    def leaf(
+        results: Sequence[sp.Expr],
+        q: Sequence[sp.Symbol] = (),
+        x: Sequence[sp.Symbol] = (),
+        p: Sequence[sp.Symbol] = p,
+    ) -> Leaf:
+        return leaf_of({"t": (TIME,), "q": q, "x": x, "p": p}, results)
+
+    found = {
+        "rates": leaf(rates, q, u),
+        "felt": leaf(measured),
+        "disturbance": leaf(disturbance),
+        "begin": leaf(controller.initial_memory, seen),
+        "places": leaf(controller.places, seen),
+        "signals": leaf(list(switching.signals.values()), seen, look),
+        "remember": leaf(exchanged(controller.next_memory, produced), seen, requested),
+        "constraints": leaf(constraints, q),
+        "constraint_rates": leaf(rise, q, qdot),
+        "goal": leaf([goal], q),
+        "varied": leaf(varied),
+    }
+    # the controller requests by its own parameters, the plant limits by those that are true
+    asked = exchanged(controller.allocated(), dict(zip(p, believed, strict=True)))
+    limited = exchanged(controller.limited(), dict(zip(requested, asked, strict=True)))
+    done = exchanged(controller.produced(), dict(zip(requested, limited, strict=True)))
+    found["actuate"] = leaf([*asked, *limited, *done], u, believed)
+    for number, mode in enumerate(controller.modes):
+        guard = controller.safeguards.get(mode)
+        rows = guard.rows(system.input_names) if guard else []
+        found[f"law{number}"] = leaf([*controller.commands(mode), *rows], seen, look)
+        levels = [when for when, _ in controller.transitions.get(mode, ())]
+        found[f"guards{number}"] = leaf(levels, seen, (TIME_IN_MODE,))
+    return {name: one for name, one in found.items() if one.results}
+
+
+def _method_leaves(
+    controller: ControllerProgram, tableau: Tableau, watched: int
+) -> dict[str, Leaf]:
+    weights = tableau.weights().tolist()
+    stages, limited = len(tableau.b), len(controller.requested)
+    inputs = len(controller.inputs)
+    actuators = range(limited, limited + len(controller.system.actuators))
+    return lane_leaves(
+        weights[:stages],
+        *weights[stages:],
+        states=len(controller.system.states),
+        constraints=watched,
+        actuation=2 * limited + inputs,
+        peaks=[*range(2 * limited, 2 * limited + inputs), *actuators],
+        modes=len(controller.modes),
+        inputs=inputs,
+    )

@@ -1,7 +1,6 @@
-"""The printed text computes what the expression says, compiled and interpreted."""
+"""The leaves of a closed loop compute what their expressions say."""
 
 import itertools
-import sys
 
 import numpy as np
 import pytest
@@ -11,9 +10,11 @@ from hypothesis import strategies as st
 
 import holdfast as hf
 from holdfast.errors import DefinitionError, OutputError
-from holdfast.execution.codegen.closed_loop_source import closed_loop_program
-from holdfast.execution.codegen.printer import function_source
-from holdfast.execution.compile import cache_directory, compile_closed_loop
+from holdfast.execution import leaf
+from holdfast.execution.cache import cache_directory
+from holdfast.execution.codegen.closed_loop_program import closed_loop_program
+from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.simulation.closed_loop import ClosedLoop
 from holdfast.execution.simulation.steppers import RK4
 from holdfast.maths.expressions.functions import angle, greatest, least, length, select, sgn, wrap
 from tests.conftest import number_at
@@ -51,27 +52,11 @@ def grown(children):
     )
 
 
-DRIVER = (
-    "import math\n"
-    "def inlined(f):\n    return f\n"
-    "def wrap(x):\n    return x - 2 * math.pi * math.ceil((x - math.pi) / (2 * math.pi))\n"
-    "def least(a, b):\n    return b if b < a else a\n"
-    "def greatest(a, b):\n    return b if b > a else a\n"
-    "def length(x, y):\n    return math.sqrt(x * x + y * y)\n"
-    "def sgn(x):\n    return 1.0 if x >= 0 else -1.0\n"
-    "def select(x, a, b):\n    return a if x >= 0 else b\n"
-    "def sine_and_cosine(x):\n    return math.sin(x), math.cos(x)\n"
-    "def sign(x):\n    return (x > 0) - (x < 0)\n"
-)
-
-
 @settings(max_examples=250, deadline=None)
 @given(st.recursive(leaves, grown, max_leaves=7), st.floats(-2, 2), st.floats(-2, 2))
-def test_printed_text_has_the_value_of_the_expression(expression, x, y):
+def test_compiled_expression_has_its_value(expression, x, y):
     expression = sp.sympify(expression)
-    scope = {}
-    exec(DRIVER + function_source("f", ("q",), {"q": [X, Y]}, [expression], scalar=True), scope)
-    value = scope["f"]((x, y))
+    value = Evaluator([expression], [X, Y], ()).values(np.array([[x, y]]))[0, 0]
     expected = float(expression.subs({X: sp.Float(x, 30), Y: sp.Float(y, 30)}))
     nearby = [
         float(expression.subs({X: x + a, Y: y + b}))
@@ -82,32 +67,38 @@ def test_printed_text_has_the_value_of_the_expression(expression, x, y):
     assert value == pytest.approx(expected, rel=1e-9, abs=1e-7)
 
 
-def test_generated_functions_agree_with_their_expressions(vehicle, backend):
+def test_leaves_agree_with_their_expressions(vehicle):
     law = hf.track_velocity(vehicle, hf.laws.steer_marine(vehicle), {"u": 5.0, "r": 10.0})
     region = hf.regions.camera_view()
     program = closed_loop_program(
         vehicle, law, region=region, goal=None, disturbance={"Vx": sp.Float(0.1)}, stepper=RK4
     )
-    module = compile_closed_loop(program.source)
-    p = np.array([*(q.value for q in program.parameters), *program.given])
+    loop = ClosedLoop(program)
+    p, none = loop.parameter_array(), np.zeros(1)
     values = {q.symbol: q.value for q in program.parameters}
     generator = np.random.default_rng(0)
-    for _ in range(5):
-        low, high = [-2, -1, -1, -0.3, -0.1, -1], [-0.7, 1, 1, 0.3, 0.1, 1]
-        q, u, d = tuple(generator.uniform(low, high)), (1.5, -0.2), (0.1, 0.0)
-        point = values | {s.symbol: v for s, v in zip(vehicle.states, q, strict=True)}
+    low, high = [-2, -1, -1, -0.3, -0.1, -1], [-0.7, 1, 1, 0.3, 0.1, 1]
+    q, u, d = generator.uniform(low, high, (5, 6)), np.array([1.5, -0.2]), (0.1, 0.0)
+    c = [e.expression for e in region.inequalities]
+    slopes = list(hf.outward_rates(vehicle, region).values())
+
+    def found(name, width, x=none):
+        return loop.leaves.values(name, 5, width, none, q, x, p)
+
+    rates = found("rates", 6, u)
+    assert loop.disturbances(np.zeros(1)).tolist() == [list(d)]
+    for k in range(5):
+        point = values | {s.symbol: v for s, v in zip(vehicle.states, q[k], strict=True)}
         point |= {s.symbol: v for s, v in zip(vehicle.inputs, u, strict=True)}
         point |= {s.symbol: v for s, v in zip(vehicle.disturbances, d, strict=True)}
-        rates = [number_at(e, point) for e in vehicle.rates.values()]
-        assert backend(module.disturbance, 0.0, p) == d
-        assert backend(module.rates, 0.0, q, u, d, p) == pytest.approx(rates, rel=1e-10)
-        command = [*(number_at(e, point) for e in law.outputs.values()), 0.0]  # no slack
-        assert backend(module.law, 0.0, q, 0, p, np.zeros(1)) == pytest.approx(command, rel=1e-9)
-        c = [number_at(e.expression, point) for e in region.inequalities]
-        assert backend(module.constraints, q, p) == pytest.approx(c, abs=1e-12)
-        slopes = [number_at(e, point) for e in hf.outward_rates(vehicle, region).values()]
-        flow = tuple(rates)
-        assert backend(module.constraint_rates, q, flow, p) == pytest.approx(slopes, rel=1e-9)
+
+        def exact(expressions, point=point):
+            return pytest.approx([number_at(e, point) for e in expressions], rel=1e-9, abs=1e-12)
+
+        assert rates[k] == exact(vehicle.rates.values())
+        assert found("law0", 2)[k] == exact(law.outputs.values())
+        assert loop.constraints(q)[k] == exact(c)
+        assert found("constraint_rates", len(c), rates)[k] == exact(slopes)
 
 
 def test_outputs_are_matched_to_inputs_by_name_not_by_order(vehicle):
@@ -131,26 +122,42 @@ def test_a_second_process_finds_the_compiled_code(tmp_path, monkeypatch, double_
     program = closed_loop_program(
         double_integrator, law, region=None, goal=None, disturbance={}, stepper=RK4
     )
-    first = compile_closed_loop(program.source)
-    first.evaluate_disturbance(np.zeros(3), np.zeros(1), np.zeros((3, 0)))
-    (path,) = tmp_path.glob("loop_*.py")
-    assert list(tmp_path.glob("loop_*.code")), "machine code is kept on disk"
+    first = ClosedLoop(program)
+    (path,) = tmp_path.glob("leaf-*.code")
     written = path.stat().st_mtime_ns
-    monkeypatch.delitem(sys.modules, path.stem)
-    again = compile_closed_loop(program.source)
-    assert again is not first
-    again.evaluate_disturbance(np.zeros(3), np.zeros(1), np.zeros((3, 0)))
-    assert sum(again.evaluate_disturbance.stats.cache_hits.values()) == 1
+    forget()
+    again = ClosedLoop(program)
+    assert again.leaves is not first.leaves
     assert path.stat().st_mtime_ns == written
     assert not list(tmp_path.glob("*.partial"))
+    path.write_bytes(path.read_bytes()[:-8])  # a truncated file is compiled again
+    forget()
+    ClosedLoop(program)
+    assert path.stat().st_mtime_ns != written
 
 
 def test_a_cache_folder_that_was_asked_for_must_be_writable(tmp_path, monkeypatch):
     file = tmp_path / "file"
     file.write_text("")
     monkeypatch.setenv("HOLDFAST_CACHE_DIR", str(file / "cache"))
+    forget()
     with pytest.raises(OutputError, match="set HOLDFAST_CACHE_DIR to a folder that can"):
-        compile_closed_loop("x = 1\n")
+        Evaluator([X * Y], [X, Y], ())
+
+
+def test_code_for_another_processor_is_not_run(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOLDFAST_CACHE_DIR", str(tmp_path))
+    Evaluator([X * Y + 7], [X, Y], ())
+    forget()
+    found = leaf._processor()
+    monkeypatch.setattr(leaf, "_processor", lambda: (found[0], found[1] + ",-prefer-256-bit"))
+    Evaluator([X * Y + 7], [X, Y], ())
+    assert len(list(tmp_path.glob("leaf-*.code"))) == 2
+
+
+def forget():
+    """The leaves of this process, so that they are read from the disk."""
+    leaf._leaves.cache_clear()
 
 
 def test_an_unwritable_user_cache_is_replaced_for_this_process(tmp_path, monkeypatch):
