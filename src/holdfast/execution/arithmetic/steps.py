@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import inspect
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -175,6 +175,17 @@ class Steps:
         """The results of a function that is called."""
         whole = self.step("call", *arguments, given=function, kind="several")
         return self._results(whole, function.kinds)
+
+    def needed(self, results: Sequence[int]) -> list[int]:
+        """The steps that the results depend on, in order."""
+        found: set[int] = set()
+        waiting = list(results)
+        while waiting:
+            number = waiting.pop()
+            if number not in found:
+                found.add(number)
+                waiting.extend(self.list[number].arguments)
+        return sorted(found)
 
     def _results(self, whole: Value, kinds: tuple[str, ...]) -> tuple[Value, ...]:
         return tuple(self.step("result", whole, given=i, kind=kind) for i, kind in enumerate(kinds))

@@ -1,78 +1,36 @@
-"""Expressions as C99, with the conventions of the compiled closed loop."""
+"""Steps of arithmetic as C99: the same operations in the same order as the leaves of a closed loop.
+
+Each operation is exactly rounded in C too, so that an exported law has every bit of the simulated
+one, where the compiler keeps to IEEE 754: without -ffast-math, and without fused operations, which
+the file itself turns off.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 
 import sympy as sp
-from sympy.printing.c import C99CodePrinter
-from sympy.printing.codeprinter import PrintMethodNotImplementedError
 
-from holdfast.errors import DefinitionError
-from holdfast.execution.codegen.printer import power, source_name
-from holdfast.maths.expressions.traversal import exchanged, symbols_of
+from holdfast.execution.arithmetic.steps import FLOAT, WHOLE, Function, Step, Steps, Value
+from holdfast.execution.codegen.lowering import WALLS, lowered
+from holdfast.execution.codegen.printer import source_name
+from holdfast.maths.expressions.traversal import symbols_of
 
-_CALLS = {
-    "sgn": "hf_sgn",
-    "wrap": "hf_wrap",
-    "sign": "hf_sign",
-    "least": "hf_least",
-    "greatest": "hf_greatest",
-    "select": "hf_select",
-    "length": "hf_length",
-    "angle": "atan2",
-    "magnitude": "fabs",
-}
-_GUARDED = ("angle", "length")
-"""Functions with a third argument that only their derivatives use."""
-
-
-class CPrinter(C99CodePrinter):
-    """C99 for every expression of a law, with the conventions of the compiled closed loop."""
-
-    def __init__(self) -> None:
-        super().__init__({"strict": True})
-
-    def _print_Function(self, e: sp.Expr) -> str:  # noqa: N802
-        name = type(e).__name__
-        if name not in _CALLS:
-            return str(super()._print_Function(e))
-        arguments = e.args[:2] if name in _GUARDED else e.args
-        return f"{_CALLS[name]}({', '.join(self._print(a) for a in arguments)})"
-
-    def _print_nearest_on_walls(self, e: sp.Expr) -> str:
-        return self._picked(2, e)
-
-    def _print_nearest_to_sight(self, e: sp.Expr) -> str:
-        return self._picked(4, e)
-
-    def _picked(self, points: int, e: sp.Expr) -> str:
-        """One of the results of a function of coordinates and of all walls."""
-        texts = [self._print(arg) for arg in e.args[1:]]
-        at, walls = ", ".join(texts[:points]), texts[points:]
-        ends = f"(const double[]){{{', '.join(walls)}}}"
-        return f"hf_{type(e).__name__}({int(e.args[0])}, {at}, {ends}, {len(walls) // 4})"
-
-    def _print_sign(self, e: sp.Expr) -> str:
-        return f"hf_sign({self._print(e.args[0])})"
-
-    def _print_Integer(self, e: sp.Expr) -> str:  # noqa: N802
-        return f"{int(e)}.0"
-
-    def _number(self, e: sp.Expr) -> str:
-        return repr(float(e))
-
-    _print_Rational = _print_Float = _print_Half = _number  # noqa: N815
-    _print_Pi = _print_Exp1 = _print_NumberSymbol = _number  # noqa: N815
-
-    def _print_Pow(self, e: sp.Expr) -> str:  # noqa: N802
-        base, exponent = e.as_base_exp()
-        return power(
-            f"({self._print(base)})", exponent, "sqrt", f"pow(%s, {self._print(exponent)})"
-        )
-
-
-_PRINTER = CPrinter()
+_KINDS = {FLOAT: "double", WHOLE: "uint64_t"}
+_BINARY = {
+    "add": ("+", 5), "sub": ("-", 5), "mul": ("*", 6), "div": ("/", 6), "lt": ("<", 3),
+    "le": ("<=", 3), "eq": ("==", 3), "ne": ("!=", 3), "both": ("&&", 2), "either": ("||", 1),
+    "iadd": ("+", 5), "isub": ("-", 5), "imul": ("*", 6), "iand": ("&", 0), "ior": ("|", 0),
+    "ixor": ("^", 0), "shl": ("<<", 0), "shr": (">>", 0), "ieq": ("==", 3),
+}  # fmt: skip
+"""The operator and how strongly it binds; 0: always in parentheses."""
+_CALLED = {
+    "abs": "fabs", "sqrt": "sqrt", "floor": "floor", "ceil": "ceil", "rint": "rint",
+    "bits": "hf_bits", "from_bits": "hf_from_bits",
+}  # fmt: skip
+ATOM = 9
 
 
 def c_body(
@@ -89,18 +47,157 @@ def c_body(
         for i, s in enumerate(symbols)
         if s in used
     ]
-    renamed = {s: sp.Symbol(_name(s), real=True) for s in used}
-    shared, reduced = sp.cse(
-        exchanged(results, renamed),
-        symbols=sp.numbered_symbols("c_", real=True),
-        order="none",
-    )
-    try:
-        lines += [f"{indent}const double {s} = {_PRINTER.doprint(e)};" for s, e in shared]
-        lines += [f"{indent}{into}[{i}] = {_PRINTER.doprint(e)};" for i, e in enumerate(reduced)]
-    except PrintMethodNotImplementedError as error:
-        raise DefinitionError(f"an expression has no C99 form: {error}") from None
+    steps = Steps(expanded=False)
+    values = lowered(steps, results, {s: steps.input(_name(s)) for s in used})
+    body = _Body(steps, values, indent)
+    lines += body.lines
+    lines += [f"{indent}{into}[{i}] = {body.text(v.number)};" for i, v in enumerate(values)]
     return "\n".join(lines)
+
+
+def c_functions(text: str, known: Iterable[Function]) -> str:
+    """The functions of those known that a text calls, each before those that call it."""
+    found: dict[str, str] = {}
+    by_name = {f"hf_{function.name}(": function for function in known}
+
+    def add(text: str) -> None:
+        for call, function in by_name.items():
+            if call in text and function.name not in found:
+                whole = _definition(function)
+                add(whole.partition("{\n")[2])
+                found[function.name] = whole
+
+    add(text)
+    return "".join(f"{body}\n\n" for body in found.values())
+
+
+def _definition(function: Function) -> str:
+    """A function of one result returns it; of several it writes them behind pointers."""
+    steps, results = function.traced(expanded=False)
+    body = _Body(steps, results, "    ")
+    parameters = ", ".join(f"double {p}" for p in function.parameters)
+    comment = function.text.partition("\n")[0]
+    texts = [body.text(v.number) for v in results]
+    if len(results) == 1:
+        heading = f"static inline double hf_{function.name}({parameters}) {{"
+        end = [f"    return {texts[0]};"]
+    else:
+        outputs = "".join(f", {_KINDS[k]} *r{i}" for i, k in enumerate(function.kinds))
+        heading = f"static inline void hf_{function.name}({parameters}{outputs}) {{"
+        end = [f"    *r{i} = {text};" for i, text in enumerate(texts)]
+    return "\n".join([f"/* {comment} */", heading, *body.lines, *end, "}"])
+
+
+class _Body:
+    """The lines of some steps; what is used once stands where it is used."""
+
+    def __init__(self, steps: Steps, results: Sequence[Value], indent: str) -> None:
+        self.steps, self.indent = steps, indent
+        self.lines: list[str] = []
+        self.tables: dict[tuple[int, ...], str] = {}
+        self.texts: dict[int, tuple[str, int]] = {}
+        numbers = steps.needed([v.number for v in results])
+        uses = Counter(k for n in numbers for k in steps.list[n].arguments)
+        uses.update({v.number for v in results})
+        for number in numbers:
+            step = steps.list[number]
+            text, binding = self._one(number, step)
+            simple = step.operation in ("input", "constant", "result") or step.kind == "several"
+            if not simple and (uses[number] > 1 or len(text) > MOST):
+                kind = _KINDS.get(step.kind, "int")
+                self._line(f"const {kind} c_{number} = {text};")
+                text, binding = f"c_{number}", ATOM
+            self.texts[number] = text, binding
+
+    def text(self, number: int, least: int = 0) -> str:
+        """The text of a step, in parentheses if it binds less than that."""
+        text, binding = self.texts[number]
+        return text if binding >= least else f"({text})"
+
+    def _line(self, text: str) -> None:
+        self.lines.append(self.indent + text)
+
+    def _one(self, number: int, step: Step) -> tuple[str, int]:
+        operation, a = step.operation, step.arguments
+        if operation == "input":
+            return str(step.given), ATOM
+        if operation == "constant":
+            return _constant(step)
+        if operation in _BINARY:
+            sign, binding = _BINARY[operation]
+            if not binding:
+                return f"({self.text(a[0], ATOM)} {sign} {self.text(a[1], ATOM)})", ATOM
+            return f"{self.text(a[0], binding)} {sign} {self.text(a[1], binding + 1)}", binding
+        if operation in _CALLED:
+            return f"{_CALLED[operation]}({self.text(a[0])})", ATOM
+        if operation == "neg":
+            return f"-{self.text(a[0], ATOM)}", 7
+        if operation == "not":
+            return f"!{self.text(a[0], ATOM)}", 7
+        if operation == "choose":
+            when, one, other = (self.text(k, 4) for k in a)
+            return f"({when} ? {one} : {other})", ATOM
+        if operation == "entry":
+            return f"{self._table(step.given)}[{self.text(a[0])}]", ATOM
+        if operation == "result":
+            return f"c_{a[0]}_{step.given}", ATOM
+        if operation == WALLS:
+            return self._walls(step), ATOM
+        return self._several(number, step)
+
+    def _table(self, words: tuple[int, ...]) -> str:
+        """The name of a table, which is declared where it is first used."""
+        if words not in self.tables:
+            name = self.tables[words] = f"table_{len(self.tables)}"
+            self._line(f"static const uint64_t {name}[] = {{")
+            for k in range(0, len(words), 6):
+                some = ", ".join(f"0x{w:08x}" for w in words[k : k + 6])
+                self._line(f"    {some},")
+            self._line("};")
+        return self.tables[words]
+
+    def _several(self, number: int, step: Step) -> tuple[str, int]:
+        """A call, or a rare case, whose results are variables of their own."""
+        function: Function = step.given
+        own = [f"c_{number}_{i}" for i in range(len(function.kinds))]
+        a = list(step.arguments)
+        outputs = "".join(f", &{name}" for name in own)
+        if step.operation == "call":
+            arguments = ", ".join(map(self.text, a))
+            if len(own) == 1:
+                self._line(f"const double {own[0]} = hf_{function.name}({arguments});")
+                return own[0], ATOM
+            for name, kind in zip(own, function.kinds, strict=True):
+                self._line(f"{_KINDS[kind]} {name};")
+            self._line(f"hf_{function.name}({arguments}{outputs});")
+            return own[0], ATOM
+        for name, kind, usual in zip(own, function.kinds, a[1:], strict=False):
+            self._line(f"{_KINDS[kind]} {name} = {self.text(usual)};")
+        arguments = ", ".join(map(self.text, a[1 + len(own) :]))
+        self._line(f"if ({self.text(a[0])}) hf_{function.name}({arguments}{outputs});")
+        return own[0], ATOM
+
+    def _walls(self, step: Step) -> str:
+        """One of the results of a function of coordinates and of all walls."""
+        name, points, which = step.given
+        texts = [self.text(k) for k in step.arguments]
+        at, ends = ", ".join(texts[:points]), texts[points:]
+        walls = f"(const double[]){{{', '.join(ends)}}}"
+        return f"hf_{name}({which}, {at}, {walls}, {len(ends) // 4})"
+
+
+MOST = 300
+"""Characters of an expression, beyond which it has a line of its own."""
+
+
+def _constant(step: Step) -> tuple[str, int]:
+    if step.kind == WHOLE:
+        return f"UINT64_C({step.given})", ATOM
+    value: float = step.given
+    if math.isnan(value):
+        return "NAN", ATOM
+    text = repr(abs(value)) if math.isfinite(value) else "INFINITY"
+    return (f"-{text}", 7) if math.copysign(1.0, value) < 0 else (text, ATOM)
 
 
 def _name(s: sp.Symbol) -> str:

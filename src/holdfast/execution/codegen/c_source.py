@@ -14,15 +14,25 @@ import sympy as sp
 
 from holdfast._version import __version__
 from holdfast.arguments import checked
-from holdfast.execution.codegen.c_printer import c_body
+from holdfast.execution.codegen.c_printer import c_body, c_functions
 from holdfast.execution.codegen.c_text import c_comment, c_file, c_name, c_needed, c_own, c_table
 from holdfast.execution.codegen.controller_program import ControllerProgram, controller_program
+from holdfast.execution.codegen.lowering import FUNCTIONS
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.traversal import symbols_of
 
 SLACK = "0 if an input was admissible, else the relaxation of the safeguard"
+
+PLAIN = (
+    "/* No fused operations, so that the results have the very bits of the simulated law. */",
+    "#if defined(__clang__)",
+    "#pragma STDC FP_CONTRACT OFF",
+    "#elif defined(__GNUC__)",
+    '#pragma GCC optimize("fp-contract=off")',
+    "#endif",
+)
 
 OUTSIDE = "1 if the state was outside the grid of the kernel: the nearest place of the grid is used"
 
@@ -83,6 +93,10 @@ class _File:
         lines = [
             self._about(),
             "#include <math.h>",
+            "#include <stdint.h>",
+            "#include <string.h>",
+            "",
+            *PLAIN,
             "",
             *self._interface(),
             "",
@@ -155,7 +169,11 @@ class _File:
 
     def _helpers(self, functions: str) -> list[str]:
         """The helper functions that the functions call."""
-        found = [c_needed(name, functions) for name in ("basics", "walls")]
+        found = [
+            c_file("arithmetic"),
+            c_functions(functions, FUNCTIONS),
+            c_needed("walls", functions),
+        ]
         if self.program.safeguards:
             most = max(len(guard.offsets) for guard in self.program.safeguards.values())
             found.append(f"#define HF_M {len(self.program.inputs)}\n#define HF_ROWS {most}\n")

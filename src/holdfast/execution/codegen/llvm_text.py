@@ -120,7 +120,7 @@ class _Body:
         self.names: dict[int, str] = {}
         self.inputs: dict[str, int] = {}
         self.label = "loop"
-        for number in _needed(steps, [v.number for v in results]):
+        for number in steps.needed([v.number for v in results]):
             self._print(number, steps.list[number])
 
     def _print(self, number: int, step: Step) -> None:
@@ -224,18 +224,6 @@ class _Body:
             )
             whole = f"%r{i}"
         self.module.functions[function.name] = "\n".join([*lines, f"  ret {several} {whole}", "}"])
-
-
-def _needed(steps: Steps, results: Sequence[int]) -> list[int]:
-    """The steps that the results depend on, in order."""
-    found: set[int] = set()
-    waiting = list(results)
-    while waiting:
-        number = waiting.pop()
-        if number not in found:
-            found.add(number)
-            waiting.extend(steps.list[number].arguments)
-    return sorted(found)
 
 
 def _constant(step: Step) -> str:

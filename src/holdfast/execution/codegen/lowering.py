@@ -66,7 +66,12 @@ class _Lowering:
             return self._power(*e.as_base_exp())
         name = type(e).__name__
         if name in _PICKED:
-            return _PICKED[name](*map(self.value, e.args[1:]))[int(e.args[0])]
+            points, function = _PICKED[name]
+            values = [self.value(a) for a in e.args[1:]]
+            if self.steps.expanded:
+                return function(*values)[int(e.args[0])]
+            given = (name, points, int(e.args[0]))
+            return self.steps.step(WALLS, *values, given=given, kind=FLOAT)
         if name not in _FUNCTIONS:
             raise DefinitionError(f"function '{name}' cannot be compiled: {e}")
         arguments = e.args[:2] if name in _GUARDED else e.args
@@ -135,11 +140,24 @@ def _value(found: Any) -> Value:
 _GUARDED = ("angle", "length")
 """Functions with a third argument that only their derivatives use."""
 
-_PICKED: dict[str, Callable[..., tuple[Value, ...]]] = {
-    "nearest_on_walls": walls.nearest_on_walls,
-    "nearest_to_sight": walls.nearest_to_sight,
+WALLS = "walls"
+"""The operation of a function of walls where it is called and not expanded."""
+
+_PICKED: dict[str, tuple[int, Callable[..., tuple[Value, ...]]]] = {
+    "nearest_on_walls": (2, walls.nearest_on_walls),
+    "nearest_to_sight": (4, walls.nearest_to_sight),
 }
-"""Functions with several results, of which the first argument picks one."""
+"""Functions of some coordinates and of walls, of whose results the first argument picks one."""
+
+FUNCTIONS = (
+    basics.wrap, basics.least, basics.greatest, basics.sgn, basics.sign, basics.select,
+    basics.length, trigonometric.sine_and_cosine, trigonometric.tangent, trigonometric.arctangent,
+    trigonometric.arcsine, trigonometric.arccosine, trigonometric.angle_of,
+    trigonometric.REDUCED_BY_DIGITS, exponential.exponential, exponential.logarithm,
+    exponential.power, exponential.hyperbolic_sine, exponential.hyperbolic_cosine,
+    exponential.hyperbolic_tangent,
+)  # fmt: skip
+"""All functions that steps may call."""
 
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
     "sin": lambda x: trigonometric.sine_and_cosine(x)[0],
