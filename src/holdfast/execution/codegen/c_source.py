@@ -41,14 +41,16 @@ OUTSIDE = "1 if the state was outside the grid of the kernel: the nearest place 
 def export_c(system: System, law: Law | Switching, name: str = "controller") -> str:
     """The law as C99, with its modes, its memory, and the limits of the actuators.
 
-    The file allocates no memory and needs no library but libm. NAME is `name` with underscores in
-    place of characters that a C name cannot have, and law_ before a digit. `NAME_start` sets the
-    first mode; at every control sample `NAME_step` takes the time [s], the measurements and the
-    parameters, writes the command of the law and the limited values of the actuators, and returns
-    the mode. Its numbers are those of the compiled closed loop, up to rounding. `slack` of the
-    state is the relaxation of a safeguard at a sample: 0 if an input was admissible. The table of a
-    kernel is in the file; `outside` of the state is 1 at a sample outside its grid. Every name at
-    file scope begins with NAME, or with its upper case. `export_c_header` gives the header.
+    The file allocates no memory and needs no library but libm, of which it calls square roots and
+    roundings only. NAME is `name` with underscores in place of characters that a C name cannot
+    have, and law_ before a digit. `NAME_start` sets the first mode; at every control sample
+    `NAME_step` takes the time [s], the measurements and the parameters, writes the command of the
+    law and the limited values of the actuators, and returns the mode. Its numbers are those of the
+    compiled closed loop, bit for bit, if the compiler keeps to IEEE 754 (without -ffast-math).
+    `slack` of the state is the relaxation of a safeguard at a sample: 0 if an input was admissible.
+    The table of a kernel is in the file; `outside` of the state is 1 at a sample outside its grid.
+    Every name at file scope begins with NAME, or with its upper case. `export_c_header` gives the
+    header.
 
     Raises `DefinitionError` for a law that does not fit the system.
     """

@@ -22,6 +22,9 @@ from holdfast.execution.simulation.settings import Settings
 ATTEMPTS = 100_000
 """Draws of a random start, of which the first in the region is taken."""
 
+TOGETHER = 4096
+"""Draws that are tried at a time."""
+
 
 class Outcome(IntEnum):
     """The outcome of a trajectory."""
@@ -180,14 +183,18 @@ class ClosedLoop:
         check_memory(8 * count * len(lower), f"{count} random starts")
         out, waiting = np.empty((count, len(lower))), np.arange(count)
         draw, watched = compile_batch().draw_starts, len(self.program.constraints)
-        for attempt in range(ATTEMPTS):
-            runs = waiting + first
-            some = np.empty((len(waiting), len(lower)))
-            draw(runs, np.full(len(runs), attempt), lower, upper, np.uint64(seed), some)
-            levels = self.constraints(some) if watched else np.zeros((len(runs), 1))
-            inside = np.all(levels <= 0, axis=1)
-            out[waiting[inside]] = some[inside]
-            waiting = waiting[~inside]
+        attempt = 0
+        while attempt < ATTEMPTS:
+            several = min(max(1, TOGETHER // len(waiting)) if attempt else 1, ATTEMPTS - attempt)
+            attempts = np.tile(np.arange(attempt, attempt + several), len(waiting))
+            some = np.empty((len(attempts), len(lower)))
+            draw(np.repeat(waiting + first, several), attempts, lower, upper, np.uint64(seed), some)
+            levels = self.constraints(some) if watched else np.zeros((len(some), 1))
+            inside = np.all(levels <= 0, axis=1).reshape(-1, several)
+            found, place = inside.any(axis=1), inside.argmax(axis=1)
+            out[waiting[found]] = some[(np.arange(len(waiting)) * several + place)[found]]
+            waiting = waiting[~found]
+            attempt += several
             if not len(waiting):
                 return out
         raise SimulationError(

@@ -21,7 +21,7 @@ def keep_lanes(s_at, w_at, k):
     own = s[PER_MODE + s[STAGES] - 1 + k]
     scratch = np.empty(2 * s[INPUTS] + s[CONDITIONS] * (s[INPUTS] + 1))
     for lane in range(s[LANES]):
-        if w[U(s[MODE] + lane)] == k:
+        if w[U(s[MODE] + lane)] == k and w[U(s[ALIVE] + lane)] != 0.0:
             keep_lane(s, w, lane, s[own + 4], s[own + 5], scratch)
 
 
@@ -69,14 +69,15 @@ def look_up_in(s, w, table, noted):
     count, now = s[PLACES], w[U(s[T])]
     point, found = np.empty(count), np.empty(count + 1)
     for lane in range(s[LANES]):
+        if w[U(s[ALIVE] + lane)] == 0.0:
+            continue
         for i in range(count):
             point[i] = w[U(s[PLACE] + i * WIDTH + lane)]
         look_up(table, point, found)
         for i in range(count + 1):
             w[U(s[LOOK] + i * WIDTH + lane)] = found[i]
         off = note(s, OFF_AT) + lane
-        new = noted and w[U(s[ALIVE] + lane)] != 0.0 and math.isnan(w[U(off)])
-        if new and beyond_grid(table, point, s[s[TABLE] + 3]):
+        if noted and math.isnan(w[U(off)]) and beyond_grid(table, point, s[s[TABLE] + 3]):
             w[U(off)] = now
             if w[U(s[OUTCOME] + lane)] == STAYED:
                 w[U(s[OUTCOME] + lane)] = OFF_GRID
