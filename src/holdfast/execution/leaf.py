@@ -31,8 +31,8 @@ _compiling = threading.RLock()
 class Leaves:
     """Compiled leaves; `addresses[name]` is that of `void (double *arguments..., *out, i64)`."""
 
-    def __init__(self, text: str, names: Mapping[str, int]) -> None:
-        self._engine = _engine(_object_code(text))  # which holds the machine code
+    def __init__(self, text: str, digest: str, names: Mapping[str, int]) -> None:
+        self._engine = _engine(_object_code(text, digest))  # which holds the machine code
         self.addresses = {n: self._engine.get_function_address(_symbol(n)) for n in names}
         self._functions = {
             name: ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * (count + 1), ctypes.c_int64)(
@@ -71,13 +71,16 @@ class Leaves:
 def compiled_leaves(leaves: Mapping[str, Leaf]) -> Leaves:
     """The machine code of these leaves, from memory, the disk or LLVM."""
     text = leaves_text({_symbol(name): leaf for name, leaf in leaves.items()})
+    digest = hashlib.sha256(text.encode()).hexdigest()
     with _compiling:
-        return _leaves(text, tuple((n, len(leaf.arguments)) for n, leaf in leaves.items()))
+        if digest not in _known:
+            names = {name: len(leaf.arguments) for name, leaf in leaves.items()}
+            _known[digest] = Leaves(text, digest, names)
+        return _known[digest]
 
 
-@cache
-def _leaves(text: str, names: tuple[tuple[str, int], ...]) -> Leaves:
-    return Leaves(text, dict(names))
+_known: dict[str, Leaves] = {}
+"""Those of this process, by the digest of their text."""
 
 
 def padded(count: int) -> int:
@@ -124,10 +127,10 @@ def _processor() -> tuple[str, str]:
     return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
-def _object_code(text: str) -> bytes:
+def _object_code(text: str, digest: str) -> bytes:
     version = ".".join(map(str, llvm.llvm_version_info))
     key = (llvmlite.__version__, version, *_processor())
-    stored = Stored("leaf", hashlib.sha256(text.encode()).hexdigest())
+    stored = Stored("leaf", digest)
     found = stored.load(key)
     if found is None:
         module = llvm.parse_assembly(text)

@@ -157,7 +157,7 @@ def test_code_for_another_processor_is_not_run(tmp_path, monkeypatch):
 
 def forget():
     """The leaves of this process, so that they are read from the disk."""
-    leaf._leaves.cache_clear()
+    leaf._known.clear()
 
 
 def test_an_unwritable_user_cache_is_replaced_for_this_process(tmp_path, monkeypatch):

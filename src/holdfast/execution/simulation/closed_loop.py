@@ -289,7 +289,8 @@ class ClosedLoop:
         )
         stop = np.zeros(1, dtype=np.int64)
         threads = settings.threads or available_cores()
-        chunk = max(1, min(64, -(-runs // (4 * threads))))
+        driver = compile_driver()
+        chunk = driver.WIDTH * max(1, min(4, runs // (4 * threads * driver.WIDTH)))  # whole blocks
         bounds = [(a, min(a + chunk, runs)) for a in range(0, runs, chunk)]
         counters = [np.zeros(1, dtype=np.int64) for _ in bounds]
         numbers = Numbers(
@@ -312,7 +313,6 @@ class ClosedLoop:
         )
         records = Records(*(getattr(result, name) for name in Records._fields))
         begin = np.ascontiguousarray(starts)
-        driver = compile_driver()
 
         def work(start: int, stop_at: int, counter: npt.NDArray[np.int64]) -> None:
             s, w = block(driver, program, self.leaves.addresses, settings)
