@@ -171,9 +171,10 @@ class _File:
 
     def _helpers(self, functions: str) -> list[str]:
         """The helper functions that the functions call."""
+        called = c_functions(functions, FUNCTIONS)
         found = [
-            c_file("arithmetic"),
-            c_functions(functions, FUNCTIONS),
+            c_needed("arithmetic", functions + called),
+            called,
             c_needed("walls", functions),
         ]
         if self.program.safeguards:

@@ -141,9 +141,6 @@ def closed_loop_program(
     p += handed.values()
     felt = dict(zip(system.disturbances, still, strict=True))
     measured = [felt[d] for d in controller.measured]
-    # the functions of a law without measured disturbances receive one zero in their place
-    seen = [q.symbol for q in controller.seen] + ([] if measured else [sp.Dummy()])
-    seen += [z.symbol for z in controller.remembered]
     used = [*still, *varied.values.values(), *varied.plant.values(), *controller.expressions]
     used += [*system.rates.values(), *switching.signals.values(), *([goal.worst] if goal else [])]
     symbols = symbols_of(used)

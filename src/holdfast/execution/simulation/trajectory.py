@@ -1,4 +1,4 @@
-"""Functions that every closed loop uses: noise, bounds, errors, points inside a step.
+"""Functions that every closed loop uses: measurement noise, a bound inside a step.
 
 It knows no system. Names in lower case are places in the array w, as in `driver.py`.
 """
