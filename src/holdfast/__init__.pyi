@@ -35,7 +35,7 @@ from .errors import GainWarning as GainWarning
 from .errors import HoldfastError as HoldfastError
 from .execution.codegen.c_source import export_c as export_c
 from .execution.codegen.c_source import export_c_header as export_c_header
-from .execution.simulation.closed_loop import Outcome as Outcome
+from .execution.simulation.outcomes import Outcome as Outcome
 from .maths.catalogue import fields as fields
 from .maths.catalogue import laws as laws
 from .maths.catalogue import regions as regions

@@ -19,17 +19,12 @@ __all__ = ["cache_directory"]
 
 MARK = "# -- joined from here on"
 
-DRIVER, PARTS = "simulation/driver", "simulation/parts"
+PARTS = "simulation/parts"
 QUADRATIC_PROGRAM, INTERPOLATION = "simulation/quadratic_program", "interpolate"
 FINITE_DIFFERENCES, SCHEMES = "level_set/finite_differences", "level_set/schemes"
 BELOW = {
     FINITE_DIFFERENCES: ("level_set/stencils",),
-    "simulation/block": ("simulation/trajectory",),
-    "simulation/controller": ("simulation/block",),
-    "simulation/crossings": ("simulation/block",),
-    "simulation/stepping": ("simulation/controller", "simulation/crossings"),
-    DRIVER: ("simulation/stepping",),
-    PARTS: ("simulation/block", QUADRATIC_PROGRAM, INTERPOLATION),
+    PARTS: (QUADRATIC_PROGRAM, INTERPOLATION),
 }
 """The files whose names another one uses; `primitives` for all others."""
 
@@ -37,11 +32,6 @@ _NUMBER = re.compile(r"(?<![\w.])(\d+\.\d*(e[+-]?\d+)?|\d+e[+-]?\d+)(?![\w.])")
 
 _building = threading.RLock()
 """Other threads see a module only after its execution."""
-
-
-def compile_driver() -> ModuleType:
-    """The module of the loop that simulates every program."""
-    return _shared(DRIVER)
 
 
 @cache
@@ -62,11 +52,6 @@ def part(name: str) -> int:
 
 _parts: list[Any] = []
 """They hold the machine code."""
-
-
-def compile_batch() -> ModuleType:
-    """The module of `batch.py`."""
-    return _shared("simulation/batch")
 
 
 def compile_functions(source: str) -> ModuleType:

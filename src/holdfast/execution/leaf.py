@@ -83,6 +83,30 @@ _known: dict[str, Leaves] = {}
 """Those of this process, by the digest of their text."""
 
 
+def compiled_text(text: str) -> Machine:
+    """The machine code of a text of LLVM, from memory, the disk or LLVM."""
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    with _compiling:
+        if digest not in _machines:
+            _machines[digest] = Machine(text, digest)
+        return _machines[digest]
+
+
+_machines: dict[str, Machine] = {}
+
+
+class Machine:
+    """The functions of a text."""
+
+    def __init__(self, text: str, digest: str) -> None:
+        self._engine = _engine(_object_code(text, digest))  # which holds the machine code
+
+    def function(self, name: str, arguments: int) -> Any:
+        """A function of pointers; other threads of Python run meanwhile."""
+        address = self._engine.get_function_address(name)
+        return ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(address)
+
+
 def padded(count: int) -> int:
     """The least number of columns for `count` points."""
     return -(-count // LANES) * LANES

@@ -13,7 +13,7 @@ from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.evaluate import Evaluator
 from holdfast.execution.simulation.closed_loop import ClosedLoop
-from holdfast.execution.simulation.one_sample import Controller, one_sample
+from holdfast.execution.simulation.one_sample import Controller, OneRun
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.steppers import RK4
 from holdfast.interop.numeric_system import Numeric, closed_expressions
@@ -91,7 +91,7 @@ def sampled_loop(
 
     Raises `SimulationError` for invalid times.
     """
-    Settings(
+    settings = Settings(
         horizon=sample_time, sample_time=sample_time, record_every=sample_time, substeps=substeps
     )
     program = closed_loop_program(
@@ -99,6 +99,7 @@ def sampled_loop(
         disturbance={name: sp.Float(0.0) for name in system.disturbance_names},
     )  # fmt: skip
     loop = ClosedLoop(program)
+    run = OneRun(loop, settings)
     n, remembered = len(program.states), len(program.remembered)
     told = list(system.input_names)
     if program.safeguarded:
@@ -109,7 +110,7 @@ def sampled_loop(
         values[len(values) - 1 - len(program.given) : -1] = np.atleast_1d(d)[: len(program.given)]
         memory = x[n : n + remembered] if t > 0 else None
         controller = Controller(memory, int(x[-2]), float(x[-1]))
-        found = one_sample(loop, float(t), x[:n], controller, values, substeps)
+        found = run.sample(float(t), x[:n], controller, values)
         _, mode, in_mode = found.controller
         kept = found.controller.memory if remembered else np.empty(0)
         after = np.concatenate([found.state, kept, [mode, in_mode]])

@@ -8,7 +8,7 @@ import pytest
 import holdfast as hf
 from holdfast.analysis.safety.adversary import CONSTANT, SWINGING, SWITCHING, schedules
 from holdfast.errors import DefinitionError, SimulationError
-from holdfast.execution.simulation.closed_loop import SafeguardAnswer
+from holdfast.execution.simulation.outcomes import SafeguardAnswer
 from tests.carts import BOX, STATES, WALLS, U, V, X, cart, swinging
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
+from tests.carts import BOX, WALLS, cart, swinging
 
 GENERATOR = np.random.default_rng(16)
 COUNT = 37
@@ -30,14 +31,35 @@ def wild():
     return system, law, starts, {"region": room} | rest
 
 
+def from_a_table():
+    """A law that the value of a kernel keeps; some runs leave the grid."""
+    system = cart(push=0.2)
+    found = hf.discriminating_kernel(system, WALLS, hf.grid(system, BOX, 21), horizon=2)
+    law = hf.safety_law(system, found, swinging())
+    starts = GENERATOR.uniform(-1.4, 1.4, (COUNT, 2))
+    return system, law, starts, {"horizon": 6.0, "region": WALLS, "start_outside": True}
+
+
 CASES = {
     "safeguarded, two modes": lambda: of_scenario("inspection"),
     "blended, three modes, exits": lambda: of_scenario("ch5-viable-goal-set", horizon=40.0),
     "adaptive, diverging": wild,
     "continuous": lambda: of_scenario("ch5-nominal", continuous=True),
     "late": lambda: of_scenario("ch5-nominal", delay=0.1),
+    "with a memory": lambda: of_scenario("ch3-unknown-current"),
+    "from a table": from_a_table,
 }
 NOT_OF_A_RUN = ("time",)
+
+
+def test_every_run_draws_noise_of_its_own():
+    system, law, starts, rest = CASES["late"]()
+    rest |= {"noise_normal": {"x": 0.01}, "horizon": 1.0}
+    same = np.repeat(starts[:1], 5 * COUNT, axis=0)  # runs of several blocks and threads
+    one, two = (hf.simulate(system, law, starts=same, threads=k, **rest) for k in (1, 2))
+    ends = one.dataset["state"].values[:, -1, 0]
+    assert len(set(ends)) == len(ends)
+    assert np.array_equal(one.dataset["state"], two.dataset["state"])
 
 
 @pytest.mark.parametrize("name", CASES)

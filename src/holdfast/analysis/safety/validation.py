@@ -32,7 +32,7 @@ from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
 from holdfast.execution.evaluate import Evaluator
 from holdfast.execution.resources import Progress
-from holdfast.execution.simulation.closed_loop import Outcome
+from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.maths.control.value_filter import ADVERSARY_AIM
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Region

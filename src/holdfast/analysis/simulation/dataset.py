@@ -10,8 +10,9 @@ import xarray as xr
 
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
-from holdfast.execution.simulation.closed_loop import Outcome, SafeguardAnswer, Trajectories
+from holdfast.execution.simulation.outcomes import Outcome, SafeguardAnswer
 from holdfast.execution.simulation.settings import Settings
+from holdfast.execution.simulation.trajectories import Trajectories
 
 if TYPE_CHECKING:
     from holdfast.maths.definitions.quantity import Quantity

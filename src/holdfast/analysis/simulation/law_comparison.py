@@ -16,7 +16,7 @@ from holdfast.analysis.simulation.result import Result
 from holdfast.arguments import checked
 from holdfast.errors import ScenarioError
 from holdfast.execution.arrays import Array
-from holdfast.execution.simulation.closed_loop import Outcome
+from holdfast.execution.simulation.outcomes import Outcome
 
 CONFIDENCE = 0.95
 

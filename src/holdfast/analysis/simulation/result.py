@@ -18,7 +18,7 @@ from holdfast.analysis.simulation.files import FORMAT, MARK, read_netcdf, write_
 from holdfast.analysis.simulation.sweep_table import Campaign
 from holdfast.arguments import checked
 from holdfast.errors import HoldfastError, OutputError
-from holdfast.execution.simulation.closed_loop import Outcome
+from holdfast.execution.simulation.outcomes import Outcome
 
 if TYPE_CHECKING:
     from holdfast.maths.definitions.scene import Shape

@@ -1,4 +1,4 @@
-"""A system under a law as the leaves of its closed loop, which `simulation/driver.py` calls.
+"""A system under a law as the leaves of its closed loop, which `simulation/loop.py` calls.
 
 A leaf takes the parameters as columns, so that a sweep over gains or currents compiles once.
 """
@@ -13,7 +13,6 @@ import sympy as sp
 
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.codegen.controller_program import ControllerProgram, controller_program
-from holdfast.execution.codegen.lane_leaves import lane_leaves
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.lowering import leaf_of
 from holdfast.execution.simulation.steppers import Tableau
@@ -158,8 +157,7 @@ def closed_loop_program(
     guards = controller.safeguards
     c = [x.expression for x in region.inequalities] if region else []
     return ClosedLoopProgram(
-        leaves=_method_leaves(controller, stepper, len(c))
-        | _leaves(
+        leaves=_leaves(
             controller,
             rates=[e.xreplace(dict(zip(d, still, strict=True))) for e in system.rates.values()],
             measured=measured,
@@ -291,22 +289,3 @@ def _leaves(
         levels = [when for when, _ in controller.transitions.get(mode, ())]
         found[f"guards{number}"] = leaf(levels, seen, (TIME_IN_MODE,))
     return {name: one for name, one in found.items() if one.results}
-
-
-def _method_leaves(
-    controller: ControllerProgram, tableau: Tableau, watched: int
-) -> dict[str, Leaf]:
-    weights = tableau.weights().tolist()
-    stages, limited = len(tableau.b), len(controller.requested)
-    inputs = len(controller.inputs)
-    actuators = range(limited, limited + len(controller.system.actuators))
-    return lane_leaves(
-        weights[:stages],
-        *weights[stages:],
-        states=len(controller.system.states),
-        constraints=watched,
-        actuation=2 * limited + inputs,
-        peaks=[*range(2 * limited, 2 * limited + inputs), *actuators],
-        modes=len(controller.modes),
-        inputs=inputs,
-    )

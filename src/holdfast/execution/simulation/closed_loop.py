@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
-from enum import IntEnum
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -13,11 +12,14 @@ import numpy.typing as npt
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
-from holdfast.execution.compile import compile_batch, compile_driver
+from holdfast.execution.codegen.loop_text import WIDTH
+from holdfast.execution.codegen.random_leaves import starts_leaf, varied_leaf
 from holdfast.execution.leaf import compiled_leaves
 from holdfast.execution.resources import Progress, available_cores, check_memory, run_threads
-from holdfast.execution.simulation.loop_arguments import Numbers, Records, Sampling, block
+from holdfast.execution.simulation.blocks import Blocks, Functions, Numbers, functions_of
+from holdfast.execution.simulation.loop import Loop, built
 from holdfast.execution.simulation.settings import Settings
+from holdfast.execution.simulation.trajectories import Trajectories
 
 ATTEMPTS = 100_000
 """Draws of a random start, of which the first in the region is taken."""
@@ -25,86 +27,8 @@ ATTEMPTS = 100_000
 TOGETHER = 4096
 """Draws that are tried at a time."""
 
-
-class Outcome(IntEnum):
-    """The outcome of a trajectory."""
-
-    STAYED = 0
-    REACHED = 1
-    LEFT = 2
-    DIVERGED = 3
-    CHATTERED = 4
-    OFF_GRID = 5
-
-    @property
-    def label(self) -> str:
-        return OUTCOMES[self]
-
-
-OUTCOMES = ("stayed", "reached goal", "left region", "diverged", "chattered", "left grid")
-"""The labels, in the order of `Outcome`. A run that left the grid stayed in its region, but reached
-a state where the value function of its law is not known."""
-
-
-class SafeguardAnswer(IntEnum):
-    """The action of a safeguard on the command of its law at a sample."""
-
-    KEPT = 0
-    OVERRULED = 1
-    INFEASIBLE = 2
-
-    @property
-    def label(self) -> str:
-        return ("kept", "overruled", "no admissible input")[self]
-
-
-@dataclass(frozen=True)
-class Trajectories:
-    """The trajectories of a batch of runs; the first axis of every array but `time` is the run.
-
-    state, input, actuator, signal, constraint: (run, time, ...); mode: (run, time).
-    nominal, nominal_actuator (run, time, ...): the command of the law before its safeguard, as
-    inputs and as actuators; sample_slack (run, time): how far its conditions were relaxed;
-    safeguard (run, time): a `SafeguardAnswer`, -1 after the end of a run. They have no samples
-    where there is no safeguard.
-    outcome, exit_time [s], exit_constraint (-1: none), goal_time [s] (since when the run is
-    in the goal at its end), worst (run, constraint): the largest c_j over all of time,
-    peak_input, peak_actuator: the largest magnitudes, switches: changes of mode,
-    shortest_dwell [s]: between two of them (infinite where there are not two), overruled: control
-    samples at which the safeguard changed the command, infeasible: those at which it found no
-    admissible input, largest_slack: the most it needed, rejected: adaptive steps refused,
-    off_grid [s]: when the law first asked its value function outside the grid (NaN: never), varied
-    (run, name): what the run had values of its own for, wall_time: seconds of simulation, without
-    compilation.
-    """
-
-    time: Array
-    state: Array
-    input: Array
-    actuator: Array
-    mode: npt.NDArray[np.int16]
-    signal: Array
-    constraint: Array
-    nominal: Array
-    nominal_actuator: Array
-    sample_slack: Array
-    safeguard: npt.NDArray[np.int8]
-    outcome: npt.NDArray[np.int8]
-    exit_time: Array
-    exit_constraint: npt.NDArray[np.int16]
-    goal_time: Array
-    worst: Array
-    peak_input: Array
-    peak_actuator: Array
-    switches: npt.NDArray[np.int64]
-    shortest_dwell: Array
-    overruled: npt.NDArray[np.int64]
-    infeasible: npt.NDArray[np.int64]
-    largest_slack: Array
-    rejected: npt.NDArray[np.int64]
-    off_grid: Array
-    varied: Array
-    wall_time: float = 0.0
+MOST_BLOCKS = 64
+"""Blocks of runs that one thread advances together."""
 
 
 class ClosedLoop:
@@ -113,6 +37,17 @@ class ClosedLoop:
     def __init__(self, program: ClosedLoopProgram) -> None:
         self.program = program
         self.leaves = compiled_leaves(program.leaves)
+        self._loops: dict[tuple[bool, bool, int], tuple[Loop, Functions]] = {}
+
+    def loop(
+        self, *, noisy: bool = False, late: bool = False, switch_limit: int = 1
+    ) -> tuple[Loop, Functions]:
+        """The loop with such measurements, and its compiled functions."""
+        key = (noisy, late, switch_limit if any(self.program.targets) else 1)
+        if key not in self._loops:
+            made = built(self.program, noisy=noisy, late=late, switch_limit=key[2])
+            self._loops[key] = made, functions_of(made, self.leaves)
+        return self._loops[key]
 
     def parameter_array(
         self, overrides: Mapping[str, float] | None = None, sample_time: float = 0.0
@@ -159,9 +94,12 @@ class ClosedLoop:
         chosen = self.program.varied
         if not chosen.expressions and not chosen.draws:
             return np.empty((runs, 0))
-        draws = np.empty((runs, len(chosen.draws)))
         low, high = (np.array([r[i] for r in chosen.draws.values()]) for i in (0, 1))
-        compile_batch().draw_varied(first, low, high, np.uint64(seed), draws)
+        draws = np.empty((runs, 0))
+        if chosen.draws:
+            leaves = compiled_leaves({"varied": varied_leaf(len(low))})
+            asked = _draws(first + np.arange(runs), 0, seed)
+            draws = leaves.values("varied", runs, len(low), asked, low, high, _NONE)
         if chosen.vertices:  # every start at each of them in turn
             turns = np.arange(first, first + runs) % len(chosen.corners)
             places = [list(chosen.draws).index(name) for name in chosen.vertices]
@@ -182,13 +120,14 @@ class ClosedLoop:
         """
         check_memory(8 * count * len(lower), f"{count} random starts")
         out, waiting = np.empty((count, len(lower))), np.arange(count)
-        draw, watched = compile_batch().draw_starts, len(self.program.constraints)
+        leaves = compiled_leaves({"starts": starts_leaf(len(lower))})
+        watched = len(self.program.constraints)
         attempt = 0
         while attempt < ATTEMPTS:
             several = min(max(1, TOGETHER // len(waiting)) if attempt else 1, ATTEMPTS - attempt)
             attempts = np.tile(np.arange(attempt, attempt + several), len(waiting))
-            some = np.empty((len(attempts), len(lower)))
-            draw(np.repeat(waiting + first, several), attempts, lower, upper, np.uint64(seed), some)
+            asked = _draws(np.repeat(waiting + first, several), attempts, seed)
+            some = leaves.values("starts", len(asked), len(lower), asked, lower, upper, _NONE)
             levels = self.constraints(some) if watched else np.zeros((len(some), 1))
             inside = np.all(levels <= 0, axis=1).reshape(-1, several)
             found, place = inside.any(axis=1), inside.argmax(axis=1)
@@ -289,9 +228,8 @@ class ClosedLoop:
         )
         stop = np.zeros(1, dtype=np.int64)
         threads = settings.threads or available_cores()
-        driver = compile_driver()
-        chunk = driver.WIDTH * max(1, min(4, runs // (4 * threads * driver.WIDTH)))  # whole blocks
-        bounds = [(a, min(a + chunk, runs)) for a in range(0, runs, chunk)]
+        blocks = max(1, min(MOST_BLOCKS, runs // (4 * threads * WIDTH)))
+        bounds = [(a, min(a + blocks * WIDTH, runs)) for a in range(0, runs, blocks * WIDTH)]
         counters = [np.zeros(1, dtype=np.int64) for _ in bounds]
         numbers = Numbers(
             plant=self.parameter_array(plant, settings.sample_time),
@@ -299,28 +237,34 @@ class ClosedLoop:
             varied_plant=columns_plant,
             varied_gains=columns_plant[:shared],
             own_plant=varied,
-            own_gains=np.ascontiguousarray(varied[:, :shared]),
-        )
-        sampling = Sampling(
+            own_gains=varied[:, :shared],
             noise=noise,
-            noisy=bool(noise.any()),
-            seed=np.uint64(settings.seed),
-            sample_time=settings.sample_time,
-            samples=samples,
-            stride=stride,
-            initial_mode=program.initial_mode,
-            delay=settings.delay_samples,
         )
-        records = Records(*(getattr(result, name) for name in Records._fields))
-        begin = np.ascontiguousarray(starts)
+        loop, functions = self.loop(
+            noisy=bool(noise.any()),
+            late=settings.delay_samples > 0,
+            switch_limit=settings.switch_limit,
+        )
 
         def work(start: int, stop_at: int, counter: npt.NDArray[np.int64]) -> None:
-            s, w = block(driver, program, self.leaves.addresses, settings)
-            driver.simulate_runs(
-                start, stop_at, first, begin, s, w, numbers, sampling, records, stop, counter
-            )
+            some = Blocks(loop, functions, program, settings, stop_at - start)
+            some.begin(starts, numbers, start, first)
+            while some.advance(result, start, stop):
+                counter[0] = (stop_at - start) * some.recorded * stride
+            some.write_notes(result, start)
+            counter[0] = (stop_at - start) * (samples + 1)
 
-        work(0, 0, np.zeros(1, dtype=np.int64))  # compile, or load, before the threads start
         began = time.perf_counter()
         run_threads(work, bounds, counters, threads, stop, runs * (samples + 1), progress)
         return replace(result, wall_time=time.perf_counter() - began)
+
+
+_NONE = np.zeros(1)
+
+
+def _draws(runs: npt.NDArray[np.int64], draw: int | npt.NDArray[np.int64], seed: int) -> Array:
+    """The rows of `random_leaves.DRAW` for so many numbers."""
+    found = np.empty((len(runs), 4))
+    found[:, 0], found[:, 1] = runs, draw
+    found[:, 2:] = seed & 0xFFFFFFFF, seed >> 32
+    return found

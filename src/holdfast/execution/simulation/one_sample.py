@@ -1,4 +1,4 @@
-"""One control sample of a closed loop, for other simulators: the leaves of the loop, one by one."""
+"""One control sample of a closed loop, for other simulators: the loop of `simulate`, on one run."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.execution.arrays import Array
-from holdfast.execution.compile import compile_interpolation, compile_quadratic_program
+from holdfast.execution.simulation.blocks import Blocks, Numbers
 from holdfast.execution.simulation.closed_loop import ClosedLoop
+from holdfast.execution.simulation.settings import Settings
 
-NONE = np.zeros(1)
+_NONE = np.empty(0, dtype=np.int64)
 
 
 class Controller(NamedTuple):
@@ -31,56 +32,32 @@ class Sample(NamedTuple):
     slack: float
 
 
-def one_sample(
-    loop: ClosedLoop, t: float, state: Array, before: Controller, p: Array, substeps: int
-) -> Sample:
-    """One control sample as `simulate` computes it; `p` ends with the sample time [s]."""
-    program, time = loop.program, np.array([t])
-    n, m, length = len(program.states), len(program.inputs), float(p[-1])
+class OneRun:
+    """A closed loop that is advanced by one control sample at a time."""
 
-    def values(name: str, width: int, q: Array = NONE, x: Array = NONE, at: Array = time) -> Array:
-        given = (a[np.newaxis] for a in (at, q, x, p))
-        found: Array = loop.leaves.values(name, 1, width, *given)[0]
-        return found
+    def __init__(self, loop: ClosedLoop, settings: Settings) -> None:
+        self.program, self.sample_time = loop.program, settings.sample_time
+        self.blocks = Blocks(*loop.loop(), loop.program, settings, runs=1)
 
-    seen = np.concatenate([state, values("felt", program.measured)]) if program.measured else state
-    memory = before.memory if program.remembered else np.empty(0)
-    if memory is None:
-        memory = values("begin", len(program.remembered), seen)
-    seen = np.concatenate([seen, memory])
-    mode, targets = before.mode, program.targets[before.mode]
-    if targets:
-        levels = values(f"guards{mode}", len(targets), seen, np.array([before.in_mode]))
-        mode = next((k for k, level in zip(targets, levels, strict=True) if level >= 0.0), mode)
-    look = NONE
-    if program.places:
-        look = np.empty(program.places + 1)
-        compile_interpolation().look_up(program.table, values("places", program.places, seen), look)
-    count, hard = program.conditions_of_modes[mode]
-    rows = count * (m + 1)
-    answer = values(f"law{mode}", m + rows + (m if count else 0), seen, look)
-    nominal, command, slack = answer[:m], answer[:m], 0.0
-    if count:
-        given = compile_quadratic_program().keep_within(
-            nominal, answer[m + rows :], answer[m : m + rows], hard
-        )
-        command, slack = given[:m], float(given[m])
-    limited = program.limited
-    actuation = values("actuate", 2 * limited + m, command, p)
-    if program.remembered:
-        memory = values("remember", len(memory), seen, actuation[:limited])
-    u, h = actuation[2 * limited :], length / substeps
-    weights, stages = program.stepper.weights(), len(program.stepper.b)
-    for k in range(substeps):
-        slopes: list[Array] = []
-        for i in range(stages):
-            q = state + h * sum(
-                (w * s for w, s in zip(weights[i], slopes, strict=False) if w), np.zeros(n)
-            )
-            at = np.array([t + k * h + weights[stages + 2, i] * h])
-            slopes.append(values("rates", n, q, u, at))
-        state = state + h * sum(
-            (w * s for w, s in zip(weights[stages], slopes, strict=True) if w), np.zeros(n)
-        )
-    stays = before.in_mode if mode == before.mode else 0.0
-    return Sample(state, Controller(memory, mode, stays + length), u, nominal, slack)
+    def sample(self, t: float, state: Array, before: Controller, p: Array) -> Sample:
+        """One control sample as `simulate` computes it; `p` ends with the sample time [s]."""
+        program, blocks, limited = self.program, self.blocks, self.program.limited
+        none = np.empty((1, 0))
+        numbers = Numbers(p, p, _NONE, _NONE, none, none, np.zeros((2, len(state))))
+        blocks.rows("time")[:] = blocks.rows("seen_at")[:] = t
+        blocks.rows("mode")[:], blocks.rows("since")[:] = before.mode, t - before.in_mode
+        blocks.begin(state[np.newaxis], numbers, 0, 0)
+        if before.memory is not None:
+            blocks.rows("memory")[:] = before.memory[:, np.newaxis]
+        blocks.sample()
+
+        def row(name: str) -> Array:
+            found: Array = blocks.rows(name)[0, :, 0].copy()
+            return found
+
+        mode, u = int(row("mode")[0]), row("actuation")[2 * limited :]
+        nominal = row("nominal") if program.safeguarded else row("command")
+        slack = float(row("slack")[0])
+        stays = before.in_mode if mode == before.mode else 0.0
+        controller = Controller(row("memory"), mode, stays + self.sample_time)
+        return Sample(row("q"), controller, u, nominal, slack)

@@ -21,7 +21,7 @@ from holdfast.analysis.simulation.result import Result
 from holdfast.arguments import checked
 from holdfast.errors import OutputError
 from holdfast.execution.arrays import Array
-from holdfast.execution.simulation.closed_loop import SafeguardAnswer
+from holdfast.execution.simulation.outcomes import SafeguardAnswer
 from holdfast.presentation.figures import style
 from holdfast.presentation.figures.panels import Panel, panels
 

@@ -15,7 +15,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
-from holdfast.execution.simulation.closed_loop import Outcome
+from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.host.writing import atomic_file
 
 # Okabe-Ito, distinguishable by colour-blind readers

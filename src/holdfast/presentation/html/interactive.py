@@ -13,7 +13,7 @@ from matplotlib.colors import to_rgb
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.simulation.result import Result
 from holdfast.execution.arrays import Array
-from holdfast.execution.simulation.closed_loop import Outcome
+from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.presentation.figures import level_sets, style
 from holdfast.presentation.figures.surface import BODY, DARK, brightness, zero_surface
 

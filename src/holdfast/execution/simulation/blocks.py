@@ -1,0 +1,282 @@
+"""Blocks of runs: their numbers before the first sample, and what is read from them.
+
+A block has an array w of numbers, in rows of `WIDTH` lanes, an array s of whole numbers, and behind
+the rows of w a log, to which the loop appends a record of all lanes at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.execution.arrays import Array
+from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
+from holdfast.execution.codegen.loop_text import LOG, RING, WIDTH
+from holdfast.execution.compile import part
+from holdfast.execution.leaf import Leaves, compiled_leaves, compiled_text
+from holdfast.execution.simulation.layout import (
+    FORGOTTEN,
+    LATE,
+    RECORDS,
+    SAFEGUARD_ENTRIES,
+    STRIDE,
+    TABLE_ENTRIES,
+)
+from holdfast.execution.simulation.loop import Loop
+from holdfast.execution.simulation.outcomes import Outcome
+from holdfast.execution.simulation.settings import Settings
+from holdfast.execution.simulation.trajectories import Trajectories
+
+Whole = npt.NDArray[np.int64]
+
+LOG_SIZE = 1 << 20
+"""Numbers of the logs of all blocks, if each is to have more than one record."""
+
+ONE_SECOND = 1.0 - 1e-9
+
+
+class Numbers(NamedTuple):
+    """The numbers with which the expressions of a closed loop are evaluated.
+
+    plant: the parameters of the simulated vehicle; gains: those that its controller believes, in
+    the same order. varied_plant: columns of `plant` for which every run has its own values, in
+    its row of `own_plant`; likewise for the gains. noise: (uniform or normal, state).
+    """
+
+    plant: Array
+    gains: Array
+    varied_plant: Whole
+    varied_gains: Whole
+    own_plant: Array
+    own_gains: Array
+    noise: Array
+
+
+class Functions(NamedTuple):
+    """The compiled functions of a loop, and the addresses of the leaves and parts that it calls."""
+
+    begin: Callable[..., None]
+    advance: Callable[..., None]
+    finish: Callable[..., None]
+    sample: Callable[..., None]
+    addresses: Whole
+
+
+def functions_of(loop: Loop, program: Leaves) -> Functions:
+    """The compiled functions of a loop; `program`: the leaves of its program."""
+    machine, own = compiled_text(loop.text), compiled_leaves(loop.leaves)
+    addresses = []
+    for name in loop.called:
+        place = program.addresses.get(name) or own.addresses.get(name)
+        addresses.append(place if place is not None else part(name))
+    names = ("begin", "advance", "finish", "sample")
+    begin, advance, finish, sample = (machine.function(f"holdfast_{name}", 4) for name in names)
+    return Functions(begin, advance, finish, sample, np.array(addresses, dtype=np.int64))
+
+
+class Blocks:
+    """As many blocks as `runs` need; the last lanes without a run repeat the last one."""
+
+    def __init__(
+        self,
+        loop: Loop,
+        functions: Functions,
+        program: ClosedLoopProgram,
+        settings: Settings,
+        runs: int,
+    ) -> None:
+        self.layout, self.functions = loop.layout, functions
+        self.program, self.runs = program, runs
+        layout = loop.layout
+        self.records, self.recorded = settings.samples // settings.stride + 1, 0
+        count = -(-runs // WIDTH)
+        rows = layout.size + 2 * WIDTH * program.places  # of the table, more than enough
+        late = settings.delay_samples + 1
+        second = int(np.ceil(ONE_SECOND / settings.sample_time)) if any(program.targets) else 0
+        states = len(program.states) * WIDTH
+        rings = {LATE: (late, states), FORGOTTEN: (second + 1, WIDTH)}
+        starts = {}
+        for ring, (slots, size) in rings.items():
+            starts[ring] = rows
+            rows += slots * size
+        self.log_at, record = rows, layout.record * WIDTH
+        self.room = max(1, min(self.records, LOG_SIZE // (count * record)))
+        size = rows + self.room * record
+        memory = np.zeros(count * (size + 8) + 8)
+        first = -(memory.ctypes.data // 8) % 8  # rows begin where the processor's lines do
+        size += -size % 8
+        self.w = memory[first : first + count * size].reshape(count, size)
+        self.s = np.zeros((count, layout.entries), dtype=np.int64)
+        self.s[:, LOG], self.s[:, STRIDE] = self.log_at, settings.stride
+        for ring, (slots, _) in rings.items():
+            self.s[:, RING + 3 * ring : RING + 3 * ring + 3] = 0, slots, starts[ring]
+        self._late = slice(starts[LATE], starts[FORGOTTEN]), late
+        self._fill_parts()
+        constants = {
+            "length": settings.sample_time / settings.substeps,
+            "last_index": settings.substeps - 1, "tolerance": settings.tolerance,
+            "sample_time": settings.sample_time, "delay": settings.delay_samples,
+            "absolute": settings.absolute, "relative": settings.relative,
+            "trial": settings.sample_time, "exit_time": np.nan, "exit_constraint": -1.0,
+            "shortest": np.inf, "inside_since": np.nan, "off_at": np.nan,
+            "mode": program.initial_mode, "outcome": Outcome.STAYED,
+            "seed_low": settings.seed & 0xFFFFFFFF, "seed_high": settings.seed >> 32,
+        }  # fmt: skip
+        for name, value in constants.items():
+            self.rows(name)[:] = value
+
+    def rows(self, name: str) -> Array:
+        """The rows of a quantity: block, row, lane."""
+        count, place = self.layout.counts[name], self.layout.at[name]
+        part = self.w[:, place : place + count * WIDTH]
+        return part.reshape(len(self.w), count, WIDTH)
+
+    def of_runs(self, name: str, row: int = 0) -> Array:
+        """A row of a quantity, for each run."""
+        return self.rows(name)[:, row].reshape(-1)[: self.runs]
+
+    def set_runs(self, name: str, values: Array, row: int = 0) -> None:
+        """A row of a quantity, from the value of each run."""
+        repeated = np.full(len(self.w) * WIDTH, values[-1])
+        repeated[: self.runs] = values
+        self.rows(name)[:, row] = repeated.reshape(-1, WIDTH)
+
+    def begin(self, starts: Array, numbers: Numbers, first: int, of_all: int) -> None:
+        """Begin the runs from `first` on, of which the first has the number `of_all` of all."""
+        own = slice(first, first + self.runs)
+        for name, values, varied, each in (
+            ("plant", numbers.plant, numbers.varied_plant, numbers.own_plant),
+            ("gains", numbers.gains, numbers.varied_gains, numbers.own_gains),
+        ):
+            self.rows(name)[:] = values[:, np.newaxis]
+            for j, column in enumerate(varied):
+                self.set_runs(name, each[own, j], column)
+        for i in range(starts.shape[1]):
+            self.set_runs("q", starts[own, i], i)
+        self.rows("noise")[:] = numbers.noise.reshape(-1, 1)
+        self.set_runs("run", of_all + first + np.arange(self.runs, dtype=np.float64))
+        alive = np.arange(len(self.w) * WIDTH) < self.runs
+        self.rows("alive")[:, 0] = alive.reshape(-1, WIDTH)
+        part, slots = self._late
+        place, n = self.layout.at["q"], self.layout.counts["q"] * WIDTH
+        self.w[:, part] = np.tile(self.w[:, place : place + n], (1, slots))
+        self._call_all(self.functions.begin)
+        if not self.program.constraints:
+            return
+        c = self.rows("c0")
+        self.rows("worst")[:] = c
+        outside = c > self.rows("tolerance")
+        left = outside.any(axis=1)
+        self.rows("outcome")[:, 0][left] = Outcome.LEFT
+        self.rows("exit_time")[:, 0][left] = 0.0
+        self.rows("exit_constraint")[:, 0][left] = outside.argmax(axis=1)[left]
+
+    def advance(self, out: Trajectories, first: int, stop: Whole) -> bool:
+        """The next records to the arrays `out` from the run `first` on; whether there are more."""
+        count = min(self.room, self.records - self.recorded)
+        ends = self.recorded + count == self.records
+        self.s[:, LOG] = self.log_at
+        self.s[:, RECORDS] = count - ends
+        if count > ends:
+            self._call_all(self.functions.advance, stop)
+        if ends and not stop[0]:
+            self._call_all(self.functions.finish, stop)
+        self._write_records(out, first, count)
+        self.recorded += count
+        return not ends and not stop[0] and bool(self.rows("alive").any())
+
+    def sample(self) -> None:
+        """One sample of every block, at the times in their rows `time`."""
+        self._call_all(self.functions.sample)
+
+    def _call_all(self, function: Callable[..., None], stop: Whole | None = None) -> None:
+        stop = _NEVER if stop is None else stop
+        for w, s in zip(self.w, self.s, strict=True):
+            function(
+                w.ctypes.data, s.ctypes.data, self.functions.addresses.ctypes.data, stop.ctypes.data
+            )
+
+    def _write_records(self, out: Trajectories, first: int, count: int) -> None:
+        record = self.layout.record
+        done = (self.s[:, LOG] - self.log_at) // (record * WIDTH)
+        log = self.w[:, self.log_at : self.log_at + count * record * WIDTH]
+        log = log.reshape(len(self.w), count, record, WIDTH)
+        alive = log[:, :, 0] != 0.0
+        alive &= (np.arange(count) < done[:, np.newaxis])[:, :, np.newaxis]
+        alive = alive.transpose(0, 2, 1).reshape(-1, count)[: self.runs]
+        ended = None if alive.all() else ~alive
+        runs = slice(first, first + self.runs), slice(self.recorded, self.recorded + count)
+
+        def of(name: str) -> Array:
+            """(run, record, row)"""
+            rows = log[:, :, self.layout.records[name]]
+            found = rows.transpose(0, 3, 1, 2).reshape(-1, count, rows.shape[2])[: self.runs]
+            if ended is not None:
+                found[ended] = np.nan
+            return found
+
+        for name in self.layout.records:
+            if name in ("alive", "mode", "safeguard", "sample_slack"):
+                continue
+            getattr(out, name)[runs] = of(name)
+        mode = of("mode")[:, :, 0]
+        out.mode[runs] = mode if ended is None else np.where(ended, -1.0, mode)
+        if self.program.safeguarded:
+            slack = of("sample_slack")[:, :, 0]
+            answer = np.where(slack > 0.0, 2.0, of("safeguard")[:, :, 0])
+            out.sample_slack[runs] = slack
+            out.safeguard[runs] = answer if ended is None else np.where(ended, -1.0, answer)
+
+    def write_notes(self, out: Trajectories, first: int) -> None:
+        """What is known of each run at its end, to the arrays `out` from the run `first` on."""
+        runs = slice(first, first + self.runs)
+        outcome, since = self.of_runs("outcome").copy(), self.of_runs("inside_since")
+        outcome[(outcome == Outcome.STAYED) & ~np.isnan(since)] = Outcome.REACHED
+        out.outcome[runs] = outcome
+        out.goal_time[runs] = np.where(outcome == Outcome.DIVERGED, np.nan, since)
+        for name, row in _NOTES.items():
+            getattr(out, name)[runs] = self.of_runs(row)
+        for j in range(len(self.program.constraints)):
+            out.worst[runs, j] = self.of_runs("worst", j)
+        m = len(self.program.inputs)
+        for i in range(m):
+            out.peak_input[runs, i] = self.of_runs("peaks", i)
+        for i in range(len(self.program.actuators)):
+            out.peak_actuator[runs, i] = self.of_runs("peaks", m + i)
+
+    def _fill_parts(self) -> None:
+        """The entries of s and the places in w that the parts read."""
+        layout, program = self.layout, self.program
+        at = layout.at
+        for mode, k in layout.safeguards.items():
+            count, hard = program.conditions_of_modes[mode]
+            self.s[:, k : k + SAFEGUARD_ENTRIES] = (
+                len(program.inputs), count, hard, at["answer"], at["command"], at["slack"],
+                at["overruled"], at["held"],
+            )  # fmt: skip
+        if program.table is None:
+            return
+        values, low, steps, shape, periodic = program.table
+        for k in layout.tables:
+            noted = k == layout.tables[0]
+            self.s[:, k : k + TABLE_ENTRIES] = (
+                values.ctypes.data, values.size, values.dtype == np.float32, program.timed,
+                layout.size, noted, program.places, at["look_at"], at["look"], at["alive"],
+                at["time"], at["off_at"], at["outcome"], at["exit_time"],
+            )  # fmt: skip
+            self.s[:, k + TABLE_ENTRIES :][:, : 2 * program.places] = *shape, *periodic
+        self.w[:, layout.size : layout.size + 2 * program.places] = *low, *steps
+
+
+_NOTES = {
+    "exit_time": "exit_time", "exit_constraint": "exit_constraint", "switches": "switches",
+    "shortest_dwell": "shortest", "overruled": "overrules", "infeasible": "infeasible",
+    "largest_slack": "largest_slack", "rejected": "rejected", "off_grid": "off_at",
+}  # fmt: skip
+"""Arrays of the result, with the rows that they come from."""
+
+_NEVER = np.zeros(1, dtype=np.int64)
+"""Nobody stops the loop."""

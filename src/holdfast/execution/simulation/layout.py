@@ -1,0 +1,92 @@
+"""The rows of a block of runs, and where the whole numbers of a block are."""
+
+from __future__ import annotations
+
+from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
+from holdfast.execution.codegen.crossing_leaves import SEARCH
+from holdfast.execution.codegen.lane_leaves import CLOCK
+from holdfast.execution.codegen.loop_text import RING, WIDTH
+from holdfast.execution.codegen.mode_leaves import SWITCHES, TURNS
+from holdfast.execution.codegen.random_leaves import DRAW
+
+RECORDS, STRIDE = RING + 6, RING + 7
+"""Entries of s behind the rings: the records of a call, and the samples of a record."""
+LATE, FORGOTTEN = 0, 1
+"""The rings: of late states, and of changes of mode."""
+PARTS = RING + 8
+"""Where the entries of the parts begin."""
+SAFEGUARD_ENTRIES, TABLE_ENTRIES = 8, 14
+"""Entries of the parts of `parts.py`; a table has two more for each of its axes."""
+
+
+class Layout:
+    """Where the numbers of a block are.
+
+    counts: how many rows each quantity has in w; at: the place of the first. recorded: the place
+    and the number of the rows of a record; records: their numbers in it. safeguards: for each mode
+    that has one the place of its entries in s; tables: those of the look-up at a sample, and of the
+    other ones.
+    """
+
+    def __init__(self, program: ClosedLoopProgram) -> None:
+        self.counts = _counts(program)
+        self.at: dict[str, int] = {}
+        self.size = 0
+        for name, count in self.counts.items():
+            self.at[name] = self.size
+            self.size += count * WIDTH
+        self.recorded = self._recorded(program)
+        self.records: dict[str, slice] = {}
+        self.record = 0
+        for name, (_, rows) in self.recorded.items():
+            self.records[name] = slice(self.record, self.record + rows)
+            self.record += rows
+        guarded = [k for k, (count, _) in enumerate(program.conditions_of_modes) if count]
+        self.safeguards = {k: PARTS + SAFEGUARD_ENTRIES * i for i, k in enumerate(guarded)}
+        first, axes = PARTS + SAFEGUARD_ENTRIES * len(guarded), 2 * program.places
+        self.tables = first, first + TABLE_ENTRIES + axes
+        self.entries = first + 2 * (TABLE_ENTRIES + axes)
+
+    def _recorded(self, program: ClosedLoopProgram) -> dict[str, tuple[int, int]]:
+        """The place and the number of the rows of each quantity that is recorded."""
+        at, m = self.at, len(program.inputs)
+        limited, actuators = program.limited, len(program.actuators)
+        first = at["actuation"] + limited * WIDTH
+        found = {
+            "alive": (at["alive"], 1), "state": (at["q"], len(program.states)),
+            "input": (first + limited * WIDTH, m), "actuator": (first, actuators),
+            "mode": (at["mode"], 1), "signal": (at["signals"], len(program.signals)),
+            "constraint": (at["c0"], len(program.constraints)),
+        }  # fmt: skip
+        if program.safeguarded:
+            found |= {
+                "nominal": (at["nominal"], m), "nominal_actuator": (at["believed"], actuators),
+                "sample_slack": (at["slack"], 1), "safeguard": (at["overruled"], 1),
+            }  # fmt: skip
+        return {name: rows for name, rows in found.items() if rows[1]}
+
+
+def _counts(program: ClosedLoopProgram) -> dict[str, int]:
+    """How many rows of w each quantity has; leaves write several of these at once."""
+    n, m, watched = len(program.states), len(program.inputs), len(program.constraints)
+    seen = n + program.measured + len(program.remembered)
+    parameters = len(program.parameters) + len(program.given) + 1
+    conditions = max(count for count, _ in program.conditions_of_modes)
+    stages, modes = len(program.stepper.b), len(program.modes)
+    actuation = 2 * program.limited + m
+    return {
+        **dict.fromkeys(CLOCK, 1), **dict.fromkeys(DRAW, 1), "noise": 2 * n,
+        "q": n, "stages": stages * n, "then": 1, "wild": 1, "new": n, "k1": n,
+        "between": n, "at": 1, "c0": watched, "d0": watched, "c1": watched, "d1": watched,
+        "close": 1, "unbounded": 1, "rises": watched, "worst": watched,
+        **dict.fromkeys(SEARCH, 1), "inside": watched,
+        "command": m, "nominal": m, "slack": 1, "overruled": 1, "overrules": 1, "infeasible": 1,
+        "largest_slack": 1, "held": 1, "answer": m + conditions * (m + 1) + m,
+        **dict.fromkeys(SWITCHES, 1), "in_modes": modes, **dict.fromkeys(TURNS, 1),
+        "levels": max(1, *(len(own) for own in program.targets)),
+        "bad": 1, "peaks": m + len(program.actuators), "level": 1, "inside_since": 1,
+        "off_at": 1, "seen": seen, "inner": seen, "memory": len(program.remembered),
+        "look_at": program.places, "look": program.places + 1,
+        "actuation": actuation, "believed": actuation, "signals": len(program.signals),
+        "plant": parameters, "gains": parameters,
+    }  # fmt: skip

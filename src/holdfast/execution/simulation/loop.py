@@ -1,0 +1,327 @@
+"""The simulation loop of a closed loop: its rows, its leaves, and the order in which it calls them.
+
+It is printed as the text of four functions of a block of runs (`codegen/loop_text.py`):
+
+    begin     the memory and the constraints at the starts
+    advance   the samples of as many records as s says, and what is recorded of them
+    finish    the last sample, which no step follows
+    sample    one sample, without a clock and a record, for other simulators
+
+What may differ between the lanes, such as the mode, an exit or the length of a step, is a row of
+each lane. No value of a lane depends on another lane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
+from holdfast.execution.codegen.crossing_leaves import (
+    BISECTION_STEPS,
+    GOLDEN_STEPS,
+    crossing_leaves,
+)
+from holdfast.execution.codegen.lane_leaves import note_leaves, step_leaves
+from holdfast.execution.codegen.llvm_text import Leaf
+from holdfast.execution.codegen.loop_text import WIDTH, Instructions, LoopText
+from holdfast.execution.codegen.mode_leaves import mode_leaves
+from holdfast.execution.codegen.random_leaves import noise_leaf
+from holdfast.execution.simulation.layout import FORGOTTEN, LATE, RECORDS, STRIDE, Layout
+
+
+@dataclass(frozen=True)
+class Loop:
+    """The text of the loop, the names of what it calls, the leaves that do not belong to the
+    program, and where its numbers are."""
+
+    text: str
+    called: tuple[str, ...]
+    leaves: Mapping[str, Leaf]
+    layout: Layout
+
+
+def built(program: ClosedLoopProgram, *, noisy: bool, late: bool, switch_limit: int) -> Loop:
+    """The loop of a program, whose states are measured with noise, or late."""
+    return _Builder(program, noisy=noisy, late=late, switch_limit=switch_limit).loop()
+
+
+class _Builder:
+    def __init__(
+        self, program: ClosedLoopProgram, *, noisy: bool, late: bool, switch_limit: int
+    ) -> None:
+        self.program, self.noisy, self.late = program, noisy, late
+        self.layout = Layout(program)
+        self.at = self.layout.at
+        n, m, limited = len(program.states), len(program.inputs), program.limited
+        weights, stages = program.stepper.weights().tolist(), len(program.stepper.b)
+        watched = len(program.constraints)
+        actuators = range(limited, limited + len(program.actuators))
+        self.leaves = (
+            step_leaves(
+                weights[:stages], *weights[stages:], order=program.stepper.order, states=n,
+                constraints=watched,
+            )
+            | note_leaves(2 * limited + m, [*range(2 * limited, 2 * limited + m), *actuators])
+            | mode_leaves(program.targets, program.conditions_of_modes, m, switch_limit)
+        )  # fmt: skip
+        if watched:
+            self.leaves |= crossing_leaves(n)
+        if noisy:
+            self.leaves["noise"] = noise_leaf(n)
+
+    def loop(self) -> Loop:
+        text = LoopText()
+        with text.function("holdfast_begin") as body:
+            if self.program.remembered:
+                self._measure(body, late=False)
+                body.call("begin", t=self.at["time"], q=self.at["seen"], p=self.at["gains"],
+                          out=self.at["memory"])  # fmt: skip
+            if self.program.constraints:
+                body.call("constraints", q=self.at["q"], p=self.at["plant"], out=self.at["c0"])
+        with text.function("control", own=True) as body:
+            self._control(body)
+        with text.function("record", own=True) as body:
+            self._record(body)
+        with text.function("advance", own=True) as body:
+            self._advance(body)
+        with text.function("holdfast_advance") as body, body.repeat(body.entry(RECORDS)):
+            body.return_unless_any(self.at["alive"])
+            body.function("control")
+            body.function("record")
+            body.function("advance")
+            rest = body.one_less(body.entry(STRIDE))
+            with body.if_positive(rest), body.repeat(rest):
+                body.return_unless_any(self.at["alive"])
+                body.function("control")
+                body.function("advance")
+        with text.function("holdfast_finish") as body:
+            body.function("control")
+            body.function("record")
+        with text.function("holdfast_sample") as body:
+            self._control(body, begins=False)
+            body.function("advance")
+        return Loop(text.text, tuple(text.called), self.leaves, self.layout)
+
+    # -- a sample ------------------------------------------------------------------------
+
+    def _control(self, body: Instructions, begins: bool = True) -> None:
+        """The clock, what the law sees, its mode, its command, and what is noted of them."""
+        program, at = self.program, self.at
+        n, t = len(program.states), at["length"]
+        if begins:
+            body.call("clock", t=t, out=at["sample"])
+        self._measure(body, late=begins and self.late)
+        memory = at["seen"] + (n + program.measured) * WIDTH
+        if program.remembered:
+            body.copy(at["memory"], memory, len(program.remembered))
+        self._turn(body)
+        self._look(body, at["time"], at["seen"], noted=True)
+        self._command(body, at["time"], at["seen"])
+        if program.remembered:
+            body.call(
+                "remember", t=at["time"], q=at["seen"], x=at["actuation"], p=at["gains"],
+                out=at["memory"],
+            )  # fmt: skip
+        if program.safeguarded:
+            body.call("kept", t=t, q=at["slack"], out=at["overrules"])
+        body.call("peaks", t=t, q=at["actuation"], p=at["peaks"], out=at["bad"])
+        self._end(body, "bad")
+        body.call("goal", t=at["time"], q=at["q"], p=at["plant"], out=at["level"])
+        body.call("arrive", t=t, q=at["level"], x=at["inside_since"], out=at["inside_since"])
+
+    def _measure(self, body: Instructions, late: bool) -> None:
+        """seen = the states as the law sees them: late, with noise, with what it feels."""
+        at, n = self.at, len(self.program.states)
+        if late:
+            body.late(LATE, at["q"], at["seen"], n)
+        else:
+            body.copy(at["q"], at["seen"], n)
+        if self.noisy:
+            body.copy(at["back"], at["draw"], 1)
+            body.call("noise", t=at["run"], x=at["seen"], p=at["noise"], out=at["seen"])
+        if self.program.measured:
+            body.call("felt", t=at["seen_at"], p=at["plant"], out=at["seen"] + n * WIDTH)
+
+    def _turn(self, body: Instructions) -> None:
+        """The modes after their guards are tried in order."""
+        at, rows = self.at, {"t": self.at["length"], "q": self.at["since"]}
+        rows["x"] = at["time_in_mode"]
+        if len(self.program.modes) > 1:
+            body.call("where", **rows, out=at["in_modes"])
+        if not any(self.program.targets):
+            return
+        for k, targets in enumerate(self.program.targets):
+            if targets:
+                with body.if_any(at["in_modes"] + k * WIDTH):
+                    body.call(
+                        f"guards{k}", t=at["time"], q=at["seen"], x=at["time_in_mode"],
+                        p=at["gains"], out=at["levels"],
+                    )  # fmt: skip
+                    body.call(
+                        f"turn{k}", t=at["mode"], q=at["levels"], x=at["next_mode"],
+                        out=at["next_mode"],
+                    )  # fmt: skip
+        body.call("changed", **rows, out=at["changed"])
+        body.late(FORGOTTEN, at["changed"], at["forgotten"], 1)
+        body.call("switch", **rows, out=at["since"])
+        with body.if_any(at["changed"]):
+            body.call("chatter", **rows, out=at["outcome"])
+
+    def _look(self, body: Instructions, t: int, seen: int, *, noted: bool) -> None:
+        """The value of the law's table and its slopes."""
+        if self.program.places:
+            at = self.at
+            body.call("places", t=t, q=seen, p=at["gains"], out=at["look_at"])
+            body.part("look_up_lanes", self.layout.tables[0 if noted else 1])
+
+    def _command(self, body: Instructions, t: int, seen: int) -> None:
+        """The command of every lane in its mode, kept by its safeguard, and what is made of it."""
+        program, at = self.program, self.at
+        modes = len(program.modes)
+        alone = modes == 1 and not program.safeguarded
+        for k in range(modes):
+            answer = at["command"] if alone else at["answer"]
+            if modes > 1:
+                with body.if_any(at["in_modes"] + k * WIDTH):
+                    self._law(body, k, t, seen, answer)
+            else:
+                self._law(body, k, t, seen, answer)
+        body.call(
+            "actuate", t=t, q=at["command"], x=at["gains"], p=at["plant"], out=at["actuation"]
+        )
+
+    def _law(self, body: Instructions, k: int, t: int, seen: int, answer: int) -> None:
+        at = self.at
+        body.call(f"law{k}", t=t, q=seen, x=at["look"], p=at["gains"], out=answer)
+        if answer == at["command"]:
+            return
+        body.call(f"blend{k}", t=at["mode"], q=at["command"], x=answer, out=at["command"])
+        if k in self.layout.safeguards:
+            body.call(f"held{k}", t=at["length"], q=answer, x=at["mode"], out=at["held"])
+            with body.if_any(at["held"]):
+                body.part("keep_lanes", self.layout.safeguards[k])
+
+    def _end(self, body: Instructions, flags: str) -> None:
+        """End the lanes with such a flag."""
+        at = self.at
+        with body.if_any(at[flags]):
+            body.call("end", t=at["length"], q=at[flags], out=at["accepted"])
+
+    # -- the steps of a sample -----------------------------------------------------------
+
+    def _field(self, body: Instructions, t: int, q: int, out: int) -> None:
+        """dq/dt; with continuous control the input is the law's at this very state."""
+        program, at, n = self.program, self.at, len(self.program.states)
+        if program.continuous:
+            inner = at["inner"]
+            body.copy(q, inner, n)
+            if program.measured:
+                body.call("felt", t=t, p=at["plant"], out=inner + n * WIDTH)
+            self._look(body, t, inner, noted=False)
+            self._command(body, t, inner)
+        inputs = at["actuation"] + 2 * program.limited * WIDTH
+        body.call("rates", t=t, q=q, x=inputs, p=at["plant"], out=out)
+
+    def _constraint_rates(self, body: Instructions, t: int, q: int, rates: int, out: int) -> None:
+        body.call("constraint_rates", t=t, q=q, x=rates, p=self.at["plant"], out=out)
+
+    def _advance(self, body: Instructions) -> None:
+        """All lanes by one sample time; those that diverge are no longer alive."""
+        program, at, n = self.program, self.at, len(self.program.states)
+        t, adaptive, watched = at["length"], program.stepper.adaptive, len(program.constraints)
+        time, q, k0, new, k1 = (at[name] for name in ("time", "q", "stages", "new", "k1"))
+        rates_at_both_ends = adaptive or watched
+        body.call("start", t=t, out=at["h"])
+        if rates_at_both_ends:
+            self._field(body, time, q, k0)
+        else:
+            body.copy(time, at["then"], 1)
+        if watched:
+            self._constraint_rates(body, time, q, k0, at["d0"])
+        with body.while_any(at["active"]):
+            if not rates_at_both_ends:
+                self._field(body, at["then"], q, k0)
+            if adaptive:
+                body.call("lengths", t=t, out=at["h"])
+            for stage in range(1, len(program.stepper.b)):
+                body.call(f"stage{stage}", t=t, q=q, x=k0, out=at["between"])
+                self._field(body, at["at"], at["between"], k0 + stage * n * WIDTH)
+            body.call("new", t=t, q=q, x=k0, out=at["then"])
+            if adaptive:
+                body.call("judge", t=t, q=q, x=new, p=k0, out=at["trial"])
+            else:
+                self._end(body, "wild")
+            if rates_at_both_ends:
+                self._field(body, at["then"], new, k1)
+            if watched:
+                self._watch(body)
+            body.call("accept" if rates_at_both_ends else "move", t=t, q=q, x=new, out=q)
+            body.call("tick", t=t, out=at["elapsed"])
+
+    def _watch(self, body: Instructions) -> None:
+        """The largest c_j, and exits inside the step."""
+        at = self.at
+        t, then, new = at["length"], at["then"], at["new"]
+        body.call("constraints", t=then, q=new, p=at["plant"], out=at["c1"])
+        self._constraint_rates(body, then, new, at["k1"], at["d1"])
+        body.call("watch", t=t, q=at["c0"], x=at["c1"], p=at["worst"], out=at["close"])
+        self._end(body, "unbounded")
+        with body.if_any(at["close"]):
+            self._search(body, "search", "number")
+            for j in range(len(self.program.constraints)):
+                self._look_closely(body, j * WIDTH)
+            self._search(body, "leave", "outcome")
+        body.call("take", t=t, q=at["c0"], x=at["c1"], out=at["c0"])
+
+    def _search(self, body: Instructions, leaf: str, out: str, x: int = 0, p: int = 0) -> None:
+        at = self.at
+        body.call(leaf, t=at["length"], q=at["number"], x=x, p=p, out=at[out])
+
+    def _constraints_inside(self, body: Instructions) -> None:
+        """inside = c_j of every lane at its fraction of the step."""
+        at = self.at
+        body.call(
+            "between", t=at["length"], q=at["q"], x=at["new"], p=at["fraction"], out=at["between"]
+        )
+        body.call("constraints", t=at["time"], q=at["between"], p=at["plant"], out=at["inside"])
+
+    def _look_closely(self, body: Instructions, j: int) -> None:
+        """The largest c_j inside the step, and when it first exceeds the tolerance."""
+        at = self.at
+        inside, worst, rises = at["inside"] + j, at["worst"] + j, at["rises"] + j
+        self._search(body, "open", "number", at["c1"] + j)
+        with body.if_any(rises):
+            self._search(body, "golden", "lower")
+            self._constraints_inside(body)
+            self._search(body, "golden_left", "c_left", inside)
+            self._constraints_inside(body)
+            self._search(body, "golden_right", "c_right", inside)
+            with body.repeat(GOLDEN_STEPS):
+                self._search(body, "golden_turn", "lower")
+                self._constraints_inside(body)
+                self._search(body, "golden_take", "c_left", inside)
+            self._search(body, "golden_end", "fraction")
+            self._constraints_inside(body)
+            self._search(body, "peaked", "top", inside, rises)
+        body.call("raise", q=at["number"], x=worst, p=at["close"], out=worst)
+        self._search(body, "crosses", "crosses", p=at["close"])
+        with body.if_any(at["crosses"]):
+            self._search(body, "bisect", "lower")
+            with body.repeat(BISECTION_STEPS):
+                self._constraints_inside(body)
+                self._search(body, "bisect_turn", "lower", inside)
+            self._search(body, "crossed", "earliest")
+
+    # -- records -------------------------------------------------------------------------
+
+    def _record(self, body: Instructions) -> None:
+        program, at = self.program, self.at
+        if program.signals:
+            body.call("signals", t=at["time"], q=at["seen"], x=at["look"], p=at["gains"],
+                      out=at["signals"])  # fmt: skip
+        if program.safeguarded and program.actuators:
+            body.call("actuate", t=at["time"], q=at["nominal"], x=at["gains"], p=at["gains"],
+                      out=at["believed"])  # fmt: skip
+        for place, rows in self.layout.recorded.values():
+            body.append(place, rows)
