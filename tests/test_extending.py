@@ -15,24 +15,15 @@ PAGE = (ROOT / "docs" / "extending.md").read_text("utf-8")
 
 SCHEME = '''"""Central slopes, as upwind ones of first order with a wider reach would be: a scheme of a test."""
 
-# mypy: ignore-errors
-# ruff: noqa: F405
-
-from holdfast.execution.level_set.finite_differences import *  # noqa: F403
-
-SCHEME = {"ghosts": 2, "order": 1}
-
-# -- joined from here on
+from holdfast.execution.level_set.schemes.base import Scheme
 
 
-@called
-def plain(source, at, k, count, left, right, to):
+def slopes(a, b, c):
     """First differences at both ends of an interval."""
-    i1, i2 = at[k + 1], at[k + 2]
-    to = np.uint64(to)
-    for j in range(lanes(count)):
-        left[to + j] = source[i2 + j] - source[i1 + j]
-        right[to + j] = source[i2 + j] - source[i1 + j]
+    return b, b
+
+
+SCHEME = Scheme("plain", ghosts=2, order=1, slopes=slopes)
 '''
 
 KIND = '''"""A kind of scenario that counts the starts of a list: its tables, its answer, its files."""

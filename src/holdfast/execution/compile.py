@@ -21,9 +21,8 @@ MARK = "# -- joined from here on"
 
 PARTS = "simulation/parts"
 QUADRATIC_PROGRAM, INTERPOLATION = "simulation/quadratic_program", "interpolate"
-FINITE_DIFFERENCES, SCHEMES = "level_set/finite_differences", "level_set/schemes"
+STENCILS = "level_set/stencils"
 BELOW = {
-    FINITE_DIFFERENCES: ("level_set/stencils",),
     PARTS: (QUADRATIC_PROGRAM, INTERPOLATION),
 }
 """The files whose names another one uses; `primitives` for all others."""
@@ -59,13 +58,12 @@ def compile_functions(source: str) -> ModuleType:
     return _module("functions", f"{_import(QUADRATIC_PROGRAM)}\n\n{source}")
 
 
-def compile_sweep(source: str, precision: str = "float64", scheme: str = "") -> ModuleType:
-    """The module of a march over a grid: the slopes of a scheme, in a precision, and the `source`.
-
-    Without a scheme it has the parts that all schemes share.
-    """
-    above = f"{SCHEMES}/{scheme}" if scheme else FINITE_DIFFERENCES
-    return _module("sweep", f"{_import(above, precision)}\n\n\n{source}")
+def compile_sweep(precision: str, *, one_slope: bool) -> ModuleType:
+    """The module of a march over a grid in a precision, for schemes with one or two slopes."""
+    files = (f"level_set/slopes_{'once' if one_slope else 'twice'}", "level_set/sweep")
+    text = "\n".join(_text(name).partition(MARK)[2] for name in files)
+    text = single(text) if precision == "float32" else text
+    return _module("sweep", f"{_import(STENCILS, precision)}\n{text}")
 
 
 def single(text: str) -> str:
@@ -94,7 +92,7 @@ def _shared(name: str, precision: str = "float64") -> ModuleType:
     kind = name.rpartition("/")[2]
     if not mark:
         return _module(kind, above)
-    below = (FINITE_DIFFERENCES,) if name.startswith(SCHEMES) else BELOW.get(name, ("primitives",))
+    below = BELOW.get(name, ("primitives",))
     imports = "\n".join(_import(one, precision) for one in below)
     return _module(kind, f"{imports}\n{text}")
 

@@ -29,21 +29,25 @@ _compiling = threading.RLock()
 
 
 class Leaves:
-    """Compiled leaves; `addresses[name]` is that of `void (double *arguments..., *out, i64)`."""
+    """Compiled leaves.
+
+    addresses[name]: of `void (double *arguments..., *out, i64 stride, i64 count)`.
+    """
 
     def __init__(self, text: str, digest: str, names: Mapping[str, int]) -> None:
         self._engine = _engine(_object_code(text, digest))  # which holds the machine code
         self.addresses = {n: self._engine.get_function_address(_symbol(n)) for n in names}
         self._functions = {
-            name: ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * (count + 1), ctypes.c_int64)(
-                self.addresses[name]
-            )
+            name: ctypes.CFUNCTYPE(
+                None, *[ctypes.c_void_p] * (count + 1), ctypes.c_int64, ctypes.c_int64
+            )(self.addresses[name])
             for name, count in names.items()
         }
 
     def call(self, name: str, *columns: Array) -> None:
         """Fill the last of the arrays, from the others; all have rows of the same length."""
-        self._functions[name](*(c.ctypes.data for c in columns), columns[-1].shape[1])
+        stride = columns[-1].shape[1]
+        self._functions[name](*(c.ctypes.data for c in columns), stride, stride)
 
     def values(self, name: str, count: int, width: int, *arguments: Array) -> Array:
         """The results at `count` points, shape (count, width).

@@ -13,8 +13,8 @@ import numpy as np
 from holdfast.analysis.reachability.given import by_name, number, whole
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.level_set.march import Method
+from holdfast.execution.level_set.rate_leaves import DISSIPATIONS
 from holdfast.execution.level_set.schemes import schemes
-from holdfast.execution.level_set.sweep_source import DISSIPATIONS
 from holdfast.maths.definitions.region import Region
 
 

@@ -15,7 +15,7 @@ import sympy as sp
 
 from holdfast.execution.arithmetic.steps import FLOAT, WHOLE, Function, Step, Steps, Value
 from holdfast.execution.codegen.lowering import WALLS, lowered
-from holdfast.execution.codegen.printer import source_name
+from holdfast.maths.definitions.quantity import SAMPLE_TIME, TIME, TIME_IN_MODE
 from holdfast.maths.expressions.traversal import symbols_of
 
 _KINDS = {FLOAT: "double", WHOLE: "uint64_t"}
@@ -204,3 +204,8 @@ def _name(s: sp.Symbol) -> str:
     """The name in C, where names that begin with an underscore are reserved."""
     name = source_name(s)
     return f"hf{name}" if name.startswith("_") else name
+
+
+def source_name(s: sp.Symbol) -> str:
+    """The name in the source. It ends in '_', unlike arguments and generated names."""
+    return s.name if s in (TIME, TIME_IN_MODE, SAMPLE_TIME) else f"{s.name}_"

@@ -10,16 +10,44 @@ import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from holdfast.execution.arithmetic.steps import FLOAT, TRUTH, WHOLE, Function, Step, Steps, Value
 
 LANES = 8
 """Values of a step that are computed together: one register of AVX-512, two of AVX2."""
 
-_VECTOR = {
-    FLOAT: f"<{LANES} x double>",
-    WHOLE: f"<{LANES} x i64>",
-    TRUTH: f"<{LANES} x i1>",
-}
+
+@dataclass(frozen=True)
+class _Format:
+    """How the values of a leaf are computed.
+
+    lanes: of a step; real: their type. fused: whether LLVM may contract a product and a sum.
+    """
+
+    lanes: int = LANES
+    real: str = "double"
+    fused: bool = False
+
+    def vector(self, kind: str) -> str:
+        of = {FLOAT: self.real, WHOLE: "i64", TRUTH: "i1"}[kind]
+        return f"<{self.lanes} x {of}>"
+
+    def splat(self, of: str, value: str) -> str:
+        return f"<{', '.join([f'{of} {value}'] * self.lanes)}>"
+
+    def constant(self, step: Step) -> str:
+        if step.kind == WHOLE:
+            return self.splat("i64", str(step.given))
+        value = step.given
+        if self.real == "float":  # written as the double that it is
+            with np.errstate(over="ignore"):
+                value = float(np.float32(value))
+        (pattern,) = struct.unpack("<Q", struct.pack("<d", value))
+        return self.splat(self.real, f"0x{pattern:016X}")
+
+
+_DOUBLE = _Format()
 _TWO = {
     "add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv", "lt": "fcmp olt", "le": "fcmp ole",
     "eq": "fcmp oeq", "ne": "fcmp une", "both": "and", "either": "or", "iadd": "add",
@@ -61,40 +89,58 @@ class Leaf:
     an argument.
 
     arguments: the names of the arrays, with the inputs of the steps in their rows. results: the
-    rows of the array that is filled.
+    rows of the array that is filled. uniform: arguments, of doubles, whose rows are one number
+    each. single: other arrays are in single precision. algebraic: the steps are arithmetic alone,
+    so that they have the precision of the arrays. fused: LLVM may contract a product and a sum.
     """
 
     steps: Steps
     arguments: Mapping[str, Sequence[str]]
     results: Sequence[Value]
+    uniform: frozenset[str] = frozenset()
+    single: bool = False
+    algebraic: bool = False
+    fused: bool = False
 
 
 def _leaf(module: _Module, name: str, leaf: Leaf) -> str:
-    body = _Body(module, leaf.steps, leaf.results)
+    kind = _Format(fused=leaf.fused)
+    if leaf.single and leaf.algebraic:
+        kind = _Format(2 * LANES, "float", leaf.fused)
+    stored = "float" if leaf.single else "double"
+    body = _Body(module, leaf.steps, leaf.results, kind)
     lines = []
     for array, inputs in leaf.arguments.items():
         for row, given in enumerate(inputs):
             number = body.inputs.get(given)
-            if number is not None:
-                lines += _place(f"%{array}", row, f"i{number}")
-                lines.append(f"  %v{number} = load {_VECTOR[FLOAT]}, ptr %i{number}.at, align 8")
+            if number is None:
+                continue
+            if array in leaf.uniform:
+                lines += _uniform(kind, f"%{array}", row, f"%v{number}")
+            else:
+                lines += _place(f"%{array}", row, f"i{number}", stored)
+                lines += _loaded(kind, stored, f"%i{number}.at", f"%v{number}")
     lines += body.lines
     for row, value in enumerate(leaf.results):
-        lines += _place("%out", row, f"o{row}")
-        lines.append(
-            f"  store {_VECTOR[FLOAT]} {body.names[value.number]}, ptr %o{row}.at, align 8"
-        )
+        lines += _place("%out", row, f"o{row}", stored)
+        found = body.names[value.number]
+        if stored != kind.real:
+            lines.append(
+                f"  %o{row}.v = fptrunc {kind.vector(FLOAT)} {found} to {_of(kind, stored)}"
+            )
+            found = f"%o{row}.v"
+        lines.append(f"  store {_of(kind, stored)} {found}, ptr %o{row}.at, align {_SIZE[stored]}")
     arrays = "".join(f"ptr %{array}, " for array in leaf.arguments)
     return "\n".join(
         [
-            f"define void @{name}({arrays}ptr %out, i64 %stride) nounwind {{",
+            f"define void @{name}({arrays}ptr %out, i64 %stride, i64 %count) nounwind {{",
             "entry:",
             "  br label %loop",
             "loop:",
             f"  %lane = phi i64 [ 0, %entry ], [ %next, %{body.label} ]",
             *lines,
-            f"  %next = add nuw nsw i64 %lane, {LANES}",
-            "  %more = icmp ult i64 %next, %stride",
+            f"  %next = add nuw nsw i64 %lane, {kind.lanes}",
+            "  %more = icmp ult i64 %next, %count",
             "  br i1 %more, label %loop, label %done",
             "done:",
             "  ret void",
@@ -103,19 +149,53 @@ def _leaf(module: _Module, name: str, leaf: Leaf) -> str:
     )
 
 
-def _place(array: str, row: int, name: str) -> list[str]:
+_SIZE = {"float": 4, "double": 8}
+
+
+def _of(kind: _Format, stored: str) -> str:
+    return f"<{kind.lanes} x {stored}>"
+
+
+def _place(array: str, row: int, name: str, stored: str) -> list[str]:
     return [
         f"  %{name}.row = mul i64 %stride, {row}",
         f"  %{name}.lane = add i64 %{name}.row, %lane",
-        f"  %{name}.at = getelementptr double, ptr {array}, i64 %{name}.lane",
+        f"  %{name}.at = getelementptr {stored}, ptr {array}, i64 %{name}.lane",
+    ]
+
+
+def _loaded(kind: _Format, stored: str, place: str, name: str) -> list[str]:
+    load = f"load {_of(kind, stored)}, ptr {place}, align {_SIZE[stored]}"
+    if stored == kind.real:
+        return [f"  {name} = {load}"]
+    wide = f"fpext {_of(kind, stored)} {name}.s to {kind.vector(FLOAT)}"
+    return [f"  {name}.s = {load}", f"  {name} = {wide}"]
+
+
+def _uniform(kind: _Format, array: str, row: int, name: str) -> list[str]:
+    vector, own = kind.vector(FLOAT), f"{name}.d"
+    lines = [
+        f"  {name}.p = getelementptr double, ptr {array}, i64 {row}",
+        f"  {own} = load double, ptr {name}.p, align 8",
+    ]
+    if kind.real == "float":
+        lines.append(f"  {own}f = fptrunc double {own} to float")
+        own += "f"
+    mask = f"<{kind.lanes} x i32> zeroinitializer"
+    return [
+        *lines,
+        f"  {name}.i = insertelement {vector} poison, {kind.real} {own}, i32 0",
+        f"  {name} = shufflevector {vector} {name}.i, {vector} poison, {mask}",
     ]
 
 
 class _Body:
     """The lines of the steps that some results need."""
 
-    def __init__(self, module: _Module, steps: Steps, results: Sequence[Value]) -> None:
-        self.module, self.steps = module, steps
+    def __init__(
+        self, module: _Module, steps: Steps, results: Sequence[Value], form: _Format = _DOUBLE
+    ) -> None:
+        self.module, self.steps, self.form = module, steps, form
         self.lines: list[str] = []
         self.names: dict[int, str] = {}
         self.inputs: dict[str, int] = {}
@@ -126,28 +206,31 @@ class _Body:
     def _print(self, number: int, step: Step) -> None:
         name = self.names[number] = f"%v{number}"
         a = [self.names[k] for k in step.arguments]
-        kind = _VECTOR.get(step.kind, "")
+        form = self.form
+        kind = form.vector(step.kind) if step.kind in (FLOAT, WHOLE, TRUTH) else ""
         operation = step.operation
         if operation == "input":
             self.inputs[step.given] = number
         elif operation == "constant":
-            self.names[number] = _constant(step)
+            self.names[number] = form.constant(step)
         elif operation in _TWO:
-            of = _VECTOR[self.steps.list[step.arguments[0]].kind]
-            self._line(f"{name} = {_TWO[operation]} {of} {a[0]}, {a[1]}")
+            of = form.vector(self.steps.list[step.arguments[0]].kind)
+            fused = " contract" if form.fused and operation in ("add", "sub", "mul") else ""
+            self._line(f"{name} = {_TWO[operation]}{fused} {of} {a[0]}, {a[1]}")
         elif operation in _ONE:
-            function = f"@llvm.{_ONE[operation]}.v{LANES}f64"
+            bits = 32 if form.real == "float" else 64
+            function = f"@llvm.{_ONE[operation]}.v{form.lanes}f{bits}"
             self.module.intrinsics.add(f"declare {kind} {function}({kind})")
             self._line(f"{name} = call {kind} {function}({kind} {a[0]})")
         elif operation == "neg":
             self._line(f"{name} = fneg {kind} {a[0]}")
         elif operation == "not":
-            self._line(f"{name} = xor {kind} {a[0]}, {_splat('i1', 'true')}")
+            self._line(f"{name} = xor {kind} {a[0]}, {form.splat('i1', 'true')}")
         elif operation in ("bits", "from_bits"):
-            of = _VECTOR[self.steps.list[step.arguments[0]].kind]
+            of = form.vector(self.steps.list[step.arguments[0]].kind)
             self._line(f"{name} = bitcast {of} {a[0]} to {kind}")
         elif operation == "choose":
-            self._line(f"{name} = select {_VECTOR[TRUTH]} {a[0]}, {kind} {a[1]}, {kind} {a[2]}")
+            self._line(f"{name} = select {form.vector(TRUTH)} {a[0]}, {kind} {a[1]}, {kind} {a[2]}")
         elif operation == "entry":
             self._entry(name, a[0], step.given)
         elif operation == "rare":
@@ -162,7 +245,7 @@ class _Body:
 
     def _entry(self, name: str, place: str, table: tuple[int, ...]) -> None:
         where = self.module.tables.setdefault(table, f"@table{len(self.module.tables)}")
-        kind, found = _VECTOR[WHOLE], "zeroinitializer"
+        kind, found = _DOUBLE.vector(WHOLE), "zeroinitializer"
         for lane in range(LANES):
             own = f"{name}.{lane}"
             self._line(f"{own}.i = extractelement {kind} {place}, i32 {lane}")
@@ -179,11 +262,11 @@ class _Body:
         count = len(function.kinds)
         when, usual, arguments = a[0], a[1 : 1 + count], a[1 + count :]
         self._function(function)
-        kinds = [_VECTOR[k] for k in function.kinds]
-        several, truth = f"{{ {', '.join(kinds)} }}", _VECTOR[TRUTH]
+        kinds = [_DOUBLE.vector(k) for k in function.kinds]
+        several, truth = f"{{ {', '.join(kinds)} }}", _DOUBLE.vector(TRUTH)
         reduce = f"@llvm.vector.reduce.or.v{LANES}i1"
         self.module.intrinsics.add(f"declare i1 {reduce}({truth})")
-        given = ", ".join(f"{_VECTOR[FLOAT]} {x}" for x in arguments)
+        given = ", ".join(f"{_DOUBLE.vector(FLOAT)} {x}" for x in arguments)
         own, before = f"%v{number}", self.label
         self._line(f"{own}.any = call i1 {reduce}({truth} {when})")
         self._line(f"br i1 {own}.any, label %rare{number}, label %join{number}")
@@ -209,8 +292,10 @@ class _Body:
             return
         steps, results = function.traced(expanded=True)
         body = _Body(self.module, steps, results)
-        several = f"{{ {', '.join(_VECTOR[k] for k in function.kinds)} }}"
-        inputs = ", ".join(f"{_VECTOR[FLOAT]} %v{body.inputs[p]}" for p in function.parameters)
+        several = f"{{ {', '.join(_DOUBLE.vector(k) for k in function.kinds)} }}"
+        inputs = ", ".join(
+            f"{_DOUBLE.vector(FLOAT)} %v{body.inputs[p]}" for p in function.parameters
+        )
         lines = [
             f"define internal {several} @{function.name}({inputs}) noinline nounwind {{",
             "loop:",
@@ -218,20 +303,9 @@ class _Body:
         ]
         whole = "poison"
         for i, value in enumerate(results):
-            kind = _VECTOR[function.kinds[i]]
+            kind = _DOUBLE.vector(function.kinds[i])
             lines.append(
                 f"  %r{i} = insertvalue {several} {whole}, {kind} {body.names[value.number]}, {i}"
             )
             whole = f"%r{i}"
         self.module.functions[function.name] = "\n".join([*lines, f"  ret {several} {whole}", "}"])
-
-
-def _constant(step: Step) -> str:
-    if step.kind == WHOLE:
-        return _splat("i64", str(step.given))
-    (pattern,) = struct.unpack("<Q", struct.pack("<d", step.given))
-    return _splat("double", f"0x{pattern:016X}")
-
-
-def _splat(kind: str, value: str) -> str:
-    return f"<{', '.join([f'{kind} {value}'] * LANES)}>"

@@ -6,12 +6,10 @@ last axis go into a table, and the rest is computed at every node.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import sympy as sp
-
-from holdfast.execution.codegen.printer import text_of
 
 BEFORE = -1
 
@@ -42,10 +40,6 @@ class Schedule:
         for s, e in shared:
             self._define(s, e)
         return [self._part(e) for e in reduced]
-
-    def lines(self, level: int) -> list[str]:
-        """The statements of a level, as text."""
-        return [f"{s} = {text_of(e)}" for s, e in self.levels.get(level, [])]
 
     def _where(self, e: sp.Expr) -> frozenset[int]:
         known = (self._level_of.get(s, frozenset()) for s in e.free_symbols)
@@ -108,9 +102,3 @@ class Schedule:
             lower = self._level(inside) < level and not a.is_Atom
             arguments.append(self._symbol(a) if lower else self._rewritten(a, inside))
         return e.func(*arguments)
-
-
-def renamed(expressions: Sequence[sp.Expr], names: Mapping[sp.Symbol, str]) -> list[sp.Expr]:
-    """The expressions with their symbols renamed to the generator's own names."""
-    new = {s: sp.Symbol(n, real=True) for s, n in names.items()}
-    return [e.xreplace(new) for e in expressions]

@@ -61,7 +61,7 @@ class Instructions:
     def call(self, leaf: str, *, out: int, t: int = 0, q: int = 0, x: int = 0, p: int = 0) -> None:
         """Call a leaf with the places of its arguments and of its results."""
         places = ", ".join(f"ptr {self._at(place)}" for place in (t, q, x, p, out))
-        self._line(f"call void {self._address(leaf)}({places}, i64 {WIDTH})")
+        self._line(f"call void {self._address(leaf)}({places}, i64 {WIDTH}, i64 {WIDTH})")
 
     def part(self, name: str, number: int) -> None:
         """Call a part, a function of s, w and the place in s of what belongs to it."""

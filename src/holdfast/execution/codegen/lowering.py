@@ -32,7 +32,9 @@ def lowered(
     return [found.value(e) for e in exact]
 
 
-def leaf_of(arrays: Mapping[str, Sequence[sp.Symbol]], results: Sequence[Any]) -> Leaf:
+def leaf_of(
+    arrays: Mapping[str, Sequence[sp.Symbol]], results: Sequence[Any], uniform: Sequence[str] = ()
+) -> Leaf:
     """The leaf of these expressions; the symbols are the rows of its argument arrays."""
     steps = Steps(expanded=True)
     rows = {name: [f"{name}{i}" for i in range(len(symbols))] for name, symbols in arrays.items()}
@@ -41,7 +43,17 @@ def leaf_of(arrays: Mapping[str, Sequence[sp.Symbol]], results: Sequence[Any]) -
         for name, symbols in arrays.items()
         for symbol, row in zip(symbols, rows[name], strict=True)
     }
-    return Leaf(steps, rows, lowered(steps, results, inputs))
+    return Leaf(steps, rows, lowered(steps, results, inputs), frozenset(uniform))
+
+
+def is_algebraic(expressions: Sequence[sp.Expr]) -> bool:
+    """Whether the expressions are made of arithmetic, roots and comparisons alone."""
+    parts = {part for e in expressions for part in sp.preorder_traversal(e)}
+    powers = (p.exp for p in parts if isinstance(p, sp.Pow))
+    functions = (p for p in parts if p.args and not p.is_Add and not p.is_Mul and not p.is_Pow)
+    return all((2 * e).is_Integer and abs(e) <= MOST_FACTORS for e in powers) and all(
+        type(p).__name__ in _ALGEBRAIC for p in functions
+    )
 
 
 class _Lowering:
@@ -142,6 +154,10 @@ _GUARDED = ("angle", "length")
 
 WALLS = "walls"
 """The operation of a function of walls where it is called and not expanded."""
+
+_ALGEBRAIC = frozenset(
+    ("Abs", "magnitude", "Min", "Max", "sgn", "sign", "select", "least", "greatest", "length")
+)
 
 _PICKED: dict[str, tuple[int, Callable[..., tuple[Value, ...]]]] = {
     "nearest_on_walls": (2, walls.nearest_on_walls),

@@ -23,11 +23,13 @@ import numpy.typing as npt
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.compile import compile_sweep
+from holdfast.execution.leaf import compiled_leaves
 from holdfast.execution.level_set.mirrored_grid import Fold
-from holdfast.execution.level_set.over_grid import over_grid, padded
+from holdfast.execution.level_set.over_grid import Fastest, over_grid, padded_rows
+from holdfast.execution.level_set.rate_leaves import rate_leaves
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.settling import Done
-from holdfast.execution.level_set.sweep_source import layout, sweep_source
+from holdfast.execution.level_set.units import layout
 from holdfast.execution.level_set.workers import Workers
 from holdfast.maths.definitions.quantity import TIME, Parameter
 from holdfast.maths.games.hamiltonian import Hamiltonian
@@ -41,6 +43,9 @@ STAGES = {1: ((1.0, 0.0),), 2: ((1.0, 0.0), (0.5, 1.0)), 3: ((1.0, 0.0), (0.25, 
 
 ALL_MEASURED, MEASURED = 64, 4
 """Steps from the first for which it is measured how fast the set moves, then one in so many."""
+
+LIMITS = {"free": (-math.inf, math.inf), "shrink": (-math.inf, 0.0), "grow": (0.0, math.inf)}
+"""The limits of dW/dt: none, never above zero, never below."""
 
 MOST_STEPS = 10**9
 """Steps of a march: it would take days on the smallest grid."""
@@ -83,22 +88,21 @@ class March:
         """clock: the time t at tau = 0, and how fast it runs, 1 or -1. reflected: for every axis,
         at which place of it the node is that always has the same value; half is computed then.
         """
-        source = sweep_source(
-            hamiltonian,
-            parameters,
-            scheme=method.scheme,
-            dissipation=method.dissipation,
-            limit=limit,
-            precision=precision,
+        scheme = schemes()[method.scheme]
+        self.module = compile_sweep(precision, one_slope=scheme.one_slope)
+        given = rate_leaves(
+            hamiltonian, parameters, dissipation=method.dissipation, precision=precision
         )
-        self.module = compile_sweep(source, precision, method.scheme)
+        self.leaves = compiled_leaves({**given.leaves, "scheme": scheme.leaf(precision)})
+        self.sizes = np.array([given.along, given.of_row, given.outer, scheme.ghosts])
+        self.limits = np.array([*LIMITS[limit], 1.0 if limit == "shrink" else -1.0])
         self.hamiltonian, self.parameters = hamiltonian, parameters
         self.method = method
         self.shape = np.array([len(a) for a in axes], dtype=np.int64)
-        self.axes = padded(axes)
+        self.axes = padded_rows(axes)
         self.steps = np.array(steps, dtype=np.float64)
         self.kinds = np.array([ENDS[k] for k in kinds], dtype=np.int64)
-        self.p = np.array([*(float(q.value) for q in parameters), 0.0])
+        self.p = np.array([float(q.value) for q in parameters])
         self.nodes = math.prod(len(a) for a in axes)
         self.threads = threads if self.nodes > FEW else 1
         cut = layout([len(a) for a in axes])
@@ -106,11 +110,12 @@ class March:
         local = cut[1] * cut[2]
         self.units = math.prod(len(a) for a in axes[:-2]) * local
         self.places = len(axes[0]) if len(axes) > 2 else local  # what threads share
-        ghosts = schemes()[method.scheme].ghosts
-        self.fold = Fold(reflected, kinds, cut, ghosts) if reflected is not None else None
+        self.fold = Fold(reflected, kinds, cut, scheme.ghosts) if reflected is not None else None
         self.clock = clock
         self.varying = any(e.has(TIME) for e in (hamiltonian.value, *hamiltonian.speeds))
         self.speeds = np.zeros(len(axes))  # largest along every axis, for a global dissipation
+        symbols = [q.symbol for q in hamiltonian.system.states]
+        self.fastest = Fastest(hamiltonian.speeds, symbols, parameters, axes, self.steps)
         self.longest_step = self._longest_step((0.0,))
 
     def _longest_step(self, at: Sequence[float]) -> float:
@@ -118,14 +123,11 @@ class March:
 
         Infinite where nothing moves. Raises `SimulationError` where a rate is not finite.
         """
-        limits = np.zeros(len(self.speeds) + 1)
-        for tau in at:
-            rest = (self.axes, self.shape, self.steps, self.p, limits)
-            self.module.fastest(self._time(tau), *rest)
-            for i in np.flatnonzero(~np.isfinite(limits[:-1])):
-                raise self._not_finite(int(i), tau)
-        self.speeds[:] = limits[:-1]
-        return self.method.cfl / float(limits[-1]) if limits[-1] > 0 else math.inf
+        self.speeds[:], total = self.fastest.at([self._time(tau) for tau in at])
+        for i in np.flatnonzero(~np.isfinite(self.speeds)):
+            bad = [tau for tau in at if not np.isfinite(self._speed(int(i), tau)).all()]
+            raise self._not_finite(int(i), bad[0])
+        return self.method.cfl / total if total > 0 else math.inf
 
     def _speed(self, i: int, tau: float) -> Array:
         """The largest speed along an axis at every node."""
@@ -199,11 +201,13 @@ class March:
         flags = np.ones((max(order, 2), self.units), dtype=np.uint8)
         none = np.empty(0, dtype=values.dtype)
         bounds = (none if upper is None else upper, none if lower is None else lower)
-        rest = (self.shape, self.cut, self.steps, self.kinds, self.speeds, self.axes, self.p)
+        names = ("along", "rows", "rate", "scheme")
+        leaves = np.array([self.leaves.addresses[name] for name in names], dtype=np.int64)
+        rest = (self.shape, self.cut, self.steps, self.kinds, self.limits, leaves, self.sizes)
         turn = np.zeros(1, dtype=np.int64)
         self.module.sweep(  # compiled, or loaded, before the time is taken
-            turn, turn, 0.0, 0.0, 1.0, values, values, arrays[1], values, *bounds, floor, ceiling,
-            nearest, flags[0], flags[1], flags[:0], *rest, np.zeros(3),
+            turn, turn, self._u(0.0), 0.0, 1.0, values, values, arrays[1], values, *bounds, floor,
+            ceiling, nearest, flags[0], flags[1], flags[:0], *rest, self.axes, np.zeros(3),
         )  # fmt: skip
         began, step = time.perf_counter() - done.seconds, math.nan
         with Workers(self.module, self.threads, self.places) as workers:
@@ -246,9 +250,10 @@ class March:
                         self.fold.narrow(here)
                     found = workers.run(
                         self.module.sweep,
-                        self._time(start + fraction * dt), dt, weight, source, arrays[0], out,
+                        self._u(start + fraction * dt), dt, weight, source, arrays[0], out,
                         arrays[0] if order == 1 else out, *bounds, floor, ceiling,
                         nearest if last and done.measured else 0.0, here, there, own, *rest,
+                        self.axes,
                     )  # fmt: skip
                     if self.fold is not None:
                         mirror(out, self.fold.needed)
@@ -281,6 +286,10 @@ class March:
         if arrays[0] is not values:
             values[:] = arrays[0]
         return done
+
+    def _u(self, tau: float) -> Array:
+        """What is the same at all nodes: the time, the parameters, the largest speeds."""
+        return np.concatenate([[self._time(tau)], self.p, self.speeds])
 
     def _steps(self, times: Sequence[float]) -> Iterator[tuple[float, float, float | None]]:
         """Start and length of every step [s], and which of `times` it ends at."""

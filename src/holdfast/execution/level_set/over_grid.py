@@ -1,19 +1,60 @@
-"""Expressions over a grid, as text: helpers of the sweep, values at every node, largest speeds."""
+"""Expressions at the nodes of a grid: values at every node, the largest speeds."""
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from holdfast.execution.codegen.loop_nest import BEFORE, Schedule, renamed
-from holdfast.execution.codegen.printer import text_of
-from holdfast.execution.compile import compile_sweep
+from holdfast.execution.arrays import Array
+from holdfast.execution.codegen.lowering import leaf_of
+from holdfast.execution.leaf import Leaves, compiled_leaves, padded
 from holdfast.maths.definitions.quantity import TIME, Parameter
+from holdfast.maths.expressions.traversal import symbols_of
+
+TOGETHER = 1 << 14
+"""Nodes that are computed at a time, if a row of the last axis is not longer."""
+
+
+class OverGrid:
+    """Expressions of states, parameters and time on a grid; `symbols` are those of the axes."""
+
+    def __init__(
+        self,
+        expressions: Sequence[sp.Expr],
+        symbols: Sequence[sp.Symbol],
+        parameters: Sequence[Parameter],
+        axes: Sequence[Array],
+    ) -> None:
+        same = (TIME, *(q.symbol for q in parameters))
+        leaf = leaf_of({"w": symbols, "u": same}, expressions, uniform=("u",))
+        self._leaves: Leaves = compiled_leaves({"values": leaf})
+        self._u = np.array([0.0, *(float(q.value) for q in parameters)])
+        self._count = len(expressions)
+        inner = len(axes) - 1
+        while inner > 0 and math.prod(len(a) for a in axes[inner - 1 :]) <= TOGETHER:
+            inner -= 1
+        self._outer = axes[:inner]
+        within = np.meshgrid(*axes[inner:], indexing="ij")
+        self._nodes = within[0].size
+        self._w = np.zeros((len(axes), padded(self._nodes)))
+        for row, values in zip(self._w[inner:], within, strict=True):
+            row[: self._nodes], row[self._nodes :] = values.ravel(), values.ravel()[-1]
+        self.size = self._nodes * math.prod(len(a) for a in self._outer)
+
+    def parts(self, time: float) -> Iterator[tuple[int, Array]]:
+        """The first node of every part of the grid, and the expressions at its nodes."""
+        u, out = self._u.copy(), np.empty((self._count, self._w.shape[1]))
+        u[0] = time
+        for k, place in enumerate(itertools.product(*self._outer)):
+            self._w[: len(place)] = np.array(place)[:, np.newaxis]
+            self._leaves.call("values", self._w, u, out)
+            yield k * self._nodes, out[:, : self._nodes]
 
 
 def over_grid(
@@ -29,96 +70,48 @@ def over_grid(
 
     `symbols` are those of the axes.
     """
-    names = {s: f"q{i}" for i, s in enumerate(symbols)} | {TIME: "t"}
-    names |= {q.symbol: f"k{i}" for i, q in enumerate(parameters)}
-    module = compile_sweep(_fill(expression, len(axes), names) + "\n")
-    shape = np.array([len(a) for a in axes], dtype=np.int64)
-    p = np.array([*(float(q.value) for q in parameters), 0.0])
-    rows = padded(axes)
+    values = OverGrid([expression], symbols, parameters, axes)
 
     def at(time: float) -> npt.NDArray[Any]:
-        out = np.empty(int(np.prod(shape)), dtype=precision)
-        module.fill(float(time), rows, shape, p, float(band), out)
+        out = np.empty(values.size, dtype=precision)
+        for first, (part,) in values.parts(time):
+            np.clip(part, -band, band, out=out[first : first + len(part)], casting="same_kind")
         return out
 
     return at
 
 
-def padded(axes: Sequence[npt.NDArray[np.float64]]) -> npt.NDArray[np.float64]:
+class Fastest:
+    """The largest speed along every axis, and the largest sum of them over the steps.
+
+    A speed that is NaN at a node is NaN over the grid.
+    """
+
+    def __init__(
+        self,
+        speeds: Sequence[sp.Expr],
+        symbols: Sequence[sp.Symbol],
+        parameters: Sequence[Parameter],
+        axes: Sequence[Array],
+        steps: Array,
+    ) -> None:
+        matters = symbols_of(speeds)
+        some = [a if s in matters else a[:1] for s, a in zip(symbols, axes, strict=True)]
+        self._values, self._steps = OverGrid(speeds, symbols, parameters, some), steps
+
+    def at(self, times: Sequence[float]) -> tuple[Array, float]:
+        """Over these times."""
+        largest, total = np.zeros(len(self._steps)), 0.0
+        for time in times:
+            for _, part in self._values.parts(time):
+                largest = np.maximum(largest, part.max(axis=1))
+                total = max(total, float((part / self._steps[:, np.newaxis]).sum(axis=0).max()))
+        return largest, total
+
+
+def padded_rows(axes: Sequence[npt.NDArray[np.float64]]) -> npt.NDArray[np.float64]:
     """The nodes of every axis as the rows of one array."""
     rows = np.zeros((len(axes), max(len(a) for a in axes)))
     for row, axis in zip(rows, axes, strict=True):
         row[: len(axis)] = axis
     return rows
-
-
-def fastest_source(bounds: Sequence[sp.Expr], n: int, names: dict[sp.Symbol, str]) -> str:
-    """max over the grid of the speed along every axis, and of their sum over the steps.
-
-    A speed that is NaN at a node is NaN over the grid.
-    """
-    body, left, indent = _nest(bounds, n, names, all_nodes=False)
-    body.append(f"{indent}total = 0.0")
-    for i, e in enumerate(left):
-        body += [
-            f"{indent}v = {text_of(e)}",
-            f"{indent}out[{i}] = v if not v <= out[{i}] and out[{i}] == out[{i}] else out[{i}]",
-            f"{indent}total += v / steps[{i}]",
-        ]
-    body.append(f"{indent}out[{n}] = max(out[{n}], total)")
-    head = "@compiled\ndef fastest(t, axes, shape, steps, p, out):\n"
-    return head + "\n".join("    " + x for x in body)
-
-
-def _fill(expression: sp.Expr, n: int, names: dict[sp.Symbol, str]) -> str:
-    """The function `fill`: an expression at every node."""
-    body, (left,), indent = _nest(renamed([expression], names), n, names, all_nodes=True)
-    body += [f"{indent}v = {text_of(left)}", f"{indent}v = v if not v < -band else -band"]
-    body += [f"{indent}out[at] = v if not v > band else band", f"{indent}at += 1"]
-    head = "@compiled\ndef fill(t, axes, shape, p, band, out):\n    at = 0\n"
-    return head + "\n".join("    " + x for x in body)
-
-
-def _nest(
-    expressions: Sequence[sp.Expr], n: int, names: dict[sp.Symbol, str], *, all_nodes: bool
-) -> tuple[list[str], list[sp.Expr], str]:
-    """Loops over the axes, or those that matter; the lines, what is left at a node, its indent."""
-    axes = [sp.Symbol(f"q{i}", real=True) for i in range(n)]
-    matters = set().union(*(e.free_symbols for e in expressions))
-    plan = Schedule(axes)
-    left = plan.add(expressions)
-    used = names_used(plan, left)
-    body = [*unpacked(names, used, "k", "p"), *plan.lines(BEFORE)]
-    indent = ""
-    for i, axis in enumerate(axes):
-        body.append(
-            f"{indent}for i{i} in range({f'shape[{i}]' if all_nodes or axis in matters else 1}):"
-        )
-        indent += "    "
-        if str(axis) in used:
-            body.append(f"{indent}q{i} = axes[{i}, i{i}]")
-        if i < n - 1:
-            body += [indent + x for x in plan.lines(i)]
-    body += [f"{indent}{s} = {text_of(e)}" for s, e in plan.tables]
-    body += [indent + x for x in plan.lines(n)]
-    return body, left, indent
-
-
-def unpacked(names: dict[sp.Symbol, str], used: set[str], prefix: str, array: str) -> list[str]:
-    found = sorted(
-        {v for v in names.values() if v[0] == prefix and v in used}, key=lambda v: int(v[1:])
-    )
-    return [f"{v} = {array}[{v[1:]}]" for v in found]
-
-
-def names_used(plan: Schedule, rest: Sequence[sp.Expr]) -> set[str]:
-    every = (
-        [e for rows in plan.levels.values() for _, e in rows]
-        + [e for _, e in plan.tables]
-        + list(rest)
-    )
-    return names_in(every)
-
-
-def names_in(expressions: Sequence[sp.Expr]) -> set[str]:
-    return {str(s) for e in expressions for s in e.free_symbols}

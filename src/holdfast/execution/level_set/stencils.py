@@ -1,7 +1,7 @@
 """Runs of nodes of a grid: their neighbours along an axis, what changed, what is to be computed.
 
-The schemes of `slopes.py` and the generated
-sweeps are joined to these.
+`at[k]` is the place of the node k - ghosts places along an axis from the first of a run: in the
+value itself, or where it has to be continued beyond an end of the axis, in a copy.
 """
 
 # mypy: ignore-errors
@@ -14,7 +14,7 @@ from holdfast.execution.primitives import *  # noqa: F403
 EXTRAPOLATED, PERIODIC, LIMITED = 0, 1, 2
 RUN = 256  # nodes computed together, at most; a multiple of VECTOR
 KEPT = 16384  # nodes of a place whose slopes are kept for the next, at most
-VECTOR = 8  # numbers in single precision in one register
+VECTOR = 16  # nodes that a leaf in single precision computes at a time
 PITCH = RUN + VECTOR  # a run, and what more of it a register takes
 
 FUSED = {"contract"}  # multiplications and additions: the inner loops are made of them
@@ -28,6 +28,35 @@ ranking = within(fastmath=FUSED | {"nnan", "nsz", "reassoc"})  # a maximum has n
 def entered(function):
     """Machine code that Python may call, for threads that sweep."""
     return kept(njit(**OPTIONS, fastmath=FUSED)(function))
+
+
+@intrinsic
+def call_scheme(typing_context, address, source, at, k, half, out, to, stride, count):
+    """Call the leaf of a scheme: its nodes are in `source` from at[k] on, its results in `out`.
+
+    A scheme that reads fewer nodes than others ignores the last.
+    """
+
+    def generate(context, builder, signature, arguments):
+        pointer, whole = ir.IntType(8).as_pointer(), ir.IntType(64)
+        function = ir.FunctionType(ir.VoidType(), [pointer] * 8 + [whole] * 2)
+        where = builder.inttoptr(arguments[0], function.as_pointer())
+        data = {
+            i: make_array(signature.args[i])(context, builder, arguments[i]).data
+            for i in (1, 2, 4, 5)
+        }
+        given = []
+        for node in range(6):
+            place = builder.add(arguments[3], ir.Constant(whole, node))
+            start = builder.load(builder.gep(data[2], [place]))
+            given.append(builder.bitcast(builder.gep(data[1], [start]), pointer))
+        given.append(builder.bitcast(data[4], pointer))
+        given.append(builder.bitcast(builder.gep(data[5], [arguments[6]]), pointer))
+        builder.call(where, [*given, *arguments[7:9]])
+        return context.get_dummy_value()
+
+    whole = types.int64
+    return types.void(whole, source, at, whole, half, out, whole, whole, whole), generate
 
 
 @swept
@@ -123,6 +152,26 @@ def ghost(values, first, there, nodes, kind):
     edge, inner = (0, 1) if there < 0 else (nodes - 1, nodes - 2)
     distance = float(abs(there - edge))
     return beyond(values[first + edge], values[first + inner], distance)
+
+
+@intrinsic
+def borrowed(typing_context, array):
+    """The same array without a count of its references, each of which costs two atomic operations
+    in every call; another name has to hold it."""
+
+    def generate(context, builder, signature, arguments):
+        found = make_array(signature.return_type)(context, builder, arguments[0])
+        found.meminfo = context.get_constant_null(types.voidptr)
+        found.parent = context.get_constant_null(types.pyobject)
+        return found._getvalue()
+
+    return array(array), generate
+
+
+@swept
+def aligned(numbers):
+    """The array without the few numbers before the first line of the processor's cache."""
+    return numbers[-(numbers.ctypes.data // numbers.itemsize) % (64 // numbers.itemsize) :]
 
 
 @swept

@@ -1,10 +1,16 @@
-"""The description of a scheme. Its file is read, not imported: Numba waits until it is used."""
+"""The description of a scheme, and what schemes share."""
 
 from __future__ import annotations
 
-import ast
+from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
+from itertools import pairwise
+
+from holdfast.execution.arithmetic.steps import Steps, Value, choose
+from holdfast.execution.codegen.llvm_text import Leaf
+
+MOST_NODES = 6
+"""Nodes that a scheme may read."""
 
 
 @dataclass(frozen=True)
@@ -12,21 +18,57 @@ class Scheme:
     """One-sided derivatives along an axis.
 
     ghosts: nodes that they reach on either side. order: of the Runge-Kutta method that goes with
-    them. one_slope: both ends of an interval have the same slope, as at first order. monotone: with
-    a method of first order a step keeps the order of two values.
+    them. monotone: with a method of first order a step keeps the order of two values. slopes: of
+    the differences of 2 `ghosts` nodes in a row, the slopes of the middle interval, in cells: at
+    its upper end, the left derivative there, and at its lower end, the right derivative there.
+    None: both are the plain difference, as at first order.
     """
 
     name: str
     ghosts: int
     order: int
-    one_slope: bool = False
     monotone: bool = False
+    slopes: Callable[..., tuple[Value, Value]] | None = None
+
+    @property
+    def one_slope(self) -> bool:
+        """Whether both ends of an interval have the same slope."""
+        return self.slopes is None
+
+    def leaf(self, precision: str) -> Leaf:
+        """Of rows of nodes n0, n1, ... the slopes at the upper and the lower end of intervals.
+
+        Of one slope: of the nodes below, at and above a place, and the inverse of twice a step, the
+        mean of the slopes on both sides and half their gap.
+        """
+        steps = Steps(expanded=True)
+        nodes = [steps.input(f"n{i}") for i in range(2 * self.ghosts)]
+        arguments = {f"n{i}": [f"n{i}"] for i in range(MOST_NODES)} | {"u": ["u0"]}
+        if self.slopes is None:
+            low, here, high = nodes[0], nodes[1], steps.input("n2")
+            below, above, half = here - low, high - here, steps.input("u0")
+            found = [half * (below + above), half * (above - below)]
+        else:
+            differences = [b - a for a, b in pairwise(nodes)]
+            found = list(self.slopes(*differences))
+        single = precision == "float32"
+        return Leaf(
+            steps, arguments, found, frozenset({"u"}), single=single, algebraic=True, fused=True
+        )
 
 
-def scheme_of(name: str) -> Scheme:
-    """The `SCHEME = {...}` of the file of that name."""
-    tree = ast.parse((Path(__file__).parent / f"{name}.py").read_text("utf-8"))
-    for node in tree.body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "SCHEME":
-            return Scheme(name, **ast.literal_eval(node.value))
-    raise ValueError(f"{name}.py has no SCHEME = {{...}}")
+def smaller(a: Value, b: Value) -> Value:
+    """The one of smaller magnitude."""
+    return choose(abs(a) <= abs(b), a, b)
+
+
+def same_way(slope: Value, plain: Value) -> Value:
+    """A slope of higher order, between zero and twice the plain difference.
+
+    Else the nodes on either side of a ridge that lies between them would both rise to a summit
+    that no node is at, and so would never learn that it falls.
+    """
+    twice = 2.0 * plain
+    low, high = choose(twice < 0.0, twice, 0.0), choose(twice > 0.0, twice, 0.0)
+    above = choose(slope < low, low, slope)
+    return choose(above > high, high, above)

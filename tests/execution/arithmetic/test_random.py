@@ -5,8 +5,9 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.execution.primitives import philox, sine_and_cosine, two_uniforms
-from tests.conftest import called
+from holdfast.execution.arithmetic.random import number, philox, two_uniforms, whole
+from holdfast.execution.codegen.lane_leaves import made
+from holdfast.execution.leaf import compiled_leaves
 
 
 @pytest.mark.parametrize(
@@ -27,17 +28,26 @@ from tests.conftest import called
 )
 def test_philox_gives_the_published_known_answers(counter, key, words):
     """Random123's known-answer vectors for philox4x32-10."""
-    assert tuple(int(w) for w in called(philox)(*counter, *key)) == words
+
+    def results(steps, given):
+        c, k = [[whole(x) for x in given[array]] for array in "qp"]
+        return [number(word) for word in philox(tuple(c), tuple(k))]
+
+    leaves = compiled_leaves({"philox": made(results, q=4, p=2)})
+    none, rows = np.zeros(1), (np.array([counter], dtype=float), np.array([key], dtype=float))
+    found = leaves.values("philox", 1, 4, none, rows[0], none, rows[1])
+    assert tuple(int(w) for w in found[0]) == words
 
 
 def test_uniform_numbers_fill_the_open_unit_interval_evenly():
-    values = np.array(
-        [
-            called(two_uniforms)(np.uint64(7), run, step, 0, 1)
-            for run in range(100)
-            for step in range(100)
-        ]
-    )
+    def results(steps, given):
+        run, sample, *seed = given["t"]
+        return list(two_uniforms(seed, run, sample, 0, 1))
+
+    leaves = compiled_leaves({"uniform": made(results, t=4)})
+    asked = np.array([[run, sample, 7, 0] for run in range(100) for sample in range(100)], float)
+    none = np.zeros(1)
+    values = leaves.values("uniform", len(asked), 2, asked, none, none, none)
     assert values.min() > 0
     assert values.max() < 1
     assert values.mean() == pytest.approx(0.5, abs=0.01)
@@ -105,17 +115,3 @@ def test_random_starts_lie_in_the_region_and_keep_their_index(vehicle):
     assert np.array_equal(states[:20], drawn(20)[0])
     assert np.ptp(states[:, 0]) > 1.2
     assert not states[:, 3:].any()
-
-
-@pytest.mark.parametrize("size", [1.0, 100.0, 1e5, 1e12])
-def test_sine_and_cosine_agree_with_the_library(size):
-    angles = np.random.default_rng(1).uniform(-size, size, 20000)
-    angles = np.append(angles, np.arange(-12, 13) * np.pi / 4)
-    pairs = np.array([called(sine_and_cosine)(a) for a in angles])
-    assert np.abs(pairs[:, 0] - np.sin(angles)).max() < 4e-16
-    assert np.abs(pairs[:, 1] - np.cos(angles)).max() < 4e-16
-
-
-def test_sine_and_cosine_of_what_is_no_angle_is_not_a_number():
-    for value in (np.nan, np.inf, -np.inf):
-        assert np.isnan(called(sine_and_cosine)(value)).all()
