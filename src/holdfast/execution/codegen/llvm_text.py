@@ -1,7 +1,8 @@
 """Steps as the text of an LLVM function over columns: eight values of each step at a time.
 
 The function has no calls and no branches but those of rare cases, so that its steps become vector
-instructions of the processor. No instruction has a flag that would let LLVM contract or reorder it.
+instructions of the processor. No instruction has a flag that would let LLVM contract or reorder it,
+except for leaves that ask for it.
 """
 
 from __future__ import annotations
