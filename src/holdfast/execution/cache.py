@@ -16,15 +16,11 @@ import stat
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numba
 import platformdirs
-from numba.core.caching import CompileResultCacheImpl, FunctionCache
-from numba.core.serialize import dumps
 
 from holdfast.errors import CacheWarning, OutputError
 from holdfast.host.writing import atomic_file, discarded_at_the_end
@@ -36,7 +32,6 @@ CACHE_VARIABLE = "HOLDFAST_CACHE_DIR"
 """Environment variable that moves the cache."""
 
 PRIVATE = 0o600
-_VERSIONS = f"{numba.__version__} {sys.version}"
 
 
 def cache_directory() -> Path:
@@ -138,57 +133,6 @@ def keep_source(path: Path, text: str) -> None:
         partial.write_text(text, "utf-8")
 
 
-def kept(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The Numba function, with its machine code in this cache."""
-    own = getattr(function, "py_func", None) or function.__wrapped__  # type: ignore[attr-defined]
-    function._cache = _Cache(own)  # type: ignore[attr-defined]
-    return function
-
-
-class _Place:
-    """Numba's interface of a cache location."""
-
-    def __init__(self, source: str) -> None:
-        self._py_file = source
-
-    def ensure_cache_path(self) -> None:
-        """The folder exists already."""
-
-
-class _Impl(CompileResultCacheImpl):
-    def __init__(self, function: Any) -> None:
-        self._lineno = function.__code__.co_firstlineno
-        self._locator = _Place(function.__code__.co_filename)
-        self._filename_base = f"{function.__module__}.{function.__qualname__}-{self._lineno}"
-
-
-class _Cache(FunctionCache):
-    """As Numba's, but with one file for each signature, checked before it is read."""
-
-    _impl_class = _Impl
-
-    def __init__(self, function: Any) -> None:
-        self._name = repr(function)
-        self._py_func = function
-        self._impl = _Impl(function)
-        stamp = _stamp(function.__code__.co_filename)
-        self._cache_file: Any = Stored(self._impl.filename_base, stamp)
-        self._enabled = True
-
-    @property
-    def cache_path(self) -> str:
-        return str(cache_directory())
-
-
-@cache
-def _stamp(source: str) -> str:
-    """The digest of a module's text; the name of a generated module is its digest already."""
-    try:
-        return hashlib.sha256(Path(source).read_bytes()).hexdigest()
-    except OSError:
-        return source
-
-
 class Stored:
     """The machine code of one function, by its signature and the machine."""
 
@@ -198,7 +142,7 @@ class Stored:
 
     def _place(self, key: object) -> tuple[Path, bytes]:
         """The path of the file, and the key of its content."""
-        about = f"{_VERSIONS}\n{self.stamp}\n{key!r}".encode()
+        about = f"{sys.version}\n{self.stamp}\n{key!r}".encode()
         digest = hashlib.sha256(about).hexdigest()[:24]
         return cache_directory() / f"{self.name}-{digest}.code", about
 
@@ -222,12 +166,13 @@ class Stored:
     def save(self, key: object, data: object) -> None:
         """Save the code for the next process; without space for it the next compiles again."""
         path, about = self._place(key)
-        pickled: bytes = dumps(data)  # type: ignore[no-untyped-call]
+        pickled = self.pickled(data)
         try:
             with atomic_file(path, PRIVATE) as partial:
                 partial.write_bytes(hashlib.sha256(about + pickled).digest() + pickled)
         except OutputError:
             return
 
-    def flush(self) -> None:
-        """Numba's method that clears an index; this cache has none."""
+    def pickled(self, data: object) -> bytes:
+        """The data as they are saved."""
+        return pickle.dumps(data)

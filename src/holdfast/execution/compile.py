@@ -13,7 +13,7 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
 
-from holdfast.execution.cache import cache_directory, keep_source, kept
+from holdfast.execution.cache import cache_directory, keep_source
 
 __all__ = ["cache_directory"]
 
@@ -38,6 +38,8 @@ def part(name: str) -> int:
     """The address of a part of the loop (`simulation/parts.py`), compiled when first needed."""
     from numba import types
     from numba.core.ccallback import CFunc
+
+    from holdfast.execution.numba_cache import kept
 
     function = getattr(_shared(PARTS), name)
     whole, real = (types.CPointer(kind) for kind in (types.int64, types.float64))  # type: ignore[no-untyped-call]
