@@ -5,19 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from holdfast.analysis.simulation.aggregates import Entry, tally_of
 from holdfast.analysis.simulation.result import Result
 from holdfast.errors import ScenarioError
 from holdfast.maths.definitions.variation import Varied
-from holdfast.planning.course import Course
-from holdfast.scenario.build.formation import composed_formation
 from holdfast.scenario.build.run import settings_of
 from holdfast.scenario.kinds.base import Bar, Composed, Kind
 from holdfast.scenario.kinds.closed_loop import Scenario, about, seeded
 from holdfast.scenario.schema.formation import FormationFigures, FormationSpec
 from holdfast.scenario.validation import validated
+
+if TYPE_CHECKING:
+    from holdfast.planning.course import Course
 
 
 @dataclass(frozen=True)
@@ -67,6 +68,8 @@ def _compose(
         raise ScenarioError(f"--runs: {file} has one start", remedy="leave it out")
     text, data = seeded(text, dict(data), seed)
     spec = validated(FormationSpec, data, file)
+    from holdfast.scenario.build.formation import composed_formation  # with geometry and graphs
+
     parts = composed_formation(file, spec)
     units = {q.name: q.unit for q in parts.system.states}
     return FormationScenario(
