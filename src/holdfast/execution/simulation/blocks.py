@@ -35,7 +35,11 @@ Whole = npt.NDArray[np.int64]
 LOG_SIZE = 1 << 20
 """Numbers of the logs of all blocks, if each is to have more than one record."""
 
+MOST_BLOCKS, MOST_NUMBERS = 64, 1 << 22
+"""Blocks of runs that one thread advances together, and numbers in their rings."""
+
 ONE_SECOND = 1.0 - 1e-9
+"""Changes of mode that are so many seconds apart do not count as chattering together."""
 
 
 class Numbers(NamedTuple):
@@ -77,6 +81,21 @@ def functions_of(loop: Loop, program: Leaves) -> Functions:
     return Functions(begin, advance, finish, sample, np.array(addresses, dtype=np.int64))
 
 
+def rings_of(program: ClosedLoopProgram, settings: Settings) -> dict[int, tuple[int, int]]:
+    """The slots of each ring of a block, and the numbers in one."""
+    second = int(np.ceil(ONE_SECOND / settings.sample_time)) if any(program.targets) else 0
+    return {
+        LATE: (settings.delay_samples + 1, len(program.states) * WIDTH),
+        FORGOTTEN: (second + 1, WIDTH),
+    }
+
+
+def most_blocks(program: ClosedLoopProgram, settings: Settings) -> int:
+    """Blocks that one thread advances together: few, if their rings are long."""
+    numbers = sum(slots * size for slots, size in rings_of(program, settings).values())
+    return max(1, min(MOST_BLOCKS, MOST_NUMBERS // numbers))
+
+
 class Blocks:
     """As many blocks as `runs` need; the last lanes without a run repeat the last one."""
 
@@ -93,12 +112,8 @@ class Blocks:
         layout = loop.layout
         self.records, self.recorded = settings.samples // settings.stride + 1, 0
         count = -(-runs // WIDTH)
-        rows = layout.size + 2 * WIDTH * program.places  # of the table, more than enough
-        late = settings.delay_samples + 1
-        second = int(np.ceil(ONE_SECOND / settings.sample_time)) if any(program.targets) else 0
-        states = len(program.states) * WIDTH
-        rings = {LATE: (late, states), FORGOTTEN: (second + 1, WIDTH)}
-        starts = {}
+        rings = rings_of(program, settings)
+        starts, rows = {}, layout.size + 2 * WIDTH * program.places  # of the table, enough
         for ring, (slots, size) in rings.items():
             starts[ring] = rows
             rows += slots * size
@@ -113,7 +128,7 @@ class Blocks:
         self.s[:, LOG], self.s[:, STRIDE] = self.log_at, settings.stride
         for ring, (slots, _) in rings.items():
             self.s[:, RING + 3 * ring : RING + 3 * ring + 3] = 0, slots, starts[ring]
-        self._late = slice(starts[LATE], starts[FORGOTTEN]), late
+        self._late = slice(starts[LATE], starts[FORGOTTEN]), rings[LATE][0]
         self._fill_parts()
         constants = {
             "length": settings.sample_time / settings.substeps,

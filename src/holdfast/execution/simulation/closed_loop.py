@@ -16,7 +16,13 @@ from holdfast.execution.codegen.loop_text import WIDTH
 from holdfast.execution.codegen.random_leaves import starts_leaf, varied_leaf
 from holdfast.execution.leaf import compiled_leaves
 from holdfast.execution.resources import Progress, available_cores, check_memory, run_threads
-from holdfast.execution.simulation.blocks import Blocks, Functions, Numbers, functions_of
+from holdfast.execution.simulation.blocks import (
+    Blocks,
+    Functions,
+    Numbers,
+    functions_of,
+    most_blocks,
+)
 from holdfast.execution.simulation.loop import Loop, built
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.trajectories import Trajectories
@@ -26,9 +32,6 @@ ATTEMPTS = 100_000
 
 TOGETHER = 4096
 """Draws that are tried at a time."""
-
-MOST_BLOCKS = 64
-"""Blocks of runs that one thread advances together."""
 
 
 class ClosedLoop:
@@ -228,7 +231,7 @@ class ClosedLoop:
         )
         stop = np.zeros(1, dtype=np.int64)
         threads = settings.threads or available_cores()
-        blocks = max(1, min(MOST_BLOCKS, runs // (4 * threads * WIDTH)))
+        blocks = max(1, min(most_blocks(program, settings), runs // (4 * threads * WIDTH)))
         bounds = [(a, min(a + blocks * WIDTH, runs)) for a in range(0, runs, blocks * WIDTH)]
         counters = [np.zeros(1, dtype=np.int64) for _ in bounds]
         numbers = Numbers(
