@@ -74,17 +74,22 @@ def exponential(x: Value) -> Value:
     return choose(x.differs(x), x, scaled(a + b, k))
 
 
+def _mantissa_and_exponent(x: Value) -> Pair:
+    """m in [1, 2) and k with x = m 2^k, for x > 0."""
+    tiny = x < 2.0**-1022
+    pattern = bits(choose(tiny, x * 2.0**54, x))
+    exponent = from_bits((pattern >> 52) | 0x4330000000000000) - (4503599627370496.0 + 1023.0)
+    m = from_bits((pattern & 0xFFFFFFFFFFFFF) | 0x3FF0000000000000)
+    return m, exponent - choose(tiny, 54.0, 0.0)
+
+
 @Function
 def logarithm(x: Value) -> Value:
     """The natural logarithm; -inf at 0, NaN below."""
-    tiny = x < 2.0**-1022
-    y = choose(tiny, x * 2.0**54, x)
-    pattern = bits(y)
-    exponent = from_bits((pattern >> 52) | 0x4330000000000000) - (4503599627370496.0 + 1023.0)
-    m = from_bits((pattern & 0xFFFFFFFFFFFFF) | 0x3FF0000000000000)
+    m, exponent = _mantissa_and_exponent(x)
     upper = m > 2.0 * ROOT_HALF
     m = choose(upper, 0.5 * m, m)
-    k = choose(upper, exponent + 1.0, exponent) - choose(tiny, 54.0, 0.0)
+    k = choose(upper, exponent + 1.0, exponent)
     f = m - 1.0
     s = f / (2.0 + f)
     z = s * s
@@ -194,15 +199,11 @@ def _upper(x: Value) -> Value:
 
 def _binary_logarithm(x: Value) -> Pair:
     """log2 of x > 0 as the sum of two floats, the first of few digits."""
-    tiny = x < 2.0**-1022
-    y = choose(tiny, x * 2.0**54, x)
-    pattern = bits(y)
-    exponent = from_bits((pattern >> 52) | 0x4330000000000000) - (4503599627370496.0 + 1023.0)
-    m = from_bits((pattern & 0xFFFFFFFFFFFFF) | 0x3FF0000000000000)
+    m, exponent = _mantissa_and_exponent(x)
     most = m > 1.7320508075688772
     some = (m > 1.224744871391589) & ~most
     m = choose(most, 0.5 * m, m)
-    n = choose(most, exponent + 1.0, exponent) - choose(tiny, 54.0, 0.0)
+    n = choose(most, exponent + 1.0, exponent)
     place = choose(some, 1.5, 1.0)
     u, v = m - place, 1.0 / (m + place)
     s = u * v
