@@ -1,34 +1,15 @@
 """Shared fixtures. Floating-point faults raise in NumPy code; Numba code has its outcomes."""
 
 import gc
-from functools import cache
 
 import numpy as np
 import pytest
 import sympy as sp
-from numba import njit
 
 import holdfast as hf
 
 np.seterr(all="raise", under="ignore")
 gc.set_threshold(50_000)  # expressions and the compiler keep most of what they make
-
-
-@cache
-def called(function):
-    """A way in from Python to the machine code of a function that is inlined into others."""
-    return njit(lambda *arguments: function(*arguments))
-
-
-@pytest.fixture(params=["compiled", "interpreted"])
-def backend(request):
-    """How a generated function is run: Numba's machine code, or the same text by Python."""
-
-    def run(function, *arguments):
-        chosen = called(function) if request.param == "compiled" else function.py_func
-        return chosen(*arguments)
-
-    return run
 
 
 @pytest.fixture(scope="session")

@@ -2,19 +2,8 @@
 
 import numpy as np
 
-from holdfast.execution.compile import compile_functions, compile_interpolation
-
-SWEEP = """
-@compiled
-def sweep(answers, m, count, hard, out):
-    rows = count * (m + 1)
-    for i in range(len(answers)):
-        given = keep_within(
-            answers[i, :m], answers[i, m + rows :], answers[i, m : m + rows], hard
-        )
-        for j in range(m + 1):
-            out[i, j] = given[j]
-"""
+from holdfast.execution.look_up import slopes_at, values_at
+from tests.execution.simulation.random_programs import solved
 
 
 def looked_up(table, places):
@@ -22,13 +11,7 @@ def looked_up(table, places):
     values, low, steps, shape, periodic = table
     high = low + steps * (shape - 1)
     at = np.where(periodic, places, np.clip(places, low, high))
-    found = np.empty((len(places), len(low) + 1))
-    module, slopes = compile_interpolation(), np.empty((len(places), len(low)))
-    first = np.empty(len(places))
-    module.interpolate_many(values, at, low, steps, shape, periodic, first)
-    module.slopes_many(values, at, low, steps, shape, periodic, slopes)
-    found[:, 0], found[:, 1:] = first, slopes
-    return found
+    return np.column_stack([f(values, at, table[1:]) for f in (values_at, slopes_at)])
 
 
 def commands(loop, times, seen, mode):
@@ -44,7 +27,10 @@ def commands(loop, times, seen, mode):
     answers = loop.leaves.values(f"law{mode}", count, width, t, seen, look, p)
     found = np.zeros((count, m + 1))
     if conditions:
-        compile_functions(SWEEP).sweep(answers, m, conditions, hard, found)
+        rows = m + conditions * (m + 1)
+        parts = (answers[:, :m], answers[:, rows:], answers[:, m:rows])
+        counts = (np.full(count, n) for n in (conditions, hard))
+        found = solved(*map(np.ascontiguousarray, parts), *counts)
     else:
         found[:, :m] = answers
     limited = program.limited

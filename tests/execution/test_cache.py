@@ -10,10 +10,10 @@ import pytest
 
 from holdfast.errors import CacheWarning, OutputError
 from holdfast.execution import cache
-from holdfast.execution.compile import compile_functions
+from holdfast.execution import compile as compilation
 
 ANSWER = [2.0, 6.0]
-TEXT = """@inlined
+TEXT = """@within(forceinline=True)
 def function(x):
     return x * x + x
 
@@ -38,7 +38,8 @@ def anew():
     for name in kept:
         del sys.modules[name]
     try:
-        module, out = compile_functions(TEXT), np.zeros(2)
+        text = f"{compilation._import('primitives')}\n\n{TEXT}"
+        module, out = compilation._module("functions", text), np.zeros(2)
         module.evaluate(np.array([1.0, 2.0]), out)
         stats = module.evaluate.stats
         assert sum(stats.cache_hits.values()) + sum(stats.cache_misses.values()) == 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -12,3 +12,8 @@ Array = npt.NDArray[np.float64]
 
 AnyArray = npt.NDArray[Any]
 """Numbers in the precision of the problem."""
+
+Floats: TypeAlias = npt.NDArray[Any]
+Wholes: TypeAlias = npt.NDArray[Any]
+Table: TypeAlias = npt.NDArray[Any]
+"""Arrays of scalar functions (`codegen/scalar_functions.py`), of which a part is `array[k:]`."""

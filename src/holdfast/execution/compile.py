@@ -6,12 +6,10 @@ import hashlib
 import re
 import sys
 import threading
-from functools import cache
 from importlib import resources
 from importlib.abc import InspectLoader
 from pathlib import Path
 from types import CodeType, ModuleType
-from typing import Any
 
 from holdfast.execution.cache import cache_directory, keep_source
 
@@ -19,45 +17,12 @@ __all__ = ["cache_directory"]
 
 MARK = "# -- joined from here on"
 
-PARTS = "simulation/parts"
-QUADRATIC_PROGRAM, INTERPOLATION = "simulation/quadratic_program", "interpolate"
 STENCILS = "level_set/stencils"
-BELOW = {
-    PARTS: (QUADRATIC_PROGRAM, INTERPOLATION),
-}
-"""The files whose names another one uses; `primitives` for all others."""
 
 _NUMBER = re.compile(r"(?<![\w.])(\d+\.\d*(e[+-]?\d+)?|\d+e[+-]?\d+)(?![\w.])")
 
 _building = threading.RLock()
 """Other threads see a module only after its execution."""
-
-
-@cache
-def part(name: str) -> int:
-    """The address of a part of the loop (`simulation/parts.py`), compiled when first needed."""
-    from numba import types
-    from numba.core.ccallback import CFunc
-
-    from holdfast.execution.numba_cache import kept
-
-    function = getattr(_shared(PARTS), name)
-    whole, real = (types.CPointer(kind) for kind in (types.int64, types.float64))  # type: ignore[no-untyped-call]
-    signature = (whole, real, types.int64)
-    made = CFunc(function, (signature, types.void), {}, {"error_model": "numpy"})
-    kept(made)
-    made.compile()
-    _parts.append(made)
-    return made.address or 0
-
-
-_parts: list[Any] = []
-"""They hold the machine code."""
-
-
-def compile_functions(source: str) -> ModuleType:
-    """The module of self-contained functions, with the primitives that they use."""
-    return _module("functions", f"{_import(QUADRATIC_PROGRAM)}\n\n{source}")
 
 
 def compile_sweep(precision: str, *, one_slope: bool) -> ModuleType:
@@ -76,16 +41,6 @@ def single(text: str) -> str:
     return re.sub(r"\bfloat\(", "np.float32(", _NUMBER.sub(r"np.float32(\g<0>)", text))
 
 
-def compile_interpolation() -> ModuleType:
-    """The module of `interpolate.py`."""
-    return _shared(INTERPOLATION)
-
-
-def compile_quadratic_program() -> ModuleType:
-    """The module of `quadratic_program.py`."""
-    return _shared(QUADRATIC_PROGRAM)
-
-
 def _shared(name: str, precision: str = "float64") -> ModuleType:
     """The module of a file shared by all programs, so that it is compiled once."""
     above, mark, text = _text(name).partition(MARK)
@@ -94,9 +49,7 @@ def _shared(name: str, precision: str = "float64") -> ModuleType:
     kind = name.rpartition("/")[2]
     if not mark:
         return _module(kind, above)
-    below = BELOW.get(name, ("primitives",))
-    imports = "\n".join(_import(one, precision) for one in below)
-    return _module(kind, f"{imports}\n{text}")
+    return _module(kind, f"{_import('primitives', precision)}\n{text}")
 
 
 def _import(name: str, precision: str = "float64") -> str:

@@ -1,104 +1,128 @@
-"""Values between the nodes of a grid, linear along every axis, in any dimension."""
+"""Values between the nodes of a grid, linear along every axis, in any dimension.
+
+These are scalar functions (`codegen/scalar_functions.py`): the closed loop, exported laws and
+Python run the same text. A grid has `axes` axes: its lowest nodes, its steps, its shape, and
+whether an axis is periodic.
+"""
 
 from __future__ import annotations
 
-# mypy: ignore-errors
-# ruff: noqa: F405
-from holdfast.execution.primitives import *  # noqa: F403
+import math
 
-# -- joined from here on
+from holdfast.execution.arrays import Floats, Table, Wholes
+
+ON_GRID = 1e-9  # cells by which a place may be beyond the last node
+OFF_GRID = 1e-6  # cells from which on a place is reported to be outside the grid
 
 
-@inlined
-def interpolate(values, q, low, steps, shape, periodic):
+def numbers_of_places(axes: int) -> tuple[int, int]:
+    """The numbers of `room` and of `whole` that the functions need."""
+    return 3 * axes, 2 * axes
+
+
+def interpolate(
+    values: Table, q: Floats, low: Floats, steps: Floats, shape: Wholes, periodic: Wholes,
+    axes: int, room: Floats, whole: Wholes,
+) -> float:  # fmt: skip
     """The multilinear interpolant at q; NaN outside the grid."""
-    n = len(shape)
-    fractions = np.empty(n)
-    near = np.empty(n, dtype=np.int64)
-    far = np.empty(n, dtype=np.int64)
-    for i in range(n):
+    near, far = whole, whole[axes:]
+    for i in range(axes):
         x = (q[i] - low[i]) / steps[i]
+        if not math.isfinite(x):
+            return math.nan
+        last = shape[i] - 1
         if periodic[i]:
             x -= shape[i] * math.floor(x / shape[i])
-        elif not -1e-9 <= x <= shape[i] - 1 + 1e-9:
+        elif not -ON_GRID <= x <= last + ON_GRID:
             return math.nan
-        k = min(max(int(math.floor(x)), 0), shape[i] - 1 if periodic[i] else shape[i] - 2)
+        else:
+            last -= 1
+        k = min(max(int(math.floor(x)), 0), last)  # noqa: RUF046
         near[i] = k
         far[i] = (k + 1) % shape[i]
-        fractions[i] = x - k
+        room[i] = x - k
     total = 0.0
-    for corner in range(1 << n):
+    for corner in range(1 << axes):
         at, weight = 0, 1.0
-        for i in range(n):
+        for i in range(axes):
             if (corner >> i) & 1:
                 at = at * shape[i] + far[i]
-                weight *= fractions[i]
+                weight *= room[i]
             else:
                 at = at * shape[i] + near[i]
-                weight *= 1.0 - fractions[i]
+                weight *= 1.0 - room[i]
         if weight != 0.0:
             total += weight * values[at]
     return total
 
 
-@inlined
-def slopes(values, q, low, steps, shape, periodic, out):
+def slopes(
+    values: Table, q: Floats, low: Floats, steps: Floats, shape: Wholes, periodic: Wholes,
+    axes: int, out: Floats, room: Floats, whole: Wholes,
+) -> None:  # fmt: skip
     """The interpolated central differences at q; one-sided at the ends of the grid."""
-    n = len(shape)
-    place = np.empty(n)
-    for i in range(n):
+    place = room[axes:]
+    for i in range(axes):
         place[i] = q[i]
-    for i in range(n):
+    for i in range(axes):
         above, below = q[i] + steps[i], q[i] - steps[i]
         if not periodic[i]:
-            top = low[i] + steps[i] * (shape[i] - 1)
-            above, below = min(above, top), max(below, low[i])
+            above = min(above, low[i] + steps[i] * (shape[i] - 1))
+            below = max(below, low[i])
         place[i] = above
-        upper = interpolate(values, place, low, steps, shape, periodic)
+        upper = interpolate(values, place, low, steps, shape, periodic, axes, room, whole)
         place[i] = below
-        lower = interpolate(values, place, low, steps, shape, periodic)
+        lower = interpolate(values, place, low, steps, shape, periodic, axes, room, whole)
         out[i] = (upper - lower) / (above - below)
         place[i] = q[i]
 
 
-@compiled
-def interpolate_many(values, points, low, steps, shape, periodic, out):
-    for k in range(points.shape[0]):
-        out[k] = interpolate(values, points[k], low, steps, shape, periodic)
-
-
-@compiled
-def slopes_many(values, points, low, steps, shape, periodic, out):
-    for k in range(points.shape[0]):
-        slopes(values, points[k], low, steps, shape, periodic, out[k])
-
-
-@inlined
-def beyond_grid(table, place, first):
-    """Whether a point is outside the grid, or NaN, along an axis from `first` on.
-
-    The tolerance for rounding at the ends is a millionth of a cell.
-    """
-    _, low, steps, shape, periodic = table
-    outside = False
-    for i in range(first, len(shape)):
+def beyond_grid(
+    place: Floats, low: Floats, steps: Floats, shape: Wholes, periodic: Wholes, axes: int,
+    first: int,
+) -> bool:  # fmt: skip
+    """Whether a point is outside the grid, or NaN, along an axis from `first` on."""
+    for i in range(first, axes):
         x = (place[i] - low[i]) / steps[i]
-        if periodic[i]:
-            outside = outside or not math.isfinite(x)
-        else:
-            outside = outside or not -1e-6 <= x <= shape[i] - 1 + 1e-6
-    return outside
+        if not math.isfinite(x):
+            return True
+        if not periodic[i] and not -OFF_GRID <= x <= shape[i] - 1 + OFF_GRID:
+            return True
+    return False
 
 
-@inlined
-def look_up(table, place, out):
+def look_up(
+    values: Table, place: Floats, low: Floats, steps: Floats, shape: Wholes, periodic: Wholes,
+    axes: int, out: Floats, room: Floats, whole: Wholes,
+) -> None:  # fmt: skip
     """Fill `out` with the value and its slopes at a point, or at the nearest point of the grid."""
-    values, low, steps, shape, periodic = table
-    n = len(shape)
-    at = np.empty(n)
-    for i in range(n):
+    at = room[2 * axes :]
+    for i in range(axes):
         at[i] = place[i]
         if not periodic[i]:
             at[i] = min(max(at[i], low[i]), low[i] + steps[i] * (shape[i] - 1))
-    out[0] = interpolate(values, at, low, steps, shape, periodic)
-    slopes(values, at, low, steps, shape, periodic, out[1:])
+    out[0] = interpolate(values, at, low, steps, shape, periodic, axes, room, whole)
+    slopes(values, at, low, steps, shape, periodic, axes, out[1:], room, whole)
+
+
+def interpolate_many(
+    number: int, values: Table, points: Floats, low: Floats, steps: Floats, shape: Wholes,
+    periodic: Wholes, axes: int, out: Floats, room: Floats, whole: Wholes,
+) -> None:  # fmt: skip
+    """`interpolate` at many points."""
+    for k in range(number):
+        out[k] = interpolate(
+            values, points[k * axes :], low, steps, shape, periodic, axes, room, whole
+        )
+
+
+def slopes_many(
+    number: int, values: Table, points: Floats, low: Floats, steps: Floats, shape: Wholes,
+    periodic: Wholes, axes: int, out: Floats, room: Floats, whole: Wholes,
+) -> None:  # fmt: skip
+    """`slopes` at many points."""
+    for k in range(number):
+        slopes(
+            values, points[k * axes :], low, steps, shape, periodic, axes, out[k * axes :], room,
+            whole,
+        )  # fmt: skip

@@ -87,12 +87,17 @@ _known: dict[str, Leaves] = {}
 """Those of this process, by the digest of their text."""
 
 
-def compiled_text(text: str) -> Machine:
-    """The machine code of a text of LLVM, from memory, the disk or LLVM."""
+def compiled_text(text: str, *, optimised: bool = False) -> Machine:
+    """The machine code of a text of LLVM, from memory, the disk or LLVM.
+
+    optimised: whether LLVM improves the text before it is compiled, which keeps every bit, since
+    no instruction has a flag that would let it contract or reorder.
+    """
+    text = f"; optimised: {optimised}\n{text}"
     digest = hashlib.sha256(text.encode()).hexdigest()
     with _compiling:
         if digest not in _machines:
-            _machines[digest] = Machine(text, digest)
+            _machines[digest] = Machine(text, digest, optimised)
         return _machines[digest]
 
 
@@ -102,13 +107,17 @@ _machines: dict[str, Machine] = {}
 class Machine:
     """The functions of a text."""
 
-    def __init__(self, text: str, digest: str) -> None:
-        self._engine = _engine(_object_code(text, digest))  # which holds the machine code
+    def __init__(self, text: str, digest: str, optimised: bool = False) -> None:
+        self._engine = _engine(_object_code(text, digest, optimised))  # it holds the machine code
+
+    def address(self, name: str) -> int:
+        """The address of a function."""
+        found: int = self._engine.get_function_address(name)
+        return found
 
     def function(self, name: str, arguments: int) -> Any:
         """A function of pointers; other threads of Python run meanwhile."""
-        address = self._engine.get_function_address(name)
-        return ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(address)
+        return ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(self.address(name))
 
 
 def padded(count: int) -> int:
@@ -155,7 +164,7 @@ def _processor() -> tuple[str, str]:
     return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
-def _object_code(text: str, digest: str) -> bytes:
+def _object_code(text: str, digest: str, optimised: bool = False) -> bytes:
     version = ".".join(map(str, llvm.llvm_version_info))
     key = (llvmlite.__version__, version, *_processor())
     stored = Stored("leaf", digest)
@@ -166,10 +175,23 @@ def _object_code(text: str, digest: str) -> bytes:
         module.triple = target.triple
         module.data_layout = str(target.target_data)
         module.verify()
+        if optimised:
+            _optimise(module, target)
         found = target.emit_object(module)
         stored.save(key, found)
     assert isinstance(found, bytes)
     return found
+
+
+def _optimise(module: Any, target: Any) -> None:
+    """Inlined functions, variables in registers; loops stay as they are.
+
+    Unrolling and vectors took four times as long to compile, and were no faster.
+    """
+    options = llvm.create_pipeline_tuning_options(2)
+    options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = False
+    builder = llvm.create_pass_builder(target, options)
+    builder.getModulePassManager().run(module, builder)
 
 
 def _engine(code: bytes) -> Any:

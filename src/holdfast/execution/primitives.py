@@ -1,8 +1,9 @@
 """Primitives of the code that Numba compiles: decorators, and counters that threads share.
 
 Generated modules import all of them (`compile.py`). Functions called from Python are `compiled`.
-Functions called from compiled code are `inlined` and have no entry from Python: such entries, which
-unpack Python's objects around a copy of the function, were a quarter of the compilation.
+Functions called from compiled code are made by `within` and have no entry from Python: such
+entries, which unpack Python's objects around a copy of the function, were a quarter of the
+compilation.
 """
 
 # mypy: ignore-errors
@@ -11,7 +12,7 @@ import math  # noqa: F401
 
 import numpy as np  # noqa: F401
 from llvmlite import ir  # noqa: F401
-from numba import carray, njit, types  # noqa: F401
+from numba import njit, types
 from numba.core.registry import CPUDispatcher
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
@@ -43,9 +44,6 @@ def within(**options):
 
     return decorate
 
-
-inlined = within(forceinline=True)
-apart = within()  # a separate call
 
 MOST_SLICES = 1 << 20  # the turns of a stage; the next stage has the next so many
 

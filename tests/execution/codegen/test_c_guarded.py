@@ -8,9 +8,11 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.execution.codegen.c_source import export_c
-from holdfast.execution.codegen.c_text import c_file
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
+from holdfast.execution.codegen.scalar_c import scalars_c
+from holdfast.execution.codegen.scalar_functions import scalars
 from holdfast.execution.simulation.closed_loop import ClosedLoop
+from holdfast.execution.simulation.quadratic_program import numbers_of_programs
 from holdfast.execution.simulation.steppers import RK4
 from holdfast.maths.definitions.switching import as_switching
 from holdfast.maths.formations.walls import sight_distance, wall_distance
@@ -29,22 +31,22 @@ pytestmark = needs_gcc
 
 PROGRAMS = """
 #include <math.h>
-#define HF_M {m}
-#define HF_ROWS {most}
+#include <stddef.h>
 {text}
 void solved(int count, const double *wanted, const double *scales, const double *rows,
             const long *counts, const long *hard, double *out) {{
-    for (int i = 0; i < count; i++)
-        out[i * {wide} + {m}] = hf_keep_within(
-            wanted + i * {m}, scales + i * {m}, rows + i * {most} * {wide}, counts[i], hard[i],
-            out + i * {wide});
+    double room[{room}];
+    long own[{whole}];
+    hf_keep_many(count, wanted, scales, rows, {most} * {wide}, counts, hard, {m}, out, room, own);
 }}
 """
 
 
 @pytest.mark.parametrize("m", [1, 2, 3, 4])
 def test_programs_in_c_have_the_very_answers_of_the_closed_loop(m, tmp_path):
-    text = PROGRAMS.format(m=m, wide=m + 1, most=MOST_ROWS, text=c_file("nearest"))
+    source = scalars_c(scalars("simulation/quadratic_program"), ["keep_many"])
+    room, whole = numbers_of_programs(m, MOST_ROWS)
+    text = PROGRAMS.format(m=m, wide=m + 1, most=MOST_ROWS, text=source, room=room, whole=whole)
     c = built(tmp_path, text, f"programs{m}")
     for family in FAMILIES:
         for badly_scaled in (False, True):

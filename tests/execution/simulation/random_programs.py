@@ -2,14 +2,9 @@
 
 import numpy as np
 
-from holdfast.execution.compile import compile_functions
+from holdfast.execution.scalar import called
+from holdfast.execution.simulation.quadratic_program import numbers_of_programs
 
-SWEEP = """@compiled
-def sweep(wanted, scales, rows, counts, hard, out):
-    m = wanted.shape[1]
-    for i in range(len(counts)):
-        out[i] = keep_within(wanted[i], scales[i], rows[i, : counts[i] * (m + 1)], hard[i])
-"""
 MOST_ROWS = 14
 
 
@@ -116,6 +111,16 @@ def packed(given):
 
 def answers(given):
     """What the compiled solver says to each, an input and its slack."""
-    out = np.empty((len(given), len(given[0][3]) + 1))
-    compile_functions(SWEEP).sweep(*packed(given).values(), out)
+    return solved(*packed(given).values())
+
+
+def solved(wanted, scales, rows, counts, hard):
+    """The input nearest to each wanted one, and its slack, by the compiled solver."""
+    number, m = wanted.shape
+    room, whole = numbers_of_programs(m, counts.max())
+    out = np.empty((number, m + 1))
+    called(
+        "simulation/quadratic_program", "keep_many", number, wanted, scales, rows, rows.shape[1],
+        counts, hard, m, out, np.empty(room), np.empty(whole, dtype=np.int64),
+    )  # fmt: skip
     return out

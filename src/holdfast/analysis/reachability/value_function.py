@@ -22,7 +22,7 @@ from holdfast.analysis.simulation.files import write_netcdf
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
-from holdfast.execution.compile import compile_interpolation
+from holdfast.execution.look_up import slopes_at, values_at
 from holdfast.maths.definitions.quantity import Quantity
 
 
@@ -77,17 +77,13 @@ class ValueFunction:
         Raises `SimulationError` for a state that is not finite; so do `gradient` and `contains`.
         """
         points = self._points(states)
-        out = np.empty(len(points))
-        compile_interpolation().interpolate_many(self._flat(time), points, *self._geometry(), out)
-        return out
+        return values_at(self._flat(time), points, self._geometry())
 
     @checked
     def gradient(self, states: npt.ArrayLike, time: float | None = None) -> Array:
         """dV/dq at states of shape (count, states): central differences, interpolated."""
         points = self._points(states)
-        out = np.empty(points.shape)
-        compile_interpolation().slopes_many(self._flat(time), points, *self._geometry(), out)
-        return out
+        return slopes_at(self._flat(time), points, self._geometry())
 
     @checked
     def least_time(self, states: npt.ArrayLike) -> Array:
@@ -106,10 +102,8 @@ class ValueFunction:
         points, geometry = self._points(states), self._geometry()
         arrival = np.ascontiguousarray(self.dataset["arrival"].values, dtype=np.float64)
         reached = np.isfinite(arrival)
-        found, share = np.empty(len(points)), np.empty(len(points))
-        many = compile_interpolation().interpolate_many
-        many(np.where(reached, arrival, 0.0).ravel(), points, *geometry, found)
-        many(reached.astype(np.float64).ravel(), points, *geometry, share)
+        found = values_at(np.where(reached, arrival, 0.0).ravel(), points, geometry)
+        share = values_at(reached.astype(np.float64).ravel(), points, geometry)
         known = (self.at(points) > 0) & (share > 0)
         return np.where(known, found / np.where(known, share, 1.0), np.nan)
 

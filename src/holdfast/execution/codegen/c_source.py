@@ -15,9 +15,13 @@ import sympy as sp
 from holdfast._version import __version__
 from holdfast.arguments import checked
 from holdfast.execution.codegen.c_printer import c_body, c_functions
-from holdfast.execution.codegen.c_text import c_comment, c_file, c_name, c_needed, c_own, c_table
+from holdfast.execution.codegen.c_text import c_comment, c_name, c_needed, c_own, c_table
 from holdfast.execution.codegen.controller_program import ControllerProgram, controller_program
 from holdfast.execution.codegen.lowering import FUNCTIONS
+from holdfast.execution.codegen.scalar_c import scalars_c
+from holdfast.execution.codegen.scalar_functions import scalars
+from holdfast.execution.interpolate import numbers_of_places
+from holdfast.execution.simulation.quadratic_program import numbers_of_programs
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
@@ -33,6 +37,8 @@ PLAIN = (
     '#pragma GCC optimize("fp-contract=off")',
     "#endif",
 )
+
+GRID = "hf_low, hf_steps, hf_shape, hf_periodic"
 
 OUTSIDE = "1 if the state was outside the grid of the kernel: the nearest place of the grid is used"
 
@@ -177,12 +183,11 @@ class _File:
             called,
             c_needed("walls", functions),
         ]
-        if self.program.safeguards:
-            most = max(len(guard.offsets) for guard in self.program.safeguards.values())
-            found.append(f"#define HF_M {len(self.program.inputs)}\n#define HF_ROWS {most}\n")
-            found.append(c_file("nearest"))
+        scalar = ["keep_within"] if self.program.safeguards else []
         if self.program.lookup is not None:
-            found += [c_table(self.program.lookup), c_file("interpolate")]
+            found.append(c_table(self.program.lookup))
+            scalar += ["look_up", "beyond_grid"]
+        found.append(scalars_c(scalars("simulation/parts"), scalar))
         return [text for text in found if text]
 
     def _unpack(self) -> dict[str, Sequence[sp.Symbol]]:
@@ -205,10 +210,12 @@ class _File:
         unpack, look = self._unpack(), ""
         if lookup is not None:
             n = len(lookup.places)
+            room, whole = numbers_of_places(n)
             look = (
-                f"    double place[{n}], look[{n + 1}];\n    hf_place(t, seen, kept, p, place);\n"
+                f"    double place[{n}], look[{n + 1}], between[{room}];\n"
+                f"    long near[{whole}];\n    hf_place(t, seen, kept, p, place);\n"
+                f"    hf_look_up(hf_values, place, {GRID}, {n}, look, between, near);\n"
             )
-            look += "    hf_look_up(place, look);\n"
             unpack |= {"look": lookup.symbols}
         cases = []
         for number, name in enumerate(self.program.modes):
@@ -218,10 +225,12 @@ class _File:
                 m, count = len(names), len(guard.offsets)
                 results += guard.rows(names)
                 into, end = "asked", len(results) - m
-                asked = f"        double asked[{len(results)}];\n"
+                room, whole = numbers_of_programs(m, count)
+                asked = f"        double asked[{len(results)}], room[{room}];\n"
+                asked += f"        long counts[{whole}];\n"
                 ending = (
-                    f"return hf_keep_within(asked, asked + {end}, asked + {m}, {count}, "
-                    f"{guard.hard}, command);"
+                    f"return hf_keep_within(asked, asked + {end}, asked + {m}, {m}, {count}, "
+                    f"{guard.hard}, command, room, counts);"
                 )
             body = c_body(unpack, results, into, "        ")
             cases.append(f"    case {number}: {{\n{asked}{body}\n        {ending}\n    }}")
@@ -299,9 +308,11 @@ class _File:
             begin = "    if (!s->begun) hf_first(seen, p, s->kept);\n"
             remember = "    hf_remember(t, sample_time, seen, actuators, p, s->kept);\n"
         if lookup := self.program.lookup:
-            asked = f"    double place[{len(lookup.places)}];\n"
-            asked += "    hf_place(t, seen, s->kept, p, place);\n"
-            asked += "    s->outside = hf_off_grid(place);\n"
+            axes = len(lookup.places)
+            asked = f"    double place[{axes}];\n    hf_place(t, seen, s->kept, p, place);\n"
+            asked += (
+                f"    s->outside = hf_beyond_grid(place, {GRID}, {axes}, {int(lookup.timed)});\n"
+            )
         body = (
             f" {{\n    (void)sample_time;\n{begin}    s->begun = 1;\n"
             "    int mode = hf_next_mode(t, seen, s->kept, s->mode, t - s->since, p);\n"

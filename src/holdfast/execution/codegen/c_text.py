@@ -54,18 +54,18 @@ def c_comment(*lines: str) -> str:
 
 
 def c_table(lookup: Lookup) -> str:
-    """The table that `interpolate.c` looks a value up in."""
+    """The grid and the values of a table, for the functions of `interpolate.py`."""
     table: Any = lookup.table
     values, low, steps, shape, periodic = table
     single = values.dtype == np.float32
     n = len(shape)
     return (
-        f"#define HF_AXES {n}\n"
+        f"typedef {'float' if single else 'double'} hf_table;\n"
         f"static const double hf_low[{n}] = {{{_listed(low)}}};\n"
         f"static const double hf_steps[{n}] = {{{_listed(steps)}}};\n"
         f"static const long hf_shape[{n}] = {{{', '.join(str(int(k)) for k in shape)}}};\n"
-        f"static const int hf_periodic[{n}] = {{{', '.join(str(int(k)) for k in periodic)}}};\n"
-        f"static const {'float' if single else 'double'} hf_values[{len(values)}] = {{\n"
+        f"static const long hf_periodic[{n}] = {{{', '.join(str(int(k)) for k in periodic)}}};\n"
+        f"static const hf_table hf_values[{len(values)}] = {{\n"
         f"{_listed(values)}\n}};\n"
     )
 

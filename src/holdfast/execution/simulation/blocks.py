@@ -15,8 +15,8 @@ import numpy.typing as npt
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
 from holdfast.execution.codegen.loop_text import LOG, RING, WIDTH
-from holdfast.execution.compile import part
 from holdfast.execution.leaf import Leaves, compiled_leaves, compiled_text
+from holdfast.execution.scalar import address
 from holdfast.execution.simulation.layout import (
     FORGOTTEN,
     LATE,
@@ -25,7 +25,7 @@ from holdfast.execution.simulation.layout import (
     STRIDE,
     TABLE_ENTRIES,
 )
-from holdfast.execution.simulation.loop import Loop
+from holdfast.execution.simulation.loop import SINGLE, Loop
 from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.trajectories import Trajectories
@@ -75,10 +75,16 @@ def functions_of(loop: Loop, program: Leaves) -> Functions:
     addresses = []
     for name in loop.called:
         place = program.addresses.get(name) or own.addresses.get(name)
-        addresses.append(place if place is not None else part(name))
+        addresses.append(place if place is not None else _part(name))
     names = ("begin", "advance", "finish", "sample")
     begin, advance, finish, sample = (machine.function(f"holdfast_{name}", 4) for name in names)
     return Functions(begin, advance, finish, sample, np.array(addresses, dtype=np.int64))
+
+
+def _part(name: str) -> int:
+    """The address of a part of the loop; a table in single precision has a part of its own."""
+    plain = name.removesuffix(SINGLE)
+    return address("simulation/parts", plain, single=plain != name)
 
 
 def rings_of(program: ClosedLoopProgram, settings: Settings) -> dict[int, tuple[int, int]]:
@@ -113,7 +119,7 @@ class Blocks:
         self.records, self.recorded = settings.samples // settings.stride + 1, 0
         count = -(-runs // WIDTH)
         rings = rings_of(program, settings)
-        starts, rows = {}, layout.size + 2 * WIDTH * program.places  # of the table, enough
+        starts, rows = {}, layout.size
         for ring, (slots, size) in rings.items():
             starts[ring] = rows
             rows += slots * size
@@ -270,7 +276,7 @@ class Blocks:
             count, hard = program.conditions_of_modes[mode]
             self.s[:, k : k + SAFEGUARD_ENTRIES] = (
                 len(program.inputs), count, hard, at["answer"], at["command"], at["slack"],
-                at["overruled"], at["held"],
+                at["overruled"], at["held"], at["room"], layout.whole,
             )  # fmt: skip
         if program.table is None:
             return
@@ -278,12 +284,12 @@ class Blocks:
         for k in layout.tables:
             noted = k == layout.tables[0]
             self.s[:, k : k + TABLE_ENTRIES] = (
-                values.ctypes.data, values.size, values.dtype == np.float32, program.timed,
-                layout.size, noted, program.places, at["look_at"], at["look"], at["alive"],
-                at["time"], at["off_at"], at["outcome"], at["exit_time"],
+                values.ctypes.data, program.timed, noted, program.places, at["look_at"],
+                at["look"], at["alive"], at["time"], at["off_at"], at["outcome"], at["exit_time"],
+                at["grid"], layout.whole,
             )  # fmt: skip
             self.s[:, k + TABLE_ENTRIES :][:, : 2 * program.places] = *shape, *periodic
-        self.w[:, layout.size : layout.size + 2 * program.places] = *low, *steps
+        self.w[:, at["grid"] : at["grid"] + 2 * program.places] = *low, *steps
 
 
 _NOTES = {

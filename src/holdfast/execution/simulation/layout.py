@@ -8,6 +8,8 @@ from holdfast.execution.codegen.lane_leaves import CLOCK
 from holdfast.execution.codegen.loop_text import RING, WIDTH
 from holdfast.execution.codegen.mode_leaves import SWITCHES, TURNS
 from holdfast.execution.codegen.random_leaves import DRAW
+from holdfast.execution.interpolate import numbers_of_places
+from holdfast.execution.simulation.quadratic_program import numbers_of_programs
 
 RECORDS, STRIDE = RING + 6, RING + 7
 """Entries of s behind the rings: the records of a call, and the samples of a record."""
@@ -15,7 +17,7 @@ LATE, FORGOTTEN = 0, 1
 """The rings: of late states, and of changes of mode."""
 PARTS = RING + 8
 """Where the entries of the parts begin."""
-SAFEGUARD_ENTRIES, TABLE_ENTRIES = 8, 14
+SAFEGUARD_ENTRIES, TABLE_ENTRIES = 10, 13
 """Entries of the parts of `parts.py`; a table has two more for each of its axes."""
 
 
@@ -25,7 +27,7 @@ class Layout:
     counts: how many rows each quantity has in w; at: the place of the first. recorded: the place
     and the number of the rows of a record; records: their numbers in it. safeguards: for each mode
     that has one the place of its entries in s; tables: those of the look-up at a sample, and of the
-    other ones.
+    other ones; whole: where the parts have whole numbers of their own.
     """
 
     def __init__(self, program: ClosedLoopProgram) -> None:
@@ -45,7 +47,8 @@ class Layout:
         self.safeguards = {k: PARTS + SAFEGUARD_ENTRIES * i for i, k in enumerate(guarded)}
         first, axes = PARTS + SAFEGUARD_ENTRIES * len(guarded), 2 * program.places
         self.tables = first, first + TABLE_ENTRIES + axes
-        self.entries = first + 2 * (TABLE_ENTRIES + axes)
+        self.whole = first + 2 * (TABLE_ENTRIES + axes)
+        self.entries = self.whole + _whole(program)
 
     def _recorded(self, program: ClosedLoopProgram) -> dict[str, tuple[int, int]]:
         """The place and the number of the rows of each quantity that is recorded."""
@@ -89,4 +92,20 @@ def _counts(program: ClosedLoopProgram) -> dict[str, int]:
         "look_at": program.places, "look": program.places + 1,
         "actuation": actuation, "believed": actuation, "signals": len(program.signals),
         "plant": parameters, "gains": parameters,
+        **{name: -(-count // WIDTH) for name, count in _room(program).items()},
     }  # fmt: skip
+
+
+def _room(program: ClosedLoopProgram) -> dict[str, int]:
+    """How many numbers of w the parts have for themselves."""
+    m, axes = len(program.inputs), program.places
+    most = max(count for count, _ in program.conditions_of_modes)
+    return {
+        "room": numbers_of_programs(m, most)[0] + 3 * m + most * (m + 1) if most else 0,
+        "grid": 4 * axes + 1 + numbers_of_places(axes)[0] if axes else 0,
+    }
+
+
+def _whole(program: ClosedLoopProgram) -> int:
+    """How many numbers of s they have."""
+    return max(numbers_of_programs(len(program.inputs), 0)[1], numbers_of_places(program.places)[1])

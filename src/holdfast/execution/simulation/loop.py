@@ -29,6 +29,9 @@ from holdfast.execution.codegen.mode_leaves import mode_leaves
 from holdfast.execution.codegen.random_leaves import noise_leaf
 from holdfast.execution.simulation.layout import FORGOTTEN, LATE, RECORDS, STRIDE, Layout
 
+SINGLE = "_single"
+"""The end of the name of a part for a table in single precision."""
+
 
 @dataclass(frozen=True)
 class Loop:
@@ -173,7 +176,9 @@ class _Builder:
         if self.program.places:
             at = self.at
             body.call("places", t=t, q=seen, p=at["gains"], out=at["look_at"])
-            body.part("look_up_lanes", self.layout.tables[0 if noted else 1])
+            single = getattr(self.program.table[0], "dtype", None) == "float32"
+            part = f"look_up_lanes{SINGLE if single else ''}"
+            body.part(part, self.layout.tables[0 if noted else 1])
 
     def _command(self, body: Instructions, t: int, seen: int) -> None:
         """The command of every lane in its mode, kept by its safeguard, and what is made of it."""

@@ -1,96 +1,72 @@
-"""Parts of the simulation loop that are scalar: each is compiled when a program first needs it.
+"""Parts of the simulation loop that go from lane to lane: scalar functions.
 
-The loop calls them through their addresses with its arrays s and w, and the place in s of their
-entries, which `blocks.py` fills.
+The loop calls them with its arrays s and w, and the place in s of their entries, which `blocks.py`
+fills.
 """
 
-# mypy: ignore-errors
-# ruff: noqa: F405
+from __future__ import annotations
 
-from holdfast.execution.interpolate import *  # noqa: F403
-from holdfast.execution.simulation.quadratic_program import *  # noqa: F403
+import math
 
-# -- joined from here on
+from holdfast.execution.arrays import Floats, Table, Wholes
+from holdfast.execution.codegen.loop_text import WIDTH
+from holdfast.execution.interpolate import beyond_grid, look_up
+from holdfast.execution.simulation.outcomes import Outcome
+from holdfast.execution.simulation.quadratic_program import keep_within, overrules
 
-WIDTH = 16  # runs that advance together, the lanes of a block
-ENTRIES = 1 << 40  # of s and w, whose sizes do not matter here
+
+def table_at(address: int) -> Table:
+    """The array at an address: a part of the compiler, not of Python."""
+    raise NotImplementedError
 
 
-def keep_lanes(s_at, w_at, k):
+def keep_lanes(s: Wholes, w: Floats, k: int) -> None:
     """The program of a safeguard for the lanes that need it: from the answer of the law and its
     conditions to the command, the slack, and whether the law was overruled."""
-    s, w = carray(s_at, ENTRIES), carray(w_at, ENTRIES)
-    m, count, hard, answer, command = s[k], s[k + 1], s[k + 2], s[k + 3], s[k + 4]
-    rows = count * (m + 1)
-    scratch = np.empty(m + rows + m)
-    wanted, conditions = scratch[:m], scratch[m : m + rows]
+    m, most, hard, answer, command = s[k], s[k + 1], s[k + 2], s[k + 3], s[k + 4]
+    rows = most * (m + 1)
+    point, counts = w[s[k + 8] :], s[s[k + 9] :]
+    given = point[m + rows + m :]
+    room = given[m:]
     for lane in range(WIDTH):
         if w[s[k + 7] + lane] == 0.0:
             continue
         for i in range(m + rows + m):
-            scratch[i] = w[answer + i * WIDTH + lane]
-        given = keep_within(wanted, scratch[m + rows :], conditions, hard)
+            point[i] = w[answer + i * WIDTH + lane]
+        conditions, scales = point[m:], point[m + rows :]
+        slack = keep_within(point, scales, conditions, m, most, hard, given, room, counts)
         for i in range(m):
             w[command + i * WIDTH + lane] = given[i]
-        w[s[k + 5] + lane] = given[m]
-        w[s[k + 6] + lane] = overrules(wanted, given, conditions, hard)
+        w[s[k + 5] + lane] = slack
+        overruled = overrules(point, given, slack, conditions, m, most, hard)
+        w[s[k + 6] + lane] = 1.0 if overruled else 0.0
 
 
-def look_up_lanes(s_at, w_at, k):
+def look_up_lanes(s: Wholes, w: Floats, k: int) -> None:
     """The value of the law's table and its slopes at a place of each lane.
 
     When the entry `noted` is set, also the first time outside of the table.
     """
-    s, w = carray(s_at, ENTRIES), carray(w_at, ENTRIES)
-    low, count = s[k + 4], s[k + 6]
-    geometry = (
-        w[low : low + count],
-        w[low + count : low + 2 * count],
-        s[k + 14 : k + 14 + count],
-        s[k + 14 + count : k + 14 + 2 * count],
-    )
-    if s[k + 2]:
-        values = carray(single_at(s[k]), s[k + 1])
-        look_up_in(s, w, k, (values, *geometry))
-    else:
-        values = carray(double_at(s[k]), s[k + 1])
-        look_up_in(s, w, k, (values, *geometry))
-
-
-@inlined
-def look_up_in(s, w, k, table):
-    first, noted, count, look_at, look = s[k + 3], s[k + 5], s[k + 6], s[k + 7], s[k + 8]
-    point, found = np.empty(count), np.empty(count + 1)
+    values = table_at(s[k])
+    first, noted, axes = s[k + 1], s[k + 2], s[k + 3]
+    look_at, look, alive, now, off = s[k + 4], s[k + 5], s[k + 6], s[k + 7], s[k + 8]
+    outcome, ended = s[k + 9], s[k + 10]
+    whole, shape, periodic = s[s[k + 12] :], s[k + 13 :], s[k + 13 + axes :]
+    low, steps = w[s[k + 11] :], w[s[k + 11] + axes :]
+    point, found = steps[axes:], steps[2 * axes :]
+    rest = found[axes + 1 :]
     for lane in range(WIDTH):
-        if w[s[k + 9] + lane] == 0.0:
+        if w[alive + lane] == 0.0:
             continue
-        for i in range(count):
+        for i in range(axes):
             point[i] = w[look_at + i * WIDTH + lane]
-        look_up(table, point, found)
-        for i in range(count + 1):
+        look_up(values, point, low, steps, shape, periodic, axes, found, rest, whole)
+        for i in range(axes + 1):
             w[look + i * WIDTH + lane] = found[i]
-        now, off, outcome = w[s[k + 10] + lane], s[k + 11] + lane, s[k + 12] + lane
-        if noted and math.isnan(w[off]) and beyond_grid(table, point, first):
-            w[off] = now
-            if w[outcome] == STAYED:
-                w[outcome] = OFF_GRID
-                w[s[k + 13] + lane] = now
-
-
-STAYED, OFF_GRID = 0.0, 5.0  # of `outcomes.py`
-
-
-def _address_of(kind):
-    @intrinsic
-    def pointer(typing_context, address):
-        signature = types.CPointer(kind)(types.int64)
-
-        def generate(context, builder, signature, arguments):
-            return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
-
-        return signature, generate
-
-    return pointer
-
-
-double_at, single_at = _address_of(types.float64), _address_of(types.float32)
+        if not noted or not math.isnan(w[off + lane]):
+            continue
+        if beyond_grid(point, low, steps, shape, periodic, axes, first):
+            w[off + lane] = w[now + lane]
+            if w[outcome + lane] == Outcome.STAYED:
+                w[outcome + lane] = Outcome.OFF_GRID
+                w[ended + lane] = w[now + lane]

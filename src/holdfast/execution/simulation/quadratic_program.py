@@ -4,16 +4,17 @@
 
 The constraints are met one after the other (R. Seidel, Discrete Comput. Geom. 6, 1991): where the
 best point so far violates the next one, the new best point lies on its plane, which is the same
-problem with one dimension less and the constraints met before. Joined after `primitives.py` into
-the generated modules.
+problem with one dimension less and the constraints met before. These are scalar functions
+(`codegen/scalar_functions.py`): the closed loop, exported laws and Python run the same text.
+
+Constraints are rows of `wide` numbers, a normal and behind it the offset.
 """
 
-# mypy: ignore-errors
-# ruff: noqa: F405
+from __future__ import annotations
 
-from holdfast.execution.primitives import *  # noqa: F403
+import math
 
-# -- joined from here on
+from holdfast.execution.arrays import Floats, Wholes
 
 CLOSE = 1e-10  # what counts as on a plane, relative to its distance
 PARALLEL = 1e-9  # the sine of the angle below which two planes are parallel
@@ -23,32 +24,42 @@ PULL = -1e6  # where the slack is wanted, in its own unit: so it is as small as 
 FAINT = 1e-6  # the size of a normal, against the largest, below which it does not set that unit
 
 
-@inlined
-def interval(rows, count, m, base, along):
-    """The lowest and the highest s with rows[j, :m] . (base + s along) <= rows[j, m], j < count.
+def numbers_of_programs(m: int, most: int) -> tuple[int, int]:
+    """The numbers of `room` and of `counts` that `keep_within` needs for so many constraints."""
+    wide, floors = m + 2, m + 2
+    rows = (most + 1) * wide
+    return rows + wide + 6 + floors * (rows + 3 * wide + wide * wide), 2 * floors
 
-    `along` has unit length, m is 1 or 2. The lowest is above the highest where there is none.
+
+def interval(
+    rows: Floats, wide: int, count: int, m: int, base: Floats, along: Floats, found: Floats
+) -> bool:
+    """Whether some s has rows[j, :m] . (base + s along) <= rows[j, m] for all j < count.
+
+    `found` becomes the lowest and the highest; `along` has unit length, m is 1 or 2.
     """
-    low, high = -np.inf, np.inf
+    low, high = -math.inf, math.inf
     for j in range(count):
-        slope, offset = 0.0, rows[j, m]
+        row = rows[j * wide :]
+        slope, offset = 0.0, row[m]
         for i in range(m):
-            slope += rows[j, i] * along[i]
-            offset -= rows[j, i] * base[i]
+            slope += row[i] * along[i]
+            offset -= row[i] * base[i]
         if abs(slope) <= PARALLEL:
-            if offset < -APART * (1.0 + abs(rows[j, m])):
-                return np.inf, -np.inf
+            if offset < -APART * (1.0 + abs(row[m])):
+                found[0], found[1] = math.inf, -math.inf
+                return False
         elif slope > 0.0:
             high = min(high, offset / slope)
         else:
             low = max(low, offset / slope)
-    if high < low <= high + CLOSE * (1.0 + abs(low)):
+    if high < low and low <= high + CLOSE * (1.0 + abs(low)):
         low = high
-    return low, high
+    found[0], found[1] = low, high
+    return low <= high
 
 
-@inlined
-def dot(a, b, m):
+def dot(a: Floats, b: Floats, m: int) -> float:
     """The inner product of the first m entries."""
     total = 0.0
     for i in range(m):
@@ -56,9 +67,8 @@ def dot(a, b, m):
     return total
 
 
-@apart
-def span(normal, plane, m):
-    """Fill `plane` with orthonormal columns that span the plane normal to a unit vector.
+def span(normal: Floats, plane: Floats, wide: int, m: int) -> None:
+    """Fill the rows of `plane` with an orthonormal basis of the plane normal to a unit vector.
 
     They are those of I - 2 w w^T / |w|^2, the reflection of the normal to an axis, but one.
     """
@@ -68,256 +78,278 @@ def span(normal, plane, m):
             pivot = i
     side = 1.0 if normal[pivot] >= 0.0 else -1.0
     size = 2.0 * (1.0 + abs(normal[pivot]))  # |w|^2 of w = normal + side e_pivot
-    for column in range(m - 1):
-        k = column if column < pivot else column + 1
+    for c in range(m - 1):
+        k = c if c < pivot else c + 1
         for i in range(m):
             w = normal[i] + (side if i == pivot else 0.0)
-            plane[i, column] = (1.0 if i == k else 0.0) - 2.0 * normal[k] * w / size
+            plane[c * wide + i] = (1.0 if i == k else 0.0) - 2.0 * normal[k] * w / size
 
 
-@apart
-def nearest_in_plane(rows, count, m, x):
+def nearest_in_plane(rows: Floats, wide: int, count: int, m: int, x: Floats, small: Floats) -> bool:
     """`nearest` for one or two coordinates."""
+    base, along, found = small, small[2:], small[4:]
     if m == 1:
-        low, high = interval(rows, count, 1, (0.0,), (1.0,))
-        x[0] = min(max(x[0], low), high)
-        return low <= high
-    given = (x[0], x[1])
+        base[0], along[0] = 0.0, 1.0
+        inside = interval(rows, wide, count, 1, base, along, found)
+        x[0] = min(max(x[0], found[0]), found[1])
+        return inside
+    given0, given1 = x[0], x[1]
     for j in range(count):
-        n0, n1, offset = rows[j, 0], rows[j, 1], rows[j, 2]
+        row = rows[j * wide :]
+        n0, n1, offset = row[0], row[1], row[2]
         if n0 * x[0] + n1 * x[1] - offset <= CLOSE * (1.0 + abs(offset)):
             continue
-        base = (offset * n0, offset * n1)
-        low, high = interval(rows, j, 2, base, (-n1, n0))
-        if low > high:
+        base[0], base[1] = offset * n0, offset * n1
+        along[0], along[1] = -n1, n0
+        if not interval(rows, wide, j, 2, base, along, found):
             return False
-        s = min(max(n0 * given[1] - n1 * given[0], low), high)
+        s = min(max(n0 * given1 - n1 * given0, found[0]), found[1])
         x[0], x[1] = base[0] - s * n1, base[1] + s * n0
     return True
 
 
-@apart
-def restrict(rows, count, m, normal, offset, base, plane, inner):
+def restrict(
+    rows: Floats, wide: int, count: int, m: int, normal: Floats, offset: float, base: Floats,
+    plane: Floats, inner: Floats,
+) -> int:  # fmt: skip
     """The constraints on the plane base + plane s where `normal` has its `offset`, in terms of s.
 
     Returns how many there are; -1 where one is parallel to the plane and excludes it.
     """
     for i in range(m):
         base[i] = offset * normal[i]
-    span(normal, plane, m)
+    span(normal, plane, wide, m)
     kept = 0
     for j in range(count):
+        row, own = rows[j * wide :], inner[kept * wide :]
         size = 0.0
-        for column in range(m - 1):
-            inner[kept, column] = dot(rows[j], plane[:, column], m)
-            size += inner[kept, column] ** 2
+        for c in range(m - 1):
+            own[c] = dot(row, plane[c * wide :], m)
+            size += own[c] * own[c]
         size = math.sqrt(size)
-        rest = rows[j, m] - dot(rows[j], base, m)
+        rest = row[m] - dot(row, base, m)
         if size <= PARALLEL:
-            if rest < -APART * (1.0 + abs(rows[j, m])):
+            if rest < -APART * (1.0 + abs(row[m])):
                 return -1
             continue
-        for column in range(m - 1):
-            inner[kept, column] /= size
-        inner[kept, m - 1] = rest / size
+        for c in range(m - 1):
+            own[c] /= size
+        own[m - 1] = rest / size
         kept += 1
     return kept
 
 
-@apart
-def nearest(rows, count, m, x):
+def nearest(
+    rows: Floats, wide: int, count: int, m: int, x: Floats, room: Floats, counts: Wholes
+) -> bool:
     """Move x in R^m to the nearest point with rows[j, :m] . x <= rows[j, m], j < count.
 
     The normals have unit length. Returns whether there is such a point. The problems of fewer
-    dimensions are solved floor by floor, without recursion: machine code that calls itself does
-    not survive Numba's cache.
+    dimensions are solved floor by floor, without recursion.
     """
     if m <= 2:
-        return nearest_in_plane(rows, count, m, x)
-    tables = np.empty((m + 1, count, m + 1))  # the constraints of each floor
-    points, given, bases = np.empty((m + 1, m)), np.empty((m + 1, m)), np.empty((m + 1, m))
-    planes = np.empty((m + 1, m, m))
-    counts, met = np.zeros(m + 1, dtype=np.int64), np.zeros(m + 1, dtype=np.int64)
-    for j in range(count):
-        for i in range(m + 1):
-            tables[m, j, i] = rows[j, i]
+        return nearest_in_plane(rows, wide, count, m, x, room)
+    small, floor_size = room, count * wide + (3 + wide) * wide
+    floors = room[6:]  # of each: its point, what was wanted, its base, its plane, its constraints
+    met = counts[m + 1 :]
+    top = floors[m * floor_size :]
     for i in range(m):
-        points[m, i] = given[m, i] = x[i]
-    counts[m] = count
+        top[i] = top[wide + i] = x[i]
+    top = top[(3 + wide) * wide :]
+    for k in range(count * wide):
+        top[k] = rows[k]
+    counts[m], met[m] = count, 0
     floor = m
     while True:
-        table, point = tables[floor], points[floor]
+        own = floors[floor * floor_size :]
+        given, base, plane = own[wide:], own[2 * wide :], own[3 * wide :]
+        table = own[(3 + wide) * wide :]
         if floor == 2:
-            if not nearest_in_plane(table, counts[2], 2, point):
+            if not nearest_in_plane(table, wide, counts[2], 2, own, small):
                 return False
         else:
             j = met[floor]
             while j < counts[floor]:
-                offset = table[j, floor]
-                if dot(table[j], point, floor) - offset > CLOSE * (1.0 + abs(offset)):
+                row = table[j * wide :]
+                if dot(row, own, floor) - row[floor] > CLOSE * (1.0 + abs(row[floor])):
                     break
                 j += 1
             met[floor] = j + 1
             if j < counts[floor]:
-                below, plane = floor - 1, planes[floor]
-                normal, base = table[j], bases[floor]
-                kept = restrict(table, j, floor, normal, offset, base, plane, tables[below])
+                normal, below = table[j * wide :], floors[(floor - 1) * floor_size :]
+                inner = below[(3 + wide) * wide :]
+                kept = restrict(
+                    table, wide, j, floor, normal, normal[floor], base, plane, inner
+                )  # fmt: skip
                 if kept < 0:
                     return False
-                for i in range(below):
-                    given[below, i] = points[below, i] = dot(given[floor], plane[:, i], floor)
-                counts[below], met[below] = kept, 0
-                floor = below
+                for i in range(floor - 1):
+                    below[i] = below[wide + i] = dot(given, plane[i * wide :], floor)
+                floor -= 1
+                counts[floor], met[floor] = kept, 0
                 continue
         if floor == m:
             for i in range(m):
-                x[i] = point[i]
+                x[i] = own[i]
             return True
         floor += 1
+        above = floors[floor * floor_size :]
         for i in range(floor):
-            points[floor, i] = bases[floor, i] + dot(planes[floor, i], point, floor - 1)
+            total = 0.0
+            for c in range(floor - 1):
+                total += above[(3 + c) * wide + i] * own[c]
+            above[i] = above[2 * wide + i] + total
 
 
-@inlined
-def unit_of_slack(constraints_, scales, m, hard):
+def unit_of_slack(constraints: Floats, scales: Floats, m: int, most: int, hard: int) -> float:
     """The size of the smallest normal that may be relaxed: no two of them then look parallel."""
-    least, most = np.inf, 0.0
-    for j in range(hard, len(constraints_) // (m + 1)):
+    least, largest = math.inf, 0.0
+    for j in range(hard, most):
         size = 0.0
         for i in range(m):
-            size += (constraints_[j * (m + 1) + i] * scales[i]) ** 2
+            entry = constraints[j * (m + 1) + i] * scales[i]
+            size += entry * entry
         if size > 0.0:
-            least, most = min(least, size), max(most, size)
-    return max(math.sqrt(least), FAINT * math.sqrt(most)) if most > 0.0 else 1.0
+            least, largest = min(least, size), max(largest, size)
+    if largest > 0.0:
+        return max(math.sqrt(least), FAINT * math.sqrt(largest))
+    return 1.0
 
 
-@inlined
-def fill(rows, constraints_, scales, m, hard, relaxed):
+def fill(
+    rows: Floats, constraints: Floats, scales: Floats, m: int, most: int, hard: int, relaxed: bool
+) -> int:
     """Constraints in units of the scales, with unit normals; the slack is one more coordinate.
 
     Returns how many rows there are; -1 where one without inputs cannot be met.
     """
-    count, unit = 0, 0.0
+    wide, count, unit, last = m + 2, 0, 0.0, m
     if relaxed:
-        unit = unit_of_slack(constraints_, scales, m, hard)
-        for i in range(m + 2):
-            rows[0, i] = -1.0 if i == m else 0.0  # the slack is 0 or more
-        count = 1
-    for j in range(len(constraints_) // (m + 1)):
-        first = j * (m + 1)
+        unit = unit_of_slack(constraints, scales, m, most, hard)
+        for i in range(wide):
+            rows[i] = -1.0 if i == m else 0.0  # the slack is 0 or more
+        count, last = 1, m + 1
+    for j in range(most):
+        given, row = constraints[j * (m + 1) :], rows[count * wide :]
         size = 0.0
         for i in range(m):
-            entry = constraints_[first + i] * scales[i]
-            rows[count, i] = entry
-            size += entry * entry
-        offset = constraints_[first + m]
-        last = m
+            row[i] = given[i] * scales[i]
+            size += row[i] * row[i]
         if relaxed:
-            rows[count, m] = 0.0 if j < hard else -unit
-            size += rows[count, m] * rows[count, m]
-            last = m + 1
+            row[m] = 0.0 if j < hard else -unit
+            size += row[m] * row[m]
         size = math.sqrt(size)
         if not size > 1e-300:
-            if offset < 0.0:
+            if given[m] < 0.0:
                 return -1
             continue
         for i in range(last):
-            rows[count, i] /= size
-        rows[count, last] = offset / size
+            row[i] /= size
+        row[last] = given[m] / size
         count += 1
     return count
 
 
-@apart
-def solve(wanted, scales, constraints_, hard, result):
+def solve(
+    wanted: Floats, scales: Floats, constraints: Floats, m: int, most: int, hard: int,
+    result: Floats, room: Floats, counts: Wholes,
+) -> float:  # fmt: skip
     """The case of `keep_within` in which the wanted input violates a constraint."""
-    m = len(wanted)
-    most = len(constraints_) // (m + 1)
-    rows = np.empty((most + 1, m + 2))
-    x = np.empty(m)
+    wide, rows = m + 2, room
+    y = room[(most + 1) * wide :]
+    rest = y[wide:]
     for i in range(m):
-        x[i] = wanted[i] / scales[i]
+        y[i] = wanted[i] / scales[i]
         result[i] = wanted[i]
-    result[m] = 0.0
-    count = fill(rows, constraints_, scales, m, hard, False)
-    if count >= 0 and nearest(rows, count, m, x):
+    count = fill(rows, constraints, scales, m, most, hard, False)
+    if count >= 0 and nearest(rows, wide, count, m, y, rest, counts):
         for i in range(m):
-            result[i] = x[i] * scales[i]
-        return
-    count = fill(rows, constraints_, scales, m, hard, True)
-    y = np.empty(m + 1)
+            result[i] = y[i] * scales[i]
+        return 0.0
+    count = fill(rows, constraints, scales, m, most, hard, True)
     reach = 1.0
     for i in range(m):
         y[i] = wanted[i] / scales[i]
         reach = max(reach, abs(y[i]))
     y[m] = PULL * reach
-    if count < 0 or not nearest(rows, count, m + 1, y):
-        result[m] = np.inf
-        return
+    if count < 0 or not nearest(rows, wide, count, m + 1, y, rest, counts):
+        return math.inf
     for i in range(m):
         result[i] = y[i] * scales[i]
+    slack = 0.0
     for j in range(hard, most):
-        offset = constraints_[j * (m + 1) + m]
-        level, size = -offset, 0.0
+        given = constraints[j * (m + 1) :]
+        level, size = -given[m], 0.0
         for i in range(m):
-            entry = constraints_[j * (m + 1) + i]
-            level += entry * result[i]
-            size += (entry * scales[i]) ** 2
-        if level > CLOSE * (math.sqrt(size) + abs(offset)):  # else it is on its plane
-            result[m] = max(result[m], level)
+            entry = given[i] * scales[i]
+            level += given[i] * result[i]
+            size += entry * entry
+        if level > CLOSE * (math.sqrt(size) + abs(given[m])):  # else it is on its plane
+            slack = max(slack, level)
+    return slack
 
 
-@inlined
-def overrules(wanted, given, constraints_, hard):
-    """1 where a constraint after the first `hard` is why `given` is not what was wanted, else 0.
+def overrules(
+    wanted: Floats, given: Floats, slack: float, constraints: Floats, m: int, most: int, hard: int
+) -> bool:
+    """Whether a constraint after the first `hard` is why `given` is not what was wanted.
 
-    `given` is what `keep_within` found. Where only the first `hard` ones hold it back, the wanted
-    input is beyond its bounds, and nothing but saturation took place.
+    `given` and `slack` are what `keep_within` found. Where only the first `hard` ones hold it back,
+    the wanted input is beyond its bounds, and nothing but saturation took place.
     """
-    m = len(wanted)
+    if slack > 0.0:
+        return True
     same = True
     for i in range(m):
         same = same and given[i] == wanted[i]
-    if given[m] > 0.0:
-        return 1.0
     if same:
-        return 0.0
-    for j in range(hard, len(constraints_) // (m + 1)):
-        level = -constraints_[j * (m + 1) + m]
-        reach, size = abs(level), 0.0
+        return False
+    for j in range(hard, most):
+        row = constraints[j * (m + 1) :]
+        level, size = -row[m], 0.0
+        reach = abs(level)
         for i in range(m):
-            entry = constraints_[j * (m + 1) + i]
-            level += entry * given[i]
-            reach += abs(entry * given[i])
-            size += abs(entry)
+            level += row[i] * given[i]
+            reach += abs(row[i] * given[i])
+            size += abs(row[i])
         if size > 0.0 and level >= -ACTIVE * reach:
-            return 1.0
-    return 0.0
+            return True
+    return False
 
 
-@inlined
-def keep_within(wanted, scales, constraints_, hard):
-    """The admissible input nearest to `wanted`, and the slack it needed: 0 where there is one.
+def keep_within(
+    wanted: Floats, scales: Floats, constraints: Floats, m: int, most: int, hard: int,
+    result: Floats, room: Floats, counts: Wholes,
+) -> float:  # fmt: skip
+    """The admissible input nearest to `wanted`; returns the slack it needed: 0 where there is one.
 
-    `constraints_` holds the entries of each normal and its offset, one after the other. Where
-    none is admissible, the constraints after the first `hard` are all relaxed by the same least
-    slack; the slack is infinite where the hard ones exclude each other.
+    `constraints` holds the m entries of each normal and its offset, one after the other. Where none
+    is admissible, the constraints after the first `hard` are all relaxed by the same least slack;
+    it is infinite where the hard ones exclude each other. NaN gives NaN. `room` and `counts`:
+    see `numbers_of_programs`.
     """
-    m = len(wanted)
-    good = number = True
-    for j in range(len(constraints_) // (m + 1)):
-        level = -constraints_[j * (m + 1) + m]
+    good, number = True, True
+    for j in range(most):
+        level = -constraints[j * (m + 1) + m]
         for i in range(m):
-            level += constraints_[j * (m + 1) + i] * wanted[i]
+            level += constraints[j * (m + 1) + i] * wanted[i]
         good = good and level <= 0.0
-        number = number and level < np.inf  # which what is not a number is not
-    result = np.empty(m + 1)
-    if not number:
-        result[:] = np.nan
-    elif good:
-        for i in range(m):
-            result[i] = wanted[i]
-        result[m] = 0.0
-    else:
-        solve(wanted, scales, constraints_, hard, result)
-    return result
+        number = number and level < math.inf  # which NaN is not
+    if number and not good:
+        return solve(wanted, scales, constraints, m, most, hard, result, room, counts)
+    for i in range(m):
+        result[i] = wanted[i] if number else math.nan
+    return 0.0 if number else math.nan
+
+
+def keep_many(
+    number: int, wanted: Floats, scales: Floats, rows: Floats, wide: int, counts: Wholes,
+    hard: Wholes, m: int, out: Floats, room: Floats, own: Wholes,
+) -> None:  # fmt: skip
+    """`keep_within` of many programs: each has a row of `wide` numbers and its own counts."""
+    for k in range(number):
+        result = out[k * (m + 1) :]
+        result[m] = keep_within(
+            wanted[k * m :], scales[k * m :], rows[k * wide :], m, counts[k], hard[k], result, room,
+            own,
+        )  # fmt: skip
