@@ -20,11 +20,11 @@ def commands(loop, times, seen, mode):
     t, none, m = times[:, np.newaxis], np.zeros(1), len(loop.program.inputs)
     look = none
     if program.places:
-        places = loop.leaves.values("places", count, program.places, t, seen, none, p)
+        places = loop.values("places", count, program.places, t, seen, none, p)
         look = looked_up(program.table, places)
     conditions, hard = program.conditions_of_modes[mode]
     width = m + (conditions * (m + 1) + m if conditions else 0)
-    answers = loop.leaves.values(f"law{mode}", count, width, t, seen, look, p)
+    answers = loop.values(f"law{mode}", count, width, t, seen, look, p)
     found = np.zeros((count, m + 1))
     if conditions:
         rows = m + conditions * (m + 1)
@@ -34,5 +34,5 @@ def commands(loop, times, seen, mode):
     else:
         found[:, :m] = answers
     limited = program.limited
-    acts = loop.leaves.values("actuate", count, 2 * limited + m, t, found[:, :m], p, p)
+    acts = loop.values("actuate", count, 2 * limited + m, t, found[:, :m], p, p)
     return found, acts[:, limited : 2 * limited]

@@ -96,9 +96,7 @@ def test_velocities_respect_the_pfaffian_constraint_in_compiled_code(system):
     )
     loop, generator = ClosedLoop(program), np.random.default_rng(1)
     q, u = (generator.uniform(-1, 1, (20, len(x))) for x in (system.states, system.inputs))
-    found = loop.leaves.values(
-        "rates", 20, len(system.states), np.zeros(1), q, u, loop.parameter_array()
-    )
+    found = loop.values("rates", 20, len(system.states), np.zeros(1), q, u, loop.parameter_array())
     for k in range(20):
         rates = dict(zip(system.state_names, found[k], strict=True))
         at = {s.symbol: v for s, v in zip(system.states, q[k], strict=True)}

@@ -83,7 +83,7 @@ def test_leaves_agree_with_their_expressions(vehicle):
     slopes = list(hf.outward_rates(vehicle, region).values())
 
     def found(name, width, x=none):
-        return loop.leaves.values(name, 5, width, none, q, x, p)
+        return loop.values(name, 5, width, none, q, x, p)
 
     rates = found("rates", 6, u)
     assert loop.disturbances(np.zeros(1)).tolist() == [list(d)]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import inspect
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -176,15 +176,16 @@ class Steps:
         whole = self.step("call", *arguments, given=function, kind="several")
         return self._results(whole, function.kinds)
 
-    def needed(self, results: Sequence[int]) -> list[int]:
-        """The steps that the results depend on, in order."""
+    def needed(self, results: Sequence[int], known: Collection[int] = ()) -> list[int]:
+        """The steps that the results depend on, in order; those of known values are not needed."""
         found: set[int] = set()
         waiting = list(results)
         while waiting:
             number = waiting.pop()
             if number not in found:
                 found.add(number)
-                waiting.extend(self.list[number].arguments)
+                if number not in known:
+                    waiting.extend(self.list[number].arguments)
         return sorted(found)
 
     def _results(self, whole: Value, kinds: tuple[str, ...]) -> tuple[Value, ...]:

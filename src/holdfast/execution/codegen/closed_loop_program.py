@@ -12,9 +12,11 @@ from typing import Any
 import sympy as sp
 
 from holdfast.errors import SimulationError, suggestion
+from holdfast.execution.arithmetic.steps import Steps
 from holdfast.execution.codegen.controller_program import ControllerProgram, controller_program
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.lowering import leaf_of
+from holdfast.execution.codegen.shared_rows import PREPARED, SHARED, with_shared_rows
 from holdfast.execution.simulation.steppers import Tableau
 from holdfast.maths.control.outward_rates import check_reads
 from holdfast.maths.definitions.law import GainCondition, Law
@@ -75,6 +77,20 @@ class ClosedLoopProgram:
     value_signal: str = ""
     continuous: bool = False
     table: Any = None
+
+    def rows_of(self, leaf: str) -> int:
+        """How many rows a leaf fills; 0 where there is none."""
+        return len(self.leaves[leaf].results) if leaf in self.leaves else 0
+
+    @property
+    def prepared(self) -> int:
+        """The rows behind those of the parameters."""
+        return self.rows_of(PREPARED)
+
+    @property
+    def shared(self) -> int:
+        """The rows behind those that a law sees."""
+        return self.rows_of(SHARED)
 
 
 def closed_loop_program(
@@ -241,6 +257,7 @@ def _leaves(
     | constraint_rates | | state | dq/dt | of the plant | dc_j/dt |
     | goal | | state | | of the plant | level |
     | varied | | | | of the plant | values |
+    | prepared, shared | time | seen | | both | see `shared_rows.py` |
     """
     system, switching = controller.system, controller.switching
     q = [s.symbol for s in system.states]
@@ -256,13 +273,15 @@ def _leaves(
     limits = dict(zip(requested, controller.limited(), strict=True))
     produced = dict(zip(u, exchanged(controller.produced(), limits), strict=True))
 
+    steps = Steps(expanded=True)
+
     def leaf(
         results: Sequence[sp.Expr],
         q: Sequence[sp.Symbol] = (),
         x: Sequence[sp.Symbol] = (),
         p: Sequence[sp.Symbol] = p,
     ) -> Leaf:
-        return leaf_of({"t": (TIME,), "q": q, "x": x, "p": p}, results)
+        return leaf_of({"t": (TIME,), "q": q, "x": x, "p": p}, results, steps=steps)
 
     found = {
         "rates": leaf(rates, q, u),
@@ -288,4 +307,9 @@ def _leaves(
         found[f"law{number}"] = leaf([*controller.commands(mode), *rows], seen, look)
         levels = [when for when, _ in controller.transitions.get(mode, ())]
         found[f"guards{number}"] = leaf(levels, seen, (TIME_IN_MODE,))
-    return {name: one for name, one in found.items() if one.results}
+    found = {name: one for name, one in found.items() if one.results}
+    plant = ("rates", "constraints", "constraint_rates", "goal")
+    numbers = range(len(controller.modes))
+    users: dict[str, object] = {f"{kind}{k}": k for kind in ("law", "guards") for k in numbers}
+    users |= {name: name for name in ("places", "signals", "remember")}
+    return with_shared_rows(found, (*plant, *users), users)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 
@@ -93,6 +94,7 @@ class Leaf:
     rows of the array that is filled. uniform: arguments, of doubles, whose rows are one number
     each. single: other arrays are in single precision. algebraic: the steps are arithmetic alone,
     so that they have the precision of the arrays. fused: LLVM may contract a product and a sum.
+    read: steps whose values are inputs, by their numbers.
     """
 
     steps: Steps
@@ -102,6 +104,7 @@ class Leaf:
     single: bool = False
     algebraic: bool = False
     fused: bool = False
+    read: Mapping[int, str] = field(default_factory=dict)
 
 
 def _leaf(module: _Module, name: str, leaf: Leaf) -> str:
@@ -109,7 +112,7 @@ def _leaf(module: _Module, name: str, leaf: Leaf) -> str:
     if leaf.single and leaf.algebraic:
         kind = _Format(2 * LANES, "float", leaf.fused)
     stored = "float" if leaf.single else "double"
-    body = _Body(module, leaf.steps, leaf.results, kind)
+    body = _Body(module, leaf.steps, leaf.results, kind, leaf.read)
     lines = []
     for array, inputs in leaf.arguments.items():
         for row, given in enumerate(inputs):
@@ -194,15 +197,23 @@ class _Body:
     """The lines of the steps that some results need."""
 
     def __init__(
-        self, module: _Module, steps: Steps, results: Sequence[Value], form: _Format = _DOUBLE
+        self,
+        module: _Module,
+        steps: Steps,
+        results: Sequence[Value],
+        form: _Format = _DOUBLE,
+        read: Mapping[int, str] = MappingProxyType({}),
     ) -> None:
         self.module, self.steps, self.form = module, steps, form
         self.lines: list[str] = []
         self.names: dict[int, str] = {}
         self.inputs: dict[str, int] = {}
         self.label = "loop"
-        for number in steps.needed([v.number for v in results]):
-            self._print(number, steps.list[number])
+        for number in steps.needed([v.number for v in results], read):
+            if number in read:
+                self.names[number], self.inputs[read[number]] = f"%v{number}", number
+            else:
+                self._print(number, steps.list[number])
 
     def _print(self, number: int, step: Step) -> None:
         name = self.names[number] = f"%v{number}"

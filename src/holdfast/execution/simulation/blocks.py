@@ -172,7 +172,7 @@ class Blocks:
             ("plant", numbers.plant, numbers.varied_plant, numbers.own_plant),
             ("gains", numbers.gains, numbers.varied_gains, numbers.own_gains),
         ):
-            self.rows(name)[:] = values[:, np.newaxis]
+            self.rows(name)[:, : len(values)] = values[:, np.newaxis]
             for j, column in enumerate(varied):
                 self.set_runs(name, each[own, j], column)
         for i in range(starts.shape[1]):

@@ -14,6 +14,7 @@ from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
 from holdfast.execution.codegen.loop_text import WIDTH
 from holdfast.execution.codegen.random_leaves import starts_leaf, varied_leaf
+from holdfast.execution.codegen.shared_rows import PREPARED, SHARED
 from holdfast.execution.leaf import compiled_leaves
 from holdfast.execution.resources import Progress, available_cores, check_memory, run_threads
 from holdfast.execution.simulation.blocks import (
@@ -83,11 +84,31 @@ class ClosedLoop:
         p: Array | None = None,
     ) -> Array:
         """The results of a leaf at every given time, state or row of parameters."""
-        p = self.parameter_array() if p is None else p
         none = np.zeros(1)
-        given = [none if a is None else np.asarray(a, dtype=np.float64) for a in (t, q, None, p)]
-        count = next(len(a) for a in given if a.ndim == 2)
-        return self.leaves.values(name, count, width, *given)
+        p = self.parameter_array() if p is None else np.asarray(p, dtype=np.float64)
+        t, q = (none if a is None else np.asarray(a, dtype=np.float64) for a in (t, q))
+        count = next(len(a) for a in (t, q, p) if a.ndim == 2)
+        return self.values(name, count, width, t, q, none, p)
+
+    def values(
+        self, name: str, count: int, width: int, t: Array, q: Array, x: Array, p: Array
+    ) -> Array:
+        """The results of a leaf at `count` points (see `Leaves.values`), shape (count, width)."""
+        if not width:
+            return np.empty((count, 0))
+        rows = {a: len(names) for a, names in self.program.leaves[name].arguments.items()}
+        none = np.zeros(1)
+
+        def behind(array: Array, own: str, count: int, *given: Array) -> Array:
+            width = self.program.rows_of(own)
+            found = self.leaves.values(own, count, width, *given)
+            return np.hstack([array, found[0] if array.ndim == 1 else found])
+
+        if self.program.prepared and rows["p"] > p.shape[-1]:
+            p = behind(p, PREPARED, count if p.ndim == 2 else 1, none, none, none, p)
+        if self.program.shared and rows["q"] > q.shape[-1]:
+            q = behind(q, SHARED, count, t, q, none, p)
+        return self.leaves.values(name, count, width, t, q, x, p)
 
     def varied(self, runs: int, seed: int, first: int = 0) -> Array:
         """The quantities that differ between runs: draws, values, values of the plant.

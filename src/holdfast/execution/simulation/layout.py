@@ -72,8 +72,8 @@ class Layout:
 def _counts(program: ClosedLoopProgram) -> dict[str, int]:
     """How many rows of w each quantity has; leaves write several of these at once."""
     n, m, watched = len(program.states), len(program.inputs), len(program.constraints)
-    seen = n + program.measured + len(program.remembered)
-    parameters = len(program.parameters) + len(program.given) + 1
+    seen = n + program.measured + len(program.remembered) + program.shared
+    parameters = len(program.parameters) + len(program.given) + 1 + program.prepared
     conditions = max(count for count, _ in program.conditions_of_modes)
     stages, modes = len(program.stepper.b), len(program.modes)
     actuation = 2 * program.limited + m

@@ -76,6 +76,9 @@ class _Builder:
     def loop(self) -> Loop:
         text = LoopText()
         with text.function("holdfast_begin") as body:
+            for numbers in ("plant", "gains") if self.program.prepared else ():
+                rows = self.layout.counts[numbers] - self.program.prepared
+                body.call("prepared", p=self.at[numbers], out=self.at[numbers] + rows * WIDTH)
             if self.program.remembered:
                 self._measure(body, late=False)
                 body.call("begin", t=self.at["time"], q=self.at["seen"], p=self.at["gains"],
@@ -118,6 +121,7 @@ class _Builder:
         memory = at["seen"] + (n + program.measured) * WIDTH
         if program.remembered:
             body.copy(at["memory"], memory, len(program.remembered))
+        self._share(body, at["time"], at["seen"])
         self._turn(body)
         self._look(body, at["time"], at["seen"], noted=True)
         self._command(body, at["time"], at["seen"])
@@ -145,6 +149,12 @@ class _Builder:
             body.call("noise", t=at["run"], x=at["seen"], p=at["noise"], out=at["seen"])
         if self.program.measured:
             body.call("felt", t=at["seen_at"], p=at["plant"], out=at["seen"] + n * WIDTH)
+
+    def _share(self, body: Instructions, t: int, seen: int) -> None:
+        """What several leaves need of what the law sees."""
+        if shared := self.program.shared:
+            rows = self.layout.counts["seen"] - shared
+            body.call("shared", t=t, q=seen, p=self.at["gains"], out=seen + rows * WIDTH)
 
     def _turn(self, body: Instructions) -> None:
         """The modes after their guards are tried in order."""
@@ -223,6 +233,7 @@ class _Builder:
             body.copy(q, inner, n)
             if program.measured:
                 body.call("felt", t=t, p=at["plant"], out=inner + n * WIDTH)
+            self._share(body, t, inner)
             self._look(body, t, inner, noted=False)
             self._command(body, t, inner)
         inputs = at["actuation"] + 2 * program.limited * WIDTH
