@@ -1,24 +1,14 @@
 """Laws that solve a program at every sample, or look up a kernel, as C99."""
 
-import ctypes
-
 import numpy as np
 import pytest
-import sympy as sp
 
 import holdfast as hf
-from holdfast.execution.codegen.c_source import export_c
-from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.codegen.scalar_c import scalars_c
 from holdfast.execution.codegen.scalar_functions import scalars
-from holdfast.execution.simulation.closed_loop import ClosedLoop
 from holdfast.execution.simulation.quadratic_program import numbers_of_programs
-from holdfast.execution.simulation.steppers import RK4
-from holdfast.maths.definitions.switching import as_switching
-from holdfast.maths.formations.walls import sight_distance, wall_distance
 from tests.c_code import built, needs_gcc, pointer
-from tests.carts import BOX, WALLS, cart, swinging
-from tests.execution.compiled_law import commands
+from tests.carts import BOX, WALLS, cart
 from tests.execution.simulation.random_programs import (
     FAMILIES,
     MOST_ROWS,
@@ -58,87 +48,9 @@ def test_programs_in_c_have_the_very_answers_of_the_closed_loop(m, tmp_path):
             assert np.array_equal(out, expected, equal_nan=True), (family.__name__, badly_scaled)
 
 
-LAWS = """
-void laws(int count, const double *rows, int width, int mode, const double *p, double *out) {
-    for (int i = 0; i < count; i++) {
-        const double *row = rows + i * width;
-        double *to = out + i * (INPUTS + ACTUATORS + 1), kept[1] = {0.0};
-        to[INPUTS + ACTUATORS] = law__hf_law(row[width - 1], row, kept, mode, p, to);
-        law__hf_limit(to, p, to + INPUTS);
-    }
-}
-"""
-
-
-def kept_off_walls():
-    robot = hf.systems.unicycle()
-    x, y = (hf.symbol(n) for n in ("x", "y"))
-    ends = [sp.Float(v) for v in (-1.5, -1.0, 1.5, -1.0, 1.0, -1.0, 1.0, 1.5)]
-    clear = hf.Inequality("clear", sp.Float(0.3) - wall_distance((x, y), ends), "m")
-    line = sight_distance((x, y), (sp.Float(0.2), sp.Float(0.1)), ends)
-    sight = hf.Inequality("sight", sp.Float(0.1) - line, "m")
-    room = hf.Region("room", robot.states[:2], (clear, sight))
-    return robot, hf.safeguard(robot, hf.laws.steer_unicycle(robot), room)
-
-
-def scenario(name, *changes):
-    loaded = hf.load_scenario(name, list(changes))
-    return loaded.system, loaded.law
-
-
 def kernel(**options):
     system = cart()
     return hf.discriminating_kernel(system, WALLS, hf.grid(system, BOX, 41), horizon=3, **options)
-
-
-def kept_in_kernel():
-    return cart(), hf.safety_law(cart(), kernel(precision="float32"), swinging())
-
-
-def optimal():
-    return cart(), hf.safety_law(cart(), kernel())
-
-
-def at_the_time_left():
-    times = np.linspace(0.0, 1.0, 11)
-    system = cart(push=1.4)  # nothing is kept for ever
-    found = hf.discriminating_kernel(
-        system, WALLS, hf.grid(system, BOX, 41), horizon=1.0, times=times
-    )
-    return system, hf.safety_law(system, found, swinging(), margin=0.01)
-
-
-CASES = {
-    "inspection": lambda: scenario("inspection"),
-    "rescue": lambda: scenario("ch5-rescue"),
-    "walls": kept_off_walls,
-    "kernel": kept_in_kernel,
-    "optimal": optimal,
-    "time left": at_the_time_left,
-}
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_exported_law_has_every_bit_of_the_law_at_a_hundred_thousand_states(name, tmp_path):
-    system, law = CASES[name]()
-    c = built(tmp_path, export_c(system, law, "law_"), "law_", LAWS)
-    program = closed_loop_program(system, law, region=None, goal=None, disturbance={}, stepper=RK4)
-    n, m = len(system.states), len(system.inputs)
-    loop, switching = ClosedLoop(program), as_switching(law)
-    count = 100_000 // len(switching.modes)
-    rows = np.random.default_rng(5).uniform(-2.0, 2.0, (count, n + 1))
-    text = (tmp_path / "law_.c").read_text()
-    used = int(text.split("#define LAW__PARAMETERS ")[1].split()[0])
-    parameters = (ctypes.c_double * used).in_dll(c, "law__parameters")
-    for mode in range(len(switching.modes)):
-        expected = np.zeros((count, m + len(program.actuators or system.inputs) + 1))
-        given, acts = commands(loop, rows[:, n], rows[:, :n], mode)
-        expected[:, :m], expected[:, m:-1], expected[:, -1] = given[:, :m], acts, given[:, m]
-        out = np.zeros_like(expected)
-        c.laws(count, pointer(rows), n + 1, mode, parameters, pointer(out))
-        assert np.isfinite(expected).all()
-        assert (expected[:, -1] >= 0).all()
-        assert np.array_equal(out, expected)
 
 
 ONE_STEP = """

@@ -10,68 +10,9 @@ import holdfast as hf
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.codegen.c_source import export_c
 from holdfast.execution.codegen.c_timing import time_law, timed_rows
-from holdfast.execution.evaluate import Evaluator
-from holdfast.maths.definitions.bounds import LinearImage
-from holdfast.maths.definitions.measurement import by_measurements
-from holdfast.maths.definitions.quantity import TIME, TIME_IN_MODE, merge_parameters
-from holdfast.maths.definitions.switching import as_switching
 from tests.c_code import built, needs_gcc, pointer
 
-HARNESS = """
-void laws(int count, const double *rows, int width, int mode, const double *p, double *out) {
-    for (int i = 0; i < count; i++) {
-        const double *row = rows + i * width;
-        double *to = out + i * (INPUTS + ACTUATORS + 1), kept[1] = {0.0};
-        law__hf_law(row[width - 2], row, kept, mode, p, to);
-        law__hf_limit(to, p, to + INPUTS);
-        to[INPUTS + ACTUATORS] =
-            law__hf_next_mode(row[width - 2], row, kept, mode, row[width - 1], p);
-    }
-}
-"""
 pytestmark = needs_gcc
-
-CASES = [
-    "ch2-integrator", "ch3-unknown-current", "ch4-unicycle", "ch4-chained-4",
-    "ch5-viable-goal-set", "ch5-current", "ch6-moving-leader",
-]  # fmt: skip
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_exported_law_is_the_law_at_a_hundred_thousand_states(name, tmp_path):
-    scenario = hf.load_scenario(name)
-    system, law = scenario.system, scenario.law
-    c = built(tmp_path, export_c(system, law, "law_"), "law_", HARNESS)
-    switching = as_switching(by_measurements(system, law))
-    read = {q.name for q in switching.reads}
-    seen = [q.symbol for q in (*system.states, *(d for d in system.disturbances if d.name in read))]
-    parameters = merge_parameters(system.parameters, switching.parameters)
-    count = 100_000 // len(switching.modes)
-    generator = np.random.default_rng(3)
-    rows = generator.uniform(-2.0, 2.0, (count, len(seen) + 2))
-    values = (ctypes.c_double * len(parameters)).in_dll(c, "law__parameters")
-    bounds = system.input_bounds
-    image = bounds if isinstance(bounds, LinearImage) else None
-    for number, mode in enumerate(switching.modes.values()):
-        command = [mode.outputs[n] for n in system.input_names]
-        asked = image.allocate(command) if image else command
-        limits = image.of if image else bounds
-        actuators = list(limits.saturate(asked)) if limits else list(asked)
-        leaving = [x for x in switching.transitions if switching.modes[x.source] is mode]
-        wanted = [*command, *actuators, *(x.when for x in leaving)]
-        exact = Evaluator(wanted, [*seen, TIME, TIME_IN_MODE], parameters).values(rows)
-        out = np.zeros((count, len(command) + len(actuators) + 1))
-        c.laws(count, pointer(rows), rows.shape[1], number, values, pointer(out))
-        width = len(command) + len(actuators)
-        assert np.abs(out[:, :width] - exact[:, :width]).max() <= 1e-12 * (
-            1 + np.abs(exact[:, :width]).max()
-        )
-        targets = np.full(count, number)
-        for i, x in reversed(list(enumerate(leaving))):
-            holds = exact[:, width + i] >= 0
-            targets[holds] = list(switching.modes).index(x.target)
-        assert np.array_equal(out[:, width], targets)
-
 
 OBSERVED = ["observer={measured = ['x', 'y', 'psi'], bandwidth = 5.0}"]
 
