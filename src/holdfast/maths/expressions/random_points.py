@@ -101,6 +101,31 @@ class Sampler:
         return rank([row for row in found if row is not None])
 
 
+def is_zero(expression: sp.Expr) -> bool:
+    """Whether the expression is zero for all values of its symbols.
+
+    A random point where it is not zero decides at once; else `simplify` does, which takes long.
+    """
+    if expression.is_Number:
+        return bool(expression == 0)
+    sampler = Sampler({}, [expression])
+    if sampler.nonzero(expression, sampler.point(expression.free_symbols)):
+        return False
+    return sp.simplify(expression) == 0
+
+
+def full_rank(matrix: sp.Matrix) -> bool:
+    """Whether the rows of a matrix are independent for some values of its symbols.
+
+    A random point where they are decides at once; else SymPy does, which takes longer.
+    """
+    sampler = Sampler({}, matrix)
+    rows = [list(matrix.row(i)) for i in range(matrix.rows)]
+    if sampler.rank(rows, sampler.point(matrix.free_symbols)) == matrix.rows:
+        return True
+    return bool(matrix.rank() == matrix.rows)
+
+
 Bounded = tuple[mpmath.mpf, mpmath.mpf]
 """A value and a bound of its error."""
 
