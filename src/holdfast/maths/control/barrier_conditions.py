@@ -19,7 +19,7 @@ from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import greatest, least, magnitude, select, sgn
 from holdfast.maths.expressions.random_points import is_zero
-from holdfast.maths.expressions.traversal import exchanged
+from holdfast.maths.expressions.traversal import derivatives, exchanged
 
 MOST_PIECES = 64
 
@@ -104,11 +104,13 @@ def _condition(system: System, name: str, value: sp.Expr) -> ViabilityCondition:
     disturbances = [q.symbol for q in system.disturbances]
     still = dict.fromkeys(inputs, sp.S.Zero)
     rate = system.derivative(value)
-    at_once = [not is_zero(rate.diff(u)) for u in inputs]
+    slopes = derivatives(rate, inputs)
+    at_once = [not is_zero(slopes[u]) for u in inputs]
     degree, driven = 1, rate
     if not any(at_once):
         degree, driven = 2, system.derivative(rate)
-    effect = tuple(driven.diff(u) for u in inputs)
+        slopes = derivatives(driven, inputs)
+    effect = tuple(slopes[u] for u in inputs)
     later = [degree == 2 and not is_zero(e) for e in effect]
     if degree == 2 and not any(later):
         raise DefinitionError(
@@ -121,7 +123,7 @@ def _condition(system: System, name: str, value: sp.Expr) -> ViabilityCondition:
             f"the inputs of system '{system.name}' do not appear affinely in the rate of '{name}'"
         )
     undriven, drift = exchanged([rate, driven], still)
-    carried = tuple(drift.diff(d) for d in disturbances)
+    carried = tuple(derivatives(drift, disturbances).values())
     mixed = [*effect, *carried, *((rate,) if degree == 2 else ())]
     affine = not any(e.free_symbols & set(disturbances) for e in mixed)
     by_input = tuple(1 if a else 2 * b for a, b in zip(at_once, later, strict=True))

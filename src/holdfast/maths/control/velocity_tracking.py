@@ -101,7 +101,7 @@ def track_velocity(
     driven = [wanted[n] - rates[n].xreplace(zero) for n in velocities]
     inverse = effect.inv()
     solved = [
-        sp.Add(*(a * b for a, b in zip(inverse.row(i), driven, strict=True)))
+        sp.Add(*(a * b for a, b in zip(inverse.row(i), driven, strict=True) if a != 0))
         for i in range(inverse.rows)
     ]
     return Law(

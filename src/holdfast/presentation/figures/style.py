@@ -81,7 +81,10 @@ def write(figure: Figure, folder: Path, name: str) -> list[Path]:
             if engine is not None:  # one layout for both formats
                 engine.execute(figure)
             if equal:
-                figure.draw_without_rendering()  # equal axes have moved their labels in between
+                for axis in figure.axes:
+                    axis.apply_aspect()
+                if engine is not None:
+                    engine.execute(figure)  # equal axes have moved their labels in between
             figure.set_layout_engine(None)  # each format would be laid out, and drawn, once more
             everything = None
             if equal:
