@@ -6,6 +6,7 @@ import sympy as sp
 from holdfast.maths.definitions.quantity import symbol
 from holdfast.maths.expressions.functions import select
 from holdfast.maths.expressions.random_points import full_rank, is_zero
+from holdfast.maths.formations.walls import nearest_on_walls
 
 X, Y = symbol("x"), symbol("y")
 
@@ -21,6 +22,8 @@ X, Y = symbol("x"), symbol("y")
         (sp.sin(X) ** 2 + sp.cos(X) ** 2 - 1, True),
         ((X + Y) ** 2 - X**2 - 2 * X * Y - Y**2, True),
         (select(X - 100, Y, sp.S.Zero), False),
+        (nearest_on_walls(0, X, Y, -1, 0, 1, 0), False),
+        (nearest_on_walls(0, X, Y, -1, 0, 1, 0) * (sp.sin(X) ** 2 + sp.cos(X) ** 2 - 1), True),
         (sp.sqrt(X - 5) - sp.sqrt(X - 5) * (sp.sin(Y) ** 2 + sp.cos(Y) ** 2), True),
     ],
 )

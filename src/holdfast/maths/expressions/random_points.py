@@ -177,6 +177,8 @@ def _applied(e: sp.Basic, parts: Sequence[Bounded], at: Mapping[sp.Symbol, sp.Ex
     f = e.func(*arguments)
     here = {a: sp.Float(v, _DIGITS) for a, (v, _) in zip(arguments, parts, strict=True)}
     value = value_at(e.func(*(here[a] for a in arguments)), {})
+    if not mpmath.isfinite(value):
+        return _NONE
     size = abs(value)
     for argument, part, (_, s) in zip(arguments, e.args, parts, strict=True):
         if s != 0 and not part.is_number:
@@ -190,6 +192,10 @@ def value_at(expression: sp.Expr, at: Mapping[sp.Symbol, sp.Expr]) -> mpmath.mpf
     if not number.is_number or number.has(sp.nan, sp.zoo, sp.oo, -sp.oo):
         return mpmath.mpf("nan")
     real, imaginary = number.as_real_imag()
+    if not (
+        real.is_Number and imaginary.is_Number
+    ):  # a function that is known to the compiler only
+        return mpmath.mpf("nan")
     if abs(imaginary) > 1e-30 * (1 + abs(real)):
         return mpmath.mpf("nan")
     with mpmath.workdps(_DIGITS):
