@@ -78,6 +78,21 @@ def test_importing_the_package_is_light():
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
 
 
+def test_run_loads_what_it_uses(tmp_path):
+    code = (
+        "import sys\n"
+        "from holdfast.__main__ import main\n"
+        "sys.argv = ['holdfast', 'run', 'ch2-unicycle', '--runs=2', '--no-figures', '--out', "
+        f"{str(tmp_path)!r}]\n"
+        "try:\n    main()\n"
+        "except SystemExit as ended:\n    assert not ended.code\n"
+        "spared = {'xarray', 'pandas', 'scipy', 'matplotlib', 'numba', 'pint', 'shapely'}\n"
+        "sys.exit(' '.join(spared & set(sys.modules)) or 0)"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert found.returncode == 0, found.stderr
+
+
 def test_every_public_name_exists():
     import holdfast
 

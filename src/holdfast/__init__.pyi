@@ -5,6 +5,7 @@ from .analysis.boundary.boundary import Boundary as Boundary
 from .analysis.boundary.boundary import contingent_cone as contingent_cone
 from .analysis.boundary.boundary import regulation_map as regulation_map
 from .analysis.boundary.viability_check import check_viability as check_viability
+from .analysis.load import load as load
 from .analysis.reachability.bisection import Margin as Margin
 from .analysis.reachability.grid import Grid as Grid
 from .analysis.reachability.grid import grid as grid
@@ -26,7 +27,6 @@ from .analysis.safety.visibility_gains import GainWindow as GainWindow
 from .analysis.safety.visibility_gains import visibility_gains as visibility_gains
 from .analysis.simulation.law_comparison import Comparison as Comparison
 from .analysis.simulation.result import Result as Result
-from .analysis.simulation.result import load as load
 from .analysis.simulation.simulate import simulate as simulate
 from .analysis.simulation.starts import Starts as Starts
 from .analysis.simulation.station_statistics import station_statistics as station_statistics

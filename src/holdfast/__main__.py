@@ -1,5 +1,6 @@
 """Entry point of `python -m holdfast` and of the command `holdfast`."""
 
+import gc
 import os
 import signal
 from typing import NoReturn
@@ -7,6 +8,7 @@ from typing import NoReturn
 
 def main() -> NoReturn:
     """Run the command line and exit; an interruption also ends it during the imports."""
+    gc.set_threshold(50_000)  # expressions live to the end: they were visited again and again
     try:
         from holdfast.host.interruption import listening
 

@@ -64,9 +64,9 @@ def write(dataset, path):
         partial.write_text("half")
         print("writing", flush=True)
         {where}
-files.write_netcdf = write
+files.write_arrays = write
 import holdfast.analysis.simulation.result
-holdfast.analysis.simulation.result.write_netcdf = write
+holdfast.analysis.simulation.result.write_arrays = write
 from holdfast.__main__ import main
 sys.argv[1:] = ["run", "ch2-unicycle", "--no-figures", "--out", sys.argv[1]]
 main()

@@ -81,7 +81,7 @@ def _timed(scenario: Scenario, text: str) -> str:
     try:
         with bar("runs to time it") as tell:
             result = scenario.run(lambda f: tell("runs to time it", f), range(runs))
-        times, states = (result.dataset[n].values for n in ("time", "state"))
+        times, states = (result.arrays[n].values for n in ("time", "state"))
         found = time_law(text, scenario.name, times, states, scenario.settings["sample_time"])
     except HoldfastError as error:
         return f"  not timed: {error}"

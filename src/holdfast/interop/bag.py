@@ -35,7 +35,7 @@ def write_bag(
     Raises `OutputError` for a folder that exists or cannot be written, and for states that the
     result does not have.
     """
-    data, folder = result.dataset, Path(path)
+    data, folder = result.arrays, Path(path)
     names = [str(n) for n in data["state_name"].values]
     for name in pose:
         if name not in names:
@@ -57,7 +57,7 @@ def _write_run(
     writer: Any, store: Any, result: Result, run: int, names: list[str], how: tuple[Any, Any, str]
 ) -> None:
     pose, twist, frame = how
-    data = result.dataset
+    data = result.arrays
     types = store.types
     moving = writer.add_connection(f"/run_{run}/odometry", "nav_msgs/msg/Odometry", typestore=store)
     acting = writer.add_connection(f"/run_{run}/mode", "std_msgs/msg/Int32", typestore=store)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
+from holdfast.analysis.load import load
 from holdfast.analysis.reachability.value_function import ValueFunction
-from holdfast.analysis.simulation.result import load
-from holdfast.errors import OutputError, ScenarioError, suggestion
+from holdfast.errors import OutputError, ScenarioError
 from holdfast.execution.compile import cache_directory
 from holdfast.execution.evaluate import Evaluator
 from holdfast.execution.resources import Progress
@@ -99,31 +99,6 @@ def named_kernel(
     posed = json.dumps(decisive, sort_keys=True, default=str)
     digest = hashlib.sha256(f"{code_digest()}{posed}".encode()).hexdigest()[:24]
     return NamedKernel(name, scenario, digest)
-
-
-def check_kernels(file: str, data: Mapping[str, Any]) -> None:
-    """Refuse [kernels] of a name that no key `kernel` of the file uses: it would have no effect."""
-    known = set(_named(data))
-    for name in _altered(data):
-        if name not in known:
-            raise ScenarioError(
-                f"{file}: kernels.{name}: no [safety] or [compare] names this kernel",
-                remedy=suggestion(name, known),
-            )
-
-
-def _named(data: Mapping[str, Any]) -> Iterator[str]:
-    for key, value in data.items():
-        if isinstance(value, Mapping):
-            yield from _named(value)
-        elif key == "kernel" and isinstance(value, str):
-            yield value
-
-
-def _altered(data: Mapping[str, Any]) -> Iterator[str]:
-    for key, value in data.items():
-        if isinstance(value, Mapping):
-            yield from (value if key == "kernels" else _altered(value))
 
 
 def check_implies(

@@ -70,10 +70,9 @@ class Safety:
         return track_velocity(system, velocities, self.tracking)
 
 
-def composed_safety(file: str, spec: ScenarioSpec, system: System) -> Safety | None:
+def composed_safety(file: str, spec: ScenarioSpec, system: System) -> Safety:
     """[safety], with the kernel of this vehicle; `ScenarioError` for incompatible tables."""
-    if spec.safety is None:
-        return None
+    assert spec.safety is not None
     for other in ("safeguard", "observer"):
         if getattr(spec, other) is not None:
             raise ScenarioError(

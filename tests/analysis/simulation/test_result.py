@@ -14,7 +14,7 @@ import pytest
 import xarray as xr
 
 import holdfast as hf
-from holdfast.analysis.simulation.files import atomic_file
+from holdfast.analysis.simulation.files import atomic_file, write_arrays, write_netcdf
 from holdfast.errors import OutputError
 from holdfast.presentation.text.runs import summary_text
 
@@ -49,6 +49,44 @@ def test_file_holds_the_promised_variables_with_these_axes(saved):
         assert '"k1": 0.16' in data.attrs["parameters"]
         assert data.attrs["holdfast_version"] == hf.__version__
         assert 'name = "steer_marine"' in data.attrs["scenario_text"]
+
+
+def stored(path):
+    """Everything in a file: axes, attributes with their types, filters, bytes."""
+
+    def said(of):
+        return [(n, np.asarray(of.getncattr(n)).dtype, of.getncattr(n)) for n in of.ncattrs()]
+
+    with netCDF4.Dataset(path) as file:
+        file.set_auto_maskandscale(False)
+        file.set_auto_chartostring(False)
+        variables = [
+            (n, v.dimensions, v.dtype, v.filters(), v.chunking(), said(v), v[...].tobytes())
+            for n, v in file.variables.items()
+        ]
+        axes = [(n, len(d), d.isunlimited()) for n, d in file.dimensions.items()]
+        return repr((axes, said(file), variables))
+
+
+@pytest.mark.parametrize("name", ["ch5-viable-goal-set", "inspection", "ch2-integrator"])
+def test_file_is_the_one_that_xarray_writes(name, tmp_path):
+    """With a safeguard and without, and with axes without entries."""
+    result = hf.load_scenario(name, ["run.horizon=2"], runs=4).run()
+    ours = write_arrays(result.arrays, tmp_path / "ours.nc")
+    theirs = write_netcdf(result.dataset, tmp_path / "theirs.nc")
+    assert stored(ours) == stored(theirs)
+
+
+def test_dataset_and_arrays_of_a_result_are_the_same_numbers(tmp_path):
+    result = hf.load_scenario("ch2-unicycle", ["run.horizon=1"], runs=2).run()
+    before = result.arrays
+    assert result.dataset["state"].values is before["state"].values
+    result.dataset.attrs["remark"] = "mine"
+    result.dataset["mine"] = ("run", [1.0, 2.0])
+    assert result.arrays.attrs["remark"] == "mine"
+    with xr.open_dataset(result.save(tmp_path / "result.nc")) as data:
+        assert data.attrs["remark"] == "mine"
+        assert list(data["mine"].values) == [1.0, 2.0]
 
 
 def test_xarray_alone_selects_by_name_in_every_file(saved, tmp_path):

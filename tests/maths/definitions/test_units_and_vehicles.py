@@ -1,11 +1,12 @@
 """Numbers with units, and vehicle files with a source for every number."""
 
+import pint
 import pytest
 
 from holdfast.errors import HoldfastError, ScenarioError
 from holdfast.maths.catalogue.systems.marine_vehicle import PARAMETERS
 from holdfast.maths.catalogue.vehicles import vehicle_of
-from holdfast.maths.definitions.units import UnitError, check_unit, to_si
+from holdfast.maths.definitions.units import _FACTORS, UnitError, check_unit, in_base_units, to_si
 from holdfast.maths.definitions.vehicle_file import vehicle_for, vehicle_names
 
 
@@ -44,6 +45,15 @@ def test_wrong_units_and_non_numbers_are_refused(value, unit, complaint):
     with pytest.raises(UnitError) as caught:
         to_si(value, unit)
     assert complaint in str(caught.value)
+
+
+@pytest.mark.parametrize("given", _FACTORS)
+def test_common_units_are_those_of_the_unit_library(given):
+    registry, unit = pint.UnitRegistry(), _FACTORS[given][0]
+    for number in (0.0, 1.0, -3.0, 0.1, 17.3, 1e-7, 12345.678):
+        same = registry.Quantity(number, given)
+        assert to_si(f"{number!r} {given}", unit) == same.to(unit).magnitude
+        assert in_base_units(f"{number!r} {given}") == same.to_base_units().magnitude
 
 
 def test_a_unit_that_is_none_is_refused():

@@ -246,7 +246,7 @@ class _Attack:
         return self._judged(result)
 
     def _judged(self, result: Result) -> _Runs:
-        data = result.dataset
+        data = result.arrays
         outcome = data["outcome"].values
         left = np.nan_to_num(data["exit_time"].values, nan=np.inf)
         off = np.nan_to_num(data["off_grid_time"].values, nan=np.inf)

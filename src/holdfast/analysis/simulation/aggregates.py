@@ -73,7 +73,7 @@ def from_table(table: Mapping[str, list[Any]]) -> dict[str, Entry]:
 
 def tally_of(result: Result) -> dict[str, Entry]:
     """The aggregates of the runs of a result."""
-    data = result.dataset
+    data = result.arrays
     runs = int(data.sizes["run"])
     found = {"runs": Entry("sum", runs, meaning="runs")}
     for label, count in result.outcomes.items():

@@ -1,4 +1,4 @@
-"""Trajectories as an xarray dataset with names, units and meanings."""
+"""Trajectories as arrays with names, units and meanings."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
+from holdfast.analysis.simulation.named_arrays import NamedArray, NamedArrays
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
 from holdfast.execution.simulation.outcomes import Outcome, SafeguardAnswer
@@ -18,18 +18,16 @@ if TYPE_CHECKING:
     from holdfast.maths.definitions.quantity import Quantity
 
 NO_CONSTRAINT = -1
-NAMED_AXES = ("state", "input", "actuator", "signal", "constraint", "varied")
-"""Each is an axis NAME_name, whose coordinate of the same name describes every column."""
 
 
-def to_dataset(
+def described(
     program: ClosedLoopProgram,
     trajectories: Trajectories,
     settings: Settings,
     attributes: Mapping[str, Any],
     limits: Mapping[str, tuple[Array, Array]] | None = None,
-) -> xr.Dataset:
-    """The dataset of a batch of runs: the arrays with names, units and meanings.
+) -> NamedArrays:
+    """The arrays of a batch of runs with their names, units and meanings.
 
     limits: of "input" and "actuator" the least and the largest value of every column, or of every
     column in every run.
@@ -140,9 +138,9 @@ def to_dataset(
         for side, word, values in zip(("low", "high"), ("least", "largest"), ends, strict=True):
             dims = ("run", f"{axis}_name")[-values.ndim :]
             variables[f"{axis}_{side}"] = (dims, values, {"long_name": f"{word} {axis} admitted"})
-    coordinates = {
+    coordinates: dict[str, Any] = {
         "time": ("time", s.time, {"units": "s", "long_name": "time"}),
-        "run": np.arange(len(s.outcome), dtype=np.int32),
+        "run": ("run", np.arange(len(s.outcome), dtype=np.int32)),
         "state_name": ("state_name", _labels([q.name for q in program.states])),
         "input_name": ("input_name", _labels([q.name for q in program.inputs])),
         "actuator_name": ("actuator_name", _labels(program.actuators)),
@@ -169,7 +167,16 @@ def to_dataset(
         "safeguarded": int(program.safeguarded),
         "seed": settings.seed if settings.seed < 2**63 else str(settings.seed),
     }
-    return xr.Dataset(variables, coordinates, {**fixed, **attributes})
+    everything = {name: _named(*given) for name, given in {**variables, **coordinates}.items()}
+    return NamedArrays(everything, tuple(coordinates), {**fixed, **attributes})
+
+
+def _named(
+    dims: str | tuple[str, ...],
+    values: np.ndarray[Any, Any],
+    attributes: Mapping[str, Any] | None = None,
+) -> NamedArray:
+    return NamedArray((dims,) if isinstance(dims, str) else dims, values, attributes or {})
 
 
 def _flags(
@@ -226,22 +233,6 @@ def _safeguard(program: ClosedLoopProgram, s: Trajectories) -> dict[str, Any]:
 
 def _columns(quantities: Sequence[Quantity]) -> tuple[list[str], list[str]]:
     return [q.name for q in quantities], [q.unit for q in quantities]
-
-
-def from_format_1(dataset: xr.Dataset) -> xr.Dataset:
-    """The dataset of a file of format 1, with the present names.
-
-    There a variable `state` lay along an axis `state`: xarray treats it as a coordinate, and does
-    not select along it by name. `slack` was the largest of every run.
-    """
-    names = {axis: f"{axis}_name" for axis in NAMED_AXES if f"{axis}_name" in dataset}
-    parts: list[dict[str, xr.Variable]] = [{}, {}]
-    for name, variable in dataset.variables.items():
-        dims = [names.get(str(d), d) for d in variable.dims]
-        part = parts[name in dataset.coords and name not in NAMED_AXES]
-        part[str(name)] = xr.Variable(dims, variable.values, variable.attrs, variable.encoding)
-    found = xr.Dataset(parts[0], parts[1], dataset.attrs)
-    return found.rename(slack="largest_slack") if "slack" in found else found
 
 
 def _labels(names: Any) -> np.ndarray[Any, Any]:

@@ -69,11 +69,12 @@ class Trial:
 
 def trial(law: str, case: str, result: Result, plane: tuple[str, str] | None) -> Trial:
     """The part of a result that a comparison needs, without the trajectories."""
-    data, summary = result.dataset, result.summary()
+    data, summary = result.arrays, result.summary()
     outcome = data["outcome"].values
     length = np.full(len(outcome), np.nan)
     if plane is not None:
-        steps = [np.diff(data["state"].sel(state_name=n).values, axis=1) for n in plane]
+        names = [str(n) for n in data["state_name"].values]
+        steps = [np.diff(data["state"].values[:, :, names.index(n)], axis=1) for n in plane]
         length = np.hypot(*steps).sum(axis=1)
     viable = np.isin(
         outcome, (Outcome.STAYED, Outcome.REACHED, Outcome.CHATTERED, Outcome.OFF_GRID)

@@ -1,38 +1,26 @@
-"""The result of a simulation: an xarray dataset with names, units and outcomes."""
+"""The result of a simulation: arrays with names, units and outcomes."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
+import numpy.typing as npt
 
-from holdfast._version import __version__
-from holdfast.analysis.reachability.value_function import ValueFunction, value_function
-from holdfast.analysis.simulation.dataset import from_format_1
-from holdfast.analysis.simulation.files import FORMAT, MARK, read_netcdf, write_netcdf
-from holdfast.analysis.simulation.sweep_table import Campaign
+from holdfast.analysis.simulation.files import write_arrays, write_netcdf
+from holdfast.analysis.simulation.named_arrays import NamedArrays
 from holdfast.arguments import checked
-from holdfast.errors import HoldfastError, OutputError
 from holdfast.execution.simulation.outcomes import Outcome
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from holdfast.maths.definitions.scene import Shape
 
 
-NEEDED = (
-    "time", "state", "input", "actuator", "mode", "constraint", "outcome", "exit_time", "goal_time",
-    "worst_constraint", "peak_input", "peak_actuator", "switches", "infeasible",
-    "largest_slack", "state_name", "state_unit", "state_is_angle", "input_name", "constraint_name",
-)  # fmt: skip
-"""Variables that a result file must have."""
-
-
-@dataclass(frozen=True)
 class Result:
     """Trajectories as `dataset`, the shapes to draw, and the reference state for errors.
 
@@ -40,15 +28,35 @@ class Result:
     `reference` maps states to the desired final values; may be empty.
     """
 
-    dataset: xr.Dataset
-    scene: tuple[Shape, ...] = ()
-    parameters: Mapping[str, float] | None = None
-    reference: Mapping[str, float] | None = None
+    def __init__(
+        self,
+        dataset: xr.Dataset | NamedArrays,
+        scene: tuple[Shape, ...] = (),
+        parameters: Mapping[str, float] | None = None,
+        reference: Mapping[str, float] | None = None,
+    ) -> None:
+        self._kept = dataset
+        self.scene = scene
+        self.parameters = parameters
+        self.reference = reference
+
+    @property
+    def dataset(self) -> xr.Dataset:
+        """The trajectories as an xarray dataset, made when it is first asked for."""
+        if isinstance(self._kept, NamedArrays):
+            self._kept = self._kept.dataset()
+        return self._kept
+
+    @property
+    def arrays(self) -> NamedArrays:
+        """The same trajectories as plain arrays, which need no xarray."""
+        kept = self._kept
+        return kept if isinstance(kept, NamedArrays) else NamedArrays.of(kept)
 
     @property
     def outcomes(self) -> dict[str, int]:
         """The number of runs with each outcome, by its label."""
-        counts = np.bincount(self.dataset["outcome"].values, minlength=len(Outcome))
+        counts = np.bincount(self.arrays["outcome"].values, minlength=len(Outcome))
         return {
             o.label: int(counts[o])
             for o in (
@@ -64,22 +72,21 @@ class Result:
     @property
     def viable(self) -> int:
         """The number of runs that never left the region."""
-        values = self.dataset["outcome"].values
+        values = self.arrays["outcome"].values
         kept = (Outcome.STAYED, Outcome.REACHED, Outcome.CHATTERED, Outcome.OFF_GRID)
         return int(np.isin(values, kept).sum())
 
     @property
     def success_fraction(self) -> float | None:
         """The share of runs that reached the goal without leaving the region; None: no goal."""
-        runs = int(self.dataset.sizes["run"])
-        if not self.dataset.attrs.get("goal") or not runs:
+        runs = int(self.arrays.sizes["run"])
+        if not self.arrays.attrs.get("goal") or not runs:
             return None
         return self.outcomes[Outcome.REACHED.label] / runs
 
     def summary(self) -> dict[str, Any]:
         """The statistics of summary.json; NaN appears as None."""
-        data = self.dataset
-        worst = data["worst_constraint"].max("run") if data.sizes["run"] else None
+        data = self.arrays
         return {
             "scenario": data.attrs.get("scenario", ""),
             "kind": data.attrs.get("kind", "closed-loop"),
@@ -89,20 +96,20 @@ class Result:
             "viable": self.viable,
             "outcomes": self.outcomes,
             "success_fraction": self.success_fraction,
-            "worst_constraint": _by_name(worst) if worst is not None else {},
+            "worst_constraint": _largest(data, "worst_constraint") if data.sizes["run"] else {},
             "in_goal_since": self._goal_times(),
             "switching": self._switching(),
             "safeguard": self._safeguard(),
             "vertices": self._vertices(),
             "final_error": self._final_error(),
-            "peak_input": _by_name(data["peak_input"].max("run")),
-            "peak_actuator": _by_name(data["peak_actuator"].max("run")),
+            "peak_input": _largest(data, "peak_input"),
+            "peak_actuator": _largest(data, "peak_actuator"),
             "wall_time_s": round(float(data.attrs["wall_time_s"]), 3),
         }
 
     def _goal_times(self) -> dict[str, float | None]:
         """Settling times [s]: when the runs that end in the goal entered it for the last time."""
-        since = self.dataset["goal_time"].values
+        since = self.arrays["goal_time"].values
         since = since[np.isfinite(since)]
         return {
             "median": float(np.median(since)) if since.size else None,
@@ -111,7 +118,7 @@ class Result:
 
     def _switching(self) -> dict[str, float | None]:
         """Changes of mode a minute and the shortest time in one mode [s]; {} for one mode."""
-        data = self.dataset
+        data = self.arrays
         modes = str(data["mode"].attrs["flag_meanings"]).split()
         if len(modes) < 2 or not data.sizes["run"] or "shortest_dwell" not in data:
             return {}  # one mode, or a result of an older version
@@ -127,7 +134,7 @@ class Result:
         """Counts of samples and runs in which the safety filter changed the command, and in which
         it found no admissible input; {} without a safety filter.
         """
-        data = self.dataset
+        data = self.arrays
         if not data.attrs.get("safeguarded", 0):
             return {}
         overruled = {}
@@ -146,7 +153,7 @@ class Result:
 
     def _vertices(self) -> list[dict[str, Any]]:
         """The outcomes at each vertex of the varied parameters; [] without vertices."""
-        data = self.dataset
+        data = self.arrays
         names = json.loads(data.attrs.get("vertices", "[]"))
         if not names:
             return []
@@ -165,7 +172,7 @@ class Result:
                     "reached": int((outcome[mine] == Outcome.REACHED).sum()),
                     "runs_relaxed": int((infeasible[mine] > 0).sum()),
                     "samples_relaxed": int(infeasible[mine].sum()),
-                    "worst_constraint": _by_name(data["worst_constraint"][mine].max("run")),
+                    "worst_constraint": _largest(data, "worst_constraint", mine),
                 }
             )
         return found
@@ -173,9 +180,11 @@ class Result:
     def final_errors(self) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
         """The final error of every run from the reference, by state (run); NaN if it diverged."""
         errors = {}
+        names = [str(n) for n in self.arrays["state_name"].values]
         for name, value in (self.reference or {}).items():
-            final = self.dataset["state"].sel(state_name=name).isel(time=-1).values - value
-            if bool(self.dataset["state_is_angle"].sel(state_name=name)):
+            column = names.index(name)
+            final = self.arrays["state"].values[:, -1, column] - value
+            if self.arrays["state_is_angle"].values[column]:
                 final = (final + np.pi) % (2 * np.pi) - np.pi
             errors[name] = np.abs(final)
         return errors
@@ -197,54 +206,18 @@ class Result:
 
         Raises `OutputError` when the folder cannot be written.
         """
-        return write_netcdf(self.dataset, path)
+        kept = self._kept
+        if isinstance(kept, NamedArrays):
+            return write_arrays(kept, path)
+        return write_netcdf(kept, path)
 
 
-def _by_name(values: xr.DataArray) -> dict[str, float | None]:
-    (dimension,) = values.dims
-    return {
-        str(name): float(value) if np.isfinite(value) else None
-        for name, value in zip(values[dimension].values, values.values, strict=True)
-    }
-
-
-@checked
-def load(path: str | Path) -> Result | ValueFunction | Campaign:
-    """A saved result, without the shapes to draw; a saved value function, or table of a sweep.
-
-    Files of older formats are read too. Raises `OutputError` if the file is damaged, is not one of
-    from holdfast, has a newer format than this version knows, or lacks variables.
-    """
-    try:
-        dataset = read_netcdf(path)
-    except HoldfastError as error:
-        raise OutputError(error.cause, expected=error.expected, remedy=error.remedy) from None
-    except Exception as error:  # damaged files make the readers raise anything
-        raise OutputError(f"{path} cannot be read as NetCDF ({error})") from None
-    if MARK not in dataset.attrs:
-        raise OutputError(f"{path} was not written by holdfast")
-    version = dataset.attrs.pop("format_version", 1)
-    if not (isinstance(version, np.integer | int) and 1 <= version <= FORMAT):
-        raise OutputError(
-            f"{path} has the format {version}, this holdfast {__version__} reads 1 to {FORMAT}",
-            remedy=f"read it with holdfast {dataset.attrs['holdfast_version']} or later",
-        )
-    try:
-        return _loaded(dataset if version == FORMAT else from_format_1(dataset))
-    except (KeyError, ValueError, TypeError) as error:
-        raise OutputError(
-            f"{path}, written by holdfast {dataset.attrs['holdfast_version']}, lacks what holdfast "
-            f"{__version__} needs, or is damaged ({error})",
-            remedy="read the rest with xarray.open_dataset, or compute it again",
-        ) from None
-
-
-def _loaded(dataset: xr.Dataset) -> Result | ValueFunction | Campaign:
-    if "value" in dataset:
-        return value_function(dataset)
-    if "over" in dataset.attrs:
-        return Campaign(dataset)
-    for name in NEEDED:
-        dataset[name]
-    parameters, reference = (json.loads(dataset.attrs[n]) for n in ("parameters", "reference"))
-    return Result(dataset, parameters=parameters, reference=reference)
+def _largest(
+    data: NamedArrays, name: str, runs: npt.NDArray[np.bool_] | None = None
+) -> dict[str, float | None]:
+    """The largest value over the runs, by the name of its column; None if there is none."""
+    variable = data[name]
+    values = variable.values if runs is None else variable.values[runs]
+    names = data[variable.dims[1]].values
+    worst = np.fmax.reduce(values, axis=0)
+    return {str(n): float(v) if np.isfinite(v) else None for n, v in zip(names, worst, strict=True)}

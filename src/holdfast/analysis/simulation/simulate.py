@@ -11,7 +11,7 @@ import numpy as np
 import sympy as sp
 
 from holdfast._version import __version__
-from holdfast.analysis.simulation.dataset import to_dataset
+from holdfast.analysis.simulation.dataset import described
 from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.starts import Starts, initial_states
 from holdfast.arguments import checked
@@ -139,7 +139,7 @@ def simulate(
     )
     scene = (*(region.scene if region else ()), *(goal.scene if goal else ()))
     return Result(
-        dataset=to_dataset(
+        described(
             program,
             trajectories,
             chosen,

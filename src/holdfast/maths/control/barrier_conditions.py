@@ -18,6 +18,8 @@ from holdfast.maths.control.outward_rates import check_reads
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import greatest, least, magnitude, select, sgn
+from holdfast.maths.expressions.random_points import is_zero
+from holdfast.maths.expressions.traversal import derivatives, exchanged
 
 MOST_PIECES = 64
 
@@ -100,14 +102,17 @@ def _branches(
 def _condition(system: System, name: str, value: sp.Expr) -> ViabilityCondition:
     inputs = [q.symbol for q in system.inputs]
     disturbances = [q.symbol for q in system.disturbances]
-    still = dict.fromkeys(inputs, 0)
+    still = dict.fromkeys(inputs, sp.S.Zero)
     rate = system.derivative(value)
-    first = [sp.simplify(rate.diff(u)) for u in inputs]
+    slopes = derivatives(rate, inputs)
+    at_once = [not is_zero(slopes[u]) for u in inputs]
     degree, driven = 1, rate
-    if all(e == 0 for e in first):
+    if not any(at_once):
         degree, driven = 2, system.derivative(rate)
-    effect = tuple(driven.diff(u) for u in inputs)
-    if degree == 2 and all(sp.simplify(e) == 0 for e in effect):
+        slopes = derivatives(driven, inputs)
+    effect = tuple(slopes[u] for u in inputs)
+    later = [degree == 2 and not is_zero(e) for e in effect]
+    if degree == 2 and not any(later):
         raise DefinitionError(
             f"no input of system '{system.name}' is in the first two derivatives of "
             f"'{name}': its relative degree is above 2",
@@ -117,19 +122,16 @@ def _condition(system: System, name: str, value: sp.Expr) -> ViabilityCondition:
         raise DefinitionError(
             f"the inputs of system '{system.name}' do not appear affinely in the rate of '{name}'"
         )
-    drift = driven.subs(still)
-    carried = tuple(drift.diff(d) for d in disturbances)
+    undriven, drift = exchanged([rate, driven], still)
+    carried = tuple(derivatives(drift, disturbances).values())
     mixed = [*effect, *carried, *((rate,) if degree == 2 else ())]
     affine = not any(e.free_symbols & set(disturbances) for e in mixed)
-    by_input = tuple(
-        1 if a != 0 else (2 if degree == 2 and sp.simplify(b) != 0 else 0)
-        for a, b in zip(first, effect, strict=True)
-    )
+    by_input = tuple(1 if a else 2 * b for a, b in zip(at_once, later, strict=True))
     return ViabilityCondition(
         name=name,
         value=value,
         gradient=tuple(value.diff(q.symbol) for q in system.states),
-        rate=rate.subs(still),
+        rate=undriven,
         effect=effect,
         carried=carried,
         drift=drift,

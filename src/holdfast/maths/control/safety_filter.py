@@ -31,6 +31,7 @@ from holdfast.maths.definitions.quantity import Parameter, symbol
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching, check_outputs
 from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.traversal import exchanged
 
 L = TypeVar("L", bound=Law | Switching)
 Row = tuple[tuple[sp.Expr, ...], sp.Expr]
@@ -96,7 +97,7 @@ def safeguard(
     )
     bounds = input_rows(system)
     kept = viability_conditions(system, region)
-    conditions = [_condition(c, c.name in given) for c in kept]
+    rows = [*bounds, *(_condition(c, c.name in given) for c in kept)]
     own = {c.name: c.unit for c in region.inequalities}
     units = tuple(over_time(own[c.name], c.relative_degree) for c in kept)
     chosen = input_scales(system, _table("scales", scales))
@@ -107,17 +108,15 @@ def safeguard(
         reads = {q.name: q for q in (*law.reads, *system.states, *told)}
         law = replace(law, reads=tuple(reads.values()))
         still = {} if measured else believed_disturbances(system, law)
-        rows = [
-            (tuple(e.subs(still, simultaneous=True) for e in n), b.subs(still, simultaneous=True))
-            for n, b in (*bounds, *conditions)
-        ]
+        numbers = exchanged((e for n, b in rows for e in (*n, b)), still)
+        columns = [tuple(numbers[i :: len(names) + 1]) for i in range(len(names) + 1)]
         return replace(
             law,
             name=f"{law.name}, safeguarded",
             parameters=(*law.parameters, *system.parameters, *region.parameters, *parameters),
             safeguard=Safeguard(
-                normals={name: tuple(n[i] for n, _ in rows) for i, name in enumerate(names)},
-                offsets=tuple(b for _, b in rows),
+                normals=dict(zip(names, columns[:-1], strict=True)),
+                offsets=columns[-1],
                 hard=len(bounds),
                 scales=chosen,
                 units=units,

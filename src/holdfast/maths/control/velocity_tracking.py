@@ -13,7 +13,7 @@ from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import TIME, Parameter
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
-from holdfast.maths.expressions.traversal import derivatives
+from holdfast.maths.expressions.traversal import derivatives, exchanged
 
 
 @overload
@@ -87,7 +87,7 @@ def track_velocity(
     )
     rates = _believed_rates(system, law)
     inputs = [q.symbol for q in system.inputs]
-    zero = dict.fromkeys(inputs, 0)
+    zero = dict.fromkeys(inputs, sp.S.Zero)
     effect = sp.Matrix([[rates[n].diff(u) for u in inputs] for n in velocities])
     if effect.free_symbols & set(inputs) or effect.det() == 0:
         raise DefinitionError(
@@ -98,8 +98,12 @@ def track_velocity(
     wanted = _wanted_rates(
         system, law, {n: g.symbol for n, g in zip(velocities, tracking, strict=True)}
     )
-    driven = [wanted[n] - rates[n].subs(zero) for n in velocities]
-    solved = effect.inv() * sp.Matrix(driven)
+    driven = [wanted[n] - rates[n].xreplace(zero) for n in velocities]
+    inverse = effect.inv()
+    solved = [
+        sp.Add(*(a * b for a, b in zip(inverse.row(i), driven, strict=True) if a != 0))
+        for i in range(inverse.rows)
+    ]
     return Law(
         name=f"{law.name}, velocities tracked",
         reads=(*system.states, *(d for d in system.disturbances if d in law.reads)),
@@ -130,7 +134,7 @@ def believed_disturbances(system: System, law: Law) -> dict[sp.Symbol, sp.Expr]:
 def _believed_rates(system: System, law: Law) -> dict[str, sp.Expr]:
     """The rates with the disturbances that the law reads or believes in, the others zero."""
     still = believed_disturbances(system, law)
-    return {n: rate.subs(still, simultaneous=True) for n, rate in system.rates.items()}
+    return dict(zip(system.rates, exchanged(system.rates.values(), still), strict=True))
 
 
 def _wanted_rates(system: System, law: Law, gains: Mapping[str, sp.Symbol]) -> dict[str, sp.Expr]:

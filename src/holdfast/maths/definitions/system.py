@@ -23,6 +23,7 @@ from holdfast.maths.definitions.quantity import (
     frozen,
     merge_parameters,
 )
+from holdfast.maths.expressions.traversal import derivatives
 
 
 @checked
@@ -180,8 +181,10 @@ class System:
     @checked
     def derivative(self, expression: sp.Expr) -> sp.Expr:
         """d/dt of an expression of the states along the rates (its Lie derivative)."""
-        terms = [sp.sympify(expression).diff(q.symbol) * self.rates[q.name] for q in self.states]
-        return sp.Add(sp.sympify(expression).diff(TIME), *terms)
+        slopes = derivatives(sp.sympify(expression), [*(q.symbol for q in self.states), TIME])
+        moving = ((slopes[q.symbol], self.rates[q.name]) for q in self.states)
+        # SymPy asks of 0 * rate whether the rate may be infinite, which takes long
+        return sp.Add(slopes[TIME], *(slope * rate for slope, rate in moving if slope != 0))
 
     @property
     def undisturbed_rates(self) -> dict[str, sp.Expr]:

@@ -76,6 +76,8 @@ def in_base_units(value: object) -> float:
         return number
     if given == "deg":
         return math.radians(number)
+    if given in _FACTORS:
+        return number * _FACTORS[given][1]
     try:
         quantity = _registry().Quantity(number, _registry().Unit(_pint_text(given)))
         return float(quantity.to_base_units().magnitude)
@@ -89,6 +91,8 @@ def convert(number: float, given: str, unit: str) -> float:
         return number
     if (given, unit) == ("deg", "rad"):  # the common case, without loading the unit library
         return math.radians(number)
+    if given in _FACTORS and _FACTORS[given][0] == unit:
+        return number * _FACTORS[given][1]
     import pint
 
     try:
@@ -123,9 +127,19 @@ def _finite(number: float, shown: object) -> float:
 
 
 _COMMON = frozenset(
-    ("1", "m", "s", "rad", "kg", "N", "m/s", "rad/s", "1/s", "1/m", "kg m^2", "N m", "N s/m")
-)
+    (
+        "1", "m", "s", "rad", "kg", "N", "m/s", "rad/s", "1/s", "1/m", "kg m^2", "N m", "N s/m",
+        "N m s", "N s^2/m^2", "N m s^2",
+    )
+)  # fmt: skip
 """Units that are known without the unit library."""
+
+_FACTORS: dict[str, tuple[str, float]] = {
+    "cm": ("m", 0.01), "mm": ("m", 0.001), "km": ("m", 1000.0), "cm/s": ("m/s", 0.01),
+    "ms": ("s", 0.001), "min": ("s", 60.0), "h": ("s", 3600.0), "deg/s": ("rad/s", math.pi / 180),
+    "g": ("kg", 0.001), "kN": ("N", 1000.0),
+}  # fmt: skip
+"""Unit -> its SI unit and how many of them it is, as in the unit library, which is not loaded."""
 
 
 def check_unit(unit: str) -> None:

@@ -21,7 +21,8 @@ def parameter_values(parameters: Mapping[str, float] | None) -> dict[sp.Symbol, 
 
 def evaluated(expressions: Iterable[Any], values: Values) -> list[float]:
     """One number for each expression; NaN where an expression has no real value."""
-    results = [complex(sp.N(sp.sympify(e).subs(values))) for e in expressions]
+    numbers = {s: sp.sympify(v) for s, v in values.items()}
+    results = [complex(sp.N(sp.sympify(e).xreplace(numbers))) for e in expressions]
     return [z.real if z.imag == 0 else math.nan for z in results]
 
 

@@ -101,6 +101,31 @@ class Sampler:
         return rank([row for row in found if row is not None])
 
 
+def is_zero(expression: sp.Expr) -> bool:
+    """Whether the expression is zero for all values of its symbols.
+
+    A random point where it is not zero decides at once; else `simplify` does, which takes long.
+    """
+    if expression.is_Number:
+        return bool(expression == 0)
+    sampler = Sampler({}, [expression])
+    if sampler.nonzero(expression, sampler.point(expression.free_symbols)):
+        return False
+    return sp.simplify(expression) == 0
+
+
+def full_rank(matrix: sp.Matrix) -> bool:
+    """Whether the rows of a matrix are independent for some values of its symbols.
+
+    A random point where they are decides at once; else SymPy does, which takes longer.
+    """
+    sampler = Sampler({}, matrix)
+    rows = [list(matrix.row(i)) for i in range(matrix.rows)]
+    if sampler.rank(rows, sampler.point(matrix.free_symbols)) == matrix.rows:
+        return True
+    return bool(matrix.rank() == matrix.rows)
+
+
 Bounded = tuple[mpmath.mpf, mpmath.mpf]
 """A value and a bound of its error."""
 
@@ -152,6 +177,8 @@ def _applied(e: sp.Basic, parts: Sequence[Bounded], at: Mapping[sp.Symbol, sp.Ex
     f = e.func(*arguments)
     here = {a: sp.Float(v, _DIGITS) for a, (v, _) in zip(arguments, parts, strict=True)}
     value = value_at(e.func(*(here[a] for a in arguments)), {})
+    if not mpmath.isfinite(value):
+        return _NONE
     size = abs(value)
     for argument, part, (_, s) in zip(arguments, e.args, parts, strict=True):
         if s != 0 and not part.is_number:
@@ -165,6 +192,10 @@ def value_at(expression: sp.Expr, at: Mapping[sp.Symbol, sp.Expr]) -> mpmath.mpf
     if not number.is_number or number.has(sp.nan, sp.zoo, sp.oo, -sp.oo):
         return mpmath.mpf("nan")
     real, imaginary = number.as_real_imag()
+    if not (
+        real.is_Number and imaginary.is_Number
+    ):  # a function that is known to the compiler only
+        return mpmath.mpf("nan")
     if abs(imaginary) > 1e-30 * (1 + abs(real)):
         return mpmath.mpf("nan")
     with mpmath.workdps(_DIGITS):

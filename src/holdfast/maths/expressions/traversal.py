@@ -78,5 +78,6 @@ def _by_chain(e: sp.Expr, s: sp.Symbol, slopes: Sequence[sp.Expr]) -> sp.Expr:
         )
     if isinstance(e, sp.Pow):
         base, exponent = e.args
-        return e * (slopes[1] * sp.log(base) + slopes[0] * exponent / base)
+        growth = slopes[1] * sp.log(base) if slopes[1] != 0 else sp.S.Zero
+        return e * (growth + slopes[0] * exponent / base)
     return e.slope(slopes) if isinstance(e, RealFunction) else e.fdiff(1) * slopes[0]

@@ -54,7 +54,7 @@ def formation_figure(result: Result, ground: Ground, instants: int = 5, run: int
             field = {"color": style.GREY, "marker": r"$\rightarrow$", "linestyle": ""}
             handles.append(Line2D([], [], markersize=8, label="field of the leader", **field))  # type: ignore[arg-type]
         figure.legend(handles=handles, loc="outside lower center", ncols=min(6, len(handles)))
-        seconds = result.dataset["time"].values
+        seconds = result.arrays["time"].values
         axis.set_title(f"at {instants} instants, {seconds[count - 1] / (instants - 1):.3g} s apart")
     return figure
 
@@ -73,7 +73,7 @@ def constraints_figure(result: Result, run: int = 0) -> Figure:
 
     The colour is that of the robot; grey for pairs that do not follow each other.
     """
-    data = result.dataset
+    data = result.arrays
     units = [str(u) for u in data["constraint_unit"].values]
     kinds: dict[str, list[tuple[int, str]]] = {}
     for i, name in enumerate(str(n) for n in data["constraint_name"].values):
@@ -136,7 +136,7 @@ def write_animation(
 ) -> Path:
     """A GIF of one run, `speed` seconds of it in a second."""
     robots, bodies = _robots(result, run), _bodies(result)
-    time = result.dataset["time"].values
+    time = result.arrays["time"].values
     count = len(next(iter(robots.values())))
     end = time[count - 1]
     shown = np.append(np.arange(0.0, end, speed / FRAMES_PER_SECOND), end)
@@ -189,7 +189,7 @@ class _GifWriter(PillowWriter):
 
 def _robots(result: Result, run: int) -> dict[str, Array]:
     """{ leader, follower 1, ...: (x, y, theta) against time }, up to where the record ends."""
-    data = result.dataset
+    data = result.arrays
     names = [str(n) for n in data["state_name"].values]
     states = data["state"].values[run]
     states = states[np.isfinite(states).all(axis=1)]

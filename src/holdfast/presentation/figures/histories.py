@@ -41,7 +41,7 @@ def histories_figure(result: Result, run: int = 0) -> Figure:
 
     Raises `OutputError` for an unknown run.
     """
-    data = result.dataset
+    data = result.arrays
     if not 0 <= run < data.sizes["run"]:
         raise OutputError(f"the result has no run {run}", expected=f"0 to {data.sizes['run'] - 1}")
     shown = panels(result, run)

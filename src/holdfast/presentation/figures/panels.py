@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
-import xarray as xr
 
+from holdfast.analysis.simulation.named_arrays import NamedArrays
 from holdfast.analysis.simulation.result import Result
 from holdfast.execution.arrays import Array
 from holdfast.presentation.figures import style
@@ -35,7 +35,7 @@ class Panel:
 
 def panels(result: Result, run: int) -> list[Panel]:
     """States by unit, actuators (or inputs), constraints by unit, signals, the kernel's value."""
-    data = result.dataset
+    data = result.arrays
     states = _near_zero(data["state"].values[run], data["state_is_angle"].values)
     names = [style.label(str(n)) for n in data["state_name"].values]
     found = _by_unit("state", _units(data, "state"), names, states)
@@ -48,7 +48,7 @@ def panels(result: Result, run: int) -> list[Panel]:
     return found + _signals(result, run)
 
 
-def _fed(data: xr.Dataset, run: int) -> list[Panel]:
+def _fed(data: NamedArrays, run: int) -> list[Panel]:
     """The actuators, or the inputs if these are the same, with nominal values and limits."""
     axis = "actuator" if data.sizes["actuator_name"] else "input"
     names = [str(n) for n in data[f"{axis}_name"].values]
@@ -62,7 +62,7 @@ def _fed(data: xr.Dataset, run: int) -> list[Panel]:
     limits = None
     if f"{axis}_low" in data:  # missing in files of format 1
         ends = [data[f"{axis}_{side}"] for side in ("low", "high")]
-        limits = np.array([(e[run] if "run" in e.dims else e).values for e in ends]).T
+        limits = np.array([e.values[run] if "run" in e.dims else e.values for e in ends]).T
     title = {"actuator": "actuators", "input": "input"}[axis]
     return [
         replace(
@@ -79,10 +79,10 @@ def _fed(data: xr.Dataset, run: int) -> list[Panel]:
 
 def _signals(result: Result, run: int) -> list[Panel]:
     """The switching signals, the value of a kernel with its thresholds, and the other signals."""
-    data = result.dataset
+    data = result.arrays
     names = [str(n) for n in data["signal_name"].values]
     values = data["signal"].values[run]
-    known = "signal_unit" in data.coords or "signal_unit" in data
+    known = "signal_unit" in data
     units = _units(data, "signal") if known else ["1"] * len(names)
     value = str(data["signal"].attrs.get("value_of_kernel", ""))
     found = []
@@ -117,7 +117,7 @@ def _signal_label(name: str) -> str:
     return f"$\\sigma$ {tail.replace('_', ' ')}"
 
 
-def _units(data: xr.Dataset, axis: str) -> list[str]:
+def _units(data: NamedArrays, axis: str) -> list[str]:
     return [str(u) for u in data[f"{axis}_unit"].values]
 
 

@@ -41,7 +41,7 @@ def paths_figure(
 
     `cones` fields of view are drawn along the path of run `cone_run`.
     """
-    data = result.dataset
+    data = result.arrays
     names = [str(n) for n in data["state_name"].values]
     for name in plane:
         if name not in names:
@@ -166,7 +166,7 @@ def _draw_ensemble(axis: Axes, data: Any, xy: Array) -> None:
 
 
 def _draw_highlights(axis: Axes, result: Result, xy: Array, runs: list[int]) -> None:
-    data = result.dataset
+    data = result.arrays
     meanings = str(data["mode"].attrs["flag_meanings"]).split()
     modes = data["mode"].values[runs]
     for mode in np.unique(modes[modes >= 0]):
@@ -209,7 +209,7 @@ def _draw_views(
     axis: Axes, result: Result, path: Array, run: int, names: list[str], count: int
 ) -> None:
     """Fields of view at instants evenly spaced along the path of one run."""
-    states = result.dataset["state"].values[run]
+    states = result.arrays["state"].values[run]
     good = np.isfinite(states).all(axis=1)
     states, path = states[good], path[good]
     base = parameter_values(result.parameters)

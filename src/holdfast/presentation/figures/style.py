@@ -54,6 +54,8 @@ _SETTINGS: Any = {
     "axes.spines.right": False,
     "axes.linewidth": 0.7,
     "lines.linewidth": 1.1,
+    "figure.autolayout": False,
+    "figure.constrained_layout.use": False,
     "figure.dpi": 100,
     "savefig.dpi": 200,
     "svg.fonttype": "none",
@@ -74,11 +76,16 @@ def write(figure: Figure, folder: Path, name: str) -> list[Path]:
     written = []
     try:
         with look():
-            figure.draw_without_rendering()  # one layout for both formats
+            engine = figure.get_layout_engine()
             equal = any(axis.get_aspect() != "auto" for axis in figure.axes)
+            if engine is not None:  # one layout for both formats
+                engine.execute(figure)
             if equal:
-                figure.draw_without_rendering()  # equal axes have moved their labels in between
-            figure.set_layout_engine("none")
+                for axis in figure.axes:
+                    axis.apply_aspect()
+                if engine is not None:
+                    engine.execute(figure)  # equal axes have moved their labels in between
+            figure.set_layout_engine(None)  # each format would be laid out, and drawn, once more
             everything = None
             if equal:
                 # equal axes can push a title over the page's edge: the page then grows

@@ -62,7 +62,7 @@ def paths_data(result: Result, plane: Sequence[str] | None) -> dict[str, Any] | 
 
     The colour is that of the outcome; only the first of many runs are drawn.
     """
-    data = result.dataset
+    data = result.arrays
     names = [str(n) for n in data["state_name"].values]
     if plane is None or not data.sizes["run"]:
         return None

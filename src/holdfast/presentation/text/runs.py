@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import xarray as xr
-
+from holdfast.analysis.simulation.named_arrays import NamedArrays
 from holdfast.analysis.simulation.result import Result
 
 SHOWN_VERTICES = 16
@@ -15,7 +14,7 @@ SHOWN_VERTICES = 16
 
 def summary_text(result: Result, files: Sequence[Path] = ()) -> str:
     """The viable runs, the worst constraints, the goal, the peaks, the files."""
-    data, summary = result.dataset, result.summary()
+    data, summary = result.arrays, result.summary()
     runs = summary["runs"]
     title = data.attrs.get("title") or data.attrs["system"]
     lines = [str(title), ""]
@@ -74,7 +73,7 @@ def summary_text(result: Result, files: Sequence[Path] = ()) -> str:
     return "\n".join(lines)
 
 
-def _safeguard(data: xr.Dataset, guard: dict[str, float]) -> list[str]:
+def _safeguard(data: NamedArrays, guard: dict[str, float]) -> list[str]:
     """Counts of samples and runs in which the filter intervened, or found no admissible input."""
 
     def counted(what: str) -> str:
@@ -118,12 +117,12 @@ def _tidy(value: float) -> str:
 
 
 def _unit(result: Result, name: str) -> str:
-    data = result.dataset
+    data = result.arrays
     if name in data["actuator_name"].values:
         return f" {data['actuator'].attrs['units']}"
     return f" {_units(data, 'input')[name]}"
 
 
-def _units(data: xr.Dataset, axis: str) -> dict[str, str]:
+def _units(data: NamedArrays, axis: str) -> dict[str, str]:
     names, units = data[f"{axis}_name"].values, data[f"{axis}_unit"].values
     return dict(zip(map(str, names), map(str, units), strict=True))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from functools import cache
+from collections.abc import Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
@@ -16,12 +15,10 @@ STANDARD = "closed-loop"
 """The kind of a file that does not say one."""
 
 
-@cache
-def kinds() -> Mapping[str, Kind]:
-    """Every kind by its name."""
-    modules = [m.name for m in iter_modules([str(Path(__file__).parent)])]
-    found = [k for m in modules for k in getattr(import_module(f"{__name__}.{m}"), "KINDS", ())]
-    return {kind.name: kind for kind in found}
+def kinds() -> Iterator[Kind]:
+    """Every kind; a file is loaded when its turn comes."""
+    for module in iter_modules([str(Path(__file__).parent)]):
+        yield from getattr(import_module(f"{__name__}.{module.name}"), "KINDS", ())
 
 
 def kind_of(file: str, data: Mapping[str, Any]) -> Kind:
@@ -30,8 +27,9 @@ def kind_of(file: str, data: Mapping[str, Any]) -> Kind:
     name = header.get("kind", STANDARD) if isinstance(header, Mapping) else STANDARD
     if not isinstance(name, str):
         name = STANDARD  # refused with its key by the schema
-    if name not in kinds():
-        raise ScenarioError(
-            f"{file}: scenario.kind: got '{name}'", remedy=suggestion(name, kinds())
-        )
-    return kinds()[name]
+    names = []
+    for kind in kinds():
+        if kind.name == name:
+            return kind
+        names.append(kind.name)
+    raise ScenarioError(f"{file}: scenario.kind: got '{name}'", remedy=suggestion(name, names))

@@ -7,10 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from holdfast.analysis.simulation.aggregates import Entry
-from holdfast.execution.resources import Progress
+if TYPE_CHECKING:
+    from holdfast.analysis.simulation.aggregates import Entry
+    from holdfast.execution.resources import Progress
 
 Bar = Callable[[str], AbstractContextManager[Callable[[str, float], None]]]
 """A bar on the screen, by what is worked on first."""

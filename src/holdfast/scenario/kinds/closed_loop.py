@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import sympy as sp
 
-from holdfast.analysis.simulation.aggregates import Entry, tally_of
 from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.simulate import simulate
 from holdfast.analysis.simulation.starts import Starts
@@ -22,18 +21,21 @@ from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.parser import parse_expression, parse_number
+from holdfast.scenario.altered_kernels import check_kernels
 from holdfast.scenario.build.composer import Composer
 from holdfast.scenario.build.law_chain import composed_law
 from holdfast.scenario.build.run import in_si, known_name, settings_of, starts_of
 from holdfast.scenario.build.system import composed_system
 from holdfast.scenario.build.varied import drawn_names, drawn_ranges
 from holdfast.scenario.files import overridden, scenario_title
-from holdfast.scenario.kernel_reference import check_kernels
 from holdfast.scenario.kinds.base import Bar, Composed, Kind
-from holdfast.scenario.safety_filter import Safety, composed_safety
 from holdfast.scenario.schema.closed_loop import FiguresSpec, Header, ScenarioSpec
 from holdfast.scenario.schema.formation import FormationFigures, FormationHeader
 from holdfast.scenario.validation import at, validated
+
+if TYPE_CHECKING:
+    from holdfast.analysis.simulation.aggregates import Entry
+    from holdfast.scenario.safety_filter import Safety
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,7 @@ class Scenario(Composed):
 
         chosen = self.figures
         assert isinstance(chosen, FiguresSpec)
-        run = min(chosen.history, answer.dataset.sizes["run"] - 1)
+        run = min(chosen.history, answer.arrays.sizes["run"] - 1)
         files = []
         if self.plane is not None:
             plane = paths_figure(answer, self.plane, chosen.highlight, chosen.cones, run)
@@ -165,6 +167,8 @@ class Scenario(Composed):
         return int(self.settings["seed"])
 
     def tally(self, part: range | None, threads: int) -> dict[str, Entry]:
+        from holdfast.analysis.simulation.aggregates import tally_of
+
         ends = self.with_settings(threads=threads, record_every=self.settings["horizon"])
         return tally_of(ends.run(part=part))
 
@@ -268,8 +272,16 @@ def _composed(file: str, text: str, spec: ScenarioSpec) -> Scenario:
         plane=_plane(file, spec.figures.plane, system),
         figures=spec.figures,
         start_outside=spec.starts.start_outside,
-        safety=composed_safety(file, spec, system),
+        safety=_safety(file, spec, system),
     )
+
+
+def _safety(file: str, spec: ScenarioSpec, system: System) -> Safety | None:
+    if spec.safety is None:
+        return None
+    from holdfast.scenario.safety_filter import composed_safety  # with value functions
+
+    return composed_safety(file, spec, system)
 
 
 def _plane(file: str, wanted: tuple[str, str] | None, system: System) -> tuple[str, str] | None:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from holdfast.analysis.simulation.aggregates import Entry, tally_of
 from holdfast.analysis.simulation.result import Result
 from holdfast.errors import ScenarioError
 from holdfast.maths.definitions.variation import Varied
@@ -18,6 +17,7 @@ from holdfast.scenario.schema.formation import FormationFigures, FormationSpec
 from holdfast.scenario.validation import validated
 
 if TYPE_CHECKING:
+    from holdfast.analysis.simulation.aggregates import Entry
     from holdfast.planning.course import Course
 
 
@@ -32,6 +32,8 @@ class FormationScenario(Scenario):
         return 0
 
     def tally(self, part: range | None, threads: int) -> dict[str, Entry]:
+        from holdfast.analysis.simulation.aggregates import tally_of
+
         return tally_of(self.with_settings(threads=threads).run())
 
     def drawn(self, answer: Result, folder: Path, bar: Bar | None) -> list[Path]:

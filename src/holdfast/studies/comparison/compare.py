@@ -9,8 +9,8 @@ from holdfast.analysis.simulation.law_comparison import Comparison, Reference, T
 from holdfast.arguments import checked
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.execution.resources import Progress
+from holdfast.scenario.altered_kernels import check_kernels
 from holdfast.scenario.files import merged, read_tables, scenario_names, scenario_title
-from holdfast.scenario.kernel_reference import check_kernels
 from holdfast.scenario.kinds import STANDARD, kind_of
 from holdfast.scenario.kinds.closed_loop import Scenario, composed
 from holdfast.scenario.overrides import check_overrides
@@ -119,7 +119,7 @@ def compare(
                 result = scenario.run(telling(f"{law}, {case}"))
             trials.append(trial(law, case, result, scenario.plane))
         if judge is not None and value is not None:
-            starts = result.dataset["state"].values[:, 0]
+            starts = result.arrays["state"].values[:, 0]
             references[case] = judge.reference(value, starts)
     titles = {n: c.title or n.replace("_", " ") for n, c in chosen.items()}
     return Comparison(

@@ -10,6 +10,7 @@ import sympy as sp
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.sets.base import Bounds, Reach, Row
+from holdfast.maths.expressions.random_points import full_rank
 
 
 @checked
@@ -27,14 +28,14 @@ class LinearImage(Bounds):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "matrix", sp.ImmutableMatrix(self.matrix))
-        rows, columns = self.matrix.shape
+        _, columns = self.matrix.shape
         if columns != self.of.dimension:
             raise DefinitionError(
                 f"linear image: the matrix has {columns} columns, the set {self.of.dimension} "
                 "coordinates",
                 expected="as many of each",
             )
-        if self.matrix.rank() < rows:
+        if not full_rank(self.matrix):
             raise DefinitionError(
                 "linear image: the rows of the matrix are dependent",
                 remedy="leave out the inputs that no actuator can produce on its own",
