@@ -138,17 +138,14 @@ class Steps:
         for a in arguments:
             if a.steps is not self:
                 raise ValueError("a value of other steps")
-        found = Step(
-            operation,
-            tuple(a.number for a in arguments),
-            kind or _kind(operation, arguments),
-            given,
-        )
-        key = (found.operation, found.arguments, found.kind, _key(given))
-        if key not in self._known:
-            self._known[key] = Value(self, len(self.list), found.kind)
-            self.list.append(found)
-        return self._known[key]
+        numbers = tuple([a.number for a in arguments])
+        key = (operation, numbers, kind, _key(given))
+        found = self._known.get(key)
+        if found is None:
+            settled = kind or _kind(operation, arguments)
+            found = self._known[key] = Value(self, len(self.list), settled)
+            self.list.append(Step(operation, numbers, settled, given))
+        return found
 
     def input(self, name: str, kind: str = FLOAT) -> Value:
         """A value that the caller gives."""

@@ -143,7 +143,7 @@ def seen_from(
     for row in follower.pfaffian:
         coefficients = {names[n]: in_the_frame(c) for n, c in row.coefficients.items()}
         moved = sp.Add(*(c * rates[n] for n, c in coefficients.items()))
-        rows.append(PfaffianRow(coefficients, sp.simplify(moved)))
+        rows.append(PfaffianRow(coefficients, sp.trigsimp(sp.expand(moved))))
     unit = follower.states[0].unit
     return System(
         name=both.name,

@@ -192,9 +192,7 @@ def value_at(expression: sp.Expr, at: Mapping[sp.Symbol, sp.Expr]) -> mpmath.mpf
     if not number.is_number or number.has(sp.nan, sp.zoo, sp.oo, -sp.oo):
         return mpmath.mpf("nan")
     real, imaginary = number.as_real_imag()
-    if not (
-        real.is_Number and imaginary.is_Number
-    ):  # a function that is known to the compiler only
+    if not (real.is_Number and imaginary.is_Number):  # a function without a numerical value
         return mpmath.mpf("nan")
     if abs(imaginary) > 1e-30 * (1 + abs(real)):
         return mpmath.mpf("nan")
