@@ -107,8 +107,11 @@ class Machine:
 
     def function(self, name: str, arguments: int) -> Any:
         """A function of pointers; other threads of Python run meanwhile."""
-        address = self._engine.get_function_address(name)
+        address = self.address(name)
         return ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(address)
+
+    def address(self, name: str) -> int:
+        return int(self._engine.get_function_address(name))
 
 
 def padded(count: int) -> int:

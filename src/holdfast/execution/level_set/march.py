@@ -23,10 +23,9 @@ import numpy.typing as npt
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.compile import compile_sweep
-from holdfast.execution.leaf import compiled_leaves
+from holdfast.execution.level_set.march_leaves import MarchLeaves
 from holdfast.execution.level_set.mirrored_grid import Fold
 from holdfast.execution.level_set.over_grid import Fastest, over_grid, padded_rows
-from holdfast.execution.level_set.rate_leaves import rate_leaves
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.settling import Done
 from holdfast.execution.level_set.units import layout
@@ -35,7 +34,7 @@ from holdfast.maths.definitions.quantity import TIME, Parameter
 from holdfast.maths.games.hamiltonian import Hamiltonian
 
 ENDS = {"contained": 0, "extrapolated": 0, "periodic": 1, "limited": 2}
-"""The continuation beyond the ends of an axis; the numbers of `differences.py`."""
+"""The continuation beyond the ends of an axis; the numbers of `stencils.py`."""
 
 STAGES = {1: ((1.0, 0.0),), 2: ((1.0, 0.0), (0.5, 1.0)), 3: ((1.0, 0.0), (0.25, 1.0), (2 / 3, 0.5))}
 """(weight, time) of the stages of the total-variation-diminishing Runge-Kutta methods
@@ -43,9 +42,6 @@ STAGES = {1: ((1.0, 0.0),), 2: ((1.0, 0.0), (0.5, 1.0)), 3: ((1.0, 0.0), (0.25, 
 
 ALL_MEASURED, MEASURED = 64, 4
 """Steps from the first for which it is measured how fast the set moves, then one in so many."""
-
-LIMITS = {"free": (-math.inf, math.inf), "shrink": (-math.inf, 0.0), "grow": (0.0, math.inf)}
-"""The limits of dW/dt: none, never above zero, never below."""
 
 MOST_STEPS = 10**9
 """Steps of a march: it would take days on the smallest grid."""
@@ -90,12 +86,10 @@ class March:
         """
         scheme = schemes()[method.scheme]
         self.module = compile_sweep(precision, one_slope=scheme.one_slope)
-        given = rate_leaves(
-            hamiltonian, parameters, dissipation=method.dissipation, precision=precision
-        )
-        self.leaves = compiled_leaves({**given.leaves, "scheme": scheme.leaf(precision)})
-        self.sizes = np.array([given.along, given.of_row, given.outer, scheme.ghosts])
-        self.limits = np.array([*LIMITS[limit], 1.0 if limit == "shrink" else -1.0])
+        self.leaves = MarchLeaves(
+            hamiltonian, parameters, scheme, dissipation=method.dissipation, limit=limit,
+            order=method.order, precision=precision,
+        )  # fmt: skip
         self.hamiltonian, self.parameters = hamiltonian, parameters
         self.method = method
         self.shape = np.array([len(a) for a in axes], dtype=np.int64)
@@ -187,7 +181,7 @@ class March:
 
         refresh: puts into `upper` and `lower`, if they move, what they are at a time t.
         nearest: distances from zero below it are rounding; the speed of the set is not relative to
-        less (`differences.largest_move`).
+        less (`stage_leaf.py`).
         `tell(done, values)` is called after every step, with a function that gives the values, and
         ends the march where it gives True.
         done: what has been done of the same march, up to `values`; it goes on from there.
@@ -201,13 +195,12 @@ class March:
         flags = np.ones((max(order, 2), self.units), dtype=np.uint8)
         none = np.empty(0, dtype=values.dtype)
         bounds = (none if upper is None else upper, none if lower is None else lower)
-        names = ("along", "rows", "rate", "scheme")
-        leaves = np.array([self.leaves.addresses[name] for name in names], dtype=np.int64)
-        rest = (self.shape, self.cut, self.steps, self.kinds, self.limits, leaves, self.sizes)
+        plain, measured, sizes = self.leaves.found(lower=lower is not None, upper=upper is not None)
         turn = np.zeros(1, dtype=np.int64)
         self.module.sweep(  # compiled, or loaded, before the time is taken
-            turn, turn, self._u(0.0), 0.0, 1.0, values, values, arrays[1], values, *bounds, floor,
-            ceiling, nearest, flags[0], flags[1], flags[:0], *rest, self.axes, np.zeros(3),
+            turn, turn, self._u(0.0), self._u(0.0), values, values, arrays[1], values, *bounds,
+            flags[0], flags[1], flags[:0], self.shape, self.cut, self.kinds, plain, sizes,
+            self.axes, np.zeros(3),
         )  # fmt: skip
         began, step = time.perf_counter() - done.seconds, math.nan
         with Workers(self.module, self.threads, self.places) as workers:
@@ -248,12 +241,13 @@ class March:
                         refresh(self._time(start + then * dt))
                     if self.fold is not None:
                         self.fold.narrow(here)
+                    measures = last and done.measured and nearest > 0
+                    numbers = [dt, weight, floor, ceiling, nearest, *0.5 / self.steps, *self.steps]
                     found = workers.run(
                         self.module.sweep,
-                        self._u(start + fraction * dt), dt, weight, source, arrays[0], out,
-                        arrays[0] if order == 1 else out, *bounds, floor, ceiling,
-                        nearest if last and done.measured else 0.0, here, there, own, *rest,
-                        self.axes,
+                        self._u(start + fraction * dt), np.array(numbers), source, arrays[0], out,
+                        arrays[0] if order == 1 else out, *bounds, here, there, own, self.shape,
+                        self.cut, self.kinds, measured if measures else plain, sizes, self.axes,
                     )  # fmt: skip
                     if self.fold is not None:
                         mirror(out, self.fold.needed)

@@ -1,4 +1,4 @@
-"""Means and half gaps of slopes by a scheme that has one slope of every interval between nodes."""
+"""The nodes on either side of a run, for a scheme that has one slope of every interval."""
 
 # mypy: ignore-errors
 # ruff: noqa: F405
@@ -6,6 +6,8 @@
 from holdfast.execution.level_set.stencils import *  # noqa: F403
 
 # -- joined from here on
+
+BUFFERS = 2  # rows of nodes for each axis
 
 
 @swept
@@ -25,44 +27,51 @@ def held_slopes(shared):
 
 
 @swept
-def slopes_across(
-    scheme, values, here, i, outer, place, tall, wide, stride, nodes, kind, ghosts, unit, several,
-    count, half, rows, at, shared, work, mean, gap
-):  # fmt: skip
-    """Means and half gaps along an axis that is not the last, at a run of nodes."""
-    if outer:
-        tall, wide = 1, count
-    if reach(at, here, place, tall, nodes, stride, count, kind, ghosts, len(values)):
-        call_scheme(scheme, values, at, 0, half, work, mean, gap - mean, count)
-    else:
-        gather(values, here, place, tall, nodes, stride, wide, kind, ghosts, rows, at)
-        call_scheme(scheme, rows, at, 0, half, work, mean, gap - mean, count)
-
-
-@swept
-def slopes_along_rows(
-    scheme, values, here, begin, tall, wide, nodes, kind, ghosts, count, half, line, of_line, at,
-    shared, work, mean, gap
-):  # fmt: skip
-    """Means and half gaps along the last axis."""
-    if wide == nodes and here > 0 and here + count + VECTOR < len(values):
-        at[0], at[1], at[2] = here - 1, here, here + 1
-        call_scheme(scheme, values, at, 0, half, work, mean, gap - mean, count)
-        at_ends(values, here, tall, nodes, kind, float(half[0]), work, mean, gap)
-        return
-    for k in range(tall):
-        gather_along(values, here - begin + k * nodes, begin, nodes, wide, kind, ghosts, line)
-        call_scheme(scheme, line, of_line, 0, half, work, mean + k * wide, gap - mean, wide)
+def remember_slopes(shared, i, place, nodes, unit, several, here, stride, count):
+    return
 
 
 @called
-def at_ends(values, first, tall, nodes, kind, half, work, mean, gap):
-    """The same at the first and the last node of whole rows of the last axis."""
-    for k in range(tall):
-        row = first + k * nodes
-        for j in (0, nodes - 1):
-            low = values[row + j - 1] if j > 0 else ghost(values, row, -1, nodes, kind)
-            high = values[row + j + 1] if j < nodes - 1 else ghost(values, row, nodes, nodes, kind)
-            left, right = values[row + j] - low, high - values[row + j]
-            work[mean + k * nodes + j] = half * (left + right)
-            work[gap + k * nodes + j] = half * (right - left)
+def slopes_across(
+    scheme, values, here, i, outer, place, tall, wide, stride, nodes, kind, ghosts, unit, several,
+    count, at, shared, room, places
+):  # fmt: skip
+    """Where the nodes are on either side along an axis that is not the last."""
+    if outer:
+        tall, wide = 1, count
+    for side in range(2):
+        there = place + 2 * side - 1
+        if tall == 1:
+            there = place_of(there, nodes, kind)
+        first = here + (there - place) * stride
+        if there >= 0 and there + tall <= nodes and first + count + VECTOR <= len(values):
+            places[SLOPES + 2 * i + side] = address(values, first)
+            continue
+        to = (2 * i + side) * PITCH
+        for k in range(tall):
+            fetch(values, here, place, there + k, nodes, stride, kind, wide, room, to + k * wide)
+        places[SLOPES + 2 * i + side] = address(room, to)
+
+
+@called
+def slopes_along_rows(
+    scheme, values, here, begin, tall, wide, nodes, kind, ghosts, count, i, at, shared, room, places
+):  # fmt: skip
+    """The same along the last axis."""
+    for side in range(2):
+        shift = 2 * side - 1
+        there = begin - 1 if side == 0 else begin + wide
+        inside = 0 <= there < nodes
+        first = here + shift
+        if inside and first + count + VECTOR <= len(values):
+            places[SLOPES + 2 * i + side] = address(values, first)
+            continue
+        to = (2 * i + side) * PITCH
+        low, high = max(first, 0), min(first + count, len(values))
+        copy(values, low, high - low, room, to + low - first)
+        if not inside:
+            for k in range(tall):
+                row = here - begin + k * nodes
+                end = k * wide + (0 if side == 0 else wide - 1)
+                room[to + end] = ghost(values, row, there, nodes, kind)
+        places[SLOPES + 2 * i + side] = address(room, to)
