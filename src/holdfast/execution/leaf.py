@@ -87,12 +87,15 @@ _known: dict[str, Leaves] = {}
 """Those of this process, by the digest of their text."""
 
 
-def compiled_text(text: str) -> Machine:
-    """The machine code of a text of LLVM, from memory, the disk or LLVM."""
+def compiled_text(text: str, *, optimised: bool = False) -> Machine:
+    """The machine code of a text of LLVM, from memory, the disk or LLVM.
+
+    optimised: by the passes that LLVM has between text and machine code.
+    """
     digest = hashlib.sha256(text.encode()).hexdigest()
     with _compiling:
         if digest not in _machines:
-            _machines[digest] = Machine(text, digest)
+            _machines[digest] = Machine(text, digest, optimised)
         return _machines[digest]
 
 
@@ -102,8 +105,8 @@ _machines: dict[str, Machine] = {}
 class Machine:
     """The functions of a text."""
 
-    def __init__(self, text: str, digest: str) -> None:
-        self._engine = _engine(_object_code(text, digest))  # which holds the machine code
+    def __init__(self, text: str, digest: str, optimised: bool = False) -> None:
+        self._engine = _engine(_object_code(text, digest, optimised))  # which holds the code
 
     def function(self, name: str, arguments: int) -> Any:
         """A function of pointers; other threads of Python run meanwhile."""
@@ -158,7 +161,7 @@ def _processor() -> tuple[str, str]:
     return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
-def _object_code(text: str, digest: str) -> bytes:
+def _object_code(text: str, digest: str, optimised: bool = False) -> bytes:
     version = ".".join(map(str, llvm.llvm_version_info))
     key = (llvmlite.__version__, version, *_processor())
     stored = Stored("leaf", digest)
@@ -169,6 +172,9 @@ def _object_code(text: str, digest: str) -> bytes:
         module.triple = target.triple
         module.data_layout = str(target.target_data)
         module.verify()
+        if optimised:
+            passes = llvm.create_pass_builder(target, llvm.create_pipeline_tuning_options(2))
+            passes.getModulePassManager().run(module, passes)
         found = target.emit_object(module)
         stored.save(key, found)
     assert isinstance(found, bytes)

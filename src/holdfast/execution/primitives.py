@@ -1,4 +1,4 @@
-"""Primitives of the code that Numba compiles: decorators, and counters that threads share.
+"""Primitives of the code that Numba compiles: decorators.
 
 Generated modules import all of them (`compile.py`). Functions called from Python are `compiled`.
 Functions called from compiled code are `inlined` and have no entry from Python: such entries, which
@@ -10,11 +10,9 @@ unpack Python's objects around a copy of the function, were a quarter of the com
 import math  # noqa: F401
 
 import numpy as np  # noqa: F401
-from llvmlite import ir  # noqa: F401
 from numba import carray, njit, types  # noqa: F401
 from numba.core.registry import CPUDispatcher
-from numba.extending import intrinsic
-from numba.np.arrayobj import make_array
+from numba.extending import intrinsic  # noqa: F401
 
 from holdfast.execution.numba_cache import kept
 
@@ -46,42 +44,3 @@ def within(**options):
 
 inlined = within(forceinline=True)
 apart = within()  # a separate call
-
-MOST_SLICES = 1 << 20  # the turns of a stage; the next stage has the next so many
-
-
-# -- shared between threads --------------------------------------------------------------
-
-
-@intrinsic
-def take(typing_context, counter):
-    """Atomically returns counter[0] and increments it: no two threads get the same value."""
-
-    def generate(context, builder, signature, arguments):
-        (array,) = arguments
-        where = make_array(signature.args[0])(context, builder, array).data
-        return builder.atomic_rmw("add", where, context.get_constant(types.int64, 1), "monotonic")
-
-    return types.int64(counter), generate
-
-
-@intrinsic
-def look(typing_context, counter):
-    """The present counter[0], by an atomic read."""
-
-    def generate(context, builder, signature, arguments):
-        (array,) = arguments
-        where = make_array(signature.args[0])(context, builder, array).data
-        return builder.load_atomic(where, "acquire", 8)
-
-    return types.int64(counter), generate
-
-
-@compiled
-def watch(own, other, value, times):
-    """Counts its own start; returns whether the other reaches the value within so many reads."""
-    take(own)
-    for _ in range(times):  # noqa: SIM110
-        if look(other) >= value:
-            return True
-    return False

@@ -22,12 +22,12 @@ import numpy.typing as npt
 
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
-from holdfast.execution.compile import compile_sweep
 from holdfast.execution.level_set.march_leaves import MarchLeaves
 from holdfast.execution.level_set.mirrored_grid import Fold
 from holdfast.execution.level_set.over_grid import Fastest, over_grid, padded_rows
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.settling import Done
+from holdfast.execution.level_set.sweep_code import address, sweep_code
 from holdfast.execution.level_set.units import layout
 from holdfast.execution.level_set.workers import Workers
 from holdfast.maths.definitions.quantity import TIME, Parameter
@@ -85,7 +85,7 @@ class March:
         at which place of it the node is that always has the same value; half is computed then.
         """
         scheme = schemes()[method.scheme]
-        self.module = compile_sweep(precision, one_slope=scheme.one_slope)
+        self.code = sweep_code(precision, one_slope=scheme.one_slope)
         self.leaves = MarchLeaves(
             hamiltonian, parameters, scheme, dissipation=method.dissipation, limit=limit,
             order=method.order, precision=precision,
@@ -193,17 +193,13 @@ class March:
         stages = STAGES[order]
         arrays = [values, *(values.copy() for _ in range(max(order - 1, 1)))]
         flags = np.ones((max(order, 2), self.units), dtype=np.uint8)
-        none = np.empty(0, dtype=values.dtype)
-        bounds = (none if upper is None else upper, none if lower is None else lower)
         plain, measured, sizes = self.leaves.found(lower=lower is not None, upper=upper is not None)
-        turn = np.zeros(1, dtype=np.int64)
-        self.module.sweep(  # compiled, or loaded, before the time is taken
-            turn, turn, self._u(0.0), self._u(0.0), values, values, arrays[1], values, *bounds,
-            flags[0], flags[1], flags[:0], self.shape, self.cut, self.kinds, plain, sizes,
-            self.axes, np.zeros(3),
-        )  # fmt: skip
+        room = self.code.room(self.shape.tolist(), self.cut.tolist(), sizes.tolist())
+        bounds = [0 if a is None else address(a) for a in (upper, lower)]
+        of_grid = [address(self.shape), len(self.shape), address(self.cut), address(self.kinds)]
+        of_axes = [address(sizes), address(self.axes), self.axes.shape[1]]
         began, step = time.perf_counter() - done.seconds, math.nan
-        with Workers(self.module, self.threads, self.places) as workers:
+        with Workers(self.code, self.threads, self.places) as workers:
 
             def mirror(array: Array, chosen: Array) -> Array:
                 """Of the half that is not computed, what lies at those places."""
@@ -215,7 +211,7 @@ class March:
                         self.fold.axis,
                         chosen,
                     )
-                    workers.run(self.module.mirror, *half)
+                    workers.run(self.code.mirror, *half)
                 return array
 
             def now() -> Array:
@@ -242,13 +238,16 @@ class March:
                     if self.fold is not None:
                         self.fold.narrow(here)
                     measures = last and done.measured and nearest > 0
-                    numbers = [dt, weight, floor, ceiling, nearest, *0.5 / self.steps, *self.steps]
-                    found = workers.run(
-                        self.module.sweep,
-                        self._u(start + fraction * dt), np.array(numbers), source, arrays[0], out,
-                        arrays[0] if order == 1 else out, *bounds, here, there, own, self.shape,
-                        self.cut, self.kinds, measured if measures else plain, sizes, self.axes,
-                    )  # fmt: skip
+                    spaces = [*0.5 / self.steps, *self.steps]
+                    numbers = np.array([dt, weight, floor, ceiling, nearest, *spaces])
+                    u = self._u(start + fraction * dt)
+                    before = arrays[0] if order == 1 else out
+                    given = [
+                        *map(address, (u, numbers, source, arrays[0], out, before)),
+                        *bounds, len(values), *map(address, (here, there, own)), len(own),
+                        self.units, *of_grid, address(measured if measures else plain), *of_axes,
+                    ]  # fmt: skip
+                    found = workers.run(self.code.sweep, room, given)
                     if self.fold is not None:
                         mirror(out, self.fold.needed)
                     done.computed += int(found[0])

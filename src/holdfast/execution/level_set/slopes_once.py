@@ -1,40 +1,32 @@
-"""The nodes on either side of a run, for a scheme that has one slope of every interval."""
+"""The nodes on either side of a run, for a scheme that has one slope of every interval.
 
+`own` has two rows of nodes for each axis.
+"""
+
+# ruff: noqa: F403, F405
 # mypy: ignore-errors
-# ruff: noqa: F405
 
-from holdfast.execution.level_set.stencils import *  # noqa: F403
+from __future__ import annotations
 
-# -- joined from here on
-
-BUFFERS = 2  # rows of nodes for each axis
+from holdfast.execution.level_set.stencils import *
 
 
-@swept
-def shared_slopes(values, shape, strides, units_of):
+def begin_slopes(kept: Wholes, strides: Wholes, within: Wholes, n: Whole):
     """No slopes are kept."""
-    return 0
 
 
-@swept
-def borrowed_slopes(shared):
-    return shared
+def remember_slopes(
+    kept: Wholes, own: Values, i: Whole, n: Whole, unit: Whole, several: Whole, here: Whole,
+    stride: Whole, count: Whole,
+):  # fmt: skip
+    """No slopes are kept."""
 
 
-@swept
-def held_slopes(shared):
-    return shared
-
-
-@swept
-def remember_slopes(shared, i, place, nodes, unit, several, here, stride, count):
-    return
-
-
-@called
 def slopes_across(
-    scheme, values, here, i, outer, place, tall, wide, stride, nodes, kind, ghosts, unit, several,
-    count, at, shared, room, places
+    scheme: Whole, values: Values, size: Whole, here: Whole, i: Whole, n: Whole, outer: Whole,
+    place: Whole, tall: Whole, wide: Whole, stride: Whole, nodes: Whole, kind: Whole,
+    ghosts: Whole, unit: Whole, several: Whole, count: Whole, kept: Wholes, own: Values,
+    places: Wholes,
 ):  # fmt: skip
     """Where the nodes are on either side along an axis that is not the last."""
     if outer:
@@ -44,34 +36,34 @@ def slopes_across(
         if tall == 1:
             there = place_of(there, nodes, kind)
         first = here + (there - place) * stride
-        if there >= 0 and there + tall <= nodes and first + count + VECTOR <= len(values):
+        if there >= 0 and there + tall <= nodes and first + count + VECTOR <= size:
             places[SLOPES + 2 * i + side] = address(values, first)
             continue
         to = (2 * i + side) * PITCH
         for k in range(tall):
-            fetch(values, here, place, there + k, nodes, stride, kind, wide, room, to + k * wide)
-        places[SLOPES + 2 * i + side] = address(room, to)
+            fetch(values, here, place, there + k, nodes, stride, kind, wide, own, to + k * wide)
+        places[SLOPES + 2 * i + side] = address(own, to)
 
 
-@called
 def slopes_along_rows(
-    scheme, values, here, begin, tall, wide, nodes, kind, ghosts, count, i, at, shared, room, places
+    scheme: Whole, values: Values, size: Whole, here: Whole, begin: Whole, tall: Whole,
+    wide: Whole, nodes: Whole, kind: Whole, ghosts: Whole, count: Whole, i: Whole, n: Whole,
+    own: Values, places: Wholes,
 ):  # fmt: skip
     """The same along the last axis."""
     for side in range(2):
-        shift = 2 * side - 1
         there = begin - 1 if side == 0 else begin + wide
         inside = 0 <= there < nodes
-        first = here + shift
-        if inside and first + count + VECTOR <= len(values):
+        first = here + 2 * side - 1
+        if inside and first + count + VECTOR <= size:
             places[SLOPES + 2 * i + side] = address(values, first)
             continue
         to = (2 * i + side) * PITCH
-        low, high = max(first, 0), min(first + count, len(values))
-        copy(values, low, high - low, room, to + low - first)
+        low, high = max(first, 0), min(first + count, size)
+        copy(values, low, high - low, own, to + low - first)
         if not inside:
+            end = 0 if side == 0 else wide - 1
             for k in range(tall):
                 row = here - begin + k * nodes
-                end = k * wide + (0 if side == 0 else wide - 1)
-                room[to + end] = ghost(values, row, there, nodes, kind)
-        places[SLOPES + 2 * i + side] = address(room, to)
+                own[to + k * wide + end] = ghost(values, row, there, nodes, kind)
+        places[SLOPES + 2 * i + side] = address(own, to)

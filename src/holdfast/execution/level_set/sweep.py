@@ -6,142 +6,138 @@ nothing that it depends on has changed since it was computed last. Units that fo
 a run, which is computed in one go. A block is what belongs to a place of all axes but the last two.
 """
 
+# ruff: noqa: F403, F405
 # mypy: ignore-errors
-# ruff: noqa: F405
 
-from holdfast.execution.level_set.slopes_twice import *  # noqa: F403
+from __future__ import annotations
 
-# -- joined from here on
+from holdfast.execution.level_set.slopes_twice import *
 
 ARRAYS = 5  # of values at nodes, of which a run may have to be copied
 WORDS = PITCH // 64 + 2  # of the bits of a run
 
 
-@called
-def nodes_of_last_axis(leaf, u, axis, nodes, stretches, longest, results, table):
+def nodes_of_last_axis(
+    leaf: Whole, u: Reals, axis: Reals, nodes: Whole, stretches: Whole, longest: Whole,
+    results: Whole, room: Reals, table: Values,
+):  # fmt: skip
     """What depends on the last axis alone: of each stretch the rows, of row after row."""
-    room = (nodes + VECTOR - 1) // VECTOR * VECTOR
-    w, out = np.zeros(room), np.zeros(results * room + 1)
-    for j in range(room):
-        w[j] = axis[min(j, nodes - 1)]
-    call(leaf, (address(w, 0), address(u, 0), address(out, 0), room, room))
+    pitch = (nodes + VECTOR - 1) // VECTOR * VECTOR
+    for j in range(pitch):
+        room[j] = axis[min(j, nodes - 1)]
+    out = room + pitch
+    call(leaf, address(room, 0), address(u, 0), address(out, 0), pitch, pitch)
     for s in range(stretches):
         for k in range(results):
             for j in range(PITCH):
                 place = j % nodes if stretches == 1 else min(s * longest + j, nodes - 1)
-                table[(s * results + k) * PITCH + j] = out[k * room + place]
-    w[0] = out[0]  # which last until here
+                table[(s * results + k) * PITCH + j] = out[k * pitch + place]
 
 
-@called
-def rows_of_run(leaf, u, axes, index, row, tall, rows, values):
+def rows_of_run(
+    leaf: Whole, u: Reals, axes: Reals, axis_pitch: Whole, index: Wholes, n: Whole, row: Whole,
+    tall: Whole, rows: Reals, values: Reals,
+):  # fmt: skip
     """What depends on the axes of the rows from `row` on; the outer axes are at `index`."""
-    n = len(index)
     room = (tall + VECTOR - 1) // VECTOR * VECTOR
-    for i in range(n):
+    for i in range(n - 1):
         for k in range(room):
-            place = index[i] if i < n - 1 else row + min(k, tall - 1)
-            rows[i * PITCH + k] = axes[i, place]
-    call(leaf, (address(rows, 0), address(u, 0), address(values, 0), PITCH, room))
+            place = index[i] if i < n - 2 else row + min(k, tall - 1)
+            rows[i * PITCH + k] = axes[i * axis_pitch + place]
+    call(leaf, address(rows, 0), address(u, 0), address(values, 0), PITCH, room)
 
 
-@called
-def spread(values, outer, of_row, tall, wide, work):
+def spread(values: Reals, of_row: Whole, tall: Whole, wide: Whole, work: Values):
     """The values of every row at all of its nodes."""
     for h in range(of_row):
         for k in range(tall):
-            v = values[(outer + h) * PITCH + k]
-            to = np.uint64(h * PITCH + k * wide)
-            for j in range(np.uint64(wide)):
-                work[to + j] = v
+            v = values[h * PITCH + k]
+            for j in range(wide):
+                work[h * PITCH + k * wide + j] = v
 
 
-@called
-def address_of_run(values, here, count, room, to):
+def address_of_run(
+    values: Values, size: Whole, here: Whole, count: Whole, room: Values
+) -> Whole:  # fmt: skip
     """Of its nodes; of a copy, where whole registers of them would not stop before the end."""
-    if here + count + VECTOR <= len(values):
+    if here + count + VECTOR <= size:
         return address(values, here)
-    copy(values, here, min(count, len(values) - here), room, to)
-    return address(room, to)
+    copy(values, here, min(count, size - here), room, 0)
+    return address(room, 0)
 
 
-@called
-def any_of(bits, first, last):
+def any_of(bits: Wholes, first: Whole, last: Whole) -> Whole:
     """Whether one of the bits from first to last is set."""
     for k in range(first >> 6, (last + 63) >> 6):
         low, high = max(first - 64 * k, 0), last - 64 * k
-        mask = np.int64(-1) << low
+        mask = -1 << low
         if high < 64:
-            mask &= (np.int64(1) << high) - 1
+            mask = mask & ((1 << high) - 1)
         if bits[k] & mask != 0:
-            return True
-    return False
+            return 1
+    return 0
 
 
-@entered
-def sweep(turn, slices, u, numbers, values, base, out, before, upper, lower, active, marks, own,
-          shape, cut, kinds, leaves, sizes, axes, counts):  # fmt: skip
+def sweep(
+    turn: Wholes, slices: Wholes, slice_count: Whole, counts: Reals, wholes: Wholes, reals: Reals,
+    held: Values, u: Reals, numbers: Reals, values: Values, base: Values, out: Values,
+    before: Values, upper: Whole, lower: Whole, size: Whole, active: Flags, marks: Flags,
+    own: Flags, own_count: Whole, units: Whole, shape: Wholes, n: Whole, cut: Wholes,
+    kinds: Wholes, leaves: Wholes, sizes: Wholes, axes: Reals, axis_pitch: Whole,
+):  # fmt: skip
     """One stage of a step over the blocks, or units, that the slices taken in turn end at.
 
-    u: time, parameters, largest speeds. numbers: those of a stage. leaves: addresses; sizes: how
-    many values depend on the last axis, on a row, on outer axes, how many nodes a scheme reaches,
-    how many lanes a stage has. counts: units computed, nodes that are not finite, the largest move.
+    counts: units computed, nodes that are not finite, the largest move. wholes, reals, held: room.
+    u: time, parameters, largest speeds. numbers: those of a stage. upper, lower: addresses, or 0.
+    leaves: addresses; sizes: how many values depend on the last axis, on a row, on outer axes, how
+    many nodes a scheme reaches, how many lanes a stage has.
     """
-    values, base, out, before, upper, lower, active, marks, own, shape, kinds, axes = (
-        borrowed(values), borrowed(base), borrowed(out), borrowed(before), borrowed(upper),
-        borrowed(lower), borrowed(active), borrowed(marks), borrowed(own), borrowed(shape),
-        borrowed(kinds), borrowed(axes),
-    )  # fmt: skip
-    n = len(shape)
-    last = n - 1
-    nodes = shape[last]
+    last, nodes = n - 1, shape[n - 1]
     rows_of = shape[n - 2] if n > 1 else 1
     many, groups, stretches, longest = cut[0], cut[1], cut[2], cut[3]
     local = groups * stretches
     along, of_row, outer, ghosts, lanes = sizes[0], sizes[1], sizes[2], sizes[3], sizes[4]
     unit_nodes = many * nodes
     most = max(1, RUN // unit_nodes) if stretches == 1 else 1  # units computed together
-    # Three memories last until the end; their parts are borrowed.
-    strides_at, within_at, bits_at = SLOPES + 2 * n, SLOPES + 3 * n, SLOPES + 4 * n
-    whole = np.zeros(bits_at + 2 * WORDS + 8 + n, dtype=np.int64)
-    places, strides = borrowed(whole)[:strides_at], borrowed(whole)[strides_at:within_at]
-    within, changed = borrowed(whole)[within_at:bits_at], borrowed(whole)[bits_at:]
-    odd, at = changed[WORDS:], changed[2 * WORDS : 2 * WORDS + 8]
-    index = changed[2 * WORDS + 8 : 2 * WORDS + 8 + max(n - 1, 0)]
-    rows_at, same_at = n * PITCH, (n + outer + of_row + 1) * PITCH
-    real = np.zeros(same_at + outer + 1)
-    in_rows, of_rows, same = borrowed(real), borrowed(real)[rows_at:], borrowed(real)[same_at:]
-    row_values, room_at = stretches * along * PITCH, (stretches * along + of_row) * PITCH
-    arrays_at = BUFFERS * n * PITCH  # those of axes are before
-    held = np.zeros(room_at + arrays_at + (ARRAYS + 2) * PITCH, dtype=values.dtype)
-    tables = aligned(borrowed(held))
-    room = tables[room_at:]
-    rest, moves = room[arrays_at + ARRAYS * PITCH :], room[arrays_at + ARRAYS * PITCH + VECTOR :]
+    places = wholes
+    changed = places + SLOPES + 2 * n + 8
+    odd = changed + WORDS
+    strides = odd + WORDS
+    within, index = strides + n, strides + 2 * n
+    kept = strides + 3 * n
+    in_rows, of_rows = reals, reals + n * PITCH
+    of_row_at = stretches * along * PITCH
+    arrays = held + of_row_at + of_row * PITCH
+    rest, moves = arrays + ARRAYS * PITCH, arrays + ARRAYS * PITCH + VECTOR
+    of_slopes = arrays + (ARRAYS + 1) * PITCH
     for i in range(n - 1, -1, -1):  # nodes and units of a place
         strides[i] = strides[i + 1] * shape[i + 1] if i < n - 1 else 1
         within[i] = within[i + 1] * shape[i + 1] if i < n - 3 else local
-    of_slopes = shared_slopes(values, shape, strides, within)
-    shared = borrowed_slopes(of_slopes)
-    nodes_of_last_axis(leaves[0], u, axes[last], nodes, stretches, longest, along, tables)
+    begin_slopes(kept, strides, within, n)
+    same = of_rows + (of_row + outer) * PITCH
+    room = same + outer
+    nodes_of_last_axis(
+        leaves[0], u, axes + last * axis_pitch, nodes, stretches, longest, along, room, held
+    )
     places[REST], places[MOVES] = address(rest, 0), address(moves, 0)
     places[CHANGED], places[ODD] = address(changed, 0), address(odd, 0)
-    places[OF_ROW], places[OUTER] = address(tables, row_values), address(same, 0)
+    places[OF_ROW], places[OUTER] = address(held, of_row_at), address(same, 0)
     places[NUMBERS] = address(numbers, 0)
     wrong, computed, of_block = 0, 0, -1
     while True:
         slice_ = take(turn) % MOST_SLICES
-        if slice_ >= len(slices) - 1:
+        if slice_ >= slice_count:
             break
         first, end = slices[slice_], slices[slice_ + 1]
-        part_first, parts = (0, local) if n > 2 else (first, end)
-        first_block, blocks = 0, 1
+        part_first, parts, first_block, blocks = first, end, 0, 1
         if n > 2:
+            part_first, parts = 0, local
             first_block, blocks = first * (within[0] // local), end * (within[0] // local)
         for block in range(first_block, blocks):
-            rest_of = block
+            left = block
             for i in range(n - 3, -1, -1):
-                index[i] = rest_of % shape[i]
-                rest_of //= shape[i]
+                index[i] = left % shape[i]
+                left = left // shape[i]
             part = part_first
             while part < parts:
                 unit = block * local + part
@@ -159,36 +155,38 @@ def sweep(turn, slices, u, numbers, values, base, out, before, upper, lower, act
                 here = (block * rows_of + row) * nodes + begin
                 if of_row > 0 or of_block != block:
                     of_block = block
-                    rows_of_run(leaves[1], u, axes, index, row, tall, in_rows, of_rows)
+                    rows_of_run(
+                        leaves[1], u, axes, axis_pitch, index, n, row, tall, in_rows, of_rows
+                    )
                     for k in range(outer):
                         same[k] = of_rows[k * PITCH]
-                    spread(of_rows, outer, of_row, tall, wide, tables[row_values:])
+                    spread(of_rows + outer * PITCH, of_row, tall, wide, held + of_row_at)
                 for i in range(n - 1):
                     slopes_across(
-                        leaves[3], values, here, i, i < n - 2, index[i] if i < n - 2 else row,
-                        tall, wide, strides[i], shape[i], kinds[i], ghosts, unit, several, count,
-                        at, shared, room, places,
+                        leaves[3], values, size, here, i, n, i < n - 2,
+                        index[i] if i < n - 2 else row, tall, wide, strides[i], shape[i], kinds[i],
+                        ghosts, unit, several, count, kept, of_slopes, places,
                     )  # fmt: skip
                 slopes_along_rows(
-                    leaves[3], values, here, begin, tall, wide, nodes, kinds[last], ghosts, count,
-                    last, at, shared, room, places,
+                    leaves[3], values, size, here, begin, tall, wide, nodes, kinds[last], ghosts,
+                    count, last, n, of_slopes, places,
                 )  # fmt: skip
-                places[VALUE] = address_of_run(values, here, count, room, arrays_at)
-                places[BASE] = address_of_run(base, here, count, room, arrays_at + PITCH)
-                places[BEFORE] = address_of_run(before, here, count, room, arrays_at + 2 * PITCH)
-                if len(lower) > 0:
-                    places[LOWER] = address_of_run(lower, here, count, room, arrays_at + 3 * PITCH)
-                if len(upper) > 0:
-                    places[UPPER] = address_of_run(upper, here, count, room, arrays_at + 4 * PITCH)
+                places[VALUE] = address_of_run(values, size, here, count, arrays)
+                places[BASE] = address_of_run(base, size, here, count, arrays + PITCH)
+                places[BEFORE] = address_of_run(before, size, here, count, arrays + 2 * PITCH)
+                if lower != 0:
+                    bound = values_at(lower)
+                    places[LOWER] = address_of_run(bound, size, here, count, arrays + 3 * PITCH)
+                if upper != 0:
+                    bound = values_at(upper)
+                    places[UPPER] = address_of_run(bound, size, here, count, arrays + 4 * PITCH)
                 places[OUT] = address(out, here)
-                places[ALONG] = address(tables, begin // longest * along * PITCH)
-                call(leaves[2], (address(places, 0), count))
+                places[ALONG] = address(held, begin // longest * along * PITCH)
+                call(leaves[2], address(places, 0), count)
                 done = count % lanes
                 copy(rest, 0, done, out, here + count - done)
                 for i in range(n - 2):
-                    remember_slopes(
-                        shared, i, index[i], shape[i], unit, several, here, strides[i], count
-                    )
+                    remember_slopes(kept, of_slopes, i, n, unit, several, here, strides[i], count)
                 if any_of(odd, 0, count):
                     for j in range(count):
                         wrong += (odd[j >> 6] >> (j & 63)) & 1
@@ -196,8 +194,8 @@ def sweep(turn, slices, u, numbers, values, base, out, before, upper, lower, act
                 for k in range(several):
                     if any_of(changed, k * unit_nodes, min((k + 1) * unit_nodes, count)):
                         low, high = min(low, k), k + 1
-                        for s in range(own.shape[0]):
-                            own[s, unit + k] = 1
+                        for s in range(own_count):
+                            own[s * units + unit + k] = 1
                 part += several
                 if high > 0:
                     unit, several, row = unit + low, high - low, row + low * many
@@ -211,9 +209,9 @@ def sweep(turn, slices, u, numbers, values, base, out, before, upper, lower, act
                             marks, block * local + of, row, tall, rows_of, many, stretches,
                             kinds[n - 2], ghosts,
                         )  # fmt: skip
-    fastest = 0.0
+    fastest = moves[0]
     for j in range(lanes):
         fastest = max(fastest, moves[j])
-    counts[0] += computed + 0 * (len(whole) + len(real) + len(held) + held_slopes(of_slopes))
-    counts[1] += wrong
+    counts[0] = counts[0] + computed
+    counts[1] = counts[1] + wrong
     counts[2] = fastest
