@@ -113,7 +113,7 @@ def report(
         "python": platform.python_version(),
         "versions": {
             name: metadata.version(name)
-            for name in ("holdfast", "numba", "numpy", *PEERS)
+            for name in ("holdfast", "llvmlite", "numpy", *PEERS)
             if name not in missing
         },
         "not_installed": missing,

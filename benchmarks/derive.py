@@ -57,7 +57,7 @@ def main() -> None:
             continue  # a kernel is marched: level_set.py
         runs = 1 if loaded.independent_runs else None  # robots on a course have one start
         code = (
-            "import time; from holdfast.scenario.load import load_scenario; import numba; "
+            "import time; from holdfast.scenario.load import load_scenario; "
             "t = time.perf_counter(); "
             "short = ['run.horizon=0.2', 'run.record_every=0.2']; "
             f"load_scenario({name!r}, short, runs={runs}).run(); "

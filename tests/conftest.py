@@ -1,4 +1,4 @@
-"""Shared fixtures. Floating-point faults raise in NumPy code; Numba code has its outcomes."""
+"""Shared fixtures. Floating-point faults raise in NumPy code; compiled code has its outcomes."""
 
 import gc
 

@@ -9,20 +9,13 @@ import numpy as np
 import pytest
 
 from holdfast.errors import CacheWarning, OutputError
-from holdfast.execution import cache
-from holdfast.execution import compile as compilation
+from holdfast.execution import cache, leaf
 
-ANSWER = [2.0, 6.0]
-TEXT = """@within(forceinline=True)
-def function(x):
-    return x * x + x
-
-
-@compiled
-def evaluate(points, out):
-    for i in range(len(points)):
-        out[i] = function(points[i])
-"""
+ANSWER = 4.0
+TEXTS = [
+    f"define void @f(ptr %out) {{\n  store double {value}, ptr %out, align 8\n  ret void\n}}\n"
+    for value in (ANSWER, 8.0)
+]
 
 
 @pytest.fixture
@@ -32,24 +25,23 @@ def folder(tmp_path, monkeypatch):
     return place
 
 
-def anew():
-    """What a new process finds: (values, whether they are those of code from the cache)."""
-    kept = {name: module for name, module in sys.modules.items() if name.startswith("functions_")}
-    for name in kept:
-        del sys.modules[name]
-    try:
-        text = f"{compilation._import('primitives')}\n\n{TEXT}"
-        module, out = compilation._module("functions", text), np.zeros(2)
-        module.evaluate(np.array([1.0, 2.0]), out)
-        stats = module.evaluate.stats
-        assert sum(stats.cache_hits.values()) + sum(stats.cache_misses.values()) == 1
-        return out.tolist(), bool(stats.cache_hits)
-    finally:
-        sys.modules.update(kept)
+def anew(text=TEXTS[0]):
+    """What a new process finds: (the value, whether it is that of code from the cache)."""
+    leaf._machines.clear()
+    out, compiled = np.zeros(1), []
+
+    def parse(given, parse=leaf.llvm.parse_assembly):
+        compiled.append(given)
+        return parse(given)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(leaf.llvm, "parse_assembly", parse)
+        leaf.compiled_text(text).function("f", 1)(out.ctypes.data)
+    return float(out[0]), not any(compiled)
 
 
-def files(folder, ending):
-    return sorted(folder.glob(f"functions_*{ending}"))
+def files(folder):
+    return sorted(folder.glob("leaf-*.code"))
 
 
 DAMAGES = {
@@ -60,26 +52,25 @@ DAMAGES = {
 }
 
 
-@pytest.mark.parametrize("ending", [".py", ".code"])
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_damaged_file_of_the_cache_is_replaced_and_never_run(folder, ending, damage):
+def test_damaged_file_of_the_cache_is_replaced_and_never_run(folder, damage):
     assert anew() == (ANSWER, False)
     assert anew() == (ANSWER, True)
-    good = {path: path.read_bytes() for path in files(folder, ending)}
-    assert good
-    for path, data in good.items():
-        path.write_bytes(DAMAGES[damage](data))
-    assert anew() == (ANSWER, ending == ".py")
-    if ending == ".py":
-        assert {path: path.read_bytes() for path in good} == good
+    (path,) = files(folder)
+    path.write_bytes(DAMAGES[damage](path.read_bytes()))
+    assert anew() == (ANSWER, False)
     assert anew() == (ANSWER, True)
 
 
 def test_code_of_another_function_under_its_name_is_not_run(folder):
+    anew(TEXTS[1])
+    (other,) = files(folder)
+    data = other.read_bytes()
+    other.unlink()
     anew()
-    one, other = (path for path in files(folder, ".code"))
-    one.write_bytes(other.read_bytes())
-    assert anew()[0] == ANSWER
+    (one,) = files(folder)
+    one.write_bytes(data)
+    assert anew() == (ANSWER, False)
 
 
 def test_cache_is_for_its_user_alone(folder):
@@ -90,7 +81,7 @@ def test_cache_is_for_its_user_alone(folder):
 
 def test_file_that_others_may_write_to_is_compiled_again(folder):
     anew()
-    for path in files(folder, ".code"):
+    for path in files(folder):
         path.chmod(0o666)
     assert anew() == (ANSWER, False)
     assert anew() == (ANSWER, True)
@@ -118,7 +109,7 @@ def test_folder_below_one_that_others_may_write_to_is_refused(folder):
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root gives away")
 def test_folder_and_file_of_another_user_are_not_used(folder):
     anew()
-    for path in files(folder, ".code"):
+    for path in files(folder):
         os.chown(path, 12345, -1)
     assert anew() == (ANSWER, False)
     os.chown(folder, 12345, -1)
@@ -159,7 +150,7 @@ def test_link_to_itself_is_no_cache_folder(folder):
 THREADS = """
 import threading
 import holdfast as hf
-from holdfast.execution import compile
+from holdfast.execution import leaf
 robot = hf.systems.unicycle()
 law = hf.laws.steer_unicycle(robot)
 begin, found = threading.Barrier(6), []
@@ -169,13 +160,13 @@ def run():
     result = hf.simulate(robot, law, starts=[[1.0, 0.5, 0.0]], horizon=1.0)
     found.append(float(result.dataset["state"][0, -1, 0]))
 
-# a module takes long to be executed: the others come meanwhile
-executed = compile._executed
-def slowly(name, text):
+# code takes long to be compiled: the others come meanwhile
+object_code = leaf._object_code
+def slowly(*given):
     import time
     time.sleep(0.2)
-    return executed(name, text)
-compile._executed = slowly
+    return object_code(*given)
+leaf._object_code = slowly
 
 threads = [threading.Thread(target=run) for _ in range(6)]
 for thread in threads: thread.start()

@@ -1,4 +1,4 @@
 """Execution: from symbolic definitions to compiled functions and trajectories.
 
-The only home of Numba; SymPy appears where text is made.
+The only home of llvmlite; SymPy appears where text is made.
 """

@@ -1,7 +1,7 @@
 """The cache of compiled code: only this user's files are executed; damaged files are recompiled.
 
-Machine code is stored as pickles, which can run any code of their writer. A folder that other users
-may write to is therefore not used, nor a file of another user. Every file begins with the digest of
+Machine code can do anything that its writer wants. A folder that other users may write to is
+therefore not used, nor a file of another user. Every file begins with the digest of
 its content, so that a truncated one is compiled again.
 """
 
@@ -10,15 +10,12 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
-import pickle
 import shutil
 import stat
-import sys
 import tempfile
 import warnings
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import platformdirs
 
@@ -122,17 +119,6 @@ def _warn_once(message: str) -> None:
     warnings.warn(message, CacheWarning, stacklevel=2)
 
 
-def keep_source(path: Path, text: str) -> None:
-    """The file with this text, which tracebacks refer to: it is the executed text."""
-    try:
-        if path.read_text("utf-8") == text:
-            return
-    except (OSError, ValueError):
-        pass  # missing, or not text
-    with atomic_file(path, PRIVATE) as partial:
-        partial.write_text(text, "utf-8")
-
-
 class Stored:
     """The machine code of one function, by its signature and the machine."""
 
@@ -142,11 +128,11 @@ class Stored:
 
     def _place(self, key: object) -> tuple[Path, bytes]:
         """The path of the file, and the key of its content."""
-        about = f"{sys.version}\n{self.stamp}\n{key!r}".encode()
+        about = f"object code\n{self.stamp}\n{key!r}".encode()
         digest = hashlib.sha256(about).hexdigest()[:24]
         return cache_directory() / f"{self.name}-{digest}.code", about
 
-    def load(self, key: object) -> Any:
+    def load(self, key: object) -> bytes | None:
         """The saved code; None if the file is missing or cannot be trusted."""
         path, about = self._place(key)
         try:
@@ -161,18 +147,13 @@ class Stored:
             return None
         if hashlib.sha256(about + data).digest() != digest:
             return None
-        return pickle.loads(data)
+        return data
 
-    def save(self, key: object, data: object) -> None:
+    def save(self, key: object, data: bytes) -> None:
         """Save the code for the next process; without space for it the next compiles again."""
         path, about = self._place(key)
-        pickled = self.pickled(data)
         try:
             with atomic_file(path, PRIVATE) as partial:
-                partial.write_bytes(hashlib.sha256(about + pickled).digest() + pickled)
+                partial.write_bytes(hashlib.sha256(about + data).digest() + data)
         except OutputError:
             return
-
-    def pickled(self, data: object) -> bytes:
-        """The data as they are saved."""
-        return pickle.dumps(data)

@@ -1,8 +1,7 @@
 """Leaves: functions over columns, compiled alone by LLVM and called through their addresses.
 
 A leaf contains one program; the loops that call leaves contain none and are compiled once. LLVM
-compiles a leaf in some hundredths of a second, without the analysis of types that Numba does for
-Python text. llvmlite is the binding to LLVM that Numba is built on.
+compiles a leaf in some hundredths of a second, through llvmlite.
 """
 
 from __future__ import annotations
@@ -110,14 +109,12 @@ class Machine:
     def __init__(self, text: str, digest: str, optimised: bool = False) -> None:
         self._engine = _engine(_object_code(text, digest, optimised))  # it holds the machine code
 
-    def address(self, name: str) -> int:
-        """The address of a function."""
-        found: int = self._engine.get_function_address(name)
-        return found
-
     def function(self, name: str, arguments: int) -> Any:
         """A function of pointers; other threads of Python run meanwhile."""
         return ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(self.address(name))
+
+    def address(self, name: str) -> int:
+        return int(self._engine.get_function_address(name))
 
 
 def padded(count: int) -> int:
@@ -179,7 +176,6 @@ def _object_code(text: str, digest: str, optimised: bool = False) -> bytes:
             _optimise(module, target)
         found = target.emit_object(module)
         stored.save(key, found)
-    assert isinstance(found, bytes)
     return found
 
 

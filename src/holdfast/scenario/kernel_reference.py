@@ -15,7 +15,7 @@ import sympy as sp
 from holdfast.analysis.load import load
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import OutputError, ScenarioError
-from holdfast.execution.compile import cache_directory
+from holdfast.execution.cache import cache_directory
 from holdfast.execution.evaluate import Evaluator
 from holdfast.execution.resources import Progress
 from holdfast.maths.definitions.quantity import symbol

@@ -303,7 +303,7 @@ def test_a_full_disk_is_told_and_nothing_is_lost(tmp_path, command):
     old.write_text("old")
     code = (
         "import resource, sys\n"
-        "import holdfast.execution.compile as c\n"
+        "import holdfast.execution.leaf\n"
         "from holdfast.commands.main import main\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (3000, resource.RLIM_INFINITY))\n"
         "main()"

@@ -44,7 +44,9 @@ def evaluate(a: Floats, k: Wholes, count: int, out: Floats) -> None:
     out[3] = math.sqrt(abs(a[2])) + math.floor(a[3]) + int(a[3])
     out[4] = HALF if -1.0 <= a[0] <= 1.0 or math.isnan(a[0]) else math.inf
     out[5] = last_below(rest, count, 0.25) * 2 - (turns >> 1 & 1)
-    k[0] = max(min(turns, 3), 2) - (1 << 2)
+    k[0] = max(min(turns, 3), 2) - (1 << 2) + abs(k[1]) // 2
+    for i in range(count, count - 2, -1):
+        out[4] += i | 1
     scaled(out[5:], 2, 0.1)
     out[6] = out[7] = -a[0] if not math.isfinite(a[1]) and k[1] else k[1] / 7
 '''
@@ -120,8 +122,9 @@ def test_tables_in_single_precision_are_read_as_doubles():
         ("n = 0.5", "'n' is int and float"),
         ("f(n, n)", "'a' of 'f' is Floats"),
         ("x = min(1.0)", "'min' of 1 values"),
-        ("n = n // 2", "an operator that scalar functions lack"),
-        ("n = abs(n)", "'abs' of a whole number"),
+        ("n = n ^ 2", "an operator that scalar functions lack"),
+        ("x = a[0] % 2.0", "an operator that scalar functions lack"),
+        ("for i in range(9, 0, -2): pass", "a step that is not 1 or -1"),
     ],
 )
 def test_what_is_no_part_of_the_language_is_refused_with_its_line(line, why):

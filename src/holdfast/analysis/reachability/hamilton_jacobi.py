@@ -99,7 +99,7 @@ def marched(
     saved, done, enough = None, Done(), False
     if marching.checkpoint is not None:
         path = marching.checkpoint_file(problem.kind)
-        saved = Checkpoint(path, marching.checkpoint_every, posed, march.module.__name__)
+        saved = Checkpoint(path, marching.checkpoint_every, posed, march.code.name)
         done = saved.load(values, record)
         if posed.varies:  # what it has come to by now, when it may have been larger than now
             obstacles.highest = max(obstacles.highest, float(values.max()))

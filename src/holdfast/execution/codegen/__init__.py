@@ -1,1 +1,1 @@
-"""Code generation: expressions as source text, Python for Numba, C99 for a vehicle."""
+"""Code generation: expressions and loops as text of LLVM, C99 for a vehicle."""

@@ -21,7 +21,7 @@ LANES = 8
 
 
 @dataclass(frozen=True)
-class _Format:
+class Format:
     """How the values of a leaf are computed.
 
     lanes: of a step; real: their type. fused: whether LLVM may contract a product and a sum.
@@ -49,7 +49,7 @@ class _Format:
         return self.splat(self.real, f"0x{pattern:016X}")
 
 
-_DOUBLE = _Format()
+_DOUBLE = Format()
 _TWO = {
     "add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv", "lt": "fcmp olt", "le": "fcmp ole",
     "eq": "fcmp oeq", "ne": "fcmp une", "both": "and", "either": "or", "iadd": "add",
@@ -60,27 +60,30 @@ _ONE = {"abs": "fabs", "sqrt": "sqrt", "floor": "floor", "ceil": "ceil", "rint":
 
 
 @dataclass
-class _Module:
+class Module:
     """The functions and tables that the leaves of one text share."""
 
     functions: dict[str, str] = field(default_factory=dict)
     tables: dict[tuple[int, ...], str] = field(default_factory=dict)
     intrinsics: set[str] = field(default_factory=set)
 
+    def text(self, bodies: Sequence[str]) -> str:
+        """These functions, and what they share."""
+        tables = [
+            f"{name} = private unnamed_addr constant [{len(table)} x i64] "
+            f"[{', '.join(f'i64 {w}' for w in table)}]"
+            for table, name in self.tables.items()
+        ]
+        return (
+            "\n\n".join([*tables, *self.functions.values(), *bodies, *sorted(self.intrinsics)])
+            + "\n"
+        )
+
 
 def leaves_text(leaves: Mapping[str, Leaf]) -> str:
     """The text of a module with these functions."""
-    module = _Module()
-    bodies = [_leaf(module, name, leaf) for name, leaf in leaves.items()]
-    tables = [
-        f"{name} = private unnamed_addr constant [{len(table)} x i64] "
-        f"[{', '.join(f'i64 {w}' for w in table)}]"
-        for table, name in module.tables.items()
-    ]
-    return (
-        "\n\n".join([*tables, *module.functions.values(), *bodies, *sorted(module.intrinsics)])
-        + "\n"
-    )
+    module = Module()
+    return module.text([_leaf(module, name, leaf) for name, leaf in leaves.items()])
 
 
 @dataclass(frozen=True)
@@ -107,12 +110,12 @@ class Leaf:
     read: Mapping[int, str] = field(default_factory=dict)
 
 
-def _leaf(module: _Module, name: str, leaf: Leaf) -> str:
-    kind = _Format(fused=leaf.fused)
+def _leaf(module: Module, name: str, leaf: Leaf) -> str:
+    kind = Format(fused=leaf.fused)
     if leaf.single and leaf.algebraic:
-        kind = _Format(2 * LANES, "float", leaf.fused)
+        kind = Format(2 * LANES, "float", leaf.fused)
     stored = "float" if leaf.single else "double"
-    body = _Body(module, leaf.steps, leaf.results, kind, leaf.read)
+    body = Body(module, leaf.steps, leaf.results, kind, read=leaf.read)
     lines = []
     for array, inputs in leaf.arguments.items():
         for row, given in enumerate(inputs):
@@ -156,7 +159,7 @@ def _leaf(module: _Module, name: str, leaf: Leaf) -> str:
 _SIZE = {"float": 4, "double": 8}
 
 
-def _of(kind: _Format, stored: str) -> str:
+def _of(kind: Format, stored: str) -> str:
     return f"<{kind.lanes} x {stored}>"
 
 
@@ -168,7 +171,7 @@ def _place(array: str, row: int, name: str, stored: str) -> list[str]:
     ]
 
 
-def _loaded(kind: _Format, stored: str, place: str, name: str) -> list[str]:
+def _loaded(kind: Format, stored: str, place: str, name: str) -> list[str]:
     load = f"load {_of(kind, stored)}, ptr {place}, align {_SIZE[stored]}"
     if stored == kind.real:
         return [f"  {name} = {load}"]
@@ -176,7 +179,7 @@ def _loaded(kind: _Format, stored: str, place: str, name: str) -> list[str]:
     return [f"  {name}.s = {load}", f"  {name} = {wide}"]
 
 
-def _uniform(kind: _Format, array: str, row: int, name: str) -> list[str]:
+def _uniform(kind: Format, array: str, row: int, name: str) -> list[str]:
     vector, own = kind.vector(FLOAT), f"{name}.d"
     lines = [
         f"  {name}.p = getelementptr double, ptr {array}, i64 {row}",
@@ -193,36 +196,43 @@ def _uniform(kind: _Format, array: str, row: int, name: str) -> list[str]:
     ]
 
 
-class _Body:
-    """The lines of the steps that some results need."""
+class Body:
+    """The lines of the steps that some results need.
+
+    given: the names of inputs that have one. letter: the first of the names of steps.
+    """
 
     def __init__(
         self,
-        module: _Module,
+        module: Module,
         steps: Steps,
         results: Sequence[Value],
-        form: _Format = _DOUBLE,
+        form: Format = _DOUBLE,
+        given: Mapping[str, str] | None = None,
+        letter: str = "v",
         read: Mapping[int, str] = MappingProxyType({}),
     ) -> None:
         self.module, self.steps, self.form = module, steps, form
+        self.given, self.letter = given or {}, letter
         self.lines: list[str] = []
         self.names: dict[int, str] = {}
         self.inputs: dict[str, int] = {}
         self.label = "loop"
         for number in steps.needed([v.number for v in results], read):
             if number in read:
-                self.names[number], self.inputs[read[number]] = f"%v{number}", number
+                self.names[number], self.inputs[read[number]] = f"%{letter}{number}", number
             else:
                 self._print(number, steps.list[number])
 
     def _print(self, number: int, step: Step) -> None:
-        name = self.names[number] = f"%v{number}"
+        name = self.names[number] = f"%{self.letter}{number}"
         a = [self.names[k] for k in step.arguments]
         form = self.form
         kind = form.vector(step.kind) if step.kind in (FLOAT, WHOLE, TRUTH) else ""
         operation = step.operation
         if operation == "input":
             self.inputs[step.given] = number
+            self.names[number] = self.given.get(step.given, name)
         elif operation == "constant":
             self.names[number] = form.constant(step)
         elif operation in _TWO:
@@ -279,7 +289,7 @@ class _Body:
         reduce = f"@llvm.vector.reduce.or.v{LANES}i1"
         self.module.intrinsics.add(f"declare i1 {reduce}({truth})")
         given = ", ".join(f"{_DOUBLE.vector(FLOAT)} {x}" for x in arguments)
-        own, before = f"%v{number}", self.label
+        own, before = f"%{self.letter}{number}", self.label
         self._line(f"{own}.any = call i1 {reduce}({truth} {when})")
         self._line(f"br i1 {own}.any, label %rare{number}, label %join{number}")
         self.lines.append(f"rare{number}:")
@@ -303,7 +313,7 @@ class _Body:
         if function.name in self.module.functions:
             return
         steps, results = function.traced(expanded=True)
-        body = _Body(self.module, steps, results)
+        body = Body(self.module, steps, results)
         several = f"{{ {', '.join(_DOUBLE.vector(k) for k in function.kinds)} }}"
         inputs = ", ".join(
             f"{_DOUBLE.vector(FLOAT)} %v{body.inputs[p]}" for p in function.parameters

@@ -17,14 +17,14 @@ from holdfast.execution.codegen.scalar_functions import (
     WHOLES,
     ScalarFunction,
     Scalars,
-    constant,
 )
 
 _TYPES = {INT: "long", FLOAT: "double", BOOL: "int", NONE: "void"}
 _ELEMENTS = {FLOATS: "double", WHOLES: "long", TABLE: "hf_table"}
 _OPERATORS = {
     ast.Add: ("+", 5), ast.Sub: ("-", 5), ast.Mult: ("*", 6), ast.Div: ("/", 6), ast.Mod: ("%", 6),
-    ast.RShift: (">>", 0), ast.LShift: ("<<", 0), ast.BitAnd: ("&", 0), ast.Lt: ("<", 3),
+    ast.FloorDiv: ("/", 6), ast.RShift: (">>", 0), ast.LShift: ("<<", 0), ast.BitAnd: ("&", 0),
+    ast.BitOr: ("|", 0), ast.Lt: ("<", 3),
     ast.LtE: ("<=", 3), ast.Gt: (">", 3), ast.GtE: (">=", 3), ast.Eq: ("==", 3),
     ast.NotEq: ("!=", 3), ast.And: ("&&", 2), ast.Or: ("||", 1),
 }  # fmt: skip
@@ -42,18 +42,18 @@ def scalars_c(known: Scalars, roots: Sequence[str]) -> str:
     An entry of a `Table` has the type hf_table, which the text before it has to define.
     """
     text = "\n".join(_Printer(known, f).text() for f in known.needed(roots))
-    helpers = [_helper(name) for name in _CHOICES if f"hf_{name}(" in text]
+    helpers = [f"static {body}\n" for name, body in _HELPERS.items() if f"hf_{name}(" in text]
     return "\n".join([*helpers, text])
 
 
-_CHOICES = {"min": ("double", "<"), "max": ("double", ">"), "min_whole": ("long", "<"),
-            "max_whole": ("long", ">")}  # fmt: skip
-"""As Python has them: the first, unless the second is beyond it."""
-
-
-def _helper(name: str) -> str:
-    kind, test = _CHOICES[name]
-    return f"static {kind} hf_{name}({kind} a, {kind} b) {{\n    return b {test} a ? b : a;\n}}\n"
+_HELPERS = {
+    "min": "double hf_min(double a, double b) {\n    return b < a ? b : a;\n}",
+    "max": "double hf_max(double a, double b) {\n    return b > a ? b : a;\n}",
+    "min_whole": "long hf_min_whole(long a, long b) {\n    return b < a ? b : a;\n}",
+    "max_whole": "long hf_max_whole(long a, long b) {\n    return b > a ? b : a;\n}",
+    "abs_whole": "long hf_abs_whole(long a) {\n    return a < 0 ? -a : a;\n}",
+}
+"""As Python has them: `min` and `max` give the first, unless the second is beyond it."""
 
 
 class _Printer:
@@ -127,7 +127,10 @@ class _Printer:
                 first, last = (bounds[0], bounds[1]) if len(bounds) > 1 else (None, bounds[0])
                 start = self._text(first) if first is not None else "0"
                 below = f"{name} < {self._text(last, 4)}"
-                self._line(f"for ({name} = {start}; {below}; {name}++) {{")
+                turn = f"{name}++"
+                if len(bounds) > 2 and self.function.number(bounds[2]) == -1:
+                    below, turn = f"{name} > {self._text(last, 4)}", f"{name}--"
+                self._line(f"for ({name} = {start}; {below}; {turn}) {{")
                 self._inside(body)
                 self._line("}")
             case ast.Return(value=value):
@@ -156,10 +159,7 @@ class _Printer:
     def _found(self, node: ast.expr) -> tuple[str, int]:
         if isinstance(node, ast.Constant) and isinstance(node.value, bool):
             return str(int(node.value)), _ATOM
-        local = isinstance(node, ast.Name) and (
-            node.id in self.function.variables or node.id in self.function.parameters
-        )
-        value = None if local else constant(node, self.function.constants)
+        value = self.function.number(node)
         if value is not None:
             return _number(value), _ATOM if value >= 0 else _PREFIX
         match node:
@@ -199,7 +199,7 @@ class _Printer:
         raise AssertionError(ast.dump(node))
 
     def _called(self, name: str, arguments: Sequence[ast.expr]) -> tuple[str, int]:
-        if name in ("min", "max"):
+        if name in ("min", "max", "abs"):
             whole = all(self.function.kinds[a] == INT for a in arguments)
             name += "_whole" if whole else ""
         if name in ("int", "float"):

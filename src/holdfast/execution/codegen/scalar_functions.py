@@ -1,23 +1,26 @@
 """Scalar functions: a small part of Python, read once and printed for LLVM and for C.
 
 What a leaf cannot be, because it has loops whose length depends on numbers, is written as Python
-functions of numbers and arrays, such as `simulation/quadratic_program.py`. The same text runs in
-Python, is compiled by LLVM (`scalar_llvm.py`), and is part of exported laws (`scalar_c.py`).
+functions of numbers and arrays, such as `simulation/quadratic_program.py` and
+`level_set/sweep.py`. LLVM compiles the text (`scalar_llvm.py`); an exported law contains it as C
+(`scalar_c.py`); Python runs it as it is, except for the functions of `MACHINE`.
 
-A parameter is `int`, `float`, or an array of one dimension: `Floats`, `Wholes`, or `Table`, floats
-that may be stored in single precision. A function returns `int`, `float`, `bool` or `None`. Its
-statements are assignments of numbers and of parts of arrays (`rows[k:]`), `if`, `while`,
-`for ... in range(...)`, `break`, `continue`, `return`, and calls; its expressions consist of
-arithmetic, comparisons, `and`, `or`, `not`, `a if b else c`, the functions of `BUILT_IN`,
-functions of the same text or of a text that it imports, and constants. Python's `%` is for numbers
-that are not negative. `math.floor` gives a float.
+A parameter is `int`, `float`, `bool`, `Value` (a float in the precision of a march), or an array of
+one dimension: `Floats`, `Wholes`, `Flags` (bytes), `Values`, and `Table` (floats that may be stored
+in single precision). A function returns one of the numbers, or nothing. Its statements are
+assignments of numbers and of parts of arrays (`rows[k:]`), `if`, `while`, `for ... in range(...)`,
+`break`, `continue`, `return`, and calls; its expressions consist of arithmetic, comparisons, `and`,
+`or`, `not`, `a if b else c`, the functions of `BUILT_IN`, functions of the same text or that it
+imports by name, and constants. Python's `%` and `//` are for numbers that are not negative.
+`math.floor` gives a float.
 """
 
 from __future__ import annotations
 
 import ast
 import math
-from collections.abc import Iterable, Mapping
+import operator
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cache
@@ -25,23 +28,32 @@ from importlib import import_module, resources
 from types import FunctionType
 from typing import TypeAlias
 
-INT, FLOAT, BOOL, NONE = "int", "float", "bool", "None"
-FLOATS, WHOLES, TABLE = "Floats", "Wholes", "Table"
-ARRAYS: Mapping[str, str] = {FLOATS: FLOAT, WHOLES: INT, TABLE: FLOAT}
+INT, FLOAT, VALUE, BOOL, NONE = "int", "float", "Value", "bool", "None"
+FLOATS, WHOLES, FLAGS, VALUES, TABLE = "Floats", "Wholes", "Flags", "Values", "Table"
+ARRAYS: Mapping[str, str] = {
+    FLOATS: FLOAT, WHOLES: INT, FLAGS: INT, VALUES: VALUE, TABLE: FLOAT,
+}  # fmt: skip
 """The kinds of arrays, and of their entries."""
-_KINDS = {INT, FLOAT, BOOL, NONE, *ARRAYS}
+_KINDS = {INT, FLOAT, VALUE, BOOL, NONE, *ARRAYS}
 
+MACHINE: Mapping[str, str] = {
+    "table_at": TABLE, "values_at": VALUES, "address": INT, "call": NONE, "copy": NONE,
+    "take": INT, "look": INT,
+}  # fmt: skip
+"""What has a meaning in machine code alone, and the kind of the result.
+
+table_at(k), values_at(k): the array at an address. address(a, k): of an entry. call(k, ...): the
+machine code at an address, with whole numbers. copy(a, i, count, b, j): count entries of a from i
+on to b from j on. take(a), look(a): a[0] by an atomic operation; `take` increments it.
+"""
 BUILT_IN: Mapping[str, str] = {
     "min": "", "max": "", "abs": "", "int": INT, "float": FLOAT, "math.sqrt": FLOAT,
-    "math.floor": FLOAT, "math.isnan": BOOL, "math.isfinite": BOOL, "table_at": TABLE,
+    "math.floor": FLOAT, "math.isnan": BOOL, "math.isfinite": BOOL, **MACHINE,
 }  # fmt: skip
-"""What may be called, and the kind of the result if it is always the same.
-
-`table_at` is the array at an address, and has no meaning in Python or C.
-"""
+"""What may be called, and the kind of the result if it is always the same."""
 
 Number: TypeAlias = int | float
-_WHOLE = ast.Mod | ast.RShift | ast.LShift | ast.BitAnd
+_WHOLE = ast.Mod | ast.FloorDiv | ast.RShift | ast.LShift | ast.BitAnd | ast.BitOr
 
 
 @dataclass
@@ -71,6 +83,11 @@ class ScalarFunction:
 
     def kind(self, name: str) -> str:
         return self.variables.get(name) or self.parameters[name]
+
+    def number(self, node: ast.expr) -> Number | None:
+        """The number that an expression always is; None for others."""
+        own = self.parameters.keys() | self.variables.keys()
+        return constant(node, {k: v for k, v in self.constants.items() if k not in own})
 
 
 @dataclass
@@ -103,22 +120,39 @@ def scalars(name: str) -> Scalars:
 
 
 def read(text: str) -> Scalars:
-    """The functions of a text. Raises `SyntaxError` for what is no part of the language."""
+    """The functions of a text. Raises `SyntaxError` for what is no part of the language.
+
+    The text of a star import is to stand above: a text has several versions of some functions.
+    """
     found = Scalars({}, {})
     for node in ast.parse(text).body:
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(_ROOM):
-            for one in node.names:
+            for one in node.names if node.names[0].name != "*" else ():
                 _import(found, node.module or "", one.name)
-        elif isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
-            value = constant(node.value, found.constants)
-            if value is not None:
-                found.constants[node.targets[0].id] = value
+        elif isinstance(node, ast.Assign):
+            found.constants |= _constants(node, found.constants)
         elif isinstance(node, ast.FunctionDef) and _is_scalar(node):
             _Reader(found, node)
     return found
 
 
 _ROOM = "holdfast.execution."
+
+
+def _constants(node: ast.Assign, known: Mapping[str, Number]) -> dict[str, Number]:
+    """The numbers that an assignment outside functions gives a name, or several from a range."""
+    match node:
+        case ast.Assign(targets=[ast.Name(id=name)], value=given):
+            value = constant(given, known)
+            return {} if value is None else {name: value}
+        case ast.Assign(
+            targets=[ast.Tuple(elts=names)],
+            value=ast.Call(func=ast.Name(id="range"), args=bounds),
+        ):
+            ends = [constant(b, known) for b in bounds]
+            places = range(*(int(e) for e in ends if e is not None))
+            return {ast.unparse(n): k for n, k in zip(names, places, strict=True)}
+    return {}
 
 
 def _import(found: Scalars, module: str, name: str) -> None:
@@ -146,6 +180,9 @@ def constant(node: ast.expr, known: Mapping[str, Number]) -> Number | None:
         case ast.UnaryOp(op=ast.USub(), operand=inner):
             found = constant(inner, known)
             return None if found is None else -found
+        case ast.BinOp(left=left, op=op, right=right) if type(op) in _FOLDED:
+            a, b = constant(left, known), constant(right, known)
+            return None if a is None or b is None else _FOLDED[type(op)](a, b)
         case ast.Attribute(value=ast.Name(id="math"), attr="inf" | "nan" | "pi" as name):
             return float(getattr(math, name))
         case ast.Attribute():
@@ -153,6 +190,12 @@ def constant(node: ast.expr, known: Mapping[str, Number]) -> Number | None:
         case ast.Name(id=name):
             return known.get(name)
     return None
+
+
+_FOLDED: Mapping[type[ast.operator], Callable[[Number, Number], Number]] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
+    ast.FloorDiv: operator.floordiv, ast.LShift: operator.lshift,
+}  # fmt: skip
 
 
 class _Reader:
@@ -163,7 +206,7 @@ class _Reader:
         parameters = {a.arg: _annotated(a.annotation) for a in node.args.args}
         self.function = ScalarFunction(node.name, node, parameters, _annotated(node.returns))
         known.functions[node.name] = self.function
-        self.function.constants = known.constants
+        self.function.constants = dict(known.constants)
         self._views: list[tuple[str, str]] = []
         for statement in self.function.body:
             self._statement(statement)
@@ -203,6 +246,8 @@ class _Reader:
                 for bound in bounds:
                     if self._kind(bound) != INT:
                         raise self._refuse(bound, "a bound that is not whole")
+                if len(bounds) > 2 and self.function.number(bounds[2]) not in (1, -1):
+                    raise self._refuse(bounds[2], "a step that is not 1 or -1")
                 self._set(name, INT, node)
                 self._all(body)
             case ast.Return(value=value):
@@ -235,7 +280,7 @@ class _Reader:
         known = self.function.variables.get(name) or self.function.parameters.get(name)
         if known is None:
             self.function.variables[name] = kind
-        elif known != kind and not (known == FLOAT and kind == INT):
+        elif known != kind and not (known in (FLOAT, VALUE) and kind == INT):
             raise self._refuse(node, f"'{name}' is {known} and {kind}")
 
     def _kind(self, node: ast.expr) -> str:
@@ -246,14 +291,12 @@ class _Reader:
         function = self.function
         if isinstance(node, ast.Constant) and isinstance(node.value, bool):
             return BOOL
-        value = constant(node, self.known.constants)
-        if value is not None and not isinstance(node, ast.Name):
+        value = self.function.number(node)
+        if value is not None:
             return INT if isinstance(value, int) else FLOAT
         match node:
             case ast.Name(id=name):
                 kind = function.variables.get(name) or function.parameters.get(name)
-                if kind is None and value is not None:
-                    return INT if isinstance(value, int) else FLOAT
                 if kind is None:
                     raise self._refuse(node, "a name without a value")
                 return kind
@@ -267,11 +310,9 @@ class _Reader:
             case ast.BinOp(left=left, op=op, right=right):
                 kinds = {self._kind(left), self._kind(right)}
                 real = isinstance(op, ast.Add | ast.Sub | ast.Mult | ast.Div)
-                if not real and (FLOAT in kinds or not isinstance(op, _WHOLE)):
+                if not real and (kinds & {FLOAT, VALUE} or not isinstance(op, _WHOLE)):
                     raise self._refuse(node, "an operator that scalar functions lack")
-                if isinstance(op, ast.Div) or FLOAT in kinds:
-                    return FLOAT
-                return INT
+                return common(kinds | ({FLOAT} if isinstance(op, ast.Div) else set()))
             case ast.UnaryOp(op=ast.Not(), operand=inner):
                 self._kind(inner)
                 return BOOL
@@ -288,7 +329,7 @@ class _Reader:
             case ast.IfExp(test=test, body=a, orelse=b):
                 self._kind(test)
                 kinds = {self._kind(a), self._kind(b)}
-                return kinds.pop() if len(kinds) == 1 else FLOAT
+                return kinds.pop() if len(kinds) == 1 else common(kinds)
             case ast.Call(func=called, args=arguments):
                 return self._called(node, ast.unparse(called), arguments)
         raise self._refuse(node, "no expression of a scalar function")
@@ -296,12 +337,14 @@ class _Reader:
     def _called(self, node: ast.Call, name: str, arguments: list[ast.expr]) -> str:
         kinds = [self._kind(a) for a in arguments]
         self.function.calls[node] = name
+        if name in MACHINE:
+            if name == "copy":
+                self.function.written.add(_array_of(arguments[3]))
+            return MACHINE[name]
         if name in BUILT_IN:
             if len(kinds) != 1 + (name in ("min", "max")):
                 raise self._refuse(node, f"'{name}' of {len(kinds)} values")
-            if name == "abs" and kinds == [INT]:
-                raise self._refuse(node, "'abs' of a whole number")
-            return BUILT_IN[name] or (FLOAT if FLOAT in kinds else INT)
+            return BUILT_IN[name] or common(set(kinds))
         if name not in self.known.functions:
             raise self._refuse(node, "an unknown function")
         called = self.known.functions[name]
@@ -311,6 +354,11 @@ class _Reader:
             if parameter in called.written:
                 self.function.written.add(_array_of(argument))
         return called.result
+
+
+def common(kinds: Collection[str]) -> str:
+    """The kind of a result of numbers of these kinds."""
+    return next((k for k in (VALUE, FLOAT) if k in kinds), INT)
 
 
 def _annotated(node: ast.expr | None) -> str:

@@ -10,51 +10,63 @@ from collections.abc import Iterable, Sequence
 from holdfast.execution.codegen.scalar_functions import (
     ARRAYS,
     BOOL,
+    FLAGS,
     FLOAT,
     INT,
+    MACHINE,
     NONE,
     TABLE,
+    VALUE,
     ScalarFunction,
     Scalars,
-    constant,
+    common,
 )
 
-_TYPES = {INT: "i64", FLOAT: "double", BOOL: "i1", NONE: "void"}
 _TESTS = {
     ast.Lt: ("slt", "olt"), ast.LtE: ("sle", "ole"), ast.Gt: ("sgt", "ogt"),
     ast.GtE: ("sge", "oge"), ast.Eq: ("eq", "oeq"), ast.NotEq: ("ne", "une"),
 }  # fmt: skip
 _ARITHMETIC = {
     ast.Add: ("add", "fadd"), ast.Sub: ("sub", "fsub"), ast.Mult: ("mul", "fmul"),
-    ast.Div: ("", "fdiv"), ast.Mod: ("srem", ""), ast.RShift: ("ashr", ""),
-    ast.LShift: ("shl", ""), ast.BitAnd: ("and", ""),
+    ast.Div: ("", "fdiv"), ast.Mod: ("srem", ""), ast.FloorDiv: ("sdiv", ""),
+    ast.RShift: ("ashr", ""), ast.LShift: ("shl", ""), ast.BitAnd: ("and", ""),
+    ast.BitOr: ("or", ""),
 }  # fmt: skip
-_DECLARED = {
-    "sqrt": "declare double @llvm.sqrt.f64(double)",
-    "floor": "declare double @llvm.floor.f64(double)",
-    "fabs": "declare double @llvm.fabs.f64(double)",
-}
+_CONTRACTED = (ast.Add, ast.Sub, ast.Mult)
+_DECLARED = (
+    "declare double @llvm.sqrt.f64(double)",
+    "declare double @llvm.floor.f64(double)",
+    "declare double @llvm.fabs.f64(double)",
+    "declare float @llvm.fabs.f32(float)",
+    "declare void @llvm.memmove.p0.p0.i64(ptr, ptr, i64, i1)",
+)
+_SIZES = {"double": 8, "float": 4, "i64": 8, "i8": 1}
 
 
-def scalars_text(known: Scalars, roots: Sequence[str], *, single: bool = False) -> str:
+def scalars_text(
+    known: Scalars, roots: Sequence[str], *, single: bool = False, fused: bool = False
+) -> str:
     """The text of a module of these functions and of those that they call.
 
-    single: whether a `Table` is stored in single precision.
+    single: whether a `Value`, and an entry of a `Table`, is in single precision. fused: whether
+    LLVM may contract a product and a sum.
     """
     functions = known.needed(roots)
-    bodies = [_Printer(known, f, single=single, own=f.name not in roots).text() for f in functions]
-    return "\n\n".join([*bodies, *_DECLARED.values()]) + "\n"
-
-
-def _type(kind: str) -> str:
-    return "ptr" if kind in ARRAYS else _TYPES[kind]
+    bodies = [
+        _Printer(known, f, single=single, fused=fused, own=f.name not in roots).text()
+        for f in functions
+    ]
+    return "\n\n".join([*bodies, *_DECLARED]) + "\n"
 
 
 class _Printer:
     def __init__(
-        self, known: Scalars, function: ScalarFunction, *, single: bool, own: bool
+        self, known: Scalars, function: ScalarFunction, *, single: bool, fused: bool, own: bool
     ) -> None:
         self.known, self.function, self.single, self.own = known, function, single, own
+        self.fused = fused
+        self.types = {INT: "i64", FLOAT: "double", BOOL: "i1", NONE: "void"}
+        self.types |= {VALUE: "float" if single else "double", **dict.fromkeys(ARRAYS, "ptr")}
         self.lines: list[str] = []
         self.slots: list[str] = []
         self.count = 0
@@ -62,18 +74,20 @@ class _Printer:
 
     def text(self) -> str:
         f = self.function
-        arguments = ", ".join(f"{_type(kind)} %a.{name}" for name, kind in f.parameters.items())
+        arguments = ", ".join(
+            f"{self.types[kind]} %a.{name}" for name, kind in f.parameters.items()
+        )
         scope = "internal " if self.own else ""
         for name, kind in (f.parameters | f.variables).items():
-            self.slots.append(f"  %x.{name} = alloca {_type(kind)}")
+            self.slots.append(f"  %x.{name} = alloca {self.types[kind]}")
         for name, kind in f.parameters.items():
-            self._line(f"store {_type(kind)} %a.{name}, ptr %x.{name}")
+            self._line(f"store {self.types[kind]} %a.{name}, ptr %x.{name}")
         self._all(f.body)
-        end = f"ret {_TYPES[f.result]}"
-        end += {"i64": " 0", "double": " 0.0", "i1": " false", "void": ""}[_TYPES[f.result]]
+        of = self.types[f.result]
+        end = f"ret {of}" + {"i64": " 0", "i1": " false", "void": ""}.get(of, " 0.0")
         return "\n".join(
             [
-                f"define {scope}{_TYPES[f.result]} @{f.name}({arguments}) nounwind {{",
+                f"define {scope}{self.types[f.result]} @{f.name}({arguments}) nounwind {{",
                 "entry:",
                 *self.slots,
                 *self.lines,
@@ -124,7 +138,7 @@ class _Printer:
                 else:
                     kind = self.function.result
                     given = self._as(self._value(value), self._kind(value), kind)
-                    self._line(f"ret {_TYPES[kind]} {given}")
+                    self._line(f"ret {self.types[kind]} {given}")
                 self._begin(self._labels("after")[0])
             case ast.Expr(value=value):
                 self._value(value)
@@ -139,12 +153,14 @@ class _Printer:
         head, inside, turn, end = self._labels("head", "body", "turn", "end")
         given = [self._value(b) for b in bounds]
         first, last = (given[0], given[1]) if len(given) > 1 else ("0", given[0])
+        step = self.function.number(bounds[2]) if len(bounds) > 2 else 1
         at = self._slot("i64")
         self._line(f"store i64 {first}, ptr {at}")
         self._jump(head)
         self._begin(head)
         now = self._named(f"load i64, ptr {at}")
-        self._branch(self._named(f"icmp slt i64 {now}, {last}"), inside, end)
+        goes = "slt" if step == 1 else "sgt"
+        self._branch(self._named(f"icmp {goes} i64 {now}, {last}"), inside, end)
         self.loops.append((turn, end))
         self._begin(inside)
         self._line(f"store i64 {now}, ptr %x.{name}")
@@ -152,7 +168,7 @@ class _Printer:
         self.loops.pop()
         self._jump(turn)
         self._begin(turn)
-        self._line(f"store i64 {self._named(f'add i64 {now}, 1')}, ptr {at}")
+        self._line(f"store i64 {self._named(f'add i64 {now}, {step}')}, ptr {at}")
         self._jump(head)
         self._begin(end)
 
@@ -170,13 +186,21 @@ class _Printer:
     def _store(self, target: ast.expr, value: str, kind: str) -> None:
         if isinstance(target, ast.Name):
             own = self.function.kind(target.id)
-            self._line(f"store {_type(own)} {self._as(value, kind, own)}, ptr %x.{target.id}")
+            self._line(f"store {self.types[own]} {self._as(value, kind, own)}, ptr %x.{target.id}")
             return
         assert isinstance(target, ast.Subscript)
         assert isinstance(target.value, ast.Name)
-        own = ARRAYS[self.function.kind(target.value.id)]
-        found = self._as(value, kind, own)
-        self._line(f"store {_TYPES[own]} {found}, ptr {self._place(target)}, align 8")
+        array = self.function.kind(target.value.id)
+        found, of = self._as(value, kind, ARRAYS[array]), self._entry(array)
+        if of == "i8":
+            found = self._named(f"trunc i64 {found} to i8")
+        self._line(f"store {of} {found}, ptr {self._place(target)}, align {_SIZES[of]}")
+
+    def _entry(self, array: str) -> str:
+        """The type of the entries of an array."""
+        if array == TABLE:
+            return self.types[VALUE]
+        return "i8" if array == FLAGS else self.types[ARRAYS[array]]
 
     # -- expressions
 
@@ -187,30 +211,25 @@ class _Printer:
         kind = self._kind(node)
         if isinstance(node, ast.Constant) and isinstance(node.value, bool):
             return "true" if node.value else "false"
-        local = isinstance(node, ast.Name) and (
-            node.id in self.function.variables or node.id in self.function.parameters
-        )
-        value = None if local else constant(node, self.function.constants)
+        value = self.function.number(node)
         if value is not None:
             return str(value) if kind == INT else _hexadecimal(float(value))
+        if isinstance(node, ast.Subscript) and not isinstance(node.slice, ast.Slice):
+            return self._loaded(node)
         match node:
             case ast.Name(id=name):
-                return self._named(f"load {_type(kind)}, ptr %x.{name}")
+                return self._named(f"load {self.types[kind]}, ptr %x.{name}")
             case ast.Subscript(slice=ast.Slice()):
                 return self._place(node)
-            case ast.Subscript(value=ast.Name(id=name)):
-                place = self._place(node)
-                if self.function.kind(name) == TABLE and self.single:
-                    found = self._named(f"load float, ptr {place}, align 4")
-                    return self._named(f"fpext float {found} to double")
-                return self._named(f"load {_TYPES[kind]}, ptr {place}, align 8")
             case ast.BinOp(left=left, op=op, right=right):
                 return self._binary(op, self._value(left), self._kind(left), right)[0]
             case ast.UnaryOp(op=ast.Not(), operand=inner):
                 return self._named(f"xor i1 {self._truth(inner)}, true")
             case ast.UnaryOp(op=ast.USub(), operand=inner):
                 given = self._value(inner)
-                return self._named(f"sub i64 0, {given}" if kind == INT else f"fneg double {given}")
+                return self._named(
+                    f"sub i64 0, {given}" if kind == INT else f"fneg {self.types[kind]} {given}"
+                )
             case ast.Compare(left=left, ops=tests, comparators=others):
                 return self._compared(left, tests, others)
             case ast.BoolOp(op=op, values=values):
@@ -221,12 +240,24 @@ class _Printer:
                 return self._called(self.function.calls[node], kind, arguments)
         raise AssertionError(ast.dump(node))
 
+    def _loaded(self, node: ast.Subscript) -> str:
+        assert isinstance(node.value, ast.Name)
+        array = self.function.kind(node.value.id)
+        of = self._entry(array)
+        found = self._named(f"load {of}, ptr {self._place(node)}, align {_SIZES[of]}")
+        if of == "i8":
+            return self._named(f"zext i8 {found} to i64")
+        own = self.types[ARRAYS[array]]
+        return found if of == own else self._named(f"fpext {of} {found} to {own}")
+
     def _binary(self, op: ast.operator, left: str, kind: str, right: ast.expr) -> tuple[str, str]:
         other, of = self._value(right), self._kind(right)
-        real = FLOAT in (kind, of) or isinstance(op, ast.Div)
-        own = FLOAT if real else INT
+        own = common({kind, of} | ({FLOAT} if isinstance(op, ast.Div) else set()))
+        real = own != INT
         a, b = self._as(left, kind, own), self._as(other, of, own)
-        return self._named(f"{_ARITHMETIC[type(op)][real]} {_TYPES[own]} {a}, {b}"), own
+        contract = "contract " if self.fused and real and isinstance(op, _CONTRACTED) else ""
+        how = _ARITHMETIC[type(op)][real]
+        return self._named(f"{how} {contract}{self.types[own]} {a}, {b}"), own
 
     def _compared(
         self, left: ast.expr, tests: Sequence[ast.cmpop], others: Sequence[ast.expr]
@@ -234,9 +265,9 @@ class _Printer:
         values = [(self._value(one), self._kind(one)) for one in (left, *others)]
         found = ""
         for (a, ka), test, (b, kb) in zip(values, tests, values[1:], strict=False):
-            real = FLOAT in (ka, kb)
-            kind = FLOAT if real else INT
-            text = f"{'fcmp' if real else 'icmp'} {_TESTS[type(test)][real]} {_TYPES[kind]}"
+            kind = common({ka, kb})
+            real = kind != INT
+            text = f"{'fcmp' if real else 'icmp'} {_TESTS[type(test)][real]} {self.types[kind]}"
             one = self._named(f"{text} {self._as(a, ka, kind)}, {self._as(b, kb, kind)}")
             found = self._named(f"and i1 {found}, {one}") if found else one
         return found
@@ -253,15 +284,15 @@ class _Printer:
         return self._named(f"load i1, ptr {at}")
 
     def _chosen(self, kind: str, test: ast.expr, a: ast.expr, b: ast.expr) -> str:
-        at, (one, two, end) = self._slot(_type(kind)), self._labels("one", "two", "end")
+        at, (one, two, end) = self._slot(self.types[kind]), self._labels("one", "two", "end")
         self._branch(self._truth(test), one, two)
         for label, node in ((one, a), (two, b)):
             self._begin(label)
             value = self._as(self._value(node), self._kind(node), kind)
-            self._line(f"store {_type(kind)} {value}, ptr {at}")
+            self._line(f"store {self.types[kind]} {value}, ptr {at}")
             self._jump(end)
         self._begin(end)
-        return self._named(f"load {_type(kind)}, ptr {at}")
+        return self._named(f"load {self.types[kind]}, ptr {at}")
 
     def _called(self, name: str, kind: str, arguments: Sequence[ast.expr]) -> str:
         values = [self._value(a) for a in arguments]
@@ -269,16 +300,18 @@ class _Printer:
         if name in self.known.functions:
             called = self.known.functions[name]
             given = ", ".join(
-                f"{_type(own)} {self._as(v, k, own)}"
+                f"{self.types[own]} {self._as(v, k, own)}"
                 for v, k, own in zip(values, kinds, called.parameters.values(), strict=True)
             )
-            text = f"call {_TYPES[called.result]} @{name}({given})"
+            text = f"call {self.types[called.result]} @{name}({given})"
             if called.result != NONE:
                 return self._named(text)
             self._line(text)
             return ""
+        if name in MACHINE:
+            return self._machine(name, values, arguments)
         wanted = kind if name in ("abs", "min", "max") else FLOAT
-        if name not in ("int", "table_at"):
+        if name != "int":
             values = [self._as(v, k, wanted) for v, k in zip(values, kinds, strict=True)]
         match name:
             case "float":
@@ -287,22 +320,53 @@ class _Printer:
                 return self._whole(values[0], kinds[0])
             case "math.sqrt" | "math.floor":
                 return self._named(f"call double @llvm.{name[5:]}.f64(double {values[0]})")
-            case "abs" if kind == FLOAT:
-                return self._named(f"call double @llvm.fabs.f64(double {values[0]})")
+            case "abs" if kind == INT:
+                less = self._named(f"sub i64 0, {values[0]}")
+                negative = self._named(f"icmp slt i64 {values[0]}, 0")
+                return self._named(f"select i1 {negative}, i64 {less}, i64 {values[0]}")
+            case "abs":
+                of = self.types[kind]
+                bits = {"double": 64, "float": 32}[of]
+                return self._named(f"call {of} @llvm.fabs.f{bits}({of} {values[0]})")
             case "math.isnan":
                 return self._named(f"fcmp uno double {values[0]}, 0.0")
             case "math.isfinite":
                 size = self._named(f"call double @llvm.fabs.f64(double {values[0]})")
                 return self._named(f"fcmp olt double {size}, {_hexadecimal(math.inf)}")
-            case "table_at":
-                return self._named(f"inttoptr i64 {values[0]} to ptr")
             case "min" | "max":  # as in Python: the first, unless the second is beyond it
-                test = {"min": ("slt", "olt"), "max": ("sgt", "ogt")}[name][kind == FLOAT]
-                compare = "fcmp" if kind == FLOAT else "icmp"
-                beyond = self._named(f"{compare} {test} {_TYPES[kind]} {values[1]}, {values[0]}")
-                of = _TYPES[kind]
+                of, real = self.types[kind], kind != INT
+                test = {"min": ("slt", "olt"), "max": ("sgt", "ogt")}[name][real]
+                compare = "fcmp" if real else "icmp"
+                beyond = self._named(f"{compare} {test} {of} {values[1]}, {values[0]}")
                 return self._named(f"select i1 {beyond}, {of} {values[1]}, {of} {values[0]}")
         raise AssertionError(name)
+
+    def _machine(self, name: str, values: list[str], arguments: Sequence[ast.expr]) -> str:
+        match name:
+            case "address":
+                array = self._kind(arguments[0])
+                place = self._offset(array, values[0], values[1])
+                return self._named(f"ptrtoint ptr {place} to i64")
+            case "call":
+                where = self._named(f"inttoptr i64 {values[0]} to ptr")
+                self._line(f"call void {where}({', '.join(f'i64 {v}' for v in values[1:])})")
+                return ""
+            case "copy":
+                array = self._kind(arguments[0])
+                source = self._offset(array, values[0], values[1])
+                target = self._offset(array, values[3], values[4])
+                size = self._named(f"mul i64 {values[2]}, {_SIZES[self._entry(array)]}")
+                given = f"ptr {target}, ptr {source}, i64 {size}, i1 false"
+                self._line(f"call void @llvm.memmove.p0.p0.i64({given})")
+                return ""
+            case "take":
+                return self._named(f"atomicrmw add ptr {values[0]}, i64 1 monotonic")
+            case "look":
+                return self._named(f"load atomic i64, ptr {values[0]} acquire, align 8")
+        return self._named(f"inttoptr i64 {values[0]} to ptr")
+
+    def _offset(self, array: str, first: str, index: str) -> str:
+        return self._named(f"getelementptr {self._entry(array)}, ptr {first}, i64 {index}")
 
     def _whole(self, value: str, kind: str) -> str:
         return value if kind == INT else self._named(f"fptosi double {value} to i64")
@@ -312,10 +376,14 @@ class _Printer:
         return self._named(f"icmp ne i64 {value}, 0") if self._kind(node) == INT else value
 
     def _as(self, value: str, kind: str, wanted: str) -> str:
-        if kind == INT and wanted == FLOAT:
-            return self._named(f"sitofp i64 {value} to double")
-        assert kind == wanted, (self.function.name, value, kind, wanted)
-        return value
+        of, to = self.types[kind], self.types[wanted]
+        if of == to:
+            return value
+        how = {
+            ("i64", "double"): "sitofp", ("i64", "float"): "sitofp", ("float", "double"): "fpext",
+            ("double", "float"): "fptrunc", ("i1", "i64"): "zext",
+        }[of, to]  # fmt: skip
+        return self._named(f"{how} {of} {value} to {to}")
 
     def _place(self, node: ast.expr) -> str:
         assert isinstance(node, ast.Subscript)
@@ -324,9 +392,7 @@ class _Printer:
         index = node.slice.lower if isinstance(node.slice, ast.Slice) else node.slice
         if index is None:
             return array
-        kind = self.function.kind(node.value.id)
-        of = "float" if kind == TABLE and self.single else _TYPES[ARRAYS[kind]]
-        return self._named(f"getelementptr {of}, ptr {array}, i64 {self._value(index)}")
+        return self._offset(self.function.kind(node.value.id), array, self._value(index))
 
     # -- lines
 

@@ -22,20 +22,19 @@ import numpy.typing as npt
 
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
-from holdfast.execution.compile import compile_sweep
-from holdfast.execution.leaf import compiled_leaves
+from holdfast.execution.level_set.march_leaves import MarchLeaves
 from holdfast.execution.level_set.mirrored_grid import Fold
 from holdfast.execution.level_set.over_grid import Fastest, over_grid, padded_rows
-from holdfast.execution.level_set.rate_leaves import rate_leaves
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.settling import Done
+from holdfast.execution.level_set.sweep_code import address, sweep_code
 from holdfast.execution.level_set.units import layout
 from holdfast.execution.level_set.workers import Workers
 from holdfast.maths.definitions.quantity import TIME, Parameter
 from holdfast.maths.games.hamiltonian import Hamiltonian
 
 ENDS = {"contained": 0, "extrapolated": 0, "periodic": 1, "limited": 2}
-"""The continuation beyond the ends of an axis; the numbers of `differences.py`."""
+"""The continuation beyond the ends of an axis; the numbers of `stencils.py`."""
 
 STAGES = {1: ((1.0, 0.0),), 2: ((1.0, 0.0), (0.5, 1.0)), 3: ((1.0, 0.0), (0.25, 1.0), (2 / 3, 0.5))}
 """(weight, time) of the stages of the total-variation-diminishing Runge-Kutta methods
@@ -43,9 +42,6 @@ STAGES = {1: ((1.0, 0.0),), 2: ((1.0, 0.0), (0.5, 1.0)), 3: ((1.0, 0.0), (0.25, 
 
 ALL_MEASURED, MEASURED = 64, 4
 """Steps from the first for which it is measured how fast the set moves, then one in so many."""
-
-LIMITS = {"free": (-math.inf, math.inf), "shrink": (-math.inf, 0.0), "grow": (0.0, math.inf)}
-"""The limits of dW/dt: none, never above zero, never below."""
 
 MOST_STEPS = 10**9
 """Steps of a march: it would take days on the smallest grid."""
@@ -89,13 +85,11 @@ class March:
         at which place of it the node is that always has the same value; half is computed then.
         """
         scheme = schemes()[method.scheme]
-        self.module = compile_sweep(precision, one_slope=scheme.one_slope)
-        given = rate_leaves(
-            hamiltonian, parameters, dissipation=method.dissipation, precision=precision
-        )
-        self.leaves = compiled_leaves({**given.leaves, "scheme": scheme.leaf(precision)})
-        self.sizes = np.array([given.along, given.of_row, given.outer, scheme.ghosts])
-        self.limits = np.array([*LIMITS[limit], 1.0 if limit == "shrink" else -1.0])
+        self.code = sweep_code(precision, one_slope=scheme.one_slope)
+        self.leaves = MarchLeaves(
+            hamiltonian, parameters, scheme, dissipation=method.dissipation, limit=limit,
+            order=method.order, precision=precision,
+        )  # fmt: skip
         self.hamiltonian, self.parameters = hamiltonian, parameters
         self.method = method
         self.shape = np.array([len(a) for a in axes], dtype=np.int64)
@@ -187,7 +181,7 @@ class March:
 
         refresh: puts into `upper` and `lower`, if they move, what they are at a time t.
         nearest: distances from zero below it are rounding; the speed of the set is not relative to
-        less (`differences.largest_move`).
+        less (`stage_leaf.py`).
         `tell(done, values)` is called after every step, with a function that gives the values, and
         ends the march where it gives True.
         done: what has been done of the same march, up to `values`; it goes on from there.
@@ -199,18 +193,13 @@ class March:
         stages = STAGES[order]
         arrays = [values, *(values.copy() for _ in range(max(order - 1, 1)))]
         flags = np.ones((max(order, 2), self.units), dtype=np.uint8)
-        none = np.empty(0, dtype=values.dtype)
-        bounds = (none if upper is None else upper, none if lower is None else lower)
-        names = ("along", "rows", "rate", "scheme")
-        leaves = np.array([self.leaves.addresses[name] for name in names], dtype=np.int64)
-        rest = (self.shape, self.cut, self.steps, self.kinds, self.limits, leaves, self.sizes)
-        turn = np.zeros(1, dtype=np.int64)
-        self.module.sweep(  # compiled, or loaded, before the time is taken
-            turn, turn, self._u(0.0), 0.0, 1.0, values, values, arrays[1], values, *bounds, floor,
-            ceiling, nearest, flags[0], flags[1], flags[:0], *rest, self.axes, np.zeros(3),
-        )  # fmt: skip
+        plain, measured, sizes = self.leaves.found(lower=lower is not None, upper=upper is not None)
+        room = self.code.room(self.shape.tolist(), self.cut.tolist(), sizes.tolist())
+        bounds = [0 if a is None else address(a) for a in (upper, lower)]
+        of_grid = [address(self.shape), len(self.shape), address(self.cut), address(self.kinds)]
+        of_axes = [address(sizes), address(self.axes), self.axes.shape[1]]
         began, step = time.perf_counter() - done.seconds, math.nan
-        with Workers(self.module, self.threads, self.places) as workers:
+        with Workers(self.code, self.threads, self.places) as workers:
 
             def mirror(array: Array, chosen: Array) -> Array:
                 """Of the half that is not computed, what lies at those places."""
@@ -222,7 +211,7 @@ class March:
                         self.fold.axis,
                         chosen,
                     )
-                    workers.run(self.module.mirror, *half)
+                    workers.run(self.code.mirror, *half)
                 return array
 
             def now() -> Array:
@@ -248,13 +237,17 @@ class March:
                         refresh(self._time(start + then * dt))
                     if self.fold is not None:
                         self.fold.narrow(here)
-                    found = workers.run(
-                        self.module.sweep,
-                        self._u(start + fraction * dt), dt, weight, source, arrays[0], out,
-                        arrays[0] if order == 1 else out, *bounds, floor, ceiling,
-                        nearest if last and done.measured else 0.0, here, there, own, *rest,
-                        self.axes,
-                    )  # fmt: skip
+                    measures = last and done.measured and nearest > 0
+                    spaces = [*0.5 / self.steps, *self.steps]
+                    numbers = np.array([dt, weight, floor, ceiling, nearest, *spaces])
+                    u = self._u(start + fraction * dt)
+                    before = arrays[0] if order == 1 else out
+                    given = [
+                        *map(address, (u, numbers, source, arrays[0], out, before)),
+                        *bounds, len(values), *map(address, (here, there, own)), len(own),
+                        self.units, *of_grid, address(measured if measures else plain), *of_axes,
+                    ]  # fmt: skip
+                    found = workers.run(self.code.sweep, room, given)
                     if self.fold is not None:
                         mirror(out, self.fold.needed)
                     done.computed += int(found[0])

@@ -10,6 +10,7 @@ Every part of the rate is computed as far out as possible (`codegen/loop_nest.py
 
 Their argument u are numbers that are the same at all nodes: of the first two the time, the
 parameters and the largest speed along each axis; of the last what the rows have of outer axes.
+The rate is not called but is a part of the leaf of a stage (`stage_leaf.py`).
 No product and sum of the rate are fused: where the slope on one side is zero, two equal products
 are subtracted, and the sign of their difference decides which input is optimal.
 """
@@ -37,6 +38,7 @@ class RateLeaves(NamedTuple):
     """The leaves, and how many values they have: along the last axis, of a row, of outer axes."""
 
     leaves: dict[str, Leaf]
+    rate: Leaf
     along: int
     of_row: int
     outer: int
@@ -81,12 +83,12 @@ def rate_leaves(
     leaves = {
         "along": _leaf(axes[-1:], same, [*before, *plan.tables], along),
         "rows": _leaf(axes[:-1], same, outside, [*outer, *of_row]),
-        "rate": _leaf(
-            [*along, *of_row, *slopes], outer, at_node, [rate],
-            single=precision == "float32", algebraic=algebraic,
-        ),
-    }  # fmt: skip
-    return RateLeaves(leaves, len(along), len(of_row), len(outer))
+    }
+    of_node = _leaf(
+        [*along, *of_row, *slopes], outer, at_node, [rate],
+        single=precision == "float32", algebraic=algebraic,
+    )  # fmt: skip
+    return RateLeaves(leaves, of_node, len(along), len(of_row), len(outer))
 
 
 def _leaf(

@@ -1,68 +1,69 @@
-"""Means and half gaps of slopes by a scheme that has one slope of every interval between nodes."""
+"""The nodes on either side of a run, for a scheme that has one slope of every interval.
 
+`own` has two rows of nodes for each axis.
+"""
+
+# ruff: noqa: F403, F405
 # mypy: ignore-errors
-# ruff: noqa: F405
 
-from holdfast.execution.level_set.stencils import *  # noqa: F403
+from __future__ import annotations
 
-# -- joined from here on
+from holdfast.execution.level_set.stencils import *
 
 
-@swept
-def shared_slopes(values, shape, strides, units_of):
+def begin_slopes(kept: Wholes, strides: Wholes, within: Wholes, n: int):
     """No slopes are kept."""
-    return 0
 
 
-@swept
-def borrowed_slopes(shared):
-    return shared
-
-
-@swept
-def held_slopes(shared):
-    return shared
-
-
-@swept
-def slopes_across(
-    scheme, values, here, i, outer, place, tall, wide, stride, nodes, kind, ghosts, unit, several,
-    count, half, rows, at, shared, work, mean, gap
+def remember_slopes(
+    kept: Wholes, own: Values, i: int, n: int, unit: int, several: int, here: int,
+    stride: int, count: int,
 ):  # fmt: skip
-    """Means and half gaps along an axis that is not the last, at a run of nodes."""
+    """No slopes are kept."""
+
+
+def slopes_across(
+    scheme: int, values: Values, size: int, here: int, i: int, n: int, outer: int,
+    place: int, tall: int, wide: int, stride: int, nodes: int, kind: int,
+    ghosts: int, unit: int, several: int, count: int, kept: Wholes, own: Values,
+    places: Wholes,
+):  # fmt: skip
+    """Where the nodes are on either side along an axis that is not the last."""
     if outer:
         tall, wide = 1, count
-    if reach(at, here, place, tall, nodes, stride, count, kind, ghosts, len(values)):
-        call_scheme(scheme, values, at, 0, half, work, mean, gap - mean, count)
-    else:
-        gather(values, here, place, tall, nodes, stride, wide, kind, ghosts, rows, at)
-        call_scheme(scheme, rows, at, 0, half, work, mean, gap - mean, count)
+    for side in range(2):
+        there = place + 2 * side - 1
+        if tall == 1:
+            there = place_of(there, nodes, kind)
+        first = here + (there - place) * stride
+        if there >= 0 and there + tall <= nodes and first + count + VECTOR <= size:
+            places[SLOPES + 2 * i + side] = address(values, first)
+            continue
+        to = (2 * i + side) * PITCH
+        for k in range(tall):
+            fetch(values, here, place, there + k, nodes, stride, kind, wide, own, to + k * wide)
+        places[SLOPES + 2 * i + side] = address(own, to)
 
 
-@swept
 def slopes_along_rows(
-    scheme, values, here, begin, tall, wide, nodes, kind, ghosts, count, half, line, of_line, at,
-    shared, work, mean, gap
+    scheme: int, values: Values, size: int, here: int, begin: int, tall: int,
+    wide: int, nodes: int, kind: int, ghosts: int, count: int, i: int, n: int,
+    own: Values, places: Wholes,
 ):  # fmt: skip
-    """Means and half gaps along the last axis."""
-    if wide == nodes and here > 0 and here + count + VECTOR < len(values):
-        at[0], at[1], at[2] = here - 1, here, here + 1
-        call_scheme(scheme, values, at, 0, half, work, mean, gap - mean, count)
-        at_ends(values, here, tall, nodes, kind, float(half[0]), work, mean, gap)
-        return
-    for k in range(tall):
-        gather_along(values, here - begin + k * nodes, begin, nodes, wide, kind, ghosts, line)
-        call_scheme(scheme, line, of_line, 0, half, work, mean + k * wide, gap - mean, wide)
-
-
-@called
-def at_ends(values, first, tall, nodes, kind, half, work, mean, gap):
-    """The same at the first and the last node of whole rows of the last axis."""
-    for k in range(tall):
-        row = first + k * nodes
-        for j in (0, nodes - 1):
-            low = values[row + j - 1] if j > 0 else ghost(values, row, -1, nodes, kind)
-            high = values[row + j + 1] if j < nodes - 1 else ghost(values, row, nodes, nodes, kind)
-            left, right = values[row + j] - low, high - values[row + j]
-            work[mean + k * nodes + j] = half * (left + right)
-            work[gap + k * nodes + j] = half * (right - left)
+    """The same along the last axis."""
+    for side in range(2):
+        there = begin - 1 if side == 0 else begin + wide
+        inside = 0 <= there < nodes
+        first = here + 2 * side - 1
+        if inside and first + count + VECTOR <= size:
+            places[SLOPES + 2 * i + side] = address(values, first)
+            continue
+        to = (2 * i + side) * PITCH
+        low, high = max(first, 0), min(first + count, size)
+        copy(values, low, high - low, own, to + low - first)
+        if not inside:
+            end = 0 if side == 0 else wide - 1
+            for k in range(tall):
+                row = here - begin + k * nodes
+                own[to + k * wide + end] = ghost(values, row, there, nodes, kind)
+        places[SLOPES + 2 * i + side] = address(own, to)

@@ -1,128 +1,162 @@
-"""Means and half gaps of slopes by a scheme that has two slopes of every interval between nodes.
+"""Slopes by a scheme that has two of every interval between nodes, in cells.
 
-The slopes of an interval belong to the nodes on both sides of it: along an outer axis those above a
-place are kept for the next place.
+A node takes the slope at the upper end of the interval below and that at the lower end of the
+interval above. The slopes of an interval belong to the nodes on both sides of it: along an outer
+axis those above a place are kept for the next place.
+
+`own` has for each axis the slopes at the upper and at the lower ends of intervals, then rows of
+nodes, then the slopes of places that are kept. `kept` says of each axis where these begin, then
+where the units begin that they belong to; the units follow.
 """
 
+# ruff: noqa: F403, F405
 # mypy: ignore-errors
-# ruff: noqa: F405
 
-from holdfast.execution.level_set.stencils import *  # noqa: F403
+from __future__ import annotations
 
-# -- joined from here on
+from holdfast.execution.level_set.stencils import *
 
 ENDS = 2 * RUN + VECTOR  # slopes at the upper ends of intervals; those at the lower ends follow
+GATHERED = 7 * RUN + 2 * VECTOR  # nodes of a run and of three on either side
 
 
-@swept
-def shared_slopes(values, shape, strides, units_of):
-    """Room for slopes: at both ends of intervals, and for each outer axis those of a place, with
-    the units that they belong to, and where each axis has its own."""
-    n = len(shape)
-    ahead_at, units_at = np.zeros(n + 1, dtype=np.int64), np.zeros(n + 1, dtype=np.int64)
+def begin_slopes(kept: Wholes, strides: Wholes, within: Wholes, n: int):
+    """No slopes are known yet."""
+    kept[0], kept[n + 1] = 2 * ENDS * n + GATHERED, 2 * n + 2
     for i in range(n):
-        kept = 1 if i < n - 2 and strides[i] <= KEPT else 0
-        ahead_at[i + 1] = ahead_at[i] + kept * strides[i]
-        units_at[i + 1] = units_at[i] + kept * units_of[i]
-    ends = np.zeros(2 * ENDS, dtype=values.dtype)
-    ahead = np.zeros(ahead_at[n], dtype=values.dtype)
-    return ends, ahead, ahead_at, np.full(units_at[n], -1), units_at
+        keeps = i < n - 2 and strides[i] <= KEPT
+        kept[i + 1] = kept[i] + (strides[i] if keeps else 0)
+        kept[n + 2 + i] = kept[n + 1 + i] + (within[i] if keeps else 0)
+    for k in range(2 * n + 2, kept[2 * n + 1]):
+        kept[k] = -1
 
 
-@swept
-def borrowed_slopes(shared):
-    ends, ahead, ahead_at, units, units_at = shared
-    return borrowed(ends), borrowed(ahead), borrowed(ahead_at), borrowed(units), borrowed(units_at)
+def reach(
+    at: Wholes, first: int, place: int, tall: int, nodes: int, stride: int,
+    count: int, kind: int, ghosts: int, end: int,
+) -> int:  # fmt: skip
+    """The places of the `count` nodes around `tall` places from `place` on, which is at `first`.
+
+    at[k] is that of the node k - ghosts places further. 0 if they are not on the grid, or not in as
+    many runs, or if whole registers of them would not stop before `end`: they are gathered then.
+    """
+    inside = place >= ghosts and place + tall + ghosts <= nodes
+    if not inside and (kind == EXTRAPOLATED or tall > 1):
+        return 0
+    furthest = 0
+    for k in range(2 * ghosts + 1):
+        there = place + k - ghosts
+        run = first + ((there if inside else place_of(there, nodes, kind)) - place) * stride
+        at[k] = run
+        furthest = max(furthest, run)
+    return furthest + count + VECTOR <= end
 
 
-@swept
-def held_slopes(shared):
-    return len(shared)
-
-
-@swept
-def slopes_across(
-    scheme, values, here, i, outer, place, tall, wide, stride, nodes, kind, ghosts, unit, several,
-    count, half, rows, at, shared, work, mean, gap
+def gather(
+    values: Values, first: int, place: int, tall: int, nodes: int, stride: int,
+    wide: int, kind: int, ghosts: int, rows: Values, at: Wholes,
 ):  # fmt: skip
-    """Means and half gaps along an axis that is not the last, at a run of nodes."""
-    ends, ahead_all, ahead_at, units_all, units_at = shared
-    ahead = ahead_all[ahead_at[i] : ahead_at[i + 1]]
-    units = units_all[units_at[i] : units_at[i + 1]]
-    offset, start = here % stride, 0
+    """The `wide` nodes of each of `tall` places along an axis and those around, in `rows`."""
+    for k in range(tall + 2 * ghosts):
+        fetch(values, first, place, place + k - ghosts, nodes, stride, kind, wide, rows, k * wide)
+    for k in range(2 * ghosts + 1):
+        at[k] = k * wide
+
+
+def gather_along(
+    values: Values, first: int, start: int, nodes: int, wide: int, kind: int,
+    ghosts: int, line: Values,
+):  # fmt: skip
+    """line[j]: the nodes from `start` - ghosts on of a row of the last axis that is at `first`."""
+    length = wide + 2 * ghosts
+    low = min(max(0, ghosts - start), length)
+    high = max(min(length, nodes - start + ghosts), low)
+    copy(values, first + start - ghosts + low, high - low, line, low)
+    for j in range(low):
+        line[j] = ghost(values, first, start - ghosts + j, nodes, kind)
+    for j in range(high, length):
+        line[j] = ghost(values, first, start - ghosts + j, nodes, kind)
+
+
+def call_scheme(scheme: int, source: Values, at: Wholes, k: int, ends: Values, count: int):
+    """Call the leaf of a scheme: its nodes are in `source` from at[k] on, its results in `ends`.
+
+    A scheme that reads fewer nodes than others ignores the last.
+    """
+    call(
+        scheme, address(source, at[k]), address(source, at[k + 1]), address(source, at[k + 2]),
+        address(source, at[k + 3]), address(source, at[k + 4]), address(source, at[k + 5]),
+        address(ends, 0), ENDS, count,
+    )  # fmt: skip
+
+
+def is_kept(kept: Wholes, first: int, many: int, unit: int, several: int) -> int:
+    """Whether the slopes below several units were computed with the place before.
+
+    For each unit of a place along the axis it is known of which unit the slopes are kept.
+    """
+    if many == 0:
+        return 0
+    for k in range(several):
+        if kept[first + (unit + k) % many] != unit + k:
+            return 0
+    return 1
+
+
+def slopes_across(
+    scheme: int, values: Values, size: int, here: int, i: int, n: int, outer: int,
+    place: int, tall: int, wide: int, stride: int, nodes: int, kind: int,
+    ghosts: int, unit: int, several: int, count: int, kept: Wholes, own: Values,
+    places: Wholes,
+):  # fmt: skip
+    """Slopes below and above the nodes of a run along an axis that is not the last."""
+    ends, rows, at = own[2 * ENDS * i :], own[2 * ENDS * n :], places[SLOPES + 2 * n :]
+    start, first = 0, kept[n + 1 + i]
+    places[SLOPES + 2 * i] = address(ends, 0)
     if outer:
         tall, wide = 1, count
-        if place > 0 and recall(ahead, units, unit, several, offset, count, ends):
+        if place > 0 and is_kept(kept, first, kept[n + 2 + i] - first, unit, several):
             start = 1
-    if reach(at, here, place, tall, nodes, stride, count, kind, ghosts, len(values)):
-        of_intervals(scheme, values, at, start, tall, wide, count, half, ends)
-    else:
+            places[SLOPES + 2 * i] = address(own, kept[i] + here % stride)
+    places[SLOPES + 2 * i + 1] = address(ends, ENDS + wide)
+    source = values
+    if not reach(at, here, place, tall, nodes, stride, count, kind, ghosts, size):
         gather(values, here, place, tall, nodes, stride, wide, kind, ghosts, rows, at)
-        of_intervals(scheme, rows, at, start, tall, wide, count, half, ends)
-    combine(ends, wide, count, float(half[0]), work, mean, gap)
-    if outer:
-        remember(ahead, units, unit, several, offset, count, ends)
-
-
-@swept
-def of_intervals(scheme, source, at, start, tall, wide, count, half, ends):
-    """The slopes below and above every node; those of rows that follow one another are the same."""
-    if tall > 1:
-        call_scheme(scheme, source, at, 0, half, ends, 0, ENDS, count + wide)
+        source = rows
+    if tall > 1:  # the slopes above a row are those below the next
+        call_scheme(scheme, source, at, 0, ends, count + wide)
         return
     for k in range(start, 2):
-        call_scheme(scheme, source, at, k, half, ends, k * count, ENDS, count)
+        call_scheme(scheme, source, at, k, ends[k * count :], count)
 
 
-@swept
 def slopes_along_rows(
-    scheme, values, here, begin, tall, wide, nodes, kind, ghosts, count, half, line, of_line, at,
-    shared, work, mean, gap
+    scheme: int, values: Values, size: int, here: int, begin: int, tall: int,
+    wide: int, nodes: int, kind: int, ghosts: int, count: int, i: int, n: int,
+    own: Values, places: Wholes,
 ):  # fmt: skip
-    """Means and half gaps along the last axis."""
-    ends = shared[0]
+    """The same along the last axis."""
+    ends, rows, at = own[2 * ENDS * i :], own[2 * ENDS * n :], places[SLOPES + 2 * n :]
+    places[SLOPES + 2 * i], places[SLOPES + 2 * i + 1] = address(ends, 0), address(ends, ENDS + 1)
+    for k in range(8):
+        at[k] = k
     for k in range(tall):
-        gather_along(values, here - begin + k * nodes, begin, nodes, wide, kind, ghosts, line)
-        call_scheme(scheme, line, of_line, 0, half, ends, 0, ENDS, wide + 1)
-        combine(ends, 1, wide, float(half[0]), work, mean + k * wide, gap + k * wide)
+        gather_along(values, here - begin + k * nodes, begin, nodes, wide, kind, ghosts, rows)
+        last = ends[k * wide + ENDS]  # the slope above the row before
+        call_scheme(scheme, rows, at, 0, ends[k * wide :], wide + 1)
+        if k > 0:
+            ends[k * wide + ENDS] = last
 
 
-@called
-def combine(ends, after, count, half, work, mean, gap):
-    """Of the slopes that every interval has at its upper and lower end, at nodes.
-
-    The interval above a node is `after` further than the one below.
-    """
-    mean, gap, above = np.uint64(mean), np.uint64(gap), np.uint64(ENDS + after)
-    for j in range(lanes(count)):
-        work[mean + j] = half * (ends[j] + ends[above + j])
-        work[gap + j] = half * (ends[above + j] - ends[j])
-
-
-@swept
-def recall(ahead, units, unit, several, offset, count, left):
-    """The slopes of the intervals below, if they were computed with the place before.
-
-    units[k]: the unit whose slopes are kept for the k-th of a place along the axis.
-    """
-    if len(ahead) == 0:
-        return False
-    for k in range(several):
-        if units[(unit + k) % len(units)] != unit + k:
-            return False
-    offset = np.uint64(offset)
-    for j in range(np.uint64(count)):
-        left[j] = ahead[offset + j]
-    return True
-
-
-@swept
-def remember(ahead, units, unit, several, offset, count, left):
-    """Keep the slopes of the intervals above for the next place along the axis."""
-    if len(ahead) == 0:
+def remember_slopes(
+    kept: Wholes, own: Values, i: int, n: int, unit: int, several: int, here: int,
+    stride: int, count: int,
+):  # fmt: skip
+    """Keep the slopes above for the next place along an outer axis."""
+    first = kept[n + 1 + i]
+    many = kept[n + 2 + i] - first
+    if many == 0:
         return
     for k in range(several):
-        units[(unit + k) % len(units)] = unit + k + len(units)
-    offset, count = np.uint64(offset), np.uint64(count)
-    for j in range(count):
-        ahead[offset + j] = left[count + j]
+        kept[first + (unit + k) % many] = unit + k + many
+    copy(own, 2 * ENDS * i + count, count, own, kept[i] + here % stride)

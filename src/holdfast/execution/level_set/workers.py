@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from holdfast.execution.level_set.sweep_code import SweepCode
 
 Counts = npt.NDArray[np.float64]
 
@@ -24,12 +25,11 @@ class Workers:
     """Threads of which the caller is one; to be used in a `with` statement.
 
     Each takes the next slice of the places when it has done one. Slices become shorter, so that
-    all end at about the same time. compiled: a module with what threads share in `primitives.py`.
+    all end at about the same time.
     """
 
-    def __init__(self, compiled: ModuleType, threads: int, places: int) -> None:
-        self.watch = compiled.watch
-        self.turns = compiled.MOST_SLICES
+    def __init__(self, code: SweepCode, threads: int, places: int) -> None:
+        self.watch, self.turns = code.watch, code.turns
         slices = [0]
         while slices[-1] < places:
             slices.append(slices[-1] + max(1, (places - slices[-1]) // (2 * threads)))

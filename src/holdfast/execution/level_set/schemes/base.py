@@ -36,25 +36,14 @@ class Scheme:
         return self.slopes is None
 
     def leaf(self, precision: str) -> Leaf:
-        """Of rows of nodes n0, n1, ... the slopes at the upper and the lower end of intervals.
-
-        Of one slope: of the nodes below, at and above a place, and the inverse of twice a step, the
-        mean of the slopes on both sides and half their gap.
-        """
+        """Of rows of nodes n0, n1, ... the slopes at the upper and the lower end of intervals."""
+        assert self.slopes is not None
         steps = Steps(expanded=True)
         nodes = [steps.input(f"n{i}") for i in range(2 * self.ghosts)]
-        arguments = {f"n{i}": [f"n{i}"] for i in range(MOST_NODES)} | {"u": ["u0"]}
-        if self.slopes is None:
-            low, here, high = nodes[0], nodes[1], steps.input("n2")
-            below, above, half = here - low, high - here, steps.input("u0")
-            found = [half * (below + above), half * (above - below)]
-        else:
-            differences = [b - a for a, b in pairwise(nodes)]
-            found = list(self.slopes(*differences))
+        found = list(self.slopes(*(b - a for a, b in pairwise(nodes))))
+        arguments = {f"n{i}": [f"n{i}"] for i in range(MOST_NODES)}
         single = precision == "float32"
-        return Leaf(
-            steps, arguments, found, frozenset({"u"}), single=single, algebraic=True, fused=True
-        )
+        return Leaf(steps, arguments, found, single=single, algebraic=True, fused=True)
 
 
 def smaller(a: Value, b: Value) -> Value:

@@ -1,0 +1,71 @@
+"""The machine code of a march, as its sweep asks for it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.execution.leaf import compiled_leaves, compiled_text
+from holdfast.execution.level_set.rate_leaves import rate_leaves
+from holdfast.execution.level_set.schemes import Scheme
+from holdfast.execution.level_set.stage_leaf import Stage
+from holdfast.maths.definitions.quantity import Parameter
+from holdfast.maths.games.hamiltonian import Hamiltonian
+
+LIMITS = {"free": (-math.inf, math.inf), "shrink": (-math.inf, 0.0), "grow": (0.0, math.inf)}
+"""The limits of dW/dt: none, never above zero, never below."""
+
+Numbers = npt.NDArray[np.int64]
+
+
+class MarchLeaves:
+    """The leaves of a Hamiltonian with a scheme.
+
+    limit: a name in `LIMITS`; order: of the Runge-Kutta method.
+    """
+
+    def __init__(
+        self,
+        hamiltonian: Hamiltonian,
+        parameters: Sequence[Parameter],
+        scheme: Scheme,
+        *,
+        dissipation: str,
+        limit: str,
+        order: int,
+        precision: str,
+    ) -> None:
+        self._rates = rate_leaves(
+            hamiltonian, parameters, dissipation=dissipation, precision=precision
+        )
+        own = {} if scheme.one_slope else {"scheme": scheme.leaf(precision)}
+        self._leaves = compiled_leaves({**self._rates.leaves, **own})
+        self._scheme, self._limit, self._order = scheme, limit, order
+        self._axes = len(hamiltonian.costates)
+
+    def found(self, *, lower: bool, upper: bool) -> tuple[Numbers, Numbers, Numbers]:
+        """The addresses of leaves, with a stage and with one that measures; the sizes of a sweep.
+
+        lower, upper: whether there are such bounds at nodes.
+        """
+        stage = Stage(
+            self._rates,
+            axes=self._axes,
+            one_slope=self._scheme.one_slope,
+            limits=LIMITS[self._limit],
+            side=1.0 if self._limit == "shrink" else -1.0,
+            from_start=self._order == 1,
+            lower=lower,
+            upper=upper,
+        )
+        machine, of = compiled_text(stage.text), self._leaves.addresses
+        plain, measured = (
+            np.array([of["along"], of["rows"], machine.address(name), of.get("scheme", 0)])
+            for name in ("holdfast_stage", "holdfast_measured")
+        )
+        rates = self._rates
+        sizes = [rates.along, rates.of_row, rates.outer, self._scheme.ghosts, stage.lanes]
+        return plain, measured, np.array(sizes)

@@ -1,0 +1,301 @@
+"""The leaf of a stage of a step: from the nodes of a run to their new values, in one pass.
+
+    slopes   mean = half (below + above),  gap = half (above - below)
+    rate     dW/dtau of the Lax-Friedrichs scheme, limited to one sign
+    step     new = base + weight ((value - base) + dt rate), within the bounds
+
+Nothing between these is stored. Of a scheme that has one slope of every interval the slopes are
+differences of the nodes on either side; others have computed them before. Slopes and step may be
+fused to multiplications with addition, the rate may not (`rate_leaves.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from holdfast.execution.arithmetic.steps import FLOAT, TRUTH, Steps, Value, choose
+from holdfast.execution.codegen.llvm_text import LANES, Body, Format, Module
+from holdfast.execution.level_set.rate_leaves import RateLeaves
+
+PLACES = (
+    "value", "base", "before", "lower", "upper", "out", "rest", "changed", "odd", "moves", "along",
+    "of_row", "outer", "numbers",
+)  # fmt: skip
+"""The addresses that a stage asks for, in the order of `sweep.py`; two for each axis follow."""
+
+NUMBERS = ("dt", "weight", "floor", "ceiling", "nearest")
+"""The first of its numbers; for each axis half the inverse of its step, then for each its step."""
+
+PITCH = 272
+"""From a row of what depends on the last axis, or on a row of it, to the next; as in `sweep.py`."""
+
+INFINITE = 1e300
+
+
+@dataclass(frozen=True)
+class Stage:
+    """one_slope: whether an interval has one slope. limits: the lowest and the highest rate. side:
+    of zero, for which it is measured how fast the set moves. from_start: the values are those that
+    the step begins with and that its result is compared with. lower, upper: whether there are such
+    bounds at nodes."""
+
+    rates: RateLeaves
+    axes: int
+    one_slope: bool
+    limits: tuple[float, float]
+    side: float
+    from_start: bool
+    lower: bool
+    upper: bool
+
+    @property
+    def lanes(self) -> int:
+        """Nodes that are computed at a time."""
+        rate = self.rates.rate
+        return 2 * LANES if rate.single and rate.algebraic else LANES
+
+    @property
+    def text(self) -> str:
+        """Two functions: `stage`, and `measured`, which also finds the largest move."""
+        module = Module()
+        found = [_Text(self, module, measured).function for measured in (False, True)]
+        return module.text(found)
+
+
+class _Text:
+    """The function of a stage. Each of its three parts has steps and a format of its own."""
+
+    def __init__(self, stage: Stage, module: Module, measured: bool) -> None:
+        self.stage, self.module, self.measured = stage, module, measured
+        self.rates = stage.rates
+        single, algebraic = stage.rates.rate.single, stage.rates.rate.algebraic
+        self.lanes = stage.lanes
+        self.real = "float" if single else "double"
+        self.size = 4 if single else 8
+        self.own = Format(self.lanes, self.real, fused=True)
+        self.of_rate = Format(self.lanes, self.real if algebraic else "double")
+        self.entry: list[str] = []
+        self.lines: list[str] = []
+        self.label = "loop"
+        self._loaded: set[str] = set()
+
+    @property
+    def function(self) -> str:
+        for name in PLACES:
+            self.entry += self._address(name, PLACES.index(name))
+        numbers = [*NUMBERS, *(f"{x}{i}" for x in ("half", "step") for i in range(self.stage.axes))]
+        for k, name in enumerate(numbers):
+            self._uniform(name, "numbers", k, self.own)
+        slopes = self._slopes()
+        self._step(self._rate(slopes), slopes)
+        name = "measured" if self.measured else "stage"
+        return "\n".join(
+            [
+                f"define void @holdfast_{name}(ptr %places, i64 %count) nounwind {{",
+                "entry:",
+                *self.entry,
+                "  br label %loop",
+                "loop:",
+                f"  %lane = phi i64 [ 0, %entry ], [ %next, %{self.label} ]",
+                *self.lines,
+                f"  %next = add nuw nsw i64 %lane, {self.lanes}",
+                "  %more = icmp ult i64 %next, %count",
+                "  br i1 %more, label %loop, label %done",
+                "done:",
+                "  ret void",
+                "}",
+            ]
+        )
+
+    def _slopes(self) -> list[str]:
+        """The names of means, then of gaps."""
+        n, steps = self.stage.axes, Steps(expanded=True)
+        means, gaps = [], []
+        given = {f"half{i}": f"%half{i}" for i in range(n)}
+        here = steps.input("value")
+        if self.stage.one_slope:
+            given["value"] = self._load("value")
+        for i in range(n):
+            for k, name in enumerate((f"below{i}", f"above{i}")):
+                self.entry += self._address(name, len(PLACES) + 2 * i + k)
+                given[name] = self._load(name)
+            below, above = steps.input(f"below{i}"), steps.input(f"above{i}")
+            if self.stage.one_slope:
+                below, above = here - below, above - here
+            half = steps.input(f"half{i}")
+            means.append(half * (below + above))
+            gaps.append(half * (above - below))
+        return self._printed(steps, [*means, *gaps], self.own, given, "s")
+
+    def _rate(self, slopes: Sequence[str]) -> str:
+        rate, along, of_row = self.rates.rate, self.rates.along, self.rates.of_row
+        needed = {rate.steps.list[k].given for k in rate.steps.needed([rate.results[0].number])}
+        given = {}
+        for k, name in enumerate(rate.arguments["w"]):
+            if name not in needed:
+                continue
+            if k < along:
+                found = self._load("along", k)
+            elif k < along + of_row:
+                found = self._load("of_row", k - along)
+            else:
+                found = slopes[k - along - of_row]
+            given[name] = self._converted(found, self.own, self.of_rate, f"w{k}")
+        for k, name in enumerate(rate.arguments["u"]):
+            if name in needed:
+                self._uniform(name, "outer", k, self.of_rate)
+                given[name] = f"%{name}"
+        (found,) = self._printed(rate.steps, rate.results, self.of_rate, given, "r")
+        return self._converted(found, self.of_rate, self.own, "rate")
+
+    def _step(self, rate: str, slopes: Sequence[str]) -> None:
+        stage, steps = self.stage, Steps(expanded=True)
+        given = {name: f"%{name}" for name in NUMBERS} | {"rate": rate}
+        given["value"] = value = self._load("value")
+        for name in ("base", "before"):
+            given[name] = value if stage.from_start else self._load(name)
+        base, dt, weight = (steps.input(x) for x in ("base", "dt", "weight"))
+        lowest, highest = stage.limits
+        r = steps.input("rate")
+        r = r if highest == math.inf else _at_most(r, steps.constant(highest, FLOAT))
+        r = r if lowest == -math.inf else _at_least(r, steps.constant(lowest, FLOAT))
+        new = base + weight * ((steps.input("value") - base) + dt * r)
+        for name, bound, there in (
+            ("lower", _at_least, stage.lower),
+            ("upper", _at_most, stage.upper),
+        ):
+            if there:
+                given[name] = self._load(name)
+                new = bound(new, steps.input(name))
+        new = _at_most(_at_least(new, steps.input("floor")), steps.input("ceiling"))
+        was = steps.input("before")
+        results = [new, new.differs(was), ~(abs(new) < INFINITE)]
+        if self.measured:
+            n = stage.axes
+            for i in range(n):
+                given |= {f"mean{i}": slopes[i], f"gap{i}": slopes[n + i], f"step{i}": f"%step{i}"}
+            results.append(self._move(steps, new, was))
+        found = self._printed(steps, results, self.own, given, "n")
+        self._store(found[0])
+        for name, truths in zip(("changed", "odd"), found[1:3], strict=True):
+            self._store_truths(name, truths)
+        if self.measured:
+            self._keep_largest(found[3])
+
+    def _move(self, steps: Steps, new: Value, was: Value) -> Value:
+        """By how much of a cell the value of a node on that side of zero has moved.
+
+        Or by how much of its distance from zero, if that is more. A cell is how much the value
+        changes from a node to the next, on its flatter side, the largest along the axes: of the
+        slopes mean - gap and mean + gap on either side the smaller is ||mean| - |gap||.
+        """
+        cell = steps.constant(0.0, FLOAT)
+        for i in range(self.stage.axes):
+            mean, gap, step = (steps.input(f"{x}{i}") for x in ("mean", "gap", "step"))
+            change = step * abs(abs(mean) - abs(gap))
+            cell = choose(change > cell, change, cell)
+        w = self.stage.side * was
+        near = choose(w > cell, w, cell)
+        nearest = steps.input("nearest")
+        near = choose(near > nearest, near, nearest)
+        return choose(w > 0.0, abs(new - was) / near, 0.0)
+
+    def _printed(
+        self, steps: Steps, results: Sequence[Value], form: Format, given: dict[str, str], of: str
+    ) -> list[str]:
+        body = Body(self.module, steps, results, form, given, of)
+        body.label = self.label
+        self.lines += body.lines
+        self.label = body.label
+        return [body.names[v.number] for v in results]
+
+    def _converted(self, name: str, form: Format, to: Format, new: str) -> str:
+        if form.real == to.real:
+            return name
+        cast = "fpext" if to.real == "double" else "fptrunc"
+        of, into = form.vector(FLOAT), to.vector(FLOAT)
+        self.lines.append(f"  %{new}.c = {cast} {of} {name} to {into}")
+        return f"%{new}.c"
+
+    def _address(self, name: str, place: int) -> Iterator[str]:
+        yield f"  %{name}.p = getelementptr i64, ptr %places, i64 {place}"
+        yield f"  %{name}.a = load ptr, ptr %{name}.p, align 8"
+
+    def _uniform(self, name: str, array: str, row: int, form: Format) -> None:
+        """A number that is the same at all nodes; all of these are in double precision."""
+        vector, value = form.vector(FLOAT), f"%{name}.d"
+        self.entry += [
+            f"  %{name}.q = getelementptr double, ptr %{array}.a, i64 {row}",
+            f"  {value} = load double, ptr %{name}.q, align 8",
+        ]
+        if form.real == "float":
+            self.entry.append(f"  %{name}.f = fptrunc double {value} to float")
+            value = f"%{name}.f"
+        mask = f"<{form.lanes} x i32> zeroinitializer"
+        self.entry += [
+            f"  %{name}.i = insertelement {vector} poison, {form.real} {value}, i32 0",
+            f"  %{name} = shufflevector {vector} %{name}.i, {vector} poison, {mask}",
+        ]
+
+    def _load(self, array: str, row: int = 0) -> str:
+        """The values of a row at the present lanes."""
+        name = f"%{array}.{row}"
+        if name not in self._loaded:
+            self._loaded.add(name)
+            self.lines += [
+                f"  {name}.l = getelementptr {self.real}, ptr %{array}.a, i64 %lane",
+                f"  {name}.r = getelementptr {self.real}, ptr {name}.l, i64 {row * PITCH}",
+                f"  {name} = load {self.own.vector(FLOAT)}, ptr {name}.r, align {self.size}",
+            ]
+        return name
+
+    def _store(self, name: str) -> None:
+        """Whole lanes where they belong, the rest apart: what follows in memory is not of the run.
+
+        All lanes have been read before.
+        """
+        self.lines += [
+            f"  %to.l = getelementptr {self.real}, ptr %out.a, i64 %lane",
+            "  %left = sub i64 %count, %lane",
+            f"  %whole = icmp uge i64 %left, {self.lanes}",
+            "  %to = select i1 %whole, ptr %to.l, ptr %rest.a",
+            f"  store {self.own.vector(FLOAT)} {name}, ptr %to, align {self.size}",
+        ]
+
+    def _store_truths(self, array: str, name: str) -> None:
+        """One bit for each node."""
+        whole = f"i{self.lanes}"
+        self.lines += [
+            f"  %{array}.b = bitcast {self.own.vector(TRUTH)} {name} to {whole}",
+            f"  %{array}.k = lshr i64 %lane, 3",
+            f"  %{array}.l = getelementptr i8, ptr %{array}.a, i64 %{array}.k",
+            f"  store {whole} %{array}.b, ptr %{array}.l, align 1",
+        ]
+
+    def _keep_largest(self, name: str) -> None:
+        """Of the nodes of the run, in each lane."""
+        of, truth = self.own.vector(FLOAT), self.own.vector(TRUTH)
+        whole = f"<{self.lanes} x i64>"
+        lanes = ", ".join(f"i64 {k}" for k in range(self.lanes))
+        self.lines += [
+            f"  %left.i = insertelement {whole} poison, i64 %left, i32 0",
+            f"  %left.s = shufflevector {whole} %left.i, {whole} poison, "
+            f"<{self.lanes} x i32> zeroinitializer",
+            f"  %inside = icmp ult {whole} <{lanes}>, %left.s",
+            f"  %moved = select {truth} %inside, {of} {name}, {of} zeroinitializer",
+            f"  %largest = load {of}, ptr %moves.a, align {self.size}",
+            f"  %more.moved = fcmp ogt {of} %moved, %largest",
+            f"  %largest.n = select {truth} %more.moved, {of} %moved, {of} %largest",
+            f"  store {of} %largest.n, ptr %moves.a, align {self.size}",
+        ]
+
+
+def _at_most(value: Value, bound: Value) -> Value:
+    """NaN passes, so that it is seen."""
+    return choose(value > bound, bound, value)
+
+
+def _at_least(value: Value, bound: Value) -> Value:
+    return choose(value < bound, bound, value)
