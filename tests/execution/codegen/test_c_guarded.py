@@ -5,7 +5,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.execution.codegen.scalar_c import scalars_c
-from holdfast.execution.codegen.scalar_functions import scalars
+from holdfast.execution.codegen.scalar_reader import scalars
 from holdfast.execution.simulation.quadratic_program import numbers_of_programs
 from tests.c_code import built, needs_gcc, pointer
 from tests.carts import BOX, WALLS, cart

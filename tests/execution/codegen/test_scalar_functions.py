@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from holdfast.execution.codegen.scalar_c import scalars_c
-from holdfast.execution.codegen.scalar_functions import read
 from holdfast.execution.codegen.scalar_llvm import scalars_text
+from holdfast.execution.codegen.scalar_reader import read
 from holdfast.execution.leaf import compiled_text
 from tests.c_code import built, needs_gcc
 

@@ -5,8 +5,8 @@ from importlib import resources
 import numpy as np
 import pytest
 
-from holdfast.execution.codegen.scalar_functions import read
 from holdfast.execution.codegen.scalar_llvm import scalars_text
+from holdfast.execution.codegen.scalar_reader import read
 from holdfast.execution.leaf import compiled_text
 from holdfast.execution.level_set import stencils, sweep
 

@@ -19,7 +19,7 @@ from holdfast.execution.codegen.c_text import c_comment, c_name, c_needed, c_own
 from holdfast.execution.codegen.controller_program import ControllerProgram, controller_program
 from holdfast.execution.codegen.lowering import FUNCTIONS
 from holdfast.execution.codegen.scalar_c import scalars_c
-from holdfast.execution.codegen.scalar_functions import scalars
+from holdfast.execution.codegen.scalar_reader import scalars
 from holdfast.execution.interpolate import numbers_of_places
 from holdfast.execution.simulation.quadratic_program import numbers_of_programs
 from holdfast.maths.definitions.law import Law

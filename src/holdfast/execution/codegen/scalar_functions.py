@@ -22,10 +22,6 @@ import math
 import operator
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
-from enum import IntEnum
-from functools import cache
-from importlib import import_module, resources
-from types import FunctionType
 from typing import TypeAlias
 
 INT, FLOAT, VALUE, BOOL, NONE = "int", "float", "Value", "bool", "None"
@@ -34,7 +30,7 @@ ARRAYS: Mapping[str, str] = {
     FLOATS: FLOAT, WHOLES: INT, FLAGS: INT, VALUES: VALUE, TABLE: FLOAT,
 }  # fmt: skip
 """The kinds of arrays, and of their entries."""
-_KINDS = {INT, FLOAT, VALUE, BOOL, NONE, *ARRAYS}
+KINDS = {INT, FLOAT, VALUE, BOOL, NONE, *ARRAYS}
 
 MACHINE: Mapping[str, str] = {
     "table_at": TABLE, "values_at": VALUES, "address": INT, "call": NONE, "copy": NONE,
@@ -53,7 +49,7 @@ BUILT_IN: Mapping[str, str] = {
 """What may be called, and the kind of the result if it is always the same."""
 
 Number: TypeAlias = int | float
-_WHOLE = ast.Mod | ast.FloorDiv | ast.RShift | ast.LShift | ast.BitAnd | ast.BitOr
+WHOLE = ast.Mod | ast.FloorDiv | ast.RShift | ast.LShift | ast.BitAnd | ast.BitOr
 
 
 @dataclass
@@ -113,65 +109,6 @@ class Scalars:
         return list(found.values())
 
 
-@cache
-def scalars(name: str) -> Scalars:
-    """The functions of a file of `holdfast.execution`, such as "interpolate"."""
-    return read((resources.files("holdfast.execution") / f"{name}.py").read_text("utf-8"))
-
-
-def read(text: str) -> Scalars:
-    """The functions of a text. Raises `SyntaxError` for what is no part of the language.
-
-    The text of a star import is to stand above: a text has several versions of some functions.
-    """
-    found = Scalars({}, {})
-    for node in ast.parse(text).body:
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(_ROOM):
-            for one in node.names if node.names[0].name != "*" else ():
-                _import(found, node.module or "", one.name)
-        elif isinstance(node, ast.Assign):
-            found.constants |= _constants(node, found.constants)
-        elif isinstance(node, ast.FunctionDef) and _is_scalar(node):
-            _Reader(found, node)
-    return found
-
-
-_ROOM = "holdfast.execution."
-
-
-def _constants(node: ast.Assign, known: Mapping[str, Number]) -> dict[str, Number]:
-    """The numbers that an assignment outside functions gives a name, or several from a range."""
-    match node:
-        case ast.Assign(targets=[ast.Name(id=name)], value=given):
-            value = constant(given, known)
-            return {} if value is None else {name: value}
-        case ast.Assign(
-            targets=[ast.Tuple(elts=names)],
-            value=ast.Call(func=ast.Name(id="range"), args=bounds),
-        ):
-            ends = [constant(b, known) for b in bounds]
-            places = range(*(int(e) for e in ends if e is not None))
-            return {ast.unparse(n): k for n, k in zip(names, places, strict=True)}
-    return {}
-
-
-def _import(found: Scalars, module: str, name: str) -> None:
-    """Add a function, with those that it calls, a number, or the members of an enumeration."""
-    value = getattr(import_module(module), name)
-    if isinstance(value, FunctionType):
-        found.functions |= scalars(module[len(_ROOM) :].replace(".", "/")).functions
-    elif isinstance(value, int | float):
-        found.constants[name] = value
-    elif isinstance(value, type) and issubclass(value, IntEnum):
-        found.constants |= {f"{name}.{one.name}": int(one) for one in value}
-
-
-def _is_scalar(node: ast.FunctionDef) -> bool:
-    """Whether it is for other targets too: functions of other values are for Python alone."""
-    kinds = [*(a.annotation for a in node.args.args), node.returns]
-    return all(_annotated(k) in _KINDS for k in kinds) and node.name not in BUILT_IN
-
-
 def constant(node: ast.expr, known: Mapping[str, Number]) -> Number | None:
     """The number that an expression is, whatever the arguments are; None for others."""
     match node:
@@ -198,175 +135,6 @@ _FOLDED: Mapping[type[ast.operator], Callable[[Number, Number], Number]] = {
 }  # fmt: skip
 
 
-class _Reader:
-    """Finds the kind of every expression of a function."""
-
-    def __init__(self, known: Scalars, node: ast.FunctionDef) -> None:
-        self.known = known
-        parameters = {a.arg: _annotated(a.annotation) for a in node.args.args}
-        self.function = ScalarFunction(node.name, node, parameters, _annotated(node.returns))
-        known.functions[node.name] = self.function
-        self.function.constants = dict(known.constants)
-        self._views: list[tuple[str, str]] = []
-        for statement in self.function.body:
-            self._statement(statement)
-        for _ in self._views:  # what is assigned to a part of an array is assigned to the array
-            for part, whole in self._views:
-                if part in self.function.written:
-                    self.function.written.add(whole)
-
-    def _refuse(self, node: ast.AST, why: str) -> SyntaxError:
-        name, line = self.function.name, getattr(node, "lineno", 0)
-        return SyntaxError(f"{name}, line {line}: {why}: {ast.unparse(node)}")
-
-    def _statement(self, node: ast.stmt) -> None:
-        match node:
-            case ast.Assign(targets=[ast.Tuple(elts=names)], value=ast.Tuple(elts=values)):
-                for value in values:
-                    self._kind(value)
-                for name, value in zip(names, values, strict=True):
-                    self._assign(name, value)
-            case ast.Assign(targets=targets, value=value):
-                for target in targets:
-                    self._assign(target, value)
-            case ast.AugAssign(target=target, op=op, value=value):
-                self._assign(target, ast.copy_location(ast.BinOp(target, op, value), node))
-            case ast.If(test=test, body=body, orelse=other):
-                self._kind(test)
-                self._all(body + other)
-            case ast.While(test=test, body=body, orelse=[]):
-                self._kind(test)
-                self._all(body)
-            case ast.For(
-                target=ast.Name(id=name),
-                iter=ast.Call(func=ast.Name(id="range"), args=bounds),
-                body=body,
-                orelse=[],
-            ):
-                for bound in bounds:
-                    if self._kind(bound) != INT:
-                        raise self._refuse(bound, "a bound that is not whole")
-                if len(bounds) > 2 and self.function.number(bounds[2]) not in (1, -1):
-                    raise self._refuse(bounds[2], "a step that is not 1 or -1")
-                self._set(name, INT, node)
-                self._all(body)
-            case ast.Return(value=value):
-                if value is not None:
-                    self._kind(value)
-            case ast.Expr(value=ast.Call() as call):
-                self._kind(call)
-            case ast.Break() | ast.Continue() | ast.Pass():
-                pass
-            case _:
-                raise self._refuse(node, "no statement of a scalar function")
-
-    def _all(self, statements: Iterable[ast.stmt]) -> None:
-        for one in statements:
-            self._statement(one)
-
-    def _assign(self, target: ast.expr, value: ast.expr) -> None:
-        kind = self._kind(value)
-        if isinstance(target, ast.Name):
-            self._set(target.id, kind, value)
-            if kind in ARRAYS:
-                self._views.append((target.id, _array_of(value)))
-        elif isinstance(target, ast.Subscript) and isinstance(target.value, ast.Name):
-            self._kind(target)
-            self.function.written.add(target.value.id)
-        else:
-            raise self._refuse(target, "no place of a number")
-
-    def _set(self, name: str, kind: str, node: ast.AST) -> None:
-        known = self.function.variables.get(name) or self.function.parameters.get(name)
-        if known is None:
-            self.function.variables[name] = kind
-        elif known != kind and not (known in (FLOAT, VALUE) and kind == INT):
-            raise self._refuse(node, f"'{name}' is {known} and {kind}")
-
-    def _kind(self, node: ast.expr) -> str:
-        found = self.function.kinds[node] = self._found(node)
-        return found
-
-    def _found(self, node: ast.expr) -> str:
-        function = self.function
-        if isinstance(node, ast.Constant) and isinstance(node.value, bool):
-            return BOOL
-        value = self.function.number(node)
-        if value is not None:
-            return INT if isinstance(value, int) else FLOAT
-        match node:
-            case ast.Name(id=name):
-                kind = function.variables.get(name) or function.parameters.get(name)
-                if kind is None:
-                    raise self._refuse(node, "a name without a value")
-                return kind
-            case ast.Subscript(value=ast.Name(id=name), slice=ast.Slice(lower=lower, upper=None)):
-                if lower is not None:
-                    self._kind(lower)
-                return function.kind(name)
-            case ast.Subscript(value=ast.Name(id=name), slice=place):
-                self._kind(place)
-                return ARRAYS[function.kind(name)]
-            case ast.BinOp(left=left, op=op, right=right):
-                kinds = {self._kind(left), self._kind(right)}
-                real = isinstance(op, ast.Add | ast.Sub | ast.Mult | ast.Div)
-                if not real and (kinds & {FLOAT, VALUE} or not isinstance(op, _WHOLE)):
-                    raise self._refuse(node, "an operator that scalar functions lack")
-                return common(kinds | ({FLOAT} if isinstance(op, ast.Div) else set()))
-            case ast.UnaryOp(op=ast.Not(), operand=inner):
-                self._kind(inner)
-                return BOOL
-            case ast.UnaryOp(op=ast.USub(), operand=inner):
-                return self._kind(inner)
-            case ast.Compare(left=left, comparators=others):
-                for one in (left, *others):
-                    self._kind(one)
-                return BOOL
-            case ast.BoolOp(values=values):
-                for one in values:
-                    self._kind(one)
-                return BOOL
-            case ast.IfExp(test=test, body=a, orelse=b):
-                self._kind(test)
-                kinds = {self._kind(a), self._kind(b)}
-                return kinds.pop() if len(kinds) == 1 else common(kinds)
-            case ast.Call(func=called, args=arguments):
-                return self._called(node, ast.unparse(called), arguments)
-        raise self._refuse(node, "no expression of a scalar function")
-
-    def _called(self, node: ast.Call, name: str, arguments: list[ast.expr]) -> str:
-        kinds = [self._kind(a) for a in arguments]
-        self.function.calls[node] = name
-        if name in MACHINE:
-            if name == "copy":
-                self.function.written.add(_array_of(arguments[3]))
-            return MACHINE[name]
-        if name in BUILT_IN:
-            if len(kinds) != 1 + (name in ("min", "max")):
-                raise self._refuse(node, f"'{name}' of {len(kinds)} values")
-            return BUILT_IN[name] or common(set(kinds))
-        if name not in self.known.functions:
-            raise self._refuse(node, "an unknown function")
-        called = self.known.functions[name]
-        for argument, (parameter, kind) in zip(arguments, called.parameters.items(), strict=True):
-            if kind in ARRAYS and self.function.kinds[argument] != kind:
-                raise self._refuse(argument, f"'{parameter}' of '{name}' is {kind}")
-            if parameter in called.written:
-                self.function.written.add(_array_of(argument))
-        return called.result
-
-
 def common(kinds: Collection[str]) -> str:
     """The kind of a result of numbers of these kinds."""
     return next((k for k in (VALUE, FLOAT) if k in kinds), INT)
-
-
-def _annotated(node: ast.expr | None) -> str:
-    return NONE if node is None else ast.unparse(node)
-
-
-def _array_of(node: ast.expr) -> str:
-    """The name of the array that a view is a part of."""
-    while not isinstance(node, ast.Name):
-        node = node.value if isinstance(node, ast.Subscript) else ast.Name("")
-    return node.id

@@ -3,36 +3,15 @@
 from __future__ import annotations
 
 import ast
-import math
-import struct
 from collections.abc import Iterable, Sequence
 
 from holdfast.execution.codegen.scalar_functions import (
     ARRAYS,
-    BOOL,
-    FLAGS,
-    FLOAT,
-    INT,
-    MACHINE,
-    NONE,
-    TABLE,
-    VALUE,
     ScalarFunction,
     Scalars,
-    common,
 )
+from holdfast.execution.codegen.scalar_values import SIZES, Instructions
 
-_TESTS = {
-    ast.Lt: ("slt", "olt"), ast.LtE: ("sle", "ole"), ast.Gt: ("sgt", "ogt"),
-    ast.GtE: ("sge", "oge"), ast.Eq: ("eq", "oeq"), ast.NotEq: ("ne", "une"),
-}  # fmt: skip
-_ARITHMETIC = {
-    ast.Add: ("add", "fadd"), ast.Sub: ("sub", "fsub"), ast.Mult: ("mul", "fmul"),
-    ast.Div: ("", "fdiv"), ast.Mod: ("srem", ""), ast.FloorDiv: ("sdiv", ""),
-    ast.RShift: ("ashr", ""), ast.LShift: ("shl", ""), ast.BitAnd: ("and", ""),
-    ast.BitOr: ("or", ""),
-}  # fmt: skip
-_CONTRACTED = (ast.Add, ast.Sub, ast.Mult)
 _DECLARED = (
     "declare double @llvm.sqrt.f64(double)",
     "declare double @llvm.floor.f64(double)",
@@ -40,7 +19,6 @@ _DECLARED = (
     "declare float @llvm.fabs.f32(float)",
     "declare void @llvm.memmove.p0.p0.i64(ptr, ptr, i64, i1)",
 )
-_SIZES = {"double": 8, "float": 4, "i64": 8, "i8": 1}
 
 
 def scalars_text(
@@ -59,17 +37,14 @@ def scalars_text(
     return "\n\n".join([*bodies, *_DECLARED]) + "\n"
 
 
-class _Printer:
+class _Printer(Instructions):
+    """The statements of a function."""
+
     def __init__(
         self, known: Scalars, function: ScalarFunction, *, single: bool, fused: bool, own: bool
     ) -> None:
-        self.known, self.function, self.single, self.own = known, function, single, own
-        self.fused = fused
-        self.types = {INT: "i64", FLOAT: "double", BOOL: "i1", NONE: "void"}
-        self.types |= {VALUE: "float" if single else "double", **dict.fromkeys(ARRAYS, "ptr")}
-        self.lines: list[str] = []
-        self.slots: list[str] = []
-        self.count = 0
+        super().__init__(known, function, single=single, fused=fused)
+        self.own = own
         self.loops: list[tuple[str, str]] = []
 
     def text(self) -> str:
@@ -81,7 +56,7 @@ class _Printer:
         for name, kind in (f.parameters | f.variables).items():
             self.slots.append(f"  %x.{name} = alloca {self.types[kind]}")
         for name, kind in f.parameters.items():
-            self._line(f"store {self.types[kind]} %a.{name}, ptr %x.{name}")
+            self.line(f"store {self.types[kind]} %a.{name}, ptr %x.{name}")
         self._all(f.body)
         of = self.types[f.result]
         end = f"ret {of}" + {"i64": " 0", "i1": " false", "void": ""}.get(of, " 0.0")
@@ -105,325 +80,95 @@ class _Printer:
     def _statement(self, node: ast.stmt) -> None:
         match node:
             case ast.Assign(targets=[ast.Tuple(elts=names)], value=ast.Tuple(elts=values)):
-                found = [self._value(v) for v in values]
+                found = [self.value(v) for v in values]
                 for name, value, one in zip(names, values, found, strict=True):
-                    self._store(name, one, self._kind(value))
+                    self._store(name, one, self.kind(value))
             case ast.Assign(targets=targets, value=value):
-                one = self._value(value)
+                one = self.value(value)
                 for target in targets:
-                    self._store(target, one, self._kind(value))
+                    self._store(target, one, self.kind(value))
             case ast.AugAssign(target=target, op=op, value=value):
-                old = self._value(target)
-                new, kind = self._binary(op, old, self._kind(target), value)
+                old = self.value(target)
+                new, kind = self.binary(op, old, self.kind(target), value)
                 self._store(target, new, kind)
             case ast.If(test=test, body=body, orelse=other):
-                one, two, end = self._labels("then", "else", "end")
-                self._branch(self._truth(test), one, two)
+                one, two, end = self.labels("then", "else", "end")
+                self.branch(self.truth(test), one, two)
                 self._block(one, body, end)
                 self._block(two, other, end)
-                self._begin(end)
+                self.begin(end)
             case ast.While(test=test, body=body):
-                head, inside, end = self._labels("head", "body", "end")
-                self._jump(head)
-                self._begin(head)
-                self._branch(self._truth(test), inside, end)
+                head, inside, end = self.labels("head", "body", "end")
+                self.jump(head)
+                self.begin(head)
+                self.branch(self.truth(test), inside, end)
                 self._loop(inside, body, head, end)
-                self._jump(head)
-                self._begin(end)
+                self.jump(head)
+                self.begin(end)
             case ast.For(target=ast.Name(id=name), iter=ast.Call(args=bounds), body=body):
                 self._for(name, bounds, body)
             case ast.Return(value=value):
                 if value is None:
-                    self._line("ret void")
+                    self.line("ret void")
                 else:
                     kind = self.function.result
-                    given = self._as(self._value(value), self._kind(value), kind)
-                    self._line(f"ret {self.types[kind]} {given}")
-                self._begin(self._labels("after")[0])
+                    given = self.converted(self.value(value), self.kind(value), kind)
+                    self.line(f"ret {self.types[kind]} {given}")
+                self.begin(self.labels("after")[0])
             case ast.Expr(value=value):
-                self._value(value)
+                self.value(value)
             case ast.Break():
-                self._jump(self.loops[-1][1])
-                self._begin(self._labels("after")[0])
+                self.jump(self.loops[-1][1])
+                self.begin(self.labels("after")[0])
             case ast.Continue():
-                self._jump(self.loops[-1][0])
-                self._begin(self._labels("after")[0])
+                self.jump(self.loops[-1][0])
+                self.begin(self.labels("after")[0])
 
     def _for(self, name: str, bounds: list[ast.expr], body: list[ast.stmt]) -> None:
-        head, inside, turn, end = self._labels("head", "body", "turn", "end")
-        given = [self._value(b) for b in bounds]
+        head, inside, turn, end = self.labels("head", "body", "turn", "end")
+        given = [self.value(b) for b in bounds]
         first, last = (given[0], given[1]) if len(given) > 1 else ("0", given[0])
         step = self.function.number(bounds[2]) if len(bounds) > 2 else 1
-        at = self._slot("i64")
-        self._line(f"store i64 {first}, ptr {at}")
-        self._jump(head)
-        self._begin(head)
-        now = self._named(f"load i64, ptr {at}")
+        at = self.slot("i64")
+        self.line(f"store i64 {first}, ptr {at}")
+        self.jump(head)
+        self.begin(head)
+        now = self.named(f"load i64, ptr {at}")
         goes = "slt" if step == 1 else "sgt"
-        self._branch(self._named(f"icmp {goes} i64 {now}, {last}"), inside, end)
+        self.branch(self.named(f"icmp {goes} i64 {now}, {last}"), inside, end)
         self.loops.append((turn, end))
-        self._begin(inside)
-        self._line(f"store i64 {now}, ptr %x.{name}")
+        self.begin(inside)
+        self.line(f"store i64 {now}, ptr %x.{name}")
         self._all(body)
         self.loops.pop()
-        self._jump(turn)
-        self._begin(turn)
-        self._line(f"store i64 {self._named(f'add i64 {now}, {step}')}, ptr {at}")
-        self._jump(head)
-        self._begin(end)
+        self.jump(turn)
+        self.begin(turn)
+        self.line(f"store i64 {self.named(f'add i64 {now}, {step}')}, ptr {at}")
+        self.jump(head)
+        self.begin(end)
 
     def _loop(self, label: str, body: list[ast.stmt], head: str, end: str) -> None:
         self.loops.append((head, end))
-        self._begin(label)
+        self.begin(label)
         self._all(body)
         self.loops.pop()
 
     def _block(self, label: str, body: list[ast.stmt], end: str) -> None:
-        self._begin(label)
+        self.begin(label)
         self._all(body)
-        self._jump(end)
+        self.jump(end)
 
     def _store(self, target: ast.expr, value: str, kind: str) -> None:
         if isinstance(target, ast.Name):
             own = self.function.kind(target.id)
-            self._line(f"store {self.types[own]} {self._as(value, kind, own)}, ptr %x.{target.id}")
+            self.line(
+                f"store {self.types[own]} {self.converted(value, kind, own)}, ptr %x.{target.id}"
+            )
             return
         assert isinstance(target, ast.Subscript)
         assert isinstance(target.value, ast.Name)
         array = self.function.kind(target.value.id)
-        found, of = self._as(value, kind, ARRAYS[array]), self._entry(array)
+        found, of = self.converted(value, kind, ARRAYS[array]), self.entry(array)
         if of == "i8":
-            found = self._named(f"trunc i64 {found} to i8")
-        self._line(f"store {of} {found}, ptr {self._place(target)}, align {_SIZES[of]}")
-
-    def _entry(self, array: str) -> str:
-        """The type of the entries of an array."""
-        if array == TABLE:
-            return self.types[VALUE]
-        return "i8" if array == FLAGS else self.types[ARRAYS[array]]
-
-    # -- expressions
-
-    def _kind(self, node: ast.expr) -> str:
-        return self.function.kinds[node]
-
-    def _value(self, node: ast.expr) -> str:
-        kind = self._kind(node)
-        if isinstance(node, ast.Constant) and isinstance(node.value, bool):
-            return "true" if node.value else "false"
-        value = self.function.number(node)
-        if value is not None:
-            return str(value) if kind == INT else _hexadecimal(float(value))
-        if isinstance(node, ast.Subscript) and not isinstance(node.slice, ast.Slice):
-            return self._loaded(node)
-        match node:
-            case ast.Name(id=name):
-                return self._named(f"load {self.types[kind]}, ptr %x.{name}")
-            case ast.Subscript(slice=ast.Slice()):
-                return self._place(node)
-            case ast.BinOp(left=left, op=op, right=right):
-                return self._binary(op, self._value(left), self._kind(left), right)[0]
-            case ast.UnaryOp(op=ast.Not(), operand=inner):
-                return self._named(f"xor i1 {self._truth(inner)}, true")
-            case ast.UnaryOp(op=ast.USub(), operand=inner):
-                given = self._value(inner)
-                return self._named(
-                    f"sub i64 0, {given}" if kind == INT else f"fneg {self.types[kind]} {given}"
-                )
-            case ast.Compare(left=left, ops=tests, comparators=others):
-                return self._compared(left, tests, others)
-            case ast.BoolOp(op=op, values=values):
-                return self._joined(isinstance(op, ast.And), values)
-            case ast.IfExp(test=test, body=a, orelse=b):
-                return self._chosen(kind, test, a, b)
-            case ast.Call(args=arguments):
-                return self._called(self.function.calls[node], kind, arguments)
-        raise AssertionError(ast.dump(node))
-
-    def _loaded(self, node: ast.Subscript) -> str:
-        assert isinstance(node.value, ast.Name)
-        array = self.function.kind(node.value.id)
-        of = self._entry(array)
-        found = self._named(f"load {of}, ptr {self._place(node)}, align {_SIZES[of]}")
-        if of == "i8":
-            return self._named(f"zext i8 {found} to i64")
-        own = self.types[ARRAYS[array]]
-        return found if of == own else self._named(f"fpext {of} {found} to {own}")
-
-    def _binary(self, op: ast.operator, left: str, kind: str, right: ast.expr) -> tuple[str, str]:
-        other, of = self._value(right), self._kind(right)
-        own = common({kind, of} | ({FLOAT} if isinstance(op, ast.Div) else set()))
-        real = own != INT
-        a, b = self._as(left, kind, own), self._as(other, of, own)
-        contract = "contract " if self.fused and real and isinstance(op, _CONTRACTED) else ""
-        how = _ARITHMETIC[type(op)][real]
-        return self._named(f"{how} {contract}{self.types[own]} {a}, {b}"), own
-
-    def _compared(
-        self, left: ast.expr, tests: Sequence[ast.cmpop], others: Sequence[ast.expr]
-    ) -> str:
-        values = [(self._value(one), self._kind(one)) for one in (left, *others)]
-        found = ""
-        for (a, ka), test, (b, kb) in zip(values, tests, values[1:], strict=False):
-            kind = common({ka, kb})
-            real = kind != INT
-            text = f"{'fcmp' if real else 'icmp'} {_TESTS[type(test)][real]} {self.types[kind]}"
-            one = self._named(f"{text} {self._as(a, ka, kind)}, {self._as(b, kb, kind)}")
-            found = self._named(f"and i1 {found}, {one}") if found else one
-        return found
-
-    def _joined(self, every: bool, values: Sequence[ast.expr]) -> str:
-        at, (end,) = self._slot("i1"), self._labels("end")
-        for one in values:
-            found, (more,) = self._truth(one), self._labels("more")
-            self._line(f"store i1 {found}, ptr {at}")
-            self._branch(found, *((more, end) if every else (end, more)))
-            self._begin(more)
-        self._jump(end)
-        self._begin(end)
-        return self._named(f"load i1, ptr {at}")
-
-    def _chosen(self, kind: str, test: ast.expr, a: ast.expr, b: ast.expr) -> str:
-        at, (one, two, end) = self._slot(self.types[kind]), self._labels("one", "two", "end")
-        self._branch(self._truth(test), one, two)
-        for label, node in ((one, a), (two, b)):
-            self._begin(label)
-            value = self._as(self._value(node), self._kind(node), kind)
-            self._line(f"store {self.types[kind]} {value}, ptr {at}")
-            self._jump(end)
-        self._begin(end)
-        return self._named(f"load {self.types[kind]}, ptr {at}")
-
-    def _called(self, name: str, kind: str, arguments: Sequence[ast.expr]) -> str:
-        values = [self._value(a) for a in arguments]
-        kinds = [self._kind(a) for a in arguments]
-        if name in self.known.functions:
-            called = self.known.functions[name]
-            given = ", ".join(
-                f"{self.types[own]} {self._as(v, k, own)}"
-                for v, k, own in zip(values, kinds, called.parameters.values(), strict=True)
-            )
-            text = f"call {self.types[called.result]} @{name}({given})"
-            if called.result != NONE:
-                return self._named(text)
-            self._line(text)
-            return ""
-        if name in MACHINE:
-            return self._machine(name, values, arguments)
-        wanted = kind if name in ("abs", "min", "max") else FLOAT
-        if name != "int":
-            values = [self._as(v, k, wanted) for v, k in zip(values, kinds, strict=True)]
-        match name:
-            case "float":
-                return values[0]
-            case "int":
-                return self._whole(values[0], kinds[0])
-            case "math.sqrt" | "math.floor":
-                return self._named(f"call double @llvm.{name[5:]}.f64(double {values[0]})")
-            case "abs" if kind == INT:
-                less = self._named(f"sub i64 0, {values[0]}")
-                negative = self._named(f"icmp slt i64 {values[0]}, 0")
-                return self._named(f"select i1 {negative}, i64 {less}, i64 {values[0]}")
-            case "abs":
-                of = self.types[kind]
-                bits = {"double": 64, "float": 32}[of]
-                return self._named(f"call {of} @llvm.fabs.f{bits}({of} {values[0]})")
-            case "math.isnan":
-                return self._named(f"fcmp uno double {values[0]}, 0.0")
-            case "math.isfinite":
-                size = self._named(f"call double @llvm.fabs.f64(double {values[0]})")
-                return self._named(f"fcmp olt double {size}, {_hexadecimal(math.inf)}")
-            case "min" | "max":  # as in Python: the first, unless the second is beyond it
-                of, real = self.types[kind], kind != INT
-                test = {"min": ("slt", "olt"), "max": ("sgt", "ogt")}[name][real]
-                compare = "fcmp" if real else "icmp"
-                beyond = self._named(f"{compare} {test} {of} {values[1]}, {values[0]}")
-                return self._named(f"select i1 {beyond}, {of} {values[1]}, {of} {values[0]}")
-        raise AssertionError(name)
-
-    def _machine(self, name: str, values: list[str], arguments: Sequence[ast.expr]) -> str:
-        match name:
-            case "address":
-                array = self._kind(arguments[0])
-                place = self._offset(array, values[0], values[1])
-                return self._named(f"ptrtoint ptr {place} to i64")
-            case "call":
-                where = self._named(f"inttoptr i64 {values[0]} to ptr")
-                self._line(f"call void {where}({', '.join(f'i64 {v}' for v in values[1:])})")
-                return ""
-            case "copy":
-                array = self._kind(arguments[0])
-                source = self._offset(array, values[0], values[1])
-                target = self._offset(array, values[3], values[4])
-                size = self._named(f"mul i64 {values[2]}, {_SIZES[self._entry(array)]}")
-                given = f"ptr {target}, ptr {source}, i64 {size}, i1 false"
-                self._line(f"call void @llvm.memmove.p0.p0.i64({given})")
-                return ""
-            case "take":
-                return self._named(f"atomicrmw add ptr {values[0]}, i64 1 monotonic")
-            case "look":
-                return self._named(f"load atomic i64, ptr {values[0]} acquire, align 8")
-        return self._named(f"inttoptr i64 {values[0]} to ptr")
-
-    def _offset(self, array: str, first: str, index: str) -> str:
-        return self._named(f"getelementptr {self._entry(array)}, ptr {first}, i64 {index}")
-
-    def _whole(self, value: str, kind: str) -> str:
-        return value if kind == INT else self._named(f"fptosi double {value} to i64")
-
-    def _truth(self, node: ast.expr) -> str:
-        value = self._value(node)
-        return self._named(f"icmp ne i64 {value}, 0") if self._kind(node) == INT else value
-
-    def _as(self, value: str, kind: str, wanted: str) -> str:
-        of, to = self.types[kind], self.types[wanted]
-        if of == to:
-            return value
-        how = {
-            ("i64", "double"): "sitofp", ("i64", "float"): "sitofp", ("float", "double"): "fpext",
-            ("double", "float"): "fptrunc", ("i1", "i64"): "zext",
-        }[of, to]  # fmt: skip
-        return self._named(f"{how} {of} {value} to {to}")
-
-    def _place(self, node: ast.expr) -> str:
-        assert isinstance(node, ast.Subscript)
-        assert isinstance(node.value, ast.Name)
-        array = self._named(f"load ptr, ptr %x.{node.value.id}")
-        index = node.slice.lower if isinstance(node.slice, ast.Slice) else node.slice
-        if index is None:
-            return array
-        return self._offset(self.function.kind(node.value.id), array, self._value(index))
-
-    # -- lines
-
-    def _slot(self, of: str) -> str:
-        """A place on the stack, which belongs to the whole function."""
-        self.count += 1
-        self.slots.append(f"  %s{self.count} = alloca {of}")
-        return f"%s{self.count}"
-
-    def _named(self, text: str) -> str:
-        self.count += 1
-        self._line(f"%v{self.count} = {text}")
-        return f"%v{self.count}"
-
-    def _labels(self, *names: str) -> list[str]:
-        self.count += 1
-        return [f"{name}.{self.count}" for name in names]
-
-    def _branch(self, condition: str, one: str, two: str) -> None:
-        self._line(f"br i1 {condition}, label %{one}, label %{two}")
-
-    def _jump(self, label: str) -> None:
-        self._line(f"br label %{label}")
-
-    def _begin(self, label: str) -> None:
-        self.lines.append(f"{label}:")
-
-    def _line(self, text: str) -> None:
-        self.lines.append(f"  {text}")
-
-
-def _hexadecimal(value: float) -> str:
-    (pattern,) = struct.unpack("<Q", struct.pack("<d", value))
-    return f"0x{pattern:016X}"
+            found = self.named(f"trunc i64 {found} to i8")
+        self.line(f"store {of} {found}, ptr {self.place(target)}, align {SIZES[of]}")

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.execution.codegen.scalar_functions import read
 from holdfast.execution.codegen.scalar_llvm import scalars_text
+from holdfast.execution.codegen.scalar_reader import read
 from holdfast.execution.leaf import compiled_text
 
 Numbers = npt.NDArray[Any]

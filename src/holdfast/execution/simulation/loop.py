@@ -1,6 +1,6 @@
-"""The simulation loop of a closed loop: its rows, its leaves, and the order in which it calls them.
+"""The simulation loop of a closed loop: its leaves, and the order in which it calls them.
 
-It is printed as the text of four functions of a block of runs (`codegen/loop_text.py`):
+The text of four functions of a block of runs (`codegen/loop_text.py`):
 
     begin     the memory and the constraints at the starts
     advance   the samples of as many records as s says, and what is recorded of them
@@ -29,8 +29,7 @@ from holdfast.execution.codegen.mode_leaves import mode_leaves
 from holdfast.execution.codegen.random_leaves import noise_leaf
 from holdfast.execution.simulation.layout import FORGOTTEN, LATE, RECORDS, STRIDE, Layout
 
-SINGLE = "_single"
-"""The end of the name of a part for a table in single precision."""
+SINGLE = "_single"  # the end of the name of a part for a table in single precision
 
 
 @dataclass(frozen=True)
@@ -152,8 +151,8 @@ class _Builder:
 
     def _share(self, body: Instructions, t: int, seen: int) -> None:
         """What several leaves need of what the law sees."""
-        if shared := self.program.shared:
-            rows = self.layout.counts["seen"] - shared
+        if self.program.shared:
+            rows = self.layout.counts["seen"] - self.program.shared
             body.call("shared", t=t, q=seen, p=self.at["gains"], out=seen + rows * WIDTH)
 
     def _turn(self, body: Instructions) -> None:
@@ -186,17 +185,15 @@ class _Builder:
         if self.program.places:
             at = self.at
             body.call("places", t=t, q=seen, p=at["gains"], out=at["look_at"])
-            single = getattr(self.program.table[0], "dtype", None) == "float32"
-            part = f"look_up_lanes{SINGLE if single else ''}"
-            body.part(part, self.layout.tables[0 if noted else 1])
+            single = SINGLE if self.program.table[0].dtype == "float32" else ""
+            body.part(f"look_up_lanes{single}", self.layout.tables[0 if noted else 1])
 
     def _command(self, body: Instructions, t: int, seen: int) -> None:
         """The command of every lane in its mode, kept by its safeguard, and what is made of it."""
         program, at = self.program, self.at
         modes = len(program.modes)
-        alone = modes == 1 and not program.safeguarded
+        answer = at["command" if modes == 1 and not program.safeguarded else "answer"]
         for k in range(modes):
-            answer = at["command"] if alone else at["answer"]
             if modes > 1:
                 with body.if_any(at["in_modes"] + k * WIDTH):
                     self._law(body, k, t, seen, answer)
