@@ -4,14 +4,17 @@ import contextlib
 import inspect
 import math
 import signal
+import tempfile
 import warnings
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import holdfast as hf
 from holdfast.errors import HoldfastError
+from tests.scenario_files import LINE
 
 NAN, INF = math.nan, math.inf
 NONSENSE = {
@@ -40,6 +43,14 @@ NONSENSE = {
 }
 PATIENCE = 20
 x, y, v, k = (hf.symbol(n) for n in ("x", "y", "v", "k"))
+
+
+@cache
+def line_file():
+    """A scenario of one state, on disk."""
+    file = Path(tempfile.mkdtemp()) / "line.toml"
+    file.write_text(LINE)
+    return str(file)
 
 
 def line():
@@ -137,8 +148,8 @@ FUNCTIONS = {
     },
     "critical_points": lambda: {"field": hf.fields.dipole_in_current(), "box": ((-2.0, 2.0), (-2.0, 2.0))},
     "disturbance_margin": lambda: {
-        "scenario": "ch7-any-current", "of": "current.speed", "between": (0.1, 0.2), "tolerance": 0.09, "keep": [],
-        "overrides": ["grid.nodes=7", "march.horizon=0.1", "promise="],
+        "scenario": line_file(), "of": "push", "between": (0.1, 0.2), "tolerance": 0.09, "keep": [],
+        "overrides": ["grid.nodes=7", "march.forever=false", "march.horizon=0.1"],
     },
     "exact_flow": lambda: {"field": hf.fields.dipolar(lam=2.0), "start": [1.0, 0.5], "time": 0.2},
     "explain": lambda: {"system": hf.systems.unicycle(), "moment": [1.0, 0.0], "limit": 60.0},

@@ -261,7 +261,7 @@ def test_damage_is_told_or_touches_no_number(result, saved, tmp_path):
     told = 0
     for _ in range(150):
         damaged = bytearray(whole)
-        for place in generator.integers(len(whole), size=8):
+        for place in generator.integers(len(whole), size=16):
             damaged[place] ^= 1 << int(generator.integers(8))
         path.write_bytes(damaged)
         try:
