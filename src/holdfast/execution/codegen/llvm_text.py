@@ -66,6 +66,7 @@ class Module:
     functions: dict[str, str] = field(default_factory=dict)
     tables: dict[tuple[int, ...], str] = field(default_factory=dict)
     intrinsics: set[str] = field(default_factory=set)
+    constants: dict[int, int] = field(default_factory=dict)
 
     def text(self, bodies: Sequence[str]) -> str:
         """These functions, and what they share."""
@@ -74,6 +75,14 @@ class Module:
             f"[{', '.join(f'i64 {w}' for w in table)}]"
             for table, name in self.tables.items()
         ]
+        if self.constants:
+            listed = ", ".join(f"i64 {pattern}" for pattern in self.constants)
+            count = len(self.constants)
+            tables += [
+                f"@holdfast.constants = private constant [{count} x i64] [{listed}]",
+                "@holdfast.where = private global ptr @holdfast.constants",
+                "!0 = !{}",
+            ]
         return (
             "\n\n".join([*tables, *self.functions.values(), *bodies, *sorted(self.intrinsics)])
             + "\n"
@@ -157,6 +166,7 @@ def _leaf(module: Module, name: str, leaf: Leaf) -> str:
 
 
 _SIZE = {"float": 4, "double": 8}
+_SAME = "!invariant.load !0"
 
 
 def _of(kind: Format, stored: str) -> str:
@@ -180,7 +190,7 @@ def _loaded(kind: Format, stored: str, place: str, name: str) -> list[str]:
 
 
 def _uniform(kind: Format, array: str, row: int, name: str) -> list[str]:
-    vector, own = kind.vector(FLOAT), f"{name}.d"
+    own = f"{name}.d"
     lines = [
         f"  {name}.p = getelementptr double, ptr {array}, i64 {row}",
         f"  {own} = load double, ptr {name}.p, align 8",
@@ -188,10 +198,14 @@ def _uniform(kind: Format, array: str, row: int, name: str) -> list[str]:
     if kind.real == "float":
         lines.append(f"  {own}f = fptrunc double {own} to float")
         own += "f"
-    mask = f"<{kind.lanes} x i32> zeroinitializer"
+    return [*lines, *_repeated(kind, name, own)]
+
+
+def _repeated(kind: Format, name: str, number: str) -> list[str]:
+    """A number in every lane."""
+    vector, mask = kind.vector(FLOAT), f"<{kind.lanes} x i32> zeroinitializer"
     return [
-        *lines,
-        f"  {name}.i = insertelement {vector} poison, {kind.real} {own}, i32 0",
+        f"  {name}.i = insertelement {vector} poison, {kind.real} {number}, i32 0",
         f"  {name} = shufflevector {vector} {name}.i, {vector} poison, {mask}",
     ]
 
@@ -218,11 +232,28 @@ class Body:
         self.names: dict[int, str] = {}
         self.inputs: dict[str, int] = {}
         self.label = "loop"
+        self._has_table = False
         for number in steps.needed([v.number for v in results], read):
             if number in read:
                 self.names[number], self.inputs[read[number]] = f"%{letter}{number}", number
             else:
                 self._print(number, steps.list[number])
+
+    def _constant(self, name: str, value: float) -> None:
+        """A constant from the table of the module, which is an operand of instructions then.
+
+        The address of the table is read, so that LLVM does not put the constants into the
+        instructions: each would be moved through three registers.
+        """
+        (pattern,) = struct.unpack("<Q", struct.pack("<d", value))
+        place = self.module.constants.setdefault(pattern, len(self.module.constants))
+        table = f"%{self.letter}.constants"
+        if not self._has_table:
+            self._has_table = True
+            self.lines.insert(0, f"  {table} = load ptr, ptr @holdfast.where, align 8, {_SAME}")
+        self._line(f"{name}.p = getelementptr double, ptr {table}, i64 {place}")
+        self._line(f"{name}.d = load double, ptr {name}.p, align 8, {_SAME}")
+        self.lines += _repeated(self.form, name, f"{name}.d")
 
     def _print(self, number: int, step: Step) -> None:
         name = self.names[number] = f"%{self.letter}{number}"
@@ -234,7 +265,10 @@ class Body:
             self.inputs[step.given] = number
             self.names[number] = self.given.get(step.given, name)
         elif operation == "constant":
-            self.names[number] = form.constant(step)
+            if form.real == "double" and step.kind == FLOAT and step.given != 0.0:
+                self._constant(name, step.given)
+            else:
+                self.names[number] = form.constant(step)
         elif operation in _TWO:
             of = form.vector(self.steps.list[step.arguments[0]].kind)
             fused = " contract" if form.fused and operation in ("add", "sub", "mul") else ""
