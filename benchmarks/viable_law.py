@@ -4,7 +4,8 @@
 
 Every law is evaluated at the same random states of the region, in every mode, in one thread; the
 fastest of five passes counts. What is timed is all that a vehicle's computer would do at a control
-sample: the velocities, the tracking law, the rows of the quadratic program and its solution.
+sample: what guards and laws of all modes share, the velocities, the tracking law, the rows of the
+quadratic program and its solution.
 """
 
 import sys
@@ -61,9 +62,13 @@ def main() -> None:
         for i, state in enumerate(program.states):
             low, high = scenario.starts.box.get(state.name, (-0.1, 0.1))
             states[:, i] = generator.uniform(low, high, COUNT)
-        blocks = [columns(states[k : k + BLOCK], BLOCK) for k in range(0, COUNT, BLOCK)]
+        shared, t = np.empty((COUNT, program.shared)), np.zeros((1, BLOCK))
+        rows = np.hstack([states, shared])
+        blocks = [columns(rows[k : k + BLOCK], BLOCK) for k in range(0, COUNT, BLOCK)]
         p = np.repeat(loop.parameter_array()[:, np.newaxis], BLOCK, axis=1)
-        t = np.zeros((1, BLOCK))
+        p = np.vstack([p, np.zeros((program.prepared, BLOCK))])
+        if program.prepared:
+            loop.leaves.call("prepared", t, t, t, p, p[-program.prepared :])
         for mode, word in enumerate(program.modes):
             count, hard = program.conditions_of_modes[mode]
             answers = np.empty((m + (count * (m + 1) + m if count else 0), BLOCK))
@@ -72,6 +77,8 @@ def main() -> None:
                 seconds, relaxed = 0.0, 0
                 for seen in blocks:
                     began = time.perf_counter()
+                    if program.shared:
+                        loop.leaves.call("shared", t, seen, t, p, seen[width:])
                     loop.leaves.call(f"law{mode}", t, seen, t, p, answers)
                     seconds += time.perf_counter() - began
                     if count:
