@@ -32,7 +32,7 @@ PRIVATE = 0o600
 
 
 def cache_directory() -> Path:
-    """The folder of generated source and compiled code, created if missing, for this user only.
+    """The folder of compiled code, created if missing, for this user only.
 
     A default cache that cannot be written, or that others may write to, is replaced by a temporary
     folder for this process; a cache set by the user is then an `OutputError`.
@@ -120,7 +120,7 @@ def _warn_once(message: str) -> None:
 
 
 class Stored:
-    """The machine code of one function, by its signature and the machine."""
+    """Machine code on disk, by the digest of its text and the machine."""
 
     def __init__(self, name: str, stamp: str) -> None:
         self.name = "".join(c if c.isalnum() or c in "._-" else "_" for c in name)

@@ -19,7 +19,8 @@ import numpy as np
 
 from holdfast.execution.arrays import Array
 from holdfast.execution.cache import Stored
-from holdfast.execution.codegen.llvm_text import LANES, Leaf, leaves_text
+from holdfast.execution.codegen.llvm_body import LANES
+from holdfast.execution.codegen.llvm_text import Leaf, leaves_text
 
 BLOCK = 1024
 """Points that are computed together: their columns stay in the processor's cache."""
@@ -89,8 +90,8 @@ _known: dict[str, Leaves] = {}
 def compiled_text(text: str, *, optimised: bool = False) -> Machine:
     """The machine code of a text of LLVM, from memory, the disk or LLVM.
 
-    optimised: whether LLVM improves the text before it is compiled, which keeps every bit, since
-    no instruction has a flag that would let it contract or reorder.
+    optimised: whether LLVM improves the text before it is compiled. That keeps every bit, unless
+    the text itself lets it contract products and sums.
     """
     text = f"; optimised: {optimised}\n{text}"
     digest = hashlib.sha256(text.encode()).hexdigest()

@@ -44,11 +44,14 @@ def evaluate(a: Floats, k: Wholes, count: int, out: Floats) -> None:
     out[3] = math.sqrt(abs(a[2])) + math.floor(a[3]) + int(a[3])
     out[4] = HALF if -1.0 <= a[0] <= 1.0 or math.isnan(a[0]) else math.inf
     out[5] = last_below(rest, count, 0.25) * 2 - (turns >> 1 & 1)
-    k[0] = max(min(turns, 3), 2) - (1 << 2) + abs(k[1]) // 2
+    bits = turns
+    bits |= 4
+    bits <<= 1
+    k[0] = -(-bits) + max(min(turns, 3), 2) - (1 << 2) + abs(k[1]) // 2
     for i in range(count, count - 2, -1):
         out[4] += i | 1
     scaled(out[5:], 2, 0.1)
-    out[6] = out[7] = -a[0] if not math.isfinite(a[1]) and k[1] else k[1] / 7
+    out[6] = out[7] = -a[0] if not math.isfinite(a[1]) and k[1] != 0 else k[1] / 7
 '''
 
 
@@ -122,6 +125,15 @@ def test_tables_in_single_precision_are_read_as_doubles():
         ("n = 0.5", "'n' is int and float"),
         ("f(n, n)", "'a' of 'f' is Floats"),
         ("x = min(1.0)", "'min' of 1 values"),
+        ("x = min(n, 3, key=abs)", "no expression of a scalar function"),
+        ("x = a[1::2]", "no expression of a scalar function"),
+        ("x = a[-1]", "an entry whose place is not a whole number from 0 on"),
+        ("x = n or 1", "'and' or 'or' of numbers"),
+        ("m = 1; n, m = m, n", "a value that is read after it is replaced"),
+        ("if n > 0: x = 1\n    y = x", "'x' may have no value"),
+        ("for i in range(3): pass\n    x = i", "'i' may have no value"),
+        ("for i in range(n): n = 2", "a bound or a counter that the loop changes"),
+        ("return 1", "the result is None"),
         ("n = n ^ 2", "an operator that scalar functions lack"),
         ("x = a[0] % 2.0", "an operator that scalar functions lack"),
         ("for i in range(9, 0, -2): pass", "a step that is not 1 or -1"),
@@ -130,8 +142,17 @@ def test_tables_in_single_precision_are_read_as_doubles():
 def test_what_is_no_part_of_the_language_is_refused_with_its_line(line, why):
     with pytest.raises(SyntaxError) as raised:
         read(f"{HEAD}def f(a: Floats, n: int) -> None:\n    {line}\n")
-    assert str(raised.value).startswith("f, line 5")
+    assert str(raised.value).startswith(f"f, line {4 + len(line.splitlines())}")
     assert why in str(raised.value)
+
+
+def test_function_with_a_result_returns_it_on_every_way():
+    head = f"{HEAD}def f(n: int) -> int:\n"
+    with pytest.raises(SyntaxError, match="a way to the end without a result"):
+        read(f"{head}    if n > 0:\n        return 1\n")
+    with pytest.raises(SyntaxError, match="the result is int"):
+        read(f"{head}    return 0.5\n")
+    assert read(f"{head}    if n > 0:\n        return 1\n    return n\n").functions
 
 
 def test_functions_of_other_values_are_for_python_alone():

@@ -43,3 +43,18 @@ def test_an_expression_is_zero_where_all_its_values_are(expression: sp.Expr, zer
 )
 def test_rows_are_independent_where_they_are_at_some_values(rows: list, full: bool) -> None:
     assert full_rank(sp.ImmutableMatrix(rows)) is full
+
+
+@pytest.mark.parametrize(
+    ("expression", "zero"),
+    [
+        (sp.Abs(X), False),
+        (sp.sign(X) - sp.sign(X), True),
+        (X * sp.sign(Y), False),
+        (sp.Abs(X) - sp.Abs(-X), True),
+        (sp.Piecewise((X, X > 0), (Y, True)), False),
+        (select(1 - sp.sin(X) ** 2 - sp.cos(X) ** 2, X, 0) - X, True),
+    ],
+)
+def test_jumps_and_cases_are_decided(expression, zero):
+    assert is_zero(expression) is zero

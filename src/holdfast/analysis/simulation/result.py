@@ -40,6 +40,10 @@ class Result:
         self.parameters = parameters
         self.reference = reference
 
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{n} {label}" for label, n in self.outcomes.items() if n)
+        return f"<Result of {self.arrays.sizes['run']} runs: {counts}>"
+
     @property
     def dataset(self) -> xr.Dataset:
         """The trajectories as an xarray dataset, made when it is first asked for."""

@@ -24,7 +24,9 @@ def lowered(
 
     Sums and products are taken from left to right in SymPy's printing order. A quotient is a
     product with the inverse, which all quotients with the same divisor share: a division takes as
-    long as sixteen products, and derivatives divide by the same thing many times. Raises
+    long as sixteen products, and derivatives divide by the same thing many times. Only a quotient
+    of two symbols is divided, so that x/L is 1 where x is L; others may differ from it by a unit in
+    the last place, and a divisor below 6e-309 gives an infinite inverse. Raises
     `DefinitionError` for a function without steps, and for a symbol that is not an input.
     """
     exact = [sp.sympify(e) for e in expressions]
@@ -111,6 +113,11 @@ class _Lowering:
         return total
 
     def _product(self, e: sp.Mul) -> Value:
+        if len(e.args) == 2 and sum(a.is_Symbol for a in e.args) == 1:
+            (inverse,) = (a for a in e.args if not a.is_Symbol)
+            if isinstance(inverse, sp.Pow) and inverse.exp == -1 and inverse.base.is_Symbol:
+                (above,) = (a for a in e.args if a.is_Symbol)
+                return self.value(above) / self.value(inverse.base)
         factors: list[Value] = []
         minus = False
         for factor in e.as_ordered_factors():

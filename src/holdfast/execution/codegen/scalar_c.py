@@ -105,9 +105,8 @@ class _Printer:
                 for target in targets[1:]:
                     self._assign(target, self._text(targets[0]))
             case ast.AugAssign(target=target, op=op, value=value):
-                symbol, strength = _OPERATORS[type(op)]
-                if strength:
-                    self._line(f"{self._text(target)} {symbol}= {self._text(value)};")
+                symbol = _OPERATORS[type(op)][0]
+                self._line(f"{self._text(target)} {symbol}= {self._text(value)};")
             case ast.If(test=test, body=body, orelse=other):
                 self._line(f"if ({self._text(test)}) {{")
                 self._inside(body)
@@ -178,10 +177,9 @@ class _Printer:
                     (f"{a} {symbol} {b}", strength) if strength else (f"({a} {symbol} {b})", _ATOM)
                 )
             case ast.UnaryOp(op=op, operand=inner):
-                return (
-                    f"{'!' if isinstance(op, ast.Not) else '-'}{self._text(inner, _PREFIX)}",
-                    _PREFIX,
-                )
+                sign = "!" if isinstance(op, ast.Not) else "-"
+                least = _ATOM if sign == "-" else _PREFIX  # two signs would be another operator
+                return f"{sign}{self._text(inner, least)}", _PREFIX
             case ast.Compare(left=left, ops=tests, comparators=others):
                 pairs = zip((left, *others), tests, others, strict=False)
                 texts = [

@@ -9,6 +9,7 @@ from functools import cache
 from importlib import import_module, resources
 from types import FunctionType
 
+from holdfast.execution.codegen.scalar_flow import returns, uncertain
 from holdfast.execution.codegen.scalar_functions import (
     ARRAYS,
     BOOL,
@@ -99,6 +100,10 @@ class _Reader:
         self._views: list[tuple[str, str]] = []
         for statement in self.function.body:
             self._statement(statement)
+        if self.function.result != NONE and not returns(self.function.body):
+            raise self._refuse(node, "a way to the end without a result")
+        for unknown in uncertain(self.function.body, set(parameters), self.function.variables):
+            raise self._refuse(unknown, f"'{unknown.id}' may have no value")
         for _ in self._views:  # what is assigned to a part of an array is assigned to the array
             for part, whole in self._views:
                 if part in self.function.written:
@@ -113,6 +118,9 @@ class _Reader:
             case ast.Assign(targets=[ast.Tuple(elts=names)], value=ast.Tuple(elts=values)):
                 for value in values:
                     self._kind(value)
+                for k, name in enumerate(names):
+                    if any(_reads(later, name) for later in values[k + 1 :]):
+                        raise self._refuse(node, "a value that is read after it is replaced")
                 for name, value in zip(names, values, strict=True):
                     self._assign(name, value)
             case ast.Assign(targets=targets, value=value):
@@ -139,9 +147,13 @@ class _Reader:
                     raise self._refuse(bounds[2], "a step that is not 1 or -1")
                 self._set(name, INT, node)
                 self._all(body)
+                changed = {one for b in body for one in _assigned_in(b)}
+                if name in changed or any(changed & _names(b) for b in bounds):
+                    raise self._refuse(node.iter, "a bound or a counter that the loop changes")
             case ast.Return(value=value):
-                if value is not None:
-                    self._kind(value)
+                kind = NONE if value is None else self._kind(value)
+                if not _becomes(kind, self.function.result):
+                    raise self._refuse(node, f"the result is {self.function.result}")
             case ast.Expr(value=ast.Call() as call):
                 self._kind(call)
             case ast.Break() | ast.Continue() | ast.Pass():
@@ -189,12 +201,17 @@ class _Reader:
                 if kind is None:
                     raise self._refuse(node, "a name without a value")
                 return kind
-            case ast.Subscript(value=ast.Name(id=name), slice=ast.Slice(lower=lower, upper=None)):
+            case ast.Subscript(
+                value=ast.Name(id=name), slice=ast.Slice(lower=lower, upper=None, step=None)
+            ):
                 if lower is not None:
                     self._kind(lower)
                 return function.kind(name)
-            case ast.Subscript(value=ast.Name(id=name), slice=place):
-                self._kind(place)
+            case ast.Subscript(value=ast.Name(id=name), slice=place) if not isinstance(
+                place, ast.Slice
+            ):
+                if self._kind(place) != INT or (self.function.number(place) or 0) < 0:
+                    raise self._refuse(node, "an entry whose place is not a whole number from 0 on")
                 return ARRAYS[function.kind(name)]
             case ast.BinOp(left=left, op=op, right=right):
                 kinds = {self._kind(left), self._kind(right)}
@@ -212,14 +229,14 @@ class _Reader:
                     self._kind(one)
                 return BOOL
             case ast.BoolOp(values=values):
-                for one in values:
-                    self._kind(one)
+                if any(self._kind(one) != BOOL for one in values):
+                    raise self._refuse(node, "'and' or 'or' of numbers")
                 return BOOL
             case ast.IfExp(test=test, body=a, orelse=b):
                 self._kind(test)
                 kinds = {self._kind(a), self._kind(b)}
                 return kinds.pop() if len(kinds) == 1 else common(kinds)
-            case ast.Call(func=called, args=arguments):
+            case ast.Call(func=called, args=arguments, keywords=[]):
                 return self._called(node, ast.unparse(called), arguments)
         raise self._refuse(node, "no expression of a scalar function")
 
@@ -238,11 +255,35 @@ class _Reader:
             raise self._refuse(node, "an unknown function")
         called = self.known.functions[name]
         for argument, (parameter, kind) in zip(arguments, called.parameters.items(), strict=True):
-            if kind in ARRAYS and self.function.kinds[argument] != kind:
+            if not _becomes(self.function.kinds[argument], kind):
                 raise self._refuse(argument, f"'{parameter}' of '{name}' is {kind}")
             if parameter in called.written:
                 self.function.written.add(_array_of(argument))
         return called.result
+
+
+def _names(node: ast.AST) -> set[str]:
+    return {one.id for one in ast.walk(node) if isinstance(one, ast.Name)}
+
+
+def _assigned_in(node: ast.AST) -> set[str]:
+    """The names that a statement, or one inside it, gives another value."""
+    stored = (one for one in ast.walk(node) if isinstance(one, ast.Name))
+    return {one.id for one in stored if isinstance(one.ctx, ast.Store)}
+
+
+def _reads(value: ast.expr, target: ast.expr) -> bool:
+    """Whether a value depends on what is assigned to the target, or may depend on it."""
+    name = ast.unparse(target.value) if isinstance(target, ast.Subscript) else ast.unparse(target)
+    return name in _names(value)
+
+
+def _becomes(kind: str, wanted: str) -> bool:
+    """Whether a value of a kind is given where another is wanted."""
+    numbers = (INT, FLOAT, VALUE)
+    if kind == wanted or (kind == BOOL and wanted == INT):
+        return True
+    return kind in numbers and wanted in numbers[1:]
 
 
 def _annotated(node: ast.expr | None) -> str:

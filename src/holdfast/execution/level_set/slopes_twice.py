@@ -90,17 +90,17 @@ def call_scheme(scheme: int, source: Values, at: Wholes, k: int, ends: Values, c
     )  # fmt: skip
 
 
-def is_kept(kept: Wholes, first: int, many: int, unit: int, several: int) -> int:
+def is_kept(kept: Wholes, first: int, many: int, unit: int, several: int) -> bool:
     """Whether the slopes below several units were computed with the place before.
 
     For each unit of a place along the axis it is known of which unit the slopes are kept.
     """
     if many == 0:
-        return 0
-    for k in range(several):
+        return False
+    for k in range(several):  # noqa: SIM110
         if kept[first + (unit + k) % many] != unit + k:
-            return 0
-    return 1
+            return False
+    return True
 
 
 def slopes_across(

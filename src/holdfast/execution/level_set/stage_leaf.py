@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from holdfast.execution.arithmetic.steps import FLOAT, TRUTH, Steps, Value, choose
-from holdfast.execution.codegen.llvm_text import LANES, Body, Format, Module
+from holdfast.execution.codegen.llvm_body import LANES, Body, Format, Module
 from holdfast.execution.level_set.rate_leaves import RateLeaves
 
 PLACES = (
@@ -205,8 +205,7 @@ class _Text:
     def _printed(
         self, steps: Steps, results: Sequence[Value], form: Format, given: dict[str, str], of: str
     ) -> list[str]:
-        body = Body(self.module, steps, results, form, given, of)
-        body.label = self.label
+        body = Body(self.module, steps, results, form, given, of, label=self.label)
         self.lines += body.lines
         self.label = body.label
         return [body.names[v.number] for v in results]

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import mpmath
 import sympy as sp
+from sympy.logic.boolalg import Boolean
 
 from holdfast.errors import DefinitionError
 
@@ -147,6 +148,8 @@ _NONE = (mpmath.mpf("nan"), mpmath.mpf("nan"))
 def _measured(
     e: sp.Basic, at: Mapping[sp.Symbol, sp.Expr], known: dict[sp.Basic, Bounded]
 ) -> Bounded:
+    if isinstance(e, sp.Piecewise | Boolean):
+        return _NONE
     if e not in known:
         parts = [_measured(a, at, known) for a in e.args]
         if any(not mpmath.isfinite(value) for value, _ in parts):
@@ -173,7 +176,9 @@ def _applied(e: sp.Basic, parts: Sequence[Bounded], at: Mapping[sp.Symbol, sp.Ex
         value = value_at(e, at)
         return value, abs(value)
     # the derivatives are evaluated at the values of the arguments
-    arguments = [sp.Dummy() for _ in parts]
+    if type(e).__name__ in _JUMPING and abs(parts[0][0]) <= JUMP * parts[0][1]:
+        return _NONE  # rounding would decide
+    arguments = [sp.Dummy(real=True) for _ in parts]
     f = e.func(*arguments)
     here = {a: sp.Float(v, _DIGITS) for a, (v, _) in zip(arguments, parts, strict=True)}
     value = value_at(e.func(*(here[a] for a in arguments)), {})
@@ -182,8 +187,16 @@ def _applied(e: sp.Basic, parts: Sequence[Bounded], at: Mapping[sp.Symbol, sp.Ex
     size = abs(value)
     for argument, part, (_, s) in zip(arguments, e.args, parts, strict=True):
         if s != 0 and not part.is_number:
-            size += abs(value_at(f.diff(argument), here)) * s
+            slope = f.diff(argument)
+            if slope.has(sp.Derivative, sp.Subs):
+                return _NONE
+            size += abs(value_at(slope, here)) * s
     return value, size
+
+
+_JUMPING = ("select", "sgn", "sign")
+JUMP = mpmath.mpf(10) ** (10 - _DIGITS)
+"""Functions that jump where the first argument is zero, and when it is as good as zero."""
 
 
 def value_at(expression: sp.Expr, at: Mapping[sp.Symbol, sp.Expr]) -> mpmath.mpf:
