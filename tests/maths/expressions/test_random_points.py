@@ -58,3 +58,12 @@ def test_rows_are_independent_where_they_are_at_some_values(rows: list, full: bo
 )
 def test_jumps_and_cases_are_decided(expression, zero):
     assert is_zero(expression) is zero
+
+
+def test_a_point_where_it_is_not_zero_decides_without_simplification(monkeypatch):
+    def refused(expression):
+        raise AssertionError(expression)
+
+    monkeypatch.setattr(sp, "simplify", refused)
+    for expression in (X, X * sp.sin(Y), sp.Abs(X) - Y, select(X, Y, X), sp.sqrt(X**2 + 1) - X):
+        assert not is_zero(expression)

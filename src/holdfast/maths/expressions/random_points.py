@@ -13,7 +13,6 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import mpmath
 import sympy as sp
-from sympy.logic.boolalg import Boolean
 
 from holdfast.errors import DefinitionError
 
@@ -148,8 +147,8 @@ _NONE = (mpmath.mpf("nan"), mpmath.mpf("nan"))
 def _measured(
     e: sp.Basic, at: Mapping[sp.Symbol, sp.Expr], known: dict[sp.Basic, Bounded]
 ) -> Bounded:
-    if isinstance(e, sp.Piecewise | Boolean):
-        return _NONE
+    if not isinstance(e, sp.Expr) or isinstance(e, sp.Piecewise):
+        return _NONE  # a condition
     if e not in known:
         parts = [_measured(a, at, known) for a in e.args]
         if any(not mpmath.isfinite(value) for value, _ in parts):
