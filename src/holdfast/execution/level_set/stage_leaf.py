@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from holdfast.execution.arithmetic.steps import FLOAT, TRUTH, Steps, Value, choose
-from holdfast.execution.codegen.llvm_body import LANES, Body, Format, Module
+from holdfast.execution.codegen.llvm_body import LANES, Body, Format, Module, repeated
 from holdfast.execution.level_set.rate_leaves import RateLeaves
 
 PLACES = (
@@ -224,7 +224,7 @@ class _Text:
 
     def _uniform(self, name: str, array: str, row: int, form: Format) -> None:
         """A number that is the same at all nodes; all of these are in double precision."""
-        vector, value = form.vector(FLOAT), f"%{name}.d"
+        value = f"%{name}.d"
         self.entry += [
             f"  %{name}.q = getelementptr double, ptr %{array}.a, i64 {row}",
             f"  {value} = load double, ptr %{name}.q, align 8",
@@ -232,11 +232,7 @@ class _Text:
         if form.real == "float":
             self.entry.append(f"  %{name}.f = fptrunc double {value} to float")
             value = f"%{name}.f"
-        mask = f"<{form.lanes} x i32> zeroinitializer"
-        self.entry += [
-            f"  %{name}.i = insertelement {vector} poison, {form.real} {value}, i32 0",
-            f"  %{name} = shufflevector {vector} %{name}.i, {vector} poison, {mask}",
-        ]
+        self.entry += repeated(form, f"%{name}", value)
 
     def _load(self, array: str, row: int = 0) -> str:
         """The values of a row at the present lanes."""
