@@ -124,7 +124,6 @@ def named(text):
 FEWER = {
     "run": "--runs 2 --set run.horizon=2",
     "run of one start": "--set run.horizon=2",
-    "run ch6-polygons": "--set run.horizon=2 --no-figures",
     "run of a kernel": "--set grid.nodes=31 --set promise.runs=10",
     "compare": "--runs 2 --set run.horizon=2",
     "compare inspection": "--runs 2 --set run.horizon=2 --cases '5 N'",
@@ -136,6 +135,8 @@ FEWER = {
     "sweep of a kernel": "--set grid.nodes=11",
     "reproduce": "--quick",
 }
+DRAWN = "inspection"
+"""The scenario whose figures are drawn here: other tests draw those of every kind."""
 NOT_HERE = ("python -m pip ", "python -m pytest", "python benchmarks/", "dask ")
 """Lines of a shell that the checks themselves run, or that have tests of their own below."""
 
@@ -165,6 +166,8 @@ def shorter(words):
         elif loaded.runs == 1:
             name += " of one start"
     more = shlex.split(FEWER.get(" ".join(words[:2])) or FEWER.get(name, ""))
+    if words[0] in ("run", "compare", "margin", "sweep") and DRAWN not in rest:
+        more.append("--no-figures")
     chosen = [w for w in ("--laws", "--cases") if w in rest and w in more]
     for option in chosen:  # the page's own choice stays
         del more[more.index(option) : more.index(option) + 2]

@@ -247,11 +247,16 @@ def _clearance(
     curvature = np.repeat(curvatures, len(rows))
     turning, on = np.ones(len(poses), dtype=bool), np.ones(len(poses), dtype=bool)
     room = np.full(len(poses), np.inf)
+    nearest = np.full(poses.shape[:2], -np.inf)  # at least so far from a wall is each robot
     length = convoy.length + convoy.distance + math.pi / 2 / float(np.abs(curvatures).min())
     for _ in range(math.ceil(length / convoy.speed / convoy.step)):
+        before = poses
         poses, turning = convoy.moved(fields, number, poses, curvature, turning, on)
         on &= ~_gone(fields, number, convoy, poses)  # beyond this corner
-        room = np.minimum(room, environment.room(poses[..., :2]).min(axis=1))
+        nearest -= np.linalg.norm(poses[..., :2] - before[..., :2], axis=-1)
+        near = nearest < room[:, None]  # others cannot be the least
+        nearest[near] = environment.room(poses[near, :2])
+        room = np.minimum(room, nearest.min(axis=1))
     room[turning] = -np.inf
     found: Array = room.reshape(len(curvatures), len(rows)).min(axis=1)
     return found

@@ -121,28 +121,31 @@ def agrees_relaxed(hard, a, b, w, size, x, slack):
 # -- the comparison
 
 
+@pytest.mark.heavy
 def test_a_hundred_thousand_programs_are_compared():
+    """Of which the checks of every day compare a tenth."""
     assert 2 * len(FAMILIES) * sum(COUNTS.values()) >= 100_000
 
 
+@pytest.mark.parametrize("share", [10, pytest.param(1, marks=pytest.mark.heavy)])
 @pytest.mark.parametrize("badly_scaled", [False, True], ids=["plain", "badly scaled"])
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.__name__)
 @pytest.mark.parametrize("inputs", COUNTS)
-def test_nearest_input_is_that_of_an_interior_point_solver(inputs, family, badly_scaled):
+def test_nearest_input_is_that_of_an_interior_point_solver(inputs, family, badly_scaled, share):
     """Verdict, objective and violation; where none is admissible least slack and hard bounds.
 
     An objective as good without a violation is the same point: it is strictly convex.
     """
-    cases = programs(family, inputs, badly_scaled, COUNTS[inputs])
+    cases = programs(family, inputs, badly_scaled, COUNTS[inputs] // share)
     decided = [agrees(*pair) for pair in zip(cases, answers(cases), strict=True)]
-    assert decided.count(False) <= 0.01 * len(cases)
+    assert decided.count(False) <= 1 + 0.01 * len(cases)
 
 
 @pytest.mark.parametrize("inputs", [1, 2, 3])
 @pytest.mark.parametrize("badly_scaled", [False, True], ids=["plain", "badly scaled"])
 def test_least_slack_is_that_of_a_linear_program(inputs, badly_scaled):
     """min t subject to a u <= b + t for the rows that may be relaxed, by HiGHS."""
-    cases = programs(opposed, inputs, badly_scaled, 600)
+    cases = programs(opposed, inputs, badly_scaled, 200)
     compared = 0
     for case, answer in zip(cases, answers(cases), strict=True):
         a, b, _, size = normalised(case)
@@ -159,7 +162,7 @@ def test_least_slack_is_that_of_a_linear_program(inputs, badly_scaled):
         else:
             assert answer[-1] == pytest.approx(found.fun * unit, rel=1e-9, abs=1e-9 * unit)
             compared += 1
-    assert compared > 400
+    assert compared > 100
 
 
 # -- exact cases, each by machine code and by Python

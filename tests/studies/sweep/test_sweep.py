@@ -388,7 +388,7 @@ def test_what_an_empty_kernel_has_not_can_be_shown_of_the_others(here, tmp_path)
 # -- killed, interrupted, resumed
 
 
-MANY = 400
+MANY = 40
 
 
 def begun(cart, folder, *more):

@@ -7,6 +7,7 @@ the rows of w a log, to which the loop appends a record of all lanes at a time.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy.typing as npt
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
 from holdfast.execution.codegen.loop_text import LOG, RING, WIDTH
-from holdfast.execution.leaf import Leaves, compiled_leaves, compiled_text
+from holdfast.execution.leaf import Leaves, Machine, compiled_leaves, compiled_text
 from holdfast.execution.scalar import address
 from holdfast.execution.simulation.layout import (
     FORGOTTEN,
@@ -25,7 +26,7 @@ from holdfast.execution.simulation.layout import (
     STRIDE,
     TABLE_ENTRIES,
 )
-from holdfast.execution.simulation.loop import SINGLE, Loop
+from holdfast.execution.simulation.loop import KEPT, SINGLE, Loop
 from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.trajectories import Trajectories
@@ -71,7 +72,7 @@ class Functions(NamedTuple):
 
 def functions_of(loop: Loop, program: Leaves) -> Functions:
     """The compiled functions of a loop; `program`: the leaves of its program."""
-    machine, own = compiled_text(loop.text), compiled_leaves(loop.leaves)
+    machine, own = _own(loop)
     addresses = []
     for name in loop.called:
         place = program.addresses.get(name) or own.addresses.get(name)
@@ -79,6 +80,12 @@ def functions_of(loop: Loop, program: Leaves) -> Functions:
     names = ("begin", "advance", "finish", "sample")
     begin, advance, finish, sample = (machine.function(f"holdfast_{name}", 4) for name in names)
     return Functions(begin, advance, finish, sample, np.array(addresses, dtype=np.int64))
+
+
+@lru_cache(KEPT)
+def _own(loop: Loop) -> tuple[Machine, Leaves]:
+    """The compiled text of a loop, and its own leaves."""
+    return compiled_text(loop.text), compiled_leaves(loop.leaves)
 
 
 def _part(name: str) -> int:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -12,10 +13,11 @@ import numpy.typing as npt
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
+from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.loop_text import WIDTH
 from holdfast.execution.codegen.random_leaves import starts_leaf, varied_leaf
 from holdfast.execution.codegen.shared_rows import PREPARED, SHARED
-from holdfast.execution.leaf import compiled_leaves
+from holdfast.execution.leaf import Leaves, compiled_leaves
 from holdfast.execution.resources import Progress, available_cores, check_memory, run_threads
 from holdfast.execution.simulation.blocks import (
     Blocks,
@@ -24,6 +26,7 @@ from holdfast.execution.simulation.blocks import (
     functions_of,
     most_blocks,
 )
+from holdfast.execution.simulation.layout import shape_of
 from holdfast.execution.simulation.loop import Loop, built
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.trajectories import Trajectories
@@ -39,7 +42,7 @@ class ClosedLoop:
     """A compiled closed loop with its parameter values."""
 
     def __init__(self, program: ClosedLoopProgram) -> None:
-        self.program = program
+        self.program, self.shape = program, shape_of(program)
         self.leaves = compiled_leaves(program.leaves)
         self._loops: dict[tuple[bool, bool, int], tuple[Loop, Functions]] = {}
 
@@ -49,7 +52,7 @@ class ClosedLoop:
         """The loop with such measurements, and its compiled functions."""
         key = (noisy, late, switch_limit if any(self.program.targets) else 1)
         if key not in self._loops:
-            made = built(self.program, noisy=noisy, late=late, switch_limit=key[2])
+            made = built(self.shape, noisy=noisy, late=late, switch_limit=key[2])
             self._loops[key] = made, functions_of(made, self.leaves)
         return self._loops[key]
 
@@ -121,7 +124,7 @@ class ClosedLoop:
         low, high = (np.array([r[i] for r in chosen.draws.values()]) for i in (0, 1))
         draws = np.empty((runs, 0))
         if chosen.draws:
-            leaves = compiled_leaves({"varied": varied_leaf(len(low))})
+            leaves = _drawn("varied", varied_leaf, len(low))
             asked = _draws(first + np.arange(runs), 0, seed)
             draws = leaves.values("varied", runs, len(low), asked, low, high, _NONE)
         if chosen.vertices:  # every start at each of them in turn
@@ -144,7 +147,7 @@ class ClosedLoop:
         """
         check_memory(8 * count * len(lower), f"{count} random starts")
         out, waiting = np.empty((count, len(lower))), np.arange(count)
-        leaves = compiled_leaves({"starts": starts_leaf(len(lower))})
+        leaves = _drawn("starts", starts_leaf, len(lower))
         watched = len(self.program.constraints)
         attempt = 0
         while attempt < ATTEMPTS:
@@ -284,6 +287,12 @@ class ClosedLoop:
 
 
 _NONE = np.zeros(1)
+
+
+@cache
+def _drawn(name: str, leaf: Callable[[int], Leaf], count: int) -> Leaves:
+    """The compiled leaf that draws so many numbers."""
+    return compiled_leaves({name: leaf(count)})
 
 
 def _draws(runs: npt.NDArray[np.int64], draw: int | npt.NDArray[np.int64], seed: int) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
 from holdfast.execution.codegen.crossing_leaves import SEARCH
 from holdfast.execution.codegen.lane_leaves import CLOCK
@@ -10,6 +12,7 @@ from holdfast.execution.codegen.mode_leaves import SWITCHES, TURNS
 from holdfast.execution.codegen.random_leaves import DRAW
 from holdfast.execution.interpolate import numbers_of_places
 from holdfast.execution.simulation.quadratic_program import numbers_of_programs
+from holdfast.execution.simulation.steppers import Tableau
 
 RECORDS, STRIDE = RING + 6, RING + 7
 """Entries of s behind the rings: the records of a call, and the samples of a record."""
@@ -21,6 +24,58 @@ SAFEGUARD_ENTRIES, TABLE_ENTRIES = 10, 13
 """Entries of the parts of `parts.py`; a table has two more for each of its axes."""
 
 
+class Shape(NamedTuple):
+    """What the loop of a program depends on: its kinds, and the numbers of its quantities.
+
+    Programs of one shape share the loop and its compiled functions.
+    """
+
+    stepper: Tableau
+    targets: tuple[tuple[int, ...], ...]
+    conditions: tuple[tuple[int, int], ...]
+    states: int
+    inputs: int
+    actuators: int
+    limited: int
+    modes: int
+    signals: int
+    constraints: int
+    numbers: int
+    prepared: int
+    measured: int
+    remembered: int
+    shared: int
+    places: int
+    single: bool
+    safeguarded: bool
+    continuous: bool
+
+
+def shape_of(program: ClosedLoopProgram) -> Shape:
+    """The shape of a program."""
+    return Shape(
+        stepper=program.stepper,
+        targets=program.targets,
+        conditions=program.conditions_of_modes,
+        states=len(program.states),
+        inputs=len(program.inputs),
+        actuators=len(program.actuators),
+        limited=program.limited,
+        modes=len(program.modes),
+        signals=len(program.signals),
+        constraints=len(program.constraints),
+        numbers=len(program.parameters) + len(program.given) + 1,
+        prepared=program.prepared,
+        measured=program.measured,
+        remembered=len(program.remembered),
+        shared=program.shared,
+        places=program.places,
+        single=program.table is not None and program.table[0].dtype == "float32",
+        safeguarded=program.safeguarded,
+        continuous=program.continuous,
+    )
+
+
 class Layout:
     """Where the numbers of a block are.
 
@@ -30,38 +85,38 @@ class Layout:
     other ones; whole: where the parts have whole numbers of their own.
     """
 
-    def __init__(self, program: ClosedLoopProgram) -> None:
-        self.counts = _counts(program)
+    def __init__(self, shape: Shape) -> None:
+        self.counts = _counts(shape)
         self.at: dict[str, int] = {}
         self.size = 0
         for name, count in self.counts.items():
             self.at[name] = self.size
             self.size += count * WIDTH
-        self.recorded = self._recorded(program)
+        self.recorded = self._recorded(shape)
         self.records: dict[str, slice] = {}
         self.record = 0
         for name, (_, rows) in self.recorded.items():
             self.records[name] = slice(self.record, self.record + rows)
             self.record += rows
-        guarded = [k for k, (count, _) in enumerate(program.conditions_of_modes) if count]
+        guarded = [k for k, (count, _) in enumerate(shape.conditions) if count]
         self.safeguards = {k: PARTS + SAFEGUARD_ENTRIES * i for i, k in enumerate(guarded)}
-        first, axes = PARTS + SAFEGUARD_ENTRIES * len(guarded), 2 * program.places
+        first, axes = PARTS + SAFEGUARD_ENTRIES * len(guarded), 2 * shape.places
         self.tables = first, first + TABLE_ENTRIES + axes
         self.whole = first + 2 * (TABLE_ENTRIES + axes)
-        self.entries = self.whole + _whole(program)
+        self.entries = self.whole + _whole(shape)
 
-    def _recorded(self, program: ClosedLoopProgram) -> dict[str, tuple[int, int]]:
+    def _recorded(self, shape: Shape) -> dict[str, tuple[int, int]]:
         """The place and the number of the rows of each quantity that is recorded."""
-        at, m = self.at, len(program.inputs)
-        limited, actuators = program.limited, len(program.actuators)
+        at, m = self.at, shape.inputs
+        limited, actuators = shape.limited, shape.actuators
         first = at["actuation"] + limited * WIDTH
         found = {
-            "alive": (at["alive"], 1), "state": (at["q"], len(program.states)),
+            "alive": (at["alive"], 1), "state": (at["q"], shape.states),
             "input": (first + limited * WIDTH, m), "actuator": (first, actuators),
-            "mode": (at["mode"], 1), "signal": (at["signals"], len(program.signals)),
-            "constraint": (at["c0"], len(program.constraints)),
+            "mode": (at["mode"], 1), "signal": (at["signals"], shape.signals),
+            "constraint": (at["c0"], shape.constraints),
         }  # fmt: skip
-        if program.safeguarded:
+        if shape.safeguarded:
             found |= {
                 "nominal": (at["nominal"], m), "nominal_actuator": (at["believed"], actuators),
                 "sample_slack": (at["slack"], 1), "safeguard": (at["overruled"], 1),
@@ -69,14 +124,14 @@ class Layout:
         return {name: rows for name, rows in found.items() if rows[1]}
 
 
-def _counts(program: ClosedLoopProgram) -> dict[str, int]:
+def _counts(shape: Shape) -> dict[str, int]:
     """How many rows of w each quantity has; leaves write several of these at once."""
-    n, m, watched = len(program.states), len(program.inputs), len(program.constraints)
-    seen = n + program.measured + len(program.remembered) + program.shared
-    parameters = len(program.parameters) + len(program.given) + 1 + program.prepared
-    conditions = max(count for count, _ in program.conditions_of_modes)
-    stages, modes = len(program.stepper.b), len(program.modes)
-    actuation = 2 * program.limited + m
+    n, m, watched = shape.states, shape.inputs, shape.constraints
+    seen = n + shape.measured + shape.remembered + shape.shared
+    parameters = shape.numbers + shape.prepared
+    conditions = max(count for count, _ in shape.conditions)
+    stages, modes = len(shape.stepper.b), shape.modes
+    actuation = 2 * shape.limited + m
     return {
         **dict.fromkeys(CLOCK, 1), **dict.fromkeys(DRAW, 1), "noise": 2 * n,
         "q": n, "stages": stages * n, "then": 1, "wild": 1, "new": n, "k1": n,
@@ -86,26 +141,26 @@ def _counts(program: ClosedLoopProgram) -> dict[str, int]:
         "command": m, "nominal": m, "slack": 1, "overruled": 1, "overrules": 1, "infeasible": 1,
         "largest_slack": 1, "held": 1, "answer": m + conditions * (m + 1) + m,
         **dict.fromkeys(SWITCHES, 1), "in_modes": modes, **dict.fromkeys(TURNS, 1),
-        "levels": max(1, *(len(own) for own in program.targets)),
-        "bad": 1, "peaks": m + len(program.actuators), "level": 1, "inside_since": 1,
-        "off_at": 1, "seen": seen, "inner": seen, "memory": len(program.remembered),
-        "look_at": program.places, "look": program.places + 1,
-        "actuation": actuation, "believed": actuation, "signals": len(program.signals),
+        "levels": max(1, *(len(own) for own in shape.targets)),
+        "bad": 1, "peaks": m + shape.actuators, "level": 1, "inside_since": 1,
+        "off_at": 1, "seen": seen, "inner": seen, "memory": shape.remembered,
+        "look_at": shape.places, "look": shape.places + 1,
+        "actuation": actuation, "believed": actuation, "signals": shape.signals,
         "plant": parameters, "gains": parameters,
-        **{name: -(-count // WIDTH) for name, count in _room(program).items()},
+        **{name: -(-count // WIDTH) for name, count in _room(shape).items()},
     }  # fmt: skip
 
 
-def _room(program: ClosedLoopProgram) -> dict[str, int]:
+def _room(shape: Shape) -> dict[str, int]:
     """How many numbers of w the parts have for themselves."""
-    m, axes = len(program.inputs), program.places
-    most = max(count for count, _ in program.conditions_of_modes)
+    m, axes = shape.inputs, shape.places
+    most = max(count for count, _ in shape.conditions)
     return {
         "room": numbers_of_programs(m, most)[0] + 3 * m + most * (m + 1) if most else 0,
         "grid": 4 * axes + 1 + numbers_of_places(axes)[0] if axes else 0,
     }
 
 
-def _whole(program: ClosedLoopProgram) -> int:
+def _whole(shape: Shape) -> int:
     """How many numbers of s they have."""
-    return max(numbers_of_programs(len(program.inputs), 0)[1], numbers_of_places(program.places)[1])
+    return max(numbers_of_programs(shape.inputs, 0)[1], numbers_of_places(shape.places)[1])

@@ -15,8 +15,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
-from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
 from holdfast.execution.codegen.crossing_leaves import (
     BISECTION_STEPS,
     GOLDEN_STEPS,
@@ -27,12 +27,15 @@ from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.loop_text import WIDTH, Instructions, LoopText
 from holdfast.execution.codegen.mode_leaves import mode_leaves
 from holdfast.execution.codegen.random_leaves import noise_leaf
-from holdfast.execution.simulation.layout import FORGOTTEN, LATE, RECORDS, STRIDE, Layout
+from holdfast.execution.simulation.layout import FORGOTTEN, LATE, RECORDS, STRIDE, Layout, Shape
+
+KEPT = 64
+"""Loops that a process keeps: runs of another program of the same shape begin at once."""
 
 SINGLE = "_single"  # the end of the name of a part for a table in single precision
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Loop:
     """The text of the loop, the names of what it calls, the leaves that do not belong to the
     program, and where its numbers are."""
@@ -43,29 +46,28 @@ class Loop:
     layout: Layout
 
 
-def built(program: ClosedLoopProgram, *, noisy: bool, late: bool, switch_limit: int) -> Loop:
-    """The loop of a program, whose states are measured with noise, or late."""
-    return _Builder(program, noisy=noisy, late=late, switch_limit=switch_limit).loop()
+@lru_cache(KEPT)
+def built(shape: Shape, *, noisy: bool, late: bool, switch_limit: int) -> Loop:
+    """The loop of programs of this shape, whose states are measured with noise, or late."""
+    return _Builder(shape, noisy=noisy, late=late, switch_limit=switch_limit).loop()
 
 
 class _Builder:
-    def __init__(
-        self, program: ClosedLoopProgram, *, noisy: bool, late: bool, switch_limit: int
-    ) -> None:
-        self.program, self.noisy, self.late = program, noisy, late
-        self.layout = Layout(program)
+    def __init__(self, shape: Shape, *, noisy: bool, late: bool, switch_limit: int) -> None:
+        self.shape, self.noisy, self.late = shape, noisy, late
+        self.layout = Layout(shape)
         self.at = self.layout.at
-        n, m, limited = len(program.states), len(program.inputs), program.limited
-        weights, stages = program.stepper.weights().tolist(), len(program.stepper.b)
-        watched = len(program.constraints)
-        actuators = range(limited, limited + len(program.actuators))
+        n, m, limited = shape.states, shape.inputs, shape.limited
+        weights, stages = shape.stepper.weights().tolist(), len(shape.stepper.b)
+        watched = shape.constraints
+        actuators = range(limited, limited + shape.actuators)
         self.leaves = (
             step_leaves(
-                weights[:stages], *weights[stages:], order=program.stepper.order, states=n,
+                weights[:stages], *weights[stages:], order=shape.stepper.order, states=n,
                 constraints=watched,
             )
             | note_leaves(2 * limited + m, [*range(2 * limited, 2 * limited + m), *actuators])
-            | mode_leaves(program.targets, program.conditions_of_modes, m, switch_limit)
+            | mode_leaves(shape.targets, shape.conditions, m, switch_limit)
         )  # fmt: skip
         if watched:
             self.leaves |= crossing_leaves(n)
@@ -75,14 +77,14 @@ class _Builder:
     def loop(self) -> Loop:
         text = LoopText()
         with text.function("holdfast_begin") as body:
-            for numbers in ("plant", "gains") if self.program.prepared else ():
-                rows = self.layout.counts[numbers] - self.program.prepared
+            for numbers in ("plant", "gains") if self.shape.prepared else ():
+                rows = self.layout.counts[numbers] - self.shape.prepared
                 body.call("prepared", p=self.at[numbers], out=self.at[numbers] + rows * WIDTH)
-            if self.program.remembered:
+            if self.shape.remembered:
                 self._measure(body, late=False)
                 body.call("begin", t=self.at["time"], q=self.at["seen"], p=self.at["gains"],
                           out=self.at["memory"])  # fmt: skip
-            if self.program.constraints:
+            if self.shape.constraints:
                 body.call("constraints", q=self.at["q"], p=self.at["plant"], out=self.at["c0"])
         with text.function("control", own=True) as body:
             self._control(body)
@@ -112,24 +114,24 @@ class _Builder:
 
     def _control(self, body: Instructions, begins: bool = True) -> None:
         """The clock, what the law sees, its mode, its command, and what is noted of them."""
-        program, at = self.program, self.at
-        n, t = len(program.states), at["length"]
+        shape, at = self.shape, self.at
+        n, t = shape.states, at["length"]
         if begins:
             body.call("clock", t=t, out=at["sample"])
         self._measure(body, late=begins and self.late)
-        memory = at["seen"] + (n + program.measured) * WIDTH
-        if program.remembered:
-            body.copy(at["memory"], memory, len(program.remembered))
+        memory = at["seen"] + (n + shape.measured) * WIDTH
+        if shape.remembered:
+            body.copy(at["memory"], memory, shape.remembered)
         self._share(body, at["time"], at["seen"])
         self._turn(body)
         self._look(body, at["time"], at["seen"], noted=True)
         self._command(body, at["time"], at["seen"])
-        if program.remembered:
+        if shape.remembered:
             body.call(
                 "remember", t=at["time"], q=at["seen"], x=at["actuation"], p=at["gains"],
                 out=at["memory"],
             )  # fmt: skip
-        if program.safeguarded:
+        if shape.safeguarded:
             body.call("kept", t=t, q=at["slack"], out=at["overrules"])
         body.call("peaks", t=t, q=at["actuation"], p=at["peaks"], out=at["bad"])
         self._end(body, "bad")
@@ -138,7 +140,7 @@ class _Builder:
 
     def _measure(self, body: Instructions, late: bool) -> None:
         """seen = the states as the law sees them: late, with noise, with what it feels."""
-        at, n = self.at, len(self.program.states)
+        at, n = self.at, self.shape.states
         if late:
             body.late(LATE, at["q"], at["seen"], n)
         else:
@@ -146,24 +148,24 @@ class _Builder:
         if self.noisy:
             body.copy(at["back"], at["draw"], 1)
             body.call("noise", t=at["run"], x=at["seen"], p=at["noise"], out=at["seen"])
-        if self.program.measured:
+        if self.shape.measured:
             body.call("felt", t=at["seen_at"], p=at["plant"], out=at["seen"] + n * WIDTH)
 
     def _share(self, body: Instructions, t: int, seen: int) -> None:
         """What several leaves need of what the law sees."""
-        if self.program.shared:
-            rows = self.layout.counts["seen"] - self.program.shared
+        if self.shape.shared:
+            rows = self.layout.counts["seen"] - self.shape.shared
             body.call("shared", t=t, q=seen, p=self.at["gains"], out=seen + rows * WIDTH)
 
     def _turn(self, body: Instructions) -> None:
         """The modes after their guards are tried in order."""
         at, rows = self.at, {"t": self.at["length"], "q": self.at["since"]}
         rows["x"] = at["time_in_mode"]
-        if len(self.program.modes) > 1:
+        if self.shape.modes > 1:
             body.call("where", **rows, out=at["in_modes"])
-        if not any(self.program.targets):
+        if not any(self.shape.targets):
             return
-        for k, targets in enumerate(self.program.targets):
+        for k, targets in enumerate(self.shape.targets):
             if targets:
                 with body.if_any(at["in_modes"] + k * WIDTH):
                     body.call(
@@ -182,17 +184,17 @@ class _Builder:
 
     def _look(self, body: Instructions, t: int, seen: int, *, noted: bool) -> None:
         """The value of the law's table and its slopes."""
-        if self.program.places:
+        if self.shape.places:
             at = self.at
             body.call("places", t=t, q=seen, p=at["gains"], out=at["look_at"])
-            single = SINGLE if self.program.table[0].dtype == "float32" else ""
+            single = SINGLE if self.shape.single else ""
             body.part(f"look_up_lanes{single}", self.layout.tables[0 if noted else 1])
 
     def _command(self, body: Instructions, t: int, seen: int) -> None:
         """The command of every lane in its mode, kept by its safeguard, and what is made of it."""
-        program, at = self.program, self.at
-        modes = len(program.modes)
-        answer = at["command" if modes == 1 and not program.safeguarded else "answer"]
+        shape, at = self.shape, self.at
+        modes = shape.modes
+        answer = at["command" if modes == 1 and not shape.safeguarded else "answer"]
         for k in range(modes):
             if modes > 1:
                 with body.if_any(at["in_modes"] + k * WIDTH):
@@ -224,16 +226,16 @@ class _Builder:
 
     def _field(self, body: Instructions, t: int, q: int, out: int) -> None:
         """dq/dt; with continuous control the input is the law's at this very state."""
-        program, at, n = self.program, self.at, len(self.program.states)
-        if program.continuous:
+        shape, at, n = self.shape, self.at, self.shape.states
+        if shape.continuous:
             inner = at["inner"]
             body.copy(q, inner, n)
-            if program.measured:
+            if shape.measured:
                 body.call("felt", t=t, p=at["plant"], out=inner + n * WIDTH)
             self._share(body, t, inner)
             self._look(body, t, inner, noted=False)
             self._command(body, t, inner)
-        inputs = at["actuation"] + 2 * program.limited * WIDTH
+        inputs = at["actuation"] + 2 * shape.limited * WIDTH
         body.call("rates", t=t, q=q, x=inputs, p=at["plant"], out=out)
 
     def _constraint_rates(self, body: Instructions, t: int, q: int, rates: int, out: int) -> None:
@@ -241,8 +243,8 @@ class _Builder:
 
     def _advance(self, body: Instructions) -> None:
         """All lanes by one sample time; those that diverge are no longer alive."""
-        program, at, n = self.program, self.at, len(self.program.states)
-        t, adaptive, watched = at["length"], program.stepper.adaptive, len(program.constraints)
+        shape, at, n = self.shape, self.at, self.shape.states
+        t, adaptive, watched = at["length"], shape.stepper.adaptive, shape.constraints
         time, q, k0, new, k1 = (at[name] for name in ("time", "q", "stages", "new", "k1"))
         rates_at_both_ends = adaptive or watched
         body.call("start", t=t, out=at["h"])
@@ -257,7 +259,7 @@ class _Builder:
                 self._field(body, at["then"], q, k0)
             if adaptive:
                 body.call("lengths", t=t, out=at["h"])
-            for stage in range(1, len(program.stepper.b)):
+            for stage in range(1, len(shape.stepper.b)):
                 body.call(f"stage{stage}", t=t, q=q, x=k0, out=at["between"])
                 self._field(body, at["at"], at["between"], k0 + stage * n * WIDTH)
             body.call("new", t=t, q=q, x=k0, out=at["then"])
@@ -282,7 +284,7 @@ class _Builder:
         self._end(body, "unbounded")
         with body.if_any(at["close"]):
             self._search(body, "search", "number")
-            for j in range(len(self.program.constraints)):
+            for j in range(self.shape.constraints):
                 self._look_closely(body, j * WIDTH)
             self._search(body, "leave", "outcome")
         body.call("take", t=t, q=at["c0"], x=at["c1"], out=at["c0"])
@@ -329,11 +331,11 @@ class _Builder:
     # -- records -------------------------------------------------------------------------
 
     def _record(self, body: Instructions) -> None:
-        program, at = self.program, self.at
-        if program.signals:
+        shape, at = self.shape, self.at
+        if shape.signals:
             body.call("signals", t=at["time"], q=at["seen"], x=at["look"], p=at["gains"],
                       out=at["signals"])  # fmt: skip
-        if program.safeguarded and program.actuators:
+        if shape.safeguarded and shape.actuators:
             body.call("actuate", t=at["time"], q=at["nominal"], x=at["gains"], p=at["gains"],
                       out=at["believed"])  # fmt: skip
         for place, rows in self.layout.recorded.values():
