@@ -235,7 +235,7 @@ def test_ultimate_bound_of_the_sway_is_not_the_one_of_the_appendix():
     assert rest > m11 * product / theta
 
 
-def collisions(vessel, law, starts, seconds=60.0):
+def collisions(vessel, law, starts, seconds=30.0):
     """Runs that come within 1 mm of the origin moving sideways at more than 1 mm/s.
 
     There phi is not defined and nothing after it means anything; a run that converges has

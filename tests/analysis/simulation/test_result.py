@@ -309,7 +309,7 @@ def test_a_full_disk_is_told_and_nothing_is_lost(tmp_path, command):
         "main()"
     )
     warm = subprocess.run(
-        [sys.executable, "-m", "holdfast", *words, "--out", str(tmp_path / "warm")],
+        [sys.executable, "-m", "holdfast", *words, "--no-figures", "--out", str(tmp_path / "warm")],
         capture_output=True,
         text=True,
     )

@@ -138,7 +138,7 @@ def test_nearest_input_is_that_of_an_interior_point_solver(inputs, family, badly
     """
     cases = programs(family, inputs, badly_scaled, COUNTS[inputs] // share)
     decided = [agrees(*pair) for pair in zip(cases, answers(cases), strict=True)]
-    assert decided.count(False) <= 1 + 0.01 * len(cases)
+    assert decided.count(False) <= (0.01 if share == 1 else 0.03) * len(cases)  # few: they scatter
 
 
 @pytest.mark.parametrize("inputs", [1, 2, 3])

@@ -59,17 +59,16 @@ class _Builder:
         self.at = self.layout.at
         n, m, limited = shape.states, shape.inputs, shape.limited
         weights, stages = shape.stepper.weights().tolist(), len(shape.stepper.b)
-        watched = shape.constraints
         actuators = range(limited, limited + shape.actuators)
         self.leaves = (
             step_leaves(
                 weights[:stages], *weights[stages:], order=shape.stepper.order, states=n,
-                constraints=watched,
+                constraints=shape.constraints,
             )
             | note_leaves(2 * limited + m, [*range(2 * limited, 2 * limited + m), *actuators])
             | mode_leaves(shape.targets, shape.conditions, m, switch_limit)
         )  # fmt: skip
-        if watched:
+        if shape.constraints:
             self.leaves |= crossing_leaves(n)
         if noisy:
             self.leaves["noise"] = noise_leaf(n)
@@ -192,8 +191,7 @@ class _Builder:
 
     def _command(self, body: Instructions, t: int, seen: int) -> None:
         """The command of every lane in its mode, kept by its safeguard, and what is made of it."""
-        shape, at = self.shape, self.at
-        modes = shape.modes
+        shape, at, modes = self.shape, self.at, self.shape.modes
         answer = at["command" if modes == 1 and not shape.safeguarded else "answer"]
         for k in range(modes):
             if modes > 1:
