@@ -1,6 +1,10 @@
 """Shared fixtures. Floating-point faults raise in NumPy code; compiled code has its outcomes."""
 
 import gc
+import os
+
+os.environ.setdefault("SYMPY_CACHE_SIZE", "50000")  # many systems in one process
+
 
 import numpy as np
 import pytest

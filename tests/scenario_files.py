@@ -1,4 +1,13 @@
-"""Scenario files of kernels that are known in closed form."""
+"""Scenario files of kernels that are known in closed form; the kinds of the shipped ones."""
+
+from holdfast.scenario.files import read_tables, scenario_names
+
+
+def scenarios_of(*kinds):
+    """The shipped scenarios of these kinds, by what their files say: none is composed."""
+    headers = {name: read_tables(name)[2]["scenario"] for name in scenario_names()}
+    return [name for name, header in headers.items() if header.get("kind", "closed-loop") in kinds]
+
 
 PLANT = """
 [system]

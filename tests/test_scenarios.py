@@ -20,8 +20,9 @@ from holdfast.maths.expressions.functions import (
 from holdfast.scenario.files import scenario_names
 from holdfast.scenario.kinds.kernel import KernelScenario
 from holdfast.scenario.load import load_scenario
+from tests.scenario_files import scenarios_of
 
-CLOSED_LOOPS = [n for n in scenario_names() if load_scenario(n).kind == "closed-loop"]
+CLOSED_LOOPS = scenarios_of("closed-loop")
 """Formations have one start; `tests/scenario/test_formation.py` runs them."""
 
 

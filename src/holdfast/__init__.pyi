@@ -6,6 +6,13 @@ from .analysis.boundary.boundary import contingent_cone as contingent_cone
 from .analysis.boundary.boundary import regulation_map as regulation_map
 from .analysis.boundary.viability_check import check_viability as check_viability
 from .analysis.load import load as load
+from .analysis.online.controller import Command as Command
+from .analysis.online.controller import Controller as Controller
+from .analysis.online.decision import Decision as Decision
+from .analysis.online.decision import Decisions as Decisions
+from .analysis.online.decision import Status as Status
+from .analysis.online.plant import Plant as Plant
+from .analysis.online.safety_filter import SafetyFilter as SafetyFilter
 from .analysis.reachability.bisection import Margin as Margin
 from .analysis.reachability.grid import Grid as Grid
 from .analysis.reachability.grid import grid as grid
@@ -33,6 +40,7 @@ from .analysis.simulation.station_statistics import station_statistics as statio
 from .analysis.simulation.sweep_table import Campaign as Campaign
 from .errors import GainWarning as GainWarning
 from .errors import HoldfastError as HoldfastError
+from .errors import ModelWarning as ModelWarning
 from .execution.codegen.c_source import export_c as export_c
 from .execution.codegen.c_source import export_c_header as export_c_header
 from .execution.simulation.outcomes import Outcome as Outcome

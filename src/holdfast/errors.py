@@ -53,6 +53,10 @@ class GainWarning(UserWarning):
     """A gain outside the range for which the law is known to converge."""
 
 
+class ModelWarning(UserWarning):
+    """A model that leaves out what a vehicle has: what was computed with it need not hold."""
+
+
 class RenamedWarning(FutureWarning):
     """Deprecation: a word that has been replaced and is still accepted for one release."""
 

@@ -376,6 +376,9 @@ def catalogue():
             yield function, leading_argument(function)
 
 
+CATALOGUE = {function.__name__: (function, leading) for function, leading in catalogue()}
+
+
 def built_on(function):
     """A system that the entry is made for."""
     for system in hf.systems.ALL:
@@ -415,14 +418,21 @@ def within(seconds):
         signal.signal(signal.SIGALRM, before)
 
 
-def attempts(function, base):
-    """The calls with one argument replaced; what they gave that is neither an answer nor a refusal."""
-    wrong = []
+def attempts(function, base, some=None):
+    """The calls with one argument replaced; what they gave that is neither an answer nor a refusal.
+
+    some: how many of the nonsense each argument is given, in turn; by default all of it.
+    """
+    wrong, turn = [], 0
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
         function(**base) if function is not hf.load else None
         for name, given in base.items():
-            for what, nonsense in NONSENSE.items():
+            kinds = list(NONSENSE.items())
+            if some is not None:
+                kinds = [kinds[(turn + i) % len(kinds)] for i in range(some)]
+                turn += some
+            for what, nonsense in kinds:
                 if (function.__name__, name, what) in FINE:
                     continue
                 try:
@@ -455,9 +465,21 @@ def close():
     plt.close("all")
 
 
-@pytest.mark.parametrize("name", FUNCTIONS)
-def test_nonsense_is_refused_by_functions(name):
-    wrong = attempts(getattr(hf, name), FUNCTIONS[name]())
+SLOW = (
+    "check_promise", "compare", "critical_points", "disturbance_margin", "explain", "load_scenario",
+)  # fmt: skip
+"""Functions, and laws below, that derive or simulate much before they refuse."""
+
+
+def of_slow(names, slow):
+    """Every name, with how many kinds of nonsense it is given every day; heavy: all of them."""
+    usual = [pytest.param(n, 6 if n in slow else None, id=n) for n in names]
+    return usual + [pytest.param(n, None, marks=pytest.mark.heavy, id=f"{n} all") for n in slow]
+
+
+@pytest.mark.parametrize(("name", "some"), of_slow(FUNCTIONS, SLOW))
+def test_nonsense_is_refused_by_functions(name, some):
+    wrong = attempts(getattr(hf, name), FUNCTIONS[name](), some)
     close()
     assert not wrong, "\n".join(wrong)
 
@@ -468,11 +490,13 @@ def test_nonsense_is_refused_by_definitions(name):
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.parametrize(
-    ("function", "leading"), list(catalogue()), ids=lambda f: getattr(f, "__name__", "")
-)
-def test_nonsense_is_refused_by_the_catalogue(function, leading):
-    wrong = attempts(function, entry_arguments(function, leading))
+SLOW_LAWS = ("follow_field", "hold_station", "steer_by_chained_form")
+
+
+@pytest.mark.parametrize(("name", "some"), of_slow(CATALOGUE, SLOW_LAWS))
+def test_nonsense_is_refused_by_the_catalogue(name, some):
+    function, leading = CATALOGUE[name]
+    wrong = attempts(function, entry_arguments(function, leading), some)
     assert not wrong, "\n".join(wrong)
 
 

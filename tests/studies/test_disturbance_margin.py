@@ -114,21 +114,18 @@ def test_states_of_a_region_can_be_asked_for(cart):
     assert 0.5 < found.low <= alone.high
 
 
+@pytest.mark.heavy
 def test_trials_begun_from_the_kernel_of_a_smaller_bound_are_the_same_in_fewer_steps(line):
     warm, cold = (
         hf.disturbance_margin(
-            line,
-            PUSH,
-            overrides=["march.scheme=upwind", "march.dissipation=local"],
-            warm_start=w,
-            tolerance=0.02,
+            line, PUSH, overrides=["march.scheme=upwind", "march.dissipation=local"], warm_start=w
         )
         for w in (True, False)
     )
     assert warm.low == cold.low
     pairs = [(a, b) for a in warm.trials for b in cold.trials if a.value == b.value and a.warm]
     held = [(a, b) for a, b in pairs if b.answer is Answer.HELD]
-    assert len(held) >= 2
+    assert len(held) >= 3
     for a, b in held:
         assert a.answer is b.answer
         assert a.fraction == pytest.approx(b.fraction, rel=1e-4)

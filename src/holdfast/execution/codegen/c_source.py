@@ -50,7 +50,8 @@ def export_c(system: System, law: Law | Switching, name: str = "controller") -> 
     The file allocates no memory and needs no library but libm, of which it calls square roots and
     roundings only. NAME is `name` with underscores in place of characters that a C name cannot
     have, and law_ before a digit. `NAME_start` sets the first mode; at every control sample
-    `NAME_step` takes the time [s], the measurements and the parameters, writes the command of the
+    `NAME_step` takes the time [s], the measurements, what others hand the law (where it is the
+    filter of a command: `handed`) and the parameters, writes the command of the
     law and the limited values of the actuators, and returns the mode. Its numbers are those of the
     compiled closed loop, bit for bit, if the compiler keeps to IEEE 754 (without -ffast-math).
     `slack` of the state is the relaxation of a safeguard at a sample: 0 if an input was admissible.
@@ -125,7 +126,8 @@ class _File:
         return c_comment(
             f"{law.name}, for {system.name}. Made by holdfast {__version__}.",
             "",
-            *(f"seen[{i}]: {q.name} [{q.unit}]" for i, q in enumerate(self.program.seen)),
+            *(f"seen[{i}]: {q.name} [{q.unit}]" for i, q in enumerate(self.program.measurements)),
+            *(f"handed[{i}]: {q.name} [{q.unit}]" for i, q in enumerate(self.program.handed)),
             *(f"command[{i}]: {q.name} [{q.unit}]" for i, q in enumerate(system.inputs)),
             *(f"actuators[{i}]: {a}" for i, a in enumerate(self.program.actuators)),
             *(f"mode {i}: {m}" for i, m in enumerate(self.program.modes)),
@@ -138,7 +140,8 @@ class _File:
         n, upper = self.name, self.name.upper()
         sizes = {
             "MODES": len(self.program.modes),
-            "SEEN": len(self.program.seen),
+            "SEEN": len(self.program.measurements),
+            **({"HANDED": len(self.program.handed)} if self.program.handed else {}),
             "KEPT": max(len(self.program.remembered), 1),
             "INPUTS": len(self.program.inputs),
             "ACTUATORS": len(self.program.actuators),
@@ -172,8 +175,13 @@ class _File:
         n = self.name
         return (
             f"int {n}_step({n}_state *s, double t, double sample_time, const double *seen,\n"
-            "        const double *p, double *command, double *actuators)"
+            f"        {self._handed('const double *handed, ')}const double *p, double *command, "
+            "double *actuators)"
         )
+
+    def _handed(self, text: str) -> str:
+        """The text if others hand the law something."""
+        return text if self.program.handed else ""
 
     def _helpers(self, functions: str) -> list[str]:
         """The helper functions that the functions call."""
@@ -313,8 +321,15 @@ class _File:
             asked += (
                 f"    s->outside = hf_beyond_grid(place, {GRID}, {axes}, {int(lookup.timed)});\n"
             )
+        upper = self.name.upper()
+        told = self._handed(  # the functions of the law find it behind what is seen
+            f"    double told[{upper}_SEEN + {upper}_HANDED];\n"
+            f"    memcpy(told, seen, sizeof(double) * {upper}_SEEN);\n"
+            f"    memcpy(told + {upper}_SEEN, handed, sizeof(double) * {upper}_HANDED);\n"
+            "    seen = told;\n"
+        )
         body = (
-            f" {{\n    (void)sample_time;\n{begin}    s->begun = 1;\n"
+            f" {{\n    (void)sample_time;\n{told}{begin}    s->begun = 1;\n"
             "    int mode = hf_next_mode(t, seen, s->kept, s->mode, t - s->since, p);\n"
             "    if (mode != s->mode) {\n        s->mode = mode;\n        s->since = t;\n    }\n"
             f"{asked}    s->slack = hf_law(t, seen, s->kept, mode, p, command);\n"

@@ -42,7 +42,8 @@ class ClosedLoopProgram:
 
     leaves: see `_leaves`. targets: for each mode those of its guards, in order.
     conditions_of_modes: how many conditions its safeguard has, and how many are hard.
-    measured: how many disturbances the law measures; limited: how many values its actuators have.
+    measured: how many disturbances the law measures; handed: what others hand it at every
+    sample; limited: how many values its actuators have.
     places: how many axes its table has; timed: whether the first of them is the remaining time.
     given: numbers that follow the parameters, those of the disturbances. slack_units: the units of
     the conditions that a safeguard relaxes, each once. value_signal: the signal that is the value
@@ -53,6 +54,7 @@ class ClosedLoopProgram:
     targets: tuple[tuple[int, ...], ...]
     conditions_of_modes: tuple[tuple[int, int], ...]
     measured: int
+    handed: tuple[str, ...]
     limited: int
     timed: bool
     places: int
@@ -81,6 +83,14 @@ class ClosedLoopProgram:
     def rows_of(self, leaf: str) -> int:
         """How many rows a leaf fills; 0 where there is none."""
         return len(self.leaves[leaf].results) if leaf in self.leaves else 0
+
+    def check_alone(self) -> None:
+        """Refuse a law that cannot run without another controller."""
+        if self.handed:
+            raise SimulationError(
+                f"the law is handed {', '.join(self.handed)} by others at every sample",
+                remedy="call it by SafetyFilter.step, or export it",
+            )
 
     @property
     def prepared(self) -> int:
@@ -192,6 +202,7 @@ def closed_loop_program(
             for mode in controller.modes
         ),
         measured=len(measured),
+        handed=tuple(q.name for q in controller.handed),
         limited=len(controller.requested),
         timed=bool(lookup and lookup.timed),
         stepper=stepper,

@@ -20,8 +20,9 @@ from holdfast.maths.definitions.system import System
 class ControllerProgram:
     """A law with its modes for a system: its arguments, its expressions, and their order.
 
-    seen: the states, then the disturbances that the law measures. remembered: its discrete-time
-    state. parameters: those of the system and of the law, each once.
+    seen: the states, then the disturbances that the law measures, then what others hand it at
+    every sample. remembered: its discrete-time state. parameters: those of the system and of the
+    law, each once.
     """
 
     system: System
@@ -31,7 +32,16 @@ class ControllerProgram:
 
     @property
     def seen(self) -> tuple[Quantity, ...]:
+        return (*self.measurements, *self.handed)
+
+    @property
+    def measurements(self) -> tuple[Quantity, ...]:
+        """The states and the measured disturbances."""
         return (*self.system.states, *self.measured)
+
+    @property
+    def handed(self) -> tuple[Quantity, ...]:
+        return self.switching.handed
 
     @property
     def remembered(self) -> tuple[Quantity, ...]:
@@ -129,6 +139,7 @@ class ControllerProgram:
             else "remembers" if self.remembered
             else "solves a quadratic program at every sample" if self.safeguards
             else "looks up a kernel" if self.lookup
+            else "is handed quantities by others" if self.handed
             else ""
         )  # fmt: skip
         if kind:
@@ -153,6 +164,13 @@ def controller_program(system: System, law: Law | Switching) -> ControllerProgra
             raise DefinitionError(
                 f"'{name}' is both a quantity of system '{system.name}' and in the memory of the "
                 "law",
+                expected="different names",
+            )
+    for q in switching.handed:
+        if q.name in (*system.state_names, *system.disturbance_names, *remembered):
+            raise DefinitionError(
+                f"'{q.name}' is handed to law '{switching.name}' and a quantity of system "
+                f"'{system.name}'",
                 expected="different names",
             )
     reads = [q.name for q in (*switching.reads, *(memory.reads if memory else ()))]

@@ -67,6 +67,8 @@ class Functions(NamedTuple):
     advance: Callable[..., None]
     finish: Callable[..., None]
     sample: Callable[..., None]
+    first: Callable[..., None]
+    answer: Callable[..., None]
     addresses: Whole
 
 
@@ -77,9 +79,9 @@ def functions_of(loop: Loop, program: Leaves) -> Functions:
     for name in loop.called:
         place = program.addresses.get(name) or own.addresses.get(name)
         addresses.append(place if place is not None else _part(name))
-    names = ("begin", "advance", "finish", "sample")
-    begin, advance, finish, sample = (machine.function(f"holdfast_{name}", 4) for name in names)
-    return Functions(begin, advance, finish, sample, np.array(addresses, dtype=np.int64))
+    names = Functions._fields[:-1]
+    functions = [machine.function(f"holdfast_{name}", 4) for name in names]
+    return Functions._make([*functions, np.array(addresses, dtype=np.int64)])
 
 
 @lru_cache(KEPT)
@@ -142,6 +144,7 @@ class Blocks:
         for ring, (slots, _) in rings.items():
             self.s[:, RING + 3 * ring : RING + 3 * ring + 3] = 0, slots, starts[ring]
         self._late = slice(starts[LATE], starts[FORGOTTEN]), rings[LATE][0]
+        self._rings = slice(starts[LATE], rows)
         self._fill_parts()
         constants = {
             "length": settings.sample_time / settings.substeps,
@@ -161,6 +164,10 @@ class Blocks:
         count, place = self.layout.counts[name], self.layout.at[name]
         part = self.w[:, place : place + count * WIDTH]
         return part.reshape(len(self.w), count, WIDTH)
+
+    def empty_rings(self) -> None:
+        """Nothing was late, and no mode changed."""
+        self.w[:, self._rings] = 0.0
 
     def of_runs(self, name: str, row: int = 0) -> Array:
         """A row of a quantity, for each run."""
@@ -216,12 +223,16 @@ class Blocks:
         self.recorded += count
         return not ends and not stop[0] and bool(self.rows("alive").any())
 
+    def first(self) -> None:
+        """The rows behind the parameters, and the memory, before a controller's first answer."""
+        self._call_all(self.functions.first)
+
     def sample(self) -> None:
         """One sample of every block, at the times in their rows `time`."""
         self._call_all(self.functions.sample)
 
     def _call_all(self, function: Callable[..., None], stop: Whole | None = None) -> None:
-        stop = _NEVER if stop is None else stop
+        stop = NEVER if stop is None else stop
         for w, s in zip(self.w, self.s, strict=True):
             function(
                 w.ctypes.data, s.ctypes.data, self.functions.addresses.ctypes.data, stop.ctypes.data
@@ -306,5 +317,5 @@ _NOTES = {
 }  # fmt: skip
 """Arrays of the result, with the rows that they come from."""
 
-_NEVER = np.zeros(1, dtype=np.int64)
+NEVER = np.zeros(1, dtype=np.int64)
 """Nobody stops the loop."""

@@ -198,6 +198,7 @@ class ClosedLoop:
         KeyboardInterrupt the workers stop within one control sample.
         """
         program = self.program
+        program.check_alone()
         runs, n = starts.shape
         samples, stride = settings.samples, settings.stride
         rows = samples // stride + 1

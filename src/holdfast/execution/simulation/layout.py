@@ -43,6 +43,7 @@ class Shape(NamedTuple):
     numbers: int
     prepared: int
     measured: int
+    handed: int
     remembered: int
     shared: int
     places: int
@@ -67,6 +68,7 @@ def shape_of(program: ClosedLoopProgram) -> Shape:
         numbers=len(program.parameters) + len(program.given) + 1,
         prepared=program.prepared,
         measured=program.measured,
+        handed=len(program.handed),
         remembered=len(program.remembered),
         shared=program.shared,
         places=program.places,
@@ -127,7 +129,7 @@ class Layout:
 def _counts(shape: Shape) -> dict[str, int]:
     """How many rows of w each quantity has; leaves write several of these at once."""
     n, m, watched = shape.states, shape.inputs, shape.constraints
-    seen = n + shape.measured + shape.remembered + shape.shared
+    seen = n + shape.measured + shape.handed + shape.remembered + shape.shared
     parameters = shape.numbers + shape.prepared
     conditions = max(count for count, _ in shape.conditions)
     stages, modes = len(shape.stepper.b), shape.modes

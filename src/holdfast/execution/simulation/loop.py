@@ -1,11 +1,13 @@
 """The simulation loop of a closed loop: its leaves, and the order in which it calls them.
 
-The text of four functions of a block of runs (`codegen/loop_text.py`):
+The text of six functions of a block of runs (`codegen/loop_text.py`):
 
     begin     the memory and the constraints at the starts
     advance   the samples of as many records as s says, and what is recorded of them
     finish    the last sample, which no step follows
     sample    one sample, without a clock and a record, for other simulators
+    first     the memory before the first answer of a controller
+    answer    what a controller answers to what it sees, which others write
 
 What may differ between the lanes, such as the mode, an exit or the length of a step, is a row of
 each lane. No value of a lane depends on another lane.
@@ -17,16 +19,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
-from holdfast.execution.codegen.crossing_leaves import (
-    BISECTION_STEPS,
-    GOLDEN_STEPS,
-    crossing_leaves,
-)
+from holdfast.execution.codegen.crossing_leaves import crossing_leaves
 from holdfast.execution.codegen.lane_leaves import note_leaves, step_leaves
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.loop_text import WIDTH, Instructions, LoopText
 from holdfast.execution.codegen.mode_leaves import mode_leaves
 from holdfast.execution.codegen.random_leaves import noise_leaf
+from holdfast.execution.simulation.crossings import look_closely
 from holdfast.execution.simulation.layout import FORGOTTEN, LATE, RECORDS, STRIDE, Layout, Shape
 
 KEPT = 64
@@ -76,13 +75,10 @@ class _Builder:
     def loop(self) -> Loop:
         text = LoopText()
         with text.function("holdfast_begin") as body:
-            for numbers in ("plant", "gains") if self.shape.prepared else ():
-                rows = self.layout.counts[numbers] - self.shape.prepared
-                body.call("prepared", p=self.at[numbers], out=self.at[numbers] + rows * WIDTH)
+            self._prepare(body)
             if self.shape.remembered:
                 self._measure(body, late=False)
-                body.call("begin", t=self.at["time"], q=self.at["seen"], p=self.at["gains"],
-                          out=self.at["memory"])  # fmt: skip
+                self._remember_first(body)
             if self.shape.constraints:
                 body.call("constraints", q=self.at["q"], p=self.at["plant"], out=self.at["c0"])
         with text.function("control", own=True) as body:
@@ -107,20 +103,46 @@ class _Builder:
         with text.function("holdfast_sample") as body:
             self._control(body, begins=False)
             body.function("advance")
+        with text.function("holdfast_first") as body:
+            self._prepare(body)
+            if self.shape.remembered:
+                self._remember_first(body)
+        with text.function("holdfast_answer") as body:
+            self._answer(body)
         return Loop(text.text, tuple(text.called), self.leaves, self.layout)
+
+    def _prepare(self, body: Instructions) -> None:
+        """The rows behind the parameters."""
+        for numbers in ("plant", "gains") if self.shape.prepared else ():
+            rows = self.layout.counts[numbers] - self.shape.prepared
+            body.call("prepared", p=self.at[numbers], out=self.at[numbers] + rows * WIDTH)
+
+    def _remember_first(self, body: Instructions) -> None:
+        at = self.at
+        body.call("begin", t=at["time"], q=at["seen"], p=at["gains"], out=at["memory"])
 
     # -- a sample ------------------------------------------------------------------------
 
     def _control(self, body: Instructions, begins: bool = True) -> None:
         """The clock, what the law sees, its mode, its command, and what is noted of them."""
-        shape, at = self.shape, self.at
-        n, t = shape.states, at["length"]
+        shape, at, t = self.shape, self.at, self.at["length"]
         if begins:
             body.call("clock", t=t, out=at["sample"])
         self._measure(body, late=begins and self.late)
-        memory = at["seen"] + (n + shape.measured) * WIDTH
+        self._answer(body)
+        if shape.safeguarded:
+            body.call("kept", t=t, q=at["slack"], out=at["overrules"])
+        body.call("peaks", t=t, q=at["actuation"], p=at["peaks"], out=at["bad"])
+        self._end(body, "bad")
+        body.call("goal", t=at["time"], q=at["q"], p=at["plant"], out=at["level"])
+        body.call("arrive", t=t, q=at["level"], x=at["inside_since"], out=at["inside_since"])
+
+    def _answer(self, body: Instructions) -> None:
+        """The mode, the command and the memory after what the law sees."""
+        shape, at = self.shape, self.at
         if shape.remembered:
-            body.copy(at["memory"], memory, shape.remembered)
+            behind = (shape.states + shape.measured + shape.handed) * WIDTH
+            body.copy(at["memory"], at["seen"] + behind, shape.remembered)
         self._share(body, at["time"], at["seen"])
         self._turn(body)
         self._look(body, at["time"], at["seen"], noted=True)
@@ -130,12 +152,6 @@ class _Builder:
                 "remember", t=at["time"], q=at["seen"], x=at["actuation"], p=at["gains"],
                 out=at["memory"],
             )  # fmt: skip
-        if shape.safeguarded:
-            body.call("kept", t=t, q=at["slack"], out=at["overrules"])
-        body.call("peaks", t=t, q=at["actuation"], p=at["peaks"], out=at["bad"])
-        self._end(body, "bad")
-        body.call("goal", t=at["time"], q=at["q"], p=at["plant"], out=at["level"])
-        body.call("arrive", t=t, q=at["level"], x=at["inside_since"], out=at["inside_since"])
 
     def _measure(self, body: Instructions, late: bool) -> None:
         """seen = the states as the law sees them: late, with noise, with what it feels."""
@@ -281,50 +297,8 @@ class _Builder:
         body.call("watch", t=t, q=at["c0"], x=at["c1"], p=at["worst"], out=at["close"])
         self._end(body, "unbounded")
         with body.if_any(at["close"]):
-            self._search(body, "search", "number")
-            for j in range(self.shape.constraints):
-                self._look_closely(body, j * WIDTH)
-            self._search(body, "leave", "outcome")
+            look_closely(body, self.at, self.shape.constraints)
         body.call("take", t=t, q=at["c0"], x=at["c1"], out=at["c0"])
-
-    def _search(self, body: Instructions, leaf: str, out: str, x: int = 0, p: int = 0) -> None:
-        at = self.at
-        body.call(leaf, t=at["length"], q=at["number"], x=x, p=p, out=at[out])
-
-    def _constraints_inside(self, body: Instructions) -> None:
-        """inside = c_j of every lane at its fraction of the step."""
-        at = self.at
-        body.call(
-            "between", t=at["length"], q=at["q"], x=at["new"], p=at["fraction"], out=at["between"]
-        )
-        body.call("constraints", t=at["time"], q=at["between"], p=at["plant"], out=at["inside"])
-
-    def _look_closely(self, body: Instructions, j: int) -> None:
-        """The largest c_j inside the step, and when it first exceeds the tolerance."""
-        at = self.at
-        inside, worst, rises = at["inside"] + j, at["worst"] + j, at["rises"] + j
-        self._search(body, "open", "number", at["c1"] + j)
-        with body.if_any(rises):
-            self._search(body, "golden", "lower")
-            self._constraints_inside(body)
-            self._search(body, "golden_left", "c_left", inside)
-            self._constraints_inside(body)
-            self._search(body, "golden_right", "c_right", inside)
-            with body.repeat(GOLDEN_STEPS):
-                self._search(body, "golden_turn", "lower")
-                self._constraints_inside(body)
-                self._search(body, "golden_take", "c_left", inside)
-            self._search(body, "golden_end", "fraction")
-            self._constraints_inside(body)
-            self._search(body, "peaked", "top", inside, rises)
-        body.call("raise", q=at["number"], x=worst, p=at["close"], out=worst)
-        self._search(body, "crosses", "crosses", p=at["close"])
-        with body.if_any(at["crosses"]):
-            self._search(body, "bisect", "lower")
-            with body.repeat(BISECTION_STEPS):
-                self._constraints_inside(body)
-                self._search(body, "bisect_turn", "lower", inside)
-            self._search(body, "crossed", "earliest")
 
     # -- records -------------------------------------------------------------------------
 

@@ -36,6 +36,7 @@ class OneRun:
     """A closed loop that is advanced by one control sample at a time."""
 
     def __init__(self, loop: ClosedLoop, settings: Settings) -> None:
+        loop.program.check_alone()
         self.program, self.sample_time = loop.program, settings.sample_time
         self.blocks = Blocks(*loop.loop(), loop.program, settings, runs=1)
 

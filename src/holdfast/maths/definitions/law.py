@@ -102,6 +102,8 @@ class Law:
     that it knows at every instant; an output or signal with any other symbol is refused.
     `signals` are named expressions to record. `believed`: the values that the law assumes for
     disturbances, by name, where it needs the rates of the states; a missing name means zero.
+    `handed`: quantities that somebody else gives at every sample, such as the command of another
+    controller; expressions may use them as they use `reads`.
     `safeguard`: a safety filter, the half-spaces that the outputs are kept in. `lookup`: a
     function known on a grid, whose symbols the outputs, signals and safeguard may use.
     """
@@ -115,6 +117,7 @@ class Law:
     believed: Mapping[str, sp.Expr] = field(default_factory=dict)
     safeguard: Safeguard | None = None
     lookup: Lookup | None = None
+    handed: tuple[Quantity, ...] = ()
     description: str = ""
     source: str = ""
 
@@ -126,8 +129,9 @@ class Law:
         object.__setattr__(self, "believed", frozen(self.believed))
         if not self.outputs:
             raise DefinitionError(f"{owner} has no outputs")
-        check_unique((q.name for q in self.reads + self.parameters), owner)
-        allowed = [q.symbol for q in self.reads + self.parameters] + [TIME]
+        named = self.reads + self.handed + self.parameters
+        check_unique((q.name for q in named), owner)
+        allowed = [q.symbol for q in named] + [TIME]
         if self.lookup is not None:
             places = {f"place {i}": e for i, e in enumerate(self.lookup.places)}
             check_symbols(places, allowed, owner)

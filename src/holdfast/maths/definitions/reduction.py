@@ -58,6 +58,7 @@ def promote(
         pfaffian=tuple(row for row in system.pfaffian if not set(row.coefficients) & set(promoted)),
         description=system.description,
         source=system.source,
+        promoted=promoted,
     )
 
 

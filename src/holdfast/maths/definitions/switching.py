@@ -89,7 +89,7 @@ class Switching:
                     f"{owner} names the unknown mode '{end}'",
                     remedy=suggestion(end, self.modes),
                 )
-        allowed = [q.symbol for q in self.reads + self.parameters] + [TIME]
+        allowed = [q.symbol for q in self.reads + self.handed + self.parameters] + [TIME]
         check_symbols(
             {f"guard {t.source} -> {t.target}": t.when for t in self.transitions},
             [*allowed, TIME_IN_MODE],
@@ -105,6 +105,11 @@ class Switching:
     @property
     def reads(self) -> tuple[Quantity, ...]:
         merged = {q.name: q for law in self.modes.values() for q in law.reads}
+        return tuple(merged.values())
+
+    @property
+    def handed(self) -> tuple[Quantity, ...]:
+        merged = {q.name: q for law in self.modes.values() for q in law.handed}
         return tuple(merged.values())
 
     @property

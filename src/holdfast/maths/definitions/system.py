@@ -50,7 +50,8 @@ class System:
 
     `rates` maps every state to its rate. samples: the number of points per coordinate that replace
     the bounds in a Hamiltonian without a closed form (0: such a Hamiltonian is refused).
-    `measurements`: output equations, which a law may read in place of the states.
+    `measurements`: output equations, which a law may read in place of the states. promoted: of a
+    reduced model, the states of the whole one that are its inputs or disturbances (`promote`).
     Raises `DefinitionError` when shapes disagree, a rate uses an undeclared name, or the rates
     leave a Pfaffian constraint.
     """
@@ -68,6 +69,7 @@ class System:
     source: str = ""
     samples: int = 0
     measurements: tuple[Measurement, ...] = ()
+    promoted: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         owner = f"system '{self.name}'"

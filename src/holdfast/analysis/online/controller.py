@@ -1,0 +1,150 @@
+"""A law with its modes and its memory, called sample by sample in a loop of one's own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol
+
+from holdfast.analysis.online.measurements import Given, Measurements
+from holdfast.arguments import checked
+from holdfast.errors import ArgumentError, SimulationError
+from holdfast.execution.arrays import Array
+from holdfast.execution.codegen.closed_loop_program import closed_loop_program
+from holdfast.execution.simulation.control_sample import ControlSamples
+from holdfast.execution.simulation.steppers import RK4
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.definitions.system import System
+
+
+class Composed(Protocol):
+    """A scenario of closed loops."""
+
+    @property
+    def system(self) -> System: ...
+
+    @property
+    def law(self) -> Law | Switching: ...
+
+    @property
+    def settings(self) -> Mapping[str, Any]: ...
+
+    def kept(self) -> Composed: ...
+
+
+class Command(NamedTuple):
+    """What a controller commands at a sample.
+
+    input: in the order and units of the system's inputs, within their bounds. actuators: the
+    limited values of the actuators. mode: its name. nominal: the request before a safeguard; slack:
+    by how much the safeguard's conditions are missed, 0 where an input is admissible. value: V of
+    the law's kernel, else NaN. outside: whether the state is outside the grid of the kernel. valid:
+    False where the time or a measurement is not finite; then all numbers are NaN, and nothing is
+    remembered of the sample.
+    """
+
+    input: Array
+    actuators: Array
+    mode: str
+    nominal: Array
+    slack: float
+    value: float
+    outside: bool
+    valid: bool
+
+
+class Controller:
+    """Any law, with modes, a memory, a safeguard or a kernel, for one vehicle.
+
+    of: a scenario (`load_scenario`), whose kernel is computed if its law has one; or a system,
+    with `law`. sample_time [s]: by default that of the scenario, else 0.02. It computes what
+    `simulate` computes at every sample, bit for bit.
+
+    Raises `DefinitionError` for a law that does not fit the system.
+    """
+
+    @checked
+    def __init__(
+        self,
+        of: System | Composed,
+        law: Law | Switching | None = None,
+        *,
+        sample_time: float | None = None,
+    ) -> None:
+        if isinstance(of, System):
+            if law is None:
+                raise SimulationError("a system without a law", expected="Controller(system, law)")
+            self.system, self.law = of, law
+        elif not hasattr(of, "kept"):
+            raise ArgumentError(
+                f"Controller: of is {of!r}", expected="a scenario of closed loops, or a System"
+            )
+        else:
+            if law is not None:
+                raise SimulationError("a scenario has its own law", expected="no other law")
+            kept = of.kept()
+            self.system, self.law = kept.system, kept.law
+            sample_time = kept.settings["sample_time"] if sample_time is None else sample_time
+        self.sample_time = 0.02 if sample_time is None else float(sample_time)
+        if not (math.isfinite(self.sample_time) and self.sample_time > 0):
+            raise SimulationError(f"sample_time is {sample_time}", expected="seconds, above 0")
+        if handed := self.law.handed:
+            raise SimulationError(
+                f"law '{self.law.name}' is handed {', '.join(q.name for q in handed)} by others",
+                remedy="use hf.SafetyFilter",
+            )
+        self._program = closed_loop_program(
+            self.system, self.law, region=None, goal=None, disturbance={}, stepper=RK4
+        )
+        self._samples = ControlSamples(self._program, self.sample_time)
+        reads = {q.name for q in self.law.reads}
+        felt = tuple(n for n in self.system.disturbance_names if n in reads)
+        self._told = Measurements(self._program, self.system.state_names, felt)
+        self._count = 0
+
+    @property
+    def measured(self) -> tuple[str, ...]:
+        """The disturbances that the law measures: `step` needs them."""
+        return self._told.disturbances
+
+    @property
+    def modes(self) -> tuple[str, ...]:
+        """The names of its modes."""
+        return self._program.modes
+
+    def step(
+        self, measurement: Given, t: float | None = None, disturbance: Given | None = None
+    ) -> Command:
+        """The command at a sample, from the states of the system, by name or in order.
+
+        States that the law does not read may be 0. t [s]: by default the number of samples since
+        `reset` times the sample time. Raises `SimulationError` for wrong names or shapes.
+        """
+        told, samples = self._told, self._samples
+        finite = told.fill(measurement, disturbance)
+        t = self._count * self.sample_time if t is None else t
+        self._count += 1
+        rows, names = samples.rows, self._program.modes
+        if not (finite and math.isfinite(t)):
+            nothing = samples.nothing()
+            return Command(
+                nothing[rows.input], nothing[rows.actuators], "", nothing[rows.nominal],
+                math.nan, math.nan, False, False,
+            )  # fmt: skip
+        row = samples.answer(t, told.row)
+        return Command(
+            row[rows.input],
+            row[rows.actuators],
+            names[int(row[rows.mode])],
+            row[rows.nominal],
+            float(row[rows.slack]),
+            float(row[rows.value]) if self._program.places else math.nan,
+            not math.isnan(row[rows.outside]),
+            True,
+        )
+
+    def reset(self) -> None:
+        """Begin anew: the first mode, no memory, the time 0."""
+        self._samples.reset()
+        self._count = 0

@@ -1,0 +1,110 @@
+"""What a safety filter answers at a sample."""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import NamedTuple, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.execution.arrays import Array
+from holdfast.execution.simulation.control_sample import Rows
+
+
+class Status(Enum):
+    """What a safety filter did with a command."""
+
+    PASSED = "passed"
+    """The command meets all conditions and is given back unchanged."""
+    CHANGED = "changed"
+    """The input is the admissible one nearest to the command."""
+    INFEASIBLE = "infeasible"
+    """No input meets all conditions; the input misses them by the least amount, `slack`."""
+    OUTSIDE_GRID = "outside the grid"
+    """The state is outside the grid of the kernel, or its time has run out: nothing is promised."""
+    NOT_A_NUMBER = "not a number"
+    """A measurement or the command is NaN or infinite; the input is the filter's `fallback`."""
+
+
+class Explains(Protocol):
+    """Whoever knows more of a decision: the filter that made it."""
+
+    def value_at(self, decision: Decision) -> float: ...
+
+    def reason(self, decision: Decision) -> str: ...
+
+
+class Decision:
+    """The answer of a safety filter at one sample.
+
+    input: what to apply, in the order and units of the system's inputs. actuators: the limited
+    values of its actuators for it. nominal: the command as the filter took it. overruled: whether
+    the input is another one. slack: by how much the conditions are missed, 0 where an input is
+    admissible. value: V at the state of a kernel; of a region -max_j c_j, positive inside.
+    status: see `Status`. why: one sentence, made when it is read.
+    """
+
+    __slots__ = ("_by", "_row", "_rows", "overruled", "seen", "status", "t")
+
+    def __init__(
+        self,
+        row: Array,
+        rows: Rows,
+        status: Status,
+        overruled: bool,
+        t: float,
+        seen: Array,
+        by: Explains,
+    ) -> None:
+        self._row, self._rows, self.status, self.overruled = row, rows, status, overruled
+        self.t, self.seen, self._by = t, seen, by
+
+    @property
+    def input(self) -> Array:
+        return self._row[self._rows.command]
+
+    @property
+    def actuators(self) -> Array:
+        return self._row[self._rows.actuators]
+
+    @property
+    def nominal(self) -> Array:
+        return self._row[self._rows.nominal]
+
+    @property
+    def slack(self) -> float:
+        return float(self._row[self._rows.slack])
+
+    @property
+    def looked_up(self) -> float:
+        """V at the state, where the filter is of a kernel."""
+        return float(self._row[self._rows.value])
+
+    @property
+    def value(self) -> float:
+        return self._by.value_at(self)
+
+    @property
+    def why(self) -> str:
+        return self._by.reason(self)
+
+    @property
+    def conditions(self) -> Array:
+        """Of every condition sum_i n_i u_i <= b: the n_i and b in turn; then the scales."""
+        return self._row[self._rows.conditions]
+
+    def __repr__(self) -> str:
+        return f"<Decision at {self.t:g} s: {self.status.value}, input {self.input.tolist()}>"
+
+
+class Decisions(NamedTuple):
+    """The answers for many vehicles at one sample: a row, or an entry, for each of them."""
+
+    input: Array
+    actuators: Array
+    nominal: Array
+    overruled: npt.NDArray[np.bool_]
+    slack: Array
+    value: Array
+    status: tuple[Status, ...]

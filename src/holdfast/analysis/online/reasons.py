@@ -1,0 +1,188 @@
+"""Why a safety filter decided as it did: one sentence, with names, distances and times."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+
+import numpy as np
+
+from holdfast.analysis.online.decision import Decision, Status
+from holdfast.analysis.online.forecast import HORIZON, Forecast
+from holdfast.analysis.online.measurements import Measurements
+from holdfast.analysis.reachability.value_function import ValueFunction
+from holdfast.errors import SimulationError
+from holdfast.execution.arrays import Array
+from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
+from holdfast.execution.evaluate import Evaluator
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.definitions.system import System
+
+AT_ONCE = 1e-3
+"""A shorter time [s] is not worth a number."""
+
+
+class Reasons:
+    """The sentences of one filter."""
+
+    def __init__(
+        self,
+        system: System,
+        keep: ValueFunction | Region,
+        constraints: Region | None,
+        law: Law | Switching,
+        told: Measurements,
+        program: ClosedLoopProgram,
+    ) -> None:
+        self.system, self.keep, self.constraints = system, keep, constraints
+        self.told, self.program = told, program
+        ((_, self.hard),) = program.conditions_of_modes
+        self.whole = told.states == system.state_names and not program.remembered
+        self.law = law
+
+    def sentence(self, decision: Decision) -> str:
+        """One sentence about a decision."""
+        status = decision.status
+        if status is Status.NOT_A_NUMBER:
+            faulty = self.told.faulty(decision.seen) or f"the time is {decision.t}"
+            return f"{faulty}, so that the input is the fallback"
+        if status is Status.OUTSIDE_GRID:
+            return self._outside(decision)
+        if status is Status.PASSED:
+            return f"the command meets every condition{self._nearest(decision)}"
+        change = self._change(decision)
+        if status is Status.INFEASIBLE:
+            unit = self.program.slack_units[0] if len(set(self.program.slack_units)) == 1 else ""
+            return (
+                f"{change}: no input within its bounds meets all conditions, the least violation "
+                f"is {decision.slack:.3g} {unit}".rstrip()
+                + self._nearest(decision)
+            )
+        if not decision.overruled:
+            return f"{change}: the command is beyond the bounds of the inputs"
+        return f"{change}: {self._cause(decision)}"
+
+    # -- the parts of a sentence -------------------------------------------------------------
+
+    def _change(self, decision: Decision) -> str:
+        """What became of the command."""
+        largest = max(np.abs(decision.nominal).max(), np.abs(decision.input).max())
+        small = 1e-9 * largest  # a rounding error is shown as 0
+        shown = [
+            f"{q.name} from {before:.3g} to {after if abs(after) > small else 0:.3g} {q.unit}"
+            for q, before, after in zip(
+                self.system.inputs, decision.nominal, decision.input, strict=True
+            )
+            if abs(before - after) > small
+        ]
+        return "changed " + " and ".join(shown) if shown else "kept the command"
+
+    def _cause(self, decision: Decision) -> str:
+        """The condition that the command violates most, how near it is, and what would follow."""
+        if isinstance(self.keep, ValueFunction):
+            near = f"the value {decision.value:.3g} {self._unit}".rstrip()
+            return f"{near} of the {self.keep.report.kind} is near 0{self._would_leave(decision)}"
+        assert self.constraints is not None
+        name = self.constraints.inequality_names[self._worst(decision)]
+        if not self.whole:
+            return f"'{name}' is near, by what the observer estimates"
+        return f"{self._distance(decision, name)}{self._would_leave(decision)}"
+
+    @property
+    def _unit(self) -> str:
+        assert isinstance(self.keep, ValueFunction)
+        unit = self.keep.report.value_unit
+        return "" if unit == "1" else unit
+
+    def _worst(self, decision: Decision) -> int:
+        """Which condition after the hard ones the command violates most, by its own size."""
+        m = len(self.system.inputs)
+        rows = decision.conditions[:-m].reshape(-1, m + 1)[self.hard :]
+        size = np.linalg.norm(rows[:, :m], axis=1)
+        short = rows[:, :m] @ decision.nominal - rows[:, m]
+        return int(np.argmax(short / np.where(size > 0, size, 1.0)))
+
+    def _distance(self, decision: Decision, name: str) -> str:
+        assert self.constraints is not None
+        names = self.constraints.inequality_names
+        level = float(self._levels(decision.seen)[names.index(name)])
+        unit = self.constraints.inequality(name).unit
+        unit = "" if unit == "1" else f" {unit}"
+        if level > 0:
+            return f"'{name}' is violated by {level:.3g}{unit} already"
+        return f"'{name}' is {-level:.3g}{unit} away"
+
+    def _nearest(self, decision: Decision) -> str:
+        """The inequality that is nearest, where the states are known."""
+        if isinstance(self.keep, ValueFunction):
+            return f"; the value is {decision.value:.3g} {self._unit}".rstrip()
+        if not self.whole or self.constraints is None:
+            return ""
+        levels = self._levels(decision.seen)
+        names = self.constraints.inequality_names
+        return f"; the largest: {self._distance(decision, names[int(np.argmax(levels))])}"
+
+    def _levels(self, seen: Array) -> Array:
+        found: Array = self._evaluator.values(seen[np.newaxis, : len(self.system.states)])[0]
+        return found
+
+    @cached_property
+    def _evaluator(self) -> Evaluator:
+        assert self.constraints is not None
+        return Evaluator(
+            [c.expression for c in self.constraints.inequalities],
+            [q.symbol for q in self.system.states],
+            self.constraints.parameters,
+        )
+
+    def _would_leave(self, decision: Decision) -> str:
+        """When the command, held, would have left the set; nothing where that is not known."""
+        if not (self.whole and decision.value > 0):
+            return ""
+        held = [*decision.nominal, *self._disturbance(decision)]
+        try:
+            times, states, left, by = self._forecast.motion(
+                decision.seen[: len(self.system.states)], held
+            )
+        except SimulationError:
+            return ""
+        if isinstance(self.keep, ValueFunction):
+            fine = np.isfinite(states).all(axis=1)
+            values = np.full(len(times), math.nan)
+            values[fine] = self.keep.at(states[fine])
+            outside = np.flatnonzero(~(values > 0))
+            left = float(times[outside[0]]) if len(outside) else math.nan
+            end = "the set would have been left"
+        else:
+            assert self.constraints is not None
+            end = "it would have been violated"
+            if by >= 0:
+                end = f"'{self.constraints.inequality_names[by]}' would have been violated"
+        if math.isnan(left):
+            return f", and the command, held, would have stayed inside for {HORIZON:g} s"
+        when = "at once" if left < AT_ONCE else f"in {left:.2g} s"
+        return f"; with the command held {end} {when}"
+
+    @cached_property
+    def _forecast(self) -> Forecast:
+        return Forecast(self.system, self.constraints)
+
+    def _disturbance(self, decision: Decision) -> Array:
+        """The disturbances of a forecast: those that were measured, else 0."""
+        n = len(self.system.states)
+        felt = dict(zip(self.told.disturbances, decision.seen[n:], strict=False))
+        return np.array([felt.get(name, 0.0) for name in self.system.disturbance_names])
+
+    def _outside(self, decision: Decision) -> str:
+        assert isinstance(self.keep, ValueFunction)
+        beyond = [
+            f"{a.name} = {value:.4g} is outside {a.low:.4g} to {a.high:.4g}"
+            for a, value in zip(self.keep.grid.axes, decision.seen, strict=False)
+            if a.ends != "periodic" and not a.low <= value <= a.high
+        ]
+        where = ", ".join(beyond) or (
+            f"at {decision.t:.4g} s the horizon of the {self.keep.report.kind} has passed"
+        )
+        return f"{where}: the filter used the nearest place of its grid and promises nothing"

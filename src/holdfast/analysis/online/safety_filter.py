@@ -1,0 +1,320 @@
+"""A safety filter around any controller: the least change of its command that stays inside."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+import sympy as sp
+
+from holdfast.analysis.online.decision import Decision, Decisions, Status
+from holdfast.analysis.online.measurements import Given, Measurements
+from holdfast.analysis.online.plant import commanded
+from holdfast.analysis.online.reasons import Reasons
+from holdfast.analysis.reachability.value_function import ValueFunction
+from holdfast.analysis.safety.safety_filter import safety_law
+from holdfast.arguments import checked
+from holdfast.errors import ArgumentError, DefinitionError, ModelWarning, SimulationError
+from holdfast.execution.arrays import Array
+from holdfast.execution.codegen.c_source import export_c, export_c_header
+from holdfast.execution.codegen.closed_loop_program import closed_loop_program
+from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.simulation.control_sample import ControlSamples
+from holdfast.execution.simulation.steppers import RK4
+from holdfast.maths.control.observer import observe
+from holdfast.maths.control.safety_filter import safeguard
+from holdfast.maths.definitions.extension import both
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.quantity import TIME
+from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.definitions.system import System
+
+
+class SafetyFilter:
+    """The least change of a command that keeps the state in a set, sample by sample.
+
+        minimise  sum_i ((u_i - w_i) / scale_i)^2  over the inputs u within their bounds
+
+    w is the command of your own controller. With a `Region` the conditions are those of
+    `holdfast.safeguard` (a control barrier function, of order two where necessary) for each of its
+    inequalities; with a `ValueFunction`, a kernel, those of `holdfast.safety_law`.
+
+    system: its inputs are what the command gives. keep: a kernel of this system, or a region.
+    sample_time [s]: of your loop. delay [s]: how old a measurement is; a kernel's margin allows for
+    it. rate [1/s], margin [unit of V]: of a kernel's filter, see `safety_law`. gains [1/s],
+    margins, constraints: of a region's, see `safeguard`. measured: whether `step` is given the
+    disturbances. states: names of those that are measured, if not all: an observer with that
+    `bandwidth` [1/s] estimates the others and the disturbances (`observe`). scales: input -> the
+    change of it that counts as 1. fallback: the input where a measurement or the command is not
+    finite, by default 0 within the bounds. around: the vehicle in the loop, where `system` is a
+    reduced model of it: a `ModelWarning` names the states that the filter does not know.
+
+    Raises `DefinitionError` and `SimulationError` as `safeguard`, `safety_law` and `observe` do.
+    """
+
+    @checked
+    def __init__(
+        self,
+        system: System,
+        keep: ValueFunction | Region,
+        *,
+        sample_time: float = 0.02,
+        delay: float = 0.0,
+        rate: float = 2.0,
+        margin: float | None = None,
+        gains: tuple[float, float] = (1.0, 4.0),
+        margins: Mapping[str, float] | None = None,
+        constraints: Region | None = None,
+        measured: bool = False,
+        states: Sequence[str] | None = None,
+        bandwidth: float = 2.0,
+        scales: Mapping[str, float] | None = None,
+        fallback: Sequence[float] | None = None,
+        around: System | None = None,
+    ) -> None:
+        if not (math.isfinite(sample_time) and sample_time > 0):
+            raise SimulationError(f"sample_time is {sample_time}", expected="seconds, above 0")
+        self.system, self.keep, self.sample_time = system, keep, float(sample_time)
+        command = commanded(system)
+        if not isinstance(keep, ValueFunction | Region):
+            raise ArgumentError(
+                f"SafetyFilter: keep is {keep!r}", expected="a Region, or a kernel (ValueFunction)"
+            )
+        if isinstance(keep, ValueFunction):
+            for name, given, usual in (
+                ("gains", gains, (1.0, 4.0)), ("margins", margins, None),
+                ("constraints", constraints, None), ("measured", measured, False),
+            ):  # fmt: skip
+                if given != usual:
+                    raise DefinitionError(f"{name} is given, which a kernel's filter has not")
+            law: Law | Switching = safety_law(
+                system, keep, command, rate=rate, margin=margin, sample_time=sample_time,
+                delay=delay, scales=scales,
+            )  # fmt: skip
+        else:
+            if margin is not None:
+                raise DefinitionError(
+                    "margin is given, which a region's filter has not",
+                    remedy="margins = { inequality: how far inside }",
+                )
+            if delay:
+                raise DefinitionError(
+                    f"a delay of {delay:g} s, for which a region's filter has no margin",
+                    remedy="give margins for what may happen meanwhile, or a kernel",
+                )
+            law = safeguard(
+                system, command, keep, constraints=constraints, gains=gains, margins=margins,
+                scales=scales, measured=measured,
+            )  # fmt: skip
+        lookup = law.lookup
+        ends = lookup.places[0].xreplace({TIME: sp.S.Zero}) if lookup and lookup.timed else math.inf
+        self._lasts = float(ends) + 1e-9  # s, of a kernel that is used at the remaining time
+        if states is not None:
+            law = observe(system, law, measured=states, bandwidth=bandwidth)
+        self.law = law
+        self._program = closed_loop_program(
+            system, law, region=None, goal=None, disturbance={}, stepper=RK4
+        )
+        self._samples = ControlSamples(self._program, self.sample_time)
+        self._many: ControlSamples | None = None
+        felt = tuple(q.name for q in system.disturbances if q.name in {r.name for r in law.reads})
+        self._told = Measurements(
+            self._program, tuple(system.state_names if states is None else states), felt,
+            tuple(q.name for q in law.handed),
+        )  # fmt: skip
+        self._count = 0
+        self._fallback = self._checked_fallback(fallback)
+        self._constraints = keep if isinstance(keep, Region) else None
+        if self._constraints is not None and constraints is not None:
+            self._constraints = both(self._constraints, constraints)
+        self._warn_of_reduction(around)
+
+    # -- at a sample -------------------------------------------------------------------------
+
+    def step(
+        self,
+        state: Given,
+        command: Given,
+        t: float | None = None,
+        disturbance: Given | None = None,
+    ) -> Decision:
+        """The decision on a command [units of the inputs] at a measured state.
+
+        state, command, disturbance: numbers in the order of their names, or by name; the measured
+        states only. t [s]: by default the number of samples since `reset` times the sample time.
+        A vehicle's loop calls it once a sample. Raises `SimulationError` for wrong names or shapes;
+        numbers that are not finite are a status.
+        """
+        told = self._told
+        finite = told.fill(state, disturbance, command)
+        t = self._count * self.sample_time if t is None else t
+        self._count += 1
+        seen = told.row.copy()
+        if not (finite and math.isfinite(t)):
+            return self._refused(t, seen)
+        samples = self._samples
+        row = samples.answer(t, seen)
+        rows, values = samples.rows, row.tolist()
+        changed = values[rows.command] != values[rows.nominal]
+        if t > self._lasts or not math.isnan(values[rows.outside]):
+            status = Status.OUTSIDE_GRID
+        elif values[rows.slack] > 0.0:
+            status = Status.INFEASIBLE
+        else:
+            status = Status.CHANGED if changed else Status.PASSED
+        return Decision(row, rows, status, values[rows.overruled] != 0.0, t, seen, self)
+
+    def step_many(
+        self,
+        states: npt.ArrayLike,
+        commands: npt.ArrayLike,
+        t: float = 0.0,
+        disturbances: npt.ArrayLike | None = None,
+    ) -> Decisions:
+        """The decisions on many commands at many states, shapes (count, states), (count, inputs).
+
+        Each is that of `step` of a filter at its first sample, so that a filter with an observer
+        refuses. disturbances: those that are measured, (count, disturbances).
+        """
+        if self._program.remembered:
+            raise SimulationError(
+                "a filter with an observer remembers one vehicle",
+                remedy="use a filter for each vehicle, and step",
+            )
+        seen = self._told.rows(states, disturbances, commands)
+        finite = np.asarray(np.isfinite(seen).all(axis=1))
+        if self._many is None or self._many.count != len(seen):
+            self._many = ControlSamples(self._program, self.sample_time, max(len(seen), 1))
+        if not len(seen):
+            seen, finite = np.zeros((1, seen.shape[1])), np.ones(1, dtype=bool)
+            return Decisions._make(part[:0] for part in self._answers(t, seen, finite))
+        return self._answers(t, seen, finite)
+
+    def _answers(self, t: float, seen: Array, finite: npt.NDArray[np.bool_]) -> Decisions:
+        assert self._many is not None
+        found = self._many.answers(t, np.where(finite[:, np.newaxis], seen, 0.0))
+        rows = self._many.rows
+        inputs, nominal = found[:, rows.command], found[:, rows.nominal]
+        actuators, slack = found[:, rows.actuators], found[:, rows.slack].copy()
+        overruled = found[:, rows.overruled] != 0.0
+        changed = (inputs != nominal).any(axis=1)
+        outside = ~np.isnan(found[:, rows.outside]) | (t > self._lasts)
+        for k in np.flatnonzero(~finite):
+            refused = self._refused(t, seen[k])
+            inputs[k], actuators[k], nominal[k] = refused.input, refused.actuators, refused.nominal
+            slack[k], overruled[k] = 0.0, True
+        codes = np.select([~finite, outside, slack > 0.0, changed], [4, 3, 2, 1], default=0)
+        status = tuple(_STATUSES[k] for k in codes.tolist())
+        if isinstance(self.keep, ValueFunction):
+            value = np.where(finite, found[:, rows.value], math.nan)
+        else:
+            value = np.where(finite, self._margins(np.where(finite[:, None], seen, 0.0)), math.nan)
+        return Decisions(inputs, actuators, nominal, overruled, slack, value, status)
+
+    def reset(self) -> None:
+        """Begin anew: the time is 0, and what an observer estimated is forgotten."""
+        self._samples.reset()
+        self._count = 0
+
+    def export_c(self, name: str = "safety_filter") -> str:
+        """The filter as C99: `NAME_step` takes the command as its argument `handed`.
+
+        See `holdfast.export_c`; `export_c_header` gives the header.
+        """
+        return export_c(self.system, self.law, name)
+
+    def export_c_header(self, name: str = "safety_filter") -> str:
+        """The header of `export_c`."""
+        return export_c_header(self.system, self.law, name)
+
+    # -- what is said of a decision ----------------------------------------------------------
+
+    def value_at(self, decision: Decision) -> float:
+        """`Decision.value`."""
+        if decision.status is Status.NOT_A_NUMBER:
+            return math.nan
+        if isinstance(self.keep, ValueFunction):
+            return decision.looked_up
+        return float(self._margins(decision.seen[np.newaxis])[0])
+
+    def reason(self, decision: Decision) -> str:
+        """`Decision.why`."""
+        return self._reasons.sentence(decision)
+
+    @cached_property
+    def _reasons(self) -> Reasons:
+        return Reasons(
+            self.system, self.keep, self._constraints, self.law, self._told, self._program
+        )
+
+    def _margins(self, seen: Array) -> Array:
+        """-max_j c_j at the states."""
+        return -self._levels.values(seen[:, : len(self.system.states)]).max(axis=1)
+
+    @cached_property
+    def _levels(self) -> Evaluator:
+        assert self._constraints is not None
+        states = [q.symbol for q in self.system.states]
+        inequalities = self._constraints.inequalities
+        return Evaluator([c.expression for c in inequalities], states, self._constraints.parameters)
+
+    # -- what is not as it should be ---------------------------------------------------------
+
+    def _refused(self, t: float, seen: Array) -> Decision:
+        rows, told = self._samples.rows, self._told
+        row = self._samples.nothing()
+        row[rows.command] = row[rows.input] = self._fallback[0]
+        row[rows.actuators] = self._fallback[1]
+        row[rows.nominal] = seen[len(seen) - len(told.handed) :]
+        row[rows.slack], row[rows.overruled] = 0.0, 1.0
+        return Decision(row, rows, Status.NOT_A_NUMBER, True, t, seen, self)
+
+    def _checked_fallback(self, given: Sequence[float] | None) -> tuple[Array, Array]:
+        """The input, within its bounds, that is applied where nothing is known; its actuators."""
+        names = self.system.input_names
+        wanted = np.zeros(len(names)) if given is None else np.asarray(given, dtype=np.float64)
+        if wanted.shape != (len(names),) or not np.isfinite(wanted).all():
+            raise SimulationError(
+                f"fallback is {given!r}", expected=f"{len(names)} numbers: {', '.join(names)}"
+            )
+        values = {p.symbol: p.value for p in self.system.parameters}
+        asked = self.system.allocated([sp.Float(v) for v in wanted])
+        limited = [sp.sympify(e).xreplace(values) for e in self.system.limited(asked)]
+        made = [sp.sympify(e).xreplace(values) for e in self.system.produced(limited)]
+        return np.array(made, dtype=np.float64), np.array(limited, dtype=np.float64)
+
+    def _warn_of_reduction(self, around: System | None) -> None:
+        """A filter of a reduced model cannot keep its promise around the whole vehicle."""
+        own = self.system
+        if around is None:
+            missing, whole = own.promoted, "the vehicle itself"
+            remedy = f"around=system says that {_and(own.promoted)} are what you command"
+        else:
+            if unknown := [n for n in own.state_names if n not in around.state_names]:
+                raise DefinitionError(
+                    f"system '{own.name}' has the state '{unknown[0]}', and '{around.name}' has "
+                    "none of that name"
+                )
+            missing = tuple(n for n in around.state_names if n not in own.state_names)
+            whole, remedy = f"'{around.name}'", "compute a kernel of it, or keep a region"
+        if missing:
+            warnings.warn(
+                f"the filter is computed for '{own.name}', in which {_and(missing)} "
+                f"{'follow' if len(missing) > 1 else 'follows'} at once; around {whole}, where "
+                f"{'they are states' if len(missing) > 1 else 'it is a state'}, its promise does "
+                f"not hold; {remedy}",
+                ModelWarning,
+                stacklevel=4,
+            )
+
+
+def _and(names: Sequence[str]) -> str:
+    return " and ".join(names)
+
+
+_STATUSES = tuple(Status)

@@ -1,0 +1,184 @@
+"""A compiled controller that is called one sample at a time, with the arithmetic of `simulate`."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from holdfast.execution.arrays import Array
+from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
+from holdfast.execution.codegen.loop_text import WIDTH
+from holdfast.execution.simulation.blocks import NEVER, Blocks
+from holdfast.execution.simulation.closed_loop import ClosedLoop
+from holdfast.execution.simulation.outcomes import Outcome
+from holdfast.execution.simulation.settings import Settings
+
+
+class Rows(NamedTuple):
+    """Where the numbers of an answer are in one row.
+
+    command: of the law, kept by its safeguard; nominal: before that. actuators: the limited values
+    for the command; input: what these produce. outside: since when the state is outside the table.
+    conditions: those of the safeguard, normals and offsets in turn, then the scales.
+    """
+
+    command: slice
+    input: slice
+    actuators: slice
+    nominal: slice
+    slack: int
+    overruled: int
+    mode: int
+    outside: int
+    value: int
+    conditions: slice
+
+
+class ControlSamples:
+    """Controllers of one kind, each called at the samples of its own vehicle.
+
+    count: how many of them. What each sees are the states, the disturbances that it measures, and
+    what others hand it (`ClosedLoopProgram.handed`), in this order.
+    """
+
+    def __init__(self, program: ClosedLoopProgram, sample_time: float, count: int = 1) -> None:
+        settings = Settings(horizon=sample_time, sample_time=sample_time, record_every=sample_time)
+        loop = ClosedLoop(program)
+        self.program, self.count = program, count
+        self.blocks = Blocks(*loop.loop(), program, settings, count)
+        self.width = len(program.states) + program.measured + len(program.handed)
+        self._numbers = loop.parameter_array(None, sample_time)
+        self._at, self._rows = self._places()
+        functions = self.blocks.functions
+        self._pointers = [
+            (w.ctypes.data, s.ctypes.data, functions.addresses.ctypes.data, NEVER.ctypes.data)
+            for w, s in zip(self.blocks.w, self.blocks.s, strict=True)
+        ]
+        self._seen = self.blocks.rows("seen")[:, : self.width]
+        self._time = self.blocks.rows("time")
+        self._off = self.blocks.rows("off_at")
+        self._first, self._answer = functions.first, functions.answer
+        self._one = self.blocks.w[0], self._seen[0], self._time[0], self._pointers[0]
+        self.begun = False
+        self.reset()
+
+    @property
+    def rows(self) -> Rows:
+        """Where the numbers of an answer are in a row of `answer`."""
+        return self._rows
+
+    def _places(self) -> tuple[np.ndarray, Rows]:
+        """The places in w of the first lane of what is read, and where each is among them."""
+        program, layout = self.program, self.blocks.layout
+        m, limited = len(program.inputs), program.limited
+        wanted = {
+            "command": ("command", 0, m),
+            "input": ("actuation", 2 * limited, m),
+            "actuators": ("actuation", limited, limited),
+            "nominal": ("nominal" if program.safeguarded else "command", 0, m),
+            "slack": ("slack", 0, 1),
+            "overruled": ("overruled", 0, 1),
+            "mode": ("mode", 0, 1),
+            "outside": ("off_at", 0, 1),
+            "value": ("look", 0, 1),
+            "conditions": ("answer", m, layout.counts["answer"] - m),
+        }
+        places: list[int] = []
+        found: dict[str, slice | int] = {}
+        for name, (of, first, count) in wanted.items():
+            begins = layout.at[of] + first * WIDTH
+            one = name in ("slack", "overruled", "mode", "outside", "value")
+            found[name] = len(places) if one else slice(len(places), len(places) + count)
+            places += [begins + i * WIDTH for i in range(count)]
+        return np.array(places, dtype=np.intp), Rows(**found)  # type: ignore[arg-type]
+
+    def reset(self) -> None:
+        """Before the first sample: the first mode, and no memory."""
+        blocks = self.blocks
+        for name in ("plant", "gains"):
+            rows = blocks.rows(name)
+            rows[:, : len(self._numbers)] = self._numbers[:, np.newaxis]
+        for name in ("switches", "recent", "slack", "overruled", "memory", "time"):
+            blocks.rows(name)[:] = 0.0
+        blocks.empty_rings()
+        blocks.rows("mode")[:] = self.program.initial_mode
+        lanes = np.arange(len(blocks.w) * WIDTH) < self.count
+        blocks.rows("alive")[:, 0] = lanes.reshape(-1, WIDTH)
+        self._off[:] = np.nan
+        self.begun = False
+
+    def answer(self, t: float, seen: Array) -> Array:
+        """The numbers (see `rows`) at a sample of the one controller, from what it sees."""
+        w, room, time, pointers = self._one
+        room[:] = seen[:, np.newaxis]
+        time[:] = t
+        if not self.begun:
+            self._begin(t)
+        self._answer(*pointers)
+        found: Array = w.take(self._at)
+        if not math.isnan(found[self._rows.outside]):
+            self._inside_again()
+        return found
+
+    def answers(self, t: float, seen: Array) -> Array:
+        """The numbers at a sample of every controller, from what each sees: rows of them."""
+        for i in range(self.width):
+            self.blocks.set_runs("seen", seen[:, i], i)
+        self._time[:] = t
+        if not self.begun:
+            self._begin(t)
+        for pointers in self._pointers:
+            self._answer(*pointers)
+        places = self._at[:, np.newaxis] + np.arange(WIDTH)
+        found: Array = self.blocks.w[:, places].transpose(0, 2, 1).reshape(-1, len(self._at))
+        self._inside_again()
+        return found[: self.count]
+
+    def nothing(self) -> Array:
+        """The numbers where there is no answer."""
+        return np.full(len(self._at), math.nan)
+
+    def _begin(self, t: float) -> None:
+        self.blocks.rows("since")[:] = t
+        for pointers in self._pointers:
+            self._first(*pointers)
+        self.begun = True
+
+    def _inside_again(self) -> None:
+        """A controller that was outside its table goes on."""
+        self._off[:] = np.nan
+        self.blocks.rows("outcome")[:] = Outcome.STAYED
+
+
+class PlantSamples:
+    """A plant that is handed its command and its disturbances at every sample."""
+
+    def __init__(self, program: ClosedLoopProgram, sample_time: float, substeps: int) -> None:
+        settings = Settings(
+            horizon=sample_time, sample_time=sample_time, record_every=sample_time,
+            substeps=substeps,
+        )  # fmt: skip
+        loop = ClosedLoop(program)
+        self.program = program
+        self.blocks = Blocks(*loop.loop(), program, settings, runs=1)
+        rows, n = self.blocks.rows, len(program.states)
+        self._q, self._time, self._plant = rows("q")[0], rows("time")[0], rows("plant")[0]
+        self._handed = rows("seen")[0][n + program.measured :][: len(program.handed)]
+        behind = len(program.parameters)
+        self._given = slice(behind, behind + len(program.given))
+        numbers = loop.parameter_array(None, sample_time)
+        for name in ("plant", "gains"):
+            rows(name)[0][: len(numbers)] = numbers[:, np.newaxis]
+        rows("alive")[0, 0, 0] = 1.0
+
+    def after(self, t: float, state: Array, command: Array, disturbance: Array) -> Array:
+        """The state after a sample with these held."""
+        self._q[:], self._handed[:] = state[:, np.newaxis], command[:, np.newaxis]
+        self._plant[self._given] = disturbance[:, np.newaxis]
+        self._time[:] = self.blocks.rows("seen_at")[:] = t
+        self.blocks.first()
+        self.blocks.sample()
+        found: Array = self._q[:, 0].copy()
+        return found
