@@ -17,7 +17,7 @@ README = (ROOT / "README.md").read_text("utf-8")
 
 
 def test_twelve_lines_of_python_do_what_the_main_command_does():
-    (code,) = re.findall(r"```python\n(.*?)```", README, re.S)
+    code, _ = re.findall(r"```python\n(.*?)```", README, re.S)
     assert len(code.strip().splitlines()) == 12
     code = code.replace("1.047", repr(np.pi / 3))  # 60 degrees, rounded in the README
     scope, printed = {}, io.StringIO()
@@ -30,6 +30,26 @@ def test_twelve_lines_of_python_do_what_the_main_command_does():
     assert np.abs(ends[0] - ends[1]).max() < 1e-6
     assert np.array_equal(ours["outcome"].values, theirs["outcome"].values)
     assert printed.getvalue().startswith(f"{scope['result'].viable} ")
+
+
+def test_controller_of_ten_lines_loses_the_view_and_the_filter_keeps_it():
+    _, code = re.findall(r"```python\n(.*?)```", README, re.S)
+    assert len(code.strip().splitlines()) == 10
+    least = {}
+    for name, text in {
+        "kept": code,
+        "alone": code.replace("(decision.input)", "(command)"),
+    }.items():
+        scope, values = {}, []
+        told = text.replace("boat.step(", "seen.append(decision.value); boat.step(")
+        with contextlib.redirect_stdout(io.StringIO()):
+            exec("seen = []\n" + told, scope)
+        values = scope["seen"]
+        least[name] = min(values)
+        assert len(values) == 1000
+        assert np.hypot(scope["boat"].state[0] + 0.5, scope["boat"].state[1]) < 0.12
+    assert least["kept"] > 0
+    assert least["alone"] < -0.2, "rad outside the view"
 
 
 def test_fraction_in_the_readme_is_the_measured_one():

@@ -11,7 +11,6 @@ from holdfast.analysis.online.decision import Decision, Status
 from holdfast.analysis.online.forecast import HORIZON, Forecast
 from holdfast.analysis.online.measurements import Measurements
 from holdfast.analysis.reachability.value_function import ValueFunction
-from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
 from holdfast.execution.evaluate import Evaluator
@@ -80,15 +79,24 @@ class Reasons:
         return "changed " + " and ".join(shown) if shown else "kept the command"
 
     def _cause(self, decision: Decision) -> str:
-        """The condition that the command violates most, how near it is, and what would follow."""
+        """What is near, and what would have followed."""
+        left, by = self._exit(decision)
         if isinstance(self.keep, ValueFunction):
-            near = f"the value {decision.value:.3g} {self._unit}".rstrip()
-            return f"{near} of the {self.keep.report.kind} is near 0{self._would_leave(decision)}"
+            room = decision.value - self._margin
+            side = "above" if room >= 0 else "below"
+            near = f"the value of the {self.keep.report.kind} is {abs(room):.3g} {self._unit}"
+            near = f"{near.rstrip()} {side} its margin of {self._margin:.3g}"
+            return near + self._would_be(left, "the set would have been left")
         assert self.constraints is not None
-        name = self.constraints.inequality_names[self._worst(decision)]
+        names = self.constraints.inequality_names
         if not self.whole:
-            return f"'{name}' is near, by what the observer estimates"
-        return f"{self._distance(decision, name)}{self._would_leave(decision)}"
+            return f"'{names[self._worst(decision)]}' is near, by what the observer estimates"
+        name = names[by if by >= 0 else self._worst(decision)]
+        return self._distance(decision, name) + self._would_be(left, "it would have been violated")
+
+    @property
+    def _margin(self) -> float:
+        return next(float(p.value) for p in self.law.parameters if p.name == "safety_margin")
 
     @property
     def _unit(self) -> str:
@@ -137,33 +145,32 @@ class Reasons:
             self.constraints.parameters,
         )
 
-    def _would_leave(self, decision: Decision) -> str:
-        """When the command, held, would have left the set; nothing where that is not known."""
+    def _exit(self, decision: Decision) -> tuple[float, int]:
+        """When the command, held, would leave the set, and by which inequality; NaN: not soon.
+
+        Negative where that is not known.
+        """
         if not (self.whole and decision.value > 0):
-            return ""
+            return -1.0, -1
         held = [*decision.nominal, *self._disturbance(decision)]
-        try:
-            times, states, left, by = self._forecast.motion(
-                decision.seen[: len(self.system.states)], held
-            )
-        except SimulationError:
-            return ""
+        times, states, left, by = self._forecast.motion(
+            decision.seen[: len(self.system.states)], held
+        )
         if isinstance(self.keep, ValueFunction):
             fine = np.isfinite(states).all(axis=1)
             values = np.full(len(times), math.nan)
             values[fine] = self.keep.at(states[fine])
             outside = np.flatnonzero(~(values > 0))
-            left = float(times[outside[0]]) if len(outside) else math.nan
-            end = "the set would have been left"
-        else:
-            assert self.constraints is not None
-            end = "it would have been violated"
-            if by >= 0:
-                end = f"'{self.constraints.inequality_names[by]}' would have been violated"
+            return (float(times[outside[0]]) if len(outside) else math.nan), -1
+        return left, by
+
+    def _would_be(self, left: float, what: str) -> str:
+        if left < 0:
+            return ""
         if math.isnan(left):
-            return f", and the command, held, would have stayed inside for {HORIZON:g} s"
+            return f"; with the command held it would have stayed inside for {HORIZON:g} s"
         when = "at once" if left < AT_ONCE else f"in {left:.2g} s"
-        return f"; with the command held {end} {when}"
+        return f"; with the command held {what} {when}"
 
     @cached_property
     def _forecast(self) -> Forecast:
