@@ -43,3 +43,13 @@ states = [{ T = 1 }]
 [run]
 horizon = 1
 """
+
+PD = """
+import json, sys
+for line in sys.stdin:
+    s = json.loads(line)
+    push = 4 * (-0.5 - s["x"]) - 6 * s["u"]
+    turn = -0.6 * s["psi"] - 1.2 * s["y"] - 0.4 * s["r"]
+    print(json.dumps({"tau_u": push, "tau_r": turn}), flush=True)
+"""
+"""A controller of the marine vehicle, as a program."""

@@ -22,6 +22,7 @@ from holdfast.presentation.text.runs import summary_text
 from holdfast.presentation.text.values import value_text
 from holdfast.scenario.kinds.kernel import KernelScenario
 from tests.c_code import STRICT, needs_gcc
+from tests.command_line import PD
 
 ROOT = Path(__file__).parent.parent
 DOCS = sorted((ROOT / "docs").glob("*.md"))
@@ -76,7 +77,7 @@ def missing(said, printed):
     return None
 
 
-SAID = {"formations": 9, "station_keeping": 4}
+SAID = {"formations": 9, "own_controller": 10, "station_keeping": 4}
 """Numbers that pages say their examples print; another page with some is to be entered here."""
 
 
@@ -201,6 +202,7 @@ def test_commands_of_the_documentation_run(page, folder, monkeypatch):
     """In the order of the page, with the files that the page shows."""
     monkeypatch.chdir(folder)
     called(["show", "inspection"], "mine.toml")
+    Path("pd.py").write_text(PD)
     for text in blocks(page, "toml"):
         if named(text):
             Path(named(text)).write_text(text)

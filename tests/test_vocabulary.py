@@ -37,6 +37,7 @@ TABLES = {
         {
             "part": "the command line divides the work",
             "attributes": "the file stores its own text",
+            "command": "--controller, and law.external",
             "horizon": "in [run]",
             "stepper": "in [run]",
             "start_outside": "in [starts]",

@@ -51,6 +51,7 @@ from .maths.catalogue import systems as systems
 from .maths.catalogue.vehicles import load_vehicle as load_vehicle
 from .maths.control.barrier_conditions import viability_conditions as viability_conditions
 from .maths.control.blended_redesign import redesign as redesign
+from .maths.control.command import commanded as commanded
 from .maths.control.lyapunov import ultimate_bound as ultimate_bound
 from .maths.control.observer import observe as observe
 from .maths.control.outward_rates import outward_rates as outward_rates

@@ -177,6 +177,7 @@ FUNCTIONS = {
     "plane_by_plane": lambda: {"field": hf.fields.electric_dipole(), "count": 1, "seed": 0},
     "load_vehicle": lambda: {"name": "bluerov2", "thrust_limit": 1.0},
     "both": lambda: {"first": near(), "second": hf.input_limits(hf.systems.unicycle())},
+    "commanded": lambda: {"system": line(), "outputs": ["u"]},
     "dynamic_extension": lambda: {
         "system": hf.systems.unicycle(), "inputs": ("v",), "rates": hf.Box((-1,), (1,)),
     },
@@ -256,6 +257,13 @@ CLASSES = {
         "parameters": (), "factor": 1, "unit": "1", "description": "", "source": "",
     },
     "GainCondition": lambda: {"value": k, "limit": 2, "consequence": "it ends", "source": "us", "closed": False},
+    "Controller": lambda: {"of": line(), "law": push_law(), "sample_time": 0.02},
+    "Plant": lambda: {"system": line(), "start": [0.1], "sample_time": 0.02, "substeps": 2},
+    "SafetyFilter": lambda: {
+        "system": line(), "keep": end(), "sample_time": 0.02, "delay": 0.0, "rate": 2.0, "margin": None, "gains": (1.0, 4.0),
+        "margins": {"end": 0.1}, "constraints": None, "measured": False, "states": None, "bandwidth": 2.0, "scales": {"u": 1.0},
+        "fallback": [0.0], "around": line(),
+    },
     "Inequality": lambda: {"name": "c", "expression": x - 1, "unit": "m", "description": ""},
     "Law": lambda: {
         "name": "law", "reads": (hf.Quantity("x"),), "outputs": {"u": x}, "parameters": (), "signals": {"s": x},
@@ -287,6 +295,14 @@ CLASSES = {
 
 
 METHODS = {
+    "SafetyFilter.step": lambda: (keeper(), {"state": [0.1], "command": [0.2], "t": None, "disturbance": None}),
+    "SafetyFilter.step_many": lambda: (
+        keeper(), {"states": [[0.1]], "commands": [[0.2]], "disturbances": None},
+    ),
+    "Controller.step": lambda: (
+        hf.Controller(line(), push_law()), {"measurement": [0.1], "t": None, "disturbance": None},
+    ),
+    "Plant.step": lambda: (hf.Plant(line(), [0.1]), {"input": [0.2], "disturbance": [0.1]}),
     "ValueFunction.values": lambda: (value(), {"time": None}),
     "ValueFunction.at": lambda: (value(), {"states": [[0.1]], "time": None}),
     "ValueFunction.gradient": lambda: (value(), {"states": [[0.1]], "time": None}),
@@ -313,6 +329,11 @@ METHODS = {
     "Box.contains": lambda: (hf.Box((-1,), (1,)), {"values": [0.1], "slack": 0.0}),
     "Box.saturate": lambda: (hf.Box((-1,), (1,)), {"values": [x]}),
 }  # fmt: skip
+
+
+@cache
+def keeper():
+    return hf.SafetyFilter(line(), end())
 
 
 @cache

@@ -15,8 +15,15 @@ from holdfast.studies.progress import bar
 @click.command("run")
 @click.argument("scenario")
 @simulation_options
+@click.option(
+    "--controller",
+    metavar="COMMAND",
+    help="Your controller, a program that is told the states and answers with commands, line by "
+    "line (JSON); for a [law] with external = true.",
+)
 def command(
     scenario: str,
+    controller: str | None,
     out: Path | None,
     overrides: tuple[str, ...],
     runs: int | None,
@@ -31,6 +38,8 @@ def command(
     from holdfast.scenario.load import load_scenario
 
     loaded = load_scenario(scenario, overrides, runs, seed)
+    if controller is not None:
+        loaded = loaded.with_controller(controller)
     folder = out if out is not None else Path("runs") / loaded.name
     check_writable(folder)
     with bar(f"{loaded.name}, preparing") as tell:

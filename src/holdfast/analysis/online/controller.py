@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol
 
-from holdfast.analysis.online.measurements import Given, Measurements
+from holdfast.analysis.online.measurements import Given, Measurements, time_of
 from holdfast.arguments import checked
 from holdfast.errors import ArgumentError, SimulationError
 from holdfast.execution.arrays import Array
@@ -123,7 +123,7 @@ class Controller:
         """
         told, samples = self._told, self._samples
         finite = told.fill(measurement, disturbance)
-        t = self._count * self.sample_time if t is None else t
+        t = time_of(t, self._count, self.sample_time)
         self._count += 1
         rows, names = samples.rows, self._program.modes
         if not (finite and math.isfinite(t)):

@@ -20,6 +20,9 @@ QUICK = (np.ndarray, list, tuple)
 """Types that are numbers in order."""
 
 
+NO_NUMBERS = (TypeError, ValueError, OverflowError)
+
+
 class Measurements:
     """The rows of what is seen: the measured states, the measured disturbances, the command.
 
@@ -58,7 +61,7 @@ class Measurements:
                     expected="disturbance=..., by name or in that order",
                 )
             self._fill(self._disturbances, self.disturbances, disturbance, "disturbance")
-        elif disturbance:
+        elif disturbance is not None:
             raise SimulationError(
                 "a disturbance is given, and the law measures none",
                 remedy="leave it out, or make the law measure it (measured=True)",
@@ -72,7 +75,7 @@ class Measurements:
             try:
                 self.row[places] = given  # type: ignore[assignment]
                 return
-            except (TypeError, ValueError):
+            except NO_NUMBERS:
                 pass  # it is said below what is wrong
         self.row[places] = numbers(given, names, what)
 
@@ -94,7 +97,7 @@ class Measurements:
         for what, numbers, places, names in given:
             try:
                 array = np.asarray(numbers, dtype=np.float64)
-            except (TypeError, ValueError):
+            except NO_NUMBERS:
                 raise SimulationError(f"{what} is not an array of numbers") from None
             count = len(found) if found is not None else "any number"
             if (
@@ -134,11 +137,23 @@ def numbers(given: Given, names: tuple[str, ...], what: str) -> Array:
         given = [given[name] for name in names]
     try:
         found = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise SimulationError(f"the {what} is {given!r}", expected="numbers") from None
+    except NO_NUMBERS:
+        shown = repr(given)
+        shown = shown if len(shown) < 80 else f"{shown[:77]}..."
+        raise SimulationError(f"the {what} is {shown}", expected="numbers") from None
     if found.shape != (len(names),):
         raise SimulationError(
             f"the {what} has the shape {found.shape}",
             expected=f"{len(names)} numbers: {', '.join(names)}",
         )
     return found
+
+
+def time_of(t: float | None, count: int, sample_time: float) -> float:
+    """The time of a sample [s]: as given, or by the number of samples before it."""
+    if t is None:
+        return count * sample_time
+    try:
+        return float(t)
+    except NO_NUMBERS:
+        raise SimulationError(f"t is {t!r}"[:80], expected="a number of seconds") from None

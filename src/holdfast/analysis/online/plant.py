@@ -15,8 +15,7 @@ from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.simulation.control_sample import PlantSamples
 from holdfast.execution.simulation.steppers import RK4
-from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.quantity import Quantity
+from holdfast.maths.control.command import commanded
 from holdfast.maths.definitions.system import System
 
 
@@ -68,10 +67,3 @@ class Plant:
         self._count += 1
         self.t = self._count * self.sample_time
         return self.state
-
-
-def commanded(system: System) -> Law:
-    """The law that hands on the command of another controller: u_i = command_i."""
-    handed = tuple(Quantity(f"command_{q.name}", q.unit, "command") for q in system.inputs)
-    outputs = {q.name: h.symbol for q, h in zip(system.inputs, handed, strict=True)}
-    return Law("command", (), outputs, handed=handed)

@@ -12,8 +12,7 @@ import numpy.typing as npt
 import sympy as sp
 
 from holdfast.analysis.online.decision import Decision, Decisions, Status
-from holdfast.analysis.online.measurements import Given, Measurements
-from holdfast.analysis.online.plant import commanded
+from holdfast.analysis.online.measurements import Given, Measurements, time_of
 from holdfast.analysis.online.reasons import Reasons
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.safety_filter import safety_law
@@ -25,6 +24,7 @@ from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.evaluate import Evaluator
 from holdfast.execution.simulation.control_sample import ControlSamples
 from holdfast.execution.simulation.steppers import RK4
+from holdfast.maths.control.command import commanded
 from holdfast.maths.control.observer import observe
 from holdfast.maths.control.safety_filter import safeguard
 from holdfast.maths.definitions.extension import both
@@ -152,7 +152,7 @@ class SafetyFilter:
         """
         told = self._told
         finite = told.fill(state, disturbance, command)
-        t = self._count * self.sample_time if t is None else t
+        t = time_of(t, self._count, self.sample_time)
         self._count += 1
         seen = told.row.copy()
         if not (finite and math.isfinite(t)):
@@ -173,7 +173,7 @@ class SafetyFilter:
         self,
         states: npt.ArrayLike,
         commands: npt.ArrayLike,
-        t: float = 0.0,
+        t: float | None = None,
         disturbances: npt.ArrayLike | None = None,
     ) -> Decisions:
         """The decisions on many commands at many states, shapes (count, states), (count, inputs).
@@ -186,6 +186,7 @@ class SafetyFilter:
                 "a filter with an observer remembers one vehicle",
                 remedy="use a filter for each vehicle, and step",
             )
+        t = time_of(t, 0, self.sample_time)
         seen = self._told.rows(states, disturbances, commands)
         finite = np.asarray(np.isfinite(seen).all(axis=1))
         if self._many is None or self._many.count != len(seen):

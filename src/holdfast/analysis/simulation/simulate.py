@@ -20,6 +20,7 @@ from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram, closed_loop_program
 from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.closed_loop import ClosedLoop
+from holdfast.execution.simulation.handed import Command, Commander, commander_of
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.steppers import BY_NAME
 from holdfast.maths.definitions.bounds import Bounds
@@ -49,6 +50,7 @@ def simulate(
     start_outside: bool = False,
     attributes: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
+    command: Command | Commander | None = None,
     **settings: Any,
 ) -> Result:
     """Simulate `system` under `law` from every start and return a `Result`.
@@ -60,7 +62,10 @@ def simulate(
     "dormand-prince". disturbance: name -> number or expression of t. plant: parameters of the
     simulated vehicle that its law does not know. varied: the variation between runs; with
     `vertices`, every start is simulated at each of them. reference: the desired final state, for
-    error statistics. start_outside: allow starts outside the region. The other settings are
+    error statistics. start_outside: allow starts outside the region. command: your own controller,
+    where the law is handed its command (`commanded`, `SafetyFilter.law`): called at every sample
+    with t and the measured states, shape (runs, states), it returns shape (runs, inputs); or an
+    object with the methods of `Commander`. The other settings are
     those of `Settings` (sample_time, substeps, record_every, continuous, tolerance,
     noise_uniform, noise_normal, seed, threads, absolute, relative).
 
@@ -135,8 +140,9 @@ def simulate(
     seconds = {SAMPLE_TIME: 0.0 if chosen.continuous else chosen.sample_time}
     _warn_of_gains(program, values | seconds, own)
     trajectories = loop.simulate(
-        initial, chosen, plant=plant, varied=own, first=first, progress=progress
-    )
+        initial, chosen, plant=plant, varied=own, first=first, progress=progress,
+        commander=commander_of(command, program),
+    )  # fmt: skip
     scene = (*(region.scene if region else ()), *(goal.scene if goal else ()))
     return Result(
         described(

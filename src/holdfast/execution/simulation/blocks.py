@@ -39,6 +39,9 @@ LOG_SIZE = 1 << 20
 MOST_BLOCKS, MOST_NUMBERS = 64, 1 << 22
 """Blocks of runs that one thread advances together, and numbers in their rings."""
 
+STAGES = ("measure", "control", "record", "move")
+"""The parts of a sample of a law that others hand a command."""
+
 ONE_SECOND = 1.0 - 1e-9
 """Changes of mode that are so many seconds apart do not count as chattering together."""
 
@@ -70,6 +73,7 @@ class Functions(NamedTuple):
     first: Callable[..., None]
     answer: Callable[..., None]
     addresses: Whole
+    stages: list[Callable[..., None]]
 
 
 def functions_of(loop: Loop, program: Leaves) -> Functions:
@@ -79,9 +83,10 @@ def functions_of(loop: Loop, program: Leaves) -> Functions:
     for name in loop.called:
         place = program.addresses.get(name) or own.addresses.get(name)
         addresses.append(place if place is not None else _part(name))
-    names = Functions._fields[:-1]
-    functions = [machine.function(f"holdfast_{name}", 4) for name in names]
-    return Functions._make([*functions, np.array(addresses, dtype=np.int64)])
+    names = [*Functions._fields[:-2], *STAGES[: 4 * loop.staged]]
+    found = [machine.function(f"holdfast_{name}", 4) for name in names]
+    k = len(Functions._fields) - 2
+    return Functions._make([*found[:k], np.array(addresses, dtype=np.int64), found[k:]])
 
 
 @lru_cache(KEPT)
@@ -125,7 +130,8 @@ class Blocks:
         self.layout, self.functions = loop.layout, functions
         self.program, self.runs = program, runs
         layout = loop.layout
-        self.records, self.recorded = settings.samples // settings.stride + 1, 0
+        self.stride, self.recorded = settings.stride, 0
+        self.records = settings.samples // settings.stride + 1
         count = -(-runs // WIDTH)
         rings = rings_of(program, settings)
         starts, rows = {}, layout.size
@@ -211,17 +217,30 @@ class Blocks:
 
     def advance(self, out: Trajectories, first: int, stop: Whole) -> bool:
         """The next records to the arrays `out` from the run `first` on; whether there are more."""
-        count = min(self.room, self.records - self.recorded)
+        count = self.begin_records()
         ends = self.recorded + count == self.records
-        self.s[:, LOG] = self.log_at
         self.s[:, RECORDS] = count - ends
         if count > ends:
             self._call_all(self.functions.advance, stop)
         if ends and not stop[0]:
             self._call_all(self.functions.finish, stop)
+        self.end_records(out, first, count)
+        return not ends and not stop[0] and bool(self.rows("alive").any())
+
+    def stage(self, name: str) -> None:
+        """One part of a sample of every block."""
+        self._call_all(self.functions.stages[STAGES.index(name)])
+
+    def begin_records(self) -> int:
+        """Room for the next records, written by the stage `record`; how many."""
+        count = min(self.room, self.records - self.recorded)
+        self.s[:, LOG] = self.log_at
+        return count
+
+    def end_records(self, out: Trajectories, first: int, count: int) -> None:
+        """These records to the arrays `out` from the run `first` on."""
         self._write_records(out, first, count)
         self.recorded += count
-        return not ends and not stop[0] and bool(self.rows("alive").any())
 
     def first(self) -> None:
         """The rows behind the parameters, and the memory, before a controller's first answer."""

@@ -26,6 +26,7 @@ from holdfast.execution.simulation.blocks import (
     functions_of,
     most_blocks,
 )
+from holdfast.execution.simulation.handed import Commander, advance_handed
 from holdfast.execution.simulation.layout import shape_of
 from holdfast.execution.simulation.loop import Loop, built
 from holdfast.execution.simulation.settings import Settings
@@ -188,17 +189,20 @@ class ClosedLoop:
         varied: Array | None = None,
         first: int = 0,
         progress: Progress | None = None,
+        commander: Commander | None = None,
     ) -> Trajectories:
         """Simulate every start; `plant` replaces parameters of the vehicle but not of its law.
 
         `varied` are the values of `varied()`, by default those. `first`: which of the runs that
-        share the seed is the first of these.
+        share the seed is the first of these. commander: another controller, where the law is
+        handed its command.
 
         A run's result depends on the seed and its index alone, never on the threads. On
         KeyboardInterrupt the workers stop within one control sample.
         """
         program = self.program
-        program.check_alone()
+        if commander is None:
+            program.check_alone()
         runs, n = starts.shape
         samples, stride = settings.samples, settings.stride
         rows = samples // stride + 1
@@ -282,8 +286,28 @@ class ClosedLoop:
             some.write_notes(result, start)
             counter[0] = (stop_at - start) * (samples + 1)
 
+        def handed(commander: Commander) -> None:
+            for start in range(0, runs, commander.most):
+                some = min(commander.most, runs - start)
+                own = Blocks(loop, functions, program, settings, some)
+                own.begin(starts, numbers, start, first)
+
+                def tell(sample: int, start: int = start, some: int = some) -> None:
+                    if progress is not None:
+                        progress((start + some * sample / (samples + 1)) / runs)
+
+                commander.begin(range(first + start, first + start + some))
+                try:
+                    advance_handed(own, result, start, commander, tell)
+                finally:
+                    commander.end()
+                own.write_notes(result, start)
+
         began = time.perf_counter()
-        run_threads(work, bounds, counters, threads, stop, runs * (samples + 1), progress)
+        if commander is not None:
+            handed(commander)
+        else:
+            run_threads(work, bounds, counters, threads, stop, runs * (samples + 1), progress)
         return replace(result, wall_time=time.perf_counter() - began)
 
 

@@ -9,6 +9,8 @@ The text of six functions of a block of runs (`codegen/loop_text.py`):
     first     the memory before the first answer of a controller
     answer    what a controller answers to what it sees, which others write
 
+and of a law that others hand a command: measure, control, record, move.
+
 What may differ between the lanes, such as the mode, an exit or the length of a step, is a row of
 each lane. No value of a lane depends on another lane.
 """
@@ -37,12 +39,13 @@ SINGLE = "_single"  # the end of the name of a part for a table in single precis
 @dataclass(frozen=True, eq=False)
 class Loop:
     """The text of the loop, the names of what it calls, the leaves that do not belong to the
-    program, and where its numbers are."""
+    program, where its numbers are, and whether it has the stages of a sample."""
 
     text: str
     called: tuple[str, ...]
     leaves: Mapping[str, Leaf]
     layout: Layout
+    staged: bool
 
 
 @lru_cache(KEPT)
@@ -109,7 +112,21 @@ class _Builder:
                 self._remember_first(body)
         with text.function("holdfast_answer") as body:
             self._answer(body)
-        return Loop(text.text, tuple(text.called), self.leaves, self.layout)
+        if self.shape.handed:
+            self._stages(text)
+        return Loop(text.text, tuple(text.called), self.leaves, self.layout, self.shape.handed > 0)
+
+    def _stages(self, text: LoopText) -> None:
+        """What `holdfast_advance` does, in parts between which others hand a command."""
+        with text.function("holdfast_measure") as body:
+            body.call("clock", t=self.at["length"], out=self.at["sample"])
+            self._measure(body, late=self.late)
+        with text.function("holdfast_control") as body:
+            self._respond(body)
+        with text.function("holdfast_record") as body:
+            body.function("record")
+        with text.function("holdfast_move") as body:
+            body.function("advance")
 
     def _prepare(self, body: Instructions) -> None:
         """The rows behind the parameters."""
@@ -125,10 +142,14 @@ class _Builder:
 
     def _control(self, body: Instructions, begins: bool = True) -> None:
         """The clock, what the law sees, its mode, its command, and what is noted of them."""
-        shape, at, t = self.shape, self.at, self.at["length"]
         if begins:
-            body.call("clock", t=t, out=at["sample"])
+            body.call("clock", t=self.at["length"], out=self.at["sample"])
         self._measure(body, late=begins and self.late)
+        self._respond(body)
+
+    def _respond(self, body: Instructions) -> None:
+        """The command after what is seen, and what is noted of the sample."""
+        shape, at, t = self.shape, self.at, self.at["length"]
         self._answer(body)
         if shape.safeguarded:
             body.call("kept", t=t, q=at["slack"], out=at["overrules"])

@@ -112,6 +112,7 @@ def track_velocity(
         signals=law.signals,
         conditions=law.conditions,
         lookup=law.lookup,
+        handed=law.handed,
         description=law.description,
         source="; ".join(filter(None, (law.source, "thesis (5.21), (5.22)"))),
     )

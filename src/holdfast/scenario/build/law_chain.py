@@ -8,6 +8,7 @@ from holdfast.errors import ScenarioError, suggestion
 from holdfast.maths.catalogue import laws
 from holdfast.maths.catalogue.signature import accepted_parameters, arguments, wants_law
 from holdfast.maths.control.blended_redesign import redesign
+from holdfast.maths.control.command import commanded
 from holdfast.maths.control.observer import observe
 from holdfast.maths.control.safety_filter import safeguard
 from holdfast.maths.control.velocity_tracking import track_velocity
@@ -20,12 +21,13 @@ from holdfast.maths.definitions.units import to_si
 from holdfast.maths.expressions.parser import parse_condition, parse_number
 from holdfast.scenario.build.composer import Composer
 from holdfast.scenario.schema.closed_loop import (
+    ExternalSpec,
     OutputsSpec,
     RedesignSpec,
     SafeguardSpec,
     ScenarioSpec,
 )
-from holdfast.scenario.validation import at
+from holdfast.scenario.validation import at, validated
 
 
 def composed_law(
@@ -33,7 +35,8 @@ def composed_law(
 ) -> Law | Switching:
     """The law with the redesign, tracking and safety filter that the scenario gives."""
     with at(composer.file, "law"):
-        law = by_measurements(system, composer.law(spec.law))
+        own = _external if "external" in spec.law else _own
+        law = own(composer, spec, system)
     if spec.redesign is not None:
         law = _redesigned(composer, spec.redesign, law, region, system)
     if spec.tracking is not None:
@@ -48,6 +51,16 @@ def composed_law(
             )
         composer.declare(law.parameters)
     return law
+
+
+def _own(composer: Composer, spec: ScenarioSpec, system: System) -> Law | Switching:
+    return by_measurements(system, composer.law(spec.law))
+
+
+def _external(composer: Composer, spec: ScenarioSpec, system: System) -> Law | Switching:
+    """The law that another controller hands its command."""
+    given = validated(ExternalSpec, dict(spec.law), composer.file, "law").external
+    return commanded(system, None if given is True else given)
 
 
 def _safeguarded(

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from holdfast.errors import ScenarioError
+
 if TYPE_CHECKING:
     from holdfast.analysis.simulation.aggregates import Entry
     from holdfast.execution.resources import Progress
@@ -51,6 +53,16 @@ class Composed(ABC):
     def interactive(self, answer: Any) -> dict[str, Any] | None:
         """A figure for a browser, if there is one."""
         return None
+
+    def with_controller(self, line: str) -> Composed:
+        """The same with the controller that this command line starts.
+
+        Raises `ScenarioError` for a scenario that no other controller commands.
+        """
+        raise ScenarioError(
+            f"{self.file}: no other controller commands this scenario",
+            expected="closed loops with [law] external = true",
+        )
 
     # -- campaigns
 

@@ -1,0 +1,104 @@
+"""`holdfast run` of a scenario whose nominal law is a program of the user's own."""
+
+import sys
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.errors import ScenarioError
+from tests.command_line import PD, holdfast
+
+SCENARIO = """
+[scenario]
+title = "My controller in front of a target"
+[system]
+name = "marine_vehicle"
+[law]
+external = true
+[region]
+name = "camera_view"
+[safeguard]
+gains = [1.5, 8]
+[starts]
+states = [{ x = -1.3, y = 0.75, psi = -0.35 }]
+random = 2
+box = { x = [-2, -0.6], y = [-0.8, 0.8], psi = [-0.8, 0.8] }
+[run]
+horizon = 4
+record_every = 0.02
+tolerance = 1e-3
+"""
+
+
+@pytest.fixture
+def mine(tmp_path):
+    (tmp_path / "pd.py").write_text(PD)
+    (tmp_path / "mine.toml").write_text(SCENARIO)
+    return tmp_path
+
+
+def test_filter_keeps_what_the_program_loses(mine):
+    line = f"{sys.executable} pd.py"
+    answer = holdfast(
+        "run", "mine.toml", "--controller", line, "--no-figures", "--out", "kept", cwd=mine
+    )
+    assert answer.returncode == 0, answer.stderr
+    assert "viable         3 of 3 runs" in answer.stdout
+    assert "overruled the law at" in answer.stdout
+    answer = holdfast(
+        "run", "mine.toml", "--controller", line, "--no-figures", "--set", "safeguard=", cwd=mine
+    )
+    assert answer.returncode == 0, answer.stderr
+    assert "viable         3 of 3 runs" not in answer.stdout
+
+
+def test_run_of_the_program_is_that_of_the_same_function(mine, monkeypatch):
+    monkeypatch.chdir(mine)
+    loaded = hf.load_scenario("mine.toml")
+    found = loaded.with_controller(f"{sys.executable} pd.py").run().dataset
+
+    def pd(t, q):
+        x, y, psi, u, _, r = q.T
+        return np.stack([4 * (-0.5 - x) - 6 * u, -0.6 * psi - 1.2 * y - 0.4 * r], axis=1)
+
+    same = hf.simulate(
+        loaded.system, loaded.law, starts=loaded.starts, region=loaded.region, command=pd,
+        **loaded.settings,
+    ).dataset  # fmt: skip
+    assert found["state"].values == pytest.approx(same["state"].values, abs=1e-9)
+    assert np.array_equal(found["outcome"].values, same["outcome"].values)
+
+
+def test_scenario_that_lacks_its_program_and_program_that_lacks_a_scenario_are_refused(mine):
+    answer = holdfast("run", "mine.toml", cwd=mine)
+    assert answer.returncode == 2
+    assert "another controller commands tau_u, tau_r; give --controller 'COMMAND'" in answer.stderr
+    answer = holdfast("run", "inspection", "--controller", "true", cwd=mine)
+    assert answer.returncode == 2
+    assert "no other controller commands this scenario" in answer.stderr
+    answer = holdfast("run", "ch7-any-current", "--controller", "true", cwd=mine)
+    assert answer.returncode == 2
+    assert "no other controller commands this scenario" in answer.stderr
+    answer = holdfast("run", "mine.toml", "--controller", "false", cwd=mine)
+    assert answer.returncode == 2
+    assert "the controller 'false' of run 0" in answer.stderr
+    assert "Traceback" not in answer.stderr
+    assert not (mine / "runs").exists()
+
+
+def test_velocities_that_the_inputs_track_may_be_commanded(mine, monkeypatch):
+    monkeypatch.chdir(mine)
+    sets = ["law.external=['u', 'r']", "tracking={u=5.0, r=10.0}"]
+    loaded = hf.load_scenario("mine.toml", sets)
+    assert [q.name for q in loaded.law.handed] == ["command_u", "command_r"]
+    with pytest.raises(ScenarioError, match="'w' is neither an input nor a state"):
+        hf.load_scenario("mine.toml", ["law.external=['w']"])
+    with pytest.raises(ScenarioError, match=r"law\.external"):
+        hf.load_scenario("mine.toml", ["law.external=false"])
+
+
+def test_filter_of_the_file_is_exported_with_the_command_as_an_argument(mine):
+    answer = holdfast("export-c", "mine.toml", "--out", "keep.c", cwd=mine)
+    assert answer.returncode == 0, answer.stderr
+    assert "const double *handed" in (mine / "keep.c").read_text()
