@@ -20,8 +20,8 @@ from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.units import to_si
 from holdfast.maths.expressions.parser import parse_condition, parse_number
 from holdfast.scenario.build.composer import Composer
+from holdfast.scenario.external import ExternalSpec
 from holdfast.scenario.schema.closed_loop import (
-    ExternalSpec,
     OutputsSpec,
     RedesignSpec,
     SafeguardSpec,

@@ -7,18 +7,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import sympy as sp
 
 from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.simulate import simulate
 from holdfast.analysis.simulation.starts import Starts
 from holdfast.errors import ScenarioError
-from holdfast.execution.arrays import Array
 from holdfast.execution.resources import Progress
-from holdfast.execution.simulation.handed import Alive
 from holdfast.host.output import make_folder, saved, write_summary
-from holdfast.host.program import TOGETHER, Programs
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
@@ -31,6 +27,7 @@ from holdfast.scenario.build.law_chain import composed_law
 from holdfast.scenario.build.run import in_si, known_name, settings_of, starts_of
 from holdfast.scenario.build.system import composed_system
 from holdfast.scenario.build.varied import drawn_names, drawn_ranges
+from holdfast.scenario.external import commander_of
 from holdfast.scenario.files import overridden, scenario_title
 from holdfast.scenario.kinds.base import Bar, Composed, Kind
 from holdfast.scenario.schema.closed_loop import FiguresSpec, Header, ScenarioSpec
@@ -90,7 +87,7 @@ class Scenario(Composed):
 
         part: of all runs those to simulate; every run is the same in any part.
         """
-        commander = self._commander()
+        commander = commander_of(self.file, self.system, self.law, self.controller)
         law = self.kept(progress).law
         with at(self.file, "run"):
             return simulate(
@@ -120,18 +117,6 @@ class Scenario(Composed):
         if not self.law.handed:
             super().with_controller(line)
         return replace(self, controller=line)
-
-    def _commander(self) -> Programmed | None:
-        """The controller that the law is handed its command by."""
-        if not self.law.handed:
-            return None
-        names = [q.name.removeprefix("command_") for q in self.law.handed]
-        if not self.controller:
-            raise ScenarioError(
-                f"{self.file}: law: another controller commands {', '.join(names)}",
-                remedy="give --controller 'COMMAND', in Python with_controller('COMMAND')",
-            )
-        return Programmed(Programs(self.controller, self.system.state_names, names))
 
     def with_settings(self, **settings: Any) -> Scenario:
         """The same with other settings of [run]."""
@@ -199,19 +184,6 @@ class Scenario(Composed):
     @property
     def given(self) -> Mapping[str, Any]:
         return self.disturbance
-
-
-class Programmed:
-    """Processes as the controller of many runs (`handed.Commander`)."""
-
-    most = TOGETHER
-
-    def __init__(self, programs: Programs) -> None:
-        self.programs = programs
-        self.begin, self.end = programs.begin, programs.end
-
-    def command(self, t: float, states: Array, alive: Alive) -> Array:
-        return np.array(self.programs.answers(t, states.tolist(), alive.tolist()))
 
 
 def _runs(count: int) -> str:

@@ -129,16 +129,6 @@ class LawSpec(Section):
     initial: str = ""
 
 
-class ExternalSpec(Section):
-    """[law] of another controller, which `holdfast run --controller` starts.
-
-    external: true for the inputs of the system, or the names of what it commands.
-    """
-
-    external: Literal[True] | Annotated[list[Name], Field(min_length=1)]
-    description: Text = ""
-
-
 class InequalitySpec(Section):
     """expression <= 0 is safe. scale: the amount of it that counts as 1 in a depth."""
 
