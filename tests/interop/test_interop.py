@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError, OutputError
@@ -181,3 +182,83 @@ def test_bag_holds_the_trajectories(tmp_path):
         write_bag(result, tmp_path / "bag")
     with pytest.raises(OutputError, match="has no state 'theta'"):
         write_bag(result, tmp_path / "other", pose=("x", "y", "theta"))
+
+
+# -- a filter around environments
+
+
+def random_episodes(env, episodes, seed=0):
+    """A random agent that holds its action for a while: what its steps told."""
+    rng = np.random.default_rng(seed)
+    ends = env.action_space.low, env.action_space.high
+    for episode in range(episodes):
+        env.reset(seed=episode)
+        action, over, cut_off = rng.uniform(*ends), False, False
+        while not (over or cut_off):
+            if rng.random() < 0.1:
+                action = rng.uniform(*ends)
+            seen, reward, over, cut_off, info = env.step(action)
+            yield seen, reward, info
+
+
+@pytest.mark.parametrize("filtered", [False, True])
+def test_random_agent_loses_the_view_in_every_episode_and_behind_the_filter_in_none(filtered):
+    pytest.importorskip("gymnasium")
+    from holdfast.interop.gymnasium import Environment, Filtered
+
+    vehicle, view = hf.systems.marine_vehicle(), hf.regions.camera_view()
+    box = {"x": (-1.8, -0.5), "y": (-1.0, 1.0), "psi": (-1.0, 1.0)}
+    env = Environment(vehicle, view, box=box, horizon=15.0)
+    if filtered:
+        inside = {"edge_low": 0.02, "edge_high": 0.02, "too_near": 0.01, "too_far": 0.03}
+        keep = hf.SafetyFilter(vehicle, view, gains=(1.5, 8), margins=inside, sample_time=0.05)
+        env = Filtered(env, keep)
+    told = list(random_episodes(env, 12))
+    lost = sum(reward < 0 for _, reward, _ in told)
+    assert lost == (0 if filtered else 12)
+    if filtered:
+        assert sum(info["overruled"] for *_, info in told) > 300
+        first = told[0][2]["decision"]
+        assert np.allclose(env.unwrapped.command(env.unwrapped.action(first)), first.input)
+
+
+def test_filter_keeps_an_environment_that_nobody_here_wrote_below_its_speed():
+    """Gymnasium's pendulum, in weak gravity, below 3 rad/s; by its documented equations."""
+    gymnasium = pytest.importorskip("gymnasium")
+    from holdfast.interop.gymnasium import Filtered
+
+    theta, w, u = (hf.symbol(n) for n in ("theta", "w", "u"))
+    pendulum = hf.System(
+        "pendulum",
+        (hf.Quantity("theta", "rad", angle=True), hf.Quantity("w", "rad/s")),
+        (hf.Quantity("u", "N m"),),
+        {"theta": w, "w": 3 * sp.sin(theta) + 3 * u},
+        input_bounds=hf.Box((-2,), (2,)),
+    )
+    slow = hf.Region("slow", pendulum.states, (hf.Inequality("speed", w**2 - 9, "rad^2/s^2"),))
+    keep = hf.SafetyFilter(
+        pendulum, slow, gains=(2.0, 4.0), margins={"speed": 1.0}, sample_time=0.05
+    )
+    bare = gymnasium.make("Pendulum-v1", g=2.0)
+    maps = {
+        "state": lambda seen: [math.atan2(seen[1], seen[0]), seen[2]],
+        "command": lambda action: action,
+        "action": lambda decision: decision.input.astype(np.float32),
+    }
+    fastest = {}
+    for name, env in (("alone", bare), ("kept", Filtered(bare, keep, **maps))):
+        fastest[name] = max(abs(float(seen[2])) for seen, *_ in random_episodes(env, 10))
+    assert fastest["alone"] > 4
+    assert 2.5 < fastest["kept"] <= 3
+    with pytest.raises(DefinitionError, match="the environment is not one of the filter's system"):
+        Filtered(bare, keep)
+
+
+def test_filter_of_other_samples_than_its_environment_is_refused():
+    pytest.importorskip("gymnasium")
+    from holdfast.interop.gymnasium import Environment, Filtered
+
+    vehicle, view = hf.systems.marine_vehicle(), hf.regions.camera_view()
+    env = Environment(vehicle, view, box={"x": (-1.0, -0.9)}, sample_time=0.05)
+    with pytest.raises(DefinitionError, match=r"samples of 0\.05 s, the filter of 0\.02 s"):
+        Filtered(env, hf.SafetyFilter(vehicle, view))

@@ -1,13 +1,15 @@
-"""A system within its region as a Gymnasium environment."""
+"""A system within its region as a Gymnasium environment; a safety filter around any environment."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import gymnasium
 import numpy as np
 
+from holdfast.analysis.online.decision import Decision
+from holdfast.analysis.online.safety_filter import SafetyFilter
 from holdfast.errors import DefinitionError
 from holdfast.execution.arrays import Array
 from holdfast.execution.evaluate import Evaluator
@@ -99,6 +101,18 @@ class Environment(gymnasium.Env[Array, Array]):
         over = self.count >= self.most
         return self.state.copy(), reward, left or arrived, over, self._info()
 
+    def command(self, action: Array) -> Array:
+        """The inputs of the system that an action produces."""
+        share = (np.clip(action, -1.0, 1.0) + 1.0) / 2.0
+        held = self.low + share * (self.high - self.low)
+        return self.numeric.inputs(held)
+
+    def action(self, decision: Decision) -> Array:
+        """The action that applies a decision."""
+        wide = self.high - self.low
+        found: Array = 2.0 * (decision.actuators - self.low) / wide - 1.0
+        return found
+
     def _moved(self, q: Array, held: Array, h: float) -> Array:
         t = self.count * self.sample_time
 
@@ -115,3 +129,61 @@ class Environment(gymnasium.Env[Array, Array]):
     def _info(self) -> dict[str, Any]:
         values = self._safe.values(self.state[np.newaxis])[0]
         return {"constraints": dict(zip(self.names, values.tolist(), strict=True))}
+
+
+class Filtered(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Any environment, with a safety filter (shield) between the agent and its actions.
+
+    keep: the filter. state: what `keep.step` takes as the state, from an observation. command: its
+    command, from an action. action: the action that applies a decision; of `input`, or of
+    `actuators`. All three have defaults for an `Environment` of the filter's system. disturbance:
+    what the filter measures, from an observation.
+
+    `info["decision"]` of a step is the decision, and `info["overruled"]` whether the action was
+    changed to stay inside. With an action that is not finite the environment gets the fallback.
+    """
+
+    def __init__(
+        self,
+        env: gymnasium.Env[Any, Any],
+        keep: SafetyFilter,
+        *,
+        state: Callable[[Any], Any] | None = None,
+        command: Callable[[Any], Any] | None = None,
+        action: Callable[[Decision], Any] | None = None,
+        disturbance: Callable[[Any], Any] | None = None,
+    ) -> None:
+        super().__init__(env)
+        inner = env.unwrapped
+        own = isinstance(inner, Environment) and inner.system == keep.system
+        if not own and None in (state, command, action):
+            raise DefinitionError(
+                "the environment is not one of the filter's system",
+                expected="state, command and action, from observations, actions and decisions",
+            )
+        if isinstance(inner, Environment) and inner.sample_time != keep.sample_time:
+            raise DefinitionError(
+                f"the environment has samples of {inner.sample_time:g} s, the filter of "
+                f"{keep.sample_time:g} s"
+            )
+        self.keep, self._disturbance = keep, disturbance
+        self._state = state or np.asarray
+        self._command = command or inner.command  # type: ignore[attr-defined]
+        self._action = action or inner.action  # type: ignore[attr-defined]
+        self._seen: Any = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """A new episode of the environment and of the filter."""
+        self.keep.reset()
+        self._seen, info = self.env.reset(seed=seed, options=options)
+        return self._seen, info
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """The environment after the action that the filter lets through."""
+        felt = None if self._disturbance is None else self._disturbance(self._seen)
+        decision = self.keep.step(self._state(self._seen), self._command(action), None, felt)
+        self._seen, reward, over, cut_off, info = self.env.step(self._action(decision))
+        told = {"decision": decision, "overruled": decision.overruled}
+        return self._seen, reward, over, cut_off, {**info, **told}

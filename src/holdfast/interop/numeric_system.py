@@ -49,6 +49,17 @@ class Numeric:
         found: Array = self._rates.values(row[np.newaxis], given)[0]
         return found
 
+    @cached_property
+    def _inputs(self) -> Evaluator:
+        a = [symbol(n) for n in self.actuators]
+        made = self.system.produced(a) if self.system.actuators else a
+        return Evaluator([sp.sympify(e) for e in made], a, self.system.parameters)
+
+    def inputs(self, actuators: Array) -> Array:
+        """The inputs that the actuators produce."""
+        found: Array = self._inputs.values(actuators[np.newaxis])[0]
+        return found
+
     def limits(self) -> tuple[Array, Array]:
         """The least and the largest of every actuator; `DefinitionError` for other bounds."""
         bounds = self.system.actuator_bounds
