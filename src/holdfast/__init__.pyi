@@ -102,6 +102,7 @@ from .maths.reference_fields.flow_lines import exact_flow as exact_flow
 from .maths.reference_fields.flow_lines import flow_line as flow_line
 from .maths.reference_fields.meridian_planes import plane_by_plane as plane_by_plane
 from .maths.reference_fields.zeros import critical_points as critical_points
+from .planning.obstacles import obstacles as obstacles
 from .presentation.figures.flow_lines import flow_lines_figure as flow_lines_figure
 from .presentation.figures.histories import histories_figure as histories_figure
 from .presentation.figures.optimal_input import optimal_input_figure as optimal_input_figure

@@ -168,6 +168,10 @@ FUNCTIONS = {
         "values": [0.1, 0.2], "fractions": [0.5, 0.0], "name": "current", "unit": "m/s", "threshold": 0.0, "answers": None,
         "keeps": False,
     },
+    "obstacles": lambda: {
+        "system": hf.systems.unicycle(), "polygons": {"pier": [[0, 0], [1, 0], [0, 1]]}, "room": None, "clearance": 0.1,
+        "position": ("x", "y"),
+    },
     "observe": lambda: {"system": line(), "law": push_law(), "measured": ["x"], "bandwidth": 2.0},
     "optimal_input_figure": lambda: plane_figure(),
     "outward_rates": lambda: {"system": line(), "region": end(), "law": push_law()},

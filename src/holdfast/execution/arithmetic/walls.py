@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from holdfast.execution.arithmetic.steps import FLOAT, Value, choose
+from holdfast.execution.arithmetic.steps import FLOAT, Value, choose, root
 
 Point = tuple[Value, Value]
 
@@ -20,6 +20,35 @@ def nearest_on_walls(x: Value, y: Value, *ends: Value) -> tuple[Value, ...]:
         found = (choose(nearer, at[0], found[0]), choose(nearer, at[1], found[1]))
         least = choose(nearer, squared, least)
     return found
+
+
+def nearest_face(x: Value, y: Value, *ends: Value) -> tuple[Value, ...]:
+    """(kind, side, x, y, nx, ny): the nearest corner or side of closed polygons.
+
+    kind: 1 inside a side, -1 at a corner; side: 1 outside all polygons, -1 inside one (or an odd
+    number); (x, y): the corner, or the beginning of the side; (nx, ny): the unit normal on the
+    right of the side. Polygons have no sides of length 0.
+    """
+    zero, one = (x.steps.constant(c, FLOAT) for c in (0.0, 1.0))
+    least, side = x.steps.constant(float("inf"), FLOAT), one
+    found: tuple[Value, ...] = (one, zero, zero, zero, zero)
+    for ax, ay, bx, by in _walls(ends):
+        dx, dy = bx - ax, by - ay
+        s, squared = _foot(x, y, ax, ay, bx, by)
+        within = (s > 0.0) & (s < 1.0)
+        last = s >= 1.0
+        size = root(dx * dx + dy * dy)
+        corner = choose(last, bx, ax), choose(last, by, ay)
+        nearer = squared < least
+        here = (choose(within, 1.0, -1.0), *corner, dy / size, -dx / size)
+        found = tuple(choose(nearer, new, old) for new, old in zip(here, found, strict=True))
+        least = choose(nearer, squared, least)
+        turn = _turn(ax, ay, bx, by, x, y)
+        upwards = (ay <= y) & (by > y) & (turn > 0.0)
+        downwards = (by <= y) & (ay > y) & (turn < 0.0)
+        side = choose(upwards | downwards, -side, side)
+    kind, *rest = found
+    return (kind, side, *rest)
 
 
 def nearest_to_sight(ax: Value, ay: Value, bx: Value, by: Value, *ends: Value) -> tuple[Value, ...]:

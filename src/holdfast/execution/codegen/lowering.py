@@ -168,6 +168,7 @@ _ALGEBRAIC = frozenset(
 _PICKED: dict[str, tuple[int, Callable[..., tuple[Value, ...]]]] = {
     "nearest_on_walls": (2, walls.nearest_on_walls),
     "nearest_to_sight": (4, walls.nearest_to_sight),
+    "nearest_face": (2, walls.nearest_face),
 }
 """Functions of some coordinates and of walls, of whose results the first argument picks one."""
 

@@ -11,12 +11,23 @@ from collections.abc import Sequence
 
 import sympy as sp
 
-from holdfast.maths.expressions.functions import RealFunction, length
+from holdfast.maths.expressions.functions import RealFunction, length, select
 from holdfast.maths.reference_fields.dipole import UNSEEN
 
 
 class nearest_on_walls(RealFunction):
     """nearest_on_walls(k, x, y, *ends): coordinate k of the nearest point of the walls."""
+
+    def fdiff(self, argindex: int = 1) -> sp.Expr:
+        return sp.S.Zero
+
+
+class nearest_face(RealFunction):
+    """nearest_face(k, x, y, *ends): the corner or side of polygons that is nearest.
+
+    k = 0: 1 on a side, -1 at a corner; 1: 1 outside the polygons, -1 inside one; 2, 3: the corner,
+    or the beginning of the side; 4, 5: the unit normal of the side, on its right.
+    """
 
     def fdiff(self, argindex: int = 1) -> sp.Expr:
         return sp.S.Zero
@@ -42,6 +53,16 @@ def wall_distance(at: Place, ends: Sequence[sp.Expr]) -> sp.Expr:
     return length(
         x - nearest_on_walls(0, x, y, *ends), y - nearest_on_walls(1, x, y, *ends), UNSEEN
     )
+
+
+def signed_distance(at: Place, ends: Sequence[sp.Expr]) -> sp.Expr:
+    """The distance of a point to polygons, counterclockwise; negative inside one.
+
+    Off a side it is linear, off a corner the distance to a point: both derivatives are exact.
+    """
+    x, y = at
+    kind, side, px, py, nx, ny = (nearest_face(k, x, y, *ends) for k in range(6))
+    return select(kind, (x - px) * nx + (y - py) * ny, side * length(x - px, y - py, UNSEEN))
 
 
 def sight_distance(one: Place, other: Place, ends: Sequence[sp.Expr]) -> sp.Expr:

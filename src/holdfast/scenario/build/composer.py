@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import reduce
 from typing import Any
 
 import sympy as sp
@@ -23,7 +24,7 @@ from holdfast.maths.definitions.units import check_unit, to_si
 from holdfast.maths.expressions.parser import parse_condition, parse_expression
 from holdfast.maths.nonholonomic.null_space import kinematic_system
 from holdfast.scenario.build.entries import catalogue_entry
-from holdfast.scenario.build.region import scaled_region
+from holdfast.scenario.build.region import obstacle_region, scaled_region, without_obstacles
 from holdfast.scenario.build.scene import composed_shape
 from holdfast.scenario.schema.closed_loop import (
     BoundedSpec,
@@ -293,8 +294,10 @@ class Composer:
 
     def region(self, table: Mapping[str, Any], key: str) -> Region:
         """[region] or [goal], with the limits of inputs that are states."""
-        found = self._region(table, key)
-        return both(found, self.limits) if key == "region" and self.limits else found
+        own, placed = without_obstacles(table)
+        parts = [self._region(own, key)] if own or not placed else []
+        parts += [obstacle_region(self, self.system_built, placed, key)] if placed else []
+        return reduce(both, [*parts, self.limits] if key == "region" and self.limits else parts)
 
     def _region(self, table: Mapping[str, Any], key: str) -> Region:
         if "constraints" not in table:
@@ -303,9 +306,8 @@ class Composer:
             built: Region = self.entry(regions.ALL, plain, key)
             return scaled_region(self.file, built, table.get("scale", {}), key)
         spec = validated(RegionSpec, {"name": key, **table}, self.file, key)
-        self.declare(self._parameters(spec.parameters, key))
-        if key == "goal":
-            self.declare(self.drawn.values())
+        drawn = self.drawn.values() if key == "goal" else ()
+        self.declare((*self._parameters(spec.parameters, key), *drawn))
         names = self._with_definitions(spec.definitions, self.scope(), key)
         inequalities = []
         for name, given in spec.constraints.items():

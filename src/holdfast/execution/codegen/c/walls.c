@@ -35,6 +35,31 @@ static inline double hf_nearest_on_walls(int k, double x, double y, const double
     return found[k];
 }
 
+/* The corner or side of closed polygons that is nearest: 1 on a side or -1 at a corner, 1 outside
+ * the polygons or -1 inside, the corner or the beginning of the side, the normal on its right. */
+static inline double hf_nearest_face(int k, double x, double y, const double *ends, int count) {
+    double found[6] = {1.0, 1.0, 0.0, 0.0, 0.0, 0.0}, least = INFINITY;
+    for (int j = 0; j < count; j++) {
+        const double ax = ends[4 * j], ay = ends[4 * j + 1];
+        const double bx = ends[4 * j + 2], by = ends[4 * j + 3];
+        const double dx = bx - ax, dy = by - ay, size = sqrt(dx * dx + dy * dy);
+        double squared;
+        const double s = hf_foot(x, y, ax, ay, bx, by, &squared);
+        if (squared < least) {
+            least = squared;
+            found[0] = s > 0.0 && s < 1.0 ? 1.0 : -1.0;
+            found[2] = s >= 1.0 ? bx : ax;
+            found[3] = s >= 1.0 ? by : ay;
+            found[4] = dy / size;
+            found[5] = -dx / size;
+        }
+        const double turn = hf_turn(ax, ay, bx, by, x, y);
+        if ((ay <= y && by > y && turn > 0.0) || (by <= y && ay > y && turn < 0.0))
+            found[1] = -found[1];
+    }
+    return found[k];
+}
+
 /* Where the line from a to b is nearest to a wall: the share of the way, the point of the wall
  * (k = 1, 2), and -1 where a wall crosses the line, else 1. */
 static inline double hf_nearest_to_sight(int k, double ax, double ay, double bx, double by,
