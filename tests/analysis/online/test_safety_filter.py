@@ -1,6 +1,8 @@
 """A filter around a controller of one's own: the inputs of `simulate`, and names for all the rest."""
 
+import copy
 import math
+import pickle
 import re
 import warnings
 
@@ -178,6 +180,15 @@ def test_decision_names_the_constraint_its_distance_and_what_would_have_followed
     assert "m/s^2" in lost.why
     assert "'wall' is violated by 0.5 m already" in braking.step([1.5, 0.0], [0.0]).why
     assert repr(lost).startswith(f"<Decision at {lost.t:g} s: infeasible, input [-")
+
+
+def test_decision_can_be_copied_and_sent_elsewhere(braking):
+    decision = braking.step([0.9, 0.15], [1.0])
+    assert copy.deepcopy(decision) is decision
+    sent = pickle.loads(pickle.dumps(decision))
+    assert (sent.status, sent.t, sent.overruled) == (decision.status, decision.t, True)
+    assert np.array_equal(sent.input, decision.input)
+    assert (sent.value, sent.why) == (decision.value, decision.why)
 
 
 def test_decision_of_a_kernel_names_its_value(boat):

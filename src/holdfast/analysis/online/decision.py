@@ -35,6 +35,19 @@ class Explains(Protocol):
     def reason(self, decision: Decision) -> str: ...
 
 
+class Told(NamedTuple):
+    """What was said of a decision, without the filter that made it."""
+
+    value: float
+    why: str
+
+    def value_at(self, decision: Decision) -> float:
+        return self.value
+
+    def reason(self, decision: Decision) -> str:
+        return self.why
+
+
 class Decision:
     """The answer of a safety filter at one sample.
 
@@ -93,6 +106,16 @@ class Decision:
     def conditions(self) -> Array:
         """Of every condition sum_i n_i u_i <= b: the n_i and b in turn; then the scales."""
         return self._row[self._rows.conditions]
+
+    def __deepcopy__(self, memo: object) -> Decision:
+        """Itself: nothing of it changes, and environments copy what they tell."""
+        return self
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """What it says, and not the filter."""
+        told = Told(self.value, self.why)
+        kept = self._row, self._rows, self.status, self.overruled, self.t, self.seen, told
+        return Decision, kept
 
     def __repr__(self) -> str:
         return f"<Decision at {self.t:g} s: {self.status.value}, input {self.input.tolist()}>"
