@@ -73,7 +73,7 @@ TABLES = {
     "[safeguard]": (
         schema.SafeguardSpec,
         [hf.safeguard],
-        {},
+        {"rates": "hf.limit_rates, of any law"},
         {},
     ),
     "[observer]": (schema.ObserverSpec, [hf.observe], {}, {}),

@@ -179,6 +179,7 @@ FUNCTIONS = {
     "parse_expression": lambda: {"text": "x + 1", "names": {"x": x}},
     "paths_figure": lambda: {"result": station(), "plane": ("x", "y"), "highlight": 1, "cones": 1, "cone_run": 0},
     "plane_by_plane": lambda: {"field": hf.fields.electric_dipole(), "count": 1, "seed": 0},
+    "limit_rates": lambda: {"system": line(), "law": push_law(), "rates": {"u": 1.0}},
     "load_vehicle": lambda: {"name": "bluerov2", "thrust_limit": 1.0},
     "both": lambda: {"first": near(), "second": hf.input_limits(hf.systems.unicycle())},
     "commanded": lambda: {"system": line(), "outputs": ["u"]},
@@ -265,7 +266,7 @@ CLASSES = {
     "Plant": lambda: {"system": line(), "start": [0.1], "sample_time": 0.02, "substeps": 2},
     "SafetyFilter": lambda: {
         "system": line(), "keep": end(), "sample_time": 0.02, "delay": 0.0, "rate": 2.0, "margin": None, "gains": (1.0, 4.0),
-        "margins": {"end": 0.1}, "constraints": None, "measured": False, "states": None, "bandwidth": 2.0, "scales": {"u": 1.0},
+        "margins": {"end": 0.1}, "constraints": None, "measured": False, "states": None, "bandwidth": 2.0, "scales": {"u": 1.0}, "rates": {"x": 1.0},
         "fallback": [0.0], "around": line(),
     },
     "Inequality": lambda: {"name": "c", "expression": x - 1, "unit": "m", "description": ""},

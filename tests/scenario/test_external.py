@@ -102,3 +102,16 @@ def test_filter_of_the_file_is_exported_with_the_command_as_an_argument(mine):
     answer = holdfast("export-c", "mine.toml", "--out", "keep.c", cwd=mine)
     assert answer.returncode == 0, answer.stderr
     assert "const double *handed" in (mine / "keep.c").read_text()
+
+
+def test_rates_of_the_safeguard_limit_the_inputs(mine):
+    sets = [
+        "law={ outputs = { tau_u = '5', tau_r = '0' } }",
+        "safeguard.rates={ tau_u = 4, u = '20 cm/s^2' }",
+    ]
+    loaded = hf.load_scenario(str(mine / "mine.toml"), sets)
+    data = loaded.run().dataset
+    changes = np.diff(data["input"].sel(input_name="tau_u").values, axis=1)
+    assert np.abs(changes).max() == pytest.approx(4 * 0.02, rel=1e-9)
+    with pytest.raises(ScenarioError, match="safeguard: rate of 'w', which is neither"):
+        hf.load_scenario(str(mine / "mine.toml"), ["safeguard.rates={ w = 4 }"])

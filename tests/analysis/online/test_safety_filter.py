@@ -289,7 +289,9 @@ def test_observer_estimates_what_is_not_measured(vehicle, view):
             assert decision.actuators == pytest.approx(data["actuator"].values[0, k], abs=0)
         keeper.reset()
     assert data["overruled"].values[0] > 10
-    with pytest.raises(SimulationError, match="a filter with an observer remembers one vehicle"):
+    with pytest.raises(
+        SimulationError, match="a filter with an observer or rates of inputs remembers"
+    ):
         keeper.step_many(np.zeros((2, 3)), np.zeros((2, 2)))
 
 

@@ -25,7 +25,7 @@ void laws(int count, const double *rows, int mode, const double *p, double *out)
         const double *seen = rows + (long)i * (LAW__SEEN + LAW__KEPT + 2);
         const double *kept = seen + LAW__SEEN, t = kept[LAW__KEPT], in_mode = kept[LAW__KEPT + 1];
         double *to = out + (long)i * (INPUTS + ACTUATORS + 2);
-        to[INPUTS + ACTUATORS] = law__hf_law(t, seen, kept, mode, p, to);
+        to[INPUTS + ACTUATORS] = law__hf_law(t, 0.02, seen, kept, mode, p, to);
         law__hf_limit(to, p, to + INPUTS);
         to[INPUTS + ACTUATORS + 1] = law__hf_next_mode(t, seen, kept, mode, in_mode, p);
     }

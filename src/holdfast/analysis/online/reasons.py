@@ -16,7 +16,7 @@ from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Region
-from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.definitions.switching import Switching, as_switching
 from holdfast.maths.definitions.system import System
 
 AT_ONCE = 1e-3
@@ -38,7 +38,8 @@ class Reasons:
         self.system, self.keep, self.constraints = system, keep, constraints
         self.told, self.program = told, program
         ((_, self.hard),) = program.conditions_of_modes
-        self.whole = told.states == system.state_names and not program.remembered
+        estimated = any(q.name.endswith("_hat") for q in law.reads)
+        self.whole = told.states == system.state_names and not estimated
         self.law = law
 
     def sentence(self, decision: Decision) -> str:
@@ -60,7 +61,9 @@ class Reasons:
                 + self._nearest(decision)
             )
         if not decision.overruled:
-            return f"{change}: the command is beyond the bounds of the inputs"
+            slow = any(name.startswith("last_") for name in self.program.remembered)
+            rates = " or changes faster than they may" if slow else ""
+            return f"{change}: the command is beyond the bounds of the inputs{rates}"
         return f"{change}: {self._cause(decision)}"
 
     # -- the parts of a sentence -------------------------------------------------------------
@@ -90,8 +93,11 @@ class Reasons:
         assert self.constraints is not None
         names = self.constraints.inequality_names
         if not self.whole:
-            return f"'{names[self._worst(decision)]}' is near, by what the observer estimates"
-        name = names[by if by >= 0 else self._worst(decision)]
+            return f"'{self._worst(decision)}' is near, by what the observer estimates"
+        worst = self._worst(decision)
+        if worst not in names:  # of the rate of a state
+            return f"the {worst} would be beyond its limit"
+        name = names[by] if by >= 0 else worst
         return self._distance(decision, name) + self._would_be(left, "it would have been violated")
 
     @property
@@ -104,13 +110,16 @@ class Reasons:
         unit = self.keep.report.value_unit
         return "" if unit == "1" else unit
 
-    def _worst(self, decision: Decision) -> int:
-        """Which condition after the hard ones the command violates most, by its own size."""
+    def _worst(self, decision: Decision) -> str:
+        """The inequality whose condition the command violates most, by its own size."""
         m = len(self.system.inputs)
         rows = decision.conditions[:-m].reshape(-1, m + 1)[self.hard :]
         size = np.linalg.norm(rows[:, :m], axis=1)
         short = rows[:, :m] @ decision.nominal - rows[:, m]
-        return int(np.argmax(short / np.where(size > 0, size, 1.0)))
+        guard = as_switching(self.law).modes
+        (law,) = guard.values()
+        assert law.safeguard is not None
+        return law.safeguard.names[int(np.argmax(short / np.where(size > 0, size, 1.0)))]
 
     def _distance(self, decision: Decision, name: str) -> str:
         assert self.constraints is not None

@@ -26,6 +26,7 @@ from holdfast.execution.simulation.control_sample import ControlSamples
 from holdfast.execution.simulation.steppers import RK4
 from holdfast.maths.control.command import commanded
 from holdfast.maths.control.observer import observe
+from holdfast.maths.control.rate_limits import limit_rates
 from holdfast.maths.control.safety_filter import safeguard
 from holdfast.maths.definitions.extension import both
 from holdfast.maths.definitions.law import Law
@@ -50,9 +51,11 @@ class SafetyFilter:
     margins, constraints: of a region's, see `safeguard`. measured: whether `step` is given the
     disturbances. states: names of those that are measured, if not all: an observer with that
     `bandwidth` [1/s] estimates the others and the disturbances (`observe`). scales: input -> the
-    change of it that counts as 1. fallback: the input where a measurement or the command is not
-    finite, by default 0 within the bounds. around: the vehicle in the loop, where `system` is a
-    reduced model of it: a `ModelWarning` names the states that the filter does not know.
+    change of it that counts as 1. rates: the largest rates of inputs and of states (accelerations),
+    see `limit_rates`; with those of inputs the filter remembers its last input. fallback: the input
+    where a measurement or the command is not finite, by default 0 within the bounds. around: the
+    vehicle in the loop, where `system` is a reduced model of it: a `ModelWarning` names the states
+    that the filter does not know.
 
     Raises `DefinitionError` and `SimulationError` as `safeguard`, `safety_law` and `observe` do.
     """
@@ -74,6 +77,7 @@ class SafetyFilter:
         states: Sequence[str] | None = None,
         bandwidth: float = 2.0,
         scales: Mapping[str, float] | None = None,
+        rates: Mapping[str, float] | None = None,
         fallback: Sequence[float] | None = None,
         around: System | None = None,
     ) -> None:
@@ -111,6 +115,8 @@ class SafetyFilter:
                 system, command, keep, constraints=constraints, gains=gains, margins=margins,
                 scales=scales, measured=measured,
             )  # fmt: skip
+        if rates is not None:
+            law = limit_rates(system, law, rates)
         lookup = law.lookup
         ends = lookup.places[0].xreplace({TIME: sp.S.Zero}) if lookup and lookup.timed else math.inf
         self._lasts = float(ends) + 1e-9  # s, of a kernel that is used at the remaining time
@@ -183,7 +189,7 @@ class SafetyFilter:
         """
         if self._program.remembered:
             raise SimulationError(
-                "a filter with an observer remembers one vehicle",
+                "a filter with an observer or rates of inputs remembers one vehicle",
                 remedy="use a filter for each vehicle, and step",
             )
         t = time_of(t, 0, self.sample_time)
@@ -273,6 +279,8 @@ class SafetyFilter:
         row[rows.actuators] = self._fallback[1]
         row[rows.nominal] = seen[len(seen) - len(told.handed) :]
         row[rows.slack], row[rows.overruled] = 0.0, 1.0
+        for name, value in zip(self.system.input_names, self._fallback[0], strict=True):
+            self._samples.remember(f"last_{name}", value)
         return Decision(row, rows, Status.NOT_A_NUMBER, True, t, seen, self)
 
     def _checked_fallback(self, given: Sequence[float] | None) -> tuple[Array, Array]:

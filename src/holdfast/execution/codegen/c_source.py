@@ -244,11 +244,11 @@ class _File:
             cases.append(f"    case {number}: {{\n{asked}{body}\n        {ending}\n    }}")
         return (
             "/* Returns the slack of the safeguard. */\n"
-            "static double hf_law(double t, const double *seen, const double *kept, int mode,\n"
-            "                     const double *p, double *command) {\n"
-            f"    (void)t; (void)seen; (void)kept; (void)p;\n{look}    switch (mode) {{\n"
-            + "\n".join(cases)
-            + "\n    }\n    return NAN;\n}"
+            "static double hf_law(double t, double sample_time, const double *seen,\n"
+            "                     const double *kept, int mode, const double *p,\n"
+            "                     double *command) {\n"
+            "    (void)t; (void)sample_time; (void)seen; (void)kept; (void)p;\n"
+            f"{look}    switch (mode) {{\n" + "\n".join(cases) + "\n    }\n    return NAN;\n}"
         )
 
     def _place(self) -> str:
@@ -303,7 +303,7 @@ class _File:
             "static void hf_remember(double t, double sample_time, const double *seen,\n"
             "                        const double *actuators, const double *p, double *kept) {\n"
             f"    double u[{len(self.program.inputs)}], next[{count}];\n"
-            "    (void)t; (void)sample_time;\n    {\n"
+            "    (void)t; (void)sample_time; (void)seen; (void)p;\n    {\n"
             + c_body(made, program.produced(), "u", "        ")
             + "\n    }\n"
             + c_body(self._unpack() | u, program.next_memory, "next")
@@ -329,10 +329,10 @@ class _File:
             "    seen = told;\n"
         )
         body = (
-            f" {{\n    (void)sample_time;\n{told}{begin}    s->begun = 1;\n"
+            f" {{\n{told}{begin}    s->begun = 1;\n"
             "    int mode = hf_next_mode(t, seen, s->kept, s->mode, t - s->since, p);\n"
             "    if (mode != s->mode) {\n        s->mode = mode;\n        s->since = t;\n    }\n"
-            f"{asked}    s->slack = hf_law(t, seen, s->kept, mode, p, command);\n"
+            f"{asked}    s->slack = hf_law(t, sample_time, seen, s->kept, mode, p, command);\n"
             "    hf_limit(command, p, actuators);\n"
             f"{remember}    return mode;\n}}"
         )

@@ -136,6 +136,11 @@ class ControlSamples:
         self._inside_again()
         return found[: self.count]
 
+    def remember(self, name: str, value: float) -> None:
+        """Replace a quantity of the memory, if the controller has it."""
+        if name in self.program.remembered:
+            self.blocks.rows("memory")[:, self.program.remembered.index(name)] = value
+
     def nothing(self) -> Array:
         """The numbers where there is no answer."""
         return np.full(len(self._at), math.nan)

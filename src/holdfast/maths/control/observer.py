@@ -23,7 +23,7 @@ import sympy as sp
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.memory import Memory
+from holdfast.maths.definitions.memory import Memory, joined
 from holdfast.maths.definitions.quantity import (
     SAMPLE_TIME,
     TIME,
@@ -63,8 +63,8 @@ def observe(
     if isinstance(bandwidth, bool) or not 0 < bandwidth < math.inf:
         raise DefinitionError(f"the observer's bandwidth is {bandwidth!r}", expected="above 0")
     switching = as_switching(law)
-    if switching.memory is not None:
-        raise DefinitionError(f"law '{law.name}' already has a memory")
+    if switching.memory is not None and switching.memory.reads:
+        raise DefinitionError(f"law '{law.name}' already has a memory of what it measures")
     if any(rate.has(TIME) for rate in system.rates.values()):
         raise DefinitionError(f"the rates of system '{system.name}' depend on time")
     seen = [q for q in system.states if q.name in names]
@@ -136,5 +136,5 @@ def observe(
             Transition(t.source, t.target, t.when.xreplace(guess)) for t in switching.transitions
         ),
         signals={n: e.xreplace(guess) for n, e in switching.signals.items()},
-        memory=memory,
+        memory=joined(switching.memory, memory),
     )

@@ -120,6 +120,7 @@ def safeguard(
                 hard=len(bounds),
                 scales=chosen,
                 units=units,
+                names=tuple(c.name for c in kept),
             ),
         )
 

@@ -125,6 +125,7 @@ def keep_value(
                 hard=len(bounds),
                 scales=chosen,
                 units=(over_time(lookup.unit, 1),),
+                names=("value",),
             ),
         )
 

@@ -12,6 +12,7 @@ from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.lookup import Lookup
 from holdfast.maths.definitions.quantity import (
+    SAMPLE_TIME,
     TIME,
     Parameter,
     Quantity,
@@ -57,7 +58,8 @@ class Safeguard:
 
     The input that a law requests is replaced by the nearest one in the half-spaces, in units of
     `scales`. If they have no common point, those after the first `hard` are all relaxed by the
-    same least amount, the slack. `units`: the unit of the slack, one for every relaxed condition.
+    same least amount, the slack. `units`: the unit of the slack, one for every relaxed condition;
+    `names`: the inequality that each comes from. Its expressions may use `SAMPLE_TIME`.
     """
 
     normals: Mapping[str, tuple[sp.Expr, ...]]
@@ -65,6 +67,7 @@ class Safeguard:
     hard: int
     scales: Mapping[str, sp.Expr]
     units: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "normals", MappingProxyType(dict(self.normals)))
@@ -90,6 +93,7 @@ class Safeguard:
             self.hard,
             {n: e.xreplace(values) for n, e in self.scales.items()},
             self.units,
+            self.names,
         )
 
 
@@ -142,7 +146,7 @@ class Law:
         if self.safeguard is not None:
             check_symbols(
                 {f"safeguard {i}": e for i, e in enumerate(self.safeguard.expressions)},
-                allowed,
+                [*allowed, SAMPLE_TIME],
                 owner,
             )
 

@@ -61,3 +61,19 @@ class Memory:
             [*known, *own, TIME, SAMPLE_TIME],
             "the memory",
         )
+
+
+def joined(one: Memory | None, other: Memory) -> Memory:
+    """Both memories of a controller; `DefinitionError` where they remember the same name."""
+    if one is None:
+        return other
+    reads = {q.name: q for q in (*one.reads, *other.reads)}
+    inputs = {q.name: q for q in (*one.inputs, *other.inputs)}
+    return Memory(
+        quantities=(*one.quantities, *other.quantities),
+        initial={**one.initial, **other.initial},
+        following={**one.following, **other.following},
+        reads=tuple(reads.values()),
+        inputs=tuple(inputs.values()),
+        parameters=(*one.parameters, *other.parameters),
+    )

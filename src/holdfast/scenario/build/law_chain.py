@@ -10,7 +10,8 @@ from holdfast.maths.catalogue.signature import accepted_parameters, arguments, w
 from holdfast.maths.control.blended_redesign import redesign
 from holdfast.maths.control.command import commanded
 from holdfast.maths.control.observer import observe
-from holdfast.maths.control.safety_filter import safeguard
+from holdfast.maths.control.rate_limits import limit_rates
+from holdfast.maths.control.safety_filter import over_time, safeguard
 from holdfast.maths.control.velocity_tracking import track_velocity
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.measurement import by_measurements
@@ -95,6 +96,10 @@ def _safeguarded(
             scales=spec.scales,
             measured=spec.measured,
         )
+        if spec.rates:
+            units = {q.name: over_time(q.unit, 1) for q in (*system.inputs, *system.states)}
+            rates = {n: to_si(v, units.get(n, "1")) for n, v in spec.rates.items()}
+            guarded = limit_rates(system, guarded, rates)
     composer.declare(guarded.parameters)
     return guarded
 

@@ -184,7 +184,6 @@ class RedesignSpec(Section):
 
 class SafeguardSpec(Section):
     """[safeguard], a safety filter (CBF-QP): the least change of inputs that keeps [region] viable.
-
     constraints: further enforced ones; violating them does not count as leaving the region.
     """
 
@@ -192,6 +191,7 @@ class SafeguardSpec(Section):
     gains: Gains = (1.0, 4.0)
     margins: dict[Name, Value] = Field(default_factory=dict)
     scales: dict[Name, float] = Field(default_factory=dict)
+    rates: dict[Name, Value] = Field(default_factory=dict)
     measured: bool = False
 
 
