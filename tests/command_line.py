@@ -46,6 +46,7 @@ horizon = 1
 
 PD = """
 import json, sys
+
 for line in sys.stdin:
     s = json.loads(line)
     push = 4 * (-0.5 - s["x"]) - 6 * s["u"]

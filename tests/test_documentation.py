@@ -88,6 +88,9 @@ def test_examples_in_the_documentation_run_and_print_what_is_said(page, tmp_path
         hf.load_scenario("inspection", ["run.horizon=4"], runs=3).run().save("result.nc")
     scope, count = {}, 0
     for code, output, remarks in examples(page):
+        if code.startswith("# pd.py\n"):  # a program, which the commands of the page start
+            assert code.split("\n", 1)[1].split() == PD.split()
+            continue
         written = io.StringIO()
         with contextlib.redirect_stdout(written):
             exec(code, scope)

@@ -55,6 +55,7 @@ from .maths.control.command import commanded as commanded
 from .maths.control.lyapunov import ultimate_bound as ultimate_bound
 from .maths.control.observer import observe as observe
 from .maths.control.outward_rates import outward_rates as outward_rates
+from .maths.control.priority import in_order as in_order
 from .maths.control.rate_limits import limit_rates as limit_rates
 from .maths.control.safety_filter import safeguard as safeguard
 from .maths.control.station_keeping_limits import StationKeepingLimits as StationKeepingLimits

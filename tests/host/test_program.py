@@ -1,6 +1,7 @@
 """Programs as controllers: a line for every sample, and a message for everything that goes wrong."""
 
 import sys
+import time
 
 import pytest
 
@@ -38,6 +39,7 @@ def test_every_run_has_a_process_that_answers_every_line(tmp_path):
 def thrice(running):
     for _ in range(3):
         running.answers(0.0, [[1.0]], [True])
+        time.sleep(0.15)
 
 
 @pytest.mark.parametrize(
@@ -51,6 +53,9 @@ def thrice(running):
         ("input(); print('{\"u\": null}', flush=True); input()", "answers"),
         ("input(); print('{\"u\": 1}\\n{\"u\": 1}', flush=True); input(); input()", "answers with more than one line"),
         ("input(); print('x' * 100000, flush=True); input()", "answers with more than 65536 characters"),
+        ("input(); print('{\"u\": 1, \"t\": 3}', flush=True); input()", "answers"),
+        ("input(); print('{\"u\": 1' + '0' * 400 + '}', flush=True); input()", "answers"),
+        ("import time; input(); print('{\"u\": 1}', flush=True); time.sleep(0.1); print('{\"u\": 1}', flush=True); input(); input()", "answers with more than one line"),
         ("import time; input(); time.sleep(60)", "does not answer within 0.5 s"),
     ],
 )  # fmt: skip

@@ -186,6 +186,7 @@ FUNCTIONS = {
     "dynamic_extension": lambda: {
         "system": hf.systems.unicycle(), "inputs": ("v",), "rates": hf.Box((-1,), (1,)),
     },
+    "in_order": lambda: {"filters": [hf.safeguard(line(), push_law(), end())]},
     "input_limits": lambda: {"system": hf.systems.unicycle(), "inputs": ("v",)},
     "promote": lambda: {
         "system": hf.systems.marine_vehicle(), "states": ("u", "r"), "bounds": hf.Box((-1, -1), (1, 1)), "disturbances": ("v",),

@@ -73,7 +73,10 @@ def test_run_of_the_program_is_that_of_the_same_function(mine, monkeypatch):
 def test_scenario_that_lacks_its_program_and_program_that_lacks_a_scenario_are_refused(mine):
     answer = holdfast("run", "mine.toml", cwd=mine)
     assert answer.returncode == 2
-    assert "another controller commands tau_u, tau_r; give --controller 'COMMAND'" in answer.stderr
+    assert (
+        "another controller commands tau_u, tau_r; give holdfast run --controller 'COMMAND'"
+        in answer.stderr
+    )
     answer = holdfast("run", "inspection", "--controller", "true", cwd=mine)
     assert answer.returncode == 2
     assert "no other controller commands this scenario" in answer.stderr

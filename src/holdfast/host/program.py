@@ -5,6 +5,7 @@ A line of JSON for every sample goes to the standard input of the process:
     {"t": 0.02, "run": 0, "x": -1.5, "y": 0.1}
 
 and one comes back from its standard output, with a number for every command, such as {"u": 0.3}.
+A "t" in the answer has to be that of the line.
 The process ends when its input does.
 """
 
@@ -45,7 +46,7 @@ class Programs:
         self.states, self.commands = tuple(states), tuple(commands)
         self._running: list[subprocess.Popen[bytes]] = []
         self._said: list[bytes] = []  # what was read of each, behind its last line
-        self._runs, self._failing = range(0), False
+        self._runs, self._failing, self._t = range(0), False, 0.0
 
     def begin(self, runs: range) -> None:
         """Start a process for each of these runs."""
@@ -54,7 +55,11 @@ class Programs:
             for _ in runs:
                 self._running.append(
                     subprocess.Popen(
-                        self.words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0
+                        self.words,
+                        stdin=subprocess.PIPE,
+                        stdout=subprocess.PIPE,
+                        bufsize=0,
+                        start_new_session=True,  # an interruption is ours, not its
                     )
                 )
                 self._said.append(b"")
@@ -68,13 +73,14 @@ class Programs:
         self, t: float, states: Sequence[Sequence[float]], alive: Sequence[bool]
     ) -> list[list[float]]:
         """The commands at a sample; zeros for runs that have ended."""
+        self._t = t
         asked = [k for k, lives in enumerate(alive) if lives]
         for k in asked:
             said = {"t": t, "run": self._runs[k]}
             said |= dict(zip(self.states, states[k], strict=True))
             pipe = self._running[k].stdin
             assert pipe is not None
-            if self._said[k]:
+            if self._unread(k):
                 raise self._failed(k, "answers with more than one line")
             try:
                 pipe.write(json.dumps(said).encode() + b"\n")
@@ -104,12 +110,22 @@ class Programs:
         self._running.clear()
         self._said.clear()
 
+    def _unread(self, k: int) -> bool:
+        """Whether a process said something that nobody asked for."""
+        pipe = self._running[k].stdout
+        assert pipe is not None
+        if select.select([pipe], [], [], 0.0)[0]:
+            self._said[k] += os.read(pipe.fileno(), LONGEST)
+        return bool(self._said[k])
+
     def _answer(self, k: int) -> list[float]:
         line = self._line(k)
         try:
             said = json.loads(line)
+            if said.get("t", self._t) != self._t:
+                raise ValueError
             return [_number(said[name]) for name in self.commands]
-        except (ValueError, TypeError, KeyError):
+        except (ValueError, TypeError, KeyError, AttributeError, OverflowError):
             shown = line if len(line) < 80 else f"{line[:77]}..."
             example = json.dumps(dict.fromkeys(self.commands, 0.0))
             raise self._failed(k, f"answers {shown!r}", f"a line such as {example}") from None
@@ -122,7 +138,9 @@ class Programs:
         while b"\n" not in self._said[k]:
             ready, _, _ = select.select([pipe], [], [], max(0.0, until - time.monotonic()))
             if not ready:
-                raise self._failed(k, f"does not answer within {PATIENCE:g} s")
+                raise self._failed(
+                    k, f"does not answer within {PATIENCE:g} s", "a line, flushed at once"
+                )
             more = os.read(pipe.fileno(), LONGEST)
             if not more:
                 raise self._failed(k, "has ended")

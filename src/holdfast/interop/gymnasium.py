@@ -182,6 +182,8 @@ class Filtered(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """The environment after the action that the filter lets through."""
+        if self._seen is None:
+            raise DefinitionError("the episode has not begun", remedy="reset first")
         felt = None if self._disturbance is None else self._disturbance(self._seen)
         decision = self.keep.step(self._state(self._seen), self._command(action), None, felt)
         self._seen, reward, over, cut_off, info = self.env.step(self._action(decision))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
+import shapely
 import sympy as sp
 
 from holdfast.arguments import checked
@@ -17,8 +17,8 @@ from holdfast.maths.definitions.scene import Segment
 from holdfast.maths.definitions.system import System
 from holdfast.maths.formations.walls import signed_distance
 
-if TYPE_CHECKING:
-    import shapely
+NOTHING = 1e-9
+"""A share of an area that is a rounding error."""
 
 Corners = Sequence[Sequence[float]]
 
@@ -34,12 +34,14 @@ def obstacles(
 ) -> Region:
     """The region outside every polygon, and within the room, by at least the clearance.
 
-        clearance - d_j(x, y) <= 0,    d_room(x, y) + clearance <= 0
+        clearance - d_j(x, y) <= 0,    n_k . ((x, y) - a_k) + clearance <= 0
 
-    d_j [m] is the signed distance to polygon j, negative inside it; its derivatives are those of
-    the nearest side or corner. polygons: name -> corners (x, y) [m], in order, not closed;
-    they need not be convex. room: the corners of a polygon to stay in. clearance [m]: a radius of
-    the vehicle; a parameter of the region. position: the states that are the place.
+    d_j [m] is the signed distance to a convex polygon, negative inside it; its derivatives are
+    those of the nearest side or corner. n_k is the outward normal of side k of the room. polygons:
+    name -> corners (x, y) [m], in order, not closed; one that is not convex becomes several convex
+    ones, NAME_1 and on, so that in a notch all sides are kept away from. room: the corners of a
+    polygon to stay in; what it lacks to its convex hull are obstacles too. clearance [m]: a radius
+    of the vehicle, the parameters clearance_NAME. position: the states that are the place.
 
     Raises `DefinitionError` for an unknown state, fewer than three corners, corners that are not
     finite, sides that cross or have no length, and a clearance below 0.
@@ -55,37 +57,78 @@ def obstacles(
         raise DefinitionError(f"clearance is {clearance}", expected="a number of m, 0 or more")
     if not polygons and room is None:
         raise DefinitionError("there is neither a polygon nor a room")
-    kept = Parameter("clearance", "m", "distance from obstacles", value=float(clearance))
+    if room is not None and "room" in polygons:
+        raise DefinitionError("a polygon is named 'room' beside room=", remedy="rename it")
     at = states[position[0]].symbol, states[position[1]].symbol
-    inequalities, scene = [], []
+    parameters, inequalities, scene = [], [], []
+
+    def kept(name: str) -> sp.Expr:
+        parameters.append(
+            Parameter(f"clearance_{name}", "m", f"distance from {name}", value=float(clearance))
+        )
+        return parameters[-1].symbol
+
+    def clear_of(name: str, parts: Sequence[shapely.Polygon], distance: sp.Expr) -> None:
+        for own, part in zip(_numbered(name, len(parts)), parts, strict=True):
+            away = signed_distance(at, _sides(part))
+            inequalities.append(Inequality(own, distance - away, "m", f"distance to {name}"))
+
     for name, corners in polygons.items():
-        ends = _sides(name, corners)
-        inequalities.append(
-            Inequality(name, kept.symbol - signed_distance(at, ends), "m", f"distance to {name}")
-        )
-        scene += _drawn(ends)
+        polygon = _polygon(name, corners)
+        clear_of(name, convex_parts(polygon), kept(name))
+        scene += _drawn(polygon)
     if room is not None:
-        ends = _sides("room", room)
-        inequalities.append(
-            Inequality("room", signed_distance(at, ends) + kept.symbol, "m", "distance to the room")
-        )
-        scene += _drawn(ends)
+        polygon, distance = _polygon("room", room), kept("room")
+        hull = polygon.convex_hull
+        sides = _sides(shapely.orient_polygons(hull))
+        rows = [sides[k : k + 4] for k in range(0, len(sides), 4)]
+        for own, (ax, ay, bx, by) in zip(_numbered("room", len(rows)), rows, strict=True):
+            size = math.hypot(bx - ax, by - ay)
+            out = ((at[0] - ax) * (by - ay) - (at[1] - ay) * (bx - ax)) / size
+            inequalities.append(Inequality(own, out + distance, "m", "distance to a side"))
+        niches = shapely.get_parts(hull.difference(polygon))
+        for number, niche in enumerate((n for n in niches if n.area > NOTHING * hull.area), 1):
+            clear_of(f"room_niche_{number}", convex_parts(niche), distance)
+        scene += _drawn(polygon)
     return Region(
         "clear of obstacles" if room is None else "room", tuple(states[n] for n in position),
-        tuple(inequalities), parameters=(kept,), scene=tuple(scene),
+        tuple(inequalities), parameters=tuple(parameters), scene=tuple(scene),
     )  # fmt: skip
 
 
-def _sides(name: str, corners: Corners) -> list[float]:
+def convex_parts(polygon: shapely.Polygon) -> list[shapely.Polygon]:
+    """Convex polygons that cover it: neighbouring triangles, joined while they stay convex."""
+    if _is_convex(polygon):
+        return [shapely.orient_polygons(polygon)]
+    parts = list(shapely.get_parts(shapely.constrained_delaunay_triangles(polygon)))
+    k = 0
+    while k < len(parts):
+        for other in parts[k + 1 :]:
+            both = shapely.union(parts[k], other)
+            if both.geom_type == "Polygon" and _is_convex(both):
+                parts.remove(other)
+                parts[k] = both
+                break
+        else:
+            k += 1
+    return [shapely.orient_polygons(shapely.simplify(part, 0.0)) for part in parts]
+
+
+def _is_convex(polygon: shapely.Polygon) -> bool:
+    return bool(polygon.convex_hull.area - polygon.area <= NOTHING * polygon.area)
+
+
+def _numbered(name: str, count: int) -> list[str]:
+    return [name] if count == 1 else [f"{name}_{k}" for k in range(1, count + 1)]
+
+
+def _sides(polygon: shapely.Polygon) -> list[float]:
     """The ends x0, y0, x1, y1 of every side, counterclockwise."""
-    ring = _polygon(name, corners).exterior.coords
-    points = [(float(x), float(y)) for x, y in ring]
+    points = [(float(x), float(y)) for x, y in polygon.exterior.coords]
     return [c for a, b in pairwise(points) for c in (*a, *b)]
 
 
 def _polygon(name: str, corners: Corners) -> shapely.Polygon:
-    import shapely
-
     points = [tuple(float(c) for c in corner) for corner in corners]
     if len(points) < 3 or any(len(p) != 2 for p in points):
         raise DefinitionError(
@@ -93,6 +136,8 @@ def _polygon(name: str, corners: Corners) -> shapely.Polygon:
         )
     if not all(math.isfinite(c) for p in points for c in p):
         raise DefinitionError(f"a corner of polygon '{name}' is not finite")
+    if shapely.Polygon(points).area <= 0 and len(set(points)) == len(points):
+        raise DefinitionError(f"polygon '{name}' has no area")
     if len(set(points)) != len(points):
         raise DefinitionError(f"polygon '{name}' has a corner twice", expected="each corner once")
     found = shapely.Polygon(points)
@@ -104,7 +149,8 @@ def _polygon(name: str, corners: Corners) -> shapely.Polygon:
     return shapely.orient_polygons(found)
 
 
-def _drawn(ends: Sequence[float]) -> list[Segment]:
+def _drawn(polygon: shapely.Polygon) -> list[Segment]:
+    ends = _sides(polygon)
     numbers = [sp.Float(c) for c in ends]
     return [
         Segment("wall", (numbers[i], numbers[i + 1]), (numbers[i + 2], numbers[i + 3]))

@@ -40,7 +40,7 @@ def commander_of(
     if not controller:
         raise ScenarioError(
             f"{file}: law: another controller commands {', '.join(names)}",
-            remedy="give --controller 'COMMAND', in Python with_controller('COMMAND')",
+            remedy="give holdfast run --controller 'COMMAND', in Python with_controller('COMMAND')",
         )
     return Programmed(Programs(controller, system.state_names, names))
 

@@ -50,3 +50,14 @@ def test_what_is_not_a_number_does_not_move_it(vehicle):
         hf.Plant(vehicle, [0.0])
     with pytest.raises(HoldfastError, match="sample_time is 0"):
         hf.Plant(vehicle, np.zeros(6), sample_time=0.0)
+
+
+def test_plant_that_diverges_says_so_and_stays_where_it_was(vehicle):
+    plant = hf.Plant(vehicle, [0, 0, 0, 1e200, 0, 0])
+    with pytest.raises(HoldfastError, match="the plant diverges at 0 s"):
+        plant.step([1.0, 0.0])
+    assert plant.state[3] == 1e200
+    plant.reset(np.zeros(6))
+    assert np.array_equal(plant.step([5.0, 1.0]), hf.Plant(vehicle, np.zeros(6)).step([5.0, 1.0]))
+    plant.state[0] = 7.0
+    assert plant.state[0] < 1, "a copy"

@@ -8,6 +8,7 @@ import warnings
 
 import numpy as np
 import pytest
+import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import ArgumentError, DefinitionError, HoldfastError, SimulationError
@@ -152,6 +153,7 @@ def test_time_of_a_kernel_runs_out_by_name():
         keeper = hf.SafetyFilter(scenario.system, value, margin=0.0)
     inside = [-1.0, 0.0, 0.0]
     assert keeper.step(inside, [0.0, 0.0]).status is not hf.Status.OUTSIDE_GRID
+    assert keeper.step(inside, [0.0, 0.0], t=-0.1).status is hf.Status.OUTSIDE_GRID
     late = keeper.step(inside, [0.0, 0.0], t=0.5)
     assert late.status is hf.Status.OUTSIDE_GRID
     assert "at 0.5 s the horizon of the discriminating-kernel has passed" in late.why
@@ -172,7 +174,7 @@ def test_decision_names_the_constraint_its_distance_and_what_would_have_followed
     )
     assert "beyond the bounds of the inputs" in braking.step([0.0, 0.0], [3.0]).why
     assert braking.step([0.0, 0.0], [0.0]).why == (
-        "the command meets every condition; the largest: 'wall' is 1 m away"
+        "the command meets every condition; the nearest: 'wall' is 1 m away"
     )
     lost = braking.step([0.99, 1.0], [1.0])
     assert lost.status is hf.Status.INFEASIBLE
@@ -213,7 +215,7 @@ def test_measurements_that_are_not_finite_are_a_status_and_the_fallback_is_appli
     for state, command, said in (
         ([math.nan, 0.0], [1.0], "x is nan"),
         ([0.0, -math.inf], [1.0], "v is -inf"),
-        ([0.0, 0.0], [math.nan], "command_a is nan"),
+        ([0.0, 0.0], [math.nan], "a is nan"),
     ):
         decision = keeper.step(state, command)
         assert decision.status is hf.Status.NOT_A_NUMBER
@@ -225,9 +227,31 @@ def test_measurements_that_are_not_finite_are_a_status_and_the_fallback_is_appli
     assert keeper.step([0.0, 0.0], [0.5]).status is hf.Status.PASSED
 
 
+def test_conditions_that_are_not_finite_at_a_state_are_a_status(double_integrator):
+    """sqrt(x) at x < 0, and where its slope is infinite."""
+    root = hf.Region(
+        "root", double_integrator.states, (hf.Inequality("c", sp.sqrt(hf.symbol("x")) - 1, "m"),)
+    )
+    keep = hf.SafetyFilter(double_integrator, root, fallback=[-0.5])
+    for state in ([-0.1, 0.1], [0.0, 0.1]):
+        decision = keep.step(state, [0.5])
+        assert decision.status is hf.Status.NOT_A_NUMBER
+        assert decision.input.tolist() == [-0.5]
+        assert "the conditions are not finite at this state" in decision.why
+        many = keep.step_many([state, [0.2, 0.0]], [[0.5], [0.1]])
+        assert many.status == (hf.Status.NOT_A_NUMBER, hf.Status.PASSED)
+        assert many.input.tolist() == [[-0.5], [0.1]]
+
+
+def test_numbers_of_a_decision_cannot_be_changed(braking):
+    decision = braking.step([0.9, 0.15], [1.0])
+    with pytest.raises(ValueError, match="read-only"):
+        decision.input[0] = 9.0
+
+
 def test_states_and_commands_may_be_given_by_name(braking):
     by_order = braking.step([0.9, 0.15], [1.0])
-    by_name = braking.step({"v": 0.15, "x": 0.9}, {"command_a": 1.0})
+    by_name = braking.step({"v": 0.15, "x": 0.9}, {"a": 1.0})
     assert np.array_equal(by_order.input, by_name.input)
     for state, command, said in (
         ({"x": 0.1}, [0.0], "the state lacks v"),
@@ -237,6 +261,9 @@ def test_states_and_commands_may_be_given_by_name(braking):
         ("ab", [0.0], "the state is 'ab'; expected numbers"),
         ([0.1, 0.0], [0.0, 0.0], "the command has the shape"),
         ([0.1, None], [object()], "the command is"),
+        ([0.1, 0.0], None, "the command is None; expected a"),
+        ([0.1, 0.0], np.array(1.0), r"the command has the shape \(\)"),
+        ([0.1, 0.0], [1j], "the command is"),
     ):
         with pytest.raises(SimulationError, match=said):
             braking.step(state, command)
@@ -310,8 +337,8 @@ def test_reduced_kernel_around_a_whole_vehicle_is_warned_of_once_and_by_name(veh
             keeper.step([-1.0, 0.0, 0.0], [0.0, 0.0])
     (only,) = said
     assert only.category is hf.ModelWarning
-    assert "in which u and v and r follow at once" in str(only.message)
-    assert "'marine_vehicle', where they are states, its promise does not hold" in str(only.message)
+    assert "which leaves out how u and v and r change" in str(only.message)
+    assert "around 'marine_vehicle' its promise does not hold" in str(only.message)
     assert only.filename == __file__
     with pytest.warns(hf.ModelWarning, match="around the vehicle itself"):
         hf.SafetyFilter(scenario.system, value)
@@ -357,7 +384,7 @@ def test_what_a_filter_cannot_be_is_refused(double_integrator, wall, boat):
         (wall, {"gains": (1.0, -4.0)}, "gains of the safeguard"),
         (wall, {"states": ("z",)}, "'z' is not a state"),
         (value, {}, "the value function belongs to system 'boat'"),
-        ("wall", {}, "keep is 'wall'; expected a Region, or a kernel"),
+        ("wall", {}, "keep is 'wall'; expected a Region, a kernel"),
     ):
         with pytest.raises(HoldfastError, match=said):
             hf.SafetyFilter(double_integrator, keep, **options)

@@ -88,7 +88,29 @@ def test_what_does_not_fit_is_refused(vehicle, wanted):
     common = {"starts": [[0.0] * 6], "horizon": 0.1}
     with pytest.raises(SimulationError, match=r"of the shape \(2,\); expected \(1, 2\): command_"):
         hf.simulate(vehicle, law, command=lambda t, q: np.zeros(2), **common)
+    with pytest.raises(SimulationError, match="commands no array of numbers"):
+        hf.simulate(vehicle, law, command=lambda t, q: "x", **common)
+    with pytest.raises(SimulationError, match="the command is 5; expected a function"):
+        hf.simulate(vehicle, law, command=5, **common)
+    with pytest.raises(SimulationError, match="a command of another controller needs sampled"):
+        hf.simulate(vehicle, law, command=lambda t, q: np.zeros((1, 2)), continuous=True, **common)
     with pytest.raises(SimulationError, match="a command is given, and the law is not handed any"):
         hf.simulate(vehicle, wanted, command=lambda t, q: q, **common)
     with pytest.raises(SimulationError, match="is handed command_tau_u, command_tau_r by others"):
         hf.simulate(vehicle, law, **common)
+
+
+def test_states_that_a_command_changes_are_its_own(vehicle):
+    def pure(t, q):
+        return -np.stack([q[:, 0] + 0.5, q[:, 2]], axis=1)
+
+    def careless(t, q):
+        q[:, 0] += 0.5
+        return -np.stack([q[:, 0], q[:, 2]], axis=1)
+
+    law = hf.safeguard(vehicle, hf.commanded(vehicle), hf.regions.camera_view())
+    found = [
+        hf.simulate(vehicle, law, starts=STARTS, horizon=2.0, command=f).dataset["state"].values
+        for f in (pure, careless)
+    ]
+    assert np.array_equal(*found)

@@ -83,6 +83,10 @@ class Controller:
         else:
             if law is not None:
                 raise SimulationError("a scenario has its own law", expected="no other law")
+            if of.settings.get("continuous"):
+                raise SimulationError(
+                    "the scenario has continuous control, and a controller samples"
+                )
             kept = of.kept()
             self.system, self.law = kept.system, kept.law
             sample_time = kept.settings["sample_time"] if sample_time is None else sample_time

@@ -24,7 +24,8 @@ class Status(Enum):
     OUTSIDE_GRID = "outside the grid"
     """The state is outside the grid of the kernel, or its time has run out: nothing is promised."""
     NOT_A_NUMBER = "not a number"
-    """A measurement or the command is NaN or infinite; the input is the filter's `fallback`."""
+    """A measurement, the command or a condition at the state is NaN or infinite; the input is the
+    filter's `fallback`."""
 
 
 class Explains(Protocol):
@@ -34,18 +35,24 @@ class Explains(Protocol):
 
     def reason(self, decision: Decision) -> str: ...
 
+    def gave_way(self, decision: Decision) -> tuple[str, ...]: ...
+
 
 class Told(NamedTuple):
     """What was said of a decision, without the filter that made it."""
 
     value: float
     why: str
+    names: tuple[str, ...]
 
     def value_at(self, decision: Decision) -> float:
         return self.value
 
     def reason(self, decision: Decision) -> str:
         return self.why
+
+    def gave_way(self, decision: Decision) -> tuple[str, ...]:
+        return self.names
 
 
 class Decision:
@@ -55,7 +62,8 @@ class Decision:
     values of its actuators for it. nominal: the command as the filter took it. overruled: whether
     the input is another one. slack: by how much the conditions are missed, 0 where an input is
     admissible. value: V at the state of a kernel; of a region -max_j c_j, positive inside.
-    status: see `Status`. why: one sentence, made when it is read.
+    NaN where an observer estimates states. status: see `Status`. why: one sentence, made when
+    it is read.
     """
 
     __slots__ = ("_by", "_row", "_rows", "overruled", "seen", "status", "t")
@@ -70,6 +78,7 @@ class Decision:
         seen: Array,
         by: Explains,
     ) -> None:
+        row.flags.writeable = False
         self._row, self._rows, self.status, self.overruled = row, rows, status, overruled
         self.t, self.seen, self._by = t, seen, by
 
@@ -103,6 +112,11 @@ class Decision:
         return self._by.reason(self)
 
     @property
+    def gave_way(self) -> tuple[str, ...]:
+        """The inequalities whose conditions the input misses; "value" is the kernel's."""
+        return self._by.gave_way(self) if self.status is Status.INFEASIBLE else ()
+
+    @property
     def conditions(self) -> Array:
         """Of every condition sum_i n_i u_i <= b: the n_i and b in turn; then the scales."""
         return self._row[self._rows.conditions]
@@ -113,7 +127,7 @@ class Decision:
 
     def __reduce__(self) -> tuple[object, ...]:
         """What it says, and not the filter."""
-        told = Told(self.value, self.why)
+        told = Told(self.value, self.why, self.gave_way)
         kept = self._row, self._rows, self.status, self.overruled, self.t, self.seen, told
         return Decision, kept
 

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import sympy as sp
 
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
@@ -68,7 +67,3 @@ class Forecast:
             found.time, found.state[0], float(found.exit_time[0]) if left else math.nan,
             int(found.exit_constraint[0]),
         )  # fmt: skip
-
-
-def symbols_of_states(system: System) -> list[sp.Symbol]:
-    return [q.symbol for q in system.states]

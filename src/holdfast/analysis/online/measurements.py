@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +17,7 @@ Given = Mapping[str, float] | Sequence[float] | Array
 """Numbers by name, or in the order of their names."""
 
 
-QUICK = (np.ndarray, list, tuple)
+QUICK = (list, tuple)
 """Types that are numbers in order."""
 
 
@@ -52,7 +53,9 @@ class Measurements:
         """Write the row; whether all numbers of it are finite."""
         row = self.row
         self._fill(self._states, self.states, state, "state")
-        if command is not None:
+        if self.handed:
+            if command is None:
+                raise SimulationError("the command is None", expected=", ".join(self.handed))
             self._fill(self._handed, self.handed, command, "command")
         if self.disturbances:
             if disturbance is None:
@@ -71,12 +74,13 @@ class Measurements:
     def _fill(
         self, places: slice | list[int], names: tuple[str, ...], given: Given, what: str
     ) -> None:
-        if type(given) in QUICK and len(given) == len(names):
-            try:
+        quick = type(given) in QUICK or (type(given) is np.ndarray and given.dtype.kind in "fiu")
+        try:
+            if quick and len(given) == len(names):
                 self.row[places] = given  # type: ignore[assignment]
                 return
-            except NO_NUMBERS:
-                pass  # it is said below what is wrong
+        except NO_NUMBERS:
+            pass  # it is said below what is wrong
         self.row[places] = numbers(given, names, what)
 
     def rows(
@@ -86,17 +90,18 @@ class Measurements:
         commands: npt.ArrayLike | None = None,
     ) -> Array:
         """Rows for many vehicles: arrays with a row for each of them."""
+        given: list[tuple[str, Any, slice | list[int], tuple[str, ...]]]
         given = [("states", states, self._states, self.states)]
         if self.disturbances:
             if disturbances is None:
                 raise SimulationError(f"the law measures {', '.join(self.disturbances)}")
             given.append(("disturbances", disturbances, self._disturbances, self.disturbances))
-        if commands is not None:
+        if self.handed:
             given.append(("commands", commands, self._handed, self.handed))
         found: Array | None = None
         for what, numbers, places, names in given:
             try:
-                array = np.asarray(numbers, dtype=np.float64)
+                array = np.asarray(_real(numbers), dtype=np.float64)
             except NO_NUMBERS:
                 raise SimulationError(f"{what} is not an array of numbers") from None
             count = len(found) if found is not None else "any number"
@@ -136,7 +141,7 @@ def numbers(given: Given, names: tuple[str, ...], what: str) -> Array:
             raise SimulationError(f"the {what} lacks {', '.join(missing)}")
         given = [given[name] for name in names]
     try:
-        found = np.array(given, dtype=np.float64)
+        found = np.array(_real(given), dtype=np.float64)
     except NO_NUMBERS:
         shown = repr(given)
         shown = shown if len(shown) < 80 else f"{shown[:77]}..."
@@ -147,6 +152,13 @@ def numbers(given: Given, names: tuple[str, ...], what: str) -> Array:
             expected=f"{len(names)} numbers: {', '.join(names)}",
         )
     return found
+
+
+def _real(given: Any) -> Any:
+    """What is given, unless it is complex or has no value at some place."""
+    if np.iscomplexobj(given) or isinstance(given, np.ma.MaskedArray):
+        raise TypeError
+    return given
 
 
 def time_of(t: float | None, count: int, sample_time: float) -> float:

@@ -24,6 +24,8 @@ class Plant:
 
     start: the states. sample_time [s]: `substeps` classical Runge-Kutta steps each, as in
     `simulate`. state, t [s]: where it is, and when.
+
+    Raises `SimulationError` for invalid arguments.
     """
 
     @checked
@@ -47,23 +49,35 @@ class Plant:
 
     def reset(self, start: Sequence[float] | Array) -> None:
         """Begin at other states, at the time 0."""
-        self.state, self.t = numbers(start, self.system.state_names, "start"), 0.0
+        self._state, self.t = numbers(start, self.system.state_names, "start"), 0.0
         self._count = 0
 
     def step(self, input: Given, disturbance: Given | None = None) -> Array:
         """The states after one sample, with the input and the disturbance held.
 
         Inputs beyond their bounds are limited as the actuators limit them. Raises
-        `SimulationError` for wrong names or shapes, and for numbers that are not finite.
+        `SimulationError` for wrong names or shapes, for numbers that are not finite, and where the
+        plant diverges; it stays where it was.
         """
         given = numbers(input, self.system.input_names, "input")
         felt = np.zeros(len(self.system.disturbances))
         if disturbance is not None:
             felt = numbers(disturbance, self.system.disturbance_names, "disturbance")
-        for what, row in (("input", given), ("disturbance", felt), ("state", self.state)):
+        for what, row in (("input", given), ("disturbance", felt), ("state", self._state)):
             if not np.isfinite(row).all():
                 raise SimulationError(f"the {what} is {row.tolist()}", expected="finite numbers")
-        self.state = self._samples.after(self.t, self.state, given, felt)
+        after = self._samples.after(self.t, self._state, given, felt)
+        if not np.isfinite(after).all():
+            raise SimulationError(
+                f"the plant diverges at {self.t:g} s from {self._state.tolist()}",
+                remedy="take a shorter sample_time, or more substeps",
+            )
+        self._state = after
         self._count += 1
         self.t = self._count * self.sample_time
         return self.state
+
+    @property
+    def state(self) -> Array:
+        """The states now."""
+        return self._state.copy()

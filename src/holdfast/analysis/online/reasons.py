@@ -29,24 +29,28 @@ class Reasons:
     def __init__(
         self,
         system: System,
-        keep: ValueFunction | Region,
+        kernel: ValueFunction | None,
         constraints: Region | None,
         law: Law | Switching,
         told: Measurements,
         program: ClosedLoopProgram,
+        timed: bool,
     ) -> None:
-        self.system, self.keep, self.constraints = system, keep, constraints
+        self.system, self.kernel, self.constraints = system, kernel, constraints
         self.told, self.program = told, program
         ((_, self.hard),) = program.conditions_of_modes
         estimated = any(q.name.endswith("_hat") for q in law.reads)
         self.whole = told.states == system.state_names and not estimated
-        self.law = law
+        self.law, self.timed = law, timed
 
     def sentence(self, decision: Decision) -> str:
         """One sentence about a decision."""
         status = decision.status
         if status is Status.NOT_A_NUMBER:
-            faulty = self.told.faulty(decision.seen) or f"the time is {decision.t}"
+            faulty = self.told.faulty(decision.seen)
+            if not faulty and not math.isfinite(decision.t):
+                faulty = f"the time is {decision.t}"
+            faulty = faulty or "the conditions are not finite at this state"
             return f"{faulty}, so that the input is the fallback"
         if status is Status.OUTSIDE_GRID:
             return self._outside(decision)
@@ -55,9 +59,11 @@ class Reasons:
         change = self._change(decision)
         if status is Status.INFEASIBLE:
             unit = self.program.slack_units[0] if len(set(self.program.slack_units)) == 1 else ""
+            gave = ", ".join(f"'{name}'" for name in self.gave_way(decision))
             return (
                 f"{change}: no input within its bounds meets all conditions, the least violation "
                 f"is {decision.slack:.3g} {unit}".rstrip()
+                + (f"; {gave} gave way" if gave else "")
                 + self._nearest(decision)
             )
         if not decision.overruled:
@@ -84,17 +90,17 @@ class Reasons:
     def _cause(self, decision: Decision) -> str:
         """What is near, and what would have followed."""
         left, by = self._exit(decision)
-        if isinstance(self.keep, ValueFunction):
-            room = decision.value - self._margin
+        worst = self._worst(decision)
+        if self.kernel is not None and worst == "value":
+            room = decision.looked_up - self._margin
             side = "above" if room >= 0 else "below"
-            near = f"the value of the {self.keep.report.kind} is {abs(room):.3g} {self._unit}"
+            near = f"the value of the {self.kernel.report.kind} is {abs(room):.3g} {self._unit}"
             near = f"{near.rstrip()} {side} its margin of {self._margin:.3g}"
             return near + self._would_be(left, "the set would have been left")
         assert self.constraints is not None
         names = self.constraints.inequality_names
         if not self.whole:
-            return f"'{self._worst(decision)}' is near, by what the observer estimates"
-        worst = self._worst(decision)
+            return f"'{worst}' is near, by what the observer estimates"
         if worst not in names:  # of the rate of a state
             return f"the {worst} would be beyond its limit"
         name = names[by] if by >= 0 else worst
@@ -106,20 +112,33 @@ class Reasons:
 
     @property
     def _unit(self) -> str:
-        assert isinstance(self.keep, ValueFunction)
-        unit = self.keep.report.value_unit
+        assert self.kernel is not None
+        unit = self.kernel.report.value_unit
         return "" if unit == "1" else unit
 
     def _worst(self, decision: Decision) -> str:
         """The inequality whose condition the command violates most, by its own size."""
+        return self._names[int(np.argmax(self._short(decision, decision.nominal)))]
+
+    def gave_way(self, decision: Decision) -> tuple[str, ...]:
+        """The inequalities whose conditions the input does not meet; "value" is the kernel's."""
+        short = self._short(decision, decision.input) > 1e-7
+        return tuple(dict.fromkeys(n for n, s in zip(self._names, short, strict=True) if s))
+
+    def _short(self, decision: Decision, given: Array) -> Array:
+        """By how much an input misses each condition, in units of its normal and its terms."""
         m = len(self.system.inputs)
         rows = decision.conditions[:-m].reshape(-1, m + 1)[self.hard :]
         size = np.linalg.norm(rows[:, :m], axis=1)
-        short = rows[:, :m] @ decision.nominal - rows[:, m]
-        guard = as_switching(self.law).modes
-        (law,) = guard.values()
+        found: Array = (rows[:, :m] @ given - rows[:, m]) / np.where(size > 0, size, 1.0)
+        return found
+
+    @cached_property
+    def _names(self) -> tuple[str, ...]:
+        """The inequality of each condition after the hard ones."""
+        (law,) = as_switching(self.law).modes.values()
         assert law.safeguard is not None
-        return law.safeguard.names[int(np.argmax(short / np.where(size > 0, size, 1.0)))]
+        return law.safeguard.names
 
     def _distance(self, decision: Decision, name: str) -> str:
         assert self.constraints is not None
@@ -129,17 +148,17 @@ class Reasons:
         unit = "" if unit == "1" else f" {unit}"
         if level > 0:
             return f"'{name}' is violated by {level:.3g}{unit} already"
-        return f"'{name}' is {-level:.3g}{unit} away"
+        return f"'{name}' is {abs(level):.3g}{unit} away"
 
     def _nearest(self, decision: Decision) -> str:
         """The inequality that is nearest, where the states are known."""
-        if isinstance(self.keep, ValueFunction):
+        if self.constraints is None:
             return f"; the value is {decision.value:.3g} {self._unit}".rstrip()
         if not self.whole or self.constraints is None:
             return ""
         levels = self._levels(decision.seen)
         names = self.constraints.inequality_names
-        return f"; the largest: {self._distance(decision, names[int(np.argmax(levels))])}"
+        return f"; the nearest: {self._distance(decision, names[int(np.argmax(levels))])}"
 
     def _levels(self, seen: Array) -> Array:
         found: Array = self._evaluator.values(seen[np.newaxis, : len(self.system.states)])[0]
@@ -159,16 +178,16 @@ class Reasons:
 
         Negative where that is not known.
         """
-        if not (self.whole and decision.value > 0):
+        if self.timed or not (self.whole and decision.value > 0):
             return -1.0, -1
         held = [*decision.nominal, *self._disturbance(decision)]
         times, states, left, by = self._forecast.motion(
             decision.seen[: len(self.system.states)], held
         )
-        if isinstance(self.keep, ValueFunction):
+        if self.kernel is not None and self.constraints is None:
             fine = np.isfinite(states).all(axis=1)
             values = np.full(len(times), math.nan)
-            values[fine] = self.keep.at(states[fine])
+            values[fine] = self.kernel.at(states[fine])
             outside = np.flatnonzero(~(values > 0))
             return (float(times[outside[0]]) if len(outside) else math.nan), -1
         return left, by
@@ -192,13 +211,15 @@ class Reasons:
         return np.array([felt.get(name, 0.0) for name in self.system.disturbance_names])
 
     def _outside(self, decision: Decision) -> str:
-        assert isinstance(self.keep, ValueFunction)
+        assert self.kernel is not None
+        if not self.whole:
+            return "the estimated state is outside the grid: nothing is promised"
         beyond = [
             f"{a.name} = {value:.4g} is outside {a.low:.4g} to {a.high:.4g}"
-            for a, value in zip(self.keep.grid.axes, decision.seen, strict=False)
+            for a, value in zip(self.kernel.grid.axes, decision.seen, strict=False)
             if a.ends != "periodic" and not a.low <= value <= a.high
         ]
         where = ", ".join(beyond) or (
-            f"at {decision.t:.4g} s the horizon of the {self.keep.report.kind} has passed"
+            f"at {decision.t:.4g} s the horizon of the {self.kernel.report.kind} has passed"
         )
         return f"{where}: the filter used the nearest place of its grid and promises nothing"

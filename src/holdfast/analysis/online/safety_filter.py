@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 
@@ -12,25 +11,22 @@ import numpy.typing as npt
 import sympy as sp
 
 from holdfast.analysis.online.decision import Decision, Decisions, Status
+from holdfast.analysis.online.filter_law import Keep, filter_of, warn_of_reduction
 from holdfast.analysis.online.measurements import Given, Measurements, time_of
 from holdfast.analysis.online.reasons import Reasons
-from holdfast.analysis.reachability.value_function import ValueFunction
-from holdfast.analysis.safety.safety_filter import safety_law
 from holdfast.arguments import checked
-from holdfast.errors import ArgumentError, DefinitionError, ModelWarning, SimulationError
+from holdfast.errors import (
+    SimulationError,
+)
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.c_source import export_c, export_c_header
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.evaluate import Evaluator
 from holdfast.execution.simulation.control_sample import ControlSamples
 from holdfast.execution.simulation.steppers import RK4
-from holdfast.maths.control.command import commanded
 from holdfast.maths.control.observer import observe
 from holdfast.maths.control.rate_limits import limit_rates
-from holdfast.maths.control.safety_filter import safeguard
-from holdfast.maths.definitions.extension import both
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.quantity import TIME
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
@@ -45,7 +41,9 @@ class SafetyFilter:
     `holdfast.safeguard` (a control barrier function, of order two where necessary) for each of its
     inequalities; with a `ValueFunction`, a kernel, those of `holdfast.safety_law`.
 
-    system: its inputs are what the command gives. keep: a kernel of this system, or a region.
+    system: its inputs are what the command gives. keep: a kernel of this system, or a region; or
+    several of them, at most one a kernel, in order of priority: where not all can be kept, the last
+    gives way first (`in_order`), and `Decision.gave_way` names what did.
     sample_time [s]: of your loop. delay [s]: how old a measurement is; a kernel's margin allows for
     it. rate [1/s], margin [unit of V]: of a kernel's filter, see `safety_law`. gains [1/s],
     margins, constraints: of a region's, see `safeguard`. measured: whether `step` is given the
@@ -57,6 +55,9 @@ class SafetyFilter:
     vehicle in the loop, where `system` is a reduced model of it: a `ModelWarning` names the states
     that the filter does not know.
 
+    A kernel that has not converged is one for its horizon: after that the status is OUTSIDE_GRID
+    until `reset`. A filter is for one thread at a time.
+
     Raises `DefinitionError` and `SimulationError` as `safeguard`, `safety_law` and `observe` do.
     """
 
@@ -64,7 +65,7 @@ class SafetyFilter:
     def __init__(
         self,
         system: System,
-        keep: ValueFunction | Region,
+        keep: Keep | Sequence[Keep],
         *,
         sample_time: float = 0.02,
         delay: float = 0.0,
@@ -84,42 +85,16 @@ class SafetyFilter:
         if not (math.isfinite(sample_time) and sample_time > 0):
             raise SimulationError(f"sample_time is {sample_time}", expected="seconds, above 0")
         self.system, self.keep, self.sample_time = system, keep, float(sample_time)
-        command = commanded(system)
-        if not isinstance(keep, ValueFunction | Region):
-            raise ArgumentError(
-                f"SafetyFilter: keep is {keep!r}", expected="a Region, or a kernel (ValueFunction)"
-            )
-        if isinstance(keep, ValueFunction):
-            for name, given, usual in (
-                ("gains", gains, (1.0, 4.0)), ("margins", margins, None),
-                ("constraints", constraints, None), ("measured", measured, False),
-            ):  # fmt: skip
-                if given != usual:
-                    raise DefinitionError(f"{name} is given, which a kernel's filter has not")
-            law: Law | Switching = safety_law(
-                system, keep, command, rate=rate, margin=margin, sample_time=sample_time,
-                delay=delay, scales=scales,
-            )  # fmt: skip
-        else:
-            if margin is not None:
-                raise DefinitionError(
-                    "margin is given, which a region's filter has not",
-                    remedy="margins = { inequality: how far inside }",
-                )
-            if delay:
-                raise DefinitionError(
-                    f"a delay of {delay:g} s, for which a region's filter has no margin",
-                    remedy="give margins for what may happen meanwhile, or a kernel",
-                )
-            law = safeguard(
-                system, command, keep, constraints=constraints, gains=gains, margins=margins,
-                scales=scales, measured=measured,
-            )  # fmt: skip
+        made = filter_of(
+            system, keep, delay=delay, sample_time=self.sample_time, rate=rate, margin=margin,
+            gains=gains, margins=margins, constraints=constraints, measured=measured, scales=scales,
+        )  # fmt: skip
+        law: Law | Switching = made.law
         if rates is not None:
             law = limit_rates(system, law, rates)
         lookup = law.lookup
-        ends = lookup.places[0].xreplace({TIME: sp.S.Zero}) if lookup and lookup.timed else math.inf
-        self._lasts = float(ends) + 1e-9  # s, of a kernel that is used at the remaining time
+        self._timed = bool(lookup and lookup.timed)
+        self._lasts = made.lasts + 1e-9 * (made.lasts < math.inf)
         if states is not None:
             law = observe(system, law, measured=states, bandwidth=bandwidth)
         self.law = law
@@ -131,14 +106,12 @@ class SafetyFilter:
         felt = tuple(q.name for q in system.disturbances if q.name in {r.name for r in law.reads})
         self._told = Measurements(
             self._program, tuple(system.state_names if states is None else states), felt,
-            tuple(q.name for q in law.handed),
+            system.input_names,
         )  # fmt: skip
         self._count = 0
         self._fallback = self._checked_fallback(fallback)
-        self._constraints = keep if isinstance(keep, Region) else None
-        if self._constraints is not None and constraints is not None:
-            self._constraints = both(self._constraints, constraints)
-        self._warn_of_reduction(around)
+        self._made = made
+        warn_of_reduction(system, around)
 
     # -- at a sample -------------------------------------------------------------------------
 
@@ -166,8 +139,11 @@ class SafetyFilter:
         samples = self._samples
         row = samples.answer(t, seen)
         rows, values = samples.rows, row.tolist()
-        changed = values[rows.command] != values[rows.nominal]
-        if t > self._lasts or not math.isnan(values[rows.outside]):
+        given, wanted = values[rows.command], values[rows.nominal]
+        if not math.isfinite(sum(given) + values[rows.slack] * 0.0):
+            return self._refused(t, seen)
+        changed = given != wanted
+        if not 0.0 <= t <= self._lasts or not math.isnan(values[rows.outside]):
             status = Status.OUTSIDE_GRID
         elif values[rows.slack] > 0.0:
             status = Status.INFEASIBLE
@@ -206,18 +182,20 @@ class SafetyFilter:
         assert self._many is not None
         found = self._many.answers(t, np.where(finite[:, np.newaxis], seen, 0.0))
         rows = self._many.rows
+        finite = finite & np.isfinite(found[:, rows.command]).all(axis=1)
+        finite &= ~np.isnan(found[:, rows.slack])
         inputs, nominal = found[:, rows.command], found[:, rows.nominal]
         actuators, slack = found[:, rows.actuators], found[:, rows.slack].copy()
         overruled = found[:, rows.overruled] != 0.0
         changed = (inputs != nominal).any(axis=1)
-        outside = ~np.isnan(found[:, rows.outside]) | (t > self._lasts)
+        outside = ~np.isnan(found[:, rows.outside]) | (not 0.0 <= t <= self._lasts)
         for k in np.flatnonzero(~finite):
             refused = self._refused(t, seen[k])
             inputs[k], actuators[k], nominal[k] = refused.input, refused.actuators, refused.nominal
             slack[k], overruled[k] = 0.0, True
         codes = np.select([~finite, outside, slack > 0.0, changed], [4, 3, 2, 1], default=0)
         status = tuple(_STATUSES[k] for k in codes.tolist())
-        if isinstance(self.keep, ValueFunction):
+        if self._made.by_value:
             value = np.where(finite, found[:, rows.value], math.nan)
         else:
             value = np.where(finite, self._margins(np.where(finite[:, None], seen, 0.0)), math.nan)
@@ -245,18 +223,30 @@ class SafetyFilter:
         """`Decision.value`."""
         if decision.status is Status.NOT_A_NUMBER:
             return math.nan
-        if isinstance(self.keep, ValueFunction):
+        if self._made.by_value:
             return decision.looked_up
+        if self._told.states != self.system.state_names:
+            return math.nan
         return float(self._margins(decision.seen[np.newaxis])[0])
 
     def reason(self, decision: Decision) -> str:
         """`Decision.why`."""
         return self._reasons.sentence(decision)
 
+    def gave_way(self, decision: Decision) -> tuple[str, ...]:
+        """`Decision.gave_way`."""
+        return self._reasons.gave_way(decision)
+
     @cached_property
     def _reasons(self) -> Reasons:
         return Reasons(
-            self.system, self.keep, self._constraints, self.law, self._told, self._program
+            self.system,
+            self._made.kernel,
+            self._made.region,
+            self.law,
+            self._told,
+            self._program,
+            timed=self._timed,
         )
 
     def _margins(self, seen: Array) -> Array:
@@ -265,10 +255,10 @@ class SafetyFilter:
 
     @cached_property
     def _levels(self) -> Evaluator:
-        assert self._constraints is not None
+        first = self._made.first
+        assert isinstance(first, Region)
         states = [q.symbol for q in self.system.states]
-        inequalities = self._constraints.inequalities
-        return Evaluator([c.expression for c in inequalities], states, self._constraints.parameters)
+        return Evaluator([c.expression for c in first.inequalities], states, first.parameters)
 
     # -- what is not as it should be ---------------------------------------------------------
 
@@ -296,34 +286,6 @@ class SafetyFilter:
         limited = [sp.sympify(e).xreplace(values) for e in self.system.limited(asked)]
         made = [sp.sympify(e).xreplace(values) for e in self.system.produced(limited)]
         return np.array(made, dtype=np.float64), np.array(limited, dtype=np.float64)
-
-    def _warn_of_reduction(self, around: System | None) -> None:
-        """A filter of a reduced model cannot keep its promise around the whole vehicle."""
-        own = self.system
-        if around is None:
-            missing, whole = own.promoted, "the vehicle itself"
-            remedy = f"around=system says that {_and(own.promoted)} are what you command"
-        else:
-            if unknown := [n for n in own.state_names if n not in around.state_names]:
-                raise DefinitionError(
-                    f"system '{own.name}' has the state '{unknown[0]}', and '{around.name}' has "
-                    "none of that name"
-                )
-            missing = tuple(n for n in around.state_names if n not in own.state_names)
-            whole, remedy = f"'{around.name}'", "compute a kernel of it, or keep a region"
-        if missing:
-            warnings.warn(
-                f"the filter is computed for '{own.name}', in which {_and(missing)} "
-                f"{'follow' if len(missing) > 1 else 'follows'} at once; around {whole}, where "
-                f"{'they are states' if len(missing) > 1 else 'it is a state'}, its promise does "
-                f"not hold; {remedy}",
-                ModelWarning,
-                stacklevel=4,
-            )
-
-
-def _and(names: Sequence[str]) -> str:
-    return " and ".join(names)
 
 
 _STATUSES = tuple(Status)

@@ -173,15 +173,11 @@ class _File:
 
     def _step_heading(self) -> str:
         n = self.name
+        handed = "const double *handed, " if self.program.handed else ""
         return (
             f"int {n}_step({n}_state *s, double t, double sample_time, const double *seen,\n"
-            f"        {self._handed('const double *handed, ')}const double *p, double *command, "
-            "double *actuators)"
+            f"        {handed}const double *p, double *command, double *actuators)"
         )
-
-    def _handed(self, text: str) -> str:
-        """The text if others hand the law something."""
-        return text if self.program.handed else ""
 
     def _helpers(self, functions: str) -> list[str]:
         """The helper functions that the functions call."""
@@ -191,7 +187,8 @@ class _File:
             called,
             c_needed("walls", functions),
         ]
-        scalar = ["keep_within"] if self.program.safeguards else []
+        guards = self.program.safeguards.values()
+        scalar = sorted({"keep_in_order" if len(g.ends) > 1 else "keep_within" for g in guards})
         if self.program.lookup is not None:
             found.append(c_table(self.program.lookup))
             scalar += ["look_up", "beyond_grid"]
@@ -236,9 +233,13 @@ class _File:
                 room, whole = numbers_of_programs(m, count)
                 asked = f"        double asked[{len(results)}], room[{room}];\n"
                 asked += f"        long counts[{whole}];\n"
+                called, ends = "keep_within", ""
+                if len(guard.ends) > 1:
+                    called, ends = "keep_in_order", f"ends, {len(guard.ends)}, "
+                    asked += f"        long ends[] = {{{', '.join(map(str, guard.ends))}}};\n"
                 ending = (
-                    f"return hf_keep_within(asked, asked + {end}, asked + {m}, {m}, {count}, "
-                    f"{guard.hard}, command, room, counts);"
+                    f"return hf_{called}(asked, asked + {end}, asked + {m}, {m}, {count}, "
+                    f"{guard.hard}, {ends}command, room, counts);"
                 )
             body = c_body(unpack, results, into, "        ")
             cases.append(f"    case {number}: {{\n{asked}{body}\n        {ending}\n    }}")
@@ -321,13 +322,13 @@ class _File:
             asked += (
                 f"    s->outside = hf_beyond_grid(place, {GRID}, {axes}, {int(lookup.timed)});\n"
             )
-        upper = self.name.upper()
-        told = self._handed(  # the functions of the law find it behind what is seen
-            f"    double told[{upper}_SEEN + {upper}_HANDED];\n"
-            f"    memcpy(told, seen, sizeof(double) * {upper}_SEEN);\n"
-            f"    memcpy(told + {upper}_SEEN, handed, sizeof(double) * {upper}_HANDED);\n"
-            "    seen = told;\n"
-        )
+        told, upper = "", self.name.upper()
+        if self.program.handed:  # the functions of the law find it behind what is seen
+            told = f"    double told[{upper}_SEEN + {upper}_HANDED];\n"
+            for name, at in (("seen", ""), ("handed", f" + {upper}_SEEN")):
+                size = f"sizeof(double) * {upper}_{name.upper()}"
+                told += f"    memcpy(told{at}, {name}, {size});\n"
+            told += "    seen = told;\n"
         body = (
             f" {{\n{told}{begin}    s->begun = 1;\n"
             "    int mode = hf_next_mode(t, seen, s->kept, s->mode, t - s->since, p);\n"

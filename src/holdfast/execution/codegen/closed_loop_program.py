@@ -41,7 +41,8 @@ class ClosedLoopProgram:
     """The leaves of one closed loop and the meaning of each of its array columns.
 
     leaves: see `_leaves`. targets: for each mode those of its guards, in order.
-    conditions_of_modes: how many conditions its safeguard has, and how many are hard.
+    conditions_of_modes: how many conditions its safeguard has, and how many are hard;
+    levels_of_modes: where its levels of priority end.
     measured: how many disturbances the law measures; handed: what others hand it at every
     sample; limited: how many values its actuators have.
     places: how many axes its table has; timed: whether the first of them is the remaining time.
@@ -53,6 +54,7 @@ class ClosedLoopProgram:
     leaves: Mapping[str, Leaf]
     targets: tuple[tuple[int, ...], ...]
     conditions_of_modes: tuple[tuple[int, int], ...]
+    levels_of_modes: tuple[tuple[int, ...], ...]
     measured: int
     handed: tuple[str, ...]
     limited: int
@@ -144,10 +146,9 @@ def closed_loop_program(
     varied.check({q.name: q for q in parameters}, {q.name: q for q in system.parameters})
     if region is not None:
         _check_still(region, varied)
-    if controller.remembered and continuous:
-        raise SimulationError(
-            "a law with memory needs sampled control", remedy="use continuous = false"
-        )
+    if continuous and (controller.remembered or controller.handed):
+        kind = "a law with memory" if controller.remembered else "a command of another controller"
+        raise SimulationError(f"{kind} needs sampled control", remedy="use continuous = false")
     p = [q.symbol for q in parameters]
     d = [s.symbol for s in system.disturbances]
     still = [sp.sympify(disturbance.get(s.name, 0)) for s in system.disturbances]
@@ -200,6 +201,9 @@ def closed_loop_program(
         conditions_of_modes=tuple(
             (len(guards[mode].offsets), guards[mode].hard) if mode in guards else (0, 0)
             for mode in controller.modes
+        ),
+        levels_of_modes=tuple(
+            guards[mode].ends if mode in guards else () for mode in controller.modes
         ),
         measured=len(measured),
         handed=tuple(q.name for q in controller.handed),

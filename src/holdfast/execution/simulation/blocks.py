@@ -30,6 +30,7 @@ from holdfast.execution.simulation.loop import KEPT, SINGLE, Loop
 from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.trajectories import Trajectories
+from holdfast.maths.definitions.law import MOST_LEVELS
 
 Whole = npt.NDArray[np.int64]
 
@@ -83,10 +84,9 @@ def functions_of(loop: Loop, program: Leaves) -> Functions:
     for name in loop.called:
         place = program.addresses.get(name) or own.addresses.get(name)
         addresses.append(place if place is not None else _part(name))
-    names = [*Functions._fields[:-2], *STAGES[: 4 * loop.staged]]
-    found = [machine.function(f"holdfast_{name}", 4) for name in names]
-    k = len(Functions._fields) - 2
-    return Functions._make([*found[:k], np.array(addresses, dtype=np.int64), found[k:]])
+    lists = Functions._fields[:-2], STAGES[: 4 * loop.staged]
+    first, stages = ([machine.function(f"holdfast_{n}", 4) for n in names] for names in lists)
+    return Functions._make([*first, np.array(addresses, dtype=np.int64), stages])
 
 
 @lru_cache(KEPT)
@@ -242,12 +242,10 @@ class Blocks:
         self._write_records(out, first, count)
         self.recorded += count
 
-    def first(self) -> None:
-        """The rows behind the parameters, and the memory, before a controller's first answer."""
-        self._call_all(self.functions.first)
-
-    def sample(self) -> None:
-        """One sample of every block, at the times in their rows `time`."""
+    def sample(self, *, first: bool = False) -> None:
+        """One sample of every block, at its rows `time`; first: after new parameters."""
+        if first:
+            self._call_all(self.functions.first)
         self._call_all(self.functions.sample)
 
     def _call_all(self, function: Callable[..., None], stop: Whole | None = None) -> None:
@@ -310,10 +308,11 @@ class Blocks:
         layout, program = self.layout, self.program
         at = layout.at
         for mode, k in layout.safeguards.items():
-            count, hard = program.conditions_of_modes[mode]
+            (count, hard), ends = program.conditions_of_modes[mode], program.levels_of_modes[mode]
             self.s[:, k : k + SAFEGUARD_ENTRIES] = (
                 len(program.inputs), count, hard, at["answer"], at["command"], at["slack"],
-                at["overruled"], at["held"], at["room"], layout.whole,
+                at["overruled"], at["held"], at["room"], layout.whole, len(ends),
+                *ends, *(0 for _ in range(MOST_LEVELS - len(ends))),
             )  # fmt: skip
         if program.table is None:
             return

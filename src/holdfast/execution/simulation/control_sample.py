@@ -176,14 +176,16 @@ class PlantSamples:
         numbers = loop.parameter_array(None, sample_time)
         for name in ("plant", "gains"):
             rows(name)[0][: len(numbers)] = numbers[:, np.newaxis]
-        rows("alive")[0, 0, 0] = 1.0
+        self._alive, self._outcome = rows("alive")[0, 0], rows("outcome")[0, 0]
 
     def after(self, t: float, state: Array, command: Array, disturbance: Array) -> Array:
-        """The state after a sample with these held."""
+        """The state after a sample with these held; NaN where it diverges."""
+        self._alive[0], self._outcome[:] = 1.0, Outcome.STAYED
         self._q[:], self._handed[:] = state[:, np.newaxis], command[:, np.newaxis]
         self._plant[self._given] = disturbance[:, np.newaxis]
         self._time[:] = self.blocks.rows("seen_at")[:] = t
-        self.blocks.first()
-        self.blocks.sample()
+        self.blocks.sample(first=True)
+        if self._alive[0] == 0.0:
+            return np.full(len(self._q), math.nan)
         found: Array = self._q[:, 0].copy()
         return found

@@ -66,7 +66,11 @@ def commander_of(
             expected="the law of `commanded` or of a SafetyFilter",
             key="law",
         )
-    return _Function(command) if callable(command) else command
+    if callable(command):
+        return _Function(command)
+    if not all(hasattr(command, name) for name in ("most", "begin", "command", "end")):
+        raise SimulationError(f"the command is {command!r}", expected="a function, or a Commander")
+    return command
 
 
 def advance_handed(
@@ -95,9 +99,13 @@ def advance_handed(
                     blocks.end_records(out, first, count)
                     return
                 states = seen[:, :n].transpose(0, 2, 1).reshape(-1, n)[:runs]
-                given = np.asarray(
-                    commander.command(float(time[0, 0, 0]), states, alive), dtype=np.float64
-                )
+                answer = commander.command(float(time[0, 0, 0]), states.copy(), alive)
+                try:
+                    given = np.asarray(answer, dtype=np.float64)
+                except (TypeError, ValueError, OverflowError):
+                    raise SimulationError(
+                        "the controller commands no array of numbers", expected=", ".join(handed)
+                    ) from None
                 if given.shape != (runs, len(handed)):
                     raise SimulationError(
                         f"the controller commands an array of the shape {given.shape}",

@@ -13,6 +13,7 @@ from holdfast.execution.codegen.random_leaves import DRAW
 from holdfast.execution.interpolate import numbers_of_places
 from holdfast.execution.simulation.quadratic_program import numbers_of_programs
 from holdfast.execution.simulation.steppers import Tableau
+from holdfast.maths.definitions.law import MOST_LEVELS
 
 RECORDS, STRIDE = RING + 6, RING + 7
 """Entries of s behind the rings: the records of a call, and the samples of a record."""
@@ -20,7 +21,7 @@ LATE, FORGOTTEN = 0, 1
 """The rings: of late states, and of changes of mode."""
 PARTS = RING + 8
 """Where the entries of the parts begin."""
-SAFEGUARD_ENTRIES, TABLE_ENTRIES = 10, 13
+SAFEGUARD_ENTRIES, TABLE_ENTRIES = 11 + MOST_LEVELS, 13
 """Entries of the parts of `parts.py`; a table has two more for each of its axes."""
 
 

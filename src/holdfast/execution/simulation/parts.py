@@ -12,7 +12,7 @@ from holdfast.execution.arrays import Floats, Table, Wholes
 from holdfast.execution.codegen.loop_text import WIDTH
 from holdfast.execution.interpolate import beyond_grid, look_up
 from holdfast.execution.simulation.outcomes import Outcome
-from holdfast.execution.simulation.quadratic_program import keep_within, overrules
+from holdfast.execution.simulation.quadratic_program import keep_in_order, overrules
 
 
 def table_at(address: int) -> Table:
@@ -26,6 +26,7 @@ def keep_lanes(s: Wholes, w: Floats, k: int) -> None:
     m, most, hard, answer, command = s[k], s[k + 1], s[k + 2], s[k + 3], s[k + 4]
     rows = most * (m + 1)
     point, counts = w[s[k + 8] :], s[s[k + 9] :]
+    levels, ends = s[k + 10], s[k + 11 :]
     given = point[m + rows + m :]
     room = given[m:]
     for lane in range(WIDTH):
@@ -34,7 +35,9 @@ def keep_lanes(s: Wholes, w: Floats, k: int) -> None:
         for i in range(m + rows + m):
             point[i] = w[answer + i * WIDTH + lane]
         conditions, scales = point[m:], point[m + rows :]
-        slack = keep_within(point, scales, conditions, m, most, hard, given, room, counts)
+        slack = keep_in_order(
+            point, scales, conditions, m, most, hard, ends, levels, given, room, counts
+        )  # fmt: skip
         for i in range(m):
             w[command + i * WIDTH + lane] = given[i]
         w[s[k + 5] + lane] = slack

@@ -20,10 +20,10 @@ FAINT = 1e-6  # the size of a normal, against the largest, below which it does n
 
 
 def numbers_of_programs(m: int, most: int) -> tuple[int, int]:
-    """The numbers of `room` and of `counts` that `keep_within` needs for so many constraints."""
+    """The numbers of `room` and of `counts` that the programs need for so many constraints."""
     wide, floors = m + 2, m + 2
     rows = (most + 1) * wide
-    return rows + wide + 6 + floors * (rows + 3 * wide + wide * wide), 2 * floors
+    return m + rows + wide + 6 + floors * (rows + 3 * wide + wide * wide), 2 * floors
 
 
 def unit_of_slack(constraints: Floats, scales: Floats, m: int, most: int, hard: int) -> float:
@@ -165,6 +165,40 @@ def keep_within(
     for i in range(m):
         result[i] = wanted[i] if number else math.nan
     return 0.0 if number else math.nan
+
+
+def keep_in_order(
+    wanted: Floats, scales: Floats, constraints: Floats, m: int, most: int, hard: int,
+    ends: Wholes, levels: int, result: Floats, room: Floats, counts: Wholes,
+) -> float:  # fmt: skip
+    """`keep_within`, in which the last constraints give way first; returns the largest slack.
+
+    Level i has the constraints up to ends[i], and the last all that are left. Where not all can be
+    met, those of each level in turn are relaxed by the least slack that the levels before it, as
+    relaxed as they are, allow. The offsets of relaxed constraints are changed.
+    """
+    own = room[m:]
+    slack = keep_within(wanted, scales, constraints, m, most, hard, result, own, counts)
+    if levels < 2 or not 0.0 < slack < math.inf:
+        return slack
+    largest, begin = 0.0, hard
+    for i in range(m):
+        room[i] = result[i]
+    for level in range(levels):
+        last = ends[level]
+        slack = keep_within(wanted, scales, constraints, m, last, begin, result, own, counts)
+        if not slack < math.inf:  # by rounding: the levels before this one are met
+            for i in range(m):
+                result[i] = room[i]
+            return largest
+        for i in range(m):
+            room[i] = result[i]
+        if slack > 0.0:
+            largest = max(largest, slack)
+            for j in range(begin, last):
+                constraints[j * (m + 1) + m] += slack * (1.0 + ACTIVE)
+        begin = last
+    return largest
 
 
 def keep_many(

@@ -51,6 +51,10 @@ class GainCondition:
         )
 
 
+MOST_LEVELS = 6
+"""Levels of priority of a safeguard."""
+
+
 @checked
 @dataclass(frozen=True)
 class Safeguard:
@@ -60,6 +64,8 @@ class Safeguard:
     `scales`. If they have no common point, those after the first `hard` are all relaxed by the
     same least amount, the slack. `units`: the unit of the slack, one for every relaxed condition;
     `names`: the inequality that each comes from. Its expressions may use `SAMPLE_TIME`.
+    `levels`: how many relaxed conditions each level of priority has, the most important first;
+    where not all can be met the last level gives way first. By default there is one level.
     """
 
     normals: Mapping[str, tuple[sp.Expr, ...]]
@@ -68,8 +74,13 @@ class Safeguard:
     scales: Mapping[str, sp.Expr]
     units: tuple[str, ...] = ()
     names: tuple[str, ...] = ()
+    levels: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
+        if len(self.levels) > MOST_LEVELS:
+            raise DefinitionError(
+                f"a safeguard with {len(self.levels)} levels", expected=f"at most {MOST_LEVELS}"
+            )
         object.__setattr__(self, "normals", MappingProxyType(dict(self.normals)))
         object.__setattr__(self, "scales", frozen(self.scales))
 
@@ -94,7 +105,14 @@ class Safeguard:
             {n: e.xreplace(values) for n, e in self.scales.items()},
             self.units,
             self.names,
+            self.levels,
         )
+
+    @property
+    def ends(self) -> tuple[int, ...]:
+        """The number of conditions, hard ones too, up to the end of each level."""
+        levels = self.levels or (len(self.offsets) - self.hard,)
+        return tuple(self.hard + sum(levels[: i + 1]) for i in range(len(levels)))
 
 
 @checked

@@ -213,6 +213,8 @@ def _draw_views(
     good = np.isfinite(states).all(axis=1)
     states, path = states[good], path[good]
     base = parameter_values(result.parameters)
+    if not len(states):
+        return
     for view in (shape for shape in result.scene if isinstance(shape, Cone | Footprint)):
         moved = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
         instants = np.searchsorted(moved, np.linspace(0.0, 0.999 * moved[-1], count))

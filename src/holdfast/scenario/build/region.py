@@ -9,7 +9,6 @@ from holdfast.errors import ScenarioError
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.units import to_si
-from holdfast.planning.obstacles import obstacles
 from holdfast.scenario.schema.obstacles import ObstaclesSpec
 from holdfast.scenario.validation import at, validated
 
@@ -40,6 +39,8 @@ def obstacle_region(
     composer: Composer, system: System | None, table: Mapping[str, Any], key: str
 ) -> Region:
     """The region outside the polygons of the table, and in its room."""
+    from holdfast.planning.obstacles import obstacles  # with geometry
+
     assert system is not None
     spec = validated(ObstaclesSpec, table, composer.file, key)
 

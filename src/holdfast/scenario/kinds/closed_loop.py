@@ -107,6 +107,7 @@ class Scenario(Composed):
                     "scenario": self.name,
                     "kind": self.kind,
                     "scenario_text": self.text,
+                    **({"controller": self.controller} if self.controller else {}),
                 },
                 progress=progress,
                 command=commander,
