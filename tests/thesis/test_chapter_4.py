@@ -328,6 +328,7 @@ def test_spin_of_the_integrator_grows_unless_k1_exceeds_twice_k2(integrator, ste
     assert spin == pytest.approx([1.2, 178.1], rel=1e-3)
 
 
+@pytest.mark.heavy
 def test_inputs_of_the_integrator_grow_unless_k1_exceeds_k2(integrator, steering):
     """k = (.5, 1), which V and the invariance principle allow: |u| = 66 after 10 s, and growing."""
     with pytest.warns(hf.GainWarning, match="spin"):

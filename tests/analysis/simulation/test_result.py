@@ -289,7 +289,10 @@ def test_a_result_of_an_older_version_is_told_and_what_is_optional_may_lack(save
     assert again.summary()["runs"] == 8
 
 
-@pytest.mark.parametrize("command", ["run", "kernel", "compare", "sweep"])
+@pytest.mark.parametrize(
+    "command",
+    ["run", "kernel", *(pytest.param(c, marks=pytest.mark.heavy) for c in ("compare", "sweep"))],
+)
 def test_a_full_disk_is_told_and_nothing_is_lost(tmp_path, command):
     """Files may grow to 3 KB: as on a full disk, the writing of more fails."""
     words = {

@@ -99,28 +99,19 @@ def test_fixed_steps_of_an_adaptive_pair_converge_at_its_order(tableau, referenc
     assert order == pytest.approx(tableau.order, abs=0.4)
 
 
-@pytest.mark.parametrize("stepper", ["rk4", "dormand-prince"])
-def test_smooth_closed_loop_agrees_with_an_independent_integrator(vehicle, stepper):
-    """The marine vehicle under the full force law, where no sign changes (x < goal)."""
-    law = hf.track_velocity(vehicle, hf.laws.steer_marine(vehicle), {"u": 5.0, "r": 10.0})
-    start = [-1.5, -0.6, 0.3, 0.02, -0.01, 0.05]
-    ours = (
-        hf.simulate(
-            vehicle,
-            law,
-            starts=[start],
-            horizon=8.0,
-            stepper=stepper,
-            continuous=True,
-            sample_time=0.01,
-            substeps=2,
-            record_every=1.0,
-            absolute=1e-11,
-            relative=1e-11,
-        )
-        .dataset["state"]
-        .values[0]
-    )
+SMOOTH = [-1.5, -0.6, 0.3, 0.02, -0.01, 0.05]
+"""A start from which no sign changes for 8 s under the full force law (x < goal)."""
+
+
+@pytest.fixture(scope="module")
+def force_law(vehicle):
+    return hf.track_velocity(vehicle, hf.laws.steer_marine(vehicle), {"u": 5.0, "r": 10.0})
+
+
+@pytest.fixture(scope="module")
+def independent(vehicle, force_law):
+    """The states at every second by DOP853, from the same expressions as NumPy functions."""
+    law = force_law
     values = {p.symbol: p.value for p in (*law.parameters, *vehicle.parameters)}
     saturated = vehicle.input_bounds.saturate([q.symbol for q in vehicle.inputs])
     wanted = {q.symbol: law.outputs[q.name] for q in vehicle.inputs}
@@ -142,17 +133,22 @@ def test_smooth_closed_loop_agrees_with_an_independent_integrator(vehicle, stepp
         modules=[numpy_functions, "numpy"],
         cse=True,
     )
-    theirs = solve_ivp(
-        lambda t, q: right_hand_side(*q),
-        (0, 8),
-        start,
-        method="DOP853",
-        rtol=1e-12,
-        atol=1e-13,
-        t_eval=np.arange(9.0),
-        max_step=0.05,
-    )
-    assert np.abs(ours - theirs.y.T).max() < 1e-7
+    found = solve_ivp(
+        lambda t, q: right_hand_side(*q), (0, 8), SMOOTH, method="DOP853", rtol=1e-12,
+        atol=1e-13, t_eval=np.arange(9.0), max_step=0.05,
+    )  # fmt: skip
+    return found.y.T
+
+
+@pytest.mark.parametrize("stepper", ["rk4", "dormand-prince"])
+def test_smooth_closed_loop_agrees_with_an_independent_integrator(
+    vehicle, force_law, independent, stepper
+):
+    ours = hf.simulate(
+        vehicle, force_law, starts=[SMOOTH], horizon=8.0, stepper=stepper, continuous=True,
+        sample_time=0.01, substeps=2, record_every=1.0, absolute=1e-11, relative=1e-11,
+    ).dataset["state"].values[0]  # fmt: skip
+    assert np.abs(ours - independent).max() < 1e-7
 
 
 def test_motion_too_fast_for_its_tolerance_is_an_outcome_and_not_an_endless_run():

@@ -403,7 +403,8 @@ CHAINED = [
     hf.systems.unicycle(),
     hf.systems.car(),
     hf.systems.chained_form(5),
-    *(hf.systems.tractor_trailer(k) for k in (1, 2, 3)),
+    *(hf.systems.tractor_trailer(k) for k in (1, 2)),
+    pytest.param(hf.systems.tractor_trailer(3), marks=pytest.mark.heavy),
 ]
 
 
