@@ -243,6 +243,22 @@ def test_conditions_that_are_not_finite_at_a_state_are_a_status(double_integrato
         assert many.input.tolist() == [[-0.5], [0.1]]
 
 
+def test_observer_forgets_a_sample_at_which_the_conditions_are_not_finite():
+    x, v, a = (hf.symbol(n) for n in ("x", "v", "a"))
+    cart = hf.System(
+        "cart", (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")), (hf.Quantity("a", "m/s^2"),),
+        {"x": v, "v": a}, input_bounds=hf.Box((-1,), (1,)),
+    )  # fmt: skip
+    root = hf.Region("root", cart.states, (hf.Inequality("c", sp.sqrt(x) - 1, "m"),))
+    keep, other = (hf.SafetyFilter(cart, root, states=("x",), bandwidth=4.0) for _ in range(2))
+    for keeper in (keep, other):
+        keeper.step([0.5], [0.3], t=0.0)
+    assert keep.step([-0.1], [0.3], t=0.02).status is hf.Status.NOT_A_NUMBER
+    after, same = (k.step([0.5], [0.3], t=0.04) for k in (keep, other))
+    assert np.array_equal(after.input, same.input)
+    assert after.status is same.status is not hf.Status.NOT_A_NUMBER
+
+
 def test_numbers_of_a_decision_cannot_be_changed(braking):
     decision = braking.step([0.9, 0.15], [1.0])
     with pytest.raises(ValueError, match="read-only"):

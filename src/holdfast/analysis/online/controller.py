@@ -40,8 +40,8 @@ class Command(NamedTuple):
     limited values of the actuators. mode: its name. nominal: the request before a safeguard; slack:
     by how much the safeguard's conditions are missed, 0 where an input is admissible. value: V of
     the law's kernel, else NaN. outside: whether the state is outside the grid of the kernel. valid:
-    False where the time or a measurement is not finite; then all numbers are NaN, and nothing is
-    remembered of the sample.
+    False where the time, a measurement or the input is not finite; nothing is remembered of such a
+    sample.
     """
 
     input: Array
@@ -137,6 +137,9 @@ class Controller:
                 math.nan, math.nan, False, False,
             )  # fmt: skip
         row = samples.answer(t, told.row)
+        valid = math.isfinite(row[rows.input].sum())
+        if not valid:
+            samples.forget()
         return Command(
             row[rows.input],
             row[rows.actuators],
@@ -145,7 +148,7 @@ class Controller:
             float(row[rows.slack]),
             float(row[rows.value]) if self._program.places else math.nan,
             not math.isnan(row[rows.outside]),
-            True,
+            valid,
         )
 
     def reset(self) -> None:

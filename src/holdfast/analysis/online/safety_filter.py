@@ -15,9 +15,7 @@ from holdfast.analysis.online.filter_law import Keep, filter_of, warn_of_reducti
 from holdfast.analysis.online.measurements import Given, Measurements, time_of
 from holdfast.analysis.online.reasons import Reasons
 from holdfast.arguments import checked
-from holdfast.errors import (
-    SimulationError,
-)
+from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.c_source import export_c, export_c_header
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
@@ -140,7 +138,8 @@ class SafetyFilter:
         row = samples.answer(t, seen)
         rows, values = samples.rows, row.tolist()
         given, wanted = values[rows.command], values[rows.nominal]
-        if not math.isfinite(sum(given) + values[rows.slack] * 0.0):
+        if not math.isfinite(sum(given)) or math.isnan(values[rows.slack]):
+            samples.forget()
             return self._refused(t, seen)
         changed = given != wanted
         if not 0.0 <= t <= self._lasts or not math.isnan(values[rows.outside]):

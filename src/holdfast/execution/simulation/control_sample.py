@@ -60,6 +60,8 @@ class ControlSamples:
         self._time = self.blocks.rows("time")
         self._off = self.blocks.rows("off_at")
         self._first, self._answer = functions.first, functions.answer
+        self._memory = self.blocks.rows("memory")
+        self._before = self._memory.copy()
         self._one = self.blocks.w[0], self._seen[0], self._time[0], self._pointers[0]
         self.begun = False
         self.reset()
@@ -116,6 +118,8 @@ class ControlSamples:
         time[:] = t
         if not self.begun:
             self._begin(t)
+        if self.program.remembered:
+            self._before = self._memory.copy()
         self._answer(*pointers)
         found: Array = w.take(self._at)
         if not math.isnan(found[self._rows.outside]):
@@ -136,10 +140,14 @@ class ControlSamples:
         self._inside_again()
         return found[: self.count]
 
+    def forget(self) -> None:
+        """Nothing is remembered of the last answer."""
+        self._memory[:] = self._before
+
     def remember(self, name: str, value: float) -> None:
         """Replace a quantity of the memory, if the controller has it."""
         if name in self.program.remembered:
-            self.blocks.rows("memory")[:, self.program.remembered.index(name)] = value
+            self._memory[:, self.program.remembered.index(name)] = value
 
     def nothing(self) -> Array:
         """The numbers where there is no answer."""
