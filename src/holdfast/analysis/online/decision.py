@@ -59,11 +59,11 @@ class Decision:
     """The answer of a safety filter at one sample.
 
     input: what to apply, in the order and units of the system's inputs. actuators: the limited
-    values of its actuators for it. nominal: the command as the filter took it. overruled: whether
-    the input is another one. slack: by how much the conditions are missed, 0 where an input is
-    admissible. value: V at the state of a kernel; of a region -max_j c_j, positive inside.
-    NaN where an observer estimates states. status: see `Status`. why: one sentence, made when
-    it is read.
+    values of its actuators for it. nominal: the command as the filter took it. overruled: whether a
+    condition changed it; the bounds of the inputs alone may change it too. slack: by how much the
+    conditions are missed, 0 where an input is admissible. value: V at the state of a kernel; of a
+    region -max_j c_j, positive inside, and NaN where an observer estimates states. status: see
+    `Status`. why: one sentence, made when it is read.
     """
 
     __slots__ = ("_by", "_row", "_rows", "overruled", "seen", "status", "t")

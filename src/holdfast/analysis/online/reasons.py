@@ -154,7 +154,7 @@ class Reasons:
         """The inequality that is nearest, where the states are known."""
         if self.constraints is None:
             return f"; the value is {decision.value:.3g} {self._unit}".rstrip()
-        if not self.whole or self.constraints is None:
+        if not self.whole:
             return ""
         levels = self._levels(decision.seen)
         names = self.constraints.inequality_names

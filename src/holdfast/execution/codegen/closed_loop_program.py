@@ -91,7 +91,7 @@ class ClosedLoopProgram:
         if self.handed:
             raise SimulationError(
                 f"the law is handed {', '.join(self.handed)} by others at every sample",
-                remedy="call it by SafetyFilter.step, or export it",
+                remedy="give simulate a command=, call it by SafetyFilter.step, or export it",
             )
 
     @property
