@@ -11,7 +11,9 @@ from .analysis.online.controller import Controller as Controller
 from .analysis.online.decision import Decision as Decision
 from .analysis.online.decision import Decisions as Decisions
 from .analysis.online.decision import Status as Status
+from .analysis.online.decision_record import DecisionRecord as DecisionRecord
 from .analysis.online.plant import Plant as Plant
+from .analysis.online.relay import Relay as Relay
 from .analysis.online.safety_filter import SafetyFilter as SafetyFilter
 from .analysis.reachability.bisection import Margin as Margin
 from .analysis.reachability.grid import Grid as Grid

@@ -265,6 +265,7 @@ CLASSES = {
     "GainCondition": lambda: {"value": k, "limit": 2, "consequence": "it ends", "source": "us", "closed": False},
     "Controller": lambda: {"of": line(), "law": push_law(), "sample_time": 0.02},
     "Plant": lambda: {"system": line(), "start": [0.1], "sample_time": 0.02, "substeps": 2},
+    "Relay": lambda: {"keep": keeper(), "patience": 0.25},
     "SafetyFilter": lambda: {
         "system": line(), "keep": end(), "sample_time": 0.02, "delay": 0.0, "rate": 2.0, "margin": None, "gains": (1.0, 4.0),
         "margins": {"end": 0.1}, "constraints": None, "measured": False, "states": None, "bandwidth": 2.0, "scales": {"u": 1.0}, "rates": {"x": 1.0},
@@ -308,6 +309,9 @@ METHODS = {
     "Controller.step": lambda: (
         hf.Controller(line(), push_law()), {"measurement": [0.1], "t": None, "disturbance": None},
     ),
+    "Relay.measured": lambda: (hf.Relay(keeper()), {"state": [0.1], "now": 0.0, "disturbance": None}),
+    "Relay.commanded": lambda: (hf.Relay(keeper()), {"command": [0.1], "now": 0.0}),
+    "Relay.decide": lambda: (hf.Relay(keeper()), {"now": 0.0}),
     "Plant.step": lambda: (hf.Plant(line(), [0.1]), {"input": [0.2], "disturbance": [0.1]}),
     "ValueFunction.values": lambda: (value(), {"time": None}),
     "ValueFunction.at": lambda: (value(), {"states": [[0.1]], "time": None}),

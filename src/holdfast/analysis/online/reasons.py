@@ -43,6 +43,14 @@ class Reasons:
         self.whole = told.states == system.state_names and not estimated
         self.law, self.timed = law, timed
 
+    def prepare(self) -> None:
+        """Compile what a sentence needs."""
+        if self.constraints is not None:
+            self._levels(np.zeros(len(self.system.states)))
+        if self.whole and not self.timed:
+            held = len(self.system.inputs) + len(self.system.disturbances)
+            self._forecast.motion(np.zeros(len(self.system.states)), [0.0] * held)
+
     def sentence(self, decision: Decision) -> str:
         """One sentence about a decision."""
         status = decision.status

@@ -111,6 +111,26 @@ class SafetyFilter:
         self._made = made
         warn_of_reduction(system, around)
 
+    @property
+    def measured_states(self) -> tuple[str, ...]:
+        """The states that `step` is given."""
+        return self._told.states
+
+    @property
+    def measured_disturbances(self) -> tuple[str, ...]:
+        """The disturbances that `step` is given."""
+        return self._told.disturbances
+
+    @property
+    def actuator_names(self) -> tuple[str, ...]:
+        """The names of `Decision.actuators`."""
+        return self.system.actuators or self.system.input_names
+
+    @property
+    def fallback(self) -> Array:
+        """The input where a measurement or the command is not finite."""
+        return self._fallback[0].copy()
+
     # -- at a sample -------------------------------------------------------------------------
 
     def step(
@@ -204,6 +224,10 @@ class SafetyFilter:
         """Begin anew: the time is 0, and what an observer estimated is forgotten."""
         self._samples.reset()
         self._count = 0
+
+    def prepare(self) -> None:
+        """Compile what the sentences of decisions look ahead with, which the first one would."""
+        self._reasons.prepare()
 
     def export_c(self, name: str = "safety_filter") -> str:
         """The filter as C99: `NAME_step` takes the command as its argument `handed`.

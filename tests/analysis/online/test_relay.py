@@ -1,0 +1,158 @@
+"""A filter between streams: late, lost and wrong messages, and what is said of them."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.errors import SimulationError
+
+NAMES = ("x", "y", "psi", "u", "v", "r")
+
+
+def pd(state):
+    x, y, psi, u, _, r = state
+    return [4 * (-0.5 - x) - 6 * u, -0.6 * psi - 1.2 * y - 0.4 * r]
+
+
+def camera_filter(**settings):
+    vehicle, view = hf.systems.marine_vehicle(), hf.regions.camera_view()
+    return vehicle, hf.SafetyFilter(vehicle, view, gains=(1.5, 8), **settings)
+
+
+def drive(relay, boat, seconds, command_until=math.inf, measure_until=math.inf):
+    records = []
+    for k in range(round(seconds / 0.02)):
+        now = 100.0 + k * 0.02  # the clock of a receiver begins anywhere
+        if now - 100.0 < measure_until:
+            relay.measured(boat.state, now)
+        if now - 100.0 < command_until:
+            relay.commanded(pd(boat.state), now)
+        records.append(relay.decide(now))
+        boat.step(records[-1].input)
+    return records
+
+
+def test_relay_with_fresh_messages_gives_the_decisions_of_the_filter():
+    vehicle, keep = camera_filter()
+    start = [-1.3, 0.75, -0.35, 0, 0, 0]
+    records = drive(hf.Relay(keep), hf.Plant(vehicle, start), 4)
+    keep.reset()
+    boat = hf.Plant(vehicle, start)
+    for record in records:
+        decision = keep.step(boat.state, pd(boat.state))
+        assert list(record.input.values()) == decision.input.tolist()
+        assert record.status == decision.status.value
+        assert record.value == decision.value
+        boat.step(decision.input)
+    assert {r.status for r in records} == {"passed", "changed"}
+    assert not any(r.lost for r in records)
+
+
+def test_vehicle_stays_in_view_where_the_commands_cease():
+    """From 40 starts that the filter keeps; the last command goes on for the patience at most."""
+    vehicle, keep = camera_filter()
+    view = hf.Boundary(vehicle, hf.regions.camera_view())
+    relay = hf.Relay(keep)
+    generator = np.random.default_rng(3)
+    for _ in range(40):
+        x, y, psi = generator.uniform([-2, -0.8, -0.8], [-0.6, 0.8, 0.8])
+        if view.worst([[x, y, psi, 0, 0, 0]])[0] > 0:
+            continue
+        relay.reset()
+        records = drive(relay, hf.Plant(vehicle, [x, y, psi, 0, 0, 0]), 8, command_until=1.5)
+        lost = [r for r in records if r.lost]
+        assert {r.lost for r in lost} == {"command"}
+        assert len(lost) == pytest.approx((8 - 1.5 - relay.patience) / 0.02, abs=2)
+        assert "no command for 0.2" in lost[0].why
+        states = [list(r.state.values()) for r in records]
+        assert view.worst(states).max() <= 1e-3
+
+
+def test_lost_measurements_give_the_fallback_and_say_so():
+    vehicle, keep = camera_filter(fallback=[-1.0, 0.0])
+    records = drive(hf.Relay(keep), hf.Plant(vehicle, [-1.3, 0.2, 0, 0, 0, 0]), 2, measure_until=1)
+    lost = [r for r in records if r.lost == "measurement"]
+    assert 0.7 < len(lost) * 0.02 < 0.8
+    for record in lost:
+        assert record.status == "no measurement"
+        assert record.intervened
+        assert record.input == {"tau_u": -1.0, "tau_r": 0.0}
+        assert all(math.isnan(v) for v in record.state.values())
+    sentences = [r.why for r in lost if r.why]
+    assert len(sentences) == 3  # at once, and every quarter of a second
+    assert sentences[0].startswith("no measurement for 0.2")
+
+
+def test_before_the_first_message_nothing_is_promised():
+    _, keep = camera_filter()
+    relay = hf.Relay(keep)
+    first = relay.decide(5.0)
+    assert (first.status, first.why) == (
+        "no measurement",
+        "no measurement yet: the input is the fallback",
+    )
+    relay.measured([-1.3, 0.2, 0, 0, 0, 0], 5.1)
+    second = relay.decide(5.1)
+    assert (second.status, second.lost) == ("passed", "command")
+
+
+def test_measurement_that_is_not_finite_is_a_status_and_others_are_refused():
+    _, keep = camera_filter()
+    relay = hf.Relay(keep)
+    relay.commanded({"tau_u": 1.0, "tau_r": 0.0}, 0.0)
+    relay.measured([math.nan, 0, 0, 0, 0, 0], 0.0)
+    assert relay.decide(0.0).status == "not a number"
+    assert "x is nan" in relay.decide(0.3).why or relay.decide(0.3).status == "no measurement"
+    with pytest.raises(SimulationError, match="unknown command 'push'"):
+        relay.commanded({"push": 1.0}, 0.0)
+    with pytest.raises(SimulationError, match="6 numbers"):
+        relay.measured([0.0], 0.0)
+    for patience in (0.0, -1.0, math.nan, math.inf):
+        with pytest.raises(SimulationError, match="patience"):
+            hf.Relay(keep, patience=patience)
+
+
+def test_measured_disturbance_is_needed_and_reaches_the_filter():
+    cart = hf.System(
+        "cart", (hf.Quantity("x", "m"),), (hf.Quantity("u", "m/s"),),
+        {"x": hf.symbol("u") + hf.symbol("d")}, disturbances=(hf.Quantity("d", "m/s"),),
+        input_bounds=hf.Box((-1,), (1,)), disturbance_bounds=hf.Box((-0.5,), (0.5,)),
+    )  # fmt: skip
+    end = hf.Region("end", cart.states, (hf.Inequality("end", hf.symbol("x") - 1),))
+    relay = hf.Relay(hf.SafetyFilter(cart, end, measured=True))
+    with pytest.raises(SimulationError, match="disturbance"):
+        relay.measured([0.9], 0.0)
+    found = []
+    for pushed in (-0.2, 0.2):
+        relay.measured([0.9], 0.0, disturbance=[pushed])
+        relay.commanded([1.0], 0.0)
+        found.append(relay.decide(0.0).input["u"])
+    assert found[0] == pytest.approx(found[1] + 0.4)
+
+
+def test_record_returns_from_its_line():
+    vehicle, keep = camera_filter()
+    records = drive(
+        hf.Relay(keep), hf.Plant(vehicle, [-1.3, 0.75, -0.35, 0, 0, 0]), 2, measure_until=1
+    )
+    for record in records:
+        line = record.line()
+        assert "\n" not in line
+        assert "NaN" not in line
+        again = hf.DecisionRecord.read(line)
+        assert again.line() == line
+        assert again.intervened == record.intervened
+        assert again.input == record.input
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["", "{}", "[]", "nothing", "null", b"\xff\xfe", "[" * 5000]
+    + [json.dumps({"t": 0, "status": s}) for s in ("passed", "unheard of")],
+)  # fmt: skip
+def test_line_that_is_no_record_is_refused(line):
+    with pytest.raises(SimulationError, match="is no decision"):
+        hf.DecisionRecord.read(line)
