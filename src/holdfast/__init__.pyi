@@ -62,6 +62,8 @@ from .maths.control.rate_limits import limit_rates as limit_rates
 from .maths.control.safety_filter import safeguard as safeguard
 from .maths.control.station_keeping_limits import StationKeepingLimits as StationKeepingLimits
 from .maths.control.station_keeping_limits import station_keeping_limits as station_keeping_limits
+from .maths.control.unmodelled import add_unmodelled as add_unmodelled
+from .maths.control.unmodelled import cancel_unmodelled as cancel_unmodelled
 from .maths.control.velocity_tracking import track_velocity as track_velocity
 from .maths.definitions.bounds import Ball as Ball
 from .maths.definitions.bounds import Box as Box
@@ -73,8 +75,11 @@ from .maths.definitions.compose_systems import side_by_side as side_by_side
 from .maths.definitions.extension import both as both
 from .maths.definitions.extension import dynamic_extension as dynamic_extension
 from .maths.definitions.extension import input_limits as input_limits
+from .maths.definitions.lag import lagged as lagged
 from .maths.definitions.law import GainCondition as GainCondition
+from .maths.definitions.lag import lagged as lagged
 from .maths.definitions.law import Law as Law
+from .maths.definitions.lag import lagged as lagged
 from .maths.definitions.law import Safeguard as Safeguard
 from .maths.definitions.measurement import Measurement as Measurement
 from .maths.definitions.memory import Memory as Memory

@@ -178,7 +178,9 @@ def test_finer_grid_wears_less_of_the_kernel_in_six_states_away(
     if left is not None:
         assert found.left == pytest.approx(left, abs=0.01)
     assert found.inside == pytest.approx(inside, abs=1)
-    assert found.outside == pytest.approx(outside, abs=3 * math.sqrt(outside * (1 - outside / 1000)))
+    assert found.outside == pytest.approx(
+        outside, abs=3 * math.sqrt(outside * (1 - outside / 1000))
+    )
     assert 1 / 9 < found.computed < 1 / 6
 
 

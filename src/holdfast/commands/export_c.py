@@ -56,8 +56,8 @@ def command(scenario: str, overrides: tuple[str, ...], out: Path | None, timing:
     check_writable(path.parent)
     with bar(f"{loaded.name}, preparing") as tell:
         loaded = loaded.kept(lambda fraction: tell("the kernel", fraction))
-        text = export_c(loaded.system, loaded.law, loaded.name)
-        declared = export_c_header(loaded.system, loaded.law, loaded.name)
+        text = export_c(loaded.model, loaded.law, loaded.name)
+        declared = export_c_header(loaded.model, loaded.law, loaded.name)
         make_folder(path.parent)
         write_text(path, text)
         write_text(header, declared)
@@ -82,6 +82,7 @@ def _timed(scenario: Scenario, text: str) -> str:
         with bar("runs to time it") as tell:
             result = scenario.run(lambda f: tell("runs to time it", f), range(runs))
         times, states = (result.arrays[n].values for n in ("time", "state"))
+        states = states[..., : len(scenario.model.states)]
         found = time_law(text, scenario.name, times, states, scenario.settings["sample_time"])
     except HoldfastError as error:
         return f"  not timed: {error}"

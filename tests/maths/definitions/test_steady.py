@@ -65,3 +65,41 @@ def test_sides_differ_and_the_first_value_that_cannot_be_held_ends_the_interval(
 def test_what_has_no_steady_bounds_is_refused(system, states, told):
     with pytest.raises(DefinitionError, match=told):
         hf.steady_bounds(system, states)
+
+
+def test_thrusters_may_be_weaker_astern():
+    """119.7 N ahead and 66.7 N astern: the bounds, the steady speeds and the limited thrusts differ."""
+    vehicle = hf.systems.marine_vehicle(thrust_limit=119.7, thrust_astern=66.7)
+    p = {q.name: q.value for q in vehicle.parameters}
+    found = hf.steady_bounds(vehicle, ("u",))
+    for side, force in ((found.upper[0], 2 * 119.7), (-found.lower[0], 2 * 66.7)):
+        exact = (p["Xu"] + math.sqrt(p["Xu"] ** 2 - 4 * p["Xuu"] * force)) / (-2 * p["Xuu"])
+        assert float(side) == pytest.approx(exact, rel=1e-12)
+    for asked, (port, starboard) in (
+        ((-1000, 0), (-66.7, -66.7)),
+        ((1000, 0), (119.7, 119.7)),
+        ((0, 1000), (-66.7, 119.7)),
+    ):
+        outputs = dict(zip(vehicle.input_names, map(sp.Integer, asked), strict=True))
+        run = hf.simulate(
+            vehicle, hf.Law("full", vehicle.states, outputs), starts=[[0.0] * 6], horizon=1
+        )
+        thrusts = run.dataset["actuator"].values[0, 0]
+        assert thrusts.tolist() == [port, starboard]
+    assert "thrust_astern" not in {q.name for q in hf.systems.marine_vehicle().parameters}
+
+
+def test_vehicle_file_may_give_the_thrust_astern(tmp_path):
+    from importlib import resources
+
+    text = (resources.files("holdfast.vehicles") / "cybership_ii.toml").read_text()
+    more = 'thrust_astern = { value = 1.5, unit = "N", source = "a test" }\n'
+    (tmp_path / "boat.toml").write_text(text + more)
+    vehicle = hf.load_vehicle(str(tmp_path / "boat.toml"))
+    assert float(hf.steady_bounds(vehicle, ("u",)).lower[0]) == pytest.approx(
+        -float(
+            hf.steady_bounds(
+                hf.systems.marine_vehicle("cybership_ii", thrust_limit=1.5), ("u",)
+            ).upper[0]
+        )
+    )

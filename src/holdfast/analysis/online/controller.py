@@ -22,7 +22,7 @@ class Composed(Protocol):
     """A scenario of closed loops."""
 
     @property
-    def system(self) -> System: ...
+    def model(self) -> System: ...
 
     @property
     def law(self) -> Law | Switching: ...
@@ -88,7 +88,7 @@ class Controller:
                     "the scenario has continuous control, and a controller samples"
                 )
             kept = of.kept()
-            self.system, self.law = kept.system, kept.law
+            self.system, self.law = kept.model, kept.law
             sample_time = kept.settings["sample_time"] if sample_time is None else sample_time
         self.sample_time = 0.02 if sample_time is None else float(sample_time)
         if not (math.isfinite(self.sample_time) and self.sample_time > 0):

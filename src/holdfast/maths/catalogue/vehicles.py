@@ -15,6 +15,7 @@ from holdfast.maths.definitions.vehicle_file import (
     Vehicle,
     checked_vehicle,
     declared_parameters,
+    optional_parameters,
     overridden,
     read_vehicle,
     vehicle_for,
@@ -47,7 +48,7 @@ def vehicle_of(name: str) -> Vehicle:
     """The file of that vehicle, checked against the system that it names."""
     shown, data = read_vehicle(name)
     function = _system(data["system"], shown)
-    return checked_vehicle(name, shown, data, needed(function))
+    return checked_vehicle(name, shown, data, needed(function), optional_parameters(function))
 
 
 def needed(

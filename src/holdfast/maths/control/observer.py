@@ -85,12 +85,13 @@ def observe(
     errors = [y.symbol - hat[y.symbol] for y in felt]
     errors = [wrap(e) if y.angle else e for e, y in zip(errors, felt, strict=True)]
     following = {}
+    states = {q.symbol for q in (*system.states, *system.disturbances)}
     for q in (*felt, *unknown):
         rate = system.rates.get(q.name, sp.S.Zero)
         inject = (
             2 * w * errors[felt.index(q)]
             if q in felt
-            else w**2 * sp.Add(*(c * e for c, e in zip(slopes[q.name], errors, strict=True)))
+            else w**2 * _along(slopes[q.name], errors, states)
         )
         change = rate.xreplace(guess) + inject.xreplace(guess)
         following[f"{q.name}_hat"] = hat[q.symbol] + SAMPLE_TIME * change
@@ -138,3 +139,10 @@ def observe(
         signals={n: e.xreplace(guess) for n, e in switching.signals.items()},
         memory=joined(switching.memory, memory),
     )
+
+
+def _along(slopes: list[sp.Expr], errors: list[sp.Expr], varying: set[sp.Symbol]) -> sp.Expr:
+    """c^T e / |c|^2, so that the bandwidth is one of any unit; c^T e where |c| varies."""
+    size = sp.trigsimp(sp.Add(*(c**2 for c in slopes)))
+    error = sp.Add(*(c * e for c, e in zip(slopes, errors, strict=True)))
+    return error if size == 0 or size.free_symbols & varying else error / size

@@ -48,7 +48,9 @@ def dynamic_extension(
         states=(*system.states, *extended),
         inputs=(*kept, *new),
         rates={**system.rates, **{q.name: symbol(f"{q.name}_rate") for q in extended}},
-        input_bounds=product(left or _free(len(kept)), rates or _free(len(new))) if kept else rates,
+        input_bounds=product(left or free_box(len(kept)), rates or free_box(len(new)))
+        if kept
+        else rates,
     )
 
 
@@ -97,7 +99,7 @@ def both(first: Region, second: Region) -> Region:
     )
 
 
-def _free(count: int) -> Box:
+def free_box(count: int) -> Box:
     """No bounds, as a set: a product with it keeps those of the others."""
     return Box((-sp.oo,) * count, (sp.oo,) * count)
 

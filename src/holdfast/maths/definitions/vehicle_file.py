@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
@@ -15,7 +15,7 @@ from holdfast.maths.definitions.quantity import Parameter
 from holdfast.maths.definitions.units import convert, to_si
 
 T = TypeVar("T")
-DECLARED = "declared_parameters"
+DECLARED, OPTIONAL = "declared_parameters", "optional_parameters"
 
 
 @dataclass(frozen=True)
@@ -29,14 +29,18 @@ class Vehicle:
     note: str = ""
 
 
-def takes(parameters: Mapping[str, tuple[str, str, float]]) -> Callable[[T], T]:
+def takes(
+    parameters: Mapping[str, tuple[str, str, float]], optional: Collection[str] = ()
+) -> Callable[[T], T]:
     """Mark a function that takes every number of a table as a named argument.
 
-    parameters: name -> (unit, meaning, exclusive lower limit).
+    parameters: name -> (unit, meaning, exclusive lower limit). optional: those that a vehicle may
+    lack.
     """
 
     def mark(function: T) -> T:
         setattr(function, DECLARED, parameters)
+        setattr(function, OPTIONAL, frozenset(optional))
         return function
 
     return mark
@@ -49,6 +53,12 @@ def declared_parameters(
     return getattr(function, DECLARED, None)
 
 
+def optional_parameters(function: Callable[..., Any]) -> Collection[str]:
+    """The names of the table that a vehicle may lack."""
+    found: Collection[str] = getattr(function, OPTIONAL, frozenset())
+    return found
+
+
 def vehicle_names() -> tuple[str, ...]:
     """The vehicles shipped with the package."""
     files = resources.files("holdfast.vehicles").iterdir()
@@ -56,18 +66,22 @@ def vehicle_names() -> tuple[str, ...]:
 
 
 def vehicle_for(
-    name: str, units: Mapping[str, tuple[str, str, float]], system: str = "marine_vehicle"
+    name: str,
+    units: Mapping[str, tuple[str, str, float]],
+    system: str = "marine_vehicle",
+    optional: Collection[str] = (),
 ) -> Vehicle:
     """The vehicle of that name, or of that file when the name ends in .toml.
 
     `units` maps every parameter the system needs to (unit, meaning,
-    exclusive lower limit). `system` is the system that the file must name. Raises `ScenarioError`
+    exclusive lower limit), `optional` names those that may be missing. `system` is the system that
+    the file must name. Raises `ScenarioError`
     for an unknown vehicle, a missing or unknown parameter, a wrong unit or a missing source.
     """
     shown, data = read_vehicle(name)
     if data["system"] != system:
         raise ScenarioError(f"{shown}: is for system {data['system']!r}", expected=f"'{system}'")
-    return checked_vehicle(name, shown, data, units)
+    return checked_vehicle(name, shown, data, units, optional)
 
 
 def read_vehicle(name: str) -> tuple[str, dict[str, Any]]:
@@ -102,7 +116,11 @@ def read_vehicle(name: str) -> tuple[str, dict[str, Any]]:
 
 
 def checked_vehicle(
-    name: str, shown: str, data: Mapping[str, Any], units: Mapping[str, tuple[str, str, float]]
+    name: str,
+    shown: str,
+    data: Mapping[str, Any],
+    units: Mapping[str, tuple[str, str, float]],
+    optional: Collection[str] = (),
 ) -> Vehicle:
     """The vehicle of these tables; its parameters are checked against those its system needs."""
     given = data["parameters"]
@@ -116,6 +134,8 @@ def checked_vehicle(
     parameters = {}
     for key, (unit, meaning, above) in units.items():
         if key not in given:
+            if key in optional:
+                continue
             raise ScenarioError(f"{shown}: missing parameter '{key}' ({meaning}, {unit})")
         parameters[key] = _parameter(shown, key, given[key], unit, meaning, above)
     return Vehicle(

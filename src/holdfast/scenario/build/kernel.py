@@ -15,7 +15,7 @@ from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.units import to_si
 from holdfast.maths.expressions.parser import parse_number
 from holdfast.scenario.build.composer import Composer
-from holdfast.scenario.build.system import composed_system
+from holdfast.scenario.build.system import composed_system, plant_of
 from holdfast.scenario.files import scenario_title
 from holdfast.scenario.schema.kernel import KernelSpec, MarchSpec
 from holdfast.scenario.validation import at, validated
@@ -35,7 +35,7 @@ def kernel_parts(file: str, data: Mapping[str, Any]) -> dict[str, Any]:
     kind = spec.scenario.kind
     _check_tables(file, kind, spec)
     composer = Composer(file)
-    system = composed_system(composer, spec.system)
+    system = plant_of(composer, composed_system(composer, spec.system), spec.system)
     units = {q.name: q.unit for q in system.states}
 
     def region(table: dict[str, Any] | None, key: str) -> Region | None:

@@ -12,6 +12,7 @@ from holdfast.maths.control.command import commanded
 from holdfast.maths.control.observer import observe
 from holdfast.maths.control.rate_limits import limit_rates
 from holdfast.maths.control.safety_filter import over_time, safeguard
+from holdfast.maths.control.unmodelled import PREFIX, cancel_unmodelled
 from holdfast.maths.control.velocity_tracking import track_velocity
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.measurement import by_measurements
@@ -38,11 +39,15 @@ def composed_law(
     with at(composer.file, "law"):
         own = _external if "external" in spec.law else _own
         law = own(composer, spec, system)
+    felt = system.disturbance_names
     if spec.redesign is not None:
         law = _redesigned(composer, spec.redesign, law, region, system)
     if spec.tracking is not None:
         with at(composer.file, "tracking"):
             law = track_velocity(system, law, spec.tracking)
+    if spec.observer is not None and any(PREFIX + n in felt for n in system.input_names):
+        with at(composer.file, "observer"):
+            law = cancel_unmodelled(system, law)
     if spec.safeguard is not None:
         law = _safeguarded(composer, spec.safeguard, law, region, system)
     if spec.observer is not None:

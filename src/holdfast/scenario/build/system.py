@@ -1,4 +1,4 @@
-"""[system]: the system, with states selected, or promoted to inputs or disturbances."""
+"""[system]: the system, with states selected, promoted, disturbed; with actuators that lag."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from holdfast.errors import ScenarioError, suggestion
+from holdfast.maths.control.unmodelled import add_unmodelled
 from holdfast.maths.definitions.bounds import Box
 from holdfast.maths.definitions.extension import dynamic_extension, input_limits, per_second
+from holdfast.maths.definitions.lag import lagged
 from holdfast.maths.definitions.reduction import promote, subsystem
 from holdfast.maths.definitions.steady import steady_bounds
 from holdfast.maths.definitions.system import System
@@ -15,7 +17,7 @@ from holdfast.maths.definitions.units import to_si
 from holdfast.scenario.build.composer import Composer
 from holdfast.scenario.validation import at
 
-REDUCTIONS = ("keep", "promote", "disturb", "extend")
+REDUCTIONS = ("keep", "promote", "disturb", "extend", "unmodelled", "lag", "slew")
 STEADY = "steady"
 """Replaces an interval: the velocities that the inputs can hold in still water."""
 
@@ -41,8 +43,40 @@ def composed_system(composer: Composer, table: Mapping[str, Any]) -> System:
         with at(composer.file, "system.extend"):
             composer.limits = input_limits(system, names)
             system = dynamic_extension(system, names, rates)
+    if "unmodelled" in table:
+        names, bounds = _intervals(composer, system, table, "unmodelled")
+        assert bounds is not None
+        with at(composer.file, "system.unmodelled"):
+            system = add_unmodelled(system, names, bounds)
     composer.system_built = system
     return system
+
+
+def plant_of(composer: Composer, system: System, table: Mapping[str, Any]) -> System:
+    """The system that moves: with the lag and the slew of its inputs, of which the law is unaware."""
+    if "lag" not in table and "slew" not in table:
+        return system
+    units = {q.name: q.unit for q in system.inputs}
+    late = _numbers(composer, table, "lag", dict.fromkeys(units, "s"))
+    slew = _numbers(composer, table, "slew", {n: per_second(u) for n, u in units.items()})
+    with at(composer.file, "system.lag"):
+        plant = lagged(system, late, slew)
+    composer.declare(plant.parameters)
+    return plant
+
+
+def _numbers(
+    composer: Composer, table: Mapping[str, Any], key: str, units: Mapping[str, str]
+) -> dict[str, float]:
+    """A number for each of the inputs named under `key`."""
+    given = table.get(key, {})
+    with at(composer.file, f"system.{key}"):
+        if not isinstance(given, Mapping):
+            raise ScenarioError(f"got {given!r}", expected="{ input = number }")
+        for name in given:
+            if name not in units:
+                raise ScenarioError("unknown name", remedy=suggestion(name, units))
+        return {name: to_si(value, units[name]) for name, value in given.items()}
 
 
 def _intervals(
@@ -52,9 +86,12 @@ def _intervals(
     if key not in table:
         return (), None
     given = table[key]
-    units = {q.name: q.unit for q in (system.inputs if key == "extend" else system.states)}
+    inputs = {q.name: q.unit for q in system.inputs}
+    units = {q.name: q.unit for q in system.states}
     if key == "extend":
-        units = {n: per_second(unit) for n, unit in units.items()}
+        units = {n: per_second(unit) for n, unit in inputs.items()}
+    if key == "unmodelled":
+        units = {n: per_second(unit) for n, unit in units.items()} | inputs
     with at(composer.file, f"system.{key}"):
         if not isinstance(given, Mapping) or not given:
             raise ScenarioError(f"got {given!r}", expected="{ state = [lowest, highest] }")

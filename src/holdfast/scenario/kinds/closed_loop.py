@@ -25,7 +25,7 @@ from holdfast.scenario.altered_kernels import check_kernels
 from holdfast.scenario.build.composer import Composer
 from holdfast.scenario.build.law_chain import composed_law
 from holdfast.scenario.build.run import in_si, known_name, settings_of, starts_of
-from holdfast.scenario.build.system import composed_system
+from holdfast.scenario.build.system import composed_system, plant_of
 from holdfast.scenario.build.varied import drawn_names, drawn_ranges
 from holdfast.scenario.external import commander_of
 from holdfast.scenario.files import overridden, scenario_title
@@ -41,7 +41,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Scenario(Composed):
-    """A composed scenario, ready to run; `law` is the one before [safety], which `kept` adds."""
+    """A composed scenario, ready to run; `law` is the one before [safety], which `kept` adds.
+
+    system: what moves. model: what the law is made for, the same but for the lag of actuators.
+    """
 
     name: str
     file: str
@@ -51,6 +54,7 @@ class Scenario(Composed):
     description: str
     source: str
     system: System
+    model: System
     law: Law | Switching
     region: Region | None
     goal: Region | None
@@ -78,7 +82,7 @@ class Scenario(Composed):
         with at(self.file, "safety"):
             timing = {n: float(self.settings[n]) for n in ("horizon", "sample_time", "delay")}
             law = self.safety.kept(
-                self.system, self.law, **timing, region=self.region, progress=progress
+                self.model, self.law, **timing, region=self.region, progress=progress
             )
         return replace(self, law=law, safety=None)
 
@@ -235,9 +239,10 @@ def _composed(file: str, text: str, spec: ScenarioSpec) -> Scenario:
     region = composer.region(spec.region, "region") if spec.region is not None else None
     law = composed_law(composer, spec, system, region)  # may use the region's parameters
     goal = composer.region(spec.goal, "goal") if spec.goal is not None else None
+    plant = plant_of(composer, system, spec.system)
     draws = drawn_ranges(composer, spec.varied)
     values = {p.symbol: p.value for p in composer.known.values()}
-    names = {n: e for n, e in composer.scope().items() if n not in system.state_names}
+    names = {n: e for n, e in composer.scope().items() if n not in plant.state_names}
     timeless = {n: e for n, e in names.items() if n != "t"}
 
     def number(expression: object, key: str) -> float:
@@ -255,10 +260,11 @@ def _composed(file: str, text: str, spec: ScenarioSpec) -> Scenario:
             {name: composer.known[name].unit for name in draws},
             spec.varied.of_vertices,
         )
-    units = {q.name: q.unit for q in system.states}
+    units = {q.name: q.unit for q in plant.states}
     return Scenario(
         **about(file, text, spec.scenario),
-        system=system,
+        system=plant,
+        model=system,
         law=law,
         region=region,
         goal=goal,
@@ -269,9 +275,7 @@ def _composed(file: str, text: str, spec: ScenarioSpec) -> Scenario:
             for key, value in spec.disturbance.items()
         },
         plant={
-            key: in_si(
-                file, f"plant.{key}", value, {p.name: p.unit for p in system.parameters}, key
-            )
+            key: in_si(file, f"plant.{key}", value, {p.name: p.unit for p in plant.parameters}, key)
             for key, value in spec.plant.items()
         },
         varied=varied,

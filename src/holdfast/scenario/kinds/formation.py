@@ -77,6 +77,7 @@ def _compose(
     return FormationScenario(
         **about(file, text, spec.scenario),
         system=parts.system,
+        model=parts.system,
         law=parts.law,
         region=parts.region,
         goal=parts.goal,

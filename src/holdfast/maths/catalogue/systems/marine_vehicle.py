@@ -8,7 +8,7 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.maths.definitions.bounds import Ball, Box, LinearImage
-from holdfast.maths.definitions.quantity import Quantity, symbol
+from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
 from holdfast.maths.definitions.system import PfaffianRow, System
 from holdfast.maths.definitions.vehicle_file import overridden, takes, vehicle_for
 from holdfast.maths.expressions.functions import magnitude
@@ -27,14 +27,17 @@ PARAMETERS: dict[str, tuple[str, str, float]] = {
     "Xuu": ("N s^2/m^2", "quadratic surge drag (negative)", _ANY),
     "Yvv": ("N s^2/m^2", "quadratic sway drag (negative)", _ANY),
     "Nrr": ("N m s^2", "quadratic yaw drag (negative)", _ANY),
-    "thrust_limit": ("N", "largest force of one thruster, either way", _POSITIVE),
+    "thrust_limit": ("N", "largest force of one thruster, astern too unless given", _POSITIVE),
+    "thrust_astern": ("N", "largest force of one thruster astern", _POSITIVE),
     "thruster_arm": ("m", "distance of each thruster from the centre line", _POSITIVE),
     "current_limit": ("m/s", "largest speed of the current", _ANY),
 }
 """Name -> (unit, meaning, exclusive lower limit) of every parameter, in SI units."""
 
+ASTERN = "thrust_astern"
 
-@takes(PARAMETERS)
+
+@takes(PARAMETERS, optional=(ASTERN,))
 @checked
 def marine_vehicle(
     vehicle: str = "videoray_pro_iii", as_printed: bool = False, **overrides: float
@@ -51,7 +54,7 @@ def marine_vehicle(
     row is (5.15): -sin(psi) xdot + cos(psi) ydot = v + current across the hull.
 
     Inputs: surge force tau_u [N] and yaw moment tau_r [N m] of two thrusters in
-    [-thrust_limit, thrust_limit], `thruster_arm` off the centre line: tau_u = Fp + Fs,
+    [-thrust_astern, thrust_limit], `thruster_arm` off the centre line: tau_u = Fp + Fs,
     tau_r = arm (Fs - Fp). z is up and psi counter-clockwise, so that more port thrust turns
     the vehicle to starboard (negative yaw).
 
@@ -60,16 +63,20 @@ def marine_vehicle(
     added mass acts on the absolute acceleration, and cancel if it acts on the relative one.
 
     `vehicle` names a shipped vehicle or a vehicle file; `overrides` replaces parameter values
-    by name (SI units, see `PARAMETERS`). Raises `ScenarioError` for an unknown vehicle or name.
+    by name (SI units, see `PARAMETERS`). A thruster without `thrust_astern` gives thrust_limit both
+    ways. Raises `ScenarioError` for an unknown vehicle or name.
     """
-    parameters = overridden(
-        vehicle_for(vehicle, PARAMETERS).parameters, overrides, "marine_vehicle"
-    )
+    known = dict(vehicle_for(vehicle, PARAMETERS, optional=(ASTERN,)).parameters)
+    if ASTERN in overrides and ASTERN not in known:
+        unit, meaning, above = PARAMETERS[ASTERN]
+        known[ASTERN] = Parameter(ASTERN, unit, meaning, value=1.0, above=above)
+    parameters = overridden(known, overrides, "marine_vehicle")
     psi, u, v, r = (symbol(n) for n in ("psi", "u", "v", "r"))
     tau_u, tau_r, vx, vy = (symbol(n) for n in ("tau_u", "tau_r", "Vx", "Vy"))
     p = {n: symbol(n) for n in PARAMETERS}
     m11, m22, m33 = surge_inertia(), sway_inertia(), p["Iz"] - p["Nrdot"]
     limit, arm = p["thrust_limit"], p["thruster_arm"]
+    astern = p[ASTERN] if ASTERN in parameters else limit
     sin, cos = sp.sin(psi), sp.cos(psi)
     extra_u, extra_v = sp.S.Zero, sp.S.Zero
     if as_printed:
@@ -103,10 +110,10 @@ def marine_vehicle(
             "v": (-m11 * u * r + p["Yv"] * v + p["Yvv"] * magnitude(v) * v + extra_v) / m22,
             "r": ((m11 - m22) * u * v + p["Nr"] * r + p["Nrr"] * magnitude(r) * r + tau_r) / m33,
         },
-        parameters=tuple(parameters[n] for n in PARAMETERS),
+        parameters=tuple(parameters[n] for n in PARAMETERS if n in parameters),
         input_bounds=LinearImage(
             sp.ImmutableMatrix([[1, 1], [-arm, arm]]),
-            Box((-limit, -limit), (limit, limit)),
+            Box((-astern, -astern), (limit, limit)),
             ("port", "starboard"),
         ),
         disturbance_bounds=Ball(p["current_limit"], 2),
