@@ -77,6 +77,9 @@ def test_recorded_servo_packet_of_ardupilot_is_read_and_made_again():
     assert (found.frame_rate, found.frame_count) == (1200, 50474)
     assert found.pwm == (1561, 1560, 1560, 1562, 0, 0, 0, 0, 1100, 1100, 1800, *[0] * 5)
     assert found.pack() == data
+    physics = Physics(hf.systems.marine_vehicle())
+    assert read_motion(physics.answer(data)).t == 1 / 1200
+    assert physics.outputs.servos["port"].value(1561) > physics.outputs.servos["port"].value(1560)
 
 
 def test_recorded_answer_of_gazebo_to_ardupilot_is_read():
@@ -88,6 +91,8 @@ def test_recorded_answer_of_gazebo_to_ardupilot_is_read():
     assert found.accel[2] == pytest.approx(-GRAVITY, abs=2e-3)
     assert found.attitude[2] == pytest.approx(2 * math.asin(0.007663052097629297), abs=1e-6)
     assert found.others == {"no_time_sync": True, "no_lockstep": False}
+    states = PlanarMotion(hf.systems.unicycle()).states(found)
+    assert states["psi"] == -found.attitude[2]
     ours = read_motion(Physics(hf.systems.marine_vehicle()).answer(packet(0, 1500, 0, 1500)))
     assert ours.accel == (0.0, 0.0, -GRAVITY)
 
@@ -149,7 +154,7 @@ def test_numbers_of_an_answer_return_to_the_bit():
     "data",
     [b"", b"\n\n", b"{", b"[]", b"null", b"\xff", b"[" * 9000, b'{"timestamp":0}']
     + [motion_line(Motion(0, *[(0, 0, 0)] * 5)).replace(b"[0,0,0]", b, 1)
-       for b in (b"[0,0]", b"[0,0,NaN]", b'["0",0,0]', b"0", b"[true,0,0]")],
+       for b in (b"[0,0]", b"[0,0,NaN]", b'["0",0,0]', b"0", b"[true,0,0]", b"[1" + b"0" * 400 + b",0,0]")],
 )  # fmt: skip
 def test_answer_that_is_none_is_refused(data):
     with pytest.raises(SimulationError, match="no answer of a physics backend"):
@@ -396,6 +401,25 @@ def test_autopilot_that_starts_again_begins_at_the_start(started):
     assert (process.returncode, errors) == (0, "")
     assert "60 steps" in output
     assert "1 restarts" in output
+
+
+def test_numbers_that_are_none_are_refused():
+    vehicle = hf.systems.marine_vehicle()
+    with pytest.raises(SimulationError, match="the start is"):
+        Physics(vehicle, [math.nan, 0, 0, 0, 0, 0])
+    with pytest.raises(SimulationError, match="the disturbance is"):
+        Physics(vehicle, disturbance={"Vx": math.inf})
+    with pytest.raises(SimulationError, match="unknown disturbance 'Vz'"):
+        Physics(vehicle, disturbance={"Vz": 0.1})
+    with pytest.raises(SimulationError, match="also gives 3"):
+        Physics(vehicle, also=lambda t, q: 3).answer(packet(0))
+    with pytest.raises(SimulationError, match="'position' is a field of the motion"):
+        Physics(vehicle, also=lambda t, q: {"position": 0}).answer(packet(0))
+    for wrong in ([1.0], [math.nan, 0.0], {"port": 1.0}):
+        with pytest.raises(SimulationError, match="actuators"):
+            ServoOutputs(vehicle).pulses(wrong)
+    with pytest.raises(SimulationError, match="port is 0"):
+        Autopilot(port=0)
 
 
 def test_physics_that_is_silent_is_named():

@@ -129,6 +129,10 @@ def test_recorded_attitudes_of_px4_and_of_a_vehicle_at_rest_are_read():
     assert (attitude.yaw, len(frame)) == (pytest.approx(-1.588567852973938), 40)
     ((rest, _),) = Codec().messages(recorded("mavlink.txt", "attitude"))
     assert (rest.time_boot_ms, rest.yaw) == (2347469, -2.4873046875)
+    measured = Measurements(PlanarMotion(hf.systems.marine_vehicle()))
+    measured.take(common.MAVLink_local_position_ned_message(2347460, 0, 0, 0, 0, 0, 0), 0.0)
+    states, _ = measured.take(rest, 0.0)
+    assert (states["psi"], states["r"]) == pytest.approx((2.4873046875, 0.000728), abs=1e-6)
     ((command, _),) = Codec().messages(recorded("mavlink.txt", "ground"))
     assert (command.get_srcSystem(), command.command) == (255, common.MAV_CMD_DO_REPOSITION)
 
@@ -181,6 +185,32 @@ def test_broken_cut_and_foreign_bytes_are_counted_and_the_rest_is_read():
         began = time.monotonic()
         list(codec.messages(hostile))
         assert time.monotonic() - began < 1.0
+
+
+def test_no_frame_of_random_content_ends_the_component(link):
+    """Valid frames of every message with random fields, NaN and infinity among them."""
+    component, ground, boat, commands = link(commands=None)
+    generator, sent = np.random.default_rng(0), 0
+    special = [struct.pack("<f", v) for v in (math.nan, math.inf, -math.inf)]
+    for number, kind in common.mavlink_map.items():
+        for _ in range(40 if number in (30, 32, 69, 84, 331) else 2):
+            size = int(generator.integers(1, kind.unpacker.size + 1))
+            payload = bytearray(generator.bytes(size))
+            for at in range(0, size - 4, 4):
+                if generator.random() < 0.3:
+                    payload[at : at + 4] = special[generator.integers(3)]
+            frame = by_hand(bytes(payload), number, kind.crc_extra, sender=(1, 1))
+            boat.port.send(frame)
+            ground.port.send(frame)
+            sent += 2
+        component.turn(0.01 * number)
+    assert component._from_vehicle.read + component._from_controller.read == sent
+    for _ in range(300):
+        boat.port.send(generator.bytes(int(generator.integers(0, 600))))
+    component.turn(1e6)
+    boat.states(START, 10.0**6)
+    ground.send(commands.of(pd(START), 1))
+    assert component.turn(1e6 + 1).status in ("changed", "passed", "no measurement")
 
 
 def test_frame_of_an_unknown_message_passes_by_its_length():
@@ -369,6 +399,28 @@ def test_nothing_is_sent_before_the_first_command_and_long_after_the_last(link):
     }
 
 
+def test_command_is_decided_on_at_once_unless_the_filter_remembers(link, keep):
+    """Not oftener than every half sample; one with rates of inputs keeps its samples."""
+    component, ground, _, commands = link()
+    slow = hf.SafetyFilter(
+        keep.system, keep.keep, gains=(1.5, 8), rates={"tau_u": 4.0, "tau_r": 4.0}
+    )
+    names = {"controller": "udpin:127.0.0.1:0", "vehicle": "udpin:127.0.0.1:0"}
+    with SafetyComponent(slow, commands, **names) as remembers:
+        other = Ground(remembers.controller.port)
+        decided = {component: [], remembers: []}
+        for k in range(40):
+            now = 1 + k * 0.001
+            if k in (3, 12, 15):
+                for end in (ground, other):
+                    end.send(commands.of({"tau_u": 0.1, "tau_r": 0.0}, 1))
+            for one, times in decided.items():
+                if one.turn(now):
+                    times.append(k)
+        other.port.close()
+    assert decided == {component: [0, 10, 20], remembers: [0, 20]}
+
+
 def test_states_that_cease_give_the_fallback_though_the_other_half_goes_on(link):
     component, ground, boat, commands = link()
     boat.states(START, 0.0)
@@ -499,6 +551,9 @@ def test_settings_that_do_not_fit_are_refused(keep):
     for text in ("tcp:127.0.0.1:5760", "udpin:127.0.0.1", "udpin:127.0.0.1:70000", ""):
         with pytest.raises(SimulationError, match="is no connection"):
             Port(text)
+    measuring = hf.SafetyFilter(keep.system, keep.keep, gains=(1.5, 8), measured=True)
+    with pytest.raises(SimulationError, match="the filter measures Vx, Vy"):
+        SafetyComponent(measuring, commands)
     for settings in ({"hold": 0.1}, {"system": 0}, {"component": 300}, {"hold": math.inf}):
         with pytest.raises(SimulationError, match="expected"):
             SafetyComponent(keep, commands, **settings)

@@ -141,9 +141,11 @@ class PlanarMotion:
 
         Surge and sway are the velocity over ground in the vehicle's axes, and so those of a marine
         vehicle only in still water. The yaw rate is that of the heading, also where the vehicle
-        rolls and pitches.
+        rolls and pitches. All are NaN where the attitude is not finite.
         """
         roll, pitch, yaw = motion.attitude
+        if not all(map(math.isfinite, motion.attitude)):
+            return dict.fromkeys(self.system.state_names, math.nan)
         x, y = self.from_ground(*motion.position[:2])
         north, east = motion.velocity[:2]
         _, q, r = motion.gyro

@@ -16,6 +16,8 @@ from holdfast.errors import SimulationError
 Address = tuple[str, int]
 LONGEST = 65536
 """More than the longest datagram [bytes]."""
+MOST = 1000
+"""So many datagrams are received at once, so that a flood does not keep from deciding."""
 
 
 def bound(host: str, port: int) -> socket.socket:
@@ -75,13 +77,13 @@ class Port:
         return int(self.socket.getsockname()[1])
 
     def receive(self, now: float) -> Iterator[bytes]:
-        """The datagrams that wait, at `now` [s]."""
-        while True:
+        """The datagrams that wait, at `now` [s], up to `MOST`."""
+        for _ in range(MOST):
             try:
                 data, sender = self.socket.recvfrom(LONGEST)
             except BlockingIOError:
                 return
-            except OSError:  # a datagram of ours had no receiver
+            except ConnectionError:  # a datagram of ours had no receiver
                 continue
             if sender != self.peer and (
                 self._fixed or (self.peer and now - self._heard <= self.patience)

@@ -51,6 +51,8 @@ class Autopilot:
             raise SimulationError(
                 f"resend is {resend} s, patience {patience} s", expected="0 < resend <= patience"
             )
+        if port not in range(1, 0x10000):
+            raise SimulationError(f"port is {port}", expected="1 to 65535")
         self.rate, self.channels, self.resend, self.patience = rate, channels, resend, patience
         try:
             self.physics = (socket.gethostbyname(host), int(port))

@@ -107,7 +107,7 @@ def read_motion(data: bytes) -> Motion:
             accel=_triple(imu["accel_body"]),
             others=_others(said),
         )
-    except (ValueError, KeyError, TypeError, IndexError, RecursionError, ZeroDivisionError):
+    except (ValueError, LookupError, TypeError, ArithmeticError, RecursionError):
         shown = data.decode(errors="replace").strip()
         shown = shown if len(shown) < 80 else f"{shown[:77]}..."
         raise SimulationError(

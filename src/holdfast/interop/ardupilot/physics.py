@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -82,10 +83,13 @@ class Physics:
         self.system, self.substeps, self.also = system, substeps, also
         self.planar = PlanarMotion(system, pose=pose, twist=twist, bearing=bearing)
         self.outputs = ServoOutputs(system, servos)
-        self.start: Given = np.zeros(len(system.states)) if start is None else start
-        self._start = numbers(self.start, system.state_names, "start")
+        begin: Given = np.zeros(len(system.states)) if start is None else start
+        self._start = numbers(begin, system.state_names, "start")
         given = dict.fromkeys(system.disturbance_names, 0.0) | dict(disturbance or {})
         self._pushed = numbers(given, system.disturbance_names, "disturbance")
+        for what, row in (("start", self._start), ("disturbance", self._pushed)):
+            if not np.isfinite(row).all():
+                raise SimulationError(f"the {what} is {row.tolist()}", expected="finite numbers")
         self._plants: dict[int, Plant] = {}
         self.counts = Counts()
         self._sender: Address | None = None
@@ -139,7 +143,10 @@ class Physics:
         motion = self.planar.motion(t, self._state, input, self._pushed, jump)
         if self.also is None:
             return motion
-        return Motion(**{**vars(motion), "others": self.also(t, self.state)})
+        more = self.also(t, self.state)
+        if not isinstance(more, Mapping):
+            raise SimulationError(f"also gives {more!r:.60}", expected="fields by name")
+        return replace(motion, others=more)
 
     def _jump(self, before: Array, after: Array, length: float) -> tuple[float, float]:
         """The change of the velocity with the input, as an acceleration over the step."""
@@ -189,7 +196,8 @@ def serve(
                 continue
             reply = physics.answer(data, sender)
             if reply is not None:
-                wire.sendto(reply, sender)
+                with suppress(OSError):  # the network is down: it asks again
+                    wire.sendto(reply, sender)
             if news := _news(before, physics.counts, sender):
                 now = time.monotonic()
                 if now - last >= 1.0 or "start" in news:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from holdfast.analysis.online.measurements import Given, numbers
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.interop.numeric_system import Numeric
@@ -75,14 +76,18 @@ class ServoOutputs:
         values = [servo.value(pwm[servo.channel - 1]) for servo in self.servos.values()]
         return self.numeric.inputs(np.array(values))
 
-    def pulses(self, actuators: Iterable[float]) -> list[int]:
+    def pulses(self, actuators: Given) -> list[int]:
         """The pulses [us] of the first channels for actuators, such as `Decision.actuators`.
 
         Channels that drive nothing are neutral. Rounded to the nearest microsecond.
+        Raises `SimulationError` for other actuators, and for numbers that are not finite.
         """
+        values = numbers(actuators, tuple(self.servos), "actuators")
+        if not np.isfinite(values).all():
+            raise SimulationError(f"the actuators are {values.tolist()}", expected="finite numbers")
         found = [NEUTRAL] * self.last
-        for servo, value in zip(self.servos.values(), actuators, strict=True):
-            found[servo.channel - 1] = servo.us(float(value))
+        for servo, value in zip(self.servos.values(), values.tolist(), strict=True):
+            found[servo.channel - 1] = servo.us(value)
         return found
 
 

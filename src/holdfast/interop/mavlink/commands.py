@@ -68,7 +68,7 @@ class ManualControl:
         *,
         full: Mapping[str, float] | None = None,
     ) -> None:
-        self.axes = _fields(system, axes or {"tau_u": "x", "tau_r": "r"}, AXES)
+        self.axes = _fields(system, {"tau_u": "x", "tau_r": "r"} if axes is None else axes, AXES)
         largest = _largest(system)
         scale = {n: AXES[axis] * largest[n] for n, axis in self.axes.items()} | dict(full or {})
         for name, value in scale.items():
@@ -118,7 +118,8 @@ class BodyVelocity:
 
     @checked
     def __init__(self, system: System, setpoints: Mapping[str, str] | None = None) -> None:
-        self.setpoints = _fields(system, setpoints or {"v": "vx", "r": "yaw_rate"}, SETPOINTS)
+        known = {"v": "vx", "r": "yaw_rate"} if setpoints is None else setpoints
+        self.setpoints = _fields(system, known, SETPOINTS)
         self._rest = [f for f in ("vx", "vy", "vz") if f not in self.setpoints.values()]
 
     def command(self, message: Message) -> dict[str, float] | None:

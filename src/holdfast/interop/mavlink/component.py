@@ -21,6 +21,8 @@ from holdfast.interop.mavlink.said import Said, heartbeat
 from holdfast.interop.planar_motion import PlanarMotion
 from holdfast.interop.udp import Port, until_interrupted
 
+AUTOPILOT = 1
+"""MAV_COMP_ID_AUTOPILOT1: gimbals and cameras may send an ATTITUDE of their own."""
 ONBOARD_COMPUTER = 191
 """MAV_COMP_ID_ONBOARD_COMPUTER."""
 OTHER_COMMANDS = frozenset(
@@ -47,7 +49,8 @@ class Counts:
     passed: messages sent on unchanged. commands: those that the filter took. sent: filtered
     commands. broken: frames with a wrong checksum. garbage: bytes of no whole frame. unsigned:
     frames without the signature that the key asks for. strangers: datagrams of a third address.
-    other_system: states of another vehicle, and commands to one, which pass. stale: states older
+    other_system: states of another vehicle or component, and
+    commands to one, which pass. stale: states older
     than the last. refused: commands that the filter cannot read (another kind of setpoint, a
     signature without a key), which do not pass. unfiltered: other messages that may move the
     vehicle, which do. unsent: datagrams without a receiver. restarts: of the vehicle.
@@ -79,7 +82,10 @@ class SafetyComponent:
     autopilot; the command from one kind of message (`commands`). Every `keep.sample_time` the
     newest of both are decided on as `Relay` does, and the decision is sent to the vehicle as a
     message of the same kind and version, from the system and component that commanded. A command
-    that the filter passes is sent as it was. All other messages pass unchanged, both ways.
+    that arrives half a sample or more after the last decision is decided on at once, and the
+    samples go on from there, unless the filter remembers (observers, rates of inputs): that one
+    keeps its samples. A command that the filter passes is sent as it was. All other messages pass
+    unchanged, both ways.
 
     Nothing is sent before the first command, and nothing when the last one is older than `hold`
     [s]: then the vehicle's own failsafe has to act, which the messages would put off.
@@ -89,8 +95,9 @@ class SafetyComponent:
     the slack as NAMED_VALUE_FLOAT ("hf_value", "hf_slack").
 
     keep: the filter. commands: `ManualControl` or `BodyVelocity`. controller, vehicle: connections,
-    "udpin:HOST:PORT" or "udpout:HOST:PORT". system: the number of the vehicle. patience [s]: of
-    the relay. key: the secret that signs the connection. pose, twist, bearing: see `PlanarMotion`.
+    "udpin:HOST:PORT" or "udpout:HOST:PORT". system, autopilot: the numbers of the vehicle and of
+    its component that knows the states. patience [s]: of the relay. key: the secret that signs the
+    connection. pose, twist, bearing: see `PlanarMotion`.
 
     Raises `SimulationError` and `DefinitionError` for a system that does not fit, for a port in
     use, and for invalid arguments.
@@ -105,6 +112,7 @@ class SafetyComponent:
         controller: str = "udpin:127.0.0.1:14550",
         vehicle: str = "udpin:127.0.0.1:14560",
         system: int = 1,
+        autopilot: int = AUTOPILOT,
         component: int = ONBOARD_COMPUTER,
         patience: float = 0.25,
         hold: float = 10.0,
@@ -120,7 +128,12 @@ class SafetyComponent:
                 f"system {system}, component {component}", expected="numbers from 1 to 255"
             )
         self.relay, self.commands, self.hold = Relay(keep, patience=patience), commands, float(hold)
-        self.system, self.component = system, component
+        if keep.measured_disturbances:
+            raise SimulationError(
+                f"the filter measures {', '.join(keep.measured_disturbances)}",
+                expected="a filter of states alone: no message holds disturbances",
+            )
+        self.system, self.autopilot, self.component = system, autopilot, component
         planar = PlanarMotion(keep.system, pose=pose, twist=twist, bearing=bearing)
         self._measurements = Measurements(planar)
         self._from_controller, self._from_vehicle = Codec(key, link=LINK), Codec(key, link=LINK)
@@ -129,7 +142,9 @@ class SafetyComponent:
         self._like: Message | None = None
         self._read: dict[str, float] = {}
         self._sender, self._v1, self._commanded = (0, 0), False, -math.inf
-        self._due = self._beat = -math.inf
+        self._due = self._decided = self._beat = -math.inf
+        self._waiting = False
+        self._prompt = getattr(keep.law, "memory", None) is None
         self.controller = Port(controller)
         try:
             self.vehicle = Port(vehicle)
@@ -180,15 +195,20 @@ class SafetyComponent:
             self._beat = now
             self._tell(heartbeat(), self.controller)
             self._tell(heartbeat(), self.vehicle)
-        if now < self._due - EARLY:
+        if self.due(now) > EARLY:
             return None
         sample = self.relay.keep.sample_time
-        self._due = self._due + sample if now - self._due < sample else now + sample
+        on_time = -EARLY <= now - self._due < sample
+        self._due = (self._due if on_time else now) + sample
+        self._decided, self._waiting = now, False
         return self._decide(now)
 
     def due(self, now: float) -> float:
-        """The seconds until the next sample."""
-        return max(self._due - now, 0.0)
+        """The seconds until the next decision."""
+        due = self._due
+        if self._waiting and self._prompt:
+            due = min(due, self._decided + self.relay.keep.sample_time / 2)
+        return max(due - now, 0.0)
 
     # -- from the vehicle, from the controller ---------------------------------------------------
 
@@ -197,7 +217,7 @@ class SafetyComponent:
         port.send(frame)
 
     def _state(self, message: Message, now: float) -> None:
-        if message.get_srcSystem() != self.system:
+        if (message.get_srcSystem(), message.get_srcComponent()) != (self.system, self.autopilot):
             self._counts.other_system += message.get_type() in ("LOCAL_POSITION_NED", "ODOMETRY")
             return
         restarts = self._measurements.restarts
@@ -229,7 +249,7 @@ class SafetyComponent:
         self._counts.commands += 1
         self._like, self._read, self._v1 = message, input, is_v1(frame)
         self._sender = message.get_srcSystem(), message.get_srcComponent()
-        self._commanded = now
+        self._commanded, self._waiting = now, True
         self.relay.commanded(input, now)
         return True
 
