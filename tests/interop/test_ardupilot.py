@@ -371,7 +371,7 @@ def test_trajectory_over_a_lossy_connection_is_that_of_the_plant_to_the_bit(star
     direct, _ = driven(started()[1], 500)
     assert [m for _, m in direct] == [m for _, m in told]
     process.send_signal(signal.SIGTERM)
-    output, errors = process.communicate(timeout=10)
+    output, errors = process.communicate(timeout=60)
     assert (process.returncode, errors) == (0, "")
     assert output.startswith("500 steps, ")
 
@@ -397,7 +397,7 @@ def test_autopilot_that_starts_again_begins_at_the_start(started):
     two, _ = driven(port, 30)
     assert one == two
     process.send_signal(signal.SIGINT)
-    output, errors = process.communicate(timeout=10)
+    output, errors = process.communicate(timeout=60)
     assert (process.returncode, errors) == (0, "")
     assert "60 steps" in output
     assert "1 restarts" in output

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from typing import Any
 
 from holdfast.errors import SimulationError
+from holdfast.interop.mavlink.signatures import LENGTH, Signatures, signature_time
 
 try:
     from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -21,8 +21,6 @@ V1, V2 = 0xFE, 0xFD
 SIGNED = 0x01
 SEARCHED = 4096
 """So many bytes of a datagram are searched for frames behind a broken one."""
-EPOCH = 1_420_070_400
-"""2015-01-01, where the time of signatures begins [s, Unix]; its unit is 10 us."""
 V1_LENGTHS = {"MANUAL_CONTROL": 11}
 """Payloads of MAVLink 1 that version 2 has made longer, of the messages that are made [bytes]."""
 RADIO_STATUS = 109
@@ -47,14 +45,10 @@ class Codec:
     """
 
     def __init__(self, key: bytes | None = None, *, link: int = 0) -> None:
-        if key is not None and len(key) != 32:
-            raise SimulationError(f"the key has {len(key)} bytes", expected="32")
         self._mav: Any = dialect.MAVLink(None)
         self.key = key
-        signing = self._mav.signing
-        signing.secret_key, signing.link_id = key, link
-        signing.allow_unsigned_callback = lambda mav, number: number == RADIO_STATUS
-        signing.timestamp = _now()
+        self._signatures = Signatures(key) if key is not None else None
+        self._mav.signing.link_id = link
         self._sequence: dict[tuple[int, int], int] = {}
         self.read = self.broken = self.garbage = self.unsigned = 0
 
@@ -80,12 +74,15 @@ class Codec:
 
     def _decoded(self, frame: bytearray) -> Message | None:
         try:
-            return self._mav.decode(frame)
-        except dialect.MAVError as error:
-            if "signature" in str(error):
-                self.unsigned += 1
-                return _REFUSED
+            found = self._mav.decode(frame)
+        except dialect.MAVError:
             return None
+        if self._signatures is None or (is_signed(frame) and self._signatures.valid(frame)):
+            return found
+        if not is_signed(frame) and found.get_msgId() == RADIO_STATUS:
+            return found
+        self.unsigned += 1
+        return _REFUSED
 
     def frame(self, message: Message, system: int, component: int, *, v1: bool = False) -> bytes:
         """The frame of a message from a system and component; in MAVLink 1 where `v1`."""
@@ -93,9 +90,11 @@ class Codec:
         mav.srcSystem, mav.srcComponent = sender
         mav.seq = self._sequence.get(sender, 0)
         self._sequence[sender] = (mav.seq + 1) % 256
-        mav.signing.sign_outgoing = self.key is not None and not v1
-        mav.signing.timestamp = max(mav.signing.timestamp, _now())
+        signing = mav.signing
+        signing.sign_outgoing = self.key is not None and not v1
+        signing.secret_key, signing.timestamp = self.key, max(signing.timestamp, signature_time())
         made = bytes(message.pack(mav, force_mavlink1=v1))
+        signing.secret_key = None  # what is read is checked by `Signatures`
         length = V1_LENGTHS.get(message.get_type(), len(made))
         return _cut(made, length, message.crc_extra) if v1 and made[1] > length else made
 
@@ -121,21 +120,17 @@ def _size(data: bytearray, at: int) -> int:
     if data[at] == V1:
         size = data[at + 1] + 8
     elif data[at] == V2 and not data[at + 2] & ~SIGNED:
-        size = data[at + 1] + 12 + 13 * (data[at + 2] & SIGNED)
+        size = data[at + 1] + 12 + LENGTH * (data[at + 2] & SIGNED)
     else:
         return 0
     return size if at + size <= len(data) else 0
 
 
-def is_v1(frame: bytes) -> bool:
+def is_v1(frame: bytes | bytearray) -> bool:
     """Whether a frame is of MAVLink 1."""
     return frame[0] == V1
 
 
-def is_signed(frame: bytes) -> bool:
+def is_signed(frame: bytes | bytearray) -> bool:
     """Whether a frame is signed."""
     return frame[0] == V2 and bool(frame[2] & SIGNED)
-
-
-def _now() -> int:
-    return int((time.time() - EPOCH) * 1e5)
