@@ -1,0 +1,299 @@
+"""A safety filter as a MAVLink component between a controller and a vehicle."""
+
+from __future__ import annotations
+
+import math
+import select
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from types import TracebackType
+
+from holdfast.analysis.online.decision_record import DecisionRecord
+from holdfast.analysis.online.relay import Relay
+from holdfast.analysis.online.safety_filter import SafetyFilter
+from holdfast.arguments import checked
+from holdfast.errors import SimulationError
+from holdfast.interop.mavlink.commands import Commands
+from holdfast.interop.mavlink.frames import Codec, Message, is_signed, is_v1
+from holdfast.interop.mavlink.measurements import Measurements
+from holdfast.interop.mavlink.said import Said, heartbeat
+from holdfast.interop.planar_motion import PlanarMotion
+from holdfast.interop.udp import Port, until_interrupted
+
+AUTOPILOT = 1
+"""MAV_COMP_ID_AUTOPILOT1: gimbals and cameras may send an ATTITUDE of their own."""
+ONBOARD_COMPUTER = 191
+"""MAV_COMP_ID_ONBOARD_COMPUTER."""
+OTHER_COMMANDS = frozenset(
+    {
+        "MANUAL_CONTROL",
+        "RC_CHANNELS_OVERRIDE",
+        "SET_ACTUATOR_CONTROL_TARGET",
+        "SET_ATTITUDE_TARGET",
+        "SET_POSITION_TARGET_GLOBAL_INT",
+        "SET_POSITION_TARGET_LOCAL_NED",
+    }
+)
+"""Messages that move a vehicle; those that the filter does not read pass, and it says so."""
+EARLY = 1e-6
+"""A sample may be so early [s]: the clock is a number that is rounded."""
+LINK = 71
+"""The link of our signatures, so that their times are not mixed with those of the controller."""
+
+
+@dataclass
+class Counts:
+    """What a component received, in both directions together.
+
+    passed: messages sent on unchanged. commands: those that the filter took. sent: filtered
+    commands. broken: frames with a wrong checksum. garbage: bytes of no whole frame. unsigned:
+    frames without the signature that the key asks for. strangers: datagrams of a third address.
+    other_system: states of another vehicle or component, and
+    commands to one, which pass. stale: states older
+    than the last. refused: commands that the filter cannot read (another kind of setpoint, a
+    signature without a key), which do not pass. unfiltered: other messages that may move the
+    vehicle, which do. unsent: datagrams without a receiver. restarts: of the vehicle.
+    """
+
+    passed: int = 0
+    commands: int = 0
+    sent: int = 0
+    broken: int = 0
+    garbage: int = 0
+    unsigned: int = 0
+    strangers: int = 0
+    other_system: int = 0
+    stale: int = 0
+    refused: int = 0
+    unfiltered: int = 0
+    unsent: int = 0
+    restarts: int = 0
+
+    def __str__(self) -> str:
+        told = [(f.name, getattr(self, f.name)) for f in fields(self)]
+        return ", ".join(f"{n} {name}" for name, n in told if n) or "nothing received"
+
+
+class SafetyComponent:
+    """A filter that reads states and commands, and sends the filtered command in their place.
+
+    The states of the vehicle are read from LOCAL_POSITION_NED and ATTITUDE, or ODOMETRY, of its
+    autopilot; the command from one kind of message (`commands`). Every `keep.sample_time` the
+    newest of both are decided on as `Relay` does, and the decision is sent to the vehicle as a
+    message of the same kind and version, from the system and component that commanded. A command
+    that arrives half a sample or more after the last decision is decided on at once, and the
+    samples go on from there, unless the filter remembers (observers, rates of inputs): that one
+    keeps its samples. A command that the filter passes is sent as it was. All other messages pass
+    unchanged, both ways.
+
+    Nothing is sent before the first command, and nothing when the last one is older than `hold`
+    [s]: then the vehicle's own failsafe has to act, which the messages would put off.
+
+    The component has the vehicle's system number and the component `component`. It sends HEARTBEAT
+    once a second, both ways, and to the controller STATUSTEXT where it intervenes and the value and
+    the slack as NAMED_VALUE_FLOAT ("hf_value", "hf_slack").
+
+    keep: the filter. commands: `ManualControl` or `BodyVelocity`. controller, vehicle: connections,
+    "udpin:HOST:PORT" or "udpout:HOST:PORT". system, autopilot: the numbers of the vehicle and of
+    its component that knows the states. patience [s]: of the relay. key: the secret that signs the
+    connection. pose, twist, bearing: see `PlanarMotion`.
+
+    Raises `SimulationError` and `DefinitionError` for a system that does not fit, for a port in
+    use, and for invalid arguments.
+    """
+
+    @checked
+    def __init__(
+        self,
+        keep: SafetyFilter,
+        commands: Commands,
+        *,
+        controller: str = "udpin:127.0.0.1:14550",
+        vehicle: str = "udpin:127.0.0.1:14560",
+        system: int = 1,
+        autopilot: int = AUTOPILOT,
+        component: int = ONBOARD_COMPUTER,
+        patience: float = 0.25,
+        hold: float = 10.0,
+        key: bytes | None = None,
+        pose: tuple[str, str, str] = ("x", "y", "psi"),
+        twist: tuple[str, str, str] = ("u", "v", "r"),
+        bearing: float = 0.0,
+    ) -> None:
+        if not (hold > patience and hold < math.inf):
+            raise SimulationError(f"hold is {hold} s", expected="more than the patience")
+        if system not in range(1, 256) or component not in range(1, 256):
+            raise SimulationError(
+                f"system {system}, component {component}", expected="numbers from 1 to 255"
+            )
+        self.relay, self.commands, self.hold = Relay(keep, patience=patience), commands, float(hold)
+        if keep.measured_disturbances:
+            raise SimulationError(
+                f"the filter measures {', '.join(keep.measured_disturbances)}",
+                expected="a filter of states alone: no message holds disturbances",
+            )
+        self.system, self.autopilot, self.component = system, autopilot, component
+        planar = PlanarMotion(keep.system, pose=pose, twist=twist, bearing=bearing)
+        self._measurements = Measurements(planar)
+        self._from_controller, self._from_vehicle = Codec(key, link=LINK), Codec(key, link=LINK)
+        self._said = Said()
+        self._counts = Counts()
+        self._like: Message | None = None
+        self._read: dict[str, float] = {}
+        self._sender, self._v1, self._commanded = (0, 0), False, -math.inf
+        self._due = self._decided = self._beat = -math.inf
+        self._waiting = False
+        self._prompt = getattr(keep.law, "memory", None) is None
+        self.controller = Port(controller)
+        try:
+            self.vehicle = Port(vehicle)
+        except SimulationError:
+            self.controller.close()
+            raise
+
+    def __enter__(self) -> SafetyComponent:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close both sockets."""
+        self.controller.close()
+        self.vehicle.close()
+
+    @property
+    def counts(self) -> Counts:
+        """What was received and sent so far."""
+        counts, codecs = self._counts, (self._from_controller, self._from_vehicle)
+        ports, measured = (self.controller, self.vehicle), self._measurements
+        counts.broken = sum(c.broken for c in codecs)
+        counts.garbage = sum(c.garbage for c in codecs)
+        counts.unsigned = sum(c.unsigned for c in codecs)
+        counts.strangers = sum(p.strangers for p in ports)
+        counts.unsent = sum(p.unsent for p in ports)
+        counts.stale, counts.restarts = measured.stale, measured.restarts
+        return counts
+
+    def turn(self, now: float) -> DecisionRecord | None:
+        """Read what waits at `now` [s], and decide if a sample is due; its decision."""
+        for datagram in self.vehicle.receive(now):
+            for message, frame in self._from_vehicle.messages(datagram):
+                self._state(message, now)
+                self._pass(frame, self.controller)
+        for datagram in self.controller.receive(now):
+            for message, frame in self._from_controller.messages(datagram):
+                if not self._command(message, frame, now):
+                    self._pass(frame, self.vehicle)
+        if now - self._beat >= 1.0:
+            self._beat = now
+            self._tell(heartbeat(), self.controller)
+            self._tell(heartbeat(), self.vehicle)
+        if self.due(now) > EARLY:
+            return None
+        sample = self.relay.keep.sample_time
+        on_time = -EARLY <= now - self._due < sample
+        self._due = (self._due if on_time else now) + sample
+        self._decided, self._waiting = now, False
+        return self._decide(now)
+
+    def due(self, now: float) -> float:
+        """The seconds until the next decision."""
+        due = self._due
+        if self._waiting and self._prompt:
+            due = min(due, self._decided + self.relay.keep.sample_time / 2)
+        return max(due - now, 0.0)
+
+    # -- from the vehicle, from the controller ---------------------------------------------------
+
+    def _pass(self, frame: bytes, port: Port) -> None:
+        self._counts.passed += 1
+        port.send(frame)
+
+    def _state(self, message: Message, now: float) -> None:
+        if (message.get_srcSystem(), message.get_srcComponent()) != (self.system, self.autopilot):
+            self._counts.other_system += message.get_type() in ("LOCAL_POSITION_NED", "ODOMETRY")
+            return
+        restarts = self._measurements.restarts
+        found = self._measurements.take(message, now)
+        if self._measurements.restarts > restarts:
+            self.relay.reset()
+        if found is not None:
+            states, received = found
+            self.relay.measured({n: states[n] for n in self.relay.states}, received)
+
+    def _command(self, message: Message, frame: bytes, now: float) -> bool:
+        """Whether a message is a command that does not pass as it is."""
+        kind = message.get_type()
+        if kind != self.commands.kind:
+            if kind in OTHER_COMMANDS:
+                self._counts.unfiltered += 1
+                self._warn(f"{kind} passes unfiltered", now)
+            return False
+        if self.commands.target(message) not in (0, self.system):
+            self._counts.other_system += 1
+            return False
+        signed = is_signed(frame) and self._from_controller.key is None
+        input = None if signed else self.commands.command(message)
+        if input is None:
+            self._counts.refused += 1
+            why = "it is signed, and no key was given" if signed else "it sets something else"
+            self._warn(f"{kind} is not sent on: {why}", now)
+            return True
+        self._counts.commands += 1
+        self._like, self._read, self._v1 = message, input, is_v1(frame)
+        self._sender = message.get_srcSystem(), message.get_srcComponent()
+        self._commanded, self._waiting = now, True
+        self.relay.commanded(input, now)
+        return True
+
+    # -- to them ---------------------------------------------------------------------------------
+
+    def _decide(self, now: float) -> DecisionRecord:
+        record = self.relay.decide(now)
+        if self._like is not None and now - self._commanded <= self.hold:
+            made = self._like
+            if record.input != self._read or record.lost:
+                made = self.commands.message(self._like, record.input)
+            self.vehicle.send(self._from_vehicle.frame(made, *self._sender, v1=self._v1))
+            self._counts.sent += 1
+        for message in self._said.of(record, now):
+            self._tell(message, self.controller)
+        return record
+
+    def _warn(self, text: str, now: float) -> None:
+        for message in self._said.warning(text, now):
+            self._tell(message, self.controller)
+
+    def _tell(self, message: Message, port: Port) -> None:
+        codec = self._from_controller if port is self.controller else self._from_vehicle
+        if port.peer is not None:
+            port.send(codec.frame(message, self.system, self.component))
+
+
+def serve(
+    component: SafetyComponent,
+    *,
+    on_decision: Callable[[DecisionRecord], None] | None = None,
+    seconds: float = math.inf,
+) -> Counts:
+    """Run a component until Ctrl-C or SIGTERM, or for so many seconds; what it received.
+
+    on_decision: is told every decision, of which `DecisionRecord.line` is a line of JSON. The
+    sockets are closed at the end.
+    """
+    with component, until_interrupted():
+        wires = [component.controller.socket, component.vehicle.socket]
+        end = time.monotonic() + seconds
+        while (now := time.monotonic()) < end:
+            record = component.turn(now)
+            if record is not None and on_decision is not None:
+                on_decision(record)
+            select.select(wires, [], [], min(component.due(time.monotonic()), end - now))
+    return component.counts
