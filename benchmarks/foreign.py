@@ -365,12 +365,15 @@ def differs(given: np.ndarray, wanted: np.ndarray, size: np.ndarray) -> bool:
     return bool((np.abs(given - wanted) > 0.01 * size).any())
 
 
+SEA = (0.03, 1.2)
+"""Significant height [m] and peak period [s]: 2.7 m and 11 s at the ship's full size."""
+
 PLANTS: dict[str, tuple[Any, Callable[[int, bool], None]]] = {
     "Otter": (Otter, lambda n, peer: boats("Otter", Otter(), n, peer)),
     "Current": (Otter, lambda n, peer: boats("Otter, 0.1 m/s", Otter((0.0, 0.1)), n, peer)),
     "Rov": (Rov, lambda n, peer: boats("ROV", Rov(), n, peer)),
-    "Ship": (Ship, lambda n, peer: boats("ship, calm", Ship(), n, peer)),
-    "Sea": (Ship, lambda n, peer: boats("ship, waves", Ship(waves=(0.03, 1.2)), n, peer)),
+    "Ship": (Ship, lambda n, peer: boats("ship, calm", Ship(), n, peer, 250.0)),
+    "Sea": (Ship, lambda n, peer: boats("ship, waves", Ship(waves=SEA), n, peer, 250.0)),
     "Car": (Car, cars),
     "Wheels": (Wheels, wheels),
 }

@@ -134,7 +134,7 @@ class Ship(Boat):
     """
 
     package = "MCSimPython"
-    scale, arm, ahead, astern = 5.0, 0.2, 3.0, 3.0
+    scale, arm, ahead, astern = 5.0, 0.2, 6.0, 6.0
 
     def __init__(
         self,
