@@ -32,6 +32,13 @@ def drive(relay, boat, seconds, command_until=math.inf, measure_until=math.inf):
     return records
 
 
+def sample(state):
+    """The line of `holdfast filter` for that state, with the command of the controller."""
+    push, turn = pd(state)
+    said = dict(zip(NAMES, map(float, state), strict=True))
+    return json.dumps({"state": said, "command": {"tau_u": push, "tau_r": turn}}) + "\n"
+
+
 def record(t, status="passed", *, change=0.0, lost="", value=0.5, slack=0.0, why="", gave_way=()):
     return hf.DecisionRecord(
         t=t, status=status, lost=lost, state={"x": t}, command={"u": 1.0, "w": 0.0},

@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -16,7 +17,7 @@ from holdfast.analysis.online.interventions import Interventions
 from holdfast.host.terminal import Foot
 from holdfast.presentation.text.live import Live
 from tests.command_line import HEARS, called, started
-from tests.decisions import NAMES, START, camera_filter, drive, messages, pd, record, stream
+from tests.decisions import START, camera_filter, drive, messages, pd, record, sample, stream
 from tests.scenario_files import EXTERNAL
 
 MAIN = HEARS + "from holdfast.__main__ import main; main()"
@@ -36,12 +37,6 @@ def process(*arguments):
     return subprocess.Popen(words, env=environment, **pipes)
 
 
-def sample(state):
-    push, turn = pd(state)
-    said = dict(zip(NAMES, map(float, state), strict=True))
-    return json.dumps({"state": said, "command": {"tau_u": push, "tau_r": turn}}).encode() + b"\n"
-
-
 def test_controller_plant_filter_and_monitor_are_a_pipe(mine):
     """The PD controller keeps its target in view, and the monitor sees what the records say."""
     vehicle = hf.systems.marine_vehicle()
@@ -50,7 +45,7 @@ def test_controller_plant_filter_and_monitor_are_a_pipe(mine):
     watch = process("monitor", "--mcap", "seen.mcap", "--summary", "seen.json")
     _, alone = camera_filter()
     for _ in range(300):
-        keep.stdin.write(sample(boat.state))
+        keep.stdin.write(sample(boat.state).encode())
         keep.stdin.flush()
         answer = keep.stdout.readline()
         watch.stdin.write(answer)
@@ -69,6 +64,9 @@ def test_controller_plant_filter_and_monitor_are_a_pipe(mine):
     out, err = watch.communicate(timeout=30)
     assert (watch.returncode, err) == (0, b"")
     assert b"\x1b" not in out
+    page = (Path(__file__).parents[1] / "docs/own_controller.md").read_text("utf-8")
+    for line in out.decode().partition("\n\n")[0].splitlines():
+        assert line in page
     wanted = Interventions()
     ended = [e.intervention for r in records for e in wanted.add(r) if e.what == "ended"]
     ended += [e.intervention for e in wanted.end()]
@@ -82,8 +80,8 @@ def test_controller_plant_filter_and_monitor_are_a_pipe(mine):
 
 
 def test_filter_answers_a_bad_line_with_the_fallback_and_says_so_at_the_end(mine):
-    lines = [sample(START), b"nonsense\n", b'{"state": {}}\n', sample(START)]
-    (mine / "in.jsonl").write_bytes(b"".join(lines))
+    lines = [sample(START), "nonsense\n", '{"state": {}}\n', sample(START)]
+    (mine / "in.jsonl").write_text("".join(lines))
     answer = called("filter", "mine.toml", stdin="in.jsonl")
     assert answer.returncode == 1
     found = [hf.DecisionRecord.read(line) for line in answer.stdout.splitlines()]
@@ -117,7 +115,7 @@ def test_filter_of_an_empty_stream_has_no_samples(mine):
 def test_filter_whose_log_is_full_goes_on_and_says_so(mine):
     if not os.path.exists("/dev/full"):
         pytest.skip("there is no /dev/full")
-    (mine / "in.jsonl").write_bytes(sample(START) * 2)
+    (mine / "in.jsonl").write_text(sample(START) * 2)
     answer = called("filter", "mine.toml", "--log", "/dev/full", stdin="in.jsonl")
     assert (answer.returncode, len(answer.stdout.splitlines())) == (1, 2)
     assert answer.stderr.count("/dev/full has no more decisions") == 1
