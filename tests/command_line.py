@@ -1,12 +1,18 @@
 """The command line in a process of its own."""
 
 import atexit
+import contextlib
+import io
 import json
 import os
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+
+import pytest
+
+from holdfast.commands.main import main
 
 HEARS = (  # also where the tests run in the background, whose processes ignore the signal
     "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
@@ -97,6 +103,21 @@ def started(code, *arguments):
         [sys.executable, "-c", HEARS + code, *map(str, arguments)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
+
+
+def called(*arguments, stdin=os.devnull, stdout=None):
+    """The same in this process; standard output may be a stream of the caller's."""
+    out, err = stdout or io.StringIO(), io.StringIO()
+    with contextlib.ExitStack() as stack:
+        patch = stack.enter_context(pytest.MonkeyPatch.context())
+        patch.setattr(sys, "argv", ["holdfast", *map(str, arguments)])
+        patch.setattr(sys, "stdin", stack.enter_context(open(stdin, "rb")))
+        stack.enter_context(contextlib.redirect_stdout(out))
+        stack.enter_context(contextlib.redirect_stderr(err))
+        left = stack.enter_context(pytest.raises(SystemExit))
+        main()
+    code = left.value.code
+    return subprocess.CompletedProcess(arguments, code, out.getvalue(), err.getvalue())
 
 
 ONE_STATE = """

@@ -57,3 +57,25 @@ horizon = 60
 forever = true
 band = 0.2
 """
+
+EXTERNAL = """
+[scenario]
+title = "My controller in front of a target"
+[system]
+name = "marine_vehicle"
+[law]
+external = true
+[region]
+name = "camera_view"
+[safeguard]
+gains = [1.5, 8]
+[starts]
+states = [{ x = -1.3, y = 0.75, psi = -0.35 }]
+random = 2
+box = { x = [-2, -0.6], y = [-0.8, 0.8], psi = [-0.8, 0.8] }
+[run]
+horizon = 4
+record_every = 0.02
+tolerance = 1e-3
+"""
+"""The scenario of a controller that is a program."""

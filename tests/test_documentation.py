@@ -3,6 +3,7 @@
 import contextlib
 import io
 import json
+import os
 import re
 import shlex
 import shutil
@@ -23,6 +24,7 @@ from holdfast.presentation.text.values import value_text
 from holdfast.scenario.kinds.kernel import KernelScenario
 from tests.c_code import STRICT, needs_gcc
 from tests.command_line import PD
+from tests.decisions import START, sample
 
 ROOT = Path(__file__).parent.parent
 DOCS = sorted((ROOT / "docs").glob("*.md"))
@@ -77,7 +79,7 @@ def missing(said, printed):
     return None
 
 
-SAID = {"formations": 9, "own_controller": 10, "station_keeping": 4}
+SAID = {"formations": 9, "own_controller": 11, "station_keeping": 4}
 """Numbers that pages say their examples print; another page with some is to be entered here."""
 
 
@@ -86,6 +88,7 @@ def test_examples_in_the_documentation_run_and_print_what_is_said(page, tmp_path
     monkeypatch.chdir(tmp_path)
     if 'load("result.nc")' in page.read_text("utf-8"):
         hf.load_scenario("inspection", ["run.horizon=4"], runs=3).run().save("result.nc")
+    write_named(page)
     scope, count = {}, 0
     for code, output, remarks in examples(page):
         if code.startswith("# pd.py\n"):  # a program, which the commands of the page start
@@ -115,6 +118,13 @@ def test_scenario_files_in_the_documentation_load(tmp_path):
                     loaded.run()
             else:
                 tomllib.loads(text)
+
+
+def write_named(page):
+    """The files that a page shows."""
+    for text in blocks(page, "toml"):
+        if named(text):
+            Path(named(text)).write_text(text)
 
 
 def named(text):
@@ -180,9 +190,16 @@ def shorter(words):
 
 def called(words, output=None):
     """The exit status of the command line, in this process."""
-    written = io.StringIO()
-    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(written):
+    written, told = io.StringIO(), os.devnull
+    if "<" in words:
+        words, told = words[: words.index("<")], words[words.index("<") + 1]
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        contextlib.redirect_stdout(written),
+        open(told) as read,
+    ):
         patch.setattr(sys, "argv", ["holdfast", *words])
+        patch.setattr(sys, "stdin", read)
         with pytest.raises(SystemExit) as left:
             main()
     if output:
@@ -206,9 +223,8 @@ def test_commands_of_the_documentation_run(page, folder, monkeypatch):
     monkeypatch.chdir(folder)
     called(["show", "inspection"], "mine.toml")
     Path("pd.py").write_text(PD)
-    for text in blocks(page, "toml"):
-        if named(text):
-            Path(named(text)).write_text(text)
+    Path("samples.jsonl").write_text(sample(START) * 3)
+    write_named(page)
     for line in typed(page):
         begun = time.time()
         if line.startswith("gcc "):

@@ -8,33 +8,13 @@ import pytest
 import holdfast as hf
 from holdfast.errors import ScenarioError
 from tests.command_line import PD, holdfast
-
-SCENARIO = """
-[scenario]
-title = "My controller in front of a target"
-[system]
-name = "marine_vehicle"
-[law]
-external = true
-[region]
-name = "camera_view"
-[safeguard]
-gains = [1.5, 8]
-[starts]
-states = [{ x = -1.3, y = 0.75, psi = -0.35 }]
-random = 2
-box = { x = [-2, -0.6], y = [-0.8, 0.8], psi = [-0.8, 0.8] }
-[run]
-horizon = 4
-record_every = 0.02
-tolerance = 1e-3
-"""
+from tests.scenario_files import EXTERNAL
 
 
 @pytest.fixture
 def mine(tmp_path):
     (tmp_path / "pd.py").write_text(PD)
-    (tmp_path / "mine.toml").write_text(SCENARIO)
+    (tmp_path / "mine.toml").write_text(EXTERNAL)
     return tmp_path
 
 

@@ -14,7 +14,7 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, NoReturn
 
@@ -29,6 +29,8 @@ _TERMINATIONS = tuple(
     getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
 _told_to_stop = threading.Event()
+_postponing = threading.Event()
+_asked: list[int] = []
 _ends = threading.Lock()
 _ears: list[socket.socket] = []
 """The handlers, referenced here because the operating system keeps only numbers of them."""
@@ -79,6 +81,21 @@ def end_with_parent() -> None:
         threading.Thread(target=end_too, name="holdfast-parent", daemon=True).start()
 
 
+@contextmanager
+def postponed() -> Iterator[Callable[[], int]]:
+    """Leave `GRACE` to finish what is open; the function gives the exit status asked for, or 0.
+
+    Within it neither an interruption nor a termination raises anything: the work asks, between two
+    steps. Whoever does not end within `GRACE` is ended.
+    """
+    _asked.clear()
+    _postponing.set()
+    try:
+        yield lambda: _asked[0] if _asked else 0
+    finally:
+        _postponing.clear()
+
+
 def heed() -> None:
     """Raise the interruption that was lost, if there was one."""
     if _told_to_stop.is_set():
@@ -123,14 +140,20 @@ def _hear(ear: socket.socket) -> None:
                 time.sleep(GRACE)
                 end(INTERRUPTED, "\n" + SAID)
             if heard[0] in _TERMINATIONS:
+                if _postponing.is_set():
+                    time.sleep(GRACE)
                 end(128 + heard[0])
 
 
 def _ignored(number: int, frame: object) -> None:
     """The thread hears it."""
+    _asked.append(128 + number)
 
 
 def _stop(number: int, frame: object) -> None:
+    if _postponing.is_set():
+        _asked.append(INTERRUPTED)
+        return
     if not _told_to_stop.is_set():  # a second one would only disturb what ends
         _told_to_stop.set()
         raise KeyboardInterrupt

@@ -63,3 +63,13 @@ def forgiving() -> Iterator[Stream]:
         out.flush()
         error.flush()
         sys.stdout, sys.stderr = before
+
+
+def descriptor_of(stream: Any) -> int:
+    """The number of a stream, for those who wait for it; of a closed one that of standard input."""
+    return 0 if stream is None else int(stream.fileno())
+
+
+def has_reader(stream: Any) -> bool:
+    """Whether what is written there still reaches someone; see `Stream`."""
+    return not getattr(stream, "muted", False)

@@ -8,31 +8,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.errors import SimulationError
-
-NAMES = ("x", "y", "psi", "u", "v", "r")
-
-
-def pd(state):
-    x, y, psi, u, _, r = state
-    return [4 * (-0.5 - x) - 6 * u, -0.6 * psi - 1.2 * y - 0.4 * r]
-
-
-def camera_filter(**settings):
-    vehicle, view = hf.systems.marine_vehicle(), hf.regions.camera_view()
-    return vehicle, hf.SafetyFilter(vehicle, view, gains=(1.5, 8), **settings)
-
-
-def drive(relay, boat, seconds, command_until=math.inf, measure_until=math.inf):
-    records = []
-    for k in range(round(seconds / 0.02)):
-        now = 100.0 + k * 0.02  # the clock of a receiver begins anywhere
-        if now - 100.0 < measure_until:
-            relay.measured(boat.state, now)
-        if now - 100.0 < command_until:
-            relay.commanded(pd(boat.state), now)
-        records.append(relay.decide(now))
-        boat.step(records[-1].input)
-    return records
+from tests.decisions import camera_filter, drive, pd
 
 
 def test_relay_with_fresh_messages_gives_the_decisions_of_the_filter():

@@ -31,11 +31,19 @@ from holdfast.scenario.schema.closed_loop import (
 )
 from holdfast.scenario.validation import at, validated
 
+Settings = dict[str, Any]
+"""Of a safety filter: arguments of `SafetyFilter`."""
+
 
 def composed_law(
     composer: Composer, spec: ScenarioSpec, system: System, region: Region | None
-) -> Law | Switching:
-    """The law with the redesign, tracking and safety filter that the scenario gives."""
+) -> tuple[Law | Switching, Settings | None]:
+    """The law with the redesign, tracking and safety filter that the scenario gives.
+
+    Also the settings by which `SafetyFilter` makes the same of a command; None where something
+    else than the filter stands between.
+    """
+    filtering: Settings = {}
     with at(composer.file, "law"):
         own = _external if "external" in spec.law else _own
         law = own(composer, spec, system)
@@ -45,18 +53,23 @@ def composed_law(
     if spec.tracking is not None:
         with at(composer.file, "tracking"):
             law = track_velocity(system, law, spec.tracking)
-    if spec.observer is not None and any(PREFIX + n in felt for n in system.input_names):
+    unknown = any(PREFIX + n in felt for n in system.input_names)
+    if spec.observer is not None and unknown and not law.handed:
         with at(composer.file, "observer"):
             law = cancel_unmodelled(system, law)
     if spec.safeguard is not None:
-        law = _safeguarded(composer, spec.safeguard, law, region, system)
+        law, filtering = _safeguarded(composer, spec.safeguard, law, region, system)
     if spec.observer is not None:
         with at(composer.file, "observer"):
             law = observe(
                 system, law, measured=spec.observer.measured, bandwidth=spec.observer.bandwidth
             )
         composer.declare(law.parameters)
-    return law
+        measured = spec.observer.measured
+        filtering["states"] = system.state_names if measured is None else tuple(measured)
+        filtering["bandwidth"] = spec.observer.bandwidth
+    direct = spec.redesign is None and spec.tracking is None
+    return law, filtering if direct else None
 
 
 def _own(composer: Composer, spec: ScenarioSpec, system: System) -> Law | Switching:
@@ -75,7 +88,7 @@ def _safeguarded(
     law: Law | Switching,
     region: Region | None,
     system: System,
-) -> Law | Switching:
+) -> tuple[Law | Switching, Settings]:
     file = composer.file
     if region is None:
         raise ScenarioError(f"{file}: safeguard: needs a [region]")
@@ -90,23 +103,22 @@ def _safeguarded(
             if name not in units:
                 raise ScenarioError("unknown name", remedy=suggestion(name, units))
             margins[name] = to_si(value, units[name])
+    settings: Settings = {
+        "constraints": more,
+        "gains": spec.gains,
+        "margins": margins,
+        "scales": spec.scales,
+        "measured": spec.measured,
+    }
     with at(file, "safeguard"):
-        guarded: Law | Switching = safeguard(
-            system,
-            law,
-            region,
-            constraints=more,
-            gains=spec.gains,
-            margins=margins,
-            scales=spec.scales,
-            measured=spec.measured,
-        )
+        guarded: Law | Switching = safeguard(system, law, region, **settings)
         if spec.rates:
             units = {q.name: over_time(q.unit, 1) for q in (*system.inputs, *system.states)}
             rates = {n: to_si(v, units.get(n, "1")) for n, v in spec.rates.items()}
             guarded = limit_rates(system, guarded, rates)
+            settings["rates"] = rates
     composer.declare(guarded.parameters)
-    return guarded
+    return guarded, settings
 
 
 def _redesigned(

@@ -12,11 +12,15 @@ from typing import TYPE_CHECKING, Any
 from holdfast.errors import ScenarioError
 
 if TYPE_CHECKING:
+    from holdfast.analysis.online.safety_filter import SafetyFilter
     from holdfast.analysis.simulation.aggregates import Entry
     from holdfast.execution.resources import Progress
 
 Bar = Callable[[str], AbstractContextManager[Callable[[str, float], None]]]
 """A bar on the screen, by what is worked on first."""
+
+
+FILTERED = "closed loops with [law] external = true, and a [safeguard] or [safety]"
 
 
 class Composed(ABC):
@@ -62,6 +66,16 @@ class Composed(ABC):
         raise ScenarioError(
             f"{self.file}: no other controller commands this scenario",
             expected="closed loops with [law] external = true",
+        )
+
+    def safety_filter(self, progress: Progress | None = None) -> SafetyFilter:
+        """The filter that this scenario puts around the command of another controller.
+
+        It decides as in its runs, sample by sample. Raises `ScenarioError` for a scenario that has
+        no such filter.
+        """
+        raise ScenarioError(
+            f"{self.file}: it has no filter around another controller", expected=FILTERED
         )
 
     # -- campaigns

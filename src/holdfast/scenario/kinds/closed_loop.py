@@ -35,6 +35,7 @@ from holdfast.scenario.schema.formation import FormationFigures, FormationHeader
 from holdfast.scenario.validation import at, validated
 
 if TYPE_CHECKING:
+    from holdfast.analysis.online.safety_filter import SafetyFilter
     from holdfast.analysis.simulation.aggregates import Entry
     from holdfast.scenario.safety_filter import Safety
 
@@ -69,6 +70,7 @@ class Scenario(Composed):
     start_outside: bool
     safety: Safety | None = None
     controller: str = ""
+    filtering: Mapping[str, Any] | None = None
 
     @property
     def runs(self) -> int:
@@ -122,6 +124,13 @@ class Scenario(Composed):
         if not self.law.handed:
             super().with_controller(line)
         return replace(self, controller=line)
+
+    def safety_filter(self, progress: Progress | None = None) -> SafetyFilter:
+        if self.filtering is None or not self.law.handed:
+            return super().safety_filter(progress)
+        from holdfast.scenario.safety_filter import online_filter
+
+        return online_filter(self, self.filtering, progress)
 
     def with_settings(self, **settings: Any) -> Scenario:
         """The same with other settings of [run]."""
@@ -237,7 +246,7 @@ def _composed(file: str, text: str, spec: ScenarioSpec) -> Scenario:
     system = composed_system(composer, spec.system)
     composer.drawn = drawn_names(composer, system, spec.varied)
     region = composer.region(spec.region, "region") if spec.region is not None else None
-    law = composed_law(composer, spec, system, region)  # may use the region's parameters
+    law, filtering = composed_law(composer, spec, system, region)  # may use the region's parameters
     goal = composer.region(spec.goal, "goal") if spec.goal is not None else None
     plant = plant_of(composer, system, spec.system)
     draws = drawn_ranges(composer, spec.varied)
@@ -287,6 +296,7 @@ def _composed(file: str, text: str, spec: ScenarioSpec) -> Scenario:
         figures=spec.figures,
         start_outside=spec.starts.start_outside,
         safety=_safety(file, spec, system),
+        filtering=filtering,
     )
 
 

@@ -1,0 +1,132 @@
+"""`holdfast filter`: a safety filter as a process, sample by sample."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from holdfast.commands.options import ANSWERED, NOT_ANSWERED, set_option
+from holdfast.errors import OutputError
+from holdfast.host.interruption import postponed
+from holdfast.host.lines import lines
+from holdfast.host.streams import descriptor_of, has_reader
+from holdfast.studies.progress import bar
+
+if TYPE_CHECKING:
+    from holdfast.analysis.online.decision_record import DecisionRecord
+    from holdfast.analysis.online.safety_filter import SafetyFilter
+
+TICK = 0.1
+"""Seconds after which a stream without lines is left, where that was asked for."""
+
+
+@click.command("filter")
+@click.argument("scenario")
+@set_option
+@click.option(
+    "--patience",
+    type=float,
+    default=0.25,
+    show_default=True,
+    help="How old a state or a command may be, in seconds.",
+)
+@click.option(
+    "--log",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Append every decision to this file, one line each.",
+)
+def command(scenario: str, overrides: tuple[str, ...], patience: float, log: Path | None) -> None:
+    """Keep the commands of another controller inside what SCENARIO keeps.
+
+    The scenario has [law] external = true and a [safeguard] or [safety]. Standard input is one line
+    of JSON for every sample, {"state": {...}, "command": {...}}, by name; "t" in seconds and the
+    "disturbance" are optional. Every line is answered at once with a decision on standard output:
+    its "input" is what the vehicle is to be given.
+
+    A first line that is no sample ends the command; a later one is answered with the fallback.
+    """
+    from holdfast.scenario.load import load_scenario
+
+    loaded = load_scenario(scenario, overrides)
+    tally, file = Tally(), Appended(log) if log is not None else None
+    with bar(f"{loaded.name}, preparing") as tell:
+        keep = loaded.safety_filter(lambda fraction: tell("the kernel", fraction))
+    status = serve_lines(keep, [tally] if file is None else [tally, file], patience)
+    click.echo(f"holdfast: {tally}", err=True)
+    sys.exit(status or (NOT_ANSWERED if file is not None and file.trouble else ANSWERED))
+
+
+def serve_lines(
+    keep: SafetyFilter, kept: Sequence[Callable[[DecisionRecord], None]], patience: float
+) -> int:
+    """Answer the lines of standard input until it ends; the exit status.
+
+    kept: called with every decision, after it was answered.
+    """
+    from holdfast.analysis.online.sample_lines import SampleLines
+
+    samples, refused = SampleLines(keep, patience=patience), 0
+    with postponed() as asked:
+        for line in lines(descriptor_of(sys.stdin), TICK):
+            if asked() or not has_reader(sys.stdout):
+                break
+            if line is None:
+                continue
+            record = samples.answer(line)
+            sys.stdout.write(record.line() + "\n")
+            sys.stdout.flush()
+            for keeps in kept:
+                keeps(record)
+            if samples.refused:
+                refused += 1
+                click.echo(f"holdfast: {samples.refused}", err=True)
+        return asked() or (NOT_ANSWERED if refused else ANSWERED)
+
+
+class Tally:
+    """How many decisions there were, and how many of each kind."""
+
+    def __init__(self) -> None:
+        self.samples, self.kinds = 0, Counter[str]()
+
+    def __call__(self, record: DecisionRecord) -> None:
+        self.samples += 1
+        self.kinds[record.status] += 1
+        if record.lost:
+            self.kinds["lost"] += 1
+
+    def __str__(self) -> str:
+        kinds = {"changed": 0, "infeasible": 0, "lost": 0} | self.kinds
+        shown = [f"{n} {k}" for k, n in kinds.items() if k not in ("passed", "no measurement")]
+        return f"{self.samples} samples: {', '.join(shown)}"
+
+
+class Appended:
+    """A file that has every decision as soon as it was made.
+
+    A disk that is full does not stop a filter: `trouble` says what could not be written.
+    Raises `OutputError` for a file that cannot be opened.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.trouble = ""
+        try:
+            self.file = open(path, "ab", buffering=0)  # noqa: SIM115
+        except OSError as error:
+            raise OutputError(
+                f"{path} cannot be written ({error.strerror})", remedy="choose another with --log"
+            ) from None
+
+    def __call__(self, record: DecisionRecord) -> None:
+        if self.trouble:
+            return
+        try:
+            self.file.write(f"{record.line()}\n".encode())
+        except OSError as error:
+            self.trouble = f"{self.file.name} has no more decisions ({error.strerror})"
+            click.echo(f"holdfast: {self.trouble}", err=True)
