@@ -3,7 +3,8 @@
 `python benchmarks/ros2_transports.py` runs those that are installed
 (`python -m pip install "holdfast[interop]" cyclonedds`). A process sends nav_msgs/Odometry at 50 Hz
 to another one, which sends it back, with the serialisation of both; then as many messages as it
-can, in one go, with the default quality of service of ROS 2 (reliable, the last 10 kept).
+can, in one go, with the default quality of service of ROS 2 (reliable, the last 10 kept). Then
+the time of a step of a `FilterNode`.
 """
 
 from __future__ import annotations
@@ -289,6 +290,42 @@ def main() -> None:
             with router_of(case):
                 words = [sys.executable, __file__, "--measure", name]
                 subprocess.run(words, env=os.environ | environment, check=True)
+        if name == "zenoh":
+            print(f"  a step of the node of a safety filter: {step_of_node():.2f} ms")
+
+
+def step_of_node() -> float:
+    """Milliseconds of a sample of a `FilterNode`, with a vehicle and a controller; the median."""
+    import holdfast as hf
+    from holdfast.interop.ros2 import (
+        ControllerNode,
+        FilterNode,
+        Interface,
+        Network,
+        VehicleNode,
+        router,
+    )
+
+    vehicle = hf.systems.marine_vehicle()
+    keep = hf.SafetyFilter(vehicle, hf.regions.camera_view(), gains=(1.5, 8))
+    here = Network(7, (ROUTER,), ("tcp/127.0.0.1:0",))
+    boat = hf.Plant(vehicle, [-1.3, 0.75, -0.35, 0, 0, 0])
+    times = []
+    with (
+        router(ROUTER),
+        FilterNode(keep, network=here) as node,
+        VehicleNode(boat, network=here) as sea,
+        ControllerNode(lambda s: [2.0, -0.1], Interface(vehicle), network=here) as mine,
+    ):
+        for _ in range(PINGS):
+            sea.step(time.monotonic())
+            time.sleep(0.004)
+            mine.step(time.monotonic())
+            time.sleep(0.004)
+            began = time.perf_counter()
+            node.step(time.monotonic())
+            times.append(1e3 * (time.perf_counter() - began))
+    return float(np.median(times))
 
 
 def router_of(case: str) -> AbstractContextManager[None]:

@@ -1,8 +1,10 @@
 """A safety filter as a node of ROS 2: on the wire, between processes, and when they are killed."""
 
+import itertools
 import json
 import math
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -32,10 +34,15 @@ from holdfast.interop.ros2 import (  # noqa: E402
     serve,
     wire,
 )
+from holdfast.interop.ros2.loop import Loop  # noqa: E402
 
 LOST_BY_THE_CONTROLLER = ([-1.3, 0.75, -0.35], [-1.06, -0.49, 0.78], [-1.05, 0.59, -0.44])
 """Starts in the view from which the controller of docs/own_controller.md loses it within 2 s."""
 DEADLINE = 60.0
+UNDER_THE_COMMAND_LINE = (
+    f"from holdfast.host.interruption import listening\nwith listening(): exec({FILTER!r})"
+)
+"""The filter where the commands of holdfast hear the signals too."""
 STRING = "std_msgs/msg/String"
 
 
@@ -118,6 +125,12 @@ def worst(states):
     return view.worst(states).max()
 
 
+def silent_for(records, lost):
+    """The seconds that the first record of the last loss says to have waited."""
+    whys = [r.why for r in records if r.lost == lost and f"no {lost} for" in r.why]
+    return min(float(re.search(r"for ([\d.]+) s", why)[1]) for why in whys)
+
+
 # -- between processes
 
 
@@ -135,16 +148,16 @@ def test_view_is_kept_over_ros_2_from_starts_from_which_the_controller_alone_los
         for one in heard:
             one.until(lambda m: any(r.status == "changed" for r in m.records))
         began = time.monotonic()
-        while time.monotonic() - began < 3.0:
+        while time.monotonic() - began < 2.2:
             time.sleep(0.01)
             for one in heard:
                 one.listen()
         for one in heard:
-            assert len(one.states) > 100
+            assert len(one.states) > 80
             assert worst(one.states) <= 0
             moved = np.subtract(one.states[-1], one.states[0])
             assert math.hypot(*moved[:2]) > 0.2
-            assert sum(not r.lost for r in one.records) > 100
+            assert sum(not r.lost for r in one.records) > 80
     finally:
         for one in heard:
             one.node.close()
@@ -152,7 +165,7 @@ def test_view_is_kept_over_ros_2_from_starts_from_which_the_controller_alone_los
 
 def test_killed_controller_and_killed_vehicle_are_said_and_the_node_goes_on(begin, monitor):
     start = ",".join(map(str, LOST_BY_THE_CONTROLLER[0]))
-    node = begin(FILTER, "/")
+    node = begin(UNDER_THE_COMMAND_LINE, "/")
     boat = begin(VEHICLE, f"/={start}")
     controller = begin(CONTROLLER, "/")
     monitor.until(lambda m: sum(not r.lost for r in m.records) > 60)  # 1.2 s under way
@@ -160,21 +173,22 @@ def test_killed_controller_and_killed_vehicle_are_said_and_the_node_goes_on(begi
 
     os.kill(controller.pid, signal.SIGKILL)
     waited = monitor.until(lambda m: m.last("command"))
-    assert 0.15 < waited < 0.25 + 0.5, "within its patience"
-    assert "no command for 0.2" in monitor.records[-1].why
+    assert 0.15 < waited < 2
+    assert 0.25 < silent_for(monitor.records, "command") < 0.5, "within its patience"
     under_way = len(monitor.states)
-    monitor.until(lambda m: len(m.states) > under_way + 100)
+    monitor.until(lambda m: len(m.states) > under_way + 75)
     assert monitor.last("command")
     assert worst(monitor.states) <= 0
 
     os.kill(boat.pid, signal.SIGKILL)
     waited = monitor.until(lambda m: m.last("measurement"))
-    assert 0.15 < waited < 0.25 + 0.5
+    assert 0.15 < waited < 2
+    assert 0.25 < silent_for(monitor.records, "measurement") < 0.5
     record = monitor.records[-1]
     assert record.status == "no measurement"
     assert record.input == {"tau_u": 0.0, "tau_r": 0.0}
     monitor.until(lambda m: m.reports and m.reports[-1].level == 2)
-    assert "no measurement for 0.2" in monitor.reports[-1].message
+    assert "no measurement for" in monitor.reports[-1].message
 
     begin(BOTH, f"/={start}")
     monitor.until(lambda m: m.last(""))
@@ -191,11 +205,14 @@ def test_killed_controller_and_killed_vehicle_are_said_and_the_node_goes_on(begi
 
 def test_ctrl_c_ends_the_node_cleanly_and_its_name_leaves_the_graph(begin, monitor):
     node = begin("import signal; signal.signal(2, signal.default_int_handler)\n" + FILTER, "/")
-    monitor.until(lambda m: m.records)
-    assert any("safety_filter" in token for token in monitor.node.graph())
+
+    def listed(m):
+        return any(token.endswith("/NN/%/%/safety_filter") for token in m.node.graph())
+
+    monitor.until(lambda m: m.records and listed(m))
     node.send_signal(signal.SIGINT)
     assert node.wait(10) == 0
-    monitor.until(lambda m: not any("safety_filter" in token for token in m.node.graph()))
+    monitor.until(lambda m: not listed(m), 5)
 
 
 # -- what should not come
@@ -268,6 +285,51 @@ def test_garbage_on_the_topics_is_counted_and_said_and_does_no_harm(hub, monitor
             return record.status == "not a number"
 
         assert stepped(node, not_a_number).input == {"tau_u": 0.0, "tau_r": 0.0}
+
+
+def test_garbage_beside_good_messages_is_a_warning(hub, monitor):
+    face = Interface(hf.systems.marine_vehicle())
+    state = dict(zip(face.states, [-1.3, 0.2, 0.0, 0.0, 0.0, 0.0], strict=True))
+    with (
+        FilterNode(camera_filter(), network=local(hub)) as node,
+        Node("other", network=local(hub)) as other,
+    ):
+        odometry = other.publisher("odometry", ros.ODOMETRY)
+        asks = other.publisher("nominal_command", face.command)
+        text = other.publisher("nominal_command", STRING)
+        garbage = False
+
+        def reported(level):
+            def so(m):
+                odometry.send(face.odometry(state, 0))
+                asks.send(face.wrap({"tau_u": 0.1, "tau_r": 0.0}, 0))
+                if garbage:
+                    text.send(ros.made(STRING, data="stop"))
+                node.step(time.monotonic())
+                last = m.reports[-1] if m.reports else None
+                return last and last.message == "passed" and last.level == level
+
+            return so
+
+        monitor.until(reported(0))
+        garbage = True
+        monitor.until(reported(1))
+        garbage = False
+        monitor.until(reported(0))
+
+
+def test_samples_that_pass_during_a_long_step_are_skipped_and_counted():
+    loop, times = Loop(0.02), []
+
+    def step(now):
+        times.append(now)
+        if len(times) == 3:
+            time.sleep(0.09)
+
+    loop.run(step, seconds=0.2)
+    assert 3 <= loop.skipped < 8
+    assert len(times) + loop.skipped >= 10
+    assert all(b > a for a, b in itertools.pairwise(times))
 
 
 def test_any_bytes_are_a_message_or_an_error_that_says_so():
@@ -440,6 +502,10 @@ def test_names_that_ros_2_does_not_allow_are_refused(monkeypatch):
             wire.NodeName("a").topic(topic)
     with pytest.raises(DefinitionError, match="0 to 232"):
         wire.NodeName("a", domain=233)
+    with pytest.raises(DefinitionError, match="connect is 'tcp/localhost:7447'"):
+        Network(connect="tcp/localhost:7447")
+    with pytest.raises(DefinitionError, match="did you mean 'nav_msgs/msg/Odometry'"):
+        ros.digest("nav_msgs/msg/Odometri")
     monkeypatch.setenv("ROS_DOMAIN_ID", "42")
     assert Network().domain_id() == 42
     monkeypatch.setenv("ROS_DOMAIN_ID", "all")
@@ -492,6 +558,8 @@ def test_state_returns_from_its_odometry_whatever_the_tilt_and_the_turns():
         assert math.remainder(turned, 2 * math.pi) == pytest.approx(0, abs=1e-12)
     rolled = ros.made("geometry_msgs/msg/Quaternion", x=0.3, y=0.0, z=0.0, w=0.9)
     assert ros.heading_of(rolled) == pytest.approx(0)
+    half = ros.made("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.3, w=0.4)
+    assert ros.heading_of(half) == pytest.approx(2 * math.atan2(3, 4))
     none = ros.made("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=0.0)
     assert math.isnan(ros.heading_of(none))
 
@@ -502,6 +570,7 @@ def test_state_returns_from_its_odometry_whatever_the_tilt_and_the_turns():
         ({"pose": ("x", "y", "theta")}, "no state 'theta'"),
         ({"pose": ("x", "psi", "y")}, "state 'psi' is in rad; expected m"),
         ({"twist": ("u", "v", "w")}, "no state 'w'"),
+        ({"pose": ("x", "y")}, "pose has 2 names and twist 3"),
         ({"fields": {"tau_u": "force.x"}}, "fields are given for tau_u; expected tau_u, tau_r"),
         ({"fields": {"tau_u": "torque.x", "tau_r": "torque.z"}}, "'torque.x' for input 'tau_u'"),
         ({"fields": {"tau_u": "linear.x", "tau_r": "torque.z"}}, "'linear.x' for input 'tau_u'"),

@@ -60,7 +60,11 @@ def decoded(data: bytes, kind: str) -> Any:
 
 
 def digest(kind: str) -> str:
-    """The hash of a type's definition, RIHS01."""
+    """The hash of a type's definition, RIHS01. Raises `DefinitionError` for an unknown type."""
+    if kind not in STORE.types:
+        raise DefinitionError(
+            f"'{kind}' is no standard message of ROS 2", remedy=suggestion(kind, STORE.types)
+        )
     return str(STORE.hash_rihs01(kind))
 
 
@@ -148,6 +152,10 @@ class Interface:
         if twist is None:
             u, v, r = (n if n in names else None for n in ("u", "v", "r"))
             twist = u, v, r
+        if len(pose) != 3 or len(twist) != 3:
+            raise DefinitionError(
+                f"pose has {len(pose)} names and twist {len(twist)}", expected="3 of each"
+            )
         units = {q.name: q.unit for q in system.states}
         wanted = zip((*pose, *twist), ("m", "m", "rad", "m/s", "m/s", "rad/s"), strict=True)
         for name, unit in wanted:
@@ -161,11 +169,6 @@ class Interface:
         self.states = tuple(n for n in names if n in told)
         self.base, self.fields = _command_fields(system, fields)
         self.command = f"geometry_msgs/msg/{self.base}" + "Stamped" * stamped
-
-    @property
-    def missing(self) -> tuple[str, ...]:
-        """The states of the system that Odometry does not give."""
-        return tuple(n for n in self.system.state_names if n not in self.states)
 
     # -- the state ---------------------------------------------------------------------------
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -23,9 +22,6 @@ ROUTER = "tcp/localhost:7447"
 KEPT = 16
 """Messages of a topic that wait to be taken; the oldest are dropped."""
 
-REPLIES = 1.0
-"""Seconds within which the others say that they are there."""
-
 
 @dataclass(frozen=True)
 class Network:
@@ -36,13 +32,21 @@ class Network:
     default both are those of rmw_zenoh: a router at tcp/localhost:7447 makes the peers known to
     each other, and the messages then go directly. config: a file of Zenoh's own settings (TLS,
     interfaces), in place of both; by default that of ZENOH_SESSION_CONFIG_URI. Multicast is not
-    used.
+    used. Raises `DefinitionError` for a text in place of several.
     """
 
     domain: int | None = None
     connect: tuple[str, ...] = (ROUTER,)
     listen: tuple[str, ...] = ("tcp/localhost:0",)
     config: str | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("connect", "listen"):
+            if isinstance(getattr(self, name), str):
+                raise DefinitionError(
+                    f"{name} is '{getattr(self, name)}'",
+                    expected="addresses, as ('tcp/host:7447',)",
+                )
 
     def domain_id(self) -> int:
         """Raises `DefinitionError` for a ROS_DOMAIN_ID that is no number."""
@@ -100,9 +104,7 @@ class Publisher:
     def __init__(self, session: Any, key: str, token: str) -> None:
         self._gid, self._count = wire.gid(token), 0
         self._token = session.liveliness().declare_token(token)
-        self._publisher = session.declare_publisher(
-            key, congestion_control=zenoh.CongestionControl.DROP, express=True
-        )
+        self._publisher = session.declare_publisher(key, express=True)
 
     def send(self, message: Any) -> None:
         """Raises `OutputError` where the session is closed."""
@@ -172,16 +174,21 @@ class Node:
         self.name = wire.NodeName(name, namespace, network.domain_id())
         self._session = network.session()
         self._id, self._entities = str(self._session.zid()), 0
+        self._graph: Any = None
+        self._known: set[str] = set()
         self._token = self._session.liveliness().declare_token(wire.node_token(self.name, self._id))
 
     def publisher(self, topic: str, kind: str) -> Publisher:
-        """A publisher of a standard type, as "nav_msgs/msg/Odometry"."""
+        """A publisher of a standard type, as "nav_msgs/msg/Odometry".
+
+        Raises `DefinitionError` for a type that is none, and for a name that ROS 2 does not allow.
+        """
         topic, digest = self.name.topic(topic), messages.digest(kind)
         key = wire.topic_key(self.name.domain, topic, kind, digest)
         return Publisher(self._session, key, self._endpoint("MP", topic, kind, digest))
 
     def subscription(self, topic: str, kind: str) -> Subscription:
-        """A subscriber to a standard type, as "nav_msgs/msg/Odometry"."""
+        """A subscriber to a standard type; see `publisher`."""
         topic, digest = self.name.topic(topic), messages.digest(kind)
         key = wire.topic_key(self.name.domain, topic, kind, digest)
         keys = wire.any_type_key(self.name.domain, topic)
@@ -193,14 +200,23 @@ class Node:
         return wire.endpoint_token(self.name, self._id, self._entities, what, topic, kind, digest)
 
     def graph(self) -> Sequence[str]:
-        """The tokens of the nodes, publishers and subscribers of the domain, this node's too."""
-        found: list[Any] = []
-        ended = threading.Event()  # the handlers of zenoh lose replies that come at once
-        heard = zenoh.handlers.Callback(found.append, ended.set)
-        keys = f"@ros2_lv/{self.name.domain}/**"
-        self._session.liveliness().get(keys, heard, timeout=REPLIES)
-        ended.wait(2 * REPLIES)
-        return sorted({str(reply.ok.key_expr) for reply in found if reply.ok})
+        """The tokens of the nodes, publishers and subscribers of the domain, this node's too.
+
+        Those that are known: from the first call on it listens, and what is there is heard soon.
+        """
+        if self._graph is None:
+            keys = f"@ros2_lv/{self.name.domain}/**"
+            self._graph = self._session.liveliness().declare_subscriber(
+                keys, self._heard, history=True
+            )
+        return sorted(self._known)
+
+    def _heard(self, token: Any) -> None:
+        """In a thread of Zenoh's."""
+        if token.kind == zenoh.SampleKind.PUT:
+            self._known.add(str(token.key_expr))
+        else:
+            self._known.discard(str(token.key_expr))
 
     def close(self) -> None:
         """Leave the graph. A second call does nothing."""

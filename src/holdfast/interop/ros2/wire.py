@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import xxhash
 
+from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 
 DEPTH = 10
@@ -36,6 +37,7 @@ DOMAINS = 232
 """The largest domain that ROS 2 allows."""
 
 
+@checked
 @dataclass(frozen=True)
 class NodeName:
     """A node of a domain: its name, and its namespace as "/" or "/robot_1".
