@@ -459,7 +459,7 @@ def test_attachment_is_number_time_and_identifier():
 
 def test_identifier_is_the_hash_of_the_token_low_half_first():
     """XXH3-128 of an empty text is 99aa06d3014798d86001c324468d497f (xxHash's own test vector)."""
-    assert wire.gid("").hex() == "7f498d4624c301606d894701d306aa99".replace("6d89", "d898")
+    assert wire.gid("").hex() == "7f498d4624c30160d8984701d306aa99"
 
 
 def test_bytes_of_rclpy_are_read_and_written():
