@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
 
 from holdfast.analysis.simulation.result import Result
 from holdfast.errors import OutputError
-
-NANO = 1_000_000_000
+from holdfast.interop.ros_messages import NANO, ODOMETRY, STORE, encoded, made, odometry
 
 
 def write_bag(
@@ -42,28 +39,24 @@ def write_bag(
             raise OutputError(f"the result has no state '{name}'", expected="pose=(x, y, heading)")
     if folder.exists():
         raise OutputError(f"{folder} exists already", remedy="choose another folder")
-    store = get_typestore(Stores.ROS2_JAZZY)
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
             for run in runs if runs is not None else range(data.sizes["run"]):
-                _write_run(writer, store, result, run, names, (pose, twist, frame))
+                _write_run(writer, result, run, names, (pose, twist, frame))
     except OSError as error:
         raise OutputError(f"{folder} cannot be written ({error.strerror})") from None
     return folder
 
 
 def _write_run(
-    writer: Any, store: Any, result: Result, run: int, names: list[str], how: tuple[Any, Any, str]
+    writer: Any, result: Result, run: int, names: list[str], how: tuple[Any, Any, str]
 ) -> None:
     pose, twist, frame = how
     data = result.arrays
-    types = store.types
-    moving = writer.add_connection(f"/run_{run}/odometry", "nav_msgs/msg/Odometry", typestore=store)
-    acting = writer.add_connection(f"/run_{run}/mode", "std_msgs/msg/Int32", typestore=store)
+    moving = writer.add_connection(f"/run_{run}/odometry", ODOMETRY, typestore=STORE)
+    acting = writer.add_connection(f"/run_{run}/mode", "std_msgs/msg/Int32", typestore=STORE)
     states, modes = data["state"].values[run], data["mode"].values[run]
-    none = np.zeros(36)
-    vector, point = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Point"]
     for t, state, mode in zip(data["time"].values, states, modes, strict=True):
         if not np.isfinite(state).all():
             break  # the record ends where the run diverged
@@ -71,28 +64,6 @@ def _write_run(
         value = dict(zip(names, map(float, state), strict=True))
         x, y, heading = (value[n] for n in pose)
         surge, sway, turn = (value.get(n, 0.0) if n else 0.0 for n in twist)
-        message = types["nav_msgs/msg/Odometry"](
-            header=types["std_msgs/msg/Header"](
-                stamp=types["builtin_interfaces/msg/Time"](sec=stamp // NANO, nanosec=stamp % NANO),
-                frame_id=frame,
-            ),
-            child_frame_id=f"run_{run}",
-            pose=types["geometry_msgs/msg/PoseWithCovariance"](
-                pose=types["geometry_msgs/msg/Pose"](
-                    position=point(x=x, y=y, z=0.0),
-                    orientation=types["geometry_msgs/msg/Quaternion"](
-                        x=0.0, y=0.0, z=math.sin(heading / 2), w=math.cos(heading / 2)
-                    ),
-                ),
-                covariance=none,
-            ),
-            twist=types["geometry_msgs/msg/TwistWithCovariance"](
-                twist=types["geometry_msgs/msg/Twist"](
-                    linear=vector(x=surge, y=sway, z=0.0), angular=vector(x=0.0, y=0.0, z=turn)
-                ),
-                covariance=none,
-            ),
-        )
-        writer.write(moving, stamp, store.serialize_cdr(message, moving.msgtype))
-        written = types["std_msgs/msg/Int32"](data=int(mode))
-        writer.write(acting, stamp, store.serialize_cdr(written, acting.msgtype))
+        message = odometry((x, y, heading), (surge, sway, turn), stamp, frame, f"run_{run}")
+        writer.write(moving, stamp, encoded(message))
+        writer.write(acting, stamp, encoded(made("std_msgs/msg/Int32", data=int(mode))))

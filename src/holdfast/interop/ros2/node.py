@@ -1,0 +1,230 @@
+"""A node of ROS 2 over Zenoh: publishers and subscribers that the graph of rmw_zenoh shows."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import zenoh
+
+from holdfast.arguments import checked
+from holdfast.errors import DefinitionError, OutputError
+from holdfast.interop import ros_messages as messages
+from holdfast.interop.ros2 import wire
+
+ROUTER = "tcp/localhost:7447"
+"""Where the router of rmw_zenoh (`ros2 run rmw_zenoh_cpp rmw_zenohd`) listens."""
+KEPT = 16
+"""Messages of a topic that wait to be taken; the oldest are dropped."""
+
+
+@dataclass(frozen=True)
+class Network:
+    """Which ROS 2 a node belongs to, and how it reaches the others.
+
+    domain: by default that of ROS_DOMAIN_ID, else 0. connect: the routers or peers that are tried
+    until they answer, now or later. listen: where peers reach this node; port 0 is any free one. By
+    default both are those of rmw_zenoh: a router at tcp/localhost:7447 makes the peers known to
+    each other, and the messages then go directly. config: a file of Zenoh's own settings (TLS,
+    interfaces), in place of both; by default that of ZENOH_SESSION_CONFIG_URI. Multicast is not
+    used. Raises `DefinitionError` for a text in place of several.
+    """
+
+    domain: int | None = None
+    connect: tuple[str, ...] = (ROUTER,)
+    listen: tuple[str, ...] = ("tcp/localhost:0",)
+    config: str | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("connect", "listen"):
+            if isinstance(getattr(self, name), str):
+                raise DefinitionError(
+                    f"{name} is '{getattr(self, name)}'",
+                    expected="addresses, as ('tcp/host:7447',)",
+                )
+
+    def domain_id(self) -> int:
+        """Raises `DefinitionError` for a ROS_DOMAIN_ID that is no number."""
+        said = os.environ.get("ROS_DOMAIN_ID", "0") or "0"
+        if self.domain is not None:
+            return self.domain
+        if not said.isdecimal():
+            raise DefinitionError(f"ROS_DOMAIN_ID is '{said}'", expected="a number from 0 to 232")
+        return int(said)
+
+    def session(self, mode: str = "peer") -> Any:
+        """An open session of Zenoh. Raises `OutputError` where none can be opened."""
+        file = self.config or (os.environ.get("ZENOH_SESSION_CONFIG_URI") if mode == "peer" else "")
+        try:
+            if file:
+                return zenoh.open(zenoh.Config.from_file(file))
+            config = zenoh.Config()
+            for key, value in {
+                "mode": mode,
+                "connect/endpoints": self.connect,
+                "connect/exit_on_failure": False,
+                "connect/timeout_ms": 0,
+                "listen/endpoints": self.listen,
+                "scouting/multicast/enabled": False,
+                "scouting/gossip/enabled": True,
+                "scouting/delay": 0 if mode == "router" else 500,
+                "timestamping/enabled": True,
+            }.items():
+                config.insert_json5(key, json.dumps(value))
+            return zenoh.open(config)
+        except zenoh.ZError as error:
+            where = file or f"{', '.join(self.connect)}; {', '.join(self.listen)}"
+            raise OutputError(
+                f"no session of Zenoh ({where}): {str(error).split(' at /')[0]}"[:300],
+                expected="addresses as tcp/localhost:7447, and ports that are free",
+            ) from None
+
+
+@contextmanager
+def router(listen: str = ROUTER) -> Iterator[None]:
+    """A router for nodes where no ROS 2 is installed; it does what `rmw_zenohd` does.
+
+    Raises `OutputError` where it cannot listen.
+    """
+    session = Network(connect=(), listen=(listen,)).session("router")
+    try:
+        yield
+    finally:
+        session.close()
+
+
+class Publisher:
+    """Sends messages of one type on a topic, with their number and the time."""
+
+    def __init__(self, session: Any, key: str, token: str) -> None:
+        self._gid, self._count = wire.gid(token), 0
+        self._token = session.liveliness().declare_token(token)
+        self._publisher = session.declare_publisher(key, express=True)
+
+    def send(self, message: Any) -> None:
+        """Raises `OutputError` where the session is closed."""
+        self._count += 1
+        attachment = wire.Attachment(self._count, time.time_ns(), self._gid)
+        try:
+            self._publisher.put(messages.encoded(message), attachment=attachment.encode())
+        except zenoh.ZError as error:
+            raise OutputError(f"a message cannot be sent: {error}"[:200]) from None
+
+
+class Subscription:
+    """The messages of one type on a topic; what is none of them is counted and said.
+
+    refused: how many messages were of another type, without an attachment, or unreadable; why: what
+    was wrong with the last of these.
+    """
+
+    def __init__(self, session: Any, keys: str, key: str, kind: str, token: str) -> None:
+        self._key, self._kind = key, kind
+        self.received, self.refused, self.why = 0, 0, ""
+        self._token = session.liveliness().declare_token(token)
+        self._subscriber = session.declare_subscriber(keys, zenoh.handlers.RingChannel(KEPT))
+
+    def take(self) -> Iterator[Any]:
+        """The messages that came since the last call, in order; at most `KEPT`."""
+        for _ in range(KEPT):
+            sample = self._subscriber.try_recv()
+            if sample is None:
+                return
+            try:
+                message = self._read(sample)
+            except messages.MessageError as error:
+                self.refuse(error)
+            else:
+                self.received += 1
+                yield message
+
+    def refuse(self, error: messages.MessageError) -> None:
+        """Count a message that is not what the topic is for."""
+        self.refused, self.why = self.refused + 1, str(error)
+
+    def _read(self, sample: Any) -> Any:
+        key = str(sample.key_expr)
+        if key != self._key:
+            kind, digest = key.split("/")[-2:]
+            mine = wire.dds_type(self._kind)
+            what = f"type {kind}" if kind != mine else f"another definition of {kind} ({digest})"
+            raise messages.MessageError(f"a message of {what}"[:120], expected=self._kind)
+        try:
+            wire.Attachment.decode(sample.attachment.to_bytes() if sample.attachment else b"")
+        except ValueError as error:
+            raise messages.MessageError(f"a message of no node of ROS 2: {error}") from None
+        return messages.decoded(sample.payload.to_bytes(), self._kind)
+
+
+class Node:
+    """A name in the graph, with its publishers and subscribers.
+
+    Raises `DefinitionError` for names and domains that ROS 2 does not allow, and `OutputError`
+    where the network cannot be reached. It is closed by `close`, or at the end of `with`.
+    """
+
+    @checked
+    def __init__(self, name: str, *, namespace: str = "/", network: Network | None = None) -> None:
+        network = network or Network()
+        self.name = wire.NodeName(name, namespace, network.domain_id())
+        self._session = network.session()
+        self._id, self._entities = str(self._session.zid()), 0
+        self._graph: Any = None
+        self._known: set[str] = set()
+        self._token = self._session.liveliness().declare_token(wire.node_token(self.name, self._id))
+
+    def publisher(self, topic: str, kind: str) -> Publisher:
+        """A publisher of a standard type, as "nav_msgs/msg/Odometry".
+
+        Raises `DefinitionError` for a type that is none, and for a name that ROS 2 does not allow.
+        """
+        topic, digest = self.name.topic(topic), messages.digest(kind)
+        key = wire.topic_key(self.name.domain, topic, kind, digest)
+        return Publisher(self._session, key, self._endpoint("MP", topic, kind, digest))
+
+    def subscription(self, topic: str, kind: str) -> Subscription:
+        """A subscriber to a standard type; see `publisher`."""
+        topic, digest = self.name.topic(topic), messages.digest(kind)
+        key = wire.topic_key(self.name.domain, topic, kind, digest)
+        keys = wire.any_type_key(self.name.domain, topic)
+        token = self._endpoint("MS", topic, kind, digest)
+        return Subscription(self._session, keys, key, kind, token)
+
+    def _endpoint(self, what: str, topic: str, kind: str, digest: str) -> str:
+        self._entities += 1
+        return wire.endpoint_token(self.name, self._id, self._entities, what, topic, kind, digest)
+
+    def graph(self) -> Sequence[str]:
+        """The tokens of the nodes, publishers and subscribers of the domain, this node's too.
+
+        Those that are known: from the first call on it listens, and what is there is heard soon.
+        """
+        if self._graph is None:
+            keys = f"@ros2_lv/{self.name.domain}/**"
+            self._graph = self._session.liveliness().declare_subscriber(
+                keys, self._heard, history=True
+            )
+        return sorted(self._known)
+
+    def _heard(self, token: Any) -> None:
+        """In a thread of Zenoh's."""
+        if token.kind == zenoh.SampleKind.PUT:
+            self._known.add(str(token.key_expr))
+        else:
+            self._known.discard(str(token.key_expr))
+
+    def close(self) -> None:
+        """Leave the graph. A second call does nothing."""
+        if not self._session.is_closed():
+            self._session.close()
+
+    def __enter__(self) -> Node:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
