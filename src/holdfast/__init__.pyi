@@ -77,9 +77,7 @@ from .maths.definitions.extension import dynamic_extension as dynamic_extension
 from .maths.definitions.extension import input_limits as input_limits
 from .maths.definitions.lag import lagged as lagged
 from .maths.definitions.law import GainCondition as GainCondition
-from .maths.definitions.lag import lagged as lagged
 from .maths.definitions.law import Law as Law
-from .maths.definitions.lag import lagged as lagged
 from .maths.definitions.law import Safeguard as Safeguard
 from .maths.definitions.measurement import Measurement as Measurement
 from .maths.definitions.memory import Memory as Memory

@@ -53,7 +53,7 @@ def composed_system(composer: Composer, table: Mapping[str, Any]) -> System:
 
 
 def plant_of(composer: Composer, system: System, table: Mapping[str, Any]) -> System:
-    """The system that moves: with the lag and the slew of its inputs, of which the law is unaware."""
+    """The system that moves: with the lag and slew of its inputs, which the law does not know."""
     if "lag" not in table and "slew" not in table:
         return system
     units = {q.name: q.unit for q in system.inputs}
