@@ -314,7 +314,7 @@ ROBOT = """
 
 
 class Wheels:
-    """A two-wheeled robot on a floor with friction: state() is (x, y, psi), speeds() is (v, w).
+    """A two-wheeled robot on a floor with friction; state() is (x, y, psi), step((v, w), seconds).
 
     radius, track: of the map from (v, w) to wheel speeds, fitted by `fitted_wheels`.
     """
@@ -335,12 +335,6 @@ class Wheels:
         self.data.qpos[:7] = [x, y, 0.033, math.cos(psi / 2), 0, 0, math.sin(psi / 2)]
         for _ in range(250):  # until it stands
             self.engine.mj_step(self.model, self.data)
-
-    def speeds(self) -> np.ndarray:
-        """(v, w), as wheels without slip and a gyroscope would tell."""
-        psi = self.state()[2]
-        vx, vy = self.data.qvel[:2]
-        return np.array([vx * math.cos(psi) + vy * math.sin(psi), self.data.qvel[5]])
 
     def state(self) -> np.ndarray:
         x, y, _, w, i, j, k = self.data.qpos[:7]

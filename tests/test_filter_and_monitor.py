@@ -5,9 +5,12 @@ import io
 import json
 import os
 import re
+import select
 import signal
+import socket
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -299,3 +302,64 @@ def test_work_that_does_not_end_when_it_is_stopped_is_ended():
     working.terminate()
     working.communicate(timeout=30)
     assert working.returncode == 143
+
+
+def told_to_end(keep, number):
+    """What a filter says that is told to end."""
+    keep.send_signal(number)
+    _, err = keep.communicate(timeout=30)
+    assert keep.returncode == 0, err
+    return err.decode()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_filter_is_a_component_of_mavlink_until_it_is_told_to_end(mine, number):
+    pytest.importorskip("pymavlink")
+    from holdfast.interop.mavlink import ManualControl, SimulatedVehicle
+
+    vehicle = hf.systems.marine_vehicle()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    keep = process(
+        "filter", "mine.toml", "--mavlink", "udpin:127.0.0.1:0", f"udpin:127.0.0.1:{port}"
+    )
+    boat = SimulatedVehicle(
+        vehicle, START, ManualControl(vehicle), connection=f"udpout:127.0.0.1:{port}"
+    )
+    with boat:
+        until = time.monotonic() + 30
+        read = b""
+        while b'"lost": "command"' not in read:
+            assert time.monotonic() < until
+            boat.turn(time.monotonic())
+            if select.select([keep.stdout], [], [], 0.005)[0]:
+                read += os.read(keep.stdout.fileno(), 1 << 16)
+    said = told_to_end(keep, number)
+    assert "samples" in said
+
+
+def test_filter_is_a_node_of_ros2_until_it_is_told_to_end(mine):
+    pytest.importorskip("zenoh")
+    from holdfast.interop.ros2 import Network, VehicleNode, router
+
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    boat = hf.Plant(hf.systems.marine_vehicle(), START)
+    with router(address), VehicleNode(boat, network=Network(connect=(address,))) as sea:
+        keep = process("filter", "mine.toml", "--ros2", "--router", address)
+        until, read = time.monotonic() + 30, b""
+        while b'"lost": "command"' not in read:
+            assert time.monotonic() < until
+            sea.step(time.monotonic())
+            if select.select([keep.stdout], [], [], 0.02)[0]:
+                read += os.read(keep.stdout.fileno(), 1 << 16)
+        said = told_to_end(keep, signal.SIGTERM)
+    assert "samples" in said
+
+
+def test_filter_has_one_connection(mine):
+    found = called("filter", "mine.toml", "--ros2", "--mavlink", "udpin:h:1", "udpin:h:2")
+    assert found.returncode == 2
+    assert "give one" in found.stderr

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from holdfast.analysis.online.decision_record import DecisionRecord
     from holdfast.analysis.online.safety_filter import SafetyFilter
 
+    Keeps = Callable[[DecisionRecord], None]
+
 TICK = 0.1
 """Seconds after which a stream without lines is left, where that was asked for."""
 
@@ -40,7 +42,31 @@ TICK = 0.1
     type=click.Path(path_type=Path, dir_okay=False),
     help="Append every decision to this file, one line each.",
 )
-def command(scenario: str, overrides: tuple[str, ...], patience: float, log: Path | None) -> None:
+@click.option("--ros2", is_flag=True, help="As a node of ROS 2, with rmw_zenoh.")
+@click.option(
+    "--router",
+    default="tcp/localhost:7447",
+    show_default=True,
+    help="Where the router of ROS 2 is.",
+)
+@click.option("--namespace", default="/", show_default=True, help="Of the node of ROS 2.")
+@click.option(
+    "--mavlink",
+    nargs=2,
+    metavar="CONTROLLER VEHICLE",
+    help="As a MAVLink component between two connections, such as udpin:127.0.0.1:14550 "
+    "udpin:127.0.0.1:14560.",
+)
+def command(
+    scenario: str,
+    overrides: tuple[str, ...],
+    patience: float,
+    log: Path | None,
+    ros2: bool,
+    router: str,
+    namespace: str,
+    mavlink: tuple[str, str] | None,
+) -> None:
     """Keep the commands of another controller inside what SCENARIO keeps.
 
     The scenario has [law] external = true and a [safeguard] or [safety]. Standard input is one line
@@ -49,21 +75,30 @@ def command(scenario: str, overrides: tuple[str, ...], patience: float, log: Pat
     its "input" is what the vehicle is to be given.
 
     A first line that is no sample ends the command; a later one is answered with the fallback.
+
+    With --ros2 or --mavlink samples and answers are messages, and the decisions are on standard
+    output all the same: holdfast monitor reads them.
     """
+    if ros2 and mavlink is not None:
+        raise click.UsageError("--ros2 and --mavlink are two connections; give one")
     from holdfast.scenario.load import load_scenario
 
     loaded = load_scenario(scenario, overrides)
     tally, file = Tally(), Appended(log) if log is not None else None
     with bar(f"{loaded.name}, preparing") as tell:
         keep = loaded.safety_filter(lambda fraction: tell("the kernel", fraction))
-    status = serve_lines(keep, [tally] if file is None else [tally, file], patience)
+    kept: list[Keeps] = [tally] if file is None else [tally, file]
+    if ros2:
+        status = serve_ros2(keep, kept, patience, router, namespace)
+    elif mavlink is not None:
+        status = serve_mavlink(keep, kept, patience, *mavlink)
+    else:
+        status = serve_lines(keep, kept, patience)
     click.echo(f"holdfast: {tally}", err=True)
     sys.exit(status or (NOT_ANSWERED if file is not None and file.trouble else ANSWERED))
 
 
-def serve_lines(
-    keep: SafetyFilter, kept: Sequence[Callable[[DecisionRecord], None]], patience: float
-) -> int:
+def serve_lines(keep: SafetyFilter, kept: Sequence[Keeps], patience: float) -> int:
     """Answer the lines of standard input until it ends; the exit status.
 
     kept: called with every decision, after it was answered.
@@ -86,6 +121,46 @@ def serve_lines(
                 refused += 1
                 click.echo(f"holdfast: {samples.refused}", err=True)
         return asked() or (NOT_ANSWERED if refused else ANSWERED)
+
+
+def serve_ros2(
+    keep: SafetyFilter, kept: Sequence[Keeps], patience: float, router: str, namespace: str
+) -> int:
+    """A node of ROS 2 until Ctrl-C or SIGTERM."""
+    from holdfast.interop.ros2 import Network, serve
+
+    network = Network(connect=(router,))
+    serve(keep, said=shown(kept), network=network, namespace=namespace, patience=patience)
+    return ANSWERED
+
+
+def serve_mavlink(
+    keep: SafetyFilter, kept: Sequence[Keeps], patience: float, controller: str, vehicle: str
+) -> int:
+    """A MAVLink component until Ctrl-C or SIGTERM."""
+    from holdfast.interop.mavlink import SafetyComponent, commands_of, serve
+
+    component = SafetyComponent(
+        keep,
+        commands_of(keep.system),
+        controller=controller,
+        vehicle=vehicle,
+        patience=patience,
+    )
+    click.echo(f"holdfast: {serve(component, on_decision=shown(kept))}", err=True)
+    return ANSWERED
+
+
+def shown(kept: Sequence[Keeps]) -> Keeps:
+    """Every decision on standard output, which may end before the filter does, and in `kept`."""
+
+    def show(record: DecisionRecord) -> None:
+        sys.stdout.write(record.line() + "\n")
+        sys.stdout.flush()
+        for keeps in kept:
+            keeps(record)
+
+    return show
 
 
 class Tally:

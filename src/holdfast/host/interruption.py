@@ -96,6 +96,27 @@ def postponed() -> Iterator[Callable[[], int]]:
         _postponing.clear()
 
 
+@contextmanager
+def ended_by_signals(stop: Callable[[], None]) -> Iterator[None]:
+    """Ctrl-C and SIGTERM call `stop`, in place of what they did; in the main thread only.
+
+    For a loop that serves until it is told to end, which is its ordinary end.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    woken = signal.set_wakeup_fd(-1)  # of `listening`, which would end the process at once
+    ends = (signal.SIGINT, signal.SIGTERM)
+    heard = [n for n in ends if signal.getsignal(n) not in (signal.SIG_IGN, None)]
+    before = {n: signal.signal(n, lambda *_: stop()) for n in heard}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        signal.set_wakeup_fd(woken)
+
+
 def heed() -> None:
     """Raise the interruption that was lost, if there was one."""
     if _told_to_stop.is_set():

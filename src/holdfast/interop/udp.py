@@ -1,15 +1,11 @@
-"""UDP sockets and the end of what is served over them."""
+"""UDP sockets for autopilots."""
 
 from __future__ import annotations
 
 import errno
 import re
-import signal
 import socket
-import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
-from typing import Any, NoReturn
 
 from holdfast.errors import SimulationError
 
@@ -106,23 +102,3 @@ class Port:
     def close(self) -> None:
         """Close the socket."""
         self.socket.close()
-
-
-@contextmanager
-def until_interrupted() -> Iterator[None]:
-    """End what stands inside, quietly, on Ctrl-C and where the program is told to end (SIGTERM)."""
-    before: Any = None
-    if threading.current_thread() is threading.main_thread():
-        before = signal.getsignal(signal.SIGTERM)
-        if before is signal.SIG_DFL:
-            signal.signal(signal.SIGTERM, _interrupt)
-    try:
-        with suppress(KeyboardInterrupt):
-            yield
-    finally:
-        if before is signal.SIG_DFL:
-            signal.signal(signal.SIGTERM, before)
-
-
-def _interrupt(number: int, frame: object) -> NoReturn:
-    raise KeyboardInterrupt

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -15,14 +16,17 @@ from holdfast.analysis.online.plant import Plant
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
+from holdfast.host.interruption import ended_by_signals
 from holdfast.interop.ardupilot.packets import ServoPacket, motion_line
 from holdfast.interop.ardupilot.servos import Servo, ServoOutputs
 from holdfast.interop.planar_motion import Motion, PlanarMotion
-from holdfast.interop.udp import LONGEST, Address, bound, until_interrupted
+from holdfast.interop.udp import LONGEST, Address, bound
 from holdfast.maths.definitions.system import System
 
 LATE = 16
 """A frame at most so many behind the last one is a late duplicate, not a new start."""
+TICK = 0.1
+"""Seconds of silence after which `serve` looks whether it is to end."""
 PORT = 9002
 """Where ArduPilot expects the physics."""
 
@@ -185,14 +189,16 @@ def serve(
     Raises `SimulationError` for a port in use, and where the vehicle diverges.
     """
     tell, last = say or _silent, -float("inf")
-    with bound(host, port) as wire, until_interrupted():
+    ended = threading.Event()
+    with bound(host, port) as wire, ended_by_signals(ended.set):
+        wire.settimeout(TICK)
         if ready is not None:
             ready(wire.getsockname()[1])
-        while frames is None or physics.counts.steps < frames:
+        while not ended.is_set() and (frames is None or physics.counts.steps < frames):
             before = Counts(**vars(physics.counts))
             try:
                 data, sender = wire.recvfrom(LONGEST)
-            except ConnectionError:  # an answer had no receiver
+            except (TimeoutError, ConnectionError):  # silence, or an answer had no receiver
                 continue
             reply = physics.answer(data, sender)
             if reply is not None:

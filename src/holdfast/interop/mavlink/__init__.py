@@ -1,6 +1,6 @@
 """A safety filter as a MAVLink component, and a simulated vehicle for it, over UDP."""
 
-from holdfast.interop.mavlink.commands import BodyVelocity, ManualControl
+from holdfast.interop.mavlink.commands import BodyVelocity, ManualControl, commands_of
 from holdfast.interop.mavlink.component import Counts, SafetyComponent, serve
 from holdfast.interop.mavlink.frames import Codec
 from holdfast.interop.mavlink.vehicle import SimulatedVehicle
@@ -12,5 +12,6 @@ __all__ = [
     "ManualControl",
     "SafetyComponent",
     "SimulatedVehicle",
+    "commands_of",
     "serve",
 ]

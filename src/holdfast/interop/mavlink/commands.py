@@ -150,6 +150,22 @@ class BodyVelocity:
         return int(message.target_system)
 
 
+def commands_of(system: System) -> Commands:
+    """The kind of message for the inputs of a system, by their units: forces, or velocities.
+
+    Raises `SimulationError` for inputs of other units, or names that need fields of their own.
+    """
+    units = {q.unit for q in system.inputs}
+    if units <= {"N", "N m"}:
+        return ManualControl(system)
+    if units <= {"m/s", "rad/s"}:
+        return BodyVelocity(system)
+    raise SimulationError(
+        f"inputs in {', '.join(sorted(units))} stand in no message",
+        expected="forces and moments, or velocities",
+    )
+
+
 def _fields(system: System, given: Mapping[str, str], known: Mapping[str, Any]) -> dict[str, str]:
     """The fields of the inputs, in their order, checked."""
     for name, field in given.items():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import select
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, fields
@@ -14,12 +15,13 @@ from holdfast.analysis.online.relay import Relay
 from holdfast.analysis.online.safety_filter import SafetyFilter
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
+from holdfast.host.interruption import ended_by_signals
 from holdfast.interop.mavlink.commands import Commands
 from holdfast.interop.mavlink.frames import Codec, Message, is_signed, is_v1
 from holdfast.interop.mavlink.measurements import Measurements
 from holdfast.interop.mavlink.said import Said, heartbeat
 from holdfast.interop.planar_motion import PlanarMotion
-from holdfast.interop.udp import Port, until_interrupted
+from holdfast.interop.udp import Port
 
 AUTOPILOT = 1
 """MAV_COMP_ID_AUTOPILOT1: gimbals and cameras may send an ATTITUDE of their own."""
@@ -288,10 +290,11 @@ def serve(
     on_decision: is told every decision, of which `DecisionRecord.line` is a line of JSON. The
     sockets are closed at the end.
     """
-    with component, until_interrupted():
+    ended = threading.Event()
+    with component, ended_by_signals(ended.set):
         wires = [component.controller.socket, component.vehicle.socket]
         end = time.monotonic() + seconds
-        while (now := time.monotonic()) < end:
+        while (now := time.monotonic()) < end and not ended.is_set():
             record = component.turn(now)
             if record is not None and on_decision is not None:
                 on_decision(record)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import select
+import threading
 import time
 from collections.abc import Callable, Sequence
 from types import TracebackType
@@ -14,10 +15,11 @@ from holdfast.analysis.online.plant import Plant
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
+from holdfast.host.interruption import ended_by_signals
 from holdfast.interop.mavlink.commands import Commands
 from holdfast.interop.mavlink.frames import Codec, Message, dialect
 from holdfast.interop.planar_motion import PlanarMotion
-from holdfast.interop.udp import Port, until_interrupted
+from holdfast.interop.udp import Port
 from holdfast.maths.definitions.system import System
 
 AUTOPILOT = 1
@@ -140,9 +142,10 @@ class SimulatedVehicle:
 
     def run(self, seconds: float = math.inf) -> None:
         """Go on in real time, until Ctrl-C or SIGTERM, or for so many seconds."""
-        with self, until_interrupted():
+        ended = threading.Event()
+        with self, ended_by_signals(ended.set):
             end = time.monotonic() + seconds
-            while (now := time.monotonic()) < end:
+            while (now := time.monotonic()) < end and not ended.is_set():
                 self.turn(now)
                 select.select([self.port.socket], [], [], self.plant.sample_time / 4)
 

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-
-ENDS = (signal.SIGINT, signal.SIGTERM)
+from collections.abc import Callable
 
 
 class Loop:
@@ -39,20 +35,3 @@ class Loop:
     def stop(self) -> None:
         """End it; any thread may call this, and the handler of a signal."""
         self._ended.set()
-
-
-@contextmanager
-def ended_by_signals(stop: Callable[[], None]) -> Iterator[None]:
-    """Ctrl-C and SIGTERM call `stop`, in place of what they did; in the main thread only."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    woken = signal.set_wakeup_fd(-1)  # of whoever else listens: it would end the process at once
-    heard = [n for n in ENDS if signal.getsignal(n) not in (signal.SIG_IGN, None)]
-    before = {n: signal.signal(n, lambda *_: stop()) for n in heard}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-        signal.set_wakeup_fd(woken)

@@ -14,8 +14,9 @@ from holdfast.analysis.online.relay import Relay
 from holdfast.analysis.online.safety_filter import SafetyFilter
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, OutputError
+from holdfast.host.interruption import ended_by_signals
 from holdfast.interop.ros2.diagnostics import Diagnostics
-from holdfast.interop.ros2.loop import Loop, ended_by_signals
+from holdfast.interop.ros2.loop import Loop
 from holdfast.interop.ros2.node import Network, Node, Subscription
 from holdfast.interop.ros2.wire import NodeName
 from holdfast.interop.ros_messages import ODOMETRY, Interface, MessageError, made
