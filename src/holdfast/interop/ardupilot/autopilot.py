@@ -7,18 +7,18 @@ import socket
 import time
 from collections import deque
 from collections.abc import Sequence
-from types import TracebackType
 
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.interop.ardupilot.packets import MAGIC, ServoPacket, read_motion
 from holdfast.interop.ardupilot.physics import LATE, PORT
 from holdfast.interop.ardupilot.servos import NEUTRAL
+from holdfast.interop.closing import Closing
 from holdfast.interop.planar_motion import Motion
 from holdfast.interop.udp import LONGEST
 
 
-class Autopilot:
+class Autopilot(Closing):
     """Sends servo packets and takes the answers, as ArduPilot's simulator does, in lockstep.
 
     rate [Hz]: what the physics is asked to step by, 1 to 65535. channels: 16 or 32. resend [s]: a
@@ -62,17 +62,6 @@ class Autopilot:
         self._seen: deque[bytes] = deque(maxlen=LATE)
         self.count, self.t = 0, -math.inf
         self.restarts = self.ignored = self.resent = 0
-
-    def __enter__(self) -> Autopilot:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the socket."""

@@ -8,7 +8,6 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from types import TracebackType
 
 from holdfast.analysis.online.decision_record import DecisionRecord
 from holdfast.analysis.online.relay import Relay
@@ -16,6 +15,7 @@ from holdfast.analysis.online.safety_filter import SafetyFilter
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.host.interruption import ended_by_signals
+from holdfast.interop.closing import Closing
 from holdfast.interop.mavlink.commands import Commands
 from holdfast.interop.mavlink.frames import Codec, Message, is_signed, is_v1
 from holdfast.interop.mavlink.measurements import Measurements
@@ -77,7 +77,7 @@ class Counts:
         return ", ".join(f"{n} {name}" for name, n in told if n) or "nothing received"
 
 
-class SafetyComponent:
+class SafetyComponent(Closing):
     """A filter that reads states and commands, and sends the filtered command in their place.
 
     The states of the vehicle are read from LOCAL_POSITION_NED and ATTITUDE, or ODOMETRY, of its
@@ -153,17 +153,6 @@ class SafetyComponent:
         except SimulationError:
             self.controller.close()
             raise
-
-    def __enter__(self) -> SafetyComponent:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close both sockets."""

@@ -7,7 +7,6 @@ import select
 import threading
 import time
 from collections.abc import Callable, Sequence
-from types import TracebackType
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
 from holdfast.host.interruption import ended_by_signals
+from holdfast.interop.closing import Closing
 from holdfast.interop.mavlink.commands import Commands
 from holdfast.interop.mavlink.frames import Codec, Message, dialect
 from holdfast.interop.planar_motion import PlanarMotion
@@ -26,7 +26,7 @@ AUTOPILOT = 1
 """MAV_COMP_ID_AUTOPILOT1."""
 
 
-class SimulatedVehicle:
+class SimulatedVehicle(Closing):
     """A `Plant` that publishes LOCAL_POSITION_NED, ATTITUDE and HEARTBEAT, and obeys commands.
 
     Commands are those of one kind (`commands`), to its system, of any controller. A command is
@@ -75,17 +75,6 @@ class SimulatedVehicle:
         self._published, self._beats = 0, 0
         self._codec = Codec(key, link=1)
         self.port = Port(connection)
-
-    def __enter__(self) -> SimulatedVehicle:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the socket."""

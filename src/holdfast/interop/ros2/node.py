@@ -15,6 +15,7 @@ import zenoh
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, OutputError
 from holdfast.interop import ros_messages as messages
+from holdfast.interop.closing import Closing
 from holdfast.interop.ros2 import wire
 
 ROUTER = "tcp/localhost:7447"
@@ -161,7 +162,7 @@ class Subscription:
         return messages.decoded(sample.payload.to_bytes(), self._kind)
 
 
-class Node:
+class Node(Closing):
     """A name in the graph, with its publishers and subscribers.
 
     Raises `DefinitionError` for names and domains that ROS 2 does not allow, and `OutputError`
@@ -222,9 +223,3 @@ class Node:
         """Leave the graph. A second call does nothing."""
         if not self._session.is_closed():
             self._session.close()
-
-    def __enter__(self) -> Node:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from typing import Any, Self
+from typing import Any
 
 from holdfast.analysis.online.decision_record import DecisionRecord
 from holdfast.analysis.online.plant import Plant
@@ -15,6 +15,7 @@ from holdfast.analysis.online.safety_filter import SafetyFilter
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, OutputError
 from holdfast.host.interruption import ended_by_signals
+from holdfast.interop.closing import Closing
 from holdfast.interop.ros2.diagnostics import Diagnostics
 from holdfast.interop.ros2.loop import Loop
 from holdfast.interop.ros2.node import Network, Node, Subscription
@@ -24,7 +25,7 @@ from holdfast.interop.ros_messages import ODOMETRY, Interface, MessageError, mad
 TEXT = "std_msgs/msg/String"
 
 
-class SampledNode:
+class SampledNode(Closing):
     """A node that does something at every sample: `step`, `run` until `stop`, `close`."""
 
     def __init__(
@@ -56,12 +57,6 @@ class SampledNode:
     def close(self) -> None:
         """Leave the graph."""
         self.node.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 class FilterNode(SampledNode):
