@@ -376,8 +376,8 @@ PLANTS: dict[str, tuple[Any, Callable[[int, bool], None]]] = {
     "Current": (Otter, lambda n, peer: boats("Otter, 0.1 m/s", Otter((0.0, 0.1)), n, peer)),
     "Stream": (Otter, lambda n, peer: boats("Otter, 0.3 m/s", Otter((0.0, 0.3)), n, peer)),
     "Rov": (Rov, lambda n, peer: boats("ROV", Rov(), n, peer)),
-    "Ship": (Ship, lambda n, peer: boats("ship, calm", Ship(), n, peer, 250.0)),
-    "Sea": (Ship, lambda n, peer: boats("ship, waves", Ship(waves=SEA), n, peer, 250.0)),
+    "Ship": (Ship, lambda n, peer: boats("ship, calm", Ship(), n, peer, 500.0)),
+    "Sea": (Ship, lambda n, peer: boats("ship, waves", Ship(waves=SEA), n, peer, 500.0)),
     "Car": (Car, cars),
     "Wheels": (Wheels, wheels),
 }

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -84,18 +86,18 @@ def command(
     from holdfast.scenario.load import load_scenario
 
     loaded = load_scenario(scenario, overrides)
-    tally, file = Tally(), Appended(log) if log is not None else None
+    tally, file = Tally(), Appended(log)
     with bar(f"{loaded.name}, preparing") as tell:
         keep = loaded.safety_filter(lambda fraction: tell("the kernel", fraction))
-    kept: list[Keeps] = [tally] if file is None else [tally, file]
-    if ros2:
-        status = serve_ros2(keep, kept, patience, router, namespace)
-    elif mavlink is not None:
-        status = serve_mavlink(keep, kept, patience, *mavlink)
-    else:
-        status = serve_lines(keep, kept, patience)
+    with closing(file):
+        if ros2:
+            status = serve_ros2(keep, [tally, file], patience, router, namespace)
+        elif mavlink is not None:
+            status = serve_mavlink(keep, [tally, file], patience, *mavlink)
+        else:
+            status = serve_lines(keep, [tally, file], patience)
     click.echo(f"holdfast: {tally}", err=True)
-    sys.exit(status or (NOT_ANSWERED if file is not None and file.trouble else ANSWERED))
+    sys.exit(status or (NOT_ANSWERED if file.trouble else ANSWERED))
 
 
 def serve_lines(keep: SafetyFilter, kept: Sequence[Keeps], patience: float) -> int:
@@ -182,20 +184,24 @@ class Tally:
 
 
 class Appended:
-    """A file that has every decision as soon as it was made.
+    """A file that has every decision as soon as it was made; None is no file.
 
     A disk that is full does not stop a filter: `trouble` says what could not be written.
     Raises `OutputError` for a file that cannot be opened.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path | None) -> None:
         self.trouble = ""
         try:
-            self.file = open(path, "ab", buffering=0)  # noqa: SIM115
+            self.file = open(path or os.devnull, "ab", buffering=0)  # noqa: SIM115
         except OSError as error:
             raise OutputError(
                 f"{path} cannot be written ({error.strerror})", remedy="choose another with --log"
             ) from None
+
+    def close(self) -> None:
+        """Close the file."""
+        self.file.close()
 
     def __call__(self, record: DecisionRecord) -> None:
         if self.trouble:
