@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import queue
 import sys
+import threading
 from collections import Counter
 from collections.abc import Callable, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +16,7 @@ import click
 
 from holdfast.commands.options import ANSWERED, NOT_ANSWERED, set_option
 from holdfast.errors import OutputError
-from holdfast.host.interruption import postponed
+from holdfast.host.interruption import GRACE, end, postponed
 from holdfast.host.lines import lines
 from holdfast.host.streams import descriptor_of, has_reader
 from holdfast.studies.progress import bar
@@ -25,6 +27,8 @@ if TYPE_CHECKING:
 
     Keeps = Callable[[DecisionRecord], None]
 
+MOST = 1000
+"""Decisions that may wait for who reads them."""
 TICK = 0.1
 """Seconds after which a stream without lines is left, where that was asked for."""
 
@@ -90,14 +94,20 @@ def command(
     with bar(f"{loaded.name}, preparing") as tell:
         keep = loaded.safety_filter(lambda fraction: tell("the kernel", fraction))
     with closing(file):
-        if ros2:
-            status = serve_ros2(keep, [tally, file], patience, router, namespace)
-        elif mavlink is not None:
-            status = serve_mavlink(keep, [tally, file], patience, *mavlink)
-        else:
+        if not ros2 and mavlink is None:
             status = serve_lines(keep, [tally, file], patience)
-    click.echo(f"holdfast: {tally}", err=True)
-    sys.exit(status or (NOT_ANSWERED if file.trouble else ANSWERED))
+            click.echo(f"holdfast: {tally}", err=True)
+            sys.exit(status or (NOT_ANSWERED if file.trouble else ANSWERED))
+        aside = Aside([shown, file])
+        if mavlink is not None:
+            serve_mavlink(keep, [tally, aside], patience, *mavlink)
+        else:
+            serve_ros2(keep, [tally, aside], patience, router, namespace)
+        whole = aside.ended()
+        click.echo(f"holdfast: {tally}{aside}", err=True)
+        if not whole:  # who reads does not, and waiting for that is no end
+            end(NOT_ANSWERED)
+    sys.exit(NOT_ANSWERED if file.trouble or aside.left_out else ANSWERED)
 
 
 def serve_lines(keep: SafetyFilter, kept: Sequence[Keeps], patience: float) -> int:
@@ -127,18 +137,17 @@ def serve_lines(keep: SafetyFilter, kept: Sequence[Keeps], patience: float) -> i
 
 def serve_ros2(
     keep: SafetyFilter, kept: Sequence[Keeps], patience: float, router: str, namespace: str
-) -> int:
+) -> None:
     """A node of ROS 2 until Ctrl-C or SIGTERM."""
     from holdfast.interop.ros2 import Network, serve
 
     network = Network(connect=(router,))
-    serve(keep, said=shown(kept), network=network, namespace=namespace, patience=patience)
-    return ANSWERED
+    serve(keep, said=each(kept), network=network, namespace=namespace, patience=patience)
 
 
 def serve_mavlink(
     keep: SafetyFilter, kept: Sequence[Keeps], patience: float, controller: str, vehicle: str
-) -> int:
+) -> None:
     """A MAVLink component until Ctrl-C or SIGTERM."""
     from holdfast.interop.mavlink import SafetyComponent, commands_of, serve
 
@@ -149,20 +158,57 @@ def serve_mavlink(
         vehicle=vehicle,
         patience=patience,
     )
-    click.echo(f"holdfast: {serve(component, on_decision=shown(kept))}", err=True)
-    return ANSWERED
+    click.echo(f"holdfast: {serve(component, on_decision=each(kept))}", err=True)
 
 
-def shown(kept: Sequence[Keeps]) -> Keeps:
-    """Every decision on standard output, which may end before the filter does, and in `kept`."""
+def each(kept: Sequence[Keeps]) -> Keeps:
+    """All of them, one after the other."""
 
-    def show(record: DecisionRecord) -> None:
-        sys.stdout.write(record.line() + "\n")
-        sys.stdout.flush()
+    def tell(record: DecisionRecord) -> None:
         for keeps in kept:
             keeps(record)
 
-    return show
+    return tell
+
+
+def shown(record: DecisionRecord) -> None:
+    """A decision on standard output."""
+    sys.stdout.write(record.line() + "\n")
+    sys.stdout.flush()
+
+
+class Aside:
+    """Tells others of decisions in a thread of its own, so that one who stalls stops no vehicle.
+
+    left_out: the decisions that they were not told of, because `MOST` others waited.
+    """
+
+    def __init__(self, kept: Sequence[Keeps]) -> None:
+        self.kept, self.left_out = kept, 0
+        self._waiting: queue.Queue[DecisionRecord | None] = queue.Queue(MOST)
+        self._thread = threading.Thread(target=self._tell, name="holdfast-aside", daemon=True)
+        self._thread.start()
+
+    def __call__(self, record: DecisionRecord) -> None:
+        try:
+            self._waiting.put_nowait(record)
+        except queue.Full:
+            self.left_out += 1
+
+    def _tell(self) -> None:
+        tell = each(self.kept)
+        while (record := self._waiting.get()) is not None:
+            tell(record)
+
+    def ended(self) -> bool:
+        """Whether all were told within `GRACE`."""
+        with suppress(queue.Full):
+            self._waiting.put(None, timeout=GRACE / 2)
+        self._thread.join(GRACE / 2)
+        return not self._thread.is_alive()
+
+    def __str__(self) -> str:
+        return f"; {self.left_out} not written, for nobody read them" if self.left_out else ""
 
 
 class Tally:

@@ -98,7 +98,7 @@ def postponed() -> Iterator[Callable[[], int]]:
 
 @contextmanager
 def ended_by_signals(stop: Callable[[], None]) -> Iterator[None]:
-    """Ctrl-C and SIGTERM call `stop`, in place of what they did; in the main thread only.
+    """Ctrl-C, SIGTERM and SIGHUP call `stop`, in place of what they did; in the main thread only.
 
     For a loop that serves until it is told to end, which is its ordinary end.
     """
@@ -106,7 +106,7 @@ def ended_by_signals(stop: Callable[[], None]) -> Iterator[None]:
         yield
         return
     woken = signal.set_wakeup_fd(-1)  # of `listening`, which would end the process at once
-    ends = (signal.SIGINT, signal.SIGTERM)
+    ends = (signal.SIGINT, *_TERMINATIONS)
     heard = [n for n in ends if signal.getsignal(n) not in (signal.SIG_IGN, None)]
     before = {n: signal.signal(n, lambda *_: stop()) for n in heard}
     try:

@@ -151,7 +151,9 @@ class PlanarMotion:
         _, q, r = motion.gyro
         cos, sin = math.cos(yaw), math.sin(yaw)
         turn = (q * math.sin(roll) + r * math.cos(roll)) / math.cos(pitch)
-        told = dict(zip(self.pose, (x, y, self.bearing - yaw), strict=True))
+        told = dict(
+            zip(self.pose, (x, y, math.remainder(self.bearing - yaw, 2 * math.pi)), strict=True)
+        )
         moving = (north * cos + east * sin, north * sin - east * cos, -turn)
         told |= dict(zip(self.twist, moving, strict=True))
         return {name: told[name] for name in self.system.state_names}

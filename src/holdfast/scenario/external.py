@@ -55,4 +55,5 @@ class Programmed:
         self.begin, self.end = programs.begin, programs.end
 
     def command(self, t: float, states: Array, alive: Alive) -> Array:
-        return np.array(self.programs.answers(t, states.tolist(), alive.tolist()))
+        told = states[:, : len(self.programs.states)]  # not what the lag of actuators adds
+        return np.array(self.programs.answers(t, told.tolist(), alive.tolist()))

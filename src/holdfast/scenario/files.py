@@ -137,7 +137,10 @@ def load_system(name: str, overrides: Iterable[str] = ()) -> System:
     table = data.get("system")
     if not isinstance(table, Mapping):
         raise ScenarioError(f"{shown}: no table [system]")
-    return Composer(shown).system(table)
+    from holdfast.scenario.build.system import composed_system, plant_of
+
+    composer = Composer(shown)
+    return plant_of(composer, composed_system(composer, table), table)
 
 
 def load_field(name: str, overrides: Iterable[str] = ()) -> Field:

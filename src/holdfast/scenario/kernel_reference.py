@@ -21,6 +21,7 @@ from holdfast.execution.resources import Progress
 from holdfast.maths.definitions.quantity import symbol
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
+from holdfast.scenario.build.system import LATE
 from holdfast.scenario.files import code_digest, merged, read_tables
 from holdfast.scenario.kinds.kernel import KernelScenario, composed_kernel, is_kernel
 from holdfast.scenario.schema.kernel import PROBLEMS
@@ -71,7 +72,8 @@ def named_kernel(
 ) -> NamedKernel:
     """The kernel of the scenario, or of the value function, of that name or file.
 
-    system: the table of the vehicle, whose keys replace those of the scenario. altered: name ->
+    system: the table of the vehicle, whose keys replace those of the scenario, but for the lag of
+    its actuators. altered: name ->
     tables, [kernels], which replace both.
 
     Raises `ScenarioError` for a scenario that computes no set or cannot be composed, and for the
@@ -90,7 +92,8 @@ def named_kernel(
         raise ScenarioError(
             f"'{name}' does not compute a kernel", expected="one of " + ", ".join(PROBLEMS)
         )
-    data = merged(merged(own, {"system": dict(system or {})}), changes)
+    vehicle = {k: v for k, v in (system or {}).items() if k not in LATE}
+    data = merged(merged(own, {"system": vehicle}), changes)
     if data != own:
         text += f"\n# with: {json.dumps({n: t for n, t in data.items() if t != own.get(n)})}\n"
     scenario = composed_kernel(file, text, data)

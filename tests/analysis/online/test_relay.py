@@ -28,12 +28,12 @@ def test_relay_with_fresh_messages_gives_the_decisions_of_the_filter():
 
 
 def test_vehicle_stays_in_view_where_the_commands_cease():
-    """From 40 starts that the filter keeps; the last command goes on for the patience at most."""
+    """From 16 starts that the filter keeps; the last command goes on for the patience at most."""
     vehicle, keep = camera_filter()
     view = hf.Boundary(vehicle, hf.regions.camera_view())
     relay = hf.Relay(keep)
     generator = np.random.default_rng(3)
-    for _ in range(40):
+    for _ in range(16):
         x, y, psi = generator.uniform([-2, -0.8, -0.8], [-0.6, 0.8, 0.8])
         if view.worst([[x, y, psi, 0, 0, 0]])[0] > 0:
             continue
@@ -80,8 +80,10 @@ def test_measurement_that_is_not_finite_is_a_status_and_others_are_refused():
     relay = hf.Relay(keep)
     relay.commanded({"tau_u": 1.0, "tau_r": 0.0}, 0.0)
     relay.measured([math.nan, 0, 0, 0, 0, 0], 0.0)
-    assert relay.decide(0.0).status == "not a number"
-    assert "x is nan" in relay.decide(0.3).why or relay.decide(0.3).status == "no measurement"
+    found = relay.decide(0.0)
+    assert found.status == "not a number"
+    assert "x is nan" in found.why
+    assert relay.decide(0.3).status == "no measurement"
     with pytest.raises(SimulationError, match="unknown command 'push'"):
         relay.commanded({"push": 1.0}, 0.0)
     with pytest.raises(SimulationError, match="6 numbers"):
@@ -132,3 +134,27 @@ def test_record_returns_from_its_line():
 def test_line_that_is_no_record_is_refused(line):
     with pytest.raises(SimulationError, match="is no decision"):
         hf.DecisionRecord.read(line)
+
+
+def test_estimate_is_not_taken_over_a_gap_in_the_measurements():
+    """A cart seen by its place alone: after 1.2 s without it the filter decides as at its start."""
+    x, v, u = (hf.symbol(n) for n in "xvu")
+    cart = hf.System(
+        "cart", (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")), (hf.Quantity("u", "m/s^2"),),
+        {"x": v, "v": u}, input_bounds=hf.Box((-1,), (1,)),
+    )  # fmt: skip
+    end = hf.Region("end", cart.states, (hf.Inequality("end", x - 1),))
+    made = [hf.SafetyFilter(cart, end, states=("x",), bandwidth=5.0) for _ in range(2)]
+    relay, fresh = hf.Relay(made[0]), hf.Relay(made[1])
+    for k in range(50):
+        relay.measured([-3 + 0.3 * k * 0.02], k * 0.02)
+        relay.commanded([0.0], k * 0.02)
+        relay.decide(k * 0.02)
+    for k in range(50, 110):
+        last = relay.decide(k * 0.02)
+    assert last.status == "no measurement"
+    for k in range(110, 200):
+        for one in (relay, fresh):
+            one.measured([-3 + 0.3 * k * 0.02], k * 0.02)
+            one.commanded([0.5], k * 0.02)
+        assert relay.decide(k * 0.02).input == fresh.decide(k * 0.02).input

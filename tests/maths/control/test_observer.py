@@ -5,7 +5,7 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.errors import DefinitionError
+from holdfast.errors import DefinitionError, SimulationError
 
 
 @pytest.fixture(scope="module")
@@ -114,3 +114,61 @@ def test_a_law_that_remembers_already_is_refused(drifting):
     once = hf.observe(drifting, told(drifting))
     with pytest.raises(DefinitionError, match="already has a memory"):
         hf.observe(drifting, once)
+
+
+def varying(slope, name="b", value=1.0):
+    """x' = slope d, with the slope an expression of x, u and a parameter."""
+    x, u, d = (hf.symbol(n) for n in "xud")
+    b = hf.Parameter(name, "1", value=value)
+    return hf.System(
+        "varying", (hf.Quantity("x", "m"),), (hf.Quantity("u", "m/s"),),
+        {"x": u + slope(x, u, b.symbol) * d}, parameters=(b,),
+        disturbances=(hf.Quantity("d", "m/s"),), disturbance_bounds=hf.Box((-9,), (9,)),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "slope",
+    [lambda x, u, b: u, lambda x, u, b: b, lambda x, u, b: b * sp.sin(x), lambda x, u, b: x / (x + b)],
+    ids=["an input", "a parameter", "vanishing at 0", "a quotient"],
+)  # fmt: skip
+@pytest.mark.parametrize("value", [0.0, 1.0])
+def test_estimate_is_finite_where_the_disturbance_has_no_effect(slope, value):
+    system = varying(slope, value=value)
+    x, d = hf.symbol("x"), hf.symbol("d")
+    swing = hf.parse_expression("0.3*sin(t)", {"t": hf.TIME})
+    law = hf.Law("told", (*system.states, *system.disturbances), {"u": swing - x}, signals={"d": d})
+    data = hf.simulate(
+        system, hf.observe(system, law), starts=[[0.2]], disturbance={"d": 0.1}, horizon=5.0
+    ).dataset
+    assert np.isfinite(data["signal"].values).all()
+    assert np.isfinite(data["state"].values).all()
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e3])
+def test_varying_slope_has_the_bandwidth_of_the_origin_in_any_unit(unit):
+    """x' = u + unit (1 + cos(x)/2) d, with d in that unit: it is found as fast in all of them."""
+    slope = unit * (1 + sp.cos(hf.symbol("x")) / 2)
+    x, u, d = (hf.symbol(n) for n in "xud")
+    system = hf.System(
+        "varying", (hf.Quantity("x", "m"),), (hf.Quantity("u", "m/s"),), {"x": u + slope * d},
+        disturbances=(hf.Quantity("d", "m/s"),), disturbance_bounds=hf.Box((-1 / unit,), (1 / unit,)),
+    )  # fmt: skip
+    reads = (*system.states, *system.disturbances)
+    law = hf.Law("told", reads, {"u": -x - slope * d}, signals={"d": unit * d})
+    data = hf.simulate(
+        system, hf.observe(system, law), starts=[[0.5]], disturbance={"d": 0.4 / unit}, horizon=8.0
+    ).dataset
+    assert data["signal"].values[0, -1, 0] == pytest.approx(0.4, abs=1e-3)
+
+
+def test_bandwidth_beyond_the_sample_time_is_refused(drifting):
+    law = hf.observe(drifting, told(drifting), bandwidth=50.0)
+    with pytest.raises(SimulationError, match=r"50 1/s at samples of 0\.02 s"):
+        hf.simulate(drifting, law, starts=[[0.5]], horizon=1.0, sample_time=0.02)
+    with pytest.raises(SimulationError, match="bandwidth"):
+        hf.Controller(drifting, law, sample_time=0.02)
+    end = hf.Region("end", drifting.states, (hf.Inequality("end", hf.symbol("x") - 1),))
+    with pytest.raises(SimulationError, match="bandwidth"):
+        hf.SafetyFilter(drifting, end, states=("x",), bandwidth=60.0, sample_time=0.02)
+    assert hf.simulate(drifting, law, starts=[[0.5]], horizon=1.0, sample_time=0.01).viable == 1

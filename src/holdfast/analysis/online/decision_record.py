@@ -66,7 +66,7 @@ class DecisionRecord:
                 why=_text(said["why"]),
                 **{n: _numbers(said[n]) for n in ("state", "command", "input", "actuators")},
             )
-        except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        except (ValueError, KeyError, TypeError, AttributeError, ArithmeticError, RecursionError):
             shown = line.decode(errors="replace") if isinstance(line, bytes) else line
             shown = shown.strip()
             shown = shown if len(shown) < 80 else f"{shown[:77]}..."

@@ -26,7 +26,8 @@ class Relay:
     keep: the filter. patience [s]: how old a measurement or a command may be. Without a newer
     command the filter is asked about its `fallback` instead, so that the vehicle slows down inside
     its constraints; without a newer measurement the input is the `fallback`, and nothing is
-    promised. All times are those of one clock, in seconds: that of the receiver.
+    promised; afterwards an observer begins anew. All times are those of one clock, in seconds: that
+    of the receiver.
 
     Raises `SimulationError` for a patience that is not positive; its methods do for wrong names or
     shapes, for measured disturbances that are missing, and for times that are not finite.
@@ -48,7 +49,7 @@ class Relay:
         self._state, self._command = self._nothing, self.keep.fallback
         self._felt: Array | None = None
         self._measured_at = self._commanded_at = -math.inf
-        self._began = math.nan
+        self._began, self._missing = math.nan, False
         self._said, self._said_at = "", -math.inf
 
     def measured(self, state: Given, now: float, disturbance: Given | None = None) -> None:
@@ -74,13 +75,22 @@ class Relay:
             lost, age = "command", now - self._commanded_at
         if not now - self._measured_at <= self.patience:
             lost, age = "measurement", now - self._measured_at
-        state = self._nothing if lost == "measurement" else self._state
+        if self._missing and lost != "measurement":
+            self._begin_again(now)
+        self._missing = lost == "measurement"
+        state = self._nothing if self._missing else self._state
         command = self.keep.fallback if lost else self._command
         felt = self._felt
         if felt is None and self.keep.measured_disturbances:
             felt = np.zeros(len(self.keep.measured_disturbances))
         decision = self.keep.step(state, command, t=now - self._began, disturbance=felt)
         return self._recorded(decision, now, lost, age, state)
+
+    def _begin_again(self, now: float) -> None:
+        """Forget what was estimated before the gap, and not that the fallback was given in it."""
+        self.keep.reset()
+        felt = np.zeros(len(self.keep.measured_disturbances)) if self._felt is not None else None
+        self.keep.step(self._nothing, self.keep.fallback, t=now - self._began, disturbance=felt)
 
     def _recorded(
         self, decision: Decision, now: float, lost: str, age: float, state: Array

@@ -24,6 +24,10 @@ from holdfast.errors import HoldfastError, SimulationError, suggestion
 KEYS = ("t", "state", "command", "disturbance")
 
 
+LATEST = 1e12
+"""A larger time [s] is none."""
+
+
 class SampleLines:
     """A filter that is told samples line by line.
 
@@ -44,10 +48,10 @@ class SampleLines:
         self.refused = ""
         try:
             said = _table(line)
-            if said.get("t") is not None:
-                self._t = self._given_t = _time(said["t"], before)
-                self._given = self.count - 1
+            t = None if said.get("t") is None else _time(said["t"], before)
             state, command, felt = self._numbers(said)
+            if t is not None:
+                self._t, self._given_t, self._given = t, t, self.count - 1
         except HoldfastError as error:
             refusal = SimulationError(
                 f"line {self.count} is no sample: {error.cause}",
@@ -112,7 +116,7 @@ def _table(line: bytes) -> Mapping[str, Any]:
 
 def _time(t: Any, before: float) -> float:
     """The time of a sample."""
-    if isinstance(t, bool) or not isinstance(t, int | float) or not abs(t) < math.inf:
+    if isinstance(t, bool) or not isinstance(t, int | float) or not abs(t) < LATEST:
         raise SimulationError(f"t is {_shown(t)}", expected="a number of seconds")
     if t < before:
         raise SimulationError(f"t is {t:g} s after {before:g} s", expected="a time that goes on")

@@ -38,6 +38,8 @@ ATTEMPTS = 100_000
 TOGETHER = 4096
 """Draws that are tried at a time."""
 
+OBSERVER = "observer_bandwidth"
+
 
 class ClosedLoop:
     """A compiled closed loop with its parameter values."""
@@ -66,6 +68,12 @@ class ClosedLoop:
             if name not in values:
                 raise SimulationError(f"no parameter '{name}' in this closed loop")
             values[name] = float(value)
+        if not values.get(OBSERVER, 0.0) * sample_time < 1.0:
+            raise SimulationError(
+                f"the observer's bandwidth is {values[OBSERVER]:g} 1/s at samples of "
+                f"{sample_time:g} s",
+                expected="less than one over the sample time",
+            )
         return np.array([*values.values(), *self.program.given, sample_time], dtype=np.float64)
 
     def constraints(self, states: Array) -> Array:

@@ -25,6 +25,8 @@ from holdfast.maths.definitions.system import System
 
 LATE = 16
 """A frame at most so many behind the last one is a late duplicate, not a new start."""
+INSISTS = 4
+"""A late frame that comes so often in turn is of an autopilot that has started again."""
 TICK = 0.1
 """Seconds of silence after which `serve` looks whether it is to end."""
 PORT = 9002
@@ -108,6 +110,7 @@ class Physics:
         self._state, self._t, self._count, self._rate = self._start, 0.0, -1, 0
         self._input: Array | None = None
         self._answer = b""
+        self._asked = -1, 0
 
     def answer(self, data: bytes, sender: Address | None = None) -> bytes | None:
         """The answer to a datagram, or None for one that gets none."""
@@ -124,7 +127,7 @@ class Physics:
             self.counts.repeated += 1
             return self._answer
         if behind >= 0:
-            if behind <= LATE and sender == self._sender:
+            if behind <= LATE and sender == self._sender and not self._insists(packet.frame_count):
                 self.counts.late += 1
                 return None
             self.counts.restarts += 1
@@ -135,6 +138,12 @@ class Physics:
         self._answer = motion_line(self._moved(packet))
         self.counts.steps += 1
         return self._answer
+
+    def _insists(self, count: int) -> bool:
+        """Whether a late frame was sent again and again: by one that waits for its answer."""
+        last, times = self._asked
+        self._asked = count, times + 1 if count == last else 1
+        return self._asked[1] >= INSISTS
 
     def _moved(self, packet: ServoPacket) -> Motion:
         plant = self._plant(packet.frame_rate)

@@ -250,7 +250,9 @@ class SafetyComponent(Closing):
         record = self.relay.decide(now)
         if self._like is not None and now - self._commanded <= self.hold:
             made = self._like
-            if record.input != self._read or record.lost:
+            if record.lost:  # what else the last command asked for is over
+                made = self.commands.of(record.input, self.system)
+            elif record.input != self._read:
                 made = self.commands.message(self._like, record.input)
             self.vehicle.send(self._from_vehicle.frame(made, *self._sender, v1=self._v1))
             self._counts.sent += 1

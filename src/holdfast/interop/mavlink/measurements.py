@@ -15,8 +15,8 @@ BACK = 1.0
 class Measurements:
     """The newest states, from LOCAL_POSITION_NED and ATTITUDE, or from ODOMETRY.
 
-    A message that is older than the last one of its kind is not taken, and counted in `stale`; if
-    it is older by more than a second the vehicle has started again, counted in `restarts`. An
+    A message that is not newer than the last one of its kind is not taken, and counted in `stale`;
+    if it is older by more than a second the vehicle has started again, counted in `restarts`. An
     ODOMETRY in other frames than MAV_FRAME_LOCAL_NED and MAV_FRAME_BODY_FRD is counted in `other`;
     of its attitude the heading is taken, as of a level vehicle.
     """
@@ -51,7 +51,7 @@ class Measurements:
             self.restarts += 1
             self._times.clear()
             self._position = self._attitude = None
-        elif t < last:
+        elif t <= last:
             self.stale += 1
             return False
         self._times[kind] = t

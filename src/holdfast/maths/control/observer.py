@@ -3,13 +3,16 @@
 Measured y, other states s, disturbances d; with e = y - yh (angles wrapped) and bandwidth w,
 
     yh' = f_y(y, sh, dh, u) + 2 w e
-    sh' = f_s(y, sh, dh, u) + w^2 (d f_y / d s)^T e
-    dh' =                     w^2 (d f_y / d d)^T e
+    sh' = f_s(y, sh, dh, u) + w^2 c_s^T e / |c_s0|^2        c_s = d f_y / d s
+    dh' =                     w^2 c_d^T e / |c_d0|^2        c_d = d f_y / d d
 
-one Euler step each control sample. The injections are those of the passive observers of marine
-craft (T. I. Fossen, J. P. Strand, Automatica 35, 1999), derived for any system: the estimation
-error's energy |y - yh|^2 w^2 + |s - sh|^2 + |d - dh|^2 falls except for the effect of f_s. Without
-noise and with the right model a constant disturbance is found; dh is kept within its known bounds.
+one Euler step each control sample; c_s0 is c_s with states, inputs and disturbances 0, so that the
+bandwidth is one of any unit (where c_s0 is 0 the unit counts, and the division is left out). The
+injections are those of the passive observers of marine craft (T. I. Fossen, J. P. Strand,
+Automatica 35, 1999), derived for any system: where the c are constant, the estimation error's
+energy |y - yh|^2 w^2 + |c_s0|^2 |s - sh|^2 + |c_d0|^2 |d - dh|^2 falls except for the effect of
+f_s. Without noise and with the right model a constant disturbance is found; dh is kept within its
+known bounds. w times the sample time has to be below 1.
 """
 
 from __future__ import annotations
@@ -33,7 +36,10 @@ from holdfast.maths.definitions.quantity import (
 )
 from holdfast.maths.definitions.switching import Switching, Transition, as_switching
 from holdfast.maths.definitions.system import System
-from holdfast.maths.expressions.functions import wrap
+from holdfast.maths.expressions.functions import greatest, wrap
+
+TINY = sp.Float(1e-300)
+"""Where a parameter makes a slope 0, its correction is 0."""
 
 
 @checked
@@ -85,13 +91,13 @@ def observe(
     errors = [y.symbol - hat[y.symbol] for y in felt]
     errors = [wrap(e) if y.angle else e for e, y in zip(errors, felt, strict=True)]
     following = {}
-    states = {q.symbol for q in (*system.states, *system.disturbances)}
+    moving = {q.symbol for q in (*system.states, *system.inputs, *system.disturbances)}
     for q in (*felt, *unknown):
         rate = system.rates.get(q.name, sp.S.Zero)
         inject = (
             2 * w * errors[felt.index(q)]
             if q in felt
-            else w**2 * _along(slopes[q.name], errors, states)
+            else w**2 * _along(slopes[q.name], errors, moving)
         )
         change = rate.xreplace(guess) + inject.xreplace(guess)
         following[f"{q.name}_hat"] = hat[q.symbol] + SAMPLE_TIME * change
@@ -141,8 +147,11 @@ def observe(
     )
 
 
-def _along(slopes: list[sp.Expr], errors: list[sp.Expr], varying: set[sp.Symbol]) -> sp.Expr:
-    """c^T e / |c|^2, so that the bandwidth is one of any unit; c^T e where |c| varies."""
-    size = sp.trigsimp(sp.Add(*(c**2 for c in slopes)))
+def _along(slopes: list[sp.Expr], errors: list[sp.Expr], moving: set[sp.Symbol]) -> sp.Expr:
+    """c^T e / |c_0|^2, where c_0 is c at zero; c^T e where that vanishes or does not exist."""
     error = sp.Add(*(c * e for c, e in zip(slopes, errors, strict=True)))
-    return error if size == 0 or size.free_symbols & varying else error / size
+    still = dict.fromkeys(moving, sp.S.Zero)
+    size = sp.Add(*(c.xreplace(still) ** 2 for c in slopes))
+    if size == 0 or size.has(sp.nan, sp.zoo, sp.oo):
+        return error
+    return error / greatest(size, TINY)

@@ -54,6 +54,16 @@ def composed_law(
         with at(composer.file, "tracking"):
             law = track_velocity(system, law, spec.tracking)
     unknown = any(PREFIX + n in felt for n in system.input_names)
+    if (
+        law.handed
+        and spec.observer
+        and unknown
+        and not (spec.safeguard and spec.safeguard.measured)
+    ):
+        raise ScenarioError(
+            f"{composer.file}: observer: nothing uses its estimate of what is unmodelled",
+            expected="[safeguard] measured = true, for a filter of another controller",
+        )
     if spec.observer is not None and unknown and not law.handed:
         with at(composer.file, "observer"):
             law = cancel_unmodelled(system, law)

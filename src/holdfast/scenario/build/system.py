@@ -17,7 +17,9 @@ from holdfast.maths.definitions.units import to_si
 from holdfast.scenario.build.composer import Composer
 from holdfast.scenario.validation import at
 
-REDUCTIONS = ("keep", "promote", "disturb", "extend", "unmodelled", "lag", "slew")
+LATE = ("lag", "slew")
+"""Of actuators: keys of the vehicle that moves, not of the model that laws and kernels are of."""
+REDUCTIONS = ("keep", "promote", "disturb", "extend", "unmodelled", *LATE)
 STEADY = "steady"
 """Replaces an interval: the velocities that the inputs can hold in still water."""
 

@@ -93,7 +93,7 @@ class Scenario(Composed):
 
         part: of all runs those to simulate; every run is the same in any part.
         """
-        commander = commander_of(self.file, self.system, self.law, self.controller)
+        commander = commander_of(self.file, self.model, self.law, self.controller)
         law = self.kept(progress).law
         with at(self.file, "run"):
             return simulate(
