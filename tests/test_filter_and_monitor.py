@@ -363,3 +363,32 @@ def test_filter_has_one_connection(mine):
     found = called("filter", "mine.toml", "--ros2", "--mavlink", "udpin:h:1", "udpin:h:2")
     assert found.returncode == 2
     assert "give one" in found.stderr
+
+
+def test_filter_whose_decisions_nobody_reads_ends_all_the_same(mine):
+    """A monitor that is stopped: the pipe is full after a while, and nothing waits for it."""
+    pytest.importorskip("pymavlink")
+    from holdfast.interop.mavlink import ManualControl, SimulatedVehicle
+
+    vehicle = hf.systems.marine_vehicle()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    keep = process(
+        "filter", "mine.toml", "--set", "run.sample_time=0.002", "--set", "run.record_every=0.02",
+        "--mavlink", "udpin:127.0.0.1:0", f"udpin:127.0.0.1:{port}",
+    )  # fmt: skip
+    full = 1 << 17  # bytes of decisions: more than a pipe holds
+    with SimulatedVehicle(
+        vehicle, START, ManualControl(vehicle), connection=f"udpout:127.0.0.1:{port}"
+    ) as boat:
+        until, decided = time.monotonic() + 30, None
+        while decided is None or time.monotonic() < decided + full / 300 * 0.002 + 0.5:
+            assert time.monotonic() < until
+            boat.turn(time.monotonic())
+            if decided is None and select.select([keep.stdout], [], [], 0)[0]:
+                decided = time.monotonic()
+            time.sleep(0.002)
+    keep.send_signal(signal.SIGTERM)
+    assert keep.wait(timeout=10) in (0, 1)
+    keep.communicate()

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -286,6 +287,17 @@ def test_systems_that_do_not_fit_are_refused():
         PlanarMotion(hf.systems.marine_vehicle(), bearing=math.inf)
 
 
+@pytest.mark.parametrize("bearing", [0.0, math.pi / 2, -3.0])
+def test_heading_of_an_autopilot_that_wraps_its_yaw_is_wrapped_too(bearing):
+    planar = PlanarMotion(hf.systems.marine_vehicle(), bearing=bearing)
+    for psi in np.linspace(-3.1, 3.1, 63):
+        state = np.array([1.0, 2.0, psi, 0.3, -0.1, 0.2])
+        motion = planar.motion(0.0, state, np.zeros(2), np.zeros(2))
+        roll, pitch, yaw = motion.attitude
+        sent = replace(motion, attitude=(roll, pitch, math.remainder(yaw, 2 * math.pi)))
+        assert planar.states(sent)["psi"] == pytest.approx(psi, abs=1e-12)
+
+
 # -- lockstep
 
 
@@ -296,6 +308,17 @@ def test_repeated_frame_is_answered_again_and_moves_nothing():
     assert physics.answer(packet(1, 1000, 0, 1000)) == two != one
     assert physics.answer(packet(0, 1900, 0, 1900)) is None
     assert (physics.counts.steps, physics.counts.repeated, physics.counts.late) == (2, 1, 1)
+
+
+def test_autopilot_that_starts_again_within_its_first_frames_is_answered():
+    """A late duplicate comes once or twice; one that waits for its answer sends again and again."""
+    physics = Physics(hf.systems.marine_vehicle(), START)
+    first = physics.answer(packet(0, 1900, 0, 1900))
+    for count in range(1, 8):
+        physics.answer(packet(count, 1900, 0, 1900))
+    found = [physics.answer(packet(0, 1900, 0, 1900)) for _ in range(4)]
+    assert found == [None, None, None, first]
+    assert physics.counts.restarts == 1
 
 
 def test_count_that_falls_is_a_new_start_of_the_autopilot():

@@ -290,6 +290,15 @@ def test_states_are_those_of_both_messages_and_as_old_as_the_older():
     assert measured.restarts == 1
 
 
+def test_message_that_is_sent_again_is_no_newer_measurement():
+    measured = Measurements(PlanarMotion(hf.systems.marine_vehicle()))
+    measured.take(common.MAVLink_local_position_ned_message(1000, 1, 2, 0, 0, 0, 0), 1.0)
+    attitude = common.MAVLink_attitude_message(1000, 0, 0, 0.1, 0, 0, 0)
+    assert measured.take(attitude, 1.0) is not None
+    assert [measured.take(attitude, t) for t in (2.0, 3.0)] == [None, None]
+    assert measured.stale == 2
+
+
 def test_odometry_gives_the_same_states():
     vehicle, half = hf.systems.marine_vehicle(), math.pi / 4
     measured, none = Measurements(PlanarMotion(vehicle)), [math.nan] * 21
@@ -439,6 +448,19 @@ def test_states_that_cease_give_the_fallback_though_the_other_half_goes_on(link)
             assert record.input == {"tau_u": 0.0, "tau_r": 0.0}
     assert lost[0] == pytest.approx(0.26)
     assert any("no measurement" in m.text for m in ground.hear() if m.get_type() == "STATUSTEXT")
+
+
+def test_commands_that_cease_leave_nothing_of_the_last_one(link):
+    """Full down and two buttons, then silence: they are not repeated while the fallback is sent."""
+    component, ground, boat, _ = link()
+    given = common.MAVLink_manual_control_message(1, 40, 7, -1000, -3, 3)
+    ground.send(given, sender=(255, 190))
+    for k in range(30):
+        boat.states([-1.3, 0.2, 0, 0, 0, 0], 1.0 + k * 0.02)
+        component.turn(k * 0.02)
+    sent = [m for m in boat.hear() if m.get_type() == "MANUAL_CONTROL"]
+    assert (sent[0].z, sent[0].buttons) == (-1000, 3)
+    assert [getattr(sent[-1], n) for n in ("x", "y", "z", "r", "buttons")] == [0] * 5
 
 
 def test_other_systems_are_neither_measured_nor_commanded(link):

@@ -98,3 +98,25 @@ def test_rates_of_the_safeguard_limit_the_inputs(mine):
     assert np.abs(changes).max() == pytest.approx(4 * 0.02, rel=1e-9)
     with pytest.raises(ScenarioError, match="safeguard: rate of 'w', which is neither"):
         hf.load_scenario(str(mine / "mine.toml"), ["safeguard.rates={ w = 4 }"])
+
+
+def test_program_is_told_the_states_of_the_model_and_not_the_lag_of_actuators(mine):
+    seen = mine / "seen.py"
+    seen.write_text(
+        "import json, sys\n"
+        "for line in sys.stdin:\n"
+        f"    open({str(mine / 'keys')!r}, 'w').write(' '.join(json.loads(line)))\n"
+        "    print(json.dumps({'tau_u': 0.0, 'tau_r': 0.0}), flush=True)\n"
+    )
+    sets = ["system.lag={ tau_u = 0.1, tau_r = 0.1 }", "run.horizon=0.1"]
+    scenario = hf.load_scenario(str(mine / "mine.toml"), sets, runs=1)
+    scenario.with_controller(f"{sys.executable} {seen}").run()
+    assert (mine / "keys").read_text() == "t run x y psi u v r"
+
+
+def test_estimate_that_the_filter_does_not_use_is_refused(mine):
+    sets = ["system.unmodelled={ tau_u = [-3, 3] }", "observer={}"]
+    with pytest.raises(ScenarioError, match="measured = true"):
+        hf.load_scenario(str(mine / "mine.toml"), sets)
+    counted = hf.load_scenario(str(mine / "mine.toml"), [*sets, "safeguard.measured=true"])
+    assert counted.safety_filter().measured_states == counted.model.state_names

@@ -104,6 +104,9 @@ def test_filter_over_the_kernel_of_another_scenario_has_the_law_of_its_runs(tmp_
     loaded = hf.load_scenario(str(tmp_path / "loop.toml"))
     keep = loaded.safety_filter()
     assert keep.law == loaded.kept().law
+    late = hf.load_scenario(str(tmp_path / "loop.toml"), ["system.lag={ a = 0.05 }"])
+    assert late.kept().law == keep.law  # the kernel is that of the model
+    assert late.system.state_names != late.model.state_names
     alone = hf.load_scenario(str(tmp_path / "loop.toml"), ["safety.alone=true"])
     with pytest.raises(ScenarioError, match=r"safety\.alone: the kernel replaces the command"):
         alone.safety_filter()

@@ -128,7 +128,7 @@ def test_record_returns_from_its_line():
 
 @pytest.mark.parametrize(
     "line",
-    ["", "{}", "[]", "nothing", "null", b"\xff\xfe", "[" * 5000]
+    ["", "{}", json.dumps({"t": 10**400}), "[]", "nothing", "null", b"\xff\xfe", "[" * 5000]
     + [json.dumps({"t": 0, "status": s}) for s in ("passed", "unheard of")],
 )  # fmt: skip
 def test_line_that_is_no_record_is_refused(line):

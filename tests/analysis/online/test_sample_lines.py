@@ -125,3 +125,22 @@ def test_disturbance_that_the_filter_measures_has_to_come_with_the_state():
     assert felt[0] == pytest.approx(felt[1] + 0.4)
     assert samples.answer(b"{}").status == "changed"
     assert samples.answer(b"nothing").status == "not a number"
+
+
+@pytest.mark.parametrize("t", ["1e13", "9" * 400, "-" + "9" * 400, "1e999"])
+def test_time_that_is_no_time_is_refused(t):
+    _, keep = camera_filter()
+    samples = SampleLines(keep)
+    samples.answer(line(t=5.0))
+    bad = line(t=5.0).replace(b"5.0", t.encode())
+    assert samples.answer(bad).status == "not a number"
+    assert "t is" in samples.refused
+
+
+def test_time_of_a_refused_line_is_not_believed():
+    _, keep = camera_filter()
+    samples = SampleLines(keep)
+    samples.answer(line(t=5.0))
+    assert samples.answer(b'{"t": 1e9, "state": {"y": 0}}').status == "not a number"
+    after = samples.answer(line(t=5.04))
+    assert (after.t, samples.refused) == (5.04, "")

@@ -78,3 +78,14 @@ def test_what_cannot_be_is_refused():
     ):
         with pytest.raises(ScenarioError, match=complaint):
             hf.load_scenario("inspection", [sets])
+
+
+def test_explain_knows_the_keys_of_a_system():
+    from holdfast.scenario.files import load_system
+
+    plain = load_system("inspection", [])
+    late = load_system(
+        "inspection", ["system.lag={ tau_u = 0.1 }", "system.unmodelled={ v = [-1, 1] }"]
+    )
+    assert late.state_names == (*plain.state_names, "actual_tau_u")
+    assert late.disturbance_names == (*plain.disturbance_names, "unmodelled_v")
