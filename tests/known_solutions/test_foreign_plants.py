@@ -43,9 +43,11 @@ def test_fit_finds_the_numbers_of_a_vehicle_from_its_step_responses():
 @pytest.mark.heavy
 @pytest.mark.peer
 @pytest.mark.parametrize(
-    ("plant", "without"), [(Otter, 0), (Rov, 8), (Ship, 8)], ids=["Otter", "ROV", "ship"]
+    ("plant", "horizon", "without"),
+    [(Otter, 150.0, 0), (Rov, 150.0, 8), (Ship, 400.0, 8)],
+    ids=["Otter", "ROV", "ship"],
 )
-def test_law_with_an_estimate_arrives_on_a_foreign_plant_in_still_water(plant, without):
+def test_law_with_an_estimate_arrives_on_a_foreign_plant_in_still_water(plant, horizon, without):
     """8 of 8 starts in view and within 1 cm and 0.02 rad; without the estimate not on the Otter."""
     if find_spec(plant.package) is None:
         pytest.skip(f"there is no {plant.package}")
@@ -58,7 +60,7 @@ def test_law_with_an_estimate_arrives_on_a_foreign_plant_in_still_water(plant, w
         scenario = inspection(boat, numbers, estimate)
         law, view = LawInC(scenario), hf.Boundary(scenario.model, scenario.region)
         row = judged(
-            Row("", ""), boat, law, starts_of(scenario, 8)[:, :3], 150.0,
+            Row("", ""), boat, law, starts_of(scenario, 8)[:, :3], horizon,
             lambda q, view=view: float(view.worst(q).max()),
             pose(np.array([-0.5 * boat.scale, 0.0, 0.0])), law.begin,
         )  # fmt: skip
