@@ -359,7 +359,20 @@ def test_filter_is_a_node_of_ros2_until_it_is_told_to_end(mine):
     assert "samples" in said
 
 
+def test_files_that_exist_are_not_written_over(mine):
+    (mine / "some.jsonl").write_text(record(0.0, "changed", change=0.1).line() + "\n")
+    found = called("monitor", "some.jsonl", "--summary", "some.jsonl")
+    assert (found.returncode, "exists already" in found.stderr) == (2, True)
+    found = called("filter", "mine.toml", "--log", "mine.toml", stdin="some.jsonl")
+    assert (found.returncode, "has something else" in found.stderr) == (2, True)
+    found = called("export-c", "mine.toml", "--out", "mine.toml")
+    assert (found.returncode, "ends in .c" in found.stderr) == (2, True)
+    assert (mine / "mine.toml").read_text() == EXTERNAL
+
+
 def test_filter_has_one_connection(mine):
+    found = called("filter", "mine.toml", "--router", "tcp/x:1")
+    assert (found.returncode, "give it too" in found.stderr) == (2, True)
     found = called("filter", "mine.toml", "--ros2", "--mavlink", "udpin:h:1", "udpin:h:2")
     assert found.returncode == 2
     assert "give one" in found.stderr

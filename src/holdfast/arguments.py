@@ -51,7 +51,9 @@ def checked(of: T) -> T:
     if isinstance(of, type):
         of.__init__ = _checked(of.__init__, of.__name__)  # type: ignore[misc]
         return of
-    return _checked(of, of.__name__)  # type: ignore[return-value]
+    owner, _, own = of.__qualname__.rpartition(".")
+    name = owner.rpartition(".")[2] if own == "__init__" else own
+    return _checked(of, name)  # type: ignore[return-value]
 
 
 def _checked(function: Callable[..., Any], name: str) -> Callable[..., Any]:

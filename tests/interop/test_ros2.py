@@ -229,6 +229,23 @@ def stepped(node, reached):
         time.sleep(0.01)
 
 
+def test_node_that_is_there_before_its_router_is_heard_afterwards():
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    boat = hf.Plant(hf.systems.marine_vehicle(), [-1.3, 0.2, 0.0, 0.0, 0.0, 0.0])
+    network = Network(connect=(address,))
+    with FilterNode(camera_filter(), network=network) as node:
+        assert node.step(time.monotonic()).lost == "measurement"
+        with router(address), VehicleNode(boat, network=network) as sea:
+
+            def measured(record):
+                sea.step(time.monotonic())
+                return record.lost == "command"
+
+            stepped(node, measured)
+
+
 def test_garbage_on_the_topics_is_counted_and_said_and_does_no_harm(hub, monitor):
     face = Interface(hf.systems.marine_vehicle())
     state = dict(zip(face.states, [-1.3, 0.2, 0.0, 0.0, 0.0, 0.0], strict=True))

@@ -48,9 +48,9 @@ def command(scenario: str, overrides: tuple[str, ...], out: Path | None, timing:
         raise ScenarioError(f"{loaded.file}: a {loaded.kind} has no law to export")
     path = out if out is not None else Path(f"{loaded.name}.c")
     header = path.with_suffix(".h")
-    if header == path:
+    if path.suffix != ".c":
         raise ScenarioError(
-            f"--out {path}: the law and its header would be the same file",
+            f"--out {path}: a law in C is a file that ends in .c",
             remedy=f"write --out {path.with_suffix('.c')}",
         )
     check_writable(path.parent)
@@ -77,6 +77,8 @@ def _timed(scenario: Scenario, text: str) -> str:
     from holdfast.errors import HoldfastError
     from holdfast.execution.codegen.c_timing import time_law
 
+    if scenario.law.handed:
+        return "  not timed: another controller hands it its command at every sample"
     runs = min(scenario.runs, TIMED_RUNS)
     try:
         with bar("runs to time it") as tell:

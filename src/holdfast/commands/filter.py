@@ -27,8 +27,11 @@ if TYPE_CHECKING:
 
     Keeps = Callable[[DecisionRecord], None]
 
+ROUTER = "tcp/localhost:7447"
 MOST = 1000
 """Decisions that may wait for who reads them."""
+LONGEST = 1 << 20
+"""Bytes of a line."""
 TICK = 0.1
 """Seconds after which a stream without lines is left, where that was asked for."""
 
@@ -51,11 +54,9 @@ TICK = 0.1
 @click.option("--ros2", is_flag=True, help="As a node of ROS 2, with rmw_zenoh.")
 @click.option(
     "--router",
-    default="tcp/localhost:7447",
-    show_default=True,
-    help="Where the router of ROS 2 is.",
+    help="Where the router of ROS 2 is, with --ros2 [default: tcp/localhost:7447].",
 )
-@click.option("--namespace", default="/", show_default=True, help="Of the node of ROS 2.")
+@click.option("--namespace", help="Of the node, with --ros2 [default: /].")
 @click.option(
     "--mavlink",
     nargs=2,
@@ -69,8 +70,8 @@ def command(
     patience: float,
     log: Path | None,
     ros2: bool,
-    router: str,
-    namespace: str,
+    router: str | None,
+    namespace: str | None,
     mavlink: tuple[str, str] | None,
 ) -> None:
     """Keep the commands of another controller inside what SCENARIO keeps.
@@ -82,18 +83,21 @@ def command(
 
     A first line that is no sample ends the command; a later one is answered with the fallback.
 
-    With --ros2 or --mavlink samples and answers are messages, and the decisions are on standard
-    output all the same: holdfast monitor reads them.
+    With --ros2 or --mavlink samples and answers are messages, until Ctrl-C or SIGTERM, which are
+    then the ordinary end. The decisions are on standard output all the same: holdfast monitor reads
+    them.
     """
+    if not ros2 and (router is not None or namespace is not None):
+        raise click.UsageError("--router and --namespace are of --ros2; give it too")
     if ros2 and mavlink is not None:
         raise click.UsageError("--ros2 and --mavlink are two connections; give one")
     from holdfast.scenario.load import load_scenario
 
     loaded = load_scenario(scenario, overrides)
-    tally, file = Tally(), Appended(log)
-    with bar(f"{loaded.name}, preparing") as tell:
-        keep = loaded.safety_filter(lambda fraction: tell("the kernel", fraction))
-    with closing(file):
+    tally = Tally()
+    with closing(Appended(log)) as file:
+        with bar(f"{loaded.name}, preparing") as tell:
+            keep = loaded.safety_filter(lambda fraction: tell("the kernel", fraction))
         if not ros2 and mavlink is None:
             status = serve_lines(keep, [tally, file], patience)
             click.echo(f"holdfast: {tally}", err=True)
@@ -102,7 +106,7 @@ def command(
         if mavlink is not None:
             serve_mavlink(keep, [tally, aside], patience, *mavlink)
         else:
-            serve_ros2(keep, [tally, aside], patience, router, namespace)
+            serve_ros2(keep, [tally, aside], patience, router or ROUTER, namespace or "/")
         whole = aside.ended()
         click.echo(f"holdfast: {tally}{aside}", err=True)
         if not whole:  # who reads does not, and waiting for that is no end
@@ -142,6 +146,7 @@ def serve_ros2(
     from holdfast.interop.ros2 import Network, serve
 
     network = Network(connect=(router,))
+    click.echo(f"holdfast: a node of ROS 2, which tries the router at {router}", err=True)
     serve(keep, said=each(kept), network=network, namespace=namespace, patience=patience)
 
 
@@ -158,7 +163,9 @@ def serve_mavlink(
         vehicle=vehicle,
         patience=patience,
     )
-    click.echo(f"holdfast: {serve(component, on_decision=each(kept))}", err=True)
+    where = f"a controller at {controller} and a vehicle at {vehicle}"
+    click.echo(f"holdfast: a component of MAVLink between {where}", err=True)
+    click.echo(f"holdfast: messages: {serve(component, on_decision=each(kept))}", err=True)
 
 
 def each(kept: Sequence[Keeps]) -> Keeps:
@@ -233,16 +240,35 @@ class Appended:
     """A file that has every decision as soon as it was made; None is no file.
 
     A disk that is full does not stop a filter: `trouble` says what could not be written.
-    Raises `OutputError` for a file that cannot be opened.
+    Raises `OutputError` for a file that cannot be opened, or has something else.
     """
 
     def __init__(self, path: Path | None) -> None:
         self.trouble = ""
+        if path is not None:
+            self._check(path)
         try:
             self.file = open(path or os.devnull, "ab", buffering=0)  # noqa: SIM115
         except OSError as error:
             raise OutputError(
                 f"{path} cannot be written ({error.strerror})", remedy="choose another with --log"
+            ) from None
+
+    @staticmethod
+    def _check(path: Path) -> None:
+        """Refuse a file that has something else than decisions."""
+        from holdfast.analysis.online.decision_record import DecisionRecord
+        from holdfast.errors import SimulationError
+
+        try:
+            with path.open("rb") as file:
+                if path.is_file() and (first := file.readline(LONGEST)):
+                    DecisionRecord.read(first)
+        except OSError:
+            return  # a new file, or the opening says what is wrong
+        except SimulationError as error:
+            raise OutputError(
+                f"{path} has something else: {error.cause}", remedy="choose another with --log"
             ) from None
 
     def close(self) -> None:

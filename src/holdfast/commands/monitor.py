@@ -57,6 +57,8 @@ def command(file: str, gap: float | None, mcap: Path | None, summary: Path | Non
     """
     if summary is not None:
         check_writable(summary.parent, "--summary")
+        if summary.exists():
+            raise OutputError(f"{summary} exists already", remedy="choose another for --summary")
     with ExitStack() as stack, postponed() as asked:
         watch = Watch(gap)
         descriptor = stack.enter_context(_opened(file))

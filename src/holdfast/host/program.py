@@ -85,7 +85,7 @@ class Programs:
             try:
                 pipe.write(json.dumps(said).encode() + b"\n")
             except OSError:
-                raise self._failed(k, "reads no more") from None
+                raise self._failed(k, "has ended, or reads no more") from None
         found = [[0.0] * len(self.commands) for _ in states]
         for k in asked:
             found[k] = self._answer(k)

@@ -87,11 +87,12 @@ def test_what_is_lost_is_named_beside_the_status():
         record(0.3, "not a number", value=nothing),
     ]
     events, watch = seen(records)
-    assert [e.what for e in events] == ["began", "graver", "graver", "graver", "ended"]
-    of = events[-1].intervention
-    assert of.lost == ("command", "measurement")
-    assert of.kind == "no command, no measurement, not a number"
-    assert of.value == 0.5
+    what = ["began", "graver", "ended", "began", "ended", "began", "ended"]
+    assert [e.what for e in events] == what
+    found = [e.intervention for e in events if e.what == "ended"]
+    assert [of.kind for of in found] == ["no command, changed", "no measurement", "not a number"]
+    assert [of.begins for of in found] == [0.0, 0.2, 0.3]
+    assert found[0].value == 0.5
     assert watch.summary()["lost"] == {"command": 0.5, "measurement": 0.25}
     lost = seen([record(0.0, lost="command")])[0][0].intervention
     assert lost.kind == "no command"

@@ -158,3 +158,15 @@ def test_estimate_is_not_taken_over_a_gap_in_the_measurements():
             one.measured([-3 + 0.3 * k * 0.02], k * 0.02)
             one.commanded([0.5], k * 0.02)
         assert relay.decide(k * 0.02).input == fresh.decide(k * 0.02).input
+
+
+def test_clock_that_goes_back_begins_anew():
+    """What was received before counts no more: its age is not known."""
+    _, keep = camera_filter()
+    relay = hf.Relay(keep)
+    relay.measured([-1.3, 0.2, 0, 0, 0, 0], 10.0)
+    relay.commanded([0.0, 0.0], 10.0)
+    assert relay.decide(10.0).status == "passed"
+    assert relay.decide(9.0).status == "no measurement"
+    relay.measured([-1.3, 0.2, 0, 0, 0, 0], 9.1)
+    assert relay.decide(9.1).lost == "command"

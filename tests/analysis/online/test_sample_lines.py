@@ -144,3 +144,11 @@ def test_time_of_a_refused_line_is_not_believed():
     assert samples.answer(b'{"t": 1e9, "state": {"y": 0}}').status == "not a number"
     after = samples.answer(line(t=5.04))
     assert (after.t, samples.refused) == (5.04, "")
+
+
+def test_sample_before_a_bad_line_counts_for_its_patience():
+    _, keep = camera_filter()
+    samples = SampleLines(keep)
+    samples.answer(line(command=(0.0, 0.0)))
+    assert samples.answer(b"garbage").status == "not a number"
+    assert samples.answer(b"{}").status == "passed"

@@ -62,7 +62,7 @@ def filter_of(
     for part in kept:
         if not isinstance(part, ValueFunction | Region):
             raise ArgumentError(
-                f"SafetyFilter: keep is {part!r}",
+                f"SafetyFilter: keep is {part!r:.60}".rstrip(),
                 expected="a Region, a kernel (ValueFunction), or several in order",
             )
     kernels = [part for part in kept if isinstance(part, ValueFunction)]

@@ -104,7 +104,8 @@ class Event:
 class Interventions:
     """Decisions in, events out; and the sums over all decisions.
 
-    gap [s]: two interventions with at most this between them are one. A time that goes back begins
+    gap [s]: two interventions with at most this between them are one, where the same is lost in
+    both: a stream that ceases or comes back begins another. A time that goes back begins
     a new session, as when the filter is started again.
 
     Raises `SimulationError` for a gap that is negative or not finite, and `add` for a record
@@ -124,7 +125,7 @@ class Interventions:
         self.duration, self.silence = 0.0, 0.0
         self.worst, self.worst_at = math.nan, math.nan
         self._t = math.nan
-        self._passed = True
+        self._passed, self._lost = True, ""
 
     def add(self, record: DecisionRecord) -> list[Event]:
         """Take the next decision of the stream."""
@@ -138,7 +139,10 @@ class Interventions:
             self.duration += t - self._t
             self.silence = max(self.silence, t - self._t)
             events = self._closed(t)
-        self._t, self._passed = t, not record.intervened
+        if record.intervened and self.current is not None and record.lost != self._lost:
+            self.current.ends = t  # what has come back, or ceased, is another one
+            events += self.end()
+        self._t, self._passed, self._lost = t, not record.intervened, record.lost
         self._count(record)
         if record.intervened:
             if self.current is None:

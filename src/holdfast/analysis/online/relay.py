@@ -27,7 +27,7 @@ class Relay:
     command the filter is asked about its `fallback` instead, so that the vehicle slows down inside
     its constraints; without a newer measurement the input is the `fallback`, and nothing is
     promised; afterwards an observer begins anew. All times are those of one clock, in seconds: that
-    of the receiver.
+    of the receiver. Where it goes back, what was received before counts no more.
 
     Raises `SimulationError` for a patience that is not positive; its methods do for wrong names or
     shapes, for measured disturbances that are missing, and for times that are not finite.
@@ -49,12 +49,12 @@ class Relay:
         self._state, self._command = self._nothing, self.keep.fallback
         self._felt: Array | None = None
         self._measured_at = self._commanded_at = -math.inf
-        self._began, self._missing = math.nan, False
+        self._began, self._missing, self._last = math.nan, False, -math.inf
         self._said, self._said_at = "", -math.inf
 
     def measured(self, state: Given, now: float, disturbance: Given | None = None) -> None:
         """A measurement of the states that the filter is given, received at `now` [s]."""
-        now, found, felt = _time(now), numbers(state, self.states, "state"), None
+        now, found, felt = self._time(now), numbers(state, self.states, "state"), None
         if self.keep.measured_disturbances:
             names = self.keep.measured_disturbances
             felt = numbers(() if disturbance is None else disturbance, names, "disturbance")
@@ -62,12 +62,12 @@ class Relay:
 
     def commanded(self, command: Given, now: float) -> None:
         """A command, received at `now` [s]."""
-        now, self._command = _time(now), numbers(command, self.commands, "command")
+        now, self._command = self._time(now), numbers(command, self.commands, "command")
         self._commanded_at = now
 
     def decide(self, now: float) -> DecisionRecord:
         """The decision at `now` [s], and what the vehicle is to be given."""
-        now = _time(now)
+        now = self._time(now)
         if math.isnan(self._began):
             self._began = now
         lost, age = "", 0.0
@@ -85,6 +85,28 @@ class Relay:
             felt = np.zeros(len(self.keep.measured_disturbances))
         decision = self.keep.step(state, command, t=now - self._began, disturbance=felt)
         return self._recorded(decision, now, lost, age, state)
+
+    def unknown(self, now: float) -> DecisionRecord:
+        """The decision where a sample came of which nothing can be believed: the fallback."""
+        now = self._time(now)
+        if math.isnan(self._began):
+            self._began = now
+        nothing = np.full(len(self.commands), math.nan)
+        felt = np.zeros(len(self.keep.measured_disturbances))
+        decision = self.keep.step(
+            self._nothing, nothing, t=now - self._began, disturbance=felt if len(felt) else None
+        )
+        return self._recorded(decision, now, "", 0.0, self._nothing)
+
+    def _time(self, now: float) -> float:
+        """The time, checked; where it goes back, what was received before counts no more."""
+        found = time_of(now, 0, 0.0) if now is not None else math.nan
+        if not math.isfinite(found):
+            raise SimulationError(f"now is {now!r}"[:80], expected="a number of seconds")
+        if found < self._last:
+            self.reset()
+        self._last = found
+        return found
 
     def _begin_again(self, now: float) -> None:
         """Forget what was estimated before the gap, and not that the fallback was given in it."""
@@ -122,13 +144,6 @@ class Relay:
             gave_way=decision.gave_way,
             why=why,
         )
-
-
-def _time(now: float) -> float:
-    found = time_of(now, 0, 0.0) if now is not None else math.nan
-    if not math.isfinite(found):
-        raise SimulationError(f"now is {now!r}"[:80], expected="a number of seconds")
-    return found
 
 
 def _since(age: float) -> str:

@@ -162,7 +162,7 @@ class SafetyFilter:
             samples.forget()
             return self._refused(t, seen)
         changed = given != wanted
-        if not 0.0 <= t <= self._lasts or not math.isnan(values[rows.outside]):
+        if self._past(t) or not math.isnan(values[rows.outside]):
             status = Status.OUTSIDE_GRID
         elif values[rows.slack] > 0.0:
             status = Status.INFEASIBLE
@@ -207,7 +207,7 @@ class SafetyFilter:
         actuators, slack = found[:, rows.actuators], found[:, rows.slack].copy()
         overruled = found[:, rows.overruled] != 0.0
         changed = (inputs != nominal).any(axis=1)
-        outside = ~np.isnan(found[:, rows.outside]) | (not 0.0 <= t <= self._lasts)
+        outside = ~np.isnan(found[:, rows.outside]) | self._past(t)
         for k in np.flatnonzero(~finite):
             refused = self._refused(t, seen[k])
             inputs[k], actuators[k], nominal[k] = refused.input, refused.actuators, refused.nominal
@@ -219,6 +219,10 @@ class SafetyFilter:
         else:
             value = np.where(finite, self._margins(np.where(finite[:, None], seen, 0.0)), math.nan)
         return Decisions(inputs, actuators, nominal, overruled, slack, value, status)
+
+    def _past(self, t: float) -> bool:
+        """Whether a time is outside the horizon of the kernel."""
+        return self._lasts < math.inf and not 0.0 <= t <= self._lasts
 
     def reset(self) -> None:
         """Begin anew: the time is 0, and what an observer estimated is forgotten."""

@@ -93,11 +93,7 @@ class SampleLines:
 
     def _fallback(self) -> DecisionRecord:
         """What the filter answers where nothing is known."""
-        unknown = [math.nan] * len(self.relay.states)
-        felt = [0.0] * len(self.keep.measured_disturbances)
-        self.relay.measured(unknown, self._t, felt)
-        self.relay.commanded([math.nan] * len(self.relay.commands), self._t)
-        record = self.relay.decide(self._t)
+        record = self.relay.unknown(self._t)
         return replace(record, why=f"line {self.count} is no sample: the input is the fallback")
 
 

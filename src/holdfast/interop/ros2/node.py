@@ -69,7 +69,12 @@ class Network:
                 "mode": mode,
                 "connect/endpoints": self.connect,
                 "connect/exit_on_failure": False,
-                "connect/timeout_ms": 0,
+                "connect/timeout_ms": -1,  # in the background, for ever
+                "connect/retry": {
+                    "period_init_ms": 200,
+                    "period_max_ms": 1000,
+                    "period_increase_factor": 2,
+                },
                 "listen/endpoints": self.listen,
                 "scouting/multicast/enabled": False,
                 "scouting/gossip/enabled": True,

@@ -45,7 +45,7 @@ def summary_lines(said: Mapping[str, Any]) -> list[str]:
     rows = [("samples", f"{total:,} in {seconds:.2f} s{_sessions(said['sessions'])}")]
     rows += [(status, _share(share)) for status, share in said["share"].items()]
     if lost := said["lost"].get("command"):
-        rows.append(("no command", _share(lost)))
+        rows.append(("of which without a command", _share(lost)))
     rows.append(("interventions", f"{said['interventions']}, {said['intervened']:.2f} s in all"))
     if longest := said.get("longest_intervention"):
         rows.append(("longest", f"{longest['duration']:.2f} s, from {longest['begins']:.2f} s"))
