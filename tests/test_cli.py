@@ -445,7 +445,7 @@ def test_law_is_written_where_it_cannot_be_timed(compiler, said, tmp_path):
 def test_law_and_header_are_never_one_file(tmp_path):
     answer = holdfast("export-c", "wheeled_camera", "--no-timing", "--out", "a.h", cwd=tmp_path)
     assert answer.returncode == 2
-    assert "would be the same file; write --out a.c" in answer.stderr
+    assert "a law in C is a file that ends in .c; write --out a.c" in answer.stderr
     assert not list(tmp_path.iterdir())
 
 

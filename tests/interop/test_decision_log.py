@@ -108,7 +108,7 @@ def test_every_message_is_of_the_schema_of_its_channel(tmp_path):
             assert schema.encoding == "jsonschema"
             assert fits(json.loads(message.data), json.loads(schema.data)), message.data
             count += 1
-    assert count == 3 + 3 + 1
+    assert count == 3 + 3 + 6  # decisions, interventions, what began and ended
 
 
 def test_file_that_exists_and_time_that_mcap_has_not_are_refused(tmp_path):

@@ -304,7 +304,13 @@ def test_gain_limit_is_that_of_the_linearised_closed_loop(name):
 
 @pytest.mark.parametrize(
     ("vessel", "k1", "lost"),
-    [("A", 0.3, 0), ("A", 0.5, 29), ("B", 0.5, 0), ("B", 0.9, 2), ("B", 1.2, 33)],
+    [
+        ("A", 0.3, 0),
+        ("A", 0.5, 29),
+        ("B", 0.5, 0),
+        ("B", 0.9, 2),
+        pytest.param("B", 1.2, 33, marks=pytest.mark.heavy),
+    ],
 )
 def test_bounded_law_docks_only_below_its_gain_limit(vessels, docking, vessel, k1, lost):
     """Of 40 starts, collisions here: A .3: 0, .5: 29; B .5: 0, .9: 2, 1.2: 33. Reference: 0, 37;

@@ -419,7 +419,9 @@ def rows(folder):
     return []
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize(
+    "how", [signal.SIGKILL, pytest.param(signal.SIGINT, marks=pytest.mark.heavy)]
+)
 def test_killed_it_goes_on_where_it_was(cart, tmp_path, how):
     process = begun(cart, tmp_path, "--workers", "1")
     ends = time.monotonic() + 90
