@@ -68,8 +68,6 @@ class Relay:
     def decide(self, now: float) -> DecisionRecord:
         """The decision at `now` [s], and what the vehicle is to be given."""
         now = self._time(now)
-        if math.isnan(self._began):
-            self._began = now
         lost, age = "", 0.0
         if not now - self._commanded_at <= self.patience:
             lost, age = "command", now - self._commanded_at
@@ -80,23 +78,23 @@ class Relay:
         self._missing = lost == "measurement"
         state = self._nothing if self._missing else self._state
         command = self.keep.fallback if lost else self._command
-        felt = self._felt
-        if felt is None and self.keep.measured_disturbances:
-            felt = np.zeros(len(self.keep.measured_disturbances))
-        decision = self.keep.step(state, command, t=now - self._began, disturbance=felt)
-        return self._recorded(decision, now, lost, age, state)
+        return self._recorded(self._asked(state, command, now), now, lost, age, state)
 
     def unknown(self, now: float) -> DecisionRecord:
         """The decision where a sample came of which nothing can be believed: the fallback."""
         now = self._time(now)
+        nothing = np.full(len(self.commands), math.nan)
+        decision = self._asked(self._nothing, nothing, now)
+        return self._recorded(decision, now, "", 0.0, self._nothing)
+
+    def _asked(self, state: Array, command: Array, now: float) -> Decision:
+        """The decision of the filter; disturbances that never came are 0."""
         if math.isnan(self._began):
             self._began = now
-        nothing = np.full(len(self.commands), math.nan)
-        felt = np.zeros(len(self.keep.measured_disturbances))
-        decision = self.keep.step(
-            self._nothing, nothing, t=now - self._began, disturbance=felt if len(felt) else None
-        )
-        return self._recorded(decision, now, "", 0.0, self._nothing)
+        felt = self._felt
+        if felt is None and self.keep.measured_disturbances:
+            felt = np.zeros(len(self.keep.measured_disturbances))
+        return self.keep.step(state, command, t=now - self._began, disturbance=felt)
 
     def _time(self, now: float) -> float:
         """The time, checked; where it goes back, what was received before counts no more."""
@@ -111,8 +109,7 @@ class Relay:
     def _begin_again(self, now: float) -> None:
         """Forget what was estimated before the gap, and not that the fallback was given in it."""
         self.keep.reset()
-        felt = np.zeros(len(self.keep.measured_disturbances)) if self._felt is not None else None
-        self.keep.step(self._nothing, self.keep.fallback, t=now - self._began, disturbance=felt)
+        self._asked(self._nothing, self.keep.fallback, now)
 
     def _recorded(
         self, decision: Decision, now: float, lost: str, age: float, state: Array

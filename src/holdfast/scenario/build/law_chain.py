@@ -53,20 +53,15 @@ def composed_law(
     if spec.tracking is not None:
         with at(composer.file, "tracking"):
             law = track_velocity(system, law, spec.tracking)
-    unknown = any(PREFIX + n in felt for n in system.input_names)
-    if (
-        law.handed
-        and spec.observer
-        and unknown
-        and not (spec.safeguard and spec.safeguard.measured)
-    ):
-        raise ScenarioError(
-            f"{composer.file}: observer: nothing uses its estimate of what is unmodelled",
-            expected="[safeguard] measured = true, for a filter of another controller",
-        )
-    if spec.observer is not None and unknown and not law.handed:
+    if spec.observer is not None and any(PREFIX + n in felt for n in system.input_names):
         with at(composer.file, "observer"):
-            law = cancel_unmodelled(system, law)
+            if not law.handed:
+                law = cancel_unmodelled(system, law)
+            elif spec.safeguard is None or not spec.safeguard.measured:
+                raise ScenarioError(
+                    "nothing uses its estimate of what is unmodelled",
+                    expected="[safeguard] measured = true, for a filter of another controller",
+                )
     if spec.safeguard is not None:
         law, filtering = _safeguarded(composer, spec.safeguard, law, region, system)
     if spec.observer is not None:

@@ -61,11 +61,7 @@ def plant_of(composer: Composer, system: System, table: Mapping[str, Any]) -> Sy
     units = {q.name: q.unit for q in system.inputs}
     late = _numbers(composer, table, "lag", dict.fromkeys(units, "s"))
     slew = _numbers(composer, table, "slew", {n: per_second(u) for n, u in units.items()})
-    if wrong := [n for n, most in slew.items() if n in late and not most > 0]:
-        raise ScenarioError(
-            f"{composer.file}: system.slew: '{wrong[0]}' has {slew[wrong[0]]:g}", expected="above 0"
-        )
-    with at(composer.file, "system.lag"):
+    with at(composer.file, "system"):
         plant = lagged(system, late, slew)
     composer.declare(plant.parameters)
     return plant
