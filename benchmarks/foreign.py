@@ -85,19 +85,19 @@ class LawInC:
     """The law of a scenario, exported, compiled, and called through its header's functions."""
 
     def __init__(self, scenario: Any) -> None:
-        self.folder = tempfile.TemporaryDirectory()
-        system, path = scenario.model, Path(self.folder.name)
+        system = scenario.model
         text = hf.export_c(system, scenario.law, "law") + (
             "static law_state one;\nvoid begin(void) { law_start(&one); }\n"
             "int act(double t, double h, const double *seen, double *command, double *actuators)\n"
             "{ return law_step(&one, t, h, seen, law_parameters, command, actuators); }\n"
         )
-        (path / "law.c").write_text(text)
-        subprocess.run(
-            ["gcc", "-std=c99", "-O2", "-shared", "-fPIC", "law.c", "-o", "law.so", "-lm"],
-            cwd=path, check=True,
-        )  # fmt: skip
-        self.library = ctypes.CDLL(str(path / "law.so"))
+        with tempfile.TemporaryDirectory() as folder:
+            (Path(folder) / "law.c").write_text(text)
+            subprocess.run(
+                ["gcc", "-std=c99", "-O2", "-shared", "-fPIC", "law.c", "-o", "law.so", "-lm"],
+                cwd=folder, check=True,
+            )  # fmt: skip
+            self.library = ctypes.CDLL(str(Path(folder) / "law.so"))
         count = max(len(system.actuators), len(system.inputs))
         self.command, self.actuators = np.zeros(len(system.inputs)), np.zeros(count)
 
