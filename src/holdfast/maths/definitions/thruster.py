@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import sympy as sp
 
 from holdfast.errors import DefinitionError
-from holdfast.maths.definitions.bounds import Box, LinearImage
+from holdfast.maths.definitions.bounds import AllocatedImage, Box, LinearImage
 from holdfast.maths.definitions.quantity import Quantity
 
 INPUTS = (
@@ -67,7 +67,8 @@ def actuation(thrusters: Sequence[Thruster]) -> Actuation:
     sway and yaw are inputs (fully actuated). With two, surge and yaw are, and the sway force that
     comes with them is their combination: 0 without a thruster across, else tau_v = a tau_u +
     b tau_r, such as that of a single tunnel. Raises `DefinitionError` where surge and yaw cannot
-    be chosen independently.
+    be chosen independently. With more thrusters than inputs the inputs are those that the
+    least-squares allocation produces exactly.
     """
     matrix = sp.Matrix.hstack(*(sp.Matrix(t.effect) for t in thrusters))
     surge, sway, yaw = (list(matrix.row(i)) for i in range(3))
@@ -83,7 +84,8 @@ def actuation(thrusters: Sequence[Thruster]) -> Actuation:
     by_name = {q.name: q.symbol for q in inputs}
     along, turn = by_name["tau_u"], by_name["tau_r"]
     across = by_name.get("tau_v", beside[0] * along + beside[1] * turn)
-    bounds = LinearImage(
+    image = LinearImage if len(thrusters) == len(kept) else AllocatedImage
+    bounds = image(
         sp.ImmutableMatrix(matrix.extract(list(kept), list(range(len(thrusters))))),
         Box(tuple(-t.astern for t in thrusters), tuple(t.ahead for t in thrusters)),
         tuple(t.name for t in thrusters),

@@ -44,7 +44,8 @@ def planar_craft(
 ) -> System:
     """M nudot + C(nu) nu + D(nu) nu = tau of nu = (u, v, r), relative to the water.
 
-    A term whose parameter is absent is left out. extra: further forces [N, N m] on each axis.
+    Without a sway force of its own the craft has the Pfaffian row (5.15) of the thesis. A term
+    whose parameter is absent is left out. extra: further forces [N, N m] on each axis.
     Raises `DefinitionError` for thrusters that give no surge or no moment (`actuation`).
     """
     parameters = tuple(parameters)
@@ -62,6 +63,7 @@ def planar_craft(
     ]
     m22, m23, m32, m33 = inertia[1, 1], inertia[1, 2], inertia[2, 1], inertia[2, 2]
     regular = m22 * m33 - m23 * m32
+    across = PfaffianRow({"x": -sin, "y": cos}, v - vx * sin + vy * cos)
     return System(
         name=name,
         states=STATES,
@@ -78,7 +80,7 @@ def planar_craft(
         parameters=parameters,
         input_bounds=produced.bounds,
         disturbance_bounds=Ball(symbol("current_limit"), 2),
-        pfaffian=(PfaffianRow({"x": -sin, "y": cos}, v - vx * sin + vy * cos),),
+        pfaffian=() if len(produced.inputs) == len(AXES) else (across,),
         description=description,
         source=source,
     )
