@@ -17,7 +17,8 @@ from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import clip
 
 PREFIX = "actual_"
-LAG, SLEW = "lag_", "slew_"
+LAG, SLEW = "_lag", "_slew"
+"""Endings of the parameters by which a system declares the lag and the slew of an actuator."""
 
 
 @checked
@@ -31,7 +32,7 @@ def lagged(
         qdot = f(q, a, d),   adot_i = (u_i - a_i) / T_i,   within [-R_i, R_i]
 
     lag: input, or actuator such as a thruster -> T_i [s], above 0; slew: the same -> R_i [its unit
-    per second]. Without both, those that the system declares: parameters lag_NAME and slew_NAME.
+    per second]. Without both, those that the system declares: parameters NAME_lag and NAME_slew.
     a_i is the state actual_NAME, 0 at the start unless given. The inputs keep their names and
     bounds, so that a law or a filter of `system` runs on the lagged system as it is; a law derived
     from the lagged system itself would know the lag.
@@ -43,8 +44,11 @@ def lagged(
     Raises `DefinitionError` for unknown names, inputs and actuators together, and numbers that are
     not above 0.
     """
+    own = lag is None
     if lag is None:
-        lag, slew = declared(system, LAG), declared(system, SLEW) if slew is None else slew
+        if slew is not None:
+            raise DefinitionError("slew without a lag", expected="both, or neither")
+        lag, slew = declared(system, LAG), declared(system, SLEW)
         if not lag:
             raise DefinitionError(
                 f"system '{system.name}' declares no lag", expected="{input or actuator: seconds}"
@@ -60,11 +64,13 @@ def lagged(
         raise DefinitionError("lag is empty", expected="{input: seconds}")
     if alone := [name for name in slew if name not in lag]:
         raise DefinitionError(f"slew of '{alone[0]}' without its lag", expected="both")
+    constant = {n: symbol(n + LAG if own else f"lag_{n}") for n in lag}
+    fastest = {n: symbol(n + SLEW if own else f"slew_{n}") for n in slew}
     parameters = [
-        Parameter(LAG + n, "s", f"time constant of {n}", value=float(v), above=0)
+        Parameter(f"lag_{n}", "s", f"time constant of {n}", value=float(v), above=0)
         for n, v in lag.items()
     ] + [
-        Parameter(SLEW + n, per_second(units[n]), f"fastest {n}", value=float(v), above=0)
+        Parameter(f"slew_{n}", per_second(units[n]), f"fastest {n}", value=float(v), above=0)
         for n, v in slew.items()
     ]
     asked = [q.symbol for q in system.inputs]
@@ -78,11 +84,10 @@ def lagged(
         actual = {symbol(n): a for n, a in acting.items()}
     rates = {name: rate.xreplace(actual) for name, rate in system.rates.items()}
     for name in lag:
-        change: sp.Expr = (shares[name] - acting[name]) / symbol(LAG + name)
+        change: sp.Expr = (shares[name] - acting[name]) / constant[name]
         if name in slew:
-            change = clip(change, -symbol(SLEW + name), symbol(SLEW + name))
+            change = clip(change, -fastest[name], fastest[name])
         rates[PREFIX + name] = change
-    new = {p.name for p in parameters}
     return replace(
         system,
         name=f"{system.name}, {' and '.join(lag)} late",
@@ -91,14 +96,14 @@ def lagged(
             *(Quantity(PREFIX + n, units[n], f"{n} that acts") for n in lag),
         ),
         rates=rates,
-        parameters=(*(p for p in system.parameters if p.name not in new), *parameters),
+        parameters=system.parameters if own else (*system.parameters, *parameters),
     )
 
 
-def declared(system: System, prefix: str) -> dict[str, float]:
+def declared(system: System, ending: str) -> dict[str, float]:
     """Input or actuator -> the lag or the slew that the system declares for it."""
     values = {p.name: p.value for p in system.parameters}
-    return {n: values[prefix + n] for n in actuator_units(system) if prefix + n in values}
+    return {n: values[n + ending] for n in actuator_units(system) if n + ending in values}
 
 
 def actuator_units(system: System) -> dict[str, str]:

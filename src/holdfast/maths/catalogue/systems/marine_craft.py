@@ -8,11 +8,11 @@ from dataclasses import replace
 
 from holdfast.arguments import checked
 from holdfast.errors import ScenarioError
-from holdfast.maths.catalogue.systems.planar_craft import planar_craft
+from holdfast.maths.catalogue.systems.planar_craft import CURRENT, STATES, planar_craft
 from holdfast.maths.definitions.lag import LAG, SLEW
-from holdfast.maths.definitions.quantity import Parameter
+from holdfast.maths.definitions.quantity import Parameter, Quantity
 from holdfast.maths.definitions.system import System
-from holdfast.maths.definitions.thruster import Thruster
+from holdfast.maths.definitions.thruster import INPUTS, Thruster
 from holdfast.maths.definitions.vehicle_file import THRUSTER, overridden, takes, vehicle_for
 
 _ANY, _POSITIVE = -math.inf, 0.0
@@ -72,7 +72,7 @@ def marine_craft(vehicle: str = "cybership_ii_full", **overrides: float) -> Syst
     `hf.lagged(craft)`. Rudders and turning thrusters are no thrusters of this system.
 
     `vehicle` names a shipped vehicle or a vehicle file; `overrides` replaces numbers by name (SI
-    units, see `PARAMETERS`; of thruster NAME: NAME_ahead, NAME_astern, lag_NAME, slew_NAME).
+    units, see `PARAMETERS`; of thruster NAME: NAME_ahead, NAME_astern, NAME_lag, NAME_slew).
     Raises `ScenarioError` for an unknown vehicle or name, `DefinitionError` for thrusters that give
     no surge force or no yaw moment, and for an M that is not positive definite.
     """
@@ -82,6 +82,7 @@ def marine_craft(vehicle: str = "cybership_ii_full", **overrides: float) -> Syst
         unit, meaning, above = PARAMETERS[name]
         numbers[name] = Parameter(name, unit, meaning, value=1.0, above=above)
     for name, table in found.thrusters.items():
+        _check_name(vehicle, name)
         numbers |= _of_thruster(name, table)
     numbers = overridden(numbers, overrides, "marine_craft")
     _check_inertia(vehicle, {n: p.value for n, p in numbers.items()})
@@ -105,9 +106,20 @@ def marine_craft(vehicle: str = "cybership_ii_full", **overrides: float) -> Syst
     )
 
 
+def _check_name(vehicle: str, name: str) -> None:
+    """Refuse a thruster whose name means something else, or cannot be a name."""
+    Quantity(name)
+    if name in (*PARAMETERS, *(q.name for q in (*STATES, *CURRENT, *INPUTS))):
+        raise ScenarioError(
+            f"vehicle '{vehicle}': '{name}' cannot name a thruster: it is a state, an input or a "
+            "parameter of the craft",
+            remedy="rename it, such as aft_port",
+        )
+
+
 def _of_thruster(name: str, table: Mapping[str, Parameter]) -> dict[str, Parameter]:
     """The numbers of a thruster that are parameters of the system, by their names there."""
-    names = {side: f"{name}_{side}" for side in LIMITS} | {"lag": LAG + name, "slew": SLEW + name}
+    names = {side: f"{name}_{side}" for side in LIMITS} | {"lag": name + LAG, "slew": name + SLEW}
     return {
         names[key]: replace(p, name=names[key], description=f"{p.description}, {name}")
         for key, p in table.items()
