@@ -9,13 +9,14 @@ from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.vehicle_file import read_vehicle, vehicle_names
 
 CORRIDOR = {
-    # craft: half of the corridor [m], speed at its end [m/s], yaw rates [rad/s], seconds
-    "videoray_pro_iii": (1.0, 0.4, 1.0, 2.0),
-    "otter": (4.0, 1.5, 0.25, 3.0),
-    "remus_100": (4.0, 1.0, 0.3, 4.0),
-    "cybership_ii_full": (1.5, 0.3, 0.1, 6.0),
-    "bluerov2_planar": (1.0, 0.5, 1.0, 2.0),
-    "supply_vessel": (60.0, 1.5, 0.01, 60.0),
+    # craft: half of the corridor [m], speed at its end [m/s], yaw rates [rad/s], seconds, and of the
+    # states deep in the kernel all, and those that the controller alone keeps
+    "videoray_pro_iii": (1.0, 0.4, 1.0, 2.0, 400, 345),
+    "otter": (4.0, 1.5, 0.25, 3.0, 400, 318),
+    "remus_100": (4.0, 1.0, 0.3, 4.0, 399, 286),
+    "cybership_ii_full": (1.5, 0.3, 0.1, 6.0, 400, 234),
+    "bluerov2_planar": (1.0, 0.5, 1.0, 2.0, 400, 367),
+    "supply_vessel": (60.0, 1.5, 0.01, 60.0, 400, 146),
 }
 POSE = {
     # craft: box [m], gains of the law, tracking gain [1/s], seconds, sample [s]
@@ -98,11 +99,11 @@ def ahead(craft, speed, time):
 
 @pytest.mark.parametrize("name", CORRIDOR)
 def test_filter_of_a_coarse_kernel_stops_every_craft_before_a_wall_that_its_controller_hits(name):
-    """Of 400 states deep in the kernel all stay; the controller alone loses a twentieth at least.
+    """Of 400 states those deep in the kernel all stay; the controller alone loses 8 to 64 % of them.
 
     The kernel of (x, psi, u, v, r) between two walls, with the true forces of the thrusters.
     """
-    half, speed, turn, seconds = CORRIDOR[name]
+    half, speed, turn, seconds, inside, lone = CORRIDOR[name]
     craft = hf.subsystem(hf.load_vehicle(name), ("x", "psi", "u", "v", "r"))
     walls = hf.Region(
         "walls", craft.states,
@@ -121,7 +122,7 @@ def test_filter_of_a_coarse_kernel_stops_every_craft_before_a_wall_that_its_cont
     q = np.random.default_rng(1).uniform(-1, 1, (400, 5)) * 0.7 * ends
     q[:, 2] = abs(q[:, 2])
     deep = q[kernel.at(q) > 0.1 * half]
-    assert len(deep) > 380
+    assert len(deep) == inside
     law, sample = ahead(craft, speed, half / speed), seconds / 400
     kept = hf.safety_law(
         craft, kernel, law, rate=10 / seconds, margin=0.08 * half, sample_time=sample
@@ -133,8 +134,7 @@ def test_filter_of_a_coarse_kernel_stops_every_craft_before_a_wall_that_its_cont
         )
         for one in (law, kept)
     )  # fmt: skip
-    assert filtered.viable == len(deep)
-    assert alone.viable < 0.95 * len(deep)
+    assert (filtered.viable, alone.viable) == (inside, lone)
 
 
 def test_model_ship_passes_the_moored_vessel_that_its_law_alone_touches():
@@ -145,8 +145,8 @@ def test_model_ship_passes_the_moored_vessel_that_its_law_alone_touches():
     craft = scenario.model
     law = hf.track_velocity(
         craft,
-        hf.laws.hold_pose(craft, k1=0.1, k2=0.1, approach_speed=0.2, approach_turn=0.05),
-        {"u": 0.4, "v": 0.4, "r": 0.4},
+        hf.laws.hold_pose(craft, k1=0.05, k2=0.1, approach_speed=0.05, approach_turn=0.03),
+        {"u": 0.3, "v": 0.3, "r": 0.3},
     )
     alone = hf.simulate(
         scenario.system, law, starts=scenario.starts, region=scenario.region, seed=1,

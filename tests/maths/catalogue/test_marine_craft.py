@@ -292,3 +292,14 @@ def test_three_rows_that_depend_are_no_choice_of_sway():
         effects = [[float(e) for e in t.effect] for t in pair]
         surge, sway, yaw = (a * p + b * q for p, q in zip(*effects, strict=True))
         assert float(found.force[1].xreplace({along: surge, turn: yaw})) == pytest.approx(sway)
+
+
+def test_file_of_the_page_is_a_craft(tmp_path):
+    page = (Path(__file__).parents[3] / "docs/craft.md").read_text("utf-8")
+    path = tmp_path / "my_boat.toml"
+    path.write_text(page.split("```toml\n")[1].split("```")[0])
+    boat = hf.load_vehicle(str(path))
+    assert {p.name: p.value for p in boat.parameters}["x_g"] == pytest.approx(0.1)
+    late = hf.lagged(boat)
+    assert late.state_names[6:] == ("actual_port", "actual_starboard")
+    assert boat.input_names == ("tau_u", "tau_r")

@@ -52,7 +52,7 @@ LIMITS = ("ahead", "astern")
 
 @takes({**PARAMETERS, **THRUSTER}, optional=OPTIONAL)
 @checked
-def marine_craft(vehicle: str = "cybership_ii_full", **overrides: float) -> System:
+def marine_craft(vehicle: str = "otter", **overrides: float) -> System:
     """A marine craft on the plane by its matrices, in a uniform current.
 
         xdot = u cos(psi) - v sin(psi) + Vx

@@ -27,6 +27,7 @@ class AllocatedImage(LinearImage):
 
     For a matrix of numbers with more columns than rows, and a box. It lies within the image of the
     box: beyond it some actuator would have to saturate, and the sum would not be what was asked.
+    What saturated actuators then produce may lie outside this set, within the image of the box.
     The support function is the dual of a linear programme,
 
         max w . u = min over T of sum_{j in T} (the most of y_j a_j),   y = P_T^-T w,

@@ -142,5 +142,9 @@ class LinearImage(Bounds):
         return "the image of " + self.of.text()
 
     def lines(self) -> Iterator[str]:
-        yield f"{self.matrix.tolist()} times ({', '.join(self.actuators)})"
+        rows = [
+            ", ".join(f"{float(e):g}" if e.is_number else str(e) for e in row)
+            for row in self.matrix.tolist()
+        ]
+        yield f"[[{'], ['.join(rows)}]] times ({', '.join(self.actuators)})"
         yield from self.of.lines()
