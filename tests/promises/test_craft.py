@@ -155,3 +155,19 @@ def test_model_ship_passes_the_moored_vessel_that_its_law_alone_touches():
     assert alone.viable == 205
     peak = with_filter.dataset["actuator"].values.min(axis=(0, 1))
     assert (peak >= [-5.67 - 1e-2, -5.67 - 1e-2, -0.175]).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "gains", "arrived"), [("otter", (5.0, 10.0), 19), ("remus_100", (2.0, 6.0), 0)]
+)
+def test_law_that_can_be_tracked_does_not_arrive_with_every_hull(name, gains, arrived):
+    """`inspect_target`, made for the VideoRay's drag, in 200 s: a slender hull slides past."""
+    craft = hf.load_vehicle(name)
+    law = hf.track_velocity(
+        craft, hf.laws.inspect_target(craft, distance=0.5), dict(zip("ur", gains, strict=True))
+    )
+    result = hf.simulate(
+        craft, law, starts=hf.Starts(random=20, box={"x": (-2, -0.3), "y": (-1.2, 1.2), "psi": (-0.5, 0.5)}),
+        goal=hf.regions.near_pose(goal_x=-0.5), horizon=200, record_every=1, seed=1,
+    )  # fmt: skip
+    assert result.outcomes["reached goal"] == arrived

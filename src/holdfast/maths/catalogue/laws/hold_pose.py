@@ -46,7 +46,7 @@ def hold_pose(
             f"law 'hold_pose' needs surge, sway and yaw to be chosen, system '{system.name}' "
             f"has the inputs {', '.join(system.input_names)}",
             expected="a fully actuated craft, such as 'marine_craft' with a bow thruster",
-            remedy="for an underactuated one, steer_marine or dock_marine",
+            remedy="for an underactuated one, a law that `holdfast explain` names",
         )
     x, y, psi = (symbol(n) for n in ("x", "y", "psi"))
     k1_, k2_, speed, turn = (symbol(n) for n in ("k1", "k2", "approach_speed", "approach_turn"))

@@ -134,6 +134,7 @@ class LinearImage(Bounds):
     def within(self, other: Bounds) -> bool:
         return (
             isinstance(other, LinearImage)
+            and type(other) is type(self)
             and self.matrix == other.matrix
             and self.of.within(other.of)
         )
