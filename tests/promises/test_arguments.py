@@ -6,7 +6,7 @@ import math
 import signal
 import tempfile
 import warnings
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -415,7 +415,8 @@ CATALOGUE = {function.__name__: (function, leading) for function, leading in cat
 
 def built_on(function):
     """A system that the entry is made for."""
-    for system in hf.systems.ALL:
+    with_sway = partial(hf.systems.marine_craft, "cybership_ii_full")
+    for system in (*hf.systems.ALL, with_sway):
         try:
             function(system())
         except HoldfastError:

@@ -178,6 +178,10 @@ def _vehicle(name: str) -> list[str]:
     lines = [f"vehicle {name}: {vehicle.title}", f"  for system {vehicle.system}"]
     if vehicle.note:
         lines.append(f"  note: {vehicle.note}")
-    lines += _parameters(tuple(vehicle.parameters.values()))
-    sources = dict.fromkeys(p.source for p in vehicle.parameters.values() if not p.assumed)
+    numbers = [*vehicle.parameters.values()]
+    lines += _parameters(numbers)
+    for thruster, table in vehicle.thrusters.items():
+        lines += ["", f"  thruster {thruster}", *_parameters([*table.values()])[2:]]
+        numbers += table.values()
+    sources = dict.fromkeys(p.source for p in numbers if not p.assumed)
     return [*lines, "", "  sources", *(f"    {s}" for s in sources)]

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from holdfast.errors import DefinitionError, HoldfastError
 from holdfast.maths.catalogue import fields, laws, regions, systems
+from holdfast.maths.control.velocity_tracking import track_velocity
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.vehicle_file import declared_parameters
 
@@ -17,19 +19,22 @@ CATALOGUES: dict[str, tuple[Callable[..., Any], ...]] = {
     "region": regions.ALL,
     "field": fields.ALL,
 }
+FULLY_ACTUATED = "cybership_ii_full"
+"""A vehicle for laws that choose the sway force."""
 
 
 def example(function: Callable[..., Any]) -> Any:
     """The catalogue entry with its standard parameters.
 
-    A law is built on the first system of the catalogue that fits it.
+    A law is built on the first system of the catalogue that fits it, or on a craft with a sway
+    force.
     """
     if leading_argument(function) == "law":
         return function(laws.steer_marine(systems.marine_vehicle()))
     if leading_argument(function) != "system":
         return function()
     refusal: HoldfastError | None = None
-    for system in systems.ALL:
+    for system in (*systems.ALL, partial(systems.marine_craft, FULLY_ACTUATED)):
         try:
             return function(system())
         except DefinitionError as error:
@@ -72,8 +77,13 @@ def is_made_for(function: Callable[..., Any], system: System) -> bool:
     if leading_argument(function) != "system":
         return False
     try:
-        outputs = set(function(system).output_names)
+        law = function(system)
+        outputs = set(law.output_names)
+        if outputs == set(system.input_names):
+            return True
+        if not (outputs <= set(system.state_names) and len(outputs) == len(system.inputs)):
+            return False
+        track_velocity(system, law, dict.fromkeys(outputs, 1.0))
     except DefinitionError:
         return False
-    tracked = outputs <= set(system.state_names) and len(outputs) == len(system.inputs)
-    return tracked or outputs == set(system.input_names)
+    return True

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any, TypeVar
@@ -16,17 +17,30 @@ from holdfast.maths.definitions.units import convert, to_si
 
 T = TypeVar("T")
 DECLARED, OPTIONAL = "declared_parameters", "optional_parameters"
+THRUSTERS = "thrusters"
+THRUSTER: dict[str, tuple[str, str, float]] = {
+    "x": ("m", "place ahead of the origin", -math.inf),
+    "y": ("m", "place to port of the origin", -math.inf),
+    "direction": ("rad", "where it pushes, counter-clockwise from ahead", -math.inf),
+    "ahead": ("N", "largest force along its direction", 0.0),
+    "astern": ("N", "largest force against its direction", 0.0),
+    "lag": ("s", "time constant of its force", 0.0),
+    "slew": ("N/s", "fastest change of its force", 0.0),
+}
+"""Of [thrusters.NAME]: name -> (unit, meaning, exclusive lower limit)."""
+THRUSTER_OPTIONAL = ("lag", "slew")
 
 
 @dataclass(frozen=True)
 class Vehicle:
-    """A vehicle file: its title, the name of its system, its parameters and a note."""
+    """A vehicle file: its title, its system, its parameters, a note, and its thrusters by name."""
 
     name: str
     title: str
     system: str
     parameters: Mapping[str, Parameter]
     note: str = ""
+    thrusters: Mapping[str, Mapping[str, Parameter]] = field(default_factory=dict)
 
 
 def takes(
@@ -105,9 +119,9 @@ def read_vehicle(name: str) -> tuple[str, dict[str, Any]]:
         data = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise ScenarioError(f"{shown}: not a TOML file ({error})") from None
-    for key in sorted(set(data) - {"title", "system", "note", "parameters"}):
+    for key in sorted(set(data) - {"title", "system", "note", "parameters", THRUSTERS}):
         raise ScenarioError(
-            f"{shown}: unknown key '{key}'", expected="title, system, note, parameters"
+            f"{shown}: unknown key '{key}'", expected="title, system, note, parameters, thrusters"
         )
     for key in ("title", "system", "parameters"):
         if key not in data:
@@ -123,45 +137,83 @@ def checked_vehicle(
     optional: Collection[str] = (),
 ) -> Vehicle:
     """The vehicle of these tables; its parameters are checked against those its system needs."""
-    given = data["parameters"]
-    if not isinstance(given, dict):
-        raise ScenarioError(f"{shown}: parameters is {given!r}", expected="a table")
-    for key in given:
-        if key not in units:
-            raise ScenarioError(
-                f"{shown}: unknown parameter '{key}'", remedy=suggestion(key, units)
-            )
-    parameters = {}
-    for key, (unit, meaning, above) in units.items():
-        if key not in given:
-            if key in optional:
-                continue
-            raise ScenarioError(f"{shown}: missing parameter '{key}' ({meaning}, {unit})")
-        parameters[key] = _parameter(shown, key, given[key], unit, meaning, above)
+    thrusters = _thrusters(shown, data, units, optional)
+    own = {n: u for n, u in units.items() if n not in THRUSTER}
     return Vehicle(
         Path(name).stem,
         str(data["title"]),
         str(data["system"]),
-        parameters,
+        checked_table(shown, "parameters", data["parameters"], own, optional),
         str(data.get("note", "")),
+        thrusters,
     )
 
 
+def _thrusters(
+    shown: str,
+    data: Mapping[str, Any],
+    units: Mapping[str, tuple[str, str, float]],
+    optional: Collection[str],
+) -> dict[str, dict[str, Parameter]]:
+    """[thrusters.NAME] of a system whose table has the numbers of a thruster."""
+    takes_some = THRUSTER.keys() <= units.keys()
+    if takes_some != (THRUSTERS in data):
+        raise ScenarioError(
+            f"{shown}: system '{data['system']}' "
+            + ("needs 'thrusters'" if takes_some else "takes no 'thrusters'"),
+            expected="[thrusters.NAME] with " + ", ".join(THRUSTER) if takes_some else "",
+        )
+    if not takes_some:
+        return {}
+    tables = data[THRUSTERS]
+    if not (isinstance(tables, dict) and tables):
+        raise ScenarioError(f"{shown}: thrusters is {tables!r}", expected="[thrusters.NAME]")
+    return {
+        name: checked_table(shown, f"thrusters.{name}", table, THRUSTER, THRUSTER_OPTIONAL)
+        for name, table in tables.items()
+    }
+
+
+def checked_table(
+    shown: str,
+    table: str,
+    given: object,
+    units: Mapping[str, tuple[str, str, float]],
+    optional: Collection[str] = (),
+) -> dict[str, Parameter]:
+    """The parameters of one table of a vehicle file."""
+    if not isinstance(given, dict):
+        raise ScenarioError(f"{shown}: {table} is {given!r}", expected="a table")
+    owner = "" if table == "parameters" else f" of {table}"
+    for key in given:
+        if key not in units:
+            raise ScenarioError(
+                f"{shown}: unknown parameter '{key}'{owner}", remedy=suggestion(key, units)
+            )
+    found = {}
+    for key, (unit, meaning, above) in units.items():
+        if key not in given:
+            if key in optional:
+                continue
+            raise ScenarioError(f"{shown}: missing parameter '{key}' ({meaning}, {unit}){owner}")
+        found[key] = _parameter(f"{shown}: {table}.{key}", key, given[key], unit, meaning, above)
+    return found
+
+
 def _parameter(
-    shown: str, key: str, entry: object, unit: str, meaning: str, above: float
+    where: str, key: str, entry: object, unit: str, meaning: str, above: float
 ) -> Parameter:
-    where = f"{shown}: parameters.{key}"
     if not isinstance(entry, dict):
         raise ScenarioError(
             f"{where} is {entry!r}", expected=f'{{ value = ..., unit = "{unit}", source = "..." }}'
         )
-    for field in sorted(set(entry) - {"value", "unit", "source", "assumed"}):
+    for odd in sorted(set(entry) - {"value", "unit", "source", "assumed"}):
         raise ScenarioError(
-            f"{where}: unknown key '{field}'", expected="value, unit, source, assumed"
+            f"{where}: unknown key '{odd}'", expected="value, unit, source, assumed"
         )
-    for field in ("value", "unit", "source"):
-        if field not in entry:
-            raise ScenarioError(f"{where}: missing key '{field}'")
+    for needed in ("value", "unit", "source"):
+        if needed not in entry:
+            raise ScenarioError(f"{where}: missing key '{needed}'")
     try:
         value = convert(to_si(entry["value"], str(entry["unit"])), str(entry["unit"]), unit)
     except HoldfastError as error:

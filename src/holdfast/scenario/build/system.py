@@ -9,7 +9,7 @@ from holdfast.errors import ScenarioError, suggestion
 from holdfast.maths.control.unmodelled import add_unmodelled
 from holdfast.maths.definitions.bounds import Box
 from holdfast.maths.definitions.extension import dynamic_extension, input_limits, per_second
-from holdfast.maths.definitions.lag import lagged
+from holdfast.maths.definitions.lag import actuator_units, lagged
 from holdfast.maths.definitions.reduction import promote, subsystem
 from holdfast.maths.definitions.steady import steady_bounds
 from holdfast.maths.definitions.system import System
@@ -20,6 +20,8 @@ from holdfast.scenario.validation import at
 LATE = ("lag", "slew")
 """Of actuators: keys of the vehicle that moves, not of the model that laws and kernels are of."""
 REDUCTIONS = ("keep", "promote", "disturb", "extend", "unmodelled", *LATE)
+VEHICLE = "vehicle"
+"""In place of the table of lags: those of the vehicle file, with its slews."""
 STEADY = "steady"
 """Replaces an interval: the velocities that the inputs can hold in still water."""
 
@@ -58,11 +60,13 @@ def plant_of(composer: Composer, system: System, table: Mapping[str, Any]) -> Sy
     """The system that moves: with the lag and slew of its inputs, which the law does not know."""
     if "lag" not in table and "slew" not in table:
         return system
-    units = {q.name: q.unit for q in system.inputs}
-    late = _numbers(composer, table, "lag", dict.fromkeys(units, "s"))
+    units = actuator_units(system)
+    late = None
+    if table.get("lag") != VEHICLE:
+        late = _numbers(composer, table, "lag", dict.fromkeys(units, "s"))
     slew = _numbers(composer, table, "slew", {n: per_second(u) for n, u in units.items()})
     with at(composer.file, "system"):
-        plant = lagged(system, late, slew)
+        plant = lagged(system, late, slew or None)
     composer.declare(plant.parameters)
     return plant
 
@@ -70,11 +74,12 @@ def plant_of(composer: Composer, system: System, table: Mapping[str, Any]) -> Sy
 def _numbers(
     composer: Composer, table: Mapping[str, Any], key: str, units: Mapping[str, str]
 ) -> dict[str, float]:
-    """A number for each of the inputs named under `key`."""
+    """A number for each of the inputs or actuators named under `key`."""
     given = table.get(key, {})
     with at(composer.file, f"system.{key}"):
         if not isinstance(given, Mapping):
-            raise ScenarioError(f"got {given!r}", expected="{ input = number }")
+            vehicle = " or 'vehicle'" if key == "lag" else ""
+            raise ScenarioError(f"got {given!r}", expected=f"{{ input = number }}{vehicle}")
         for name in given:
             if name not in units:
                 raise ScenarioError("unknown name", remedy=suggestion(name, units))

@@ -8,6 +8,7 @@ from holdfast.maths.catalogue.laws.follow_leader import (
     follow_leader,
     keep_footprint,
 )
+from holdfast.maths.catalogue.laws.hold_pose import hold_pose
 from holdfast.maths.catalogue.laws.hold_station import hold_station, hold_station_unknown
 from holdfast.maths.catalogue.laws.inspect_target import inspect_target
 from holdfast.maths.catalogue.laws.keep_range import back_off, move_ahead
@@ -39,6 +40,7 @@ ALL = (
     approach_leader,
     follow_leader,
     keep_footprint,
+    hold_pose,
 )
 
 __all__ = [
@@ -51,6 +53,7 @@ __all__ = [
     "follow_field",
     "follow_integrator",
     "follow_leader",
+    "hold_pose",
     "hold_station",
     "hold_station_unknown",
     "inspect_target",

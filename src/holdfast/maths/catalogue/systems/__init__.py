@@ -5,6 +5,7 @@ from holdfast.maths.catalogue.systems.chain import chain
 from holdfast.maths.catalogue.systems.chained_form import chained_form
 from holdfast.maths.catalogue.systems.drifting_unicycle import drifting_unicycle
 from holdfast.maths.catalogue.systems.leader_follower import leader_follower
+from holdfast.maths.catalogue.systems.marine_craft import marine_craft
 from holdfast.maths.catalogue.systems.marine_vehicle import marine_vehicle
 from holdfast.maths.catalogue.systems.nonholonomic_integrator import nonholonomic_integrator
 from holdfast.maths.catalogue.systems.tractor_trailer import tractor_trailer
@@ -21,6 +22,7 @@ ALL = (
     tractor_trailer,
     leader_follower,
     chain,
+    marine_craft,
 )
 
 __all__ = [
@@ -31,6 +33,7 @@ __all__ = [
     "drifting_unicycle",
     "front_axle_car",
     "leader_follower",
+    "marine_craft",
     "marine_vehicle",
     "nonholonomic_integrator",
     "tractor_trailer",

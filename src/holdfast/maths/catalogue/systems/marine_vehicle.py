@@ -7,11 +7,11 @@ import math
 import sympy as sp
 
 from holdfast.arguments import checked
-from holdfast.maths.definitions.bounds import Ball, Box, LinearImage
-from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
-from holdfast.maths.definitions.system import PfaffianRow, System
+from holdfast.maths.catalogue.systems.planar_craft import planar_craft
+from holdfast.maths.definitions.quantity import Parameter, symbol
+from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.thruster import Thruster
 from holdfast.maths.definitions.vehicle_file import overridden, takes, vehicle_for
-from holdfast.maths.expressions.functions import magnitude
 
 _ANY, _POSITIVE = -math.inf, 0.0
 
@@ -71,56 +71,30 @@ def marine_vehicle(
         unit, meaning, above = PARAMETERS[ASTERN]
         known[ASTERN] = Parameter(ASTERN, unit, meaning, value=1.0, above=above)
     parameters = overridden(known, overrides, "marine_vehicle")
-    psi, u, v, r = (symbol(n) for n in ("psi", "u", "v", "r"))
-    tau_u, tau_r, vx, vy = (symbol(n) for n in ("tau_u", "tau_r", "Vx", "Vy"))
     p = {n: symbol(n) for n in PARAMETERS}
-    m11, m22, m33 = surge_inertia(), sway_inertia(), p["Iz"] - p["Nrdot"]
-    limit, arm = p["thrust_limit"], p["thruster_arm"]
+    arm, limit = p["thruster_arm"], p["thrust_limit"]
     astern = p[ASTERN] if ASTERN in parameters else limit
-    sin, cos = sp.sin(psi), sp.cos(psi)
-    extra_u, extra_v = sp.S.Zero, sp.S.Zero
-    if as_printed:
-        extra_u, extra_v = (
-            p["Xudot"] * (vy * cos - vx * sin) * r,
-            -p["Yvdot"] * (vx * cos + vy * sin) * r,
-        )
-    return System(
-        name="marine_vehicle",
-        states=(
-            Quantity("x", "m", "position normal to the wall"),
-            Quantity("y", "m", "position along the wall"),
-            Quantity("psi", "rad", "heading", angle=True),
-            Quantity("u", "m/s", "surge"),
-            Quantity("v", "m/s", "sway"),
-            Quantity("r", "rad/s", "yaw rate"),
+    return planar_craft(
+        "marine_vehicle",
+        (parameters[n] for n in PARAMETERS if n in parameters),
+        (
+            Thruster("port", sp.S.Zero, arm, 0.0, limit, astern),
+            Thruster("starboard", sp.S.Zero, -arm, 0.0, limit, astern),
         ),
-        inputs=(
-            Quantity("tau_u", "N", "surge force"),
-            Quantity("tau_r", "N m", "yaw moment"),
-        ),
-        disturbances=(
-            Quantity("Vx", "m/s", "current along x"),
-            Quantity("Vy", "m/s", "current along y"),
-        ),
-        rates={
-            "x": u * cos - v * sin + vx,
-            "y": u * sin + v * cos + vy,
-            "psi": r,
-            "u": (m22 * v * r + p["Xu"] * u + p["Xuu"] * magnitude(u) * u + extra_u + tau_u) / m11,
-            "v": (-m11 * u * r + p["Yv"] * v + p["Yvv"] * magnitude(v) * v + extra_v) / m22,
-            "r": ((m11 - m22) * u * v + p["Nr"] * r + p["Nrr"] * magnitude(r) * r + tau_r) / m33,
-        },
-        parameters=tuple(parameters[n] for n in PARAMETERS if n in parameters),
-        input_bounds=LinearImage(
-            sp.ImmutableMatrix([[1, 1], [-arm, arm]]),
-            Box((-astern, -astern), (limit, limit)),
-            ("port", "starboard"),
-        ),
-        disturbance_bounds=Ball(p["current_limit"], 2),
-        pfaffian=(PfaffianRow({"x": -sin, "y": cos}, v - vx * sin + vy * cos),),
         description="underactuated marine vehicle, two aft thrusters, in a current",
         source="thesis (7.2) as printed" if as_printed else "thesis (5.14), (5.15), (5.30)",
+        extra=_printed_terms() if as_printed else None,
     )
+
+
+def _printed_terms() -> dict[str, sp.Expr]:
+    """What (7.2) has beside (5.30): added mass that acts on the absolute acceleration."""
+    psi, r, vx, vy = (symbol(n) for n in ("psi", "r", "Vx", "Vy"))
+    sin, cos = sp.sin(psi), sp.cos(psi)
+    return {
+        "u": symbol("Xudot") * (vy * cos - vx * sin) * r,
+        "v": -symbol("Yvdot") * (vx * cos + vy * sin) * r,
+    }
 
 
 def surge_inertia() -> sp.Expr:

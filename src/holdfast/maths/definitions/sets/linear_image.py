@@ -134,6 +134,7 @@ class LinearImage(Bounds):
     def within(self, other: Bounds) -> bool:
         return (
             isinstance(other, LinearImage)
+            and type(other) is type(self)
             and self.matrix == other.matrix
             and self.of.within(other.of)
         )
@@ -142,5 +143,9 @@ class LinearImage(Bounds):
         return "the image of " + self.of.text()
 
     def lines(self) -> Iterator[str]:
-        yield f"{self.matrix.tolist()} times ({', '.join(self.actuators)})"
+        rows = [
+            ", ".join(f"{float(e):g}" if e.is_number else str(e) for e in row)
+            for row in self.matrix.tolist()
+        ]
+        yield f"[[{'], ['.join(rows)}]] times ({', '.join(self.actuators)})"
         yield from self.of.lines()
