@@ -17,6 +17,7 @@ from holdfast.scenario.edited import edited_text
 from holdfast.scenario.files import read_tables, scenario_names
 from holdfast.scenario.load import load_scenario
 from holdfast.studies.write_results import write_tuning
+from tests.command_line import FAST, holdfast
 
 FEW, MORE = {"candidates": 40, "runs": 4}, {"candidates": 120, "runs": 4}
 
@@ -240,6 +241,35 @@ def _with_vehicle(folder):
     (folder / "mine.toml").write_text(vehicle.read_text("utf-8"))
     text = (resources.files("holdfast.scenarios") / "ch4-marine.toml").read_text("utf-8")
     return text.replace('vehicle = "videoray_pro_iii"', 'vehicle = "mine.toml"')
+
+
+# -- the command
+
+
+def test_command_tunes_and_what_it_writes_runs(tmp_path):
+    asked = ["--candidates", "10", "--runs", "2", "--gain", "k2=0.5:1", "--no-figures"]
+    done = holdfast("tune", "ch4-integrator", *asked, "--out", str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    assert "best for time; conditions met with a margin of 10 % at 1 corner" in done.stdout
+    assert done.stderr == ""
+    again = holdfast("run", str(tmp_path / "tuned.toml"), *FAST, "--out", str(tmp_path / "run"))
+    assert again.returncode == 0, again.stderr
+
+
+@pytest.mark.parametrize(
+    ("asked", "says"),
+    [
+        (["--gain", "k2=2:3"], "holdfast: ch4-integrator.toml: no gains in the ranges meet"),
+        (["--cost", "price"], "holdfast: the cost is 'price'; expected time or effort or"),
+        (["--margin", "2"], "holdfast: the margin is 2; expected at least 0 and below 1"),
+    ],
+)
+def test_command_refuses_with_one_line(tmp_path, asked, says):
+    done = holdfast("tune", "ch4-integrator", *asked, "--out", str(tmp_path / "none"))
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(says)
+    assert len(done.stderr.splitlines()) == 1
+    assert not (tmp_path / "none").exists()
 
 
 # -- costs

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from holdfast.errors import ScenarioError
@@ -104,6 +104,9 @@ def _gain(own: Scenario, data: Mapping[str, Any], text: str) -> Gain:
     knob = _knob(own, data, name)
     if not knob.key.startswith(PREFIX):
         raise ScenarioError(f"--gain {name}: the key is {knob.key}", expected="a number of [law]")
+    if knob.own is None:  # the file leaves the law's own value
+        mine = [p.value for p in own.law.parameters if p.name == last_part(knob.key)]
+        knob = replace(knob, own=mine[0] if mine else None)
     if knob.own is None or not math.isfinite(knob.own):
         raise ScenarioError(f"--gain {name}: {knob.key} is not a number")
     over = read_over(text, latin=True) if "=" in text else _around(own, knob, knob.own)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -12,17 +11,18 @@ import numpy.typing as npt
 from holdfast.analysis.simulation.named_arrays import NamedArrays
 from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.tuning import Costs
-from holdfast.errors import GainWarning
 from holdfast.execution.arrays import Array
 from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.outcomes import Outcome
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.variation import Varied
 from holdfast.scenario.kinds.closed_loop import Scenario
 
 INSTANTS = 400
 """Samples of the inputs, about, from which the effort is taken."""
 
-MOST_CORNERS = 16
+MOST_CORNERS = 4
 """Corners that are simulated from every start; the conditions are judged at all of them."""
 
 TOGETHER = 3000
@@ -37,7 +37,7 @@ Numbers = Mapping[str, float]
 class Measure:
     """The costs of laws that differ in their parameters, from the starts of a scenario.
 
-    Each start is simulated with the draws of the scenario and, for at most four draws, at each of
+    Each start is simulated with the draws of the scenario and, for at most two draws, at each of
     their corners. The cost of a candidate is the larger of both.
     """
 
@@ -48,7 +48,9 @@ class Measure:
         )
         every = stride * scenario.settings["sample_time"]
         self.instants = samples // stride + 1
-        self.scenario = scenario.with_settings(record_every=every)
+        self.scenario = replace(
+            scenario.with_settings(record_every=every), law=without_conditions(scenario.law)
+        )
         self.base = base
         own = scenario.varied
         self.varied = [own]
@@ -76,9 +78,7 @@ class Measure:
         return self._costs(replace(self.scenario, varied=replace(varied, cases=cases)), len(laws))
 
     def _costs(self, scenario: Scenario, cases: int) -> list[Costs]:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", GainWarning)  # the conditions are judged elsewhere
-            result = scenario.run()
+        result = scenario.run()
         corners = len(scenario.varied.corners)
         horizon = float(scenario.settings["horizon"])
 
@@ -91,6 +91,13 @@ class Measure:
         effort = folded(_effort(result.arrays, horizon)).max(axis=1)
         clearance = folded(_clearance(result.arrays)).min(axis=1)
         return [Costs(*map(float, row)) for row in zip(time, effort, clearance, lost, strict=True)]
+
+
+def without_conditions(law: Law | Switching) -> Law | Switching:
+    """The same law; its conditions, which are judged elsewhere, are not judged in every run."""
+    if isinstance(law, Switching):
+        return law.map_laws(lambda mode: replace(mode, conditions=()), law.name)
+    return replace(law, conditions=())
 
 
 def _worse(costs: Sequence[Costs]) -> Costs:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from holdfast.analysis.safety.gain_conditions import corners_of, judged
-from holdfast.analysis.simulation.tuning import COSTS, Candidate, Costs, Tuning
+from holdfast.analysis.simulation.tuning import COSTS, Candidate, Tuning
 from holdfast.arguments import checked
 from holdfast.errors import GainWarning, HoldfastError, ScenarioError
 from holdfast.execution.simulation.settings import Settings
@@ -27,6 +27,9 @@ STARTS = 16
 
 CHECKED = 5
 """Candidates that are simulated again from fresh starts."""
+
+FRESH = 200
+"""Fresh starts at most for these."""
 
 Tell = Callable[[str, float], None]
 
@@ -59,8 +62,9 @@ def tune(
     its value to four times as much. margin: relative, at least 0 and below 1. candidates: about
     how many are simulated, in differential evolution (R. Storn and K. Price, 1997) that begins
     with Sobol points. runs: starts of each. The chosen gains and the scenario's own are then
-    simulated together from as many fresh starts as the scenario has. case: a case of the
-    scenario's [compare] to tune in, such as a wrong model. The same seed gives the same gains.
+    simulated together from fresh starts, as many as the scenario has and 200 at most. case: a
+    case of the scenario's [compare] to tune in, such as a wrong model. The same seed gives the
+    same gains.
 
     Raises `ScenarioError` for a law without gains or conditions, an unknown cost, a cost that the
     scenario does not have, and, naming one condition with its value, limit, corner and
@@ -89,8 +93,8 @@ def tune(
             expected="a law with gain conditions (GainCondition)",
         )
     measure = Measure(own, first.parameters)
-    known: dict[tuple[float, ...], Costs] = {}
     (before,) = measure.costs([first.parameters])
+    known = {first.key: before} if first.slack >= margin else {}
     scale = abs(before.of(cost)) or 1.0
 
     def costs(some: Sequence[Trial]) -> list[float]:
@@ -109,9 +113,11 @@ def tune(
         key=lambda t: (max(known[t.key].lost - before.lost, 0.0), known[t.key].of(cost), t.key),
     )
     tell("fresh starts", 0.92)
-    fresh = _closed_loop(shown, text, data, None, own.seed + 1).kept()
+    fresh = _fresh(shown, text, data, own.seed + 1).kept()
     again = Measure(fresh, first.parameters)
     able = admissible[:CHECKED]
+    if first.key in known and first not in able:
+        able.append(first)  # where all others lose more runs
     reference, *others = again.costs([first.parameters, *(t.parameters for t in able)])
     place = min(
         range(len(able)),
@@ -165,6 +171,14 @@ def _closed_loop(
             f"{shown}: it has no law of its own to tune", expected="a closed loop with a [law]"
         )
     return made
+
+
+def _fresh(shown: str, text: str, data: dict[str, Any], seed: int) -> Scenario:
+    """The scenario with other random starts, `FRESH` at most."""
+    whole = _closed_loop(shown, text, data, None, seed)
+    if whole.starts.count <= FRESH:
+        return whole
+    return _closed_loop(shown, text, data, FRESH, seed)
 
 
 def _check_cost(own: Scenario, cost: str) -> None:
