@@ -63,7 +63,12 @@ TABLES = {
             "threads": "of the machine, not of the experiment",
         },
     ),
-    "[varied]": (schema.VariedSpec, [hf.Varied], {}, {"units": "in the draws"}),
+    "[varied]": (
+        schema.VariedSpec,
+        [hf.Varied],
+        {},
+        {"units": "in the draws", "cases": "tune varies gains, a sweep runs a file for each cell"},
+    ),
     "[redesign]": (
         schema.RedesignSpec,
         [hf.redesign],

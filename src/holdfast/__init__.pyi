@@ -40,6 +40,8 @@ from .analysis.simulation.simulate import simulate as simulate
 from .analysis.simulation.starts import Starts as Starts
 from .analysis.simulation.station_statistics import station_statistics as station_statistics
 from .analysis.simulation.sweep_table import Campaign as Campaign
+from .analysis.simulation.tuning import Costs as Costs
+from .analysis.simulation.tuning import Tuning as Tuning
 from .errors import GainWarning as GainWarning
 from .errors import HoldfastError as HoldfastError
 from .errors import ModelWarning as ModelWarning
@@ -81,6 +83,7 @@ from .maths.definitions.law import Law as Law
 from .maths.definitions.law import Safeguard as Safeguard
 from .maths.definitions.measurement import Measurement as Measurement
 from .maths.definitions.memory import Memory as Memory
+from .maths.definitions.quantity import DELAY as DELAY
 from .maths.definitions.quantity import SAMPLE_TIME as SAMPLE_TIME
 from .maths.definitions.quantity import TIME as TIME
 from .maths.definitions.quantity import TIME_IN_MODE as TIME_IN_MODE
@@ -120,6 +123,7 @@ from .presentation.figures.value_function import value_function_figure as value_
 from .presentation.studies.comparison import comparison_figure as comparison_figure
 from .presentation.studies.margin import margin_figure as margin_figure
 from .presentation.studies.sweep import campaign_figure as campaign_figure
+from .presentation.studies.tuning import tuning_figure as tuning_figure
 from .scenario.kinds.closed_loop import Scenario as Scenario
 from .scenario.kinds.kernel import KernelScenario as KernelScenario
 from .scenario.load import load_scenario as load_scenario
@@ -128,3 +132,4 @@ from .studies.derivation import Derivation as Derivation
 from .studies.derivation import explain as explain
 from .studies.disturbance_margin import disturbance_margin as disturbance_margin
 from .studies.sweep.sweep import sweep as sweep
+from .studies.tuning.tune import tune as tune

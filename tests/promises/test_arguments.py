@@ -120,6 +120,11 @@ def robots():
     return hf.renamed(robot, {n: f"{n}L" for n in names}), robot
 
 
+@cache
+def tuning():
+    return hf.tune("ch4-integrator", gains=["k2=0.5:1"], candidates=10, runs=1)
+
+
 FUNCTIONS = {
     "backward_reachable_at": lambda: marched(target=end(), disturbances="min"),
     "backward_reachable_tube": lambda: marched(target=end(), disturbances="min"),
@@ -233,6 +238,11 @@ FUNCTIONS = {
         "executor": here(),
     },
     "symbol": lambda: {"name": "x"},
+    "tune": lambda: {
+        "scenario": "ch4-integrator", "cost": "time", "gains": ["k2=0.5:1"], "margin": 0.1, "candidates": 10, "runs": 1,
+        "seed": 1, "case": None, "overrides": ["run.horizon=4"],
+    },
+    "tuning_figure": lambda: {"found": tuning()},
     "track_velocity": lambda: {
         "system": hf.systems.marine_vehicle(), "law": hf.laws.steer_marine(hf.systems.marine_vehicle()), "gains": {"u": 5.0, "r": 9.0},
     },
@@ -501,7 +511,7 @@ def close():
 
 
 SLOW = (
-    "check_promise", "compare", "critical_points", "disturbance_margin", "explain", "load_scenario",
+    "check_promise", "compare", "critical_points", "disturbance_margin", "explain", "load_scenario", "tune",
 )  # fmt: skip
 """Functions, and laws below, that derive or simulate much before they refuse."""
 

@@ -198,7 +198,9 @@ def test_sampled_control_holds_the_ball_a_little_less_tightly(system, ts, tail):
 def test_heading_gain_beyond_the_sample_rate_does_not_converge(system):
     """k2 Ts = 2: 8 of 500 in the reference; the rule is k2 Ts <= 0.5."""
     law = hf.laws.hold_station(system, r1=0.1, k2=20.0)
-    with pytest.warns(hf.GainWarning, match=r"k2\*sample_time = 2 is above its limit 0.5"):
+    with pytest.warns(
+        hf.GainWarning, match=r"k2\*\(delay \+ sample_time\) = 2 is above its limit 0.5"
+    ):
         data = run(system, law, poses(200), ts=0.1, record_every=0.1)
     t = data["time"].values
     held = distance(data)[:, t > 30].max(axis=1) < 0.2

@@ -1,4 +1,4 @@
-"""Files of studies: margins, campaigns, comparisons."""
+"""Files of studies: margins, campaigns, comparisons, tunings."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 from holdfast.analysis.reachability.bisection import Margin
 from holdfast.analysis.simulation.law_comparison import Comparison
 from holdfast.analysis.simulation.sweep_table import Campaign
+from holdfast.analysis.simulation.tuning import Tuning
 from holdfast.host.output import make_folder, saved, write_summary, write_text
 
 
@@ -57,4 +58,21 @@ def write_comparison(found: Comparison, folder: Path, *, figures: bool) -> list[
         from holdfast.presentation.figures import style
 
         files += style.write(comparison_figure(found), folder, "comparison")
+    return files
+
+
+def write_tuning(found: Tuning, folder: Path, *, figures: bool) -> list[Path]:
+    """The scenario with the gains, the candidates as a table, the summary and the figure."""
+    from holdfast.presentation.studies.tuning import tuning_figure, tuning_table
+
+    make_folder(folder)
+    files = [
+        write_text(folder / "tuned.toml", found.text),
+        write_text(folder / "tuning.csv", tuning_table(found)),
+        write_summary(folder / "tuning.json", found.summary()),
+    ]
+    if figures:
+        from holdfast.presentation.figures import style
+
+        files += style.write(tuning_figure(found), folder, "tuning")
     return files

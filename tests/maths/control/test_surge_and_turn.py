@@ -352,7 +352,7 @@ def test_heading_gain_times_sample_time_may_be_one_half_but_not_more(name):
         for allowed in (0.0, 0.05, 0.1, 0.1 * (1 + 1e-15)):
             assert condition.violation(values | {hf.SAMPLE_TIME: allowed}) is None
         said = condition.violation(values | {hf.SAMPLE_TIME: 0.102})
-        assert "sample_time = 0.51 is above its limit 0.5" in said
+        assert "sample_time) = 0.51 is above its limit 0.5" in said
 
 
 # -- weathervane: where it comes to rest

@@ -782,3 +782,54 @@ def test_limits_of_a_varied_thrust_are_those_of_every_run():
     one = hf.simulate(cart, law, starts=[[0.0]], horizon=0.1).dataset
     assert one["input_low"].values.tolist() == [-1.0, -np.inf]
     assert one["input_high"].values.tolist() == [2.0, 3.0]
+
+
+# -- cases: the same runs with other numbers
+
+
+def _decay(**more):
+    """x' = -k x + d, with d drawn for every run."""
+    x, k, d = (hf.symbol(n) for n in ("x", "k", "d"))
+    u = hf.symbol("u")
+    system = hf.System(
+        "decay", (hf.Quantity("x"),), (hf.Quantity("u"),), {"x": u + d},
+        parameters=(hf.Parameter("d", value=0.0),),
+    )  # fmt: skip
+    law = hf.Law("law", system.states, {"u": -k * x}, (hf.Parameter("k", "1/s", value=1.0),))
+    starts = hf.Starts(random=3, box={"x": (1.0, 2.0)})
+    varied = hf.Varied({"d": (0.0, 1.0)}, **more)
+    return hf.simulate(system, law, starts=starts, horizon=1.0, varied=varied, seed=3)
+
+
+def test_cases_are_the_same_runs_with_other_numbers():
+    """Every start has the same draws in every case; a case alone is the same to the bit."""
+    found = _decay(cases={"k": [1.0, 2.0, 4.0]}).arrays["state"].values.reshape(3, 3, -1)
+    for place, k in enumerate((1.0, 2.0, 4.0)):
+        alone = _decay(cases={"k": [k]}).arrays["state"].values
+        assert (found[:, place].ravel() == alone.ravel()).all()
+    usual = _decay().arrays["state"].values  # k = 1
+    assert (found[:, 0].ravel() == usual.ravel()).all()
+
+
+def test_cases_and_vertices_are_combined():
+    data = _decay(cases={"k": [1.0, 2.0]}, vertices=("d",)).arrays
+    rows = data["varied"].values.reshape(3, 2, 2, 2)  # start, case, vertex, (d, k)
+    assert [str(n) for n in data["varied_name"].values] == ["d", "k"]
+    assert (rows[:, :, :, 0] == [0.0, 1.0]).all()
+    assert (rows[:, 0, :, 1] == 1.0).all()
+    assert (rows[:, 1, :, 1] == 2.0).all()
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"cases": {"k": [1.0], "d2": [1.0, 2.0]}}, "different numbers of values"),
+        ({"cases": {"k": []}}, "expected at least one finite number"),
+        ({"cases": {"k": [float("nan")]}}, "expected at least one finite number"),
+        ({"cases": {"d": [1.0]}}, "'d' has cases and is drawn"),
+        ({"cases": {"q": [1.0]}}, "unknown parameter 'q'"),
+    ],
+)
+def test_cases_that_are_none_are_refused(given, says):
+    with pytest.raises(hf.HoldfastError, match=says):
+        _decay(**given)

@@ -240,7 +240,7 @@ def test_poles_that_double_precision_cannot_place_are_refused():
 
 def test_poles_slower_than_x1_are_warned_of():
     law = hf.laws.steer_chained(hf.systems.chained_form(3), poles=-0.05)
-    (condition,) = law.conditions
+    condition = law.conditions[0]
     assert "the law stops, before" in condition.violation(
         {p.symbol: p.value for p in law.parameters}
     )

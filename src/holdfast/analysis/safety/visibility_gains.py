@@ -8,11 +8,18 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import sympy as sp
 from scipy.optimize import brentq, minimize_scalar
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
-from holdfast.maths.catalogue.laws.follow_leader import TURNS
+from holdfast.maths.catalogue.laws.follow_leader import FOLLOWERS, TURNS
+from holdfast.maths.definitions.law import GainCondition, Law
+from holdfast.maths.definitions.quantity import symbol
+from holdfast.maths.definitions.region import Region
+
+SHARP = 1e-6
+"""Softness [m] of a law with a sign in place of a saturation."""
 
 SHALLOW = 1e-3
 """Start of the search over bearings, as a share of the half angle: bearing 0 has no limit."""
@@ -183,6 +190,42 @@ def visibility_gains(
         f"k2 has to be at least {low:.4g} 1/s at the sides of the view, and at most {high:.4g} 1/s "
         "at its far end",
         _remedy(pair),
+    )
+
+
+def visibility_conditions(law: Law, region: Region) -> tuple[GainCondition, ...]:
+    """The window of k2 as conditions of a follower's law, for the view that `region` gives.
+
+    Empty for other laws and regions. The bounds of the window are numbers, found for the other
+    parameters of the law: a parameter that varies from run to run does not move them.
+    """
+    given = {p.name: p.value for p in (*region.parameters, *law.parameters)}
+    if law.name not in FOLLOWERS or not {"range_max", "half_angle"} <= set(given):
+        return ()
+    view = {n: given[n] for n in ("range_max", "half_angle")}
+    robot_radius = given.get("robot_radius", 0.0)
+    sight = law.outputs["wF"].has(sp.sin)
+    window = visibility_gains(
+        k1=given["k1"], distance=given["distance"], leader_speed=given.get("leader_speed", 0.0)
+        if law.name == "follow_leader" else 0.0,
+        softness=given.get("softness", SHARP), turn=TURNS[sight], robot_radius=robot_radius, **view,
+    )  # fmt: skip
+    k2, source = symbol("k2"), "derived, hf.visibility_gains; thesis (6.17), (6.18) corrected"
+
+    def condition(value: sp.Expr, limit: sp.Expr, consequence: str) -> GainCondition:
+        return GainCondition(value, limit, consequence, source, closed=True)
+
+    apart = condition(
+        sp.Float(2 * robot_radius),
+        sp.Float(window.nearest),
+        "the leader may come as near as the robots touch",
+    )
+    if math.isnan(window.low):
+        return (apart,)
+    return (
+        apart,
+        condition(sp.Float(window.low), k2, "the leader may leave by a side of the view"),
+        condition(k2, sp.Float(window.high), "the leader may leave by the far end of the view"),
     )
 
 

@@ -25,7 +25,7 @@ from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.steppers import BY_NAME
 from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.quantity import SAMPLE_TIME, TIME, symbol
+from holdfast.maths.definitions.quantity import DELAY, SAMPLE_TIME, TIME, symbol
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
@@ -121,7 +121,7 @@ def simulate(
     for parameters in (values, real):
         if system.input_bounds is not None:
             system.input_bounds.at(parameters)
-    turns = len(varied.corners) if varied is not None else 1
+    turns = varied.turns if varied is not None else 1
     if isinstance(starts, Starts):
         loop.check_room(starts.count * turns if part is None else len(part), chosen)
     try:
@@ -137,7 +137,10 @@ def simulate(
     own = loop.varied(len(initial), chosen.seed, first)
     _check_varied(program, own, first)
     _check_disturbance(system, loop, chosen, dict(plant or {}), given, own, first)
-    seconds = {SAMPLE_TIME: 0.0 if chosen.continuous else chosen.sample_time}
+    seconds = {
+        SAMPLE_TIME: 0.0 if chosen.continuous else chosen.sample_time,
+        DELAY: chosen.delay,
+    }
     _warn_of_gains(program, values | seconds, own)
     trajectories = loop.simulate(
         initial, chosen, plant=plant, varied=own, first=first, progress=progress,
@@ -295,10 +298,15 @@ def _warn_of_gains(
     """One warning for each gain condition that at least one run violates."""
     names = [symbol(n) for n in program.varied.names]
     for condition in program.conditions:
-        involved = (condition.value + condition.limit).free_symbols & set(names)
-        rows = own if involved else own[:1]
-        found = [condition.violation({**values, **dict(zip(names, r, strict=False))}) for r in rows]
-        violated = [message for message in found if message]
+        involved = (condition.value + condition.limit).free_symbols
+        columns = [j for j, name in enumerate(names) if name in involved]
+        rows = own[:, columns] if columns else own[:1, :0]
+        known: dict[bytes, str | None] = {}  # equal numbers are judged once
+        for row in rows:
+            if row.tobytes() not in known:
+                numbers = {names[j]: v for j, v in zip(columns, row, strict=True)}
+                known[row.tobytes()] = condition.violation({**values, **numbers})
+        violated = [message for row in rows if (message := known[row.tobytes()])]
         if violated:
             count = f" (in {len(violated)} of {len(rows)} runs)" if len(rows) > 1 else ""
             warnings.warn(violated[0] + count, GainWarning, stacklevel=3)

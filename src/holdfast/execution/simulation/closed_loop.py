@@ -123,25 +123,29 @@ class ClosedLoop:
         return self.leaves.values(name, count, width, t, q, x, p)
 
     def varied(self, runs: int, seed: int, first: int = 0) -> Array:
-        """The quantities that differ between runs: draws, values, values of the plant.
+        """The quantities that differ between runs: draws, cases, values, values of the plant.
 
         first: which of the runs that share the seed is the first of these.
         """
         chosen = self.program.varied
-        if not chosen.expressions and not chosen.draws:
+        if not chosen:
             return np.empty((runs, 0))
+        corners = len(chosen.corners)
+        start, turn = np.divmod(np.arange(first, first + runs), chosen.turns)
+        case, vertex = np.divmod(turn, corners)
         low, high = (np.array([r[i] for r in chosen.draws.values()]) for i in (0, 1))
         draws = np.empty((runs, 0))
         if chosen.draws:
             leaves = _drawn("varied", varied_leaf, len(low))
-            asked = _draws(first + np.arange(runs), 0, seed)
+            asked = _draws(start * corners + vertex, 0, seed)  # the same in every case
             draws = leaves.values("varied", runs, len(low), asked, low, high, _NONE)
         if chosen.vertices:  # every start at each of them in turn
-            turns = np.arange(first, first + runs) % len(chosen.corners)
             places = [list(chosen.draws).index(name) for name in chosen.vertices]
-            draws[:, places] = np.array(chosen.corners)[turns]
+            draws[:, places] = np.array(chosen.corners)[vertex]
         p = np.repeat(self.parameter_array()[np.newaxis], runs, axis=0)
-        p[:, self._columns(chosen.draws)] = draws
+        if chosen.cases:
+            draws = np.hstack([draws, np.array([*chosen.cases.values()]).T[case]])
+        p[:, self._columns((*chosen.draws, *chosen.cases))] = draws
         width = len(chosen.values) + len(chosen.plant)
         return np.hstack([draws, self._values("varied", width, p=p)])
 

@@ -134,7 +134,7 @@ def redesign(
         reads=reads,
         outputs={k: share * law.outputs[k] + (1 - share) * chosen[k] for k in law.outputs},
         parameters=parameters,
-        conditions=law.conditions,
+        conditions=tuple({c: None for x in (law, *laws) for c in x.conditions}),
         believed=believed,
     )
     modes = {PURSUE: told(law), PROTECT: blend}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
@@ -58,6 +59,7 @@ def _need(r: float, lam: float) -> float:
     return (lam * r**2 - 2 * w) / (r * (lam * r**2 - w))
 
 
+@lru_cache(maxsize=4096)
 def _worst_beyond(r0: float, lam: float) -> float:
     """The supremum of the need over r >= r0; it has at most one maximum and falls as 1/r."""
     low, high = math.log(r0), math.log(max(r0, 1.0)) + 5.0

@@ -12,6 +12,7 @@ from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.lookup import Lookup
 from holdfast.maths.definitions.quantity import (
+    DELAY,
     SAMPLE_TIME,
     TIME,
     Parameter,
@@ -28,7 +29,7 @@ from holdfast.maths.definitions.quantity import (
 class GainCondition:
     """A stability condition value < limit on the gains, and the consequence of violating it.
 
-    Besides parameters it may use `SAMPLE_TIME`. `closed`: the limit itself is allowed.
+    Besides parameters it may use `SAMPLE_TIME` and `DELAY`. `closed`: the limit itself is allowed.
     """
 
     value: sp.Expr
@@ -38,9 +39,13 @@ class GainCondition:
     closed: bool = False
 
     def violation(self, parameters: Mapping[sp.Symbol, float]) -> str | None:
-        """A sentence with both numbers when the condition fails, else None."""
-        value = float(self.value.subs(parameters))
-        limit = float(self.limit.subs(parameters))
+        """A sentence with both numbers when the condition fails, else None.
+
+        A delay that is not given is none.
+        """
+        values = {DELAY: 0.0, **parameters}
+        value = float(self.value.subs(values))
+        limit = float(self.limit.subs(values))
         if value < limit or (self.closed and value <= limit * (1.0 + 1e-12)):
             return None
         shown = f"{limit:.4g}" if self.limit.is_number else f"{limit:.4g} = {self.limit}"

@@ -25,8 +25,11 @@ TIME_IN_MODE = sp.Symbol("time_in_mode", real=True)
 SAMPLE_TIME = sp.Symbol("sample_time", real=True)
 """Seconds between control samples, 0 with continuous control; only gain conditions use it."""
 
+DELAY = sp.Symbol("delay", real=True)
+"""Seconds from a measurement to the law that uses it; only gain conditions use it."""
+
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
-_RESERVED = frozenset(("t", "time_in_mode", "sample_time", "pi", "diff", *FUNCTIONS))
+_RESERVED = frozenset(("t", "time_in_mode", "sample_time", "delay", "pi", "diff", *FUNCTIONS))
 
 
 @checked
@@ -65,12 +68,16 @@ class Quantity:
 @checked
 @dataclass(frozen=True)
 class Parameter(Quantity):
-    """A quantity with a value (above a limit), its source, and whether it is only assumed."""
+    """A quantity with a value (above a limit), its source, and whether it is only assumed.
+
+    gain: whether it is a gain of a law, a number that its designer is free to choose.
+    """
 
     value: float = math.nan
     source: str = ""
     assumed: bool = False
     above: float = -math.inf
+    gain: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()

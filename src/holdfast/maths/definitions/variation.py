@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import sympy as sp
 
@@ -26,6 +27,9 @@ class Varied:
     parameter becomes one. values: parameter -> expression of the draws, of values before it and
     of other parameters; law and plant both get it. plant: the same for the simulated vehicle
     only; the law keeps the nominal value. units: of the new names, "1" where not given.
+    cases: parameter -> its values, one for each case, all of the same number; law and plant both
+    get them. Every start is simulated in every case, with the same draws, as with other gains:
+    run i is start i // n in the case (i mod n) // k, n = k cases, of k vertices.
     vertices: draws that take their lowest and their highest value in every combination, from every
     start, instead of random ones: run i is start i // n at the vertex i mod n of n = 2^k.
     A rate over random draws is an average over their box; the vertices are its corners.
@@ -44,6 +48,7 @@ class Varied:
     plant: Mapping[str, sp.Expr] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     vertices: Sequence[str] = ()
+    cases: Mapping[str, Sequence[float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, given in self.draws.items():
@@ -61,6 +66,7 @@ class Varied:
                     key=f"varied.draws.{name}",
                 )
         self._check_vertices()
+        self._check_cases()
         twice = set(self.draws) & set(self.values)
         if twice:
             raise DefinitionError(f"'{min(twice)}' is both drawn and given a value")
@@ -99,13 +105,42 @@ class Varied:
             )
         object.__setattr__(self, "vertices", tuple(chosen))
 
+    def _check_cases(self) -> None:
+        if len({len(column) for column in self.cases.values()}) > 1:
+            raise DefinitionError(
+                "the cases have different numbers of values",
+                expected="one value of every parameter for each case",
+                key="varied.cases",
+            )
+        for name, column in self.cases.items():
+            if not column or not all(math.isfinite(value) for value in column):
+                raise DefinitionError(
+                    f"the cases of '{name}' are {list(column)!r}",
+                    expected="at least one finite number",
+                    key="varied.cases",
+                )
+            if name in self.draws or name in self.values:
+                raise DefinitionError(f"'{name}' has cases and is drawn or given a value")
+        given = {name: tuple(map(float, column)) for name, column in self.cases.items()}
+        object.__setattr__(self, "cases", MappingProxyType(given))
+
+    @property
+    def case_count(self) -> int:
+        """The number of cases, 1 if none are given."""
+        return len(next(iter(self.cases.values()), (0.0,)))
+
+    @property
+    def turns(self) -> int:
+        """The number of runs from every start: the cases times the vertices."""
+        return self.case_count * len(self.corners)
+
     @property
     def corners(self) -> tuple[tuple[float, ...], ...]:
         """The values of `vertices` at every vertex, the last name varied first; one () if none."""
         return tuple(itertools.product(*(self.draws[name] for name in self.vertices)))
 
     def __bool__(self) -> bool:
-        return bool(self.draws or self.values or self.plant)
+        return bool(self.draws or self.values or self.plant or self.cases)
 
     def new_parameters(self, known: Mapping[str, object]) -> tuple[Parameter, ...]:
         """The drawn names that are not yet parameters, with the middle of their range."""
@@ -120,6 +155,7 @@ class Varied:
     ) -> None:
         """Refuse unknown parameters, and expressions of anything but parameters and draws."""
         for what, table, names in (
+            ("cases", self.cases, parameters),
             ("values", self.values, parameters),
             ("plant", self.plant, of_the_plant),
         ):
@@ -131,7 +167,8 @@ class Varied:
                         remedy=suggestion(name, names),
                         key=f"varied.{what}.{name}",
                     )
-                unknown = expression.free_symbols - {symbol(n) for n in parameters}
+                used = expression.free_symbols if isinstance(expression, sp.Expr) else set()
+                unknown = used - {symbol(n) for n in parameters}
                 if unknown:
                     raise DefinitionError(
                         f"'{name}' uses '{min(map(str, unknown))}'",
@@ -152,8 +189,8 @@ class Varied:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The values for both law and plant: the draws, then the values computed from them."""
-        return (*self.draws, *self.values)
+        """The values for both law and plant: draws, cases, and the values computed from them."""
+        return (*self.draws, *self.cases, *self.values)
 
     @property
     def labels(self) -> tuple[str, ...]:

@@ -21,8 +21,17 @@ import mpmath
 import sympy as sp
 
 from holdfast.errors import DefinitionError
+from holdfast.maths.control.held_gain import MOST, held_gain
 from holdfast.maths.definitions.law import GainCondition, Law
-from holdfast.maths.definitions.quantity import TIME, TIME_IN_MODE, Parameter, Quantity, symbol
+from holdfast.maths.definitions.quantity import (
+    DELAY,
+    SAMPLE_TIME,
+    TIME,
+    TIME_IN_MODE,
+    Parameter,
+    Quantity,
+    symbol,
+)
 from holdfast.maths.definitions.switching import Switching, Transition
 from holdfast.maths.expressions.functions import least, magnitude, sgn
 
@@ -217,6 +226,7 @@ def steer_in_chained_coordinates(
     e = [symbol(f"e{j}") for j in range(2, n + 1)]
     true = eigenvalues(closed_loop_matrix(sp.Rational(k1), list(map(sp.Rational, chosen))))
     decay = polynomial(true)
+    fastest = sp.Float(max(abs(z) for z in true))
     fast, least_size, tiny = (symbol(s) for s in ("escape_speed", "threshold", "stop"))
 
     def law(mode: str, v1: sp.Expr, v2: sp.Expr) -> Law:
@@ -225,7 +235,7 @@ def steer_in_chained_coordinates(
             reads=reads,
             outputs={u: a * v1 + b * v2 for u, (a, b) in inputs.items()},
             parameters=(
-                Parameter("k1", "1/s", "decay rate of z1", value=k1, above=0),
+                Parameter("k1", "1/s", "decay rate of z1", value=k1, above=0, gain=True),
                 *(
                     Parameter(f"k{j}", "1/s", f"gain of z{j}", value=g)
                     for j, g in enumerate(chosen, start=2)
@@ -250,6 +260,14 @@ def steer_in_chained_coordinates(
                     3 * symbol("slowest"),
                     "z1 arrives, and the law stops, before the other states have",
                     "exact linear closed loop",
+                ),
+                *held_gain("k1", consequence="z1, held and late, overshoots and x1 changes sides"),
+                GainCondition(
+                    sp.Mul(fastest, SAMPLE_TIME + DELAY, evaluate=False),
+                    MOST,
+                    "the fastest mode of M, held and late, overshoots",
+                    "derived for e' = -k e at the largest |eigenvalue| of M",
+                    closed=True,
                 ),
             ),
         )

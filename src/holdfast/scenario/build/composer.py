@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from typing import Any
 
@@ -105,16 +105,9 @@ class Composer:
                 if not isinstance(spec, ParameterSpec):
                     spec = ParameterSpec(value=spec)
                 check_unit(spec.unit)
-                result.append(
-                    Parameter(
-                        name,
-                        spec.unit,
-                        spec.description,
-                        value=to_si(spec.value, spec.unit),
-                        source=spec.source,
-                        assumed=spec.assumed,
-                    )
-                )
+                value = to_si(spec.value, spec.unit)
+                found = Parameter(name, spec.unit, spec.description, value=value, gain=spec.gain)
+                result.append(replace(found, source=spec.source, assumed=spec.assumed))
         return tuple(result)
 
     def _quantities(

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.maths.catalogue import laws
+from holdfast.maths.catalogue.laws.follow_leader import FOLLOWERS
 from holdfast.maths.catalogue.signature import accepted_parameters, arguments, wants_law
 from holdfast.maths.control.blended_redesign import redesign
 from holdfast.maths.control.command import commanded
@@ -46,7 +48,7 @@ def composed_law(
     filtering: Settings = {}
     with at(composer.file, "law"):
         own = _external if "external" in spec.law else _own
-        law = own(composer, spec, system)
+        law = own(composer, spec, system, region)
     felt = system.disturbance_names
     if spec.redesign is not None:
         law = _redesigned(composer, spec.redesign, law, region, system)
@@ -77,11 +79,24 @@ def composed_law(
     return law, filtering if direct else None
 
 
-def _own(composer: Composer, spec: ScenarioSpec, system: System) -> Law | Switching:
-    return by_measurements(system, composer.law(spec.law))
+def in_view(law: Law | Switching, region: Region | None) -> Law | Switching:
+    """A follower's law with the conditions under which it never loses its leader in `region`."""
+    if region is None or not isinstance(law, Law) or law.name not in FOLLOWERS:
+        return law
+    from holdfast.analysis.safety.visibility_gains import visibility_conditions  # SciPy
+
+    return replace(law, conditions=(*law.conditions, *visibility_conditions(law, region)))
 
 
-def _external(composer: Composer, spec: ScenarioSpec, system: System) -> Law | Switching:
+def _own(
+    composer: Composer, spec: ScenarioSpec, system: System, region: Region | None
+) -> Law | Switching:
+    return by_measurements(system, in_view(composer.law(spec.law), region))
+
+
+def _external(
+    composer: Composer, spec: ScenarioSpec, system: System, region: Region | None
+) -> Law | Switching:
     """The law that another controller hands its command."""
     given = validated(ExternalSpec, dict(spec.law), composer.file, "law").external
     return commanded(system, None if given is True else given)

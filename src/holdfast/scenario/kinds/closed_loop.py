@@ -75,7 +75,7 @@ class Scenario(Composed):
     @property
     def runs(self) -> int:
         """The number of runs: one from every start, or one at every vertex of [varied]."""
-        return self.starts.count * len(self.varied.corners)
+        return self.starts.count * self.varied.turns
 
     def kept(self, progress: Progress | None = None) -> Scenario:
         """This scenario with the law kept in the kernel of [safety], which is computed."""

@@ -65,6 +65,7 @@ class ParameterSpec(Section):
     description: Text = ""
     source: Text = ""
     assumed: bool = False
+    gain: bool = False
 
 
 Parameters = dict[Name, ParameterSpec | Value]
@@ -315,7 +316,6 @@ class CompareSpec(Section):
 
 class ScenarioSpec(Section):
     """A whole scenario file; catalogue entries stay tables of { name, parameters }.
-
     kernels: name -> tables to alter in the scenarios that `kernel` keys name."""
 
     scenario: Header

@@ -154,13 +154,18 @@ def variant(
     known = _known_laws(scenario_title(shown), base.compare)
     data = _altered(data, known.get(law) or _of_scenario(shown, law, known))
     if case is not None:
-        if case not in base.compare.cases:
-            raise ScenarioError(
-                f"{shown}: [compare.cases] has no '{case}'",
-                remedy=suggestion(case, base.compare.cases),
-            )
-        data = _altered(data, base.compare.cases[case])
+        data = in_case(shown, data, case)
     return _composed(shown, text, data, runs, None)
+
+
+def in_case(shown: str, data: Mapping[str, Any], case: str) -> dict[str, Any]:
+    """The tables of a scenario in one of the cases of its comparison; `ScenarioError` for none."""
+    known = validated(ScenarioSpec, data, shown).compare.cases
+    if case not in known:
+        raise ScenarioError(
+            f"{shown}: [compare.cases] has no '{case}'", remedy=suggestion(case, known)
+        )
+    return _altered(data, known[case])
 
 
 def _known_laws(own: str, spec: CompareSpec) -> dict[str, AlterationSpec]:

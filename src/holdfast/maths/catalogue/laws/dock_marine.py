@@ -7,6 +7,7 @@ import sympy as sp
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.catalogue.systems.marine_vehicle import surge_inertia, sway_inertia
+from holdfast.maths.control.held_gain import held_gain
 from holdfast.maths.definitions.law import GainCondition, Law
 from holdfast.maths.definitions.quantity import Parameter, symbol
 from holdfast.maths.definitions.system import System
@@ -49,7 +50,7 @@ def dock_marine(system: System, *, k1: float = 0.2, k2: float = 2.0, freeze: flo
             "r": select(rho - symbol("freeze"), turn, -symbol("k2") * wrap(psi)),
         },
         parameters=parameters,
-        conditions=(condition,),
+        conditions=(condition, *held_gain("k2")),
         description="dock at the origin with heading 0, exponentially, by surge and yaw rate",
         source="thesis (4.33), (4.34), (4.38) made bounded, with its gain condition",
     )
@@ -83,6 +84,7 @@ def project_marine(
             "r": select(rho - symbol("freeze"), turn, -symbol("k2") * wrap(psi)),
         },
         parameters=parameters,
+        conditions=held_gain("k2"),
         description="dock at the origin by the projection of the field on the heading (slow)",
         source="thesis (4.33), (4.34), (4.38)",
     )
@@ -105,8 +107,8 @@ def _approach(
         phi,
         turn,
         (
-            Parameter("k1", unit, "gain of the distance", value=k1, above=0),
-            Parameter("k2", "1/s", "heading gain", value=k2, above=0),
+            Parameter("k1", unit, "gain of the distance", value=k1, above=0, gain=True),
+            Parameter("k2", "1/s", "heading gain", value=k2, above=0, gain=True),
             Parameter("freeze", "m", "distance of the final turn", value=freeze, above=0),
             *(p for p in system.parameters if p.name in needed),
         ),

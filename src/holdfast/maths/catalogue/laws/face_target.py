@@ -6,6 +6,7 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
+from holdfast.maths.control.held_gain import held_gain
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import Parameter, symbol
 from holdfast.maths.definitions.system import System
@@ -52,10 +53,13 @@ def face_target(
         },
         parameters=(
             Parameter("distance", "m", "distance to the target", value=distance, above=0.0),
-            Parameter("k1", "m/s", "top surge speed", value=k1, above=0),
-            Parameter("mu", "1/m", "steepness of the speed near the goal", value=mu, above=0),
-            Parameter("kv", "1/s", "heading gain", value=kv, above=0),
+            Parameter("k1", "m/s", "top surge speed", value=k1, above=0, gain=True),
+            Parameter(
+                "mu", "1/m", "steepness of the speed near the goal", value=mu, above=0, gain=True
+            ),
+            Parameter("kv", "1/s", "heading gain", value=kv, above=0, gain=True),
         ),
+        conditions=held_gain("kv"),
         description="face the target and go to a circle around it",
         source="thesis (5.28), (5.41) "
         + ("as printed" if as_printed else "with the sign of E3, section 5.4.3"),

@@ -8,6 +8,7 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
+from holdfast.maths.control.held_gain import held_gain
 from holdfast.maths.definitions.law import Law, Safeguard
 from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
 from holdfast.maths.expressions.functions import clip, greatest, sgn
@@ -18,6 +19,9 @@ SEEN = (Quantity("range", "m", "distance to the leader"), Quantity("bearing", "r
 
 NEAR = sp.Float(1e-2)
 """The smallest divisor [m] for the distance ahead: the robots collide long before."""
+
+FOLLOWERS = ("approach_leader", "follow_leader")
+"""Laws whose gains keep a leader in view within a window, `hf.visibility_gains`."""
 
 TURNS = ("bearing", "line_of_sight")
 
@@ -149,7 +153,7 @@ def keep_footprint(
             units=("m/s",) * len(sides),
         ),
         parameters=(
-            Parameter("k1", "1/s", "rate of approach", value=k1, above=0.0),
+            Parameter("k1", "1/s", "rate of approach", value=k1, above=0.0, gain=True),
             Parameter("distance", "m", "distance rd to the leader", value=distance, above=0.0),
             _leader_speed(leader_speed),
             Parameter("firmness", "1/s", "how fast a side may be neared", value=firmness, above=0),
@@ -178,6 +182,7 @@ def _law(
         reads=SEEN,
         outputs={"uF": speed, "wF": wanted},
         parameters=parameters,
+        conditions=held_gain("k1", "k2", consequence="a speed that is held and late overshoots"),
         description=description,
         source=source,
     )
@@ -185,8 +190,8 @@ def _law(
 
 def _gains(k1: float, k2: float, distance: float) -> tuple[Parameter, ...]:
     return (
-        Parameter("k1", "1/s", "gain of the distance", value=k1, above=0.0),
-        Parameter("k2", "1/s", "gain of the bearing", value=k2, above=0.0),
+        Parameter("k1", "1/s", "gain of the distance", value=k1, above=0.0, gain=True),
+        Parameter("k2", "1/s", "gain of the bearing", value=k2, above=0.0, gain=True),
         Parameter("distance", "m", "distance rd to the leader", value=distance, above=0.0),
     )
 

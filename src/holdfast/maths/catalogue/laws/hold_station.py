@@ -8,10 +8,11 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
+from holdfast.maths.control.held_gain import held_gain
 from holdfast.maths.control.station_keeping_limits import station_keeping_limits
 from holdfast.maths.control.surge_and_turn import surge_and_turn
 from holdfast.maths.definitions.law import GainCondition, Law
-from holdfast.maths.definitions.quantity import SAMPLE_TIME, TIME, Parameter, symbol
+from holdfast.maths.definitions.quantity import TIME, Parameter, symbol
 from holdfast.maths.definitions.switching import Switching, Transition
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import (
@@ -123,11 +124,13 @@ def hold_station(
         *(() if measured else constant),
         Parameter("r0", "m", "radius of the ball to enter", value=r0, above=0.0),
         Parameter("r1", "m", "radius beyond which it approaches again", value=r1, above=0.0),
-        Parameter("k1", "1/s", "gain of the distance", value=k1, above=0),
-        Parameter("k2", "1/s", "heading gain while approaching", value=k2, above=0),
-        Parameter("k3", "1", "speed while pushing, relative to the current", value=k3, above=1),
-        Parameter("k4", "1/s", "heading gain while pushing", value=k4, above=0),
-        Parameter("k5", "1/s", "heading gain while turning home", value=k5, above=0),
+        Parameter("k1", "1/s", "gain of the distance", value=k1, above=0, gain=True),
+        Parameter("k2", "1/s", "heading gain while approaching", value=k2, above=0, gain=True),
+        Parameter(
+            "k3", "1", "speed while pushing, relative to the current", value=k3, above=1, gain=True
+        ),
+        Parameter("k4", "1/s", "heading gain while pushing", value=k4, above=0, gain=True),
+        Parameter("k5", "1/s", "heading gain while turning home", value=k5, above=0, gain=True),
         Parameter("lam", "1", "exponent lambda of the field", value=lam, above=1),
         *vehicle.limits,
     )
@@ -135,10 +138,15 @@ def hold_station(
         parameters += (
             Parameter("r2", "m", "radius beyond which pushing ends", value=r2, above=0.0),
             Parameter(
-                "k6", "1/m", "gain of the distance from the current's line", value=k6, above=0
+                "k6",
+                "1/m",
+                "gain of the distance from the current's line",
+                value=k6,
+                above=0,
+                gain=True,
             ),
         )
-    conditions = _sampling("k2", "k4", "k5")
+    conditions = held_gain("k2", "k4", "k5")
     if not measured:
         need = station_keeping_limits(1.0, lam, r0=r0).least_k1  # per m/s of current
         limits = station_keeping_limits(math.hypot(current_x, current_y), lam, k1=k1, r0=r0)
@@ -211,20 +219,6 @@ def _outruns(push: sp.Expr) -> GainCondition:
     )
 
 
-def _sampling(*gains: str) -> tuple[GainCondition, ...]:
-    """k Ts <= 0.5 of each heading gain: beyond it a held turn rate overshoots the field."""
-    return tuple(
-        GainCondition(
-            value=symbol(gain) * SAMPLE_TIME,
-            limit=sp.Rational(1, 2),
-            consequence="a turn rate held for a sample overshoots; at k Ts = 2 the ball is lost",
-            source="measured; hf.station_keeping_limits(...).longest_sample_time",
-            closed=True,
-        )
-        for gain in gains
-    )
-
-
 AHEAD, ASTERN = "hold_ahead", "hold_astern"
 
 
@@ -276,15 +270,17 @@ def hold_station_unknown(
         Parameter("current_bound", "m/s", "largest current", value=current_bound, above=0.0),
         Parameter("r0", "m", "radius of the ball to enter", value=r0, above=0.0),
         Parameter("r1", "m", "radius beyond which it approaches again", value=r1, above=0.0),
-        Parameter("k1", "1/s", "gain of the distance", value=k1, above=0),
-        Parameter("k2", "1/s", "heading gain while approaching", value=k2, above=0),
-        Parameter("k3", "1", "ratio of the speed while holding to the bound", value=k3, above=1),
-        Parameter("k4", "1/s", "heading gain while holding", value=k4, above=0),
+        Parameter("k1", "1/s", "gain of the distance", value=k1, above=0, gain=True),
+        Parameter("k2", "1/s", "heading gain while approaching", value=k2, above=0, gain=True),
+        Parameter(
+            "k3", "1", "ratio of the speed while holding to the bound", value=k3, above=1, gain=True
+        ),
+        Parameter("k4", "1/s", "heading gain while holding", value=k4, above=0, gain=True),
         Parameter("lam", "1", "exponent lambda of the field", value=lam, above=1),
         *vehicle.limits,
     )
 
-    conditions = (_outruns(k["k3"] * s["current_bound"]), *_sampling("k2", "k4"))
+    conditions = (_outruns(k["k3"] * s["current_bound"]), *held_gain("k2", "k4"))
 
     def law(mode: str, u: sp.Expr, r: sp.Expr) -> Law:
         outputs = {"u": vehicle.within_speed(u), "r": vehicle.within_turn(r)}

@@ -8,7 +8,9 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
-from holdfast.maths.definitions.law import Law
+from holdfast.maths.catalogue.systems.marine_vehicle import surge_inertia, sway_inertia
+from holdfast.maths.control.held_gain import held_gain
+from holdfast.maths.definitions.law import GainCondition, Law
 from holdfast.maths.definitions.quantity import Parameter, symbol
 from holdfast.maths.definitions.switching import Switching, Transition
 from holdfast.maths.definitions.system import System
@@ -24,6 +26,9 @@ from holdfast.maths.expressions.functions import (
 from holdfast.maths.reference_fields.dipole import GUARD
 
 AHEAD, BACK = "ahead", "back"
+GAINS = ("k1", "mu", "kv")
+HULL = ("mass", "Xudot", "Yvdot", "Yv")
+"""Parameters of a hull that slips sideways."""
 
 
 @checked
@@ -68,9 +73,17 @@ def inspect_target(
     does not slow down where a range limit keeps it from turning.
 
     The law does not keep the view by itself: add a safety filter (`safeguard`). Only this geometry
-    is proved; the arrival is measured (docs/rescue.md). Keep k1 mu below the gain limit of the
-    vehicle and of every model of it that may be true (0.351 1/s for the VideoRay, 0.234 1/s with
-    20 % more inertia and 20 % less drag): beyond it the sway outpaces the approach.
+    is proved; the arrival is measured (docs/rescue.md). Conditions, checked by `simulate` and
+    `tune`:
+
+        k1 mu < surge_gain_limit, lambda = n / (n - 1)           the sway of a marine vehicle
+        kv (Ts + delay) <= 1/2                                   `held_gain`
+        (1 - ln 2) k1 half_angle / (kv distance) <= swing        the turn between two legs
+
+    The first limit is that of the vehicle and of every model of it that may be true (0.351 1/s for
+    the VideoRay, 0.234 1/s with 20 % more inertia and 20 % less drag). In the third, a heading that
+    goes from one leg to the other as exp(-kv t) loses this much bearing at most before it points
+    along the new leg, at the top speed and no nearer than the pose.
     Outputs: surge u [m/s], yaw rate r [rad/s].
 
     Raises `DefinitionError` for exponent <= 1, a target that fills the view at `distance`, or a
@@ -107,10 +120,19 @@ def inspect_target(
         )
     positive = ("distance", "k1", "mu", "kv", "half_angle", "range_max", "turn_first")
     parameters = tuple(
-        Parameter(name, unit, text, value=value, above=0 if name in positive else -math.inf)
+        Parameter(
+            name,
+            unit,
+            text,
+            value=value,
+            above=0 if name in positive else -math.inf,
+            gain=name in GAINS,
+        )
         for name, (value, unit, text) in values.items()
     )
     s = {name: symbol(name) for name in values}
+    hull = tuple(p for p in system.parameters if p.name in HULL)
+    conditions = (*_sway(s, len(hull)), *held_gain("kv"), _turn(s))
     x, y, psi = (symbol(name) for name in ("x", "y", "psi"))
     guard = GUARD**2
     radius, bearing = length(x, y, guard), angle(-y, -x, guard)
@@ -137,7 +159,8 @@ def inspect_target(
         share = clip(greatest(share, pressed[name]), s["creep"], sp.S.One)
         surge = s["k1"] * speed * share
         reads = system.quantities(("x", "y", "psi"), "inspect_target")
-        return Law(name, reads, {"u": surge, "r": -s["kv"] * error}, parameters)
+        outputs = {"u": surge, "r": -s["kv"] * error}
+        return Law(name, reads, outputs, (*parameters, *hull), conditions=conditions)
 
     # the leg in the middle of the way home represents all of it
     middle = sp.atan(width / sp.sqrt(radius * start))
@@ -165,4 +188,31 @@ def inspect_target(
         initial=AHEAD,
         description="go to an inspection pose by legs that keep the target in view",
         source="own; kinematics of thesis (5.14) in log-polar coordinates about the target",
+    )
+
+
+def _sway(s: dict[str, sp.Symbol], hull: int) -> tuple[GainCondition, ...]:
+    """k1 mu below `surge_gain_limit` at lambda = n / (n - 1), where the system has a hull."""
+    if hull < len(HULL):
+        return ()
+    drag, along, across = -symbol("Yv"), surge_inertia(), sway_inertia()
+    weight = (2 - s["exponent"]) * across + s["exponent"] * along
+    return (
+        GainCondition(
+            value=s["k1"] * s["mu"],
+            limit=drag / greatest(across, weight),
+            consequence="the sway outpaces the approach and the heading does not converge",
+            source="correction E6 of thesis Theorem 1, on the way home beta ~ s^n",
+        ),
+    )
+
+
+def _turn(s: dict[str, sp.Symbol]) -> GainCondition:
+    """The bearing that a turn from leg to leg loses is within `swing`."""
+    return GainCondition(
+        value=(1 - sp.log(2)) * s["k1"] * s["half_angle"] / (s["kv"] * s["distance"]),
+        limit=s["swing"],
+        consequence="a turn between two legs loses more bearing than the guards allow for",
+        source="derived: a turn at the top speed, no nearer than the pose",
+        closed=True,
     )

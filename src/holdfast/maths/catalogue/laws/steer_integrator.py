@@ -9,6 +9,7 @@ import sympy as sp
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.catalogue.systems.nonholonomic_integrator import nonholonomic_integrator
+from holdfast.maths.control.held_gain import held_gain
 from holdfast.maths.definitions.law import GainCondition, Law
 from holdfast.maths.definitions.quantity import TIME_IN_MODE, Parameter, symbol
 from holdfast.maths.definitions.switching import Switching, Transition
@@ -16,6 +17,7 @@ from holdfast.maths.definitions.system import System, check_rates
 from holdfast.maths.expressions.functions import greatest, least, length, magnitude, select, sgn
 
 STEER, ESCAPE = "steer", "escape"
+LATE = "an input that is held and late overshoots"
 _TINY = sp.Float(1e-300)
 
 
@@ -67,8 +69,8 @@ def steer_integrator(
         excess=excess,
         rest=magnitude(x3) - s["rest"],
         parameters=(
-            Parameter("k1", "1/s", "decay rate of x3", value=k1, above=0),
-            Parameter("k2", "1/s", "decay rate of x1 and x2", value=k2, above=0),
+            Parameter("k1", "1/s", "decay rate of x3", value=k1, above=0, gain=True),
+            Parameter("k2", "1/s", "decay rate of x1 and x2", value=k2, above=0, gain=True),
             Parameter("escape_gain", "1/s", "gain while escaping", value=escape_gain, above=0),
             Parameter(
                 "escape_least", "1", "least |x3| of the escape", value=escape_least, above=0.0
@@ -76,6 +78,7 @@ def steer_integrator(
             Parameter("rest", "1", "|x3| that counts as zero", value=rest, above=0.0),
             *_escape(escape_time, input_limit),
         ),
+        rates=("k1", "k2"),
         condition=GainCondition(
             2 * s["k2"], s["k1"], "the spin k1 x3 / rho^2 grows without bound", "thesis (4.19)"
         ),
@@ -119,12 +122,13 @@ def follow_integrator(
         escape={"u1": -s["k3"] * x3, "u2": -s["k2"] * x2},
         excess=surplus * magnitude(x3) - s["input_limit"] * magnitude(x1),
         parameters=(
-            Parameter("k", "1/s", "decay rate of the output h", value=k, above=0),
-            Parameter("k1", "1/s", "decay rate of x1", value=k1, above=0),
-            Parameter("k2", "1/s", "decay rate of x2 while escaping", value=k2, above=0),
+            Parameter("k", "1/s", "decay rate of the output h", value=k, above=0, gain=True),
+            Parameter("k1", "1/s", "decay rate of x1", value=k1, above=0, gain=True),
+            Parameter("k2", "1/s", "decay rate of x2 while escaping", value=k2, above=0, gain=True),
             Parameter("k3", "1/s", "gain of x3 while escaping", value=k3, above=0),
             *_escape(escape_time, input_limit),
         ),
+        rates=("k", "k1"),
         condition=GainCondition(
             2 * s["k1"], s["k"], "x3 / x1 grows and x2 does not converge", "thesis (2.21)"
         ),
@@ -151,6 +155,7 @@ def _switching(
     excess: sp.Expr,
     rest: sp.Expr = sp.S.One,
     parameters: tuple[Parameter, ...],
+    rates: tuple[str, ...],
     condition: GainCondition,
     description: str,
     source: str,
@@ -160,8 +165,10 @@ def _switching(
     No escape where `rest` < 0.
     """
 
+    conditions = (condition, *held_gain(*rates, consequence=LATE))
+
     def law(mode: str, outputs: dict[str, sp.Expr]) -> Law:
-        return Law(mode, system.states, outputs, parameters, conditions=(condition,))
+        return Law(mode, system.states, outputs, parameters, conditions=conditions)
 
     done = least(TIME_IN_MODE - symbol("escape_time"), -excess - sp.Float(math.ulp(0.0)))
     return Switching(

@@ -7,6 +7,7 @@ import sympy as sp
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.catalogue.systems.marine_vehicle import surge_inertia, sway_inertia
+from holdfast.maths.control.held_gain import held_gain
 from holdfast.maths.control.lyapunov import surge_gain_limit
 from holdfast.maths.definitions.law import GainCondition, Law
 from holdfast.maths.definitions.quantity import Parameter, symbol
@@ -71,9 +72,11 @@ def steer_marine(
         parameters=(
             Parameter("goal_x", "m", "goal position", value=goal_x),
             Parameter("goal_y", "m", "goal position", value=goal_y),
-            Parameter("k1", "m/s", "top surge speed", value=k1, above=0),
-            Parameter("mu", "1/m", "steepness of the speed near the goal", value=mu, above=0),
-            Parameter("k2", "1/s", "heading gain", value=k2, above=0),
+            Parameter("k1", "m/s", "top surge speed", value=k1, above=0, gain=True),
+            Parameter(
+                "mu", "1/m", "steepness of the speed near the goal", value=mu, above=0, gain=True
+            ),
+            Parameter("k2", "1/s", "heading gain", value=k2, above=0, gain=True),
             Parameter("lam", "1", "exponent lambda of the dipolar field", value=lam, above=1),
             *plant,
         ),
@@ -84,6 +87,7 @@ def steer_marine(
                 consequence="the sway outpaces the approach and the heading does not converge",
                 source="correction E6 of thesis Theorem 1",
             ),
+            *held_gain("k2"),
         ),
         description="go to a pose along a dipolar field, by surge and yaw rate",
         source="thesis (5.17), (5.18), (5.31), corrections E6-E8",

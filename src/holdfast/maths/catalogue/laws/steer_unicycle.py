@@ -7,11 +7,14 @@ import sympy as sp
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.catalogue.systems.unicycle import unicycle
+from holdfast.maths.control.held_gain import held_gain
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import Parameter, symbol
 from holdfast.maths.definitions.system import System, check_rates
 from holdfast.maths.expressions.functions import least, length, magnitude, select, sgn, wrap
 from holdfast.maths.reference_fields.dipole import UNSEEN, dipolar_field, field_angle
+
+DISTANCE = "a speed that is held and late overshoots the origin"
 
 
 @checked
@@ -46,12 +49,13 @@ def steer_unicycle(
             "r": select(outside, -s["k"] * wrap(psi - phi) + slower * turn, -s["k"] * wrap(psi)),
         },
         parameters=(
-            Parameter("k1", "1/s", "gain of the distance", value=k1, above=0),
-            Parameter("k", "1/s", "heading gain", value=k, above=0),
+            Parameter("k1", "1/s", "gain of the distance", value=k1, above=0, gain=True),
+            Parameter("k", "1/s", "heading gain", value=k, above=0, gain=True),
             Parameter("lam", "1", "exponent lambda of the dipolar field", value=lam, above=1),
             Parameter("freeze", "m", "distance of the final turn", value=freeze, above=0),
             *system.quantities(("speed_limit", "turn_limit"), "steer_unicycle"),  # type: ignore[arg-type]
         ),
+        conditions=held_gain("k1", consequence=DISTANCE) + held_gain("k"),
         description="go to the origin with heading 0 along a dipolar field, within input limits",
         source="thesis (4.13), (4.14), with speed scaling",
     )
@@ -115,10 +119,11 @@ def align_unicycle(
             "r": select(outside, turn, -s["k"] * wrap(psi)),
         },
         parameters=(
-            Parameter("k", "1/s", "decay rate of the misalignment", value=k, above=0),
+            Parameter("k", "1/s", "decay rate of the misalignment", value=k, above=0, gain=True),
             Parameter("epsilon", "1", "least |dh/dpsi| to divide by", value=epsilon, above=0),
             Parameter("freeze", "m", "distance of the final turn", value=freeze, above=0),
         ),
+        conditions=held_gain("k"),
         description="go to the origin along the field of a point dipole, at bounded speed",
         source="thesis (2.14)-(2.16), corrected, and (4.14)",
     )

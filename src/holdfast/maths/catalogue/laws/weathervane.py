@@ -5,9 +5,10 @@ from __future__ import annotations
 import sympy as sp
 
 from holdfast.arguments import checked
+from holdfast.maths.control.held_gain import held_gain
 from holdfast.maths.control.surge_and_turn import surge_and_turn
 from holdfast.maths.definitions.law import GainCondition, Law
-from holdfast.maths.definitions.quantity import SAMPLE_TIME, Parameter, symbol
+from holdfast.maths.definitions.quantity import Parameter, symbol
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import angle, least, length, wrap
 from holdfast.maths.reference_fields.dipole import UNSEEN
@@ -52,8 +53,8 @@ def weathervane(
         parameters=(
             Parameter("current_x", "m/s", "current the law believes in", value=current_x),
             Parameter("current_y", "m/s", "current the law believes in", value=current_y),
-            Parameter("k1", "1/s", "gain of the distance", value=k1, above=0),
-            Parameter("k2", "1/s", "heading gain", value=k2, above=0),
+            Parameter("k1", "1/s", "gain of the distance", value=k1, above=0, gain=True),
+            Parameter("k2", "1/s", "heading gain", value=k2, above=0, gain=True),
             *vehicle.limits,
         ),
         conditions=(
@@ -63,13 +64,7 @@ def weathervane(
                 consequence="the vehicle is not fast enough to stand against the current",
                 source="equilibrium of (3.1)",
             ),
-            GainCondition(
-                value=symbol("k2") * SAMPLE_TIME,
-                limit=sp.Rational(1, 2),
-                consequence="a turn rate held for a sample overshoots",
-                source="measured, as for hold_station",
-                closed=True,
-            ),
+            *held_gain("k2"),
         ),
         believed=dict(zip(("Vx", "Vy"), current, strict=True)),
         description="hold station in a known current, bow into it: the heading is left free",

@@ -1,0 +1,1 @@
+"""Gains that meet every condition of a law, best for a cost: `holdfast tune`."""
