@@ -1,5 +1,7 @@
 """What every craft of the vehicle files promises: a derivation, a law, a kernel, a filter."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -161,13 +163,18 @@ def test_model_ship_passes_the_moored_vessel_that_its_law_alone_touches():
     ("name", "gains", "arrived"), [("otter", (5.0, 10.0), 19), ("remus_100", (2.0, 6.0), 0)]
 )
 def test_law_that_can_be_tracked_does_not_arrive_with_every_hull(name, gains, arrived):
-    """`inspect_target`, made for the VideoRay's drag, in 200 s: a slender hull slides past."""
+    """`inspect_target`, made for the VideoRay's drag, in 200 s: a slender hull slides past.
+
+    Its gain condition foretells which one.
+    """
     craft = hf.load_vehicle(name)
     law = hf.track_velocity(
         craft, hf.laws.inspect_target(craft, distance=0.5), dict(zip("ur", gains, strict=True))
     )
-    result = hf.simulate(
-        craft, law, starts=hf.Starts(random=20, box={"x": (-2, -0.3), "y": (-1.2, 1.2), "psi": (-0.5, 0.5)}),
-        goal=hf.regions.near_pose(goal_x=-0.5), horizon=200, record_every=1, seed=1,
-    )  # fmt: skip
+    foretold = pytest.warns(hf.GainWarning, match="the sway outpaces the approach")
+    with nullcontext() if arrived else foretold:
+        result = hf.simulate(
+            craft, law, starts=hf.Starts(random=20, box={"x": (-2, -0.3), "y": (-1.2, 1.2), "psi": (-0.5, 0.5)}),
+            goal=hf.regions.near_pose(goal_x=-0.5), horizon=200, record_every=1, seed=1,
+        )  # fmt: skip
     assert result.outcomes["reached goal"] == arrived
