@@ -12,6 +12,7 @@ from holdfast.maths.catalogue.laws.hold_pose import hold_pose
 from holdfast.maths.catalogue.laws.hold_station import hold_station, hold_station_unknown
 from holdfast.maths.catalogue.laws.inspect_target import inspect_target
 from holdfast.maths.catalogue.laws.keep_range import back_off, move_ahead
+from holdfast.maths.catalogue.laws.rest_in_current import rest_in_current
 from holdfast.maths.catalogue.laws.steer_by_chained_form import steer_by_chained_form
 from holdfast.maths.catalogue.laws.steer_chained import steer_chained
 from holdfast.maths.catalogue.laws.steer_integrator import follow_integrator, steer_integrator
@@ -37,6 +38,7 @@ ALL = (
     hold_station_unknown,
     weathervane,
     inspect_target,
+    rest_in_current,
     approach_leader,
     follow_leader,
     keep_footprint,
@@ -60,6 +62,7 @@ __all__ = [
     "keep_footprint",
     "move_ahead",
     "project_marine",
+    "rest_in_current",
     "steer_by_chained_form",
     "steer_chained",
     "steer_integrator",

@@ -1,0 +1,151 @@
+"""The law that comes to rest in a current, on the ray through the target along it."""
+
+import math
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import holdfast as hf
+from holdfast.errors import DefinitionError
+from holdfast.execution.evaluate import Evaluator
+
+LIMIT = math.radians(83)
+
+
+def wrapped(angle):
+    return np.arctan2(np.sin(angle), np.cos(angle))
+
+
+def rest(theta):
+    """The heading along the current that sees the wall: psi*."""
+    return wrapped(theta if np.cos(theta) > 0 else theta + np.pi)
+
+
+@pytest.fixture(scope="module")
+def vehicle():
+    return hf.systems.marine_vehicle(thrust_limit=5.0, current_limit=0.2)
+
+
+@pytest.fixture(scope="module")
+def rates(vehicle):
+    numbers = {p.symbol: p.value for p in vehicle.parameters}
+    names = (*vehicle.states, *vehicle.inputs, *vehicle.disturbances)
+    return sp.lambdify(
+        [q.symbol for q in names],
+        [vehicle.rates[n].xreplace(numbers).doit() for n in vehicle.state_names],
+        [{"magnitude": abs}, "math"],
+    )
+
+
+def test_place_on_the_ray_along_the_current_is_an_equilibrium_in_every_direction(vehicle, rates):
+    p = {q.name: q.value for q in vehicle.parameters}
+    for theta in np.radians(np.arange(0, 360)):
+        psi, v = rest(theta), 0.2
+        u = -v * np.cos(theta - psi)
+        thrust = -p["Xu"] * u - p["Xuu"] * abs(u) * u
+        place = (-1.2 * np.cos(psi), -1.2 * np.sin(psi), psi, u, 0.0, 0.0)
+        moved = rates(*place, thrust, 0.0, v * np.cos(theta), v * np.sin(theta))
+        assert np.abs(moved).max() < 1e-12
+        assert abs(thrust) < 2 * p["thrust_limit"]
+
+
+def test_current_carries_a_bow_to_the_ray_and_a_stern_away_from_it(rates):
+    """At constant range, facing the target: beta' = V sin(beta - theta) / R, by the plant's rates."""
+    for theta, beta in np.random.default_rng(1).uniform(-1.2, 1.2, (200, 2)):
+        for direction, away in ((theta, 1), (theta + np.pi, -1)):
+            psi, v, radius = rest(direction), 0.1, 1.2
+            vx, vy = v * np.cos(direction), v * np.sin(direction)
+            x, y = -radius * np.cos(beta), -radius * np.sin(beta)
+            u = -(vx * np.cos(beta) + vy * np.sin(beta))
+            dx, dy, *_ = rates(x, y, beta, u, 0.0, 0.0, 0.0, 0.0, vx, vy)
+            turning = (x * dy - y * dx) / radius**2
+            assert (x * dx + y * dy) / radius == pytest.approx(0, abs=1e-12)
+            assert turning == pytest.approx(v * np.sin(beta - direction) / radius, abs=1e-12)
+            error = wrapped(beta - psi)
+            assert error * turning * away >= -1e-12
+
+
+def test_goal_of_the_law_is_the_equilibrium_or_the_nearest_bearing_allowed(vehicle):
+    law = hf.laws.rest_in_current(vehicle, bearing_max=LIMIT)
+    error = law.modes["home"].signals["bearing_error"]
+    seen = Evaluator([error], [hf.symbol(n) for n in ("x", "y", "Vx", "Vy")], law.parameters)
+    theta = np.radians(np.arange(0, 360) + 0.5)
+    ahead = np.full(360, -1.0), np.zeros(360)
+    goals = -seen.values(np.stack([*ahead, 0.1 * np.cos(theta), 0.1 * np.sin(theta)], 1))[:, 0]
+    wanted = np.clip([rest(t) for t in theta], -LIMIT, LIMIT)
+    np.testing.assert_allclose(goals, wanted, atol=1e-9)
+    assert seen.values(np.array([[-1.0, 0.0, 0.0, 0.009]])) == pytest.approx(0)  # still water
+
+
+def settled(speed, *changes, scenario="inspection-current"):
+    """(viable, at rest, with an equilibrium, of those at rest) of 600 starts."""
+    overrides = [f"varied.draws.speed.range=[{speed}, {speed}]", *changes]
+    data = hf.load_scenario(scenario, overrides).run().dataset
+    directions = data["varied"].sel(varied_name="direction").values
+    can = np.abs(np.arctan(np.tan(directions))) < LIMIT
+    at_rest = data["outcome"].values == hf.Outcome.REACHED
+    viable = data["outcome"].values != hf.Outcome.LEFT
+    return viable.sum(), at_rest.sum(), can.sum(), (at_rest & can).sum()
+
+
+def test_every_start_with_the_bow_to_the_current_comes_to_rest():
+    """With the stern to it, some drift along the wall instead, downstream of the ray."""
+    for speed in (0.05, 0.1, 0.15, 0.2):
+        overrides = [f"varied.draws.speed.range=[{speed}, {speed}]", "run.record_every=150"]
+        data = hf.load_scenario("inspection-current", overrides).run().dataset
+        theta = data["varied"].sel(varied_name="direction").values
+        bow = (np.cos(theta) < 0) & (np.abs(np.arctan(np.tan(theta))) < LIMIT)
+        assert bow.sum() > 250
+        missing = data["outcome"].values != hf.Outcome.REACHED
+        assert missing[bow].sum() == 0
+
+
+@pytest.mark.parametrize(
+    ("speed", "horizon", "counts"),
+    [
+        (0.02, 150, (598, 542, 556, 535)),
+        (0.02, 300, (598, 560, 556, 548)),
+        (0.05, 150, (600, 570, 556, 556)),
+        (0.1, 150, (599, 564, 556, 553)),
+        (0.15, 150, (599, 556, 556, 545)),
+        (0.2, 150, (598, 524, 556, 515)),
+    ],
+)
+def test_starts_that_come_to_rest_in_a_current_of_any_direction(speed, horizon, counts):
+    assert settled(speed, f"run.horizon={horizon}", f"run.record_every={horizon}") == counts
+
+
+@pytest.mark.parametrize(
+    ("speed", "counts"),
+    [
+        (0.05, (600, 473, 556, 468)),
+        (0.1, (600, 525, 556, 519)),
+        (0.2, (600, 491, 556, 482)),
+        (0.3, (599, 426, 556, 418)),
+    ],
+)
+def test_otter_stays_in_view_and_comes_to_rest_from_most_starts(speed, counts):
+    """In 300 s; where the current pushes to the wall, a slow yaw does not always suffice."""
+    assert settled(speed, "run.record_every=300", scenario="otter-current") == counts
+
+
+def test_bad_numbers_and_systems_without_a_current_are_refused(vehicle):
+    for wrong, match in (
+        ({"exponent": 1.0}, "exponent"),
+        ({"target_half_width": 1.0}, "no room in the view"),
+        ({"distance": 0.4}, "out of range"),
+        ({"distance": 1.95}, "out of range"),
+    ):
+        with pytest.raises(DefinitionError, match=match):
+            hf.laws.rest_in_current(vehicle, **wrong)
+    with pytest.raises(DefinitionError, match="has to measure the current"):
+        hf.laws.rest_in_current(hf.systems.unicycle())
+
+
+def test_leg_slower_than_the_current_is_warned_of(vehicle):
+    law = hf.track_velocity(
+        vehicle, hf.laws.rest_in_current(vehicle, leg_speed=0.15), {"u": 5.0, "r": 20.0}
+    )
+    with pytest.warns(hf.GainWarning, match="makes no way"):
+        hf.simulate(vehicle, law, starts=[[-1.2, 0, 0, 0, 0, 0]], horizon=1, sample_time=0.02)
