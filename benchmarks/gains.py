@@ -96,7 +96,8 @@ def main() -> None:
     summaries = {(r.name, r.case or ""): r.summary for r in rows}
     if chosen.only:  # the others stay as they are recorded
         kept = {(r["scenario"], r["case"]): r for r in json.loads(RECORD.read_text())}
-        summaries = kept | summaries
+        every = kept | summaries
+        summaries = {key: every[key] for n, c in tunable() if (key := (n, c or "")) in every}
     RECORD.write_text(json.dumps([*summaries.values()], indent=1) + "\n")
     print(table([*summaries.values()]))
     seconds = [row.seconds for row in rows]
