@@ -210,6 +210,13 @@ FUNCTIONS = {
         "found": hf.regulation_map(hf.systems.unicycle(), near(), [1.0, 0.0, 0.0]),
     },
     "renamed": lambda: {"system": line(), "names": {"x": "z"}, "name": "other"},
+    "resting_directions": lambda: {
+        "system": hf.systems.drifting_unicycle(), "region": end(), "speed": 0.1, "count": 2, "box": {"x": (-1, 1)}, "starts": 1,
+        "seed": 0,
+    },
+    "resting_state": lambda: {
+        "system": line(), "region": end(), "disturbance": {"d": 0.1}, "box": {"x": (-1, 1)}, "starts": 1, "seed": 0,
+    },
     "safeguard": lambda: {
         "system": line(), "law": push_law(), "region": end(), "gains": (1.0, 4.0), "margins": {"end": 0.1},
         "scales": {"u": 1.0}, "measured": False,

@@ -1,0 +1,131 @@
+"""Where a system can rest in a region, under a constant disturbance."""
+
+import math
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.errors import DefinitionError
+
+NEAR = {"x": (-2, -0.3), "y": (-1.5, 1.5), "u": (-0.3, 0.3)}
+
+
+@pytest.fixture(scope="module")
+def vehicle():
+    return hf.systems.marine_vehicle(thrust_limit=5.0)
+
+
+@pytest.fixture(scope="module")
+def view():
+    return hf.regions.camera_view()
+
+
+def test_vehicle_rests_along_the_current_with_the_drag_as_its_thrust(vehicle, view):
+    p = {q.name: q.value for q in vehicle.parameters}
+    for theta, side in ((0.4, 1), (0.4 + math.pi, -1)):
+        d = {"Vx": 0.1 * math.cos(theta), "Vy": 0.1 * math.sin(theta)}
+        found = hf.resting_state(vehicle, view, d, box=NEAR)
+        assert found.exists
+        assert found.disturbance == d
+        u = -0.1 * side
+        wanted = {"psi": 0.4, "u": u, "v": 0, "r": 0}
+        for name, value in wanted.items():
+            assert found.state[name] == pytest.approx(value, abs=1e-6), name
+        assert found.inputs["tau_u"] == pytest.approx(
+            -p["Xu"] * u - p["Xuu"] * abs(u) * u, abs=1e-6
+        )
+        assert found.margin > 0.3
+
+
+def test_view_has_an_equilibrium_in_every_current_but_those_along_the_wall(vehicle, view):
+    """Every 30 degrees; along the wall the margin is exactly none."""
+    found = hf.resting_directions(vehicle, view, 0.2, count=12, box=NEAR)
+    assert all(f.exists for f in found)
+    margins = np.array([f.margin for f in found])
+    assert sorted(np.argsort(margins)[:2]) == [3, 9]
+    assert np.abs(margins[[3, 9]]).max() < 1e-6
+    assert (np.delete(margins, [3, 9]) > 0.1).all()
+    for f, theta in zip(found, 2 * np.pi * np.arange(12) / 12, strict=True):
+        assert abs(math.sin(f.state["psi"] - theta)) < 1e-6
+
+
+@pytest.mark.heavy
+def test_margins_of_every_degree_are_those_of_the_derivation(vehicle, view):
+    margins = np.array([f.margin for f in hf.resting_directions(vehicle, view, 0.2, box=NEAR)])
+    assert [(margins > m).sum() for m in (0.05, 0.1)] == [346, 334]
+    np.testing.assert_allclose(margins[[80, 85, 88]], [0.14, 0.07, 0.03], atol=0.005)
+
+
+def test_goal_of_the_law_for_a_current_is_at_rest_where_the_search_finds_it(vehicle, view):
+    for degrees in (20, 75, 130, 200, 310):
+        theta = math.radians(degrees)
+        d = {"Vx": 0.1 * math.cos(theta), "Vy": 0.1 * math.sin(theta)}
+        found = hf.resting_state(vehicle, view, d, box=NEAR)
+        along = math.atan2(math.sin(theta), math.cos(theta))
+        along = along if math.cos(theta) > 0 else math.atan(math.tan(theta))
+        assert math.sin(found.state["psi"] - along) == pytest.approx(0, abs=1e-6)
+        assert math.cos(found.state["psi"]) > 0
+
+
+def test_current_beyond_the_thrust_is_named_and_so_is_one_along_a_wall_with_stand_off(
+    vehicle, view
+):
+    weak = hf.systems.marine_vehicle(thrust_limit=0.05)
+    found = hf.resting_state(weak, view, {"Vx": 0.4, "Vy": 0.0}, box=NEAR)
+    assert not found.exists
+    assert "bounds" in found.missing or "do not stop" in found.missing
+    off = hf.regions.camera_and_lasers()
+    along = hf.resting_state(vehicle, off, {"Vx": 0.0, "Vy": 0.1}, box=NEAR)
+    assert not along.exists
+    assert "is violated by" in along.missing
+    assert hf.resting_state(vehicle, off, {"Vx": -0.1, "Vy": 0.02}, box=NEAR).exists
+
+
+def test_craft_that_moves_sideways_rests_at_the_best_pose_in_any_current():
+    """A fully actuated ship holds what the still vehicle would: the margin knows no direction."""
+    ship = hf.load_vehicle("cybership_ii_full")
+    view = hf.regions.camera_view()
+    box = {"x": (-2, -0.3), "y": (-1, 1), "psi": (-1, 1), "u": (-0.1, 0.1), "v": (-0.1, 0.1)}
+    margins = [
+        hf.resting_state(ship, view, {"Vx": 0.05 * c, "Vy": 0.05 * s}, box=box).margin
+        for c, s in ((1, 0), (0, 1), (-0.6, 0.8))
+    ]
+    np.testing.assert_allclose(margins, margins[0], atol=1e-3)
+    assert margins[0] > 0.4
+
+
+def test_otter_rests_in_a_view_of_ten_metres():
+    craft = hf.load_vehicle("otter")
+    view = hf.regions.camera_view(target_half_width=0.5, range_min=1.75, range_max=10.0)
+    found = hf.resting_state(
+        craft, view, {"Vx": 0.2, "Vy": 0.2}, box={"x": (-10, -2), "y": (-8, 8), "u": (-0.4, 0.4)}
+    )
+    assert found.exists
+    assert found.state["psi"] == pytest.approx(math.pi / 4, abs=1e-6)
+    assert found.residual < 1e-6
+
+
+def test_unicycle_rests_anywhere_and_best_in_the_middle():
+    region = hf.Region(
+        "room", (hf.Quantity("x", "m"),),
+        (hf.Inequality("left", -hf.symbol("x") - 1, "m"), hf.Inequality("right", hf.symbol("x") - 3, "m")),
+    )  # fmt: skip
+    found = hf.resting_state(hf.systems.unicycle(), region)
+    assert found.margin == pytest.approx(2.0, abs=1e-5)
+    assert found.state["x"] == pytest.approx(1.0, abs=1e-5)
+
+
+def test_bad_input_is_refused(vehicle, view):
+    for call, match in (
+        (lambda: hf.resting_state(vehicle, view, {"Vz": 0.1}), "not a disturbance"),
+        (lambda: hf.resting_state(vehicle, view, {"Vx": math.nan}), "finite"),
+        (lambda: hf.resting_state(vehicle, view, box={"z": (0, 1)}), "not a state"),
+        (lambda: hf.resting_state(vehicle, view, box={"x": (1, 0)}), "lowest"),
+        (lambda: hf.resting_state(vehicle, view, starts=0), "at least 1"),
+        (lambda: hf.resting_directions(hf.systems.unicycle(), view, 0.1), "two, as a current"),
+        (lambda: hf.resting_directions(vehicle, view, -0.1), "0 or more"),
+        (lambda: hf.resting_directions(vehicle, view, 0.1, count=0), "at least 1"),
+    ):
+        with pytest.raises(DefinitionError, match=match):
+            call()
