@@ -116,6 +116,27 @@ def test_starts_that_come_to_rest_in_a_current_of_any_direction(speed, horizon, 
     assert settled(speed, f"run.horizon={horizon}", f"run.record_every={horizon}") == counts
 
 
+POSE = 'observer={ measured = ["x", "y", "psi"], bandwidth = 20.0 }'
+STATES = "observer={ bandwidth = 5.0 }"
+NOISE = 'noise={ normal = { x=0.005, y=0.005, psi="0.5 deg", u=0.01, v=0.01, r=0.02 } }'
+
+
+@pytest.mark.parametrize(
+    ("speed", "changes", "counts"),
+    [
+        (0.05, [STATES], (600, 565, 556, 552)),
+        (0.1, [STATES], (600, 565, 556, 554)),
+        (0.2, [STATES], (596, 515, 556, 508)),
+        (0.1, [STATES, NOISE], (599, 255, 556, 253)),
+        (0.05, [POSE], (536, 469, 556, 459)),
+        (0.1, [POSE], (518, 471, 556, 466)),
+        (0.2, [POSE], (377, 298, 556, 296)),
+    ],
+)
+def test_starts_that_come_to_rest_with_an_estimated_current(speed, changes, counts):
+    assert settled(speed, *changes, "run.record_every=150") == counts
+
+
 @pytest.mark.parametrize(
     ("speed", "counts"),
     [
