@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-import math
-
 import sympy as sp
 
 from holdfast.arguments import checked
-from holdfast.errors import DefinitionError
 from holdfast.maths.catalogue.systems.marine_vehicle import surge_inertia, sway_inertia
 from holdfast.maths.control.held_gain import held_gain
+from holdfast.maths.control.view_legs import AHEAD, BACK, leg_parameters, view_legs
 from holdfast.maths.definitions.law import GainCondition, Law
-from holdfast.maths.definitions.quantity import Parameter, symbol
+from holdfast.maths.definitions.quantity import symbol
 from holdfast.maths.definitions.switching import Switching, Transition
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import (
-    angle,
     clip,
     greatest,
     least,
-    length,
     magnitude,
     wrap,
 )
-from holdfast.maths.reference_fields.dipole import GUARD
 
-AHEAD, BACK = "ahead", "back"
 GAINS = ("k1", "mu", "kv")
 HULL = ("mass", "Xudot", "Yvdot", "Yv")
 """Parameters of a hull that slips sideways."""
@@ -106,66 +100,30 @@ def inspect_target(
         "swing": (swing, "rad", "bearing lost in turning to the other leg"),
         "settle": (settle, "rad", "acceptable bearing error at the pose"),
     }
-    if not exponent > 1:
-        raise DefinitionError(f"exponent is {exponent:g}", expected="above 1")
-    if not half_angle - math.atan2(target_half_width, distance) > leg_margin:
-        raise DefinitionError(
-            f"the target leaves no room in the view at {distance:g} m",
-            expected="half_angle above that of the target and leg_margin",
-        )
-    if not range_min < distance < range_max - far_margin:
-        raise DefinitionError(
-            f"the pose at {distance:g} m is out of range",
-            expected=f"between {range_min:g} m and {range_max - far_margin:g} m",
-        )
-    positive = ("distance", "k1", "mu", "kv", "half_angle", "range_max", "turn_first")
-    parameters = tuple(
-        Parameter(
-            name,
-            unit,
-            text,
-            value=value,
-            above=0 if name in positive else -math.inf,
-            gain=name in GAINS,
-        )
-        for name, (value, unit, text) in values.items()
-    )
+    parameters = leg_parameters(values, GAINS, nearest=range_min, farthest=range_max - far_margin)
     s = {name: symbol(name) for name in values}
     hull = tuple(p for p in system.parameters if p.name in HULL)
     conditions = (*_sway(s, len(hull)), *held_gain("kv"), _turn(s))
-    x, y, psi = (symbol(name) for name in ("x", "y", "psi"))
-    guard = GUARD**2
-    radius, bearing = length(x, y, guard), angle(-y, -x, guard)
-    width, start = s["target_half_width"], s["distance"]
-    depth = sp.log((radius + GUARD**2) / start)
-    ends = (angle(-width - y, -x, guard), angle(width - y, -x, guard))
-    half = greatest(*(magnitude(wrap(bearing - end)) for end in ends))
-    leg = greatest(s["half_angle"] - half - s["leg_margin"], sp.S.Zero)
+    x, psi = symbol("x"), symbol("psi")
+    view, start = view_legs(), s["distance"]
+    radius, bearing, depth, leg = view.radius, view.bearing, view.depth, view.leg
     side = clip(bearing / sp.Rational(1, 10), -sp.S.One, sp.S.One)
     near = sp.Rational(1, 50) ** 2
     home = clip(sp.atan(s["exponent"] * bearing * depth / (depth**2 + near)), -leg, leg)
 
     # an unacceptable bearing error keeps the vehicle moving
     beyond = greatest(magnitude(bearing) - s["settle"], sp.S.Zero)
-    # at a range limit that prevents turning, speed frees the vehicle
-    pressed = {
-        AHEAD: 1 - (x + s["range_max"] * sp.cos(psi)) / sp.Rational(3, 10),
-        BACK: 1 + (x + s["range_min"] * sp.cos(psi)) / sp.Rational(1, 10),
-    }
 
     def law(name: str, offset: sp.Expr, speed: sp.Expr) -> Law:
         error = wrap(psi - bearing - offset)
         share = sp.Rational(3, 2) - magnitude(error) / s["turn_first"]
-        share = clip(greatest(share, pressed[name]), s["creep"], sp.S.One)
+        share = clip(greatest(share, view.pressed[name]), s["creep"], sp.S.One)
         surge = s["k1"] * speed * share
         reads = system.quantities(("x", "y", "psi"), "inspect_target")
         outputs = {"u": surge, "r": -s["kv"] * error}
         return Law(name, reads, outputs, (*parameters, *hull), conditions=conditions)
 
-    # the leg in the middle of the way home represents all of it
-    middle = sp.atan(width / sp.sqrt(radius * start))
-    usual = greatest(s["half_angle"] - middle - s["leg_margin"], sp.S.Zero)
-    reach = sp.tan(usual) * magnitude(depth)
+    reach = sp.tan(view.usual) * magnitude(depth)
     suffices = greatest(reach - s["swing"], s["settle"] / 2) - magnitude(bearing)
     too_little = magnitude(bearing) - sp.Rational(13, 10) * reach - s["settle"]
     too_far = s["far_margin"] - x - s["range_max"] * sp.cos(psi)

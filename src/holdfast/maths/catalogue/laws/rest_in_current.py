@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import math
-
 import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.control.held_gain import held_gain
+from holdfast.maths.control.view_legs import AHEAD, BACK, leg_parameters, view_legs
 from holdfast.maths.definitions.law import GainCondition, Law
-from holdfast.maths.definitions.quantity import Parameter, symbol
+from holdfast.maths.definitions.quantity import symbol
 from holdfast.maths.definitions.switching import Switching, Transition
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import (
@@ -25,8 +24,9 @@ from holdfast.maths.expressions.functions import (
 )
 from holdfast.maths.reference_fields.dipole import GUARD
 
-HOME, AHEAD, BACK = "home", "ahead", "back"
+HOME = "home"
 GAINS = ("k1", "mu", "kv", "kb", "leg_speed")
+CURRENT = "current_limit"
 STILL = sp.Rational(1, 100)
 """Current [m/s] up to which the goal is straight before the target."""
 
@@ -121,39 +121,14 @@ def rest_in_current(
             f"rest_in_current has to measure the current, but system '{system.name}' has none",
             expected="disturbances Vx and Vy",
         )
-    if not exponent > 1:
-        raise DefinitionError(f"exponent is {exponent:g}", expected="above 1")
-    if not half_angle - math.atan2(target_half_width, distance) > leg_margin:
-        raise DefinitionError(
-            f"the target leaves no room in the view at {distance:g} m",
-            expected="half_angle above that of the target and leg_margin",
-        )
-    if not range_min + near_margin < distance < range_max - far_margin:
-        raise DefinitionError(
-            f"the goal at {distance:g} m is out of range",
-            expected=f"between {range_min + near_margin:g} m and {range_max - far_margin:g} m",
-        )
-    positive = ("distance", "k1", "mu", "kv", "kb", "leg_speed", "half_angle", "turn_first")
-    parameters = tuple(
-        Parameter(
-            name,
-            unit,
-            text,
-            value=value,
-            above=0 if name in positive else -math.inf,
-            gain=name in GAINS,
-        )
-        for name, (value, unit, text) in values.items()
+    parameters = leg_parameters(
+        values, GAINS, nearest=range_min + near_margin, farthest=range_max - far_margin
     )
     s = {name: symbol(name) for name in values}
-    x, y, psi, vx, vy = (symbol(name) for name in ("x", "y", "psi", "Vx", "Vy"))
-    zero, one, guard = sp.S.Zero, sp.S.One, GUARD**2
-    radius, bearing = length(x, y, guard), angle(-y, -x, guard)
-    width, start = s["target_half_width"], s["distance"]
-    depth = sp.log((radius + GUARD**2) / start)
-    ends = (angle(-width - y, -x, guard), angle(width - y, -x, guard))
-    half = greatest(*(magnitude(wrap(bearing - end)) for end in ends))
-    leg = greatest(s["half_angle"] - half - s["leg_margin"], zero)
+    x, psi, vx, vy = (symbol(name) for name in ("x", "psi", "Vx", "Vy"))
+    zero, one = sp.S.Zero, sp.S.One
+    view, start = view_legs(), s["distance"]
+    radius, bearing, depth, leg = view.radius, view.bearing, view.depth, view.leg
     slope = sp.tan(leg)
 
     cos, sin = sp.cos(bearing), sp.sin(bearing)
@@ -161,18 +136,8 @@ def rest_in_current(
     error = wrap(bearing - _goal_bearing(vx, vy, s["bearing_max"]))
     drift = sgn(error) * across + magnitude(inward) * slope
     reads = (*system.quantities(("x", "y", "psi"), "rest_in_current"), *current)
-    conditions = (
-        *held_gain("kv"),
-        GainCondition(
-            value=symbol("current_limit"),
-            limit=s["leg_speed"],
-            consequence="a leg against the current makes no way",
-            source="a leg over ground is that through the water and the current",
-        ),
-    )
-    known = tuple(p for p in system.parameters if p.name == "current_limit")
-    if not known:
-        conditions = conditions[:-1]
+    largest = tuple(p for p in system.parameters if p.name == CURRENT)
+    conditions = (*held_gain("kv"), *(_way(CURRENT) for _ in largest))
 
     def law(name: str, offset: sp.Expr, radial: sp.Expr) -> Law:
         """Go towards the target at `radial` over ground, the heading `offset` from its bearing."""
@@ -185,20 +150,15 @@ def rest_in_current(
             name,
             reads,
             outputs,
-            (*parameters, *known),
+            (*parameters, *largest),
             conditions=conditions,
             signals={"bearing_error": error, "drift": drift},
         )
 
-    pressed = {  # at a range limit that prevents turning, speed frees the vehicle
-        AHEAD: 1 - (x + s["range_max"] * sp.cos(psi)) / sp.Rational(3, 10),
-        BACK: 1 + (x + s["range_min"] * sp.cos(psi)) / sp.Rational(1, 10),
-    }
-
     def along(name: str, offset: sp.Expr, through: sp.Expr) -> Law:
         """A leg at the speed `through` the water as soon as its heading is right."""
         off = magnitude(wrap(psi - bearing - offset))
-        share = greatest(sp.Rational(3, 2) - off / s["turn_first"], pressed[name])
+        share = greatest(sp.Rational(3, 2) - off / s["turn_first"], view.pressed[name])
         return law(name, offset, (through + inward) * clip(share, zero, one))
 
     few = sp.Rational(1, 50) ** 2
@@ -210,11 +170,8 @@ def rest_in_current(
     home = sp.atan(clip(over * in_water / (in_water**2 + slow), -slope, slope))
     toward = clip(20 * error, -one, one)
 
-    # the leg in the middle of the way home represents all of it
-    middle = sp.atan(width / sp.sqrt(radius * start))
-    usual = sp.tan(greatest(s["half_angle"] - middle - s["leg_margin"], zero))
     lost = greatest(-drift, zero) / s["leg_speed"]
-    reach = greatest(usual - lost, zero) * magnitude(depth)
+    reach = greatest(sp.tan(view.usual) - lost, zero) * magnitude(depth)
     suffices = greatest(
         greatest(reach - s["swing"], s["settle"] / 2) - magnitude(error), drift - s["hold_in"]
     )
@@ -245,6 +202,16 @@ def rest_in_current(
         initial=HOME,
         description="rest in a measured current, the target in view: on the ray along the current",
         source="own; equilibria of thesis (5.30) in the camera set (5.23)",
+    )
+
+
+def _way(current: str) -> GainCondition:
+    """A leg is faster through the water than the largest current."""
+    return GainCondition(
+        value=symbol(current),
+        limit=symbol("leg_speed"),
+        consequence="a leg against the current makes no way",
+        source="a leg over ground is that through the water and the current",
     )
 
 
