@@ -74,7 +74,10 @@ def test_current_beyond_the_thrust_is_named_and_so_is_one_along_a_wall_with_stan
     weak = hf.systems.marine_vehicle(thrust_limit=0.05)
     found = hf.resting_state(weak, view, {"Vx": 0.4, "Vy": 0.0}, box=NEAR)
     assert not found.exists
-    assert "bounds" in found.missing or "do not stop" in found.missing
+    assert "the inputs exceed their bounds" in found.missing
+    p = {q.name: q.value for q in weak.parameters}
+    drag = -p["Xu"] * 0.4 - p["Xuu"] * 0.4**2
+    assert abs(found.inputs["tau_u"]) == pytest.approx(drag, abs=1e-6)
     off = hf.regions.camera_and_lasers()
     along = hf.resting_state(vehicle, off, {"Vx": 0.0, "Vy": 0.1}, box=NEAR)
     assert not along.exists
@@ -114,6 +117,30 @@ def test_unicycle_rests_anywhere_and_best_in_the_middle():
     found = hf.resting_state(hf.systems.unicycle(), region)
     assert found.margin == pytest.approx(2.0, abs=1e-5)
     assert found.state["x"] == pytest.approx(1.0, abs=1e-5)
+
+
+def test_current_that_is_held_ends_where_the_drag_is_the_thrust_of_both_thrusters(vehicle, view):
+    p = {q.name: q.value for q in vehicle.parameters}
+    linear, square = -p["Xu"], -p["Xuu"]
+    fastest = (math.sqrt(linear**2 + 4 * square * 2 * p["thrust_limit"]) - linear) / (2 * square)
+    for share, held in ((0.999, True), (1.001, False)):
+        found = hf.resting_state(vehicle, view, {"Vx": share * fastest}, box=NEAR)
+        assert found.exists == held, found.missing
+
+
+def test_car_without_bounds_of_its_inputs_rests_anywhere(view):
+    found = hf.resting_state(hf.systems.car(), view, box={"x": (-2, -0.3), "delta": (-0.5, 0.5)})
+    assert found.exists
+    assert found.margin > 0.4
+
+
+@pytest.mark.parametrize("name", ["marine_vehicle", "drifting_unicycle", "unicycle"])
+def test_half_plane_has_no_place_farthest_inside(name):
+    x = hf.symbol("x")
+    half = hf.Region("half", (hf.Quantity("x", "m"),), (hf.Inequality("wall", x, "m"),))
+    found = hf.resting_state(getattr(hf.systems, name)(), half, starts=4)
+    assert not found.exists
+    assert "unbounded" in found.missing
 
 
 def test_bad_input_is_refused(vehicle, view):

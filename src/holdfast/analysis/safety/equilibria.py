@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import sympy as sp
@@ -18,14 +19,19 @@ from holdfast.errors import DefinitionError, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.control.outward_rates import check_reads
-from holdfast.maths.definitions.quantity import TIME
+from holdfast.maths.definitions.quantity import TIME, merge_parameters
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.traversal import derivatives
 
+Values = tuple[Array, Array, Array, Array]
+
 STARTS = 16
 DEPENDENT = (5, 6)
 """What SLSQP answers where equations depend on each other, as those of a unicycle at rest."""
+STEPS, ENDLESS = 200, 1e6
+"""Iterations of a search, and the margin beyond which a region counts as unbounded."""
+UNBOUNDED = "the margin still grew when the search ended: the region may be unbounded"
 EXACT = 1e-6
 """Largest rate, and largest excess of a bound, of what counts as at rest, in SI units."""
 
@@ -152,16 +158,13 @@ class _Search:
         inequalities = [c.expression for c in region.inequalities]
         if any(sp.sympify(e).has(TIME) for e in (*rates, *inequalities)):
             raise DefinitionError(f"system '{system.name}' or its region depends on time")
-        self.names = [q.symbol for q in (*system.states, *system.inputs, *system.disturbances)]
-        free = self.names[: self.states + self.inputs]
+        names = [q.symbol for q in (*system.states, *system.inputs, *system.disturbances)]
+        free = names[: self.states + self.inputs]
         slopes = [s for e in (*rates, *inequalities) for s in derivatives(e, free).values()]
         self.count = len(rates), len(inequalities)
-        self.parameters = (*system.parameters, *region.parameters)
-        self.evaluator = Evaluator(
-            [*rates, *inequalities, *slopes],
-            self.names,
-            tuple({p.name: p for p in self.parameters}.values()),
-        )
+        parameters = merge_parameters(system.parameters, region.parameters)
+        self.evaluator = Evaluator([*rates, *inequalities, *slopes], names, parameters)
+        self._last: tuple[bytes, Values] | None = None
 
     def _box(self, given: Mapping[str, tuple[float, float]]) -> Array:
         for name, ends in given.items():
@@ -184,15 +187,28 @@ class _Search:
         a = np.array([[float(e) for e in normal] for normal, _ in rows]).reshape(-1, self.inputs)
         return a, np.array([float(limit) for _, limit in rows])
 
-    def values(self, z: Array, d: Array) -> tuple[Array, Array, Array, Array]:
-        """f, c and their slopes along (q, u) at z = (q, u, t)."""
+    def values(self, z: Array, d: Array) -> Values:
+        """f, c and their slopes along (q, u) at z = (q, u, t); the solver asks for each in turn."""
         n, m = self.count
         point = np.concatenate([z[:-1], d])
-        found = self.evaluator.values(point[None])[0]
-        slopes = found[n + m :].reshape(n + m, self.states + self.inputs)
-        return found[:n], found[n : n + m], slopes[:n], slopes[n:]
+        key = point.tobytes()
+        if self._last is None or self._last[0] != key:
+            found = self.evaluator.values(point[None])[0]
+            slopes = found[n + m :].reshape(n + m, self.states + self.inputs)
+            self._last = key, (found[:n], found[n : n + m], slopes[:n], slopes[n:])
+        return self._last[1]
 
     def solve(self, disturbance: Mapping[str, float], known: list[Array]) -> RestingState:
+        """The best within the bounds, else the one that only the bounds of the inputs forbid."""
+        best = self._best(disturbance, known, bounded=True)
+        if best.exists or best.missing == UNBOUNDED or not len(self.bounds[1]):
+            return best
+        free = self._best(disturbance, known, bounded=False)
+        return free if free.residual <= EXACT and free.margin >= -EXACT else best
+
+    def _best(
+        self, disturbance: Mapping[str, float], known: list[Array], *, bounded: bool
+    ) -> RestingState:
         d = np.array(list(disturbance.values()), dtype=float)
         a, b = self.bounds
         width = self.states + self.inputs + 1
@@ -209,29 +225,34 @@ class _Search:
                 "fun": lambda z: -self.values(z, d)[1] - z[-1],
                 "jac": lambda z: -np.hstack([self.values(z, d)[3], np.ones((self.count[1], 1))]),
             },
-            {"type": "ineq", "fun": lambda z: b - limits @ z, "jac": lambda z: -limits},
         ]
-        if not len(b):
-            constraints.pop()
-        uphill = np.zeros(width)
-        uphill[-1] = -1.0
+        if bounded and len(b):
+            constraints.append(
+                {"type": "ineq", "fun": lambda z: b - limits @ z, "jac": lambda z: -limits}
+            )
+        falling = np.zeros(width)
+        falling[-1] = -1.0
+
+        def local(begin: Array, method: str, **settings: Any) -> Any:
+            """The largest t that a local solver reaches from there."""
+            return minimize(
+                lambda z: -z[-1], begin, jac=lambda z: falling, method=method,
+                constraints=constraints, **settings,
+            )  # fmt: skip
+
         best: RestingState | None = None
         for begin in [*known, *self._begin(width)]:
             with np.errstate(all="ignore"), warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # of steps that do not count
-                answer = minimize(
-                    lambda z: -z[-1], begin, jac=lambda z: uphill, method="SLSQP",
-                    constraints=constraints, options={"maxiter": 200, "ftol": 1e-10},
-                )  # fmt: skip
+                answer = local(begin, "SLSQP", options={"maxiter": STEPS, "ftol": 1e-10})
                 if answer.status in DEPENDENT:
-                    answer = minimize(
-                        lambda z: -z[-1], begin, jac=lambda z: uphill, method="trust-constr",
-                        constraints=constraints, hess=lambda z: np.zeros((width, width)),
-                        options={"maxiter": 200},
+                    answer = local(
+                        begin, "trust-constr", hess=lambda z: np.zeros((width, width)),
+                        options={"maxiter": STEPS},
                     )  # fmt: skip
             if not np.isfinite(answer.x).all():
                 continue
-            found = self._judged(answer.x, disturbance, d)
+            found = self._judged(answer.x, disturbance, d, ended=answer.nit < STEPS)
             if best is None or _rank(found) > _rank(best):
                 best = found
         if best is None:
@@ -242,15 +263,16 @@ class _Search:
         return best
 
     def _begin(self, width: int) -> list[Array]:
-        points = qmc.Sobol(self.states, seed=self.seed).random(
-            2 ** math.ceil(math.log2(self.starts))
-        )
+        sampler = qmc.Sobol(self.states, rng=np.random.default_rng(self.seed))
+        points = sampler.random(2 ** math.ceil(math.log2(self.starts)))
         low, high = self.box[:, 0], self.box[:, 1]
         begin = np.zeros((self.starts, width))
         begin[:, : self.states] = low + points[: self.starts] * (high - low)
         return list(begin)
 
-    def _judged(self, z: Array, disturbance: Mapping[str, float], d: Array) -> RestingState:
+    def _judged(
+        self, z: Array, disturbance: Mapping[str, float], d: Array, *, ended: bool
+    ) -> RestingState:
         """What holds at z, from its own rates, constraints and bounds."""
         f, c, _, _ = self.values(z, d)
         a, b = self.bounds
@@ -262,10 +284,12 @@ class _Search:
         missing = ""
         if residual > EXACT:
             missing = f"the inputs do not stop '{moving}': a rate of {residual:.3g} is left"
-        elif excess > EXACT * max(1.0, float(np.abs(b).max())):
+        elif excess > EXACT * float(np.abs(b).max(initial=1.0)):
             missing = f"the inputs exceed their bounds by {excess:.3g}"
         elif margin < -EXACT:
             missing = f"'{worst.name}' is violated by {-margin:.3g} {worst.unit}"
+        elif margin > ENDLESS or not ended:
+            missing = UNBOUNDED
         turned = [
             math.remainder(float(v), 2 * math.pi) if q.angle else float(v)
             for v, q in zip(z, self.system.states, strict=False)
@@ -281,7 +305,7 @@ class _Search:
 
 
 def _rank(found: RestingState) -> tuple[bool, float, float]:
-    """Existing ones by their margin, the others by how nearly they are at rest."""
-    if found.exists:
+    """Those at rest inside by their margin, the others by how nearly they are at rest."""
+    if found.exists or found.missing == UNBOUNDED:
         return True, found.margin, 0.0
     return False, -max(found.residual, EXACT), found.margin
