@@ -12,6 +12,7 @@ from holdfast.maths.definitions.scene import Circle, Cone, Footprint, Segment
 from holdfast.scenario.load import load_scenario
 from holdfast.scenario.schema import closed_loop as schema
 from holdfast.scenario.schema import kernel as kernel_schema
+from holdfast.scenario.schema import values
 
 OBJECTS = {"system", "law", "region", "value", "result", "progress"}
 """Arguments that are made from other tables of the file, or belong to a running program."""
@@ -114,7 +115,7 @@ TABLES = {
     ),
     "a state": (schema.QuantitySpec, [hf.Quantity], {}, {"name": "the key"}),
     "a parameter": (
-        schema.ParameterSpec,
+        values.ParameterSpec,
         [hf.Parameter],
         {},
         {"name": "the key", "angle": "of states alone", "above": "of catalogue entries alone"},

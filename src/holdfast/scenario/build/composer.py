@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import reduce
 from typing import Any
 
@@ -31,10 +31,10 @@ from holdfast.scenario.schema.closed_loop import (
     InequalitySpec,
     LawSpec,
     OutputsSpec,
-    ParameterSpec,
     RegionSpec,
     SystemSpec,
 )
+from holdfast.scenario.schema.values import ParameterSpec
 from holdfast.scenario.validation import at, validated
 
 Names = dict[str, sp.Expr]
@@ -105,9 +105,11 @@ class Composer:
                 if not isinstance(spec, ParameterSpec):
                     spec = ParameterSpec(value=spec)
                 check_unit(spec.unit)
-                value = to_si(spec.value, spec.unit)
-                found = Parameter(name, spec.unit, spec.description, value=value, gain=spec.gain)
-                result.append(replace(found, source=spec.source, assumed=spec.assumed))
+                found = Parameter(
+                    name, spec.unit, spec.description, value=to_si(spec.value, spec.unit),
+                    source=spec.source, assumed=spec.assumed, gain=spec.gain,
+                )  # fmt: skip
+                result.append(found)
         return tuple(result)
 
     def _quantities(

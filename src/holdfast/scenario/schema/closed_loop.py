@@ -15,6 +15,7 @@ from holdfast.scenario.schema.values import (
     Layer,
     Name,
     NoiseSpec,
+    Parameters,
     Plane,
     Point,
     Renamed,
@@ -55,20 +56,6 @@ class MeasurementSpec(Section):
     expression: Expression
     unit: str = "1"
     description: Text = ""
-
-
-class ParameterSpec(Section):
-    """A parameter with its unit and source."""
-
-    value: Value
-    unit: str = "1"
-    description: Text = ""
-    source: Text = ""
-    assumed: bool = False
-    gain: bool = False
-
-
-Parameters = dict[Name, ParameterSpec | Value]
 
 
 class PfaffianSpec(Section):
@@ -316,7 +303,9 @@ class CompareSpec(Section):
 
 class ScenarioSpec(Section):
     """A whole scenario file; catalogue entries stay tables of { name, parameters }.
-    kernels: name -> tables to alter in the scenarios that `kernel` keys name."""
+
+    kernels: name -> tables to alter in the scenarios that `kernel` keys name.
+    """
 
     scenario: Header
     system: dict[str, Any]

@@ -104,3 +104,17 @@ class DrawSpec(Section):
 
     range: Interval
     unit: str | None = None
+
+
+class ParameterSpec(Section):
+    """A parameter with its unit and source."""
+
+    value: Value
+    unit: str = "1"
+    description: Text = ""
+    source: Text = ""
+    assumed: bool = False
+    gain: bool = False
+
+
+Parameters = dict[Name, ParameterSpec | Value]

@@ -32,58 +32,62 @@ class Over:
     log: bool
 
 
-def read_over(text: str, *, latin: bool = False) -> Over:
+def read_over(
+    text: str, *, latin: bool = False, option: str = "--over", expected: str = ""
+) -> Over:
     """KEY=LOW:HIGH:COUNT[:log] or KEY=VALUE,VALUE,...; with latin KEY=LOW:HIGH[:log].
 
     A unit after the last value applies to all; the default is that of the key. Raises
-    `ScenarioError` for anything else.
+    `ScenarioError` for anything else, which names the `option` that gave the text and what it
+    expects.
     """
+    shown = f"{option} {text}"
     name, _, rest = (part.strip() for part in text.partition("="))
-    expected = EXPECTED_LATIN if latin else EXPECTED
+    expected = expected or (EXPECTED_LATIN if latin else EXPECTED)
     parts = [part.strip() for part in rest.split(":")]
     log = parts[-1] == LOG
     parts = parts[: len(parts) - log]
     listed = len(parts) == 1 and not log and not latin
     if not name or not rest or (not listed and len(parts) != (2 if latin else 3)):
-        raise ScenarioError(f"--over {text}", expected=expected)
-    count = 2 if latin or listed else _count(text, parts.pop())
-    values, unit = _values(text, [p.strip() for p in parts[0].split(",")] if listed else parts)
+        raise ScenarioError(shown, expected=expected)
+    count = 2 if latin or listed else _count(shown, parts.pop())
+    values, unit = _values(
+        shown, [p.strip() for p in parts[0].split(",")] if listed else parts, expected
+    )
     if listed:
         if len(set(values)) < len(values):
-            raise ScenarioError(f"--over {text}: a value occurs twice")
+            raise ScenarioError(f"{shown}: a value occurs twice")
         return Over(name, tuple(sorted(values)), unit, log)
     low, high = values
     if not low < high:
-        raise ScenarioError(f"--over {text}: from {low:g} to {high:g}", expected="LOW < HIGH")
+        raise ScenarioError(f"{shown}: from {low:g} to {high:g}", expected="LOW < HIGH")
     if log and low <= 0:
-        raise ScenarioError(f"--over {text}: {low:g} has no logarithm", expected="LOW > 0")
+        raise ScenarioError(f"{shown}: {low:g} has no logarithm", expected="LOW > 0")
     spaced = np.geomspace(low, high, count) if log else np.linspace(low, high, count)
     return Over(name, tuple(float(f"{v:.12g}") for v in spaced), unit, log)  # 0.15, as written
 
 
-def _count(text: str, given: str) -> int:
+def _count(shown: str, given: str) -> int:
     if not given.isdecimal() or not 2 <= int(given) <= MOST_CELLS:
         raise ScenarioError(
-            f"--over {text}: got '{given}' values",
+            f"{shown}: got '{given}' values",
             expected="a whole number, at least 2",
             remedy="for one value use --set",
         )
     return int(given)
 
 
-def _values(text: str, parts: Sequence[str]) -> tuple[list[float], str]:
+def _values(shown: str, parts: Sequence[str], expected: str) -> tuple[list[float], str]:
     found, units = [], set()
     for part in parts:
         number, unit = split(part) or (math.nan, "")
         if not math.isfinite(number):
-            raise ScenarioError(f"--over {text}: '{part}' is not a number", expected=EXPECTED)
+            raise ScenarioError(f"{shown}: '{part}' is not a number", expected=expected)
         found.append(number)
         if unit:
             units.add(unit)
     if len(units) > 1:
-        raise ScenarioError(
-            f"--over {text}: mixes {' and '.join(sorted(units))}", expected="one unit"
-        )
+        raise ScenarioError(f"{shown}: mixes {' and '.join(sorted(units))}", expected="one unit")
     return found, units.pop() if units else ""
 
 

@@ -20,6 +20,8 @@ from holdfast.studies.sweep.table import Axis
 FACTOR = 4.0
 """The default range of a gain is from its own value divided by this to its value times this."""
 
+RANGE = "KEY=LOW:HIGH, a gain and its range"
+
 DIGITS = 4
 """Significant digits of a chosen gain."""
 
@@ -109,7 +111,10 @@ def _gain(own: Scenario, data: Mapping[str, Any], text: str) -> Gain:
         knob = replace(knob, own=mine[0] if mine else None)
     if knob.own is None or not math.isfinite(knob.own):
         raise ScenarioError(f"--gain {name}: {knob.key} is not a number")
-    over = read_over(text, latin=True) if "=" in text else _around(own, knob, knob.own)
+    if "=" in text:
+        over = read_over(text, latin=True, option="--gain", expected=RANGE)
+    else:
+        over = _around(own, knob, knob.own)
     return Gain(Axis(knob.key, knob, over), knob.own)
 
 

@@ -78,12 +78,12 @@ def test_goal_of_the_law_is_the_equilibrium_or_the_nearest_bearing_allowed(vehic
     assert seen.values(np.array([[-1.0, 0.0, 0.0, 0.009]])) == pytest.approx(0)  # still water
 
 
-def settled(speed, *changes, scenario="inspection-current"):
-    """(viable, at rest, with an equilibrium, of those at rest) of 600 starts."""
+def settled(speed, *changes, scenario="inspection-current", limit=LIMIT):
+    """(viable, at rest, with a place at rest, of those at rest) of 600 starts."""
     overrides = [f"varied.draws.speed.range=[{speed}, {speed}]", *changes]
     data = hf.load_scenario(scenario, overrides).run().dataset
     directions = data["varied"].sel(varied_name="direction").values
-    can = np.abs(np.arctan(np.tan(directions))) < LIMIT
+    can = np.abs(np.arctan(np.tan(directions))) < limit
     at_rest = data["outcome"].values == hf.Outcome.REACHED
     viable = data["outcome"].values != hf.Outcome.LEFT
     return viable.sum(), at_rest.sum(), can.sum(), (at_rest & can).sum()
@@ -114,6 +114,18 @@ def test_every_start_with_the_bow_to_the_current_comes_to_rest():
 )
 def test_starts_that_come_to_rest_in_a_current_of_any_direction(speed, horizon, counts):
     assert settled(speed, f"run.horizon={horizon}", f"run.record_every={horizon}") == counts
+
+
+def test_starts_with_a_place_at_least_five_centimetres_inside():
+    """Up to 3.5 degrees from the wall; the law goes there up to 7 degrees from it."""
+    inside = math.radians(86.5)
+    found = [settled(v, "run.record_every=150", limit=inside) for v in (0.05, 0.1, 0.15, 0.2)]
+    assert [(can, at_rest) for _, _, can, at_rest in found] == [
+        (582, 567),
+        (582, 564),
+        (582, 556),
+        (582, 524),
+    ]
 
 
 POSE = 'observer={ measured = ["x", "y", "psi"], bandwidth = 20.0 }'

@@ -82,8 +82,8 @@ def rest_in_current(
     ahead `near_margin` before the least, both at the heading that the next leg turns to. A leg
     waits, at its range, until its heading is right to `turn_first` [rad]; `swing` [rad] is the
     bearing lost in turning. Below 1 cm/s of current the goal is straight before the target; between
-    there and 2 cm/s it turns. The goal's bearing is within `bearing_max`: beyond it no equilibrium
-    is far enough inside, and the vehicle stays in view by legs without coming to rest.
+    there and 2 cm/s it turns. The goal's bearing is within `bearing_max`: in a current nearer to
+    the wall the vehicle stays in view by legs without coming to rest.
 
     The law does not keep the view by itself: add a safety filter that measures the current
     (`safeguard`, measured). What arrives is measured (docs/currents.md). Lengths in m, angles in
