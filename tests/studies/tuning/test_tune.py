@@ -259,8 +259,11 @@ def test_command_tunes_and_what_it_writes_runs(tmp_path):
 @pytest.mark.parametrize(
     ("asked", "says"),
     [
-        (["--gain", "k1=5:1"], "--gain k1=5:1: from 5 to 1; expected LOW < HIGH"),
-        (["--gain", "k1=a:1"], "--gain k1=a:1: 'a' is not a number; expected KEY=LOW:HIGH"),
+        (["--gain", "k1=5:1"], "holdfast: --gain k1=5:1: from 5 to 1; expected LOW < HIGH"),
+        (
+            ["--gain", "k1=a:1"],
+            "holdfast: --gain k1=a:1: 'a' is not a number; expected KEY=LOW:HIGH",
+        ),
         (["--gain", "k2=2:3"], "holdfast: ch4-integrator.toml: no gains in the ranges meet"),
         (["--cost", "price"], "holdfast: the cost is 'price'; expected time or effort or"),
         (["--margin", "2"], "holdfast: the margin is 2; expected at least 0 and below 1"),
