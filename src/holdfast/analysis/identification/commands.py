@@ -1,0 +1,54 @@
+"""The inputs that a vehicle was given: the commands of a log within the limits of the actuators."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from holdfast.analysis.identification.log import Log
+from holdfast.analysis.identification.windows import Windows
+from holdfast.errors import SimulationError
+from holdfast.execution.evaluate import Evaluator
+from holdfast.maths.definitions.quantity import symbol
+from holdfast.maths.definitions.system import System
+
+
+def commanded_names(system: System, log: Log, needed: Sequence[str]) -> tuple[str, ...]:
+    """The signals that give the inputs: all inputs, all actuators, or those that are needed.
+
+    Raises `SimulationError` where the log has none of these.
+    """
+    for names in (system.input_names, system.actuators, tuple(needed)):
+        if names and all(n in log.inputs for n in names):
+            return tuple(names)
+    if not needed:
+        return ()
+    missing = [n for n in needed if n not in log.inputs]
+    also = f", or of {', '.join(system.actuators)}" if system.actuators else ""
+    raise SimulationError(
+        f"{log.name} has no signal of {', '.join(missing)}",
+        expected=f"signals of {', '.join(needed)}{also}",
+    )
+
+
+def applied(
+    system: System, windows: Windows, names: Sequence[str], needed: Sequence[str]
+) -> Windows:
+    """The windows with the inputs that the actuators produce within their limits.
+
+    names: what the windows have (`commanded_names`); needed: the inputs that they get.
+    """
+    given = [symbol(n) for n in names]
+    if tuple(names) == system.input_names:
+        wishes = system.allocated(given)
+    elif tuple(names) == system.actuators:
+        wishes = list(given)
+    else:
+        return windows
+    inputs = dict(zip(system.input_names, system.produced(system.limited(wishes)), strict=True))
+    compute = Evaluator([inputs[n] for n in needed], given, system.parameters)
+    flat = np.ascontiguousarray(windows.inputs.reshape(-1, len(names)))
+    shape = (*windows.inputs.shape[:2], len(needed))
+    return replace(windows, inputs=compute.values(flat).reshape(shape))

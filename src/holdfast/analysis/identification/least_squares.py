@@ -1,0 +1,251 @@
+"""Robust least squares over windows: first states of each are eliminated, the rest is shared."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from holdfast.analysis.identification.log import Floats
+from holdfast.analysis.identification.shooting import Predicted, Shooting
+from holdfast.analysis.identification.windows import Windows
+from holdfast.errors import SimulationError
+
+HUBER = 2.5
+"""Deviations beyond which a residual counts linearly."""
+
+ROUNDS = 4
+"""Times that the noise and the weights are estimated again."""
+
+_INNER, _CLOSE = 25, 1e-4
+"""Steps at most to the best first states of a window, and deviations that end them."""
+
+_SMALLEST = 1e-9
+"""Noise at least, as a part of the range of a signal."""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """The numbers that explain the windows best.
+
+    shared: the estimated unknown numbers. local: for each window its first states, then its own
+    unknown numbers, shape (windows, ...). noise: deviation of each signal. weight: of each
+    measurement, 1 over its deviation, less for outliers. residual: measured less predicted.
+    slopes: of the weighted prediction by the shared numbers, with the local ones at their best.
+    spread: covariance of the local numbers of each window by the noise alone.
+    """
+
+    shared: Floats
+    local: Floats
+    noise: Floats
+    weight: Floats
+    residual: Floats
+    slopes: Floats
+    spread: Floats
+
+    @property
+    def information(self) -> Floats:
+        """The inverse of the covariance of the shared numbers, for independent noise."""
+        found: Floats = self.slopes.T @ self.slopes
+        return found
+
+
+class Problem:
+    """Windows, the unknown numbers that all share, and those that each has for itself.
+
+    given: the value of every unknown number of the motion, a first guess of the estimated ones.
+    shared, local: which of them (by number) are estimated for all windows, or for each.
+    """
+
+    def __init__(
+        self,
+        shooting: Shooting,
+        windows: Windows,
+        given: Floats,
+        shared: Sequence[int],
+        local: Sequence[int] = (),
+    ) -> None:
+        self.shooting, self.windows, self.given = shooting, windows, np.asarray(given, float)
+        self.shared, self.local = list(shared), list(local)
+        starts = np.searchsorted(windows.window, np.arange(windows.count))
+        self._starts = starts
+        if (counts := np.diff(np.append(starts, len(windows.window)))).min() == 0:
+            raise SimulationError(f"{int((counts == 0).sum())} windows have no measurement")
+
+    def first_local(self) -> Floats:
+        """A first guess: the measured states at the beginning of each window, and zero else."""
+        w = self.windows
+        found = np.zeros((w.count, self.shooting.states + len(self.local)))
+        for k, name in enumerate(self.shooting.motion.names):
+            of = w.signal == k
+            places = [q.name for q in self.shooting.motion.states]
+            if name in places and of.any():
+                found[:, places.index(name)] = np.interp(w.start, w.time[of], w.value[of])
+        return found
+
+    def summed(self, rows: Floats) -> Floats:
+        """Sums of rows over the measurements of each window."""
+        found: Floats = np.add.reduceat(rows, self._starts, axis=0)
+        return found
+
+    def predict(self, shared: Floats, local: Floats) -> tuple[Predicted, Floats, Floats]:
+        """The prediction, and its slopes by the local and by the shared numbers."""
+        n = self.shooting.states
+        unknown = np.repeat(self.given[None, :], self.windows.count, axis=0)
+        unknown[:, self.shared] = shared
+        unknown[:, self.local] = local[:, n:]
+        found = self.shooting.predicted(self.windows, local[:, :n], unknown)
+        own = np.concatenate([found.by_state, found.by_unknown[:, self.local]], axis=1)
+        return found, own, found.by_unknown[:, self.shared]
+
+    def settle(self, shared: Floats, local: Floats, weight: Floats) -> Fitted:
+        """The best local numbers for these shared ones (Levenberg-Marquardt, window by window)."""
+        residual, rows, common = self._weighted(shared, local, weight)
+        cost = self.summed(residual**2)
+        damping = np.zeros(self.windows.count)
+        for _ in range(_INNER):
+            matrices = self.summed(rows[:, :, None] * rows[:, None, :])
+            pull = self.summed(rows * residual[:, None])
+            move = np.einsum("wij,wj->wi", _inverse(matrices, damping), pull)
+            if not np.einsum("wi,wi->w", move, pull).max(initial=0.0) > _CLOSE**2:
+                break
+            tried, its_rows, its_common = self._weighted(shared, local + move, weight)
+            new = self.summed(tried**2)
+            better = new <= cost
+            local = np.where(better[:, None], local + move, local)
+            cost = np.where(better, new, cost)
+            damping = np.where(better, damping / 10, np.maximum(10 * damping, 0.01))
+            at = better[self.windows.window]
+            residual = np.where(at, tried, residual)
+            rows = np.where(at[:, None], its_rows, rows)
+            common = np.where(at[:, None], its_common, common)
+        inverse = _inverse(self.summed(rows[:, :, None] * rows[:, None, :]), np.zeros(len(cost)))
+        cross = inverse @ self.summed(rows[:, :, None] * common[:, None, :])
+        slopes = common - np.einsum("ki,kij->kj", rows, cross[self.windows.window])
+        return Fitted(shared, local, np.empty(0), weight, residual / weight, slopes, inverse)
+
+    def _weighted(
+        self, shared: Floats, local: Floats, weight: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """The residuals, and the slopes of the prediction, in deviations."""
+        found, own, common = self.predict(shared, local)
+        off = (self.windows.value - found.value) * weight
+        return off, own * weight[:, None], common * weight[:, None]
+
+
+def _inverse(matrices: Floats, damping: Floats) -> Floats:
+    """Pseudo-inverses, free of units: what the measurements do not show does not move."""
+    if not np.isfinite(matrices).all():
+        return np.full_like(matrices, np.nan)
+    scale = np.sqrt(np.einsum("wii->wi", matrices))
+    scale = np.where(scale > 0, scale, 1.0)
+    both = scale[:, :, None] * scale[:, None, :]
+    damped = matrices / both + damping[:, None, None] * np.eye(matrices.shape[1])
+    found: Floats = np.linalg.pinv(damped, rcond=1e-10, hermitian=True) / both
+    return found
+
+
+def fitted(
+    problem: Problem, first: Floats, lower: Floats, *, noise: Floats | None = None
+) -> Fitted:
+    """The numbers of least squares with Huber's weights, the noise of each signal re-estimated.
+
+        minimise  sum_k rho((y_k - h(x(t_k), v)) / sigma)    over v and x(0) of each window
+
+    (P. J. Huber, Robust statistics, 1981.) The first states are eliminated at each step (variable
+    projection, G. H. Golub and V. Pereyra, 1973) and the shared numbers are found by SciPy's
+    trust-region method. first: of the shared numbers; lower: their exclusive lower limits. noise:
+    of each signal where it is known. Raises `SimulationError` if it does not converge.
+    """
+    w = problem.windows
+    deviation = first_noise(w, len(problem.shooting.motion.names)) if noise is None else noise
+    floor = _floor(w, len(deviation))
+    local, shared = problem.first_local(), np.array(first, float)
+    huber = np.ones(len(w.value))
+    scale = np.where(shared == 0, 1.0, np.abs(shared))
+    for _ in range(ROUNDS):
+        weight = huber / np.maximum(deviation, floor)[w.signal]
+        found = _minimised(problem, shared, local, weight, scale, lower)
+        shared, local = found.shared, found.local
+        if noise is None:
+            deviation = np.maximum(_deviations(problem, found), floor)
+        huber = huber_weights(found.residual / np.maximum(deviation, floor)[w.signal])
+    weight = huber / np.maximum(deviation, floor)[w.signal]
+    found = problem.settle(shared, local, weight)
+    if not np.isfinite(found.residual).all():
+        raise SimulationError(
+            "the model diverges within a window of the log", remedy="take a shorter window"
+        )
+    return replace(found, noise=deviation)
+
+
+def _minimised(
+    problem: Problem, shared: Floats, local: Floats, weight: Floats, scale: Floats, lower: Floats
+) -> Fitted:
+    """Least squares with these weights."""
+    if not problem.shared:
+        return problem.settle(shared, local, weight)
+    known: dict[bytes, Fitted] = {}
+    last = local
+
+    def at(x: Floats) -> Fitted:
+        nonlocal last
+        if x.tobytes() not in known:
+            known.clear()
+            found = problem.settle(x * scale, last, weight)
+            if np.isfinite(found.residual).all() and np.isfinite(found.slopes).all():
+                last = found.local
+            known[x.tobytes()] = found
+        return known[x.tobytes()]
+
+    def residual(x: Floats) -> Floats:
+        found = at(x).residual * weight
+        return np.where(np.isfinite(found), found, 1e8)
+
+    def jacobian(x: Floats) -> Floats:
+        return np.nan_to_num(-at(x).slopes * scale)
+
+    least = np.where(np.isfinite(lower), lower / scale, -np.inf)
+    result: Any = least_squares(
+        residual, shared / scale, jac=jacobian, bounds=(least, np.inf), x_scale="jac",
+        ftol=1e-8, xtol=1e-8, gtol=1e-10, max_nfev=60,
+    )  # fmt: skip
+    return at(result.x)
+
+
+def huber_weights(ratio: Floats) -> Floats:
+    """Square roots of Huber's weights of residuals in deviations."""
+    return np.sqrt(np.minimum(1.0, HUBER / np.maximum(np.abs(ratio), 1e-300)))
+
+
+def _deviations(problem: Problem, found: Fitted) -> Floats:
+    """The noise of each signal, from the median of its residuals, for the numbers fitted."""
+    w = problem.windows
+    fitted_numbers = found.local.size + len(problem.shared)
+    free = max(1 - fitted_numbers / len(w.value), 0.1)
+    names = range(len(problem.shooting.motion.names))
+    return np.array(
+        [1.4826 * float(np.median(np.abs(found.residual[w.signal == k]))) for k in names]
+    ) / np.sqrt(free)
+
+
+def first_noise(w: Windows, signals: int) -> Floats:
+    """The noise of each signal, from its second differences within windows."""
+    found = []
+    for k in range(signals):
+        of = w.signal == k
+        bend = np.diff(w.value[of], 2)
+        within = w.window[of][2:] == w.window[of][:-2]
+        some = bend[within] if within.any() else np.zeros(1)
+        found.append(1.4826 * float(np.median(np.abs(some))) / np.sqrt(6))
+    return np.maximum(np.array(found), _floor(w, signals))
+
+
+def _floor(w: Windows, signals: int) -> Floats:
+    spans = [
+        np.ptp(w.value[w.signal == k]) if (w.signal == k).any() else 0.0 for k in range(signals)
+    ]
+    return np.maximum(_SMALLEST * np.array(spans), 1e-300)
