@@ -79,14 +79,16 @@ class Unexplained:
 class HeldOut:
     """A second log beside the bound on what is unexplained.
 
-    needed: what its windows need. outside: how many of them are outside the bound, and worst: how
-    far the farthest is from its middle, in half-widths, of each state. error: the deviation of the
+    needed: what its windows need. outside: how many of them are outside the bound by more than two
+    deviations of the noise; beyond: how many are outside at all. worst: how far the farthest is
+    from the middle of the bound, in half-widths, of each state. error: the deviation of the
     prediction over a window for each signal, in that of the noise.
     """
 
     name: str
     needed: Unexplained
     outside: int
+    beyond: int
     worst: tuple[float, ...]
     error: Mapping[str, float]
 
@@ -137,7 +139,8 @@ class Identified:
         told = self.held_out
         count = len(told.needed.start)
         if told.covered:
-            return f"{told.name}: all {count} windows are within the bound"
+            less = f", {told.beyond} of them but for noise" if told.beyond else ""
+            return f"{told.name}: all {count} windows are within the bound{less}"
         worst = max(told.worst)
         name = self.unexplained.names[told.worst.index(worst)]
         return (
@@ -193,6 +196,7 @@ class Identified:
                 "covered": second.covered,
                 "windows": len(second.needed.start),
                 "outside": second.outside,
+                "beyond": second.beyond,
                 "worst": dict(zip(left.names, second.worst, strict=True)),
                 "error": dict(second.error),
             },

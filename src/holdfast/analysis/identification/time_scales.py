@@ -21,7 +21,7 @@ LEAST_VALUES, LEAST_WINDOWS, MOST_STEPS = 20, 30, 400
 def lengths(
     system: System, motion: MeasuredMotion, log: Log, window: float | None
 ) -> tuple[float, float]:
-    """Seconds of a window, and of a step at most."""
+    """Seconds of a window, and of one of its steps."""
     signals = [log.states[n] for n in motion.names]
     values = max(period(s) for s in signals)
     if not np.isfinite(values):
@@ -33,8 +33,14 @@ def lengths(
         window = max(min(wanted, whole / LEAST_WINDOWS), LEAST_VALUES * values)
     given = [log.inputs[q.name] for q in motion.inputs if q.name in log.inputs]
     finest = min(period(s) for s in [*signals, *given])
-    step = min(max(finest, window / MOST_STEPS), FASTEST * fast, window / 8)
-    return float(window), float(step)
+    most = min(max(finest, window / MOST_STEPS), FASTEST * fast, window / 8)
+    # steps that divide the period of the commands, or are several: a command changes between steps
+    step = (
+        finest * max(np.floor(most / finest), 1.0)
+        if most >= finest
+        else finest / np.ceil(finest / most)
+    )
+    return float(step * max(round(window / step), 1)), float(step)
 
 
 def _time_constants(system: System, motion: MeasuredMotion, log: Log) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from holdfast.analysis.identification.identified import HeldOut, Unexplained
 from holdfast.analysis.identification.least_squares import Fitted, Problem, fitted
 from holdfast.analysis.identification.log import Floats
 from holdfast.analysis.identification.shooting import Shooting
-from holdfast.analysis.identification.windows import FEWEST, Windows
+from holdfast.analysis.identification.windows import Windows
 from holdfast.errors import SimulationError
 from holdfast.maths.control.unmodelled import PREFIX, add_unmodelled
 from holdfast.maths.definitions.bounds import Box
@@ -22,6 +22,9 @@ from holdfast.maths.identification.measured_motion import MeasuredMotion, measur
 
 SHORTER = (8, 4, 2, 1)
 """Parts of a window over which what is unexplained is constant, the shortest first."""
+
+DOUBT = 2.0
+"""Deviations of the noise by which what a window needs may lie beyond the bound."""
 
 MOST_NOISE = 0.5
 """The part of its spread that noise may give what is unexplained, for a shorter window."""
@@ -102,16 +105,14 @@ def compared(
     """A second log beside the bound of the first."""
     low, high = np.array(bound.low), np.array(bound.high)
     middle, half = (low + high) / 2, np.maximum((high - low) / 2, 1e-300)
-    away = np.abs(second.value - middle) / half
+    distance = np.abs(second.value - middle)
+    away = distance / half
+    surely = (distance - DOUBT * second.by_noise) / half
     return HeldOut(
         name,
         second,
+        int((surely > 1.0).any(axis=1).sum()),
         int((away > 1.0).any(axis=1).sum()),
         tuple(away.max(axis=0).tolist()),
         dict(error),
     )
-
-
-def enough(windows: Windows) -> bool:
-    """Whether a comparison has any meaning."""
-    return windows.count >= FEWEST

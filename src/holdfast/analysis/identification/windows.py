@@ -67,11 +67,12 @@ def windows_of(
     """
     states = [log.states[n] for n in names]
     commands = [log.inputs[n] for n in inputs]
-    whole = pieces([*states, *commands], log.gap)
+    whole = [(_first_command(commands, a), b) for a, b in pieces([*states, *commands], log.gap)]
     steps = max(int(np.ceil(length / step - 1e-9)), 1)
     width = length / steps
     start = np.concatenate(
-        [a + length * np.arange(int((b - a) / length + 1e-9)) for a, b in whole] or [np.empty(0)]
+        [a + length * np.arange(max(int((b - a) / length + 1e-9), 0)) for a, b in whole]
+        or [np.empty(0)]
     )
     if len(start) < FEWEST:
         longest = max((b - a for a, b in whole), default=0.0)
@@ -118,6 +119,14 @@ def pieces(signals: Sequence[Signal], gap: float) -> list[Interval]:
         own = list(zip(starts.tolist(), ends.tolist(), strict=True))
         whole = [(max(a, c), min(b, d)) for a, b in whole for c, d in own if max(a, c) < min(b, d)]
     return whole
+
+
+def _first_command(commands: Sequence[Signal], time: float) -> float:
+    """The first command from that time on, so that steps begin when commands do."""
+    if not commands:
+        return time
+    later = commands[0].time[commands[0].time >= time]
+    return float(later[0]) if len(later) else time
 
 
 def _integral(signal: Signal, at: Floats) -> Floats:

@@ -55,6 +55,7 @@ def filter_of(
     margins: Mapping[str, float] | None,
     constraints: Region | None,
     measured: bool,
+    worst: Sequence[str],
     scales: Mapping[str, float] | None,
 ) -> Made:
     """The law that hands on a command within what is kept; the options are of `SafetyFilter`."""
@@ -69,6 +70,7 @@ def filter_of(
     _check_options(
         bool(kernels), len(kernels) < len(kept), rate=rate, margin=margin, delay=delay,
         gains=gains, margins=margins, constraints=constraints, measured=measured,
+        worst=worst,
     )  # fmt: skip
     if constraints is not None:
         place, first = next((k, x) for k, x in enumerate(kept) if isinstance(x, Region))
@@ -91,7 +93,14 @@ def filter_of(
             )  # fmt: skip
         inside = {n: v for n, v in (margins or {}).items() if n in part.inequality_names}
         return safeguard(
-            system, command, part, gains=gains, margins=inside, scales=scales, measured=measured
+            system,
+            command,
+            part,
+            gains=gains,
+            margins=inside,
+            scales=scales,
+            measured=measured,
+            worst=worst,
         )
 
     filters = [kept_in(part) for part in kept]
@@ -113,7 +122,13 @@ def _check_options(kernel: bool, region: bool, **given: Any) -> None:
             remedy="give margins for what may happen meanwhile, or a kernel",
         )
     of_kernels = {"rate": 2.0, "margin": None, "delay": 0.0}
-    of_regions = {"gains": (1.0, 4.0), "margins": None, "constraints": None, "measured": False}
+    of_regions = {
+        "gains": (1.0, 4.0),
+        "margins": None,
+        "constraints": None,
+        "measured": False,
+        "worst": (),
+    }
     for usual, has, whose in ((of_kernels, kernel, "region"), (of_regions, region, "kernel")):
         for name, value in usual.items():
             if not has and given[name] != value:

@@ -44,7 +44,7 @@ class SafetyFilter:
     gives way first (`in_order`), and `Decision.gave_way` names what did.
     sample_time [s]: of your loop. delay [s]: how old a measurement is; a kernel's margin allows for
     it. rate [1/s], margin [unit of V]: of a kernel's filter, see `safety_law`. gains [1/s],
-    margins, constraints: of a region's, see `safeguard`. measured: whether `step` is given the
+    margins, constraints, worst: of a region, see `safeguard`. measured: whether `step` is given the
     disturbances. states: names of those that are measured, if not all: an observer with that
     `bandwidth` [1/s] estimates the others and the disturbances (`observe`). scales: input -> the
     change of it that counts as 1. rates: the largest rates of inputs and of states (accelerations),
@@ -73,6 +73,7 @@ class SafetyFilter:
         margins: Mapping[str, float] | None = None,
         constraints: Region | None = None,
         measured: bool = False,
+        worst: Sequence[str] = (),
         states: Sequence[str] | None = None,
         bandwidth: float = 2.0,
         scales: Mapping[str, float] | None = None,
@@ -85,7 +86,8 @@ class SafetyFilter:
         self.system, self.keep, self.sample_time = system, keep, float(sample_time)
         made = filter_of(
             system, keep, delay=delay, sample_time=self.sample_time, rate=rate, margin=margin,
-            gains=gains, margins=margins, constraints=constraints, measured=measured, scales=scales,
+            gains=gains, margins=margins, constraints=constraints, measured=measured, worst=worst,
+            scales=scales,
         )  # fmt: skip
         law: Law | Switching = made.law
         if rates is not None:

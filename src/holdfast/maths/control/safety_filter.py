@@ -14,7 +14,7 @@ input bounds admit them, a c_j that starts with c_j <= 0 and dc_j/dt + k1 c_j <=
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from numbers import Real
 from typing import TypeVar, cast
@@ -31,7 +31,7 @@ from holdfast.maths.definitions.quantity import Parameter, symbol
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching, check_outputs
 from holdfast.maths.definitions.system import System
-from holdfast.maths.expressions.traversal import exchanged
+from holdfast.maths.expressions.traversal import exchanged, symbols_of
 
 L = TypeVar("L", bound=Law | Switching)
 Row = tuple[tuple[sp.Expr, ...], sp.Expr]
@@ -48,6 +48,7 @@ def safeguard(
     margins: Mapping[str, float] | None = None,
     scales: Mapping[str, float] | None = None,
     measured: bool = False,
+    worst: Sequence[str] = (),
 ) -> L:
     """`law` with a safety filter: the least change of its inputs that keeps `region` viable.
 
@@ -56,12 +57,16 @@ def safeguard(
     -> m_j >= 0 in its own unit, how far inside the boundary to stay. scales: input -> the change of
     it that counts as much as a change of another by its own scale; half the width of its bounds
     where they are finite, else 1. measured: whether the law measures the disturbances; if not, it
-    uses its believed values, or zero. If no input is admissible, all conditions are relaxed by the
+    uses its believed values, or zero. worst: disturbances against which the conditions hold
+    wherever in their bounds they are (robust control barrier function), such as what a model
+    leaves unexplained: the condition of a constraint c has the support function of the bounds at
+    the coefficients of d in it. If no input is admissible, all conditions are relaxed by the
     same least amount, and the run counts such samples.
 
     A `Switching` is treated mode by mode. Raises `DefinitionError` for a law that does not give
     the system's inputs, a condition of relative degree above 2, inputs bounded by a ball or by
-    more actuators than inputs, and invalid names or numbers.
+    more actuators than inputs, a condition that is not affine in a disturbance of `worst`, and
+    invalid names or numbers.
     """
     pair = isinstance(gains, Sequence) and len(gains) == 2
     if not (pair and all(_is_number(k) and k > 0 for k in gains)):
@@ -97,7 +102,8 @@ def safeguard(
     )
     bounds = input_rows(system)
     kept = viability_conditions(system, region)
-    rows = [*bounds, *(_condition(c, c.name in given) for c in kept)]
+    against = _worst(system, worst, measured)
+    rows = [*bounds, *(_condition(c, c.name in given, against(c)) for c in kept)]
     own = {c.name: c.unit for c in region.inequalities}
     units = tuple(over_time(own[c.name], c.relative_degree) for c in kept)
     chosen = input_scales(system, _table("scales", scales))
@@ -130,12 +136,59 @@ def safeguard(
     return cast(L, guarded(law))
 
 
-def _condition(c: ViabilityCondition, kept_away: bool) -> Row:
+def _condition(c: ViabilityCondition, kept_away: bool, worst: sp.Expr) -> Row:
     k1, k2 = symbol("kappa1"), symbol("kappa2")
     depth = c.value + (symbol(f"margin_{c.name}") if kept_away else 0)
+    drift = c.drift + worst
     if c.relative_degree == 1:
-        return c.effect, -(c.drift + k1 * depth)
-    return c.effect, -(c.drift + (k1 + k2) * c.rate + k1 * k2 * depth)
+        return c.effect, -(drift + k1 * depth)
+    return c.effect, -(drift + (k1 + k2) * c.rate + k1 * k2 * depth)
+
+
+def _worst(
+    system: System, names: Sequence[str], measured: bool
+) -> Callable[[ViabilityCondition], sp.Expr]:
+    """For a condition the most that the named disturbances add to its drift."""
+    if isinstance(names, str) or any(n not in system.disturbance_names for n in names):
+        odd = names if isinstance(names, str) else _first_odd(names, system.disturbance_names)
+        raise DefinitionError(
+            f"worst of the safeguard names '{odd}', which is not a disturbance",
+            remedy=suggestion(str(odd), system.disturbance_names),
+        )
+    if not names:
+        return lambda c: sp.S.Zero
+    if measured:
+        raise DefinitionError(
+            f"'{names[0]}' is measured, and is to be the worst within its bounds",
+            expected="one of the two",
+        )
+    bounds = system.disturbance_bounds
+    if bounds is None:
+        raise DefinitionError(f"system '{system.name}' has no bounds of {', '.join(names)}")
+    chosen = {symbol(n) for n in names}
+    all_of_them = [d.symbol for d in system.disturbances]
+
+    def added(c: ViabilityCondition) -> sp.Expr:
+        weights = [
+            w if d in chosen else sp.S.Zero for w, d in zip(c.carried, all_of_them, strict=True)
+        ]
+        if all(w == 0 for w in weights):
+            return sp.S.Zero
+        free = symbols_of([*c.effect, *weights, *([c.rate] if c.relative_degree == 2 else [])])
+        if free & chosen:
+            raise DefinitionError(
+                f"the condition of '{c.name}' is not affine in {', '.join(sorted(names))}",
+                expected="disturbances of rates that are not yet in its first derivative",
+            )
+        still = dict.fromkeys(chosen, sp.S.Zero)
+        most = bounds.support(exchanged(weights, still), 1)[0]
+        return most - sp.Add(*(w * d for w, d in zip(weights, all_of_them, strict=True)))
+
+    return added
+
+
+def _first_odd(names: Sequence[str], known: Sequence[str]) -> str:
+    return next(n for n in names if n not in known)
 
 
 def over_time(unit: str, order: int) -> str:

@@ -98,23 +98,24 @@ def vehicle_for(
     return checked_vehicle(name, shown, data, units, optional)
 
 
-def read_vehicle(name: str) -> tuple[str, dict[str, Any]]:
-    """(name for messages, tables) of a vehicle; its parameters are not checked."""
+def vehicle_text(name: str) -> tuple[str, str]:
+    """(name for messages, text) of a vehicle's file."""
     if not isinstance(name, str):
         raise ScenarioError(f"the vehicle is {name!r}", expected="a name or a file")
     if name.endswith(".toml"):
-        shown = name
         try:
-            text = read_small_text(name)
+            return name, read_small_text(name)
         except ScenarioError as error:
             raise ScenarioError(f"vehicle file {error.cause}", expected=error.expected) from None
-    else:
-        if name not in vehicle_names():
-            raise ScenarioError(
-                f"unknown vehicle '{name}'", remedy=suggestion(name, vehicle_names())
-            )
-        shown = f"vehicle '{name}'"
-        text = (resources.files("holdfast.vehicles") / f"{name}.toml").read_text("utf-8")
+    if name not in vehicle_names():
+        raise ScenarioError(f"unknown vehicle '{name}'", remedy=suggestion(name, vehicle_names()))
+    file = resources.files("holdfast.vehicles") / f"{name}.toml"
+    return f"vehicle '{name}'", file.read_text("utf-8")
+
+
+def read_vehicle(name: str) -> tuple[str, dict[str, Any]]:
+    """(name for messages, tables) of a vehicle; its parameters are not checked."""
+    shown, text = vehicle_text(name)
     try:
         data = tomllib.loads(text)
     except (ValueError, RecursionError) as error:

@@ -129,6 +129,7 @@ def _safeguarded(
         "margins": margins,
         "scales": spec.scales,
         "measured": spec.measured,
+        "worst": tuple(spec.worst),
     }
     with at(file, "safeguard"):
         guarded: Law | Switching = safeguard(system, law, region, **settings)

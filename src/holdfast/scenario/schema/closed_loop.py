@@ -181,6 +181,7 @@ class SafeguardSpec(Section):
     scales: dict[Name, float] = Field(default_factory=dict)
     rates: dict[Name, Value] = Field(default_factory=dict)
     measured: bool = False
+    worst: list[Name] = Field(default_factory=list)
 
 
 class SafetySpec(Section):

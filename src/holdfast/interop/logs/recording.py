@@ -1,0 +1,65 @@
+"""What every format of a log gives: named columns of numbers at their own times."""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.errors import SimulationError, suggestion
+
+Floats = npt.NDArray[np.float64]
+_UNIT = re.compile(r"(?P<name>.*?)\s*[\[(](?P<unit>[^\])]*)[\])]\s*\Z")
+
+
+@dataclass(frozen=True)
+class Column:
+    """Numbers at times [s], in a unit, "" for that of the system; NaN where there is none.
+
+    faults: what could not be read, as "3 values are not numbers".
+    """
+
+    time: Floats
+    value: Floats
+    unit: str
+    faults: tuple[str, ...] = ()
+
+
+class Recording(ABC):
+    """A log that has been opened.
+
+    name: of the file. notes: what was assumed in reading it.
+    """
+
+    name: str
+    notes: tuple[str, ...]
+
+    @abstractmethod
+    def columns(self) -> tuple[str, ...]:
+        """The names that `column` takes."""
+
+    @abstractmethod
+    def usual(self, wanted: str) -> str:
+        """The column that a state or input is in if nothing is said; "" if there is none."""
+
+    @abstractmethod
+    def column(self, name: str) -> Column:
+        """The column of that name. Raises `SimulationError` if there is none."""
+
+    def unknown(self, name: str) -> SimulationError:
+        """The refusal of a name."""
+        known = self.columns()
+        shown = suggestion(name, known)
+        return SimulationError(
+            f"{self.name} has no column '{name[:60]}'",
+            remedy=shown if len(shown) < 400 else shown[:397] + "...",
+        )
+
+
+def with_unit(text: str) -> tuple[str, str]:
+    """The name and the unit of "heading [deg]" or "heading (deg)"; "" for no unit."""
+    found = _UNIT.match(text.strip())
+    return (found["name"], found["unit"].strip()) if found else (text.strip(), "")

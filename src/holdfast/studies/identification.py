@@ -1,0 +1,254 @@
+"""From a log to a vehicle to a guarantee: the file of the vehicle, and its scenario redrawn."""
+
+from __future__ import annotations
+
+import inspect
+import itertools
+import tomllib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+
+from holdfast.analysis.identification.identified import Identified
+from holdfast.errors import ScenarioError, suggestion
+from holdfast.host.output import make_folder, write_summary, write_text
+from holdfast.host.reading import read_small_text
+from holdfast.maths.catalogue import systems
+from holdfast.maths.control.unmodelled import PREFIX
+from holdfast.maths.definitions.system import System
+from holdfast.maths.definitions.vehicle_file import read_vehicle, vehicle_names
+from holdfast.maths.expressions.parser import parse_expression
+from holdfast.scenario.build.system import REDUCTIONS
+from holdfast.scenario.edited import edited_text
+from holdfast.scenario.files import load_system, read_tables, scenario_names
+from holdfast.scenario.kinds.kernel import KernelResult
+from holdfast.scenario.load import load_scenario
+from holdfast.scenario.vehicle_text import Number, numbered_vehicle
+
+VEHICLE, SCENARIO = "vehicle.toml", "identified.toml"
+"""Files that are written."""
+
+_DIGITS = 7
+
+
+@dataclass(frozen=True)
+class Subject:
+    """What is identified: a vehicle, a system of the catalogue, or the system of a scenario.
+
+    system: whole, without the reductions of a scenario. vehicle: its file or its name, "" without
+    one. scenario: "" if there is none. overrides: of the scenario.
+    """
+
+    system: System
+    vehicle: str
+    scenario: str
+    overrides: tuple[str, ...]
+
+
+def subject_of(name: str, overrides: Iterable[str] = ()) -> Subject:
+    """The system of that name: a shipped vehicle or its file, a system, a scenario or its file.
+
+    Raises `ScenarioError` for an unknown name.
+    """
+    changes = tuple(overrides)
+    catalogue = [f.__name__ for f in systems.ALL]
+    if name in vehicle_names() or _is_vehicle(name):
+        kind = str(read_vehicle(name)[1]["system"])
+        if kind not in catalogue:
+            raise ScenarioError(f"vehicle '{name}' is for system '{kind}', which is unknown")
+        return Subject(load_system(kind, (f'vehicle="{name}"', *changes)), name, "", ())
+    if name in catalogue:
+        return Subject(load_system(name, changes), _vehicle_of(name, changes), "", ())
+    if name not in scenario_names() and not name.endswith(".toml"):
+        known = [*vehicle_names(), *catalogue, *scenario_names()]
+        raise ScenarioError(
+            f"no vehicle, system, scenario or file is called '{name}'",
+            remedy=suggestion(name, known),
+        )
+    table = read_tables(name, changes)[2].get("system")
+    if not isinstance(table, Mapping):
+        raise ScenarioError(f"{name}: no table [system]")
+    dropped = [f"system.{key}=" for key in REDUCTIONS if key in table]
+    whole = load_system(name, (*changes, *dropped))
+    own = str(table.get("vehicle", "")) or _vehicle_of(str(table.get("name", "")), ())
+    return Subject(whole, own, name, changes)
+
+
+def _vehicle_of(name: str, changes: Iterable[str]) -> str:
+    """The vehicle of a system of the catalogue, "" where it has none."""
+    given = [c.partition("=")[2].strip("\"' ") for c in changes if c.startswith("vehicle=")]
+    function = next((f for f in systems.ALL if f.__name__ == name), None)
+    taken = inspect.signature(function).parameters if function else {}
+    if "vehicle" not in taken:
+        return ""
+    return given[-1] if given else str(taken["vehicle"].default)
+
+
+def _is_vehicle(name: str) -> bool:
+    """Whether a file is that of a vehicle: it names its system."""
+    if not name.endswith(".toml"):
+        return False
+    try:
+        return isinstance(tomllib.loads(read_small_text(name)).get("system"), str)
+    except (ValueError, RecursionError):
+        return False
+
+
+def vehicle_with(found: Identified, subject: Subject) -> str:
+    """The text of the vehicle's file with the numbers of the log; "" without such a file."""
+    if not subject.vehicle:
+        return ""
+    numbers = {
+        e.name: Number(
+            _rounded(e.value),
+            e.unit,
+            f"identified from {found.log}: {100 * found.level:g} % from {e.low:.4g} to {e.high:.4g}"
+            + (f", {e.status}" if e.status != "identified" else ""),
+        )
+        for e in found.parameters
+        if e.name in found.values
+    }
+    return numbered_vehicle(
+        subject.vehicle, numbers, f"Numbers identified from {found.log}: see identification.json."
+    )
+
+
+def scenario_with(found: Identified, subject: Subject) -> tuple[str, tuple[str, ...]]:
+    """The text of the scenario with the numbers and the bound of the log; what it cannot count.
+
+    The names are of states that the scenario has no rate of, such as those that are promoted to
+    inputs. Raises `ScenarioError` where the scenario refuses the numbers.
+    """
+    reduced = load_system(subject.scenario, (*subject.overrides, "system.unmodelled="))
+    left = found.unexplained
+    counted = {
+        n: [_rounded(a), _rounded(b)]
+        for n, a, b in zip(left.names, left.low, left.high, strict=True)
+        if n in reduced.state_names
+    }
+    changes = list(subject.overrides)
+    if not subject.vehicle:
+        table = read_tables(subject.scenario, subject.overrides)[2]["system"]
+        own = table.get("parameters", {})
+        for name, value in found.values.items():
+            key = f"parameters.{name}.value" if name in own else name
+            changes.append(f"system.{key}={_rounded(value)!r}")
+    changes.append("system.unmodelled=")
+    document: Any = tomlkit.parse(edited_text(subject.scenario, changes))
+    if subject.vehicle:
+        document["system"]["vehicle"] = VEHICLE
+    if counted:
+        box = tomlkit.inline_table()
+        box.update(counted)
+        document["system"]["unmodelled"] = box
+        if "safeguard" in document:
+            document["safeguard"]["worst"] = [PREFIX + n for n in counted]
+    missing = tuple(n for n in left.names if n not in counted)
+    return tomlkit.dumps(document), missing
+
+
+def write_identified(
+    found: Identified, subject: Subject, folder: Path, *, figures: bool
+) -> list[Path]:
+    """identification.json and its page, and where there are such the vehicle and the scenario."""
+    make_folder(folder)
+    files = [write_summary(folder / "identification.json", found.summary())]
+    if text := vehicle_with(found, subject):
+        files.append(write_text(folder / VEHICLE, text))
+    if subject.scenario:
+        files.append(write_text(folder / SCENARIO, scenario_with(found, subject)[0]))
+    if figures:
+        from holdfast.presentation.figures import style
+        from holdfast.presentation.studies.identification import identification_figure
+
+        files += style.write(identification_figure(found), folder, "identification")
+    return files
+
+
+def measured_expressions(system: System, texts: Mapping[str, str]) -> dict[str, Any]:
+    """What signals measure, from texts of states, disturbances and parameters."""
+    known = {q.name: q.symbol for q in (*system.states, *system.disturbances, *system.parameters)}
+    return {name: parse_expression(text, known) for name, text in texts.items()}
+
+
+@dataclass(frozen=True)
+class Redrawn:
+    """What a scenario answers with its own numbers and with those of the log.
+
+    rows: (what, before, after, of how many, NaN for none). missing: states of the bound that the
+    scenario has no rate of.
+    """
+
+    rows: tuple[tuple[str, float, float, float], ...]
+    missing: tuple[str, ...]
+
+    def summary(self) -> dict[str, Any]:
+        """Plain data."""
+        rows = [
+            {"what": w, "before": a, "after": b, "of": None if n != n else n}
+            for w, a, b, n in self.rows
+        ]
+        return {"answers": rows, "not_counted": list(self.missing)}
+
+
+def redrawn(
+    found: Identified,
+    subject: Subject,
+    folder: Path,
+    *,
+    runs: int | None = None,
+    seed: int | None = None,
+    figures: bool = True,
+    progress: Callable[[str, float], None] | None = None,
+) -> tuple[Redrawn, list[Path]]:
+    """The scenario with its own numbers and with those of the log, and the files of the second.
+
+    A kernel: the shares of its box. A closed loop: how many runs stay in the region and reach the
+    goal; with a safeguard also against the bound at all its corners, held constant, the filter
+    without and with the bound. `write_identified` has written the scenario to `folder`.
+    """
+    tell = progress or (lambda what, share: None)
+    missing = scenario_with(found, subject)[1]
+    path = str(folder / SCENARIO)
+    tell("scenario with its own numbers", 0.0)
+    before = load_scenario(subject.scenario, subject.overrides, runs, seed)
+    old = before.run(lambda share: tell("scenario with its own numbers", 0.3 * share))
+    after = load_scenario(path, (), runs, seed)
+    new = after.run(lambda share: tell("scenario with those of the log", 0.3 + 0.3 * share))
+    files = after.write(new, folder / "scenario", figures=figures)
+    nothing = float("nan")
+    if isinstance(old, KernelResult):
+        pair = [answer.value.summary()["fraction_of_box"] for answer in (old, new)]
+        return Redrawn((("share of the grid's box kept", *pair, nothing),), missing), files
+    count = float(new.arrays.sizes["run"])
+    stay = "runs that stay in the region"
+    rows: list[tuple[str, float, float, float]] = [(stay, old.viable, new.viable, count)]
+    first, second = (float(a.outcomes.get("reached goal", 0)) for a in (old, new))
+    if first or second:
+        rows.append(("runs that reach the goal", first, second, count))
+    worst = read_tables(path)[2].get("safeguard", {}).get("worst", [])
+    if worst:
+        kept = [0, 0]
+        corners = list(_corners(path, worst))
+        for k, corner in enumerate(corners):
+            for which, less in enumerate((("safeguard.worst=",), ())):
+                loaded = load_scenario(path, (*corner, *less), runs, seed)
+                kept[which] += int(loaded.run().viable)
+                tell("corners of the bound", 0.6 + 0.4 * (k + 1) / len(corners))
+        what = "the same, the bound at its corners; before: the filter does not count it"
+        rows.append((what, kept[0], kept[1], count * len(corners)))
+    return Redrawn(tuple(rows), missing), files
+
+
+def _corners(path: str, worst: Iterable[str]) -> Iterable[tuple[str, ...]]:
+    """The disturbances at each corner of the bound, as overrides."""
+    box = read_tables(path)[2]["system"]["unmodelled"]
+    sides = [[f"disturbance.{n}={end!r}" for end in box[n.removeprefix(PREFIX)]] for n in worst]
+    return itertools.product(*sides)
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{_DIGITS}g}")
