@@ -5,6 +5,10 @@ from .analysis.boundary.boundary import Boundary as Boundary
 from .analysis.boundary.boundary import contingent_cone as contingent_cone
 from .analysis.boundary.boundary import regulation_map as regulation_map
 from .analysis.boundary.viability_check import check_viability as check_viability
+from .analysis.identification.identified import Identified as Identified
+from .analysis.identification.identify import identify as identify
+from .analysis.identification.log import Log as Log
+from .analysis.identification.log import Signal as Signal
 from .analysis.load import load as load
 from .analysis.online.controller import Command as Command
 from .analysis.online.controller import Controller as Controller
@@ -124,6 +128,9 @@ from .presentation.figures.regulation_map import regulation_map_figure as regula
 from .presentation.figures.surface import surface_figure as surface_figure
 from .presentation.figures.value_function import value_function_figure as value_function_figure
 from .presentation.studies.comparison import comparison_figure as comparison_figure
+from .presentation.studies.identification import (
+    identification_figure as identification_figure,
+)
 from .presentation.studies.margin import margin_figure as margin_figure
 from .presentation.studies.sweep import campaign_figure as campaign_figure
 from .presentation.studies.tuning import tuning_figure as tuning_figure

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import sympy as sp
 from scipy.stats import t as student
 
 from holdfast.analysis.identification import manoeuvres, observability, unexplained
-from holdfast.analysis.identification.commands import applied, commanded_names
+from holdfast.analysis.identification.fit import Setting, first_guess, fit_of, spread_of
 from holdfast.analysis.identification.identified import (
     AT_LIMIT,
     GIVEN,
@@ -28,13 +28,10 @@ from holdfast.analysis.identification.least_squares import (
     HUBER,
     Fitted,
     Problem,
-    first_noise,
     fitted,
 )
 from holdfast.analysis.identification.log import Floats, Log
 from holdfast.analysis.identification.shooting import Shooting
-from holdfast.analysis.identification.time_scales import lengths
-from holdfast.analysis.identification.windows import Windows, windows_of
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion
 from holdfast.maths.definitions.quantity import Parameter
@@ -85,15 +82,15 @@ def identify(
     named = list(log.states)
     chosen = _wanted(system, estimate, hold)
     whole = measured_motion(system, named, [*chosen, *system.disturbance_names], outputs)
-    setting = _Setting(system, whole, window, log)
-    first = np.array([_first(system, q.name) for q in whole.unknown])
+    setting = Setting(system, whole, window, log)
+    first = np.array([first_guess(system, q.name) for q in whole.unknown])
     held = dict.fromkeys(hold, (GIVEN, "held on request"))
     groups = observability.ties(whole, first)
     order = [q.name for q in whole.unknown]
     held |= {n: (TIED, why) for n, why in observability.to_hold(groups, order).items()}
-    windows = setting.cut(log, whole)
-    motion, fit, problem = _fit(setting, windows, whole, held)
-    spread, count = _spread(fit, windows), windows.count
+    motion, fit, problem = fit_of(setting, log, whole, held)
+    windows = problem.windows
+    spread, count = spread_of(fit, windows), windows.count
     quantile = float(student.ppf((1 + level) / 2, max(count - len(motion.unknown), 1)))
     found = {q.name: k for k, q in enumerate(motion.unknown)}
     best = {n: float(fit.shared[k]) for n, k in found.items()}
@@ -101,7 +98,7 @@ def identify(
     own = replace(system, parameters=numbers)
     still = {n: best.get(n, 0.0) for n in system.disturbance_names}
     told = {
-        q.name: _estimate(q, _first(system, q.name), best, found, spread, quantile, held)
+        q.name: _estimate(q, first_guess(system, q.name), best, found, spread, quantile, held)
         for q in (*system.parameters, *system.disturbances)
         if q.name in order or q.name in hold
     }
@@ -130,31 +127,6 @@ def identify(
     )
 
 
-@dataclass(frozen=True)
-class _Setting:
-    """The system, and the lengths of windows and steps, which all logs share."""
-
-    system: System
-    motion: MeasuredMotion
-    window: float | None
-    log: Log
-
-    def __post_init__(self) -> None:
-        length, step = lengths(self.system, self.motion, self.log, self.window)
-        object.__setattr__(self, "length", length)
-        object.__setattr__(self, "step", step)
-
-    length: float = math.nan
-    step: float = math.nan
-
-    def cut(self, log: Log, motion: MeasuredMotion, part: int = 1) -> Windows:
-        """The windows of a log, or of a part of their length."""
-        inputs = [q.name for q in motion.inputs]
-        names = commanded_names(self.system, log, inputs)
-        found = windows_of(log, motion.names, names, self.length / part, self.step)
-        return applied(self.system, found, names, inputs)
-
-
 def _check(level: float, window: float | None, widen: float, log: Log) -> None:
     if not 0 < level < 1:
         raise SimulationError(
@@ -181,60 +153,6 @@ def _wanted(system: System, estimate: Sequence[str], hold: Sequence[str]) -> lis
     return [n for n in (estimate or known) if n not in hold]
 
 
-def _first(system: System, name: str) -> float:
-    """The number of a parameter, and 0 for a disturbance."""
-    return next((float(p.value) for p in system.parameters if p.name == name), 0.0)
-
-
-def _fit(
-    setting: _Setting,
-    windows: Windows,
-    whole: MeasuredMotion,
-    held: dict[str, tuple[str, str]],
-) -> tuple[MeasuredMotion, Fitted, Problem]:
-    """The fit of what the log shows; what it does not show is added to `held`."""
-    system = setting.system
-    outputs = dict(zip(whole.names, whole.outputs, strict=True))
-    while True:
-        free = [q.name for q in whole.unknown if q.name not in held]
-        fixed = {q.symbol: sp.S.Zero for q in system.disturbances if q.name not in free}
-        motion = measured_motion(
-            system, whole.names, free, {n: e.xreplace(fixed) for n, e in outputs.items()}
-        )
-        shooting = Shooting(motion)
-        first = np.array([_first(system, q.name) for q in motion.unknown])
-        problem = Problem(shooting, windows, first, range(len(first)))
-        noise = first_noise(windows, len(motion.names))
-        start = problem.settle(first, problem.first_local(), 1 / noise[windows.signal])
-        scale = np.where(first == 0, _sizes(motion, start, first), np.abs(first))
-        names = [q.name for q in motion.unknown]
-        dropped = observability.not_seen(start.information, scale, names)
-        if not dropped:
-            break
-        held |= dict.fromkeys(dropped, (UNSEEN, "this log does not show it"))
-    limits = {p.name: p.above for p in system.parameters}
-    lower = np.array([limits.get(n, -math.inf) for n in names])
-    return motion, fitted(problem, first, lower), problem
-
-
-def _sizes(motion: MeasuredMotion, start: Fitted, first: Floats) -> Floats:
-    """Sizes of numbers without a first guess: a tenth of what would move the prediction by 1."""
-    strength = np.sqrt(np.maximum(np.diag(start.information), 0.0))
-    return np.where(strength > 0, 1 / np.maximum(strength, 1e-300), 1.0)
-
-
-def _spread(fit: Fitted, windows: Windows) -> Floats:
-    """The deviation of each shared number: of independent noise or of windows, the larger."""
-    if not fit.shared.size:
-        return np.empty(0)
-    covariance = np.linalg.pinv(fit.information, hermitian=True)
-    pull = np.zeros((windows.count, len(fit.shared)))
-    np.add.at(pull, windows.window, fit.slopes * (fit.weight * fit.residual)[:, None])
-    free = max(windows.count - len(fit.shared), 1)
-    robust = covariance @ (pull.T @ pull) @ covariance * windows.count / free
-    return np.sqrt(np.maximum(np.diag(covariance), np.diag(robust)))
-
-
 def _estimate(
     q: object,
     before: float,
@@ -259,7 +177,7 @@ def _estimate(
 
 def _left(
     own: System,
-    setting: _Setting,
+    setting: Setting,
     whole: MeasuredMotion,
     log: Log,
     held_out: Log | None,
@@ -289,7 +207,7 @@ def _left(
 
 
 def _still(
-    own: System, setting: _Setting, whole: MeasuredMotion, log: Log, noise: Floats
+    own: System, setting: Setting, whole: MeasuredMotion, log: Log, noise: Floats
 ) -> tuple[dict[str, float], dict[str, float]]:
     """The constant disturbances of a second log, and its errors of prediction over a window."""
     here = [q.name for q in whole.unknown if q.name in own.disturbance_names]

@@ -10,7 +10,7 @@ from holdfast.analysis.identification.log import Floats
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.identification.measured_motion import MeasuredMotion
 
-TIED, VAGUE = 1e-7, 10.0
+TIED, VAGUE = 1e-7, 0.5
 """A singular value, in parts of the largest, that counts as none; a relative deviation that counts
 as not seen."""
 
@@ -24,6 +24,8 @@ def ties(motion: MeasuredMotion, values: Floats) -> list[tuple[str, ...]]:
     identifiability with every state measured). Each group is a combination; a log of fewer states
     may tie more.
     """
+    if not len(values):
+        return []
     generator = np.random.default_rng(0)
     n = len(motion.states)
     compute = Evaluator(motion.sensitivities, motion.columns, motion.parameters)
@@ -72,7 +74,7 @@ def to_hold(groups: Sequence[tuple[str, ...]], order: Sequence[str]) -> dict[str
 
 
 def not_seen(information: Floats, scale: Floats, names: Sequence[str]) -> list[str]:
-    """Numbers of which the log shows less than ten times themselves, held one after the other."""
+    """Numbers that the log shows to less than half of themselves, held one after the other."""
     left = list(range(len(names)))
     dropped: list[str] = []
     while left:

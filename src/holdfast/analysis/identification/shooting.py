@@ -103,7 +103,7 @@ class Shooting:
         points = np.concatenate([z[:, :, 0], unknown[windows.window]], axis=1)
         found = self._outputs.values(points)
         row, of = np.arange(len(points)), windows.signal
-        by_state = found[:, count : count + count * n].reshape(-1, count, n)[row, of]
-        direct = found[:, count + count * n :].reshape(-1, count, m)[row, of]
+        by_state = found[:, count : count + count * n].reshape(len(row), count, n)[row, of]
+        direct = found[:, count + count * n :].reshape(len(row), count, m)[row, of]
         slopes = np.einsum("ki,kij->kj", by_state, z[:, :, 1:])
         return Predicted(found[row, of], slopes[:, :n], slopes[:, n:] + direct)
