@@ -51,7 +51,8 @@ from holdfast.studies.progress import bar
     "--unexplained",
     multiple=True,
     metavar="STATE",
-    help="States whose rates may have an unexplained part [default: those that inputs move].",
+    help="States whose rates may have an unexplained part [default: those with inputs or "
+    "parameters].",
 )
 @click.option("--level", type=float, default=0.95, show_default=True, help="Of the intervals.")
 @click.option("--window", type=float, help="Seconds of a window [default: from the model].")

@@ -514,3 +514,46 @@ def test_constraints_of_the_safeguard_alone_are_kept_and_are_no_part_of_the_regi
     speed = np.abs(data["state"].sel(state_name="v").values)
     assert speed[:2].max() <= 0.3
     assert speed[2, 200:].max() <= 0.3  # and the third is brought inside
+
+
+# -- against the worst of what is unknown
+
+
+def test_condition_against_the_worst_push_is_that_of_a_shorter_reach(double_integrator):
+    """x'' = a + w, |w| <= 0.3: the admissible inputs are those without w, less 0.3."""
+    pushed = hf.add_unmodelled(double_integrator, ["v"], hf.Box((-0.3,), (0.3,)))
+    region = hf.Region("wall", pushed.states[:1], (hf.Inequality("wall", X - 1, "m"),))
+    law = hf.Law("ahead", pushed.states, {"a": sp.Float(1.0)})
+    plain = hf.safeguard(pushed, law, region, gains=(K1, K2)).safeguard
+    robust = hf.safeguard(pushed, law, region, gains=(K1, K2), worst=["unmodelled_v"]).safeguard
+    values = {hf.symbol("kappa1"): K1, hf.symbol("kappa2"): K2, X: 0.2, V: 0.1}
+    difference = [
+        sp.sympify(a - b).subs(values) for a, b in zip(plain.offsets, robust.offsets, strict=True)
+    ]
+    assert [float(d) for d in difference[-1:]] == pytest.approx([0.3])
+    assert all(d == 0 for d in difference[:-1])
+    swinging = hf.parse_expression("0.3*sin(3*t)", {"t": hf.TIME})
+    for worst, push, kept in (
+        ([], sp.Float(0.3), False),
+        (["unmodelled_v"], sp.Float(0.3), True),
+        (["unmodelled_v"], swinging, True),
+    ):
+        guarded = hf.safeguard(pushed, law, region, gains=(K1, K2), worst=worst)
+        result = hf.simulate(
+            pushed, guarded, starts=[(-1.0, 0.0)], region=region, horizon=10.0,
+            disturbance={"unmodelled_v": push}, tolerance=1e-6,
+        )  # fmt: skip
+        assert bool(result.viable) is kept
+
+
+def test_worst_of_what_is_no_disturbance_or_is_measured_is_refused(double_integrator):
+    pushed = hf.add_unmodelled(double_integrator, ["v"], hf.Box((-0.3,), (0.3,)))
+    region = hf.Region("wall", pushed.states[:1], (hf.Inequality("wall", X - 1, "m"),))
+    law = hf.Law("ahead", pushed.states, {"a": sp.Float(1.0)})
+    with pytest.raises(DefinitionError, match="'unmodelled_x', which is not a disturbance"):
+        hf.safeguard(pushed, law, region, worst=["unmodelled_x"])
+    with pytest.raises(DefinitionError, match="is measured, and is to be the worst"):
+        hf.safeguard(pushed, law, region, worst=["unmodelled_v"], measured=True)
+    early = hf.add_unmodelled(double_integrator, ["x"], hf.Box((-0.3,), (0.3,)))
+    with pytest.raises(DefinitionError, match="is not affine in unmodelled_x"):
+        hf.safeguard(early, law, region, worst=["unmodelled_x"])

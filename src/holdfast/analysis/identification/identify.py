@@ -69,11 +69,11 @@ def identify(
     outputs: what a signal measures where it is not the state of its name, such as
     {"u": u + Vx*cos(psi) + Vy*sin(psi)} for a speed over ground.
 
-    What is left unexplained is a bound on additional rates, constant in windows, of the states that
-    the inputs move (`unexplained_rates`: others): `widen` times the box of what the windows needed.
-    held_out: a second log, for which the same is computed and compared; the parameters do not
-    see it. level: of the intervals. window [s]: by default three times the slowest time constant of
-    the model, within a thirtieth of the log.
+    What is left unexplained is a bound on additional rates, constant in windows, of the states
+    whose rates have inputs or parameters (`unexplained_rates`: others): the box of what the windows
+    needed, `widen` times as large. held_out: a second log, for which the same is computed and
+    compared; the parameters do not see it. level: of the intervals. window [s]: by default three
+    times the slowest time constant of the model, within a thirtieth of the log.
 
     Raises `SimulationError` for a log that is too short or lacks signals, unknown names, arguments
     out of range, and a model that diverges; `DefinitionError` for outputs that are not declared.
@@ -187,8 +187,7 @@ def _left(
     widen: float,
 ) -> tuple[Unexplained, HeldOut | None]:
     """The bound on what is unexplained, and what a second log says of it."""
-    estimated = [q.name for q in whole.unknown]
-    motion = unexplained.pushed_motion(own, whole, estimated, chosen or None)
+    motion = unexplained.pushed_motion(own, whole, chosen or None)
     shooting = Shooting(motion)
     parts = [p for p in unexplained.SHORTER if setting.length / p >= 8 * setting.step] or [1]
     cuts = [setting.cut(log, motion, p) for p in parts]

@@ -31,17 +31,16 @@ MOST_NOISE = 0.5
 
 
 def pushed_motion(
-    system: System, motion: MeasuredMotion, estimated: Sequence[str], chosen: Sequence[str] | None
+    system: System, motion: MeasuredMotion, chosen: Sequence[str] | None
 ) -> MeasuredMotion:
     """The motion with unknown parts of rates: those of `chosen` states.
 
-    By default of the states that an input or an estimated parameter moves directly; of all where
-    there is none.
+    By default of the states whose rates have an input or a parameter; of all where there is none.
     """
     states = [q.name for q in motion.states]
     if chosen is None:
         movers = {q.symbol for q in motion.inputs}
-        movers |= {p.symbol for p in system.parameters if p.name in estimated}
+        movers |= {p.symbol for p in system.parameters}
         chosen = [n for n in states if symbols_of([system.rates[n]]) & movers] or states
     if missing := [n for n in chosen if n not in states]:
         raise SimulationError(

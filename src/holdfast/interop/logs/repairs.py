@@ -63,7 +63,7 @@ def _in_order(name: str, time: Floats, value: Floats, told: list[str]) -> tuple[
 def _check_degrees(name: str, value: Floats, factor: float) -> None:
     """An angle that jumps by about 360 is not in radians."""
     jumps = np.abs(np.diff(value))
-    if factor == 1.0 and ((jumps > 350) & (jumps < 370)).any():
+    if factor == 1.0 and ((jumps > 300) & (jumps < 361)).any():
         raise SimulationError(
             f"{name} jumps by 360: it seems to be in degrees", remedy=f'say so: "{name} [deg]"'
         )

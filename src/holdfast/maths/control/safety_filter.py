@@ -172,14 +172,14 @@ def _worst(
         weights = [
             w if d in chosen else sp.S.Zero for w, d in zip(c.carried, all_of_them, strict=True)
         ]
-        if all(w == 0 for w in weights):
-            return sp.S.Zero
         free = symbols_of([*c.effect, *weights, *([c.rate] if c.relative_degree == 2 else [])])
         if free & chosen:
             raise DefinitionError(
                 f"the condition of '{c.name}' is not affine in {', '.join(sorted(names))}",
                 expected="disturbances of rates that are not yet in its first derivative",
             )
+        if all(w == 0 for w in weights):
+            return sp.S.Zero
         still = dict.fromkeys(chosen, sp.S.Zero)
         most = bounds.support(exchanged(weights, still), 1)[0]
         return most - sp.Add(*(w * d for w, d in zip(weights, all_of_them, strict=True)))
