@@ -102,16 +102,22 @@ def fit_of(
                 remedy="begin with better ones, or take a shorter window",
             )
         scale = np.where(first == 0, _sizes(motion, start, first), np.abs(first))
-        shown = problem.information_without_noise(start)
-        dropped = observability.not_seen(shown, scale, names)
+        dropped = observability.not_seen(start.information, scale, names, observability.HOPELESS)
         if not dropped:
             found = fitted(problem, first, lower)
-            parts.pop()
-            if not parts:
-                return motion, found, problem
             better = dict(zip(names, found.shared.tolist(), strict=True))
-            windows = setting.cut(log, whole, parts[-1])
-            continue
+            if len(parts) > 1:
+                parts.pop()
+                windows = setting.cut(log, whole, parts[-1])
+                continue
+            dropped = observability.not_seen(
+                problem.information_without_noise(found),
+                np.maximum(scale, np.abs(found.shared)),
+                names,
+                observability.VAGUE,
+            )
+            if not dropped:
+                return motion, found, problem
         held |= dict.fromkeys(dropped, (UNSEEN, "this log does not show it"))
 
 

@@ -10,9 +10,9 @@ from holdfast.analysis.identification.log import Floats
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.identification.measured_motion import MeasuredMotion
 
-TIED, VAGUE = 1e-7, 0.5
-"""A singular value, in parts of the largest, that counts as none; a relative deviation that counts
-as not seen."""
+TIED, HOPELESS, VAGUE = 1e-7, 30.0, 0.5
+"""A singular value, in parts of the largest, that counts as none; relative deviations that count as
+not seen, before the fit and after it."""
 
 _POINTS = 400
 
@@ -73,14 +73,14 @@ def to_hold(groups: Sequence[tuple[str, ...]], order: Sequence[str]) -> dict[str
     return held
 
 
-def not_seen(information: Floats, scale: Floats, names: Sequence[str]) -> list[str]:
-    """Numbers that the log shows to less than half of themselves, held one after the other."""
+def not_seen(information: Floats, scale: Floats, names: Sequence[str], vague: float) -> list[str]:
+    """Numbers of which the deviation is more than `vague` sizes, the vaguest first."""
     left = list(range(len(names)))
     dropped: list[str] = []
     while left:
         part = information[np.ix_(left, left)] * np.outer(scale[left], scale[left])
         value, vector = np.linalg.eigh(part)
-        if value[0] > 1 / VAGUE**2:
+        if value[0] > 1 / vague**2:
             break
         worst = left[int(np.argmax(np.abs(vector[:, 0])))]
         dropped.append(names[worst])

@@ -71,11 +71,21 @@ def add_unmodelled(system: System, names: Sequence[str], bounds: Bounds) -> Syst
     for name, q in zip(chosen, added, strict=True):
         if name not in inputs:
             rates[name] = rates[name] + q.symbol
+    more = {n: q.symbol for n, q in zip(chosen, added, strict=True) if n in states}
+    rows = tuple(
+        replace(
+            row,
+            rhs=row.rhs.xreplace(pushed)
+            + sum(row.coefficients.get(n, 0) * w for n, w in more.items()),
+        )
+        for row in system.pfaffian
+    )
     before = system.disturbance_bounds or free_box(len(system.disturbances))
     return replace(
         system,
         name=f"{system.name}, {' and '.join(chosen)} not exactly known",
         rates=rates,
+        pfaffian=rows,
         disturbances=(*system.disturbances, *added),
         disturbance_bounds=product(before, bounds) if system.disturbances else bounds,
     )
