@@ -6,6 +6,7 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
+from holdfast.maths.definitions.flat_output import Antiderivative, FlatOutput
 from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol, whole_number
 from holdfast.maths.definitions.system import PfaffianRow, System
 
@@ -36,6 +37,9 @@ def tractor_trailer(
     to its hitch; hitches [m] behind the axle in front, negative ahead of it. A hitch of 0 is on
     the axle: then it is no parameter. Raises `DefinitionError` unless `trailers` is 1, 2 or 3 and
     every hitch_i is above -length_i, and for the hitch of a trailer that is not there.
+
+    With the last hitch off the axle alone the system is flat, as it is with all hitches on their
+    axles (`_flat_output`); with a hitch further ahead off its axle it is not.
     """
     whole_number(trailers, "number of trailers", 1, len(LENGTHS))
     lengths, hitches = (length_1, length_2, length_3), (hitch_1, hitch_2, hitch_3)
@@ -107,6 +111,9 @@ def tractor_trailer(
             ),
         ),
         pfaffian=tuple(rows),
+        flat_output=_flat_output(trailers)
+        if hitch[trailers] != 0 and not any(hitch[:-2])
+        else None,
         description=f"tractor with {trailers} trailer{'s' if trailers > 1 else ''}",
         source="O. J. Sordalen, Conversion of the kinematics of a car with n trailers into a "
         "chained form, ICRA 1993; off-axle hitches: P. Rouchon, M. Fliess, J. Levine, P. Martin, "
@@ -129,3 +136,53 @@ def _check_hitches(trailers: int, lengths: tuple[float, ...], hitches: tuple[flo
                 expected=f"above {-length:g}",
                 remedy="a hitch so far ahead puts the trailer's axle ahead of the other axle",
             )
+
+
+def _flat_output(trailers: int) -> FlatOutput:
+    """The flat output where only the last hitch, h behind its axle, is off it.
+
+        l^2 = h^2 + L^2 + 2 h L cos(b),   c = (h + L cos(b)) h / l
+        mu = int_0^b h^2 L^2 sin(s)^2 / l(s)^3 ds
+        Y = (x, y) + c n + mu n_perp
+
+    with b the last hitch angle, n the direction from the last axle to the one in front, which has
+    the angle phi, and n_perp its left normal. Y moves along n, with the curvature
+
+        kappa = l sin(b) / ((h^2 + L^2) cos(b) + h L (1 + cos(b)^2) - mu l sin(b))
+
+    whose divisor vanishes at a hitch angle of its own: 99.7 deg for h = 0.2 L, 49.9 for -L / 2.
+    """
+    x, y, front, rear, h, length = (
+        symbol(n)
+        for n in (
+            "x",
+            "y",
+            f"psi{trailers - 1}",
+            f"psi{trailers}",
+            f"hitch_{trailers}",
+            f"length_{trailers}",
+        )
+    )
+    b, s = front - rear, sp.Dummy("s", real=True)
+
+    def square(angle: sp.Expr) -> sp.Expr:
+        return h**2 + length**2 + 2 * h * length * sp.cos(angle)
+
+    mu = Antiderivative(
+        "mu", h**2 * length**2 * sp.sin(s) ** 2 / square(s) ** sp.Rational(3, 2), s, b
+    )
+    away = sp.sqrt(square(b))
+    # from the last axle to the one in front: l n
+    ahead = h * sp.cos(front) + length * sp.cos(rear)
+    left = h * sp.sin(front) + length * sp.sin(rear)
+    share, across = h * (h + length * sp.cos(b)) / square(b), mu.symbol / away
+    divisor = (h**2 + length**2) * sp.cos(b) + h * length * (1 + sp.cos(b) ** 2)
+    return FlatOutput(
+        first=x + share * ahead - across * left - h,
+        last=(
+            square(b) ** 2 * sp.sin(b) / (ahead**3 * (divisor - mu.symbol * away * sp.sin(b))),
+            left / ahead,
+            y + share * left + across * ahead,
+        ),
+        antiderivatives=(mu,),
+    )
