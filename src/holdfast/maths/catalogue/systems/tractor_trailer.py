@@ -142,13 +142,13 @@ def _flat_output(trailers: int) -> FlatOutput:
     """The flat output where only the last hitch, h behind its axle, is off it.
 
         l^2 = h^2 + L^2 + 2 h L cos(b),   c = (h + L cos(b)) h / l
-        mu = int_0^b h^2 L^2 sin(s)^2 / l(s)^3 ds
-        Y = (x, y) + c n + mu n_perp
+        arc = int_0^b h^2 L^2 sin(s)^2 / l(s)^3 ds
+        Y = (x, y) + c n + arc n_perp
 
     with b the last hitch angle, n the direction from the last axle to the one in front, which has
     the angle phi, and n_perp its left normal. Y moves along n, with the curvature
 
-        kappa = l sin(b) / ((h^2 + L^2) cos(b) + h L (1 + cos(b)^2) - mu l sin(b))
+        kappa = l sin(b) / ((h^2 + L^2) cos(b) + h L (1 + cos(b)^2) - arc l sin(b))
 
     whose divisor vanishes at a hitch angle of its own: 99.7 deg for h = 0.2 L, 49.9 for -L / 2.
     """
@@ -163,26 +163,26 @@ def _flat_output(trailers: int) -> FlatOutput:
             f"length_{trailers}",
         )
     )
-    b, s = front - rear, sp.Dummy("s", real=True)
+    b, s = front - rear, symbol("s")
 
     def square(angle: sp.Expr) -> sp.Expr:
         return h**2 + length**2 + 2 * h * length * sp.cos(angle)
 
-    mu = Antiderivative(
-        "mu", h**2 * length**2 * sp.sin(s) ** 2 / square(s) ** sp.Rational(3, 2), s, b
+    arc = Antiderivative(
+        "arc", h**2 * length**2 * sp.sin(s) ** 2 / square(s) ** sp.Rational(3, 2), s, b
     )
     away = sp.sqrt(square(b))
     # from the last axle to the one in front: l n
     ahead = h * sp.cos(front) + length * sp.cos(rear)
     left = h * sp.sin(front) + length * sp.sin(rear)
-    share, across = h * (h + length * sp.cos(b)) / square(b), mu.symbol / away
+    share, across = h * (h + length * sp.cos(b)) / square(b), arc.symbol / away
     divisor = (h**2 + length**2) * sp.cos(b) + h * length * (1 + sp.cos(b) ** 2)
     return FlatOutput(
         first=x + share * ahead - across * left - h,
         last=(
-            square(b) ** 2 * sp.sin(b) / (ahead**3 * (divisor - mu.symbol * away * sp.sin(b))),
+            square(b) ** 2 * sp.sin(b) / (ahead**3 * (divisor - arc.symbol * away * sp.sin(b))),
             left / ahead,
             y + share * left + across * ahead,
         ),
-        antiderivatives=(mu,),
+        antiderivatives=(arc,),
     )
