@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
-from holdfast.maths.definitions.quantity import Parameter, symbol
+from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
 from holdfast.maths.definitions.region import Inequality, Region
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import magnitude, wrap
@@ -22,7 +22,7 @@ def hitch_angles(system: System, *, hitch_limit: float = math.radians(60.0)) -> 
     Raises `DefinitionError` for a system without the headings psi0 and psi1, and for a limit not
     between 0 and pi.
     """
-    headings = []
+    headings: list[Quantity] = []
     while any(q.name == f"psi{len(headings)}" and q.angle for q in system.states):
         headings.append(next(q for q in system.states if q.name == f"psi{len(headings)}"))
     if len(headings) < 2:

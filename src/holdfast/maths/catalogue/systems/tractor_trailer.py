@@ -115,10 +115,8 @@ def tractor_trailer(
         if hitch[trailers] != 0 and not any(hitch[:-2])
         else None,
         description=f"tractor with {trailers} trailer{'s' if trailers > 1 else ''}",
-        source="O. J. Sordalen, Conversion of the kinematics of a car with n trailers into a "
-        "chained form, ICRA 1993; off-axle hitches: P. Rouchon, M. Fliess, J. Levine, P. Martin, "
-        "Flatness, motion planning and trailer systems, CDC 1993; a system for the method of "
-        "thesis chapter 4",
+        source="O. J. Sordalen, ICRA 1993; hitches off the axle: P. Rouchon et al., CDC 1993; "
+        "a system for the method of thesis chapter 4",
     )
 
 
@@ -140,6 +138,9 @@ def _check_hitches(trailers: int, lengths: tuple[float, ...], hitches: tuple[flo
 
 def _flat_output(trailers: int) -> FlatOutput:
     """The flat output where only the last hitch, h behind its axle, is off it.
+
+    In the form of P. Rouchon, M. Fliess, J. Levine, P. Martin, Flatness, motion planning and
+    trailer systems, CDC 1993, up to the point that the arc is counted from.
 
         l^2 = h^2 + L^2 + 2 h L cos(b),   c = (h + L cos(b)) h / l
         arc = int_0^b h^2 L^2 sin(s)^2 / l(s)^3 ds
