@@ -84,6 +84,8 @@ from .maths.definitions.compose_systems import side_by_side as side_by_side
 from .maths.definitions.extension import both as both
 from .maths.definitions.extension import dynamic_extension as dynamic_extension
 from .maths.definitions.extension import input_limits as input_limits
+from .maths.definitions.flat_output import Antiderivative as Antiderivative
+from .maths.definitions.flat_output import FlatOutput as FlatOutput
 from .maths.definitions.lag import lagged as lagged
 from .maths.definitions.law import GainCondition as GainCondition
 from .maths.definitions.law import Law as Law

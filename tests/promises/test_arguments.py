@@ -296,6 +296,8 @@ CLASSES = {
         "name": "law", "reads": (hf.Quantity("x"),), "outputs": {"u": x}, "parameters": (), "signals": {"s": x},
         "conditions": (),
     },
+    "Antiderivative": lambda: {"name": "arc", "integrand": k, "variable": k, "upper": x},
+    "FlatOutput": lambda: {"first": x, "last": (y,), "antiderivatives": ()},
     "LinearImage": lambda: {"matrix": hf.systems.marine_vehicle().input_bounds.matrix, "of": hf.Box((-1, -1), (1, 1)), "actuators": ("a", "b")},
     "Measurement": lambda: {"name": "range", "unit": "m", "description": "", "angle": False, "expression": x},
     "Memory": lambda: {

@@ -24,6 +24,7 @@ OBSERVED = ["observer={measured = ['x', 'y', 'psi'], bandwidth = 5.0}"]
         ("ch5-viable-goal-set", []),
         ("ch3-unknown-current", []),
         ("ch5-nominal", OBSERVED),  # what it remembers is its estimate
+        ("ch4-trailer", ["system.hitch_1=0.2"]),  # its coordinates have a quadrature
         ("inspection", []),  # what it asks for is changed by a program
     ],
 )

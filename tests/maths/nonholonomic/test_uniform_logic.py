@@ -1,5 +1,7 @@
 """From A(q) alone: structure, nonholonomy, field, output, and the laws that follow."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -405,6 +407,16 @@ CHAINED = [
     hf.systems.chained_form(5),
     *(hf.systems.tractor_trailer(k) for k in (1, 2)),
     pytest.param(hf.systems.tractor_trailer(3), marks=pytest.mark.heavy),
+    hf.systems.front_axle_car(),
+    hf.systems.tractor_trailer(1, hitch_1=0.2),
+    *(
+        pytest.param(system, marks=pytest.mark.heavy)
+        for system in (
+            hf.systems.tractor_trailer(1, hitch_1=-0.2),
+            hf.systems.tractor_trailer(1, hitch_1=0.5),
+            hf.systems.tractor_trailer(2, hitch_2=0.2),
+        )
+    ),
 ]
 
 
@@ -412,7 +424,7 @@ CHAINED = [
 def test_found_coordinates_are_exactly_in_chained_form(system):
     """z1' = v1, z2' = v2, zj' = z(j-1) v1 along the system's rates, at random states."""
     found = structure(system)
-    form = find_chained_form(found).found
+    form = find_chained_form(found).found.written_out()
     v = hf.symbol("v1"), hf.symbol("v2")
     inputs = {
         u.symbol: a * v[0] + b * v[1]
@@ -432,8 +444,11 @@ def test_found_coordinates_are_exactly_in_chained_form(system):
             assert rate == pytest.approx(value_at(expected, at), rel=1e-7, abs=1e-7)
 
 
+UNDECLARED = replace(hf.systems.front_axle_car(), flat_output=None)
+
+
 def test_search_says_why_there_is_no_chain():
-    search = find_chained_form(structure(hf.systems.front_axle_car()))
+    search = find_chained_form(structure(UNDECLARED))
     assert search.found is None
     assert search.tried == search.pairs == 12
     assert "moved by the second input too early" in search.reason
@@ -442,7 +457,7 @@ def test_search_says_why_there_is_no_chain():
 
 def test_search_is_bounded_in_time_and_reports_its_progress():
     heard = []
-    found = structure(hf.systems.front_axle_car())
+    found = structure(UNDECLARED)
     assert find_chained_form(found, progress=heard.append).found is None
     assert heard == sorted(heard)
     assert len(heard) == 12

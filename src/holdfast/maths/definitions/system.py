@@ -13,6 +13,7 @@ import sympy as sp
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.bounds import Bounds
+from holdfast.maths.definitions.flat_output import FlatOutput
 from holdfast.maths.definitions.measurement import Measurement
 from holdfast.maths.definitions.quantity import (
     TIME,
@@ -52,6 +53,7 @@ class System:
     the bounds in a Hamiltonian without a closed form (0: such a Hamiltonian is refused).
     `measurements`: output equations, which a law may read in place of the states. promoted: of a
     reduced model, the states of the whole one that are its inputs or disturbances (`promote`).
+    flat_output: from which chained coordinates follow, where no pair of states is one.
     Raises `DefinitionError` when shapes disagree, a rate uses an undeclared name, or the rates
     leave a Pfaffian constraint.
     """
@@ -70,6 +72,7 @@ class System:
     samples: int = 0
     measurements: tuple[Measurement, ...] = ()
     promoted: tuple[str, ...] = ()
+    flat_output: FlatOutput | None = None
 
     def __post_init__(self) -> None:
         owner = f"system '{self.name}'"
@@ -114,6 +117,14 @@ class System:
             )
         seen = [q.symbol for q in self.states + self.parameters]
         check_symbols({f"'{m.name}'": m.expression for m in self.measurements}, seen, owner)
+        if (flat := self.flat_output) is not None:
+            integrals = flat.antiderivatives
+            check_unique([q.name for q in quantities] + [a.name for a in integrals], owner)
+            for e in (flat.first, *flat.last):
+                known = [*seen, *(a.symbol for a in integrals)]
+                check_symbols({"the flat output": e}, known, owner)
+            for a in integrals:
+                check_symbols({f"'{a.name}'": a.slope}, seen, owner)
         for number, row in enumerate(self.pfaffian, start=1):
             self._check_row(number, row, symbols, owner)
 

@@ -5,7 +5,7 @@
 with g1, g2 a basis of the motions. Then z1' = v1, z2' = v2, zj' = z(j-1) v1 for the inputs
 v1 = L_g1 z1 u1 and v2 = L_g1 z2 u1 + L_g2 z2 u2, and the exact linear closed loop of
 `chained` applies. Only states are tried as ends: combinations of states, and coordinates that
-solve partial differential equations, are not.
+solve partial differential equations, are not, unless the system declares them (`FlatOutput`).
 """
 
 from __future__ import annotations
@@ -13,13 +13,15 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import mpmath
 import sympy as sp
 
-from holdfast.maths.definitions.quantity import Quantity
+from holdfast.maths.definitions.flat_output import Antiderivative, FlatOutput
 from holdfast.maths.expressions.random_points import Sampler, value_at
 from holdfast.maths.expressions.trigonometry import plain
+from holdfast.maths.nonholonomic.lie_algebra import derived_flag
 from holdfast.maths.nonholonomic.structure import Structure
 
 _LARGEST = 20_000
@@ -32,13 +34,25 @@ class ChainedForm:
 
     coordinates: (z1, ..., zn). coefficients: each input u_i = a v1 + b v2 as (a, b).
     divisors: expressions that must not vanish. positive: expressions that must stay positive. The
-    law is local to the states where both hold.
+    law is local to the states where both hold. antiderivatives: quantities that the expressions
+    name; `written_out` has their values in their place.
     """
 
     coordinates: tuple[sp.Expr, ...]
     coefficients: tuple[tuple[sp.Expr, sp.Expr], ...]
     divisors: tuple[sp.Expr, ...]
     positive: tuple[sp.Expr, ...]
+    antiderivatives: tuple[Antiderivative, ...] = ()
+
+    def written_out(self) -> ChainedForm:
+        """The form as a function of states and parameters alone."""
+        values = {a.symbol: a.value for a in self.antiderivatives}
+        return ChainedForm(
+            tuple(z.xreplace(values) for z in self.coordinates),
+            tuple((a.xreplace(values), b.xreplace(values)) for a, b in self.coefficients),
+            tuple(e.xreplace(values) for e in self.divisors),
+            tuple(e.xreplace(values) for e in self.positive),
+        )
 
 
 @dataclass(frozen=True)
@@ -58,7 +72,10 @@ def find_chained_form(
     limit: float = 60.0,
     progress: Callable[[float], None] | None = None,
 ) -> Search:
-    """Try every pair (z1, zn) of states as ends of a chain, for at most `limit` seconds."""
+    """The chain of the declared flat output, or of the first pair (z1, zn) of states that has one.
+
+    For at most `limit` seconds.
+    """
     began = time.monotonic()
 
     def ended(form: ChainedForm | None, reason: str, tried: int, pairs: int) -> Search:
@@ -70,6 +87,11 @@ def find_chained_form(
     if not found.kinematic or len(found.directions) != 2:
         count = len(found.inputs) or "other"
         return ended(None, f"a chained form has two inputs, this system {count}", 0, 0)
+    if found.flat_output is not None:
+        result = _chain_of(found, found.flat_output, began + limit)
+        if isinstance(result, ChainedForm):
+            return ended(result, "", 0, 0)
+        return ended(None, f"the declared flat output begins no chain: {result}", 0, 0)
     states = found.coordinates
     pairs = [(a, b) for a in states for b in states if a != b]
     refusals: dict[str, list[str]] = {}
@@ -83,10 +105,20 @@ def find_chained_form(
             )
         if progress is not None:
             progress(number / len(pairs))
-        result = _chain(found, first, last, n, began + limit)
+        result = _chain_of(found, FlatOutput(first.symbol, (last.symbol,)), began + limit)
         if isinstance(result, ChainedForm):
             return ended(result, "", number + 1, len(pairs))
         refusals.setdefault(result, []).append(f"({first.name}, {last.name})")
+    flag = derived_flag(found)
+    if flag != tuple(range(2, n + 1)):
+        return ended(
+            None,
+            f"its derived flag has the dimensions {flag}, and a system of {n} states with two "
+            f"inputs has a flat output, and so chained coordinates, only with "
+            f"{tuple(range(2, n + 1))}",
+            len(pairs),
+            len(pairs),
+        )
     reasons = "; ".join(f"{r}: {', '.join(p)}" for r, p in refusals.items())
     return ended(
         None,
@@ -97,29 +129,41 @@ def find_chained_form(
     )
 
 
-def _chain(
-    found: Structure, first: Quantity, last: Quantity, n: int, deadline: float
-) -> ChainedForm | str:
-    q, sampler = found.symbols, found.sampler()
+def _chain_of(found: Structure, flat: FlatOutput, deadline: float) -> ChainedForm | str:
+    sampler, n = found.sampler(), len(found.coordinates)
+    # an antiderivative is one more coordinate here, which any constant may be added to
+    integrals = flat.antiderivatives
+    q = [*found.symbols, *(a.symbol for a in integrals)]
     origin = sampler.origin(q)
-    (ga, gb) = (sp.Matrix(g) for g in found.directions)
-    i = found.coordinates.index(first)
+
+    def lifted(direction: sp.ImmutableMatrix) -> sp.Matrix:
+        rows = [a.slope * _along(direction, a.upper, found.symbols) for a in integrals]
+        return sp.Matrix([*direction, *rows])
+
+    (ga, gb) = map(lifted, found.directions)
     one, zero = sp.S.One, sp.S.Zero
-    if gb[i] == 0:
+    first = flat.first
+    ahead_a, ahead_b = (_along(g, first, q) for g in (ga, gb))
+    if ahead_b == 0:
         g1, g2, mix = ga, gb, ((one, zero), (zero, one))
-    elif ga[i] == 0:
+    elif ahead_a == 0:
         g1, g2, mix = gb, ga, ((zero, one), (one, zero))
     else:
-        g1, g2 = ga, (ga[i] * gb - gb[i] * ga).applyfunc(plain)
-        mix = ((one, zero), (-gb[i], ga[i]))
+        g1, g2 = ga, (ahead_a * gb - ahead_b * ga).applyfunc(plain)
+        mix = ((one, zero), (-ahead_b, ahead_a))
 
     def along(g: sp.Matrix, z: sp.Expr) -> sp.Expr:
-        return sp.Add(*(z.diff(s) * e for s, e in zip(q, g, strict=True)))
+        return _along(g, z, q)
 
-    speed = plain(along(g1, first.symbol))
+    speed = plain(along(g1, first))
     if not sampler.nonzero(speed, origin):
         return "the first does not move at the origin"
-    chain = [last.symbol]
+    chain = list(flat.last)
+    if any(sampler.nonzero(z, origin) for z in (first, *chain)):
+        return "a coordinate is not zero at the origin"
+    for before, z in pairwise(chain):
+        if not (sampler.vanishes(along(g2, z)) and sampler.vanishes(along(g1, z) - before * speed)):
+            return "a coordinate is not what differentiation of the next one gives"
     while True:
         across = along(g2, chain[0])
         if len(chain) == n - 1:
@@ -137,8 +181,8 @@ def _chain(
     across = plain(across)
     if not sampler.nonzero(across, origin):
         return "the second input does not move the chain at the origin"
-    z = (first.symbol, *chain)
-    if not _regular(z, q, sampler):
+    z = (first, *chain)
+    if not _regular(z, flat, found.symbols, sampler):
         return "the coordinates are dependent at the origin"
     ahead = along(g1, z[1])
     # u on (g1, g2): u1 = v1 / speed, u2 = (v2 - ahead u1) / across
@@ -153,12 +197,26 @@ def _chain(
     )
     shown = (*z, *(e for pair in coefficients for e in pair), speed, across)
     divisors, positive = _domain(shown, set(q))
-    return ChainedForm(z, coefficients, divisors, positive)
+    return ChainedForm(z, coefficients, divisors, positive, integrals)
 
 
-def _regular(z: tuple[sp.Expr, ...], q: list[sp.Symbol], sampler: Sampler) -> bool:
-    origin = sampler.origin(q)
-    return sampler.rank([[e.diff(s) for s in q] for e in z], origin) == len(q)
+def _along(g: sp.Matrix, z: sp.Expr, q: list[sp.Symbol]) -> sp.Expr:
+    return sp.Add(*(z.diff(s) * e for s, e in zip(q, g, strict=True)))
+
+
+def _regular(
+    z: tuple[sp.Expr, ...], flat: FlatOutput, q: list[sp.Symbol], sampler: Sampler
+) -> bool:
+    integrals = flat.antiderivatives
+    origin = sampler.origin([*q, *(a.symbol for a in integrals)])
+    slopes = [
+        [
+            sp.Add(e.diff(s), *(e.diff(a.symbol) * a.slope * a.upper.diff(s) for a in integrals))
+            for s in q
+        ]
+        for e in z
+    ]
+    return sampler.rank(slopes, origin) == len(q)
 
 
 def _domain(

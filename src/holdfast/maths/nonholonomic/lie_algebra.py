@@ -88,6 +88,35 @@ def growth(found: Structure) -> Growth:
     )
 
 
+def derived_flag(found: Structure) -> tuple[int, ...]:
+    """The dimensions at a generic point of E_0 = span{g_i}, E_(k+1) = E_k + [E_k, E_k].
+
+    Until they no longer grow. Brackets of all fields count, those of `growth` with a g_i alone: a
+    system with two inputs and without drift is flat, and has chained coordinates, exactly where
+    they are 2, 3, 4, ..., n (P. Martin, P. Rouchon, Feedback linearization and driftless systems,
+    Mathematics of Control, Signals, and Systems 7, 1994).
+    """
+    symbols, sampler = found.symbols, found.sampler()
+    kept = [sp.Matrix(g) for g in found.directions]
+    entries = [e for g in kept for e in g]
+    place = sampler.generic_point(symbols, entries, "the motion that the constraint allows")
+    span = _Span(sampler, place)
+    kept = [g for g in kept if span.take(g)]
+    dimensions, known = [span.rank], 0
+    while span.rank < len(symbols):
+        fresh = []
+        for i, f in enumerate(kept):
+            for g in kept[max(known, i + 1) :]:
+                made = bracket(f, g, symbols).applyfunc(plain)
+                if span.take(made):
+                    fresh.append(made)
+        if not fresh:
+            break
+        known, kept = len(kept), kept + fresh
+        dimensions.append(span.rank)
+    return tuple(dimensions)
+
+
 _FURTHER = 1
 """Bracket orders beyond n that are tried for the dimension at the origin."""
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import sympy as sp
 
 from holdfast.errors import DefinitionError
+from holdfast.maths.definitions.flat_output import FlatOutput
 from holdfast.maths.definitions.quantity import Parameter, Quantity, given_number, symbol
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import greatest, least, magnitude, select, sgn
@@ -43,7 +44,7 @@ class Structure:
     (kappa,). leaf, transverse: the states with nonzero and with zero columns. admissible: a
     basis of ker A(0) on the leafwise columns. moment: p. field, output: F and h. directions:
     vector fields that span the motions A allows, as columns of length n. drift: the part of
-    q' that no input moves.
+    q' that no input moves. flat_output: the one that the system declares.
     """
 
     coordinates: tuple[Quantity, ...]
@@ -59,6 +60,7 @@ class Structure:
     inputs: tuple[Quantity, ...]
     drift: tuple[sp.Expr, ...]
     parameters: tuple[Parameter, ...]
+    flat_output: FlatOutput | None = None
 
     @property
     def symbols(self) -> list[sp.Symbol]:
@@ -150,6 +152,7 @@ def structure(system: System, moment: Sequence[float] | None = None) -> Structur
         inputs=inputs,
         drift=drift,
         parameters=system.parameters,
+        flat_output=system.flat_output,
     )
 
 

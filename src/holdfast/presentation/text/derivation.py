@@ -244,7 +244,13 @@ def _chain(found: Structure, search: Search) -> Step:
     tried = f"{search.tried} of {search.pairs} pairs tried"
     body: list[str | Equation] = [
         f"Derived ({tried}): with {zs}1 and {zs}{n} two of the states and the others by "
-        "differentiation,",
+        "differentiation,"
+        if search.pairs
+        else f"Derived from the flat output ({zs}1, {zs}{n}) that the system declares: with",
+        *(
+            Equation(a.name, sp.Integral(a.integrand, (a.variable, 0, a.upper)))
+            for a in form.antiderivatives
+        ),
         *(_bounded(str(s), e) for s, e in zip(z, form.coordinates, strict=True)),
         f"the system is the chained form {zs}1' = {vs}1, {zs}2' = {vs}2, {zs}j' = {zs}(j-1) {vs}1. "
         "There the law",

@@ -43,7 +43,7 @@ def steer_by_chained_form(
         raise DefinitionError(
             f"no chained coordinates found for system '{system.name}': {search.reason}"
         )
-    form = search.found
+    form = search.found.written_out()
     return steer_in_chained_coordinates(
         "steer_by_chained_form",
         found.coordinates,

@@ -2,6 +2,7 @@
 
 from holdfast.maths.catalogue.regions.camera_and_lasers import camera_and_lasers
 from holdfast.maths.catalogue.regions.camera_view import camera_view
+from holdfast.maths.catalogue.regions.hitch_angles import hitch_angles
 from holdfast.maths.catalogue.regions.inspection_goal import inspection_goal
 from holdfast.maths.catalogue.regions.leader_in_view import leader_in_footprint, leader_in_view
 from holdfast.maths.catalogue.regions.near_origin import near_origin
@@ -10,6 +11,7 @@ from holdfast.maths.catalogue.regions.near_pose import near_pose
 ALL = (
     camera_and_lasers,
     camera_view,
+    hitch_angles,
     inspection_goal,
     leader_in_footprint,
     leader_in_view,
@@ -21,6 +23,7 @@ __all__ = [
     "ALL",
     "camera_and_lasers",
     "camera_view",
+    "hitch_angles",
     "inspection_goal",
     "leader_in_footprint",
     "leader_in_view",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sympy as sp
 
 from holdfast.arguments import checked
+from holdfast.maths.definitions.flat_output import FlatOutput
 from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
 from holdfast.maths.definitions.system import PfaffianRow, System
 
@@ -52,9 +53,9 @@ def front_axle_car(wheelbase: float = 0.5) -> System:
         x' = v cos(psi + delta)    psi'   = v sin(delta) / wheelbase
         y' = v sin(psi + delta)    delta' = w
 
-    The same robot as `car`, in coordinates from which no chained form is found by
-    differentiating coordinates. Inputs: speed v of the front wheel [m/s], steering rate w
-    [rad/s].
+    The same robot as `car`; no two of these coordinates begin and end a chained form, but the
+    position of the rear axle does, which is declared as the flat output. Inputs: speed v of the
+    front wheel [m/s], steering rate w [rad/s].
     """
     psi, delta, v, w, base = (symbol(n) for n in ("psi", "delta", "v", "w", "wheelbase"))
     front = psi + delta
@@ -72,6 +73,14 @@ def front_axle_car(wheelbase: float = 0.5) -> System:
         pfaffian=(
             PfaffianRow({"x": -sp.sin(front), "y": sp.cos(front)}),
             PfaffianRow({"x": -sp.sin(psi), "y": sp.cos(psi), "psi": -base}),
+        ),
+        flat_output=FlatOutput(
+            first=symbol("x") - base * sp.cos(psi) + base,
+            last=(
+                sp.tan(delta) / (base * sp.cos(psi) ** 3),
+                sp.tan(psi),
+                symbol("y") - base * sp.sin(psi),
+            ),
         ),
         description="car-like robot, by the middle of its front axle",
         source=f"{SOURCE}; a system for the method of thesis chapter 4",
