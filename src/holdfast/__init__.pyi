@@ -28,9 +28,9 @@ from .analysis.reachability.sets import forward_reachable_set as forward_reachab
 from .analysis.reachability.sets import invariance_kernel as invariance_kernel
 from .analysis.reachability.sets import viability_kernel as viability_kernel
 from .analysis.reachability.value_function import ValueFunction as ValueFunction
-from .analysis.safety.equilibria import RestingState as RestingState
 from .analysis.safety.equilibria import resting_directions as resting_directions
 from .analysis.safety.equilibria import resting_state as resting_state
+from .analysis.safety.resting_search import RestingState as RestingState
 from .analysis.safety.safety_filter import safety_law as safety_law
 from .analysis.safety.safety_filter import sampled_margin as sampled_margin
 from .analysis.safety.validation import check_promise as check_promise
