@@ -56,6 +56,14 @@ class RestingState:
     def exists(self) -> bool:
         return not self.missing
 
+    def words(self, units: Mapping[str, str]) -> str:
+        """The disturbance: a current by its speed and direction, else number by number."""
+        d = self.disturbance
+        if set(d) == {"Vx", "Vy"}:
+            along = math.degrees(math.atan2(d["Vy"], d["Vx"]))
+            return f"a current of {math.hypot(*d.values()):.3g} m/s along {along:.4g} degrees"
+        return ", ".join(f"{n} = {v:.3g} {units[n]}" for n, v in d.items()) or "no disturbance"
+
 
 class Search:
     """The problem of one system and region, compiled once, for any disturbance."""
