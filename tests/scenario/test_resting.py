@@ -47,7 +47,8 @@ def test_margin_of_every_drawn_direction_falls_to_none_along_the_wall():
     lost = [math.degrees(math.atan2(f.disturbance["Vy"], f.disturbance["Vx"])) for f in found.found]
     lost = [round(d) for d, f in zip(lost, found.found, strict=True) if not f.exists]
     assert found.drawn
-    assert not found.answered
+    assert found.answered
+    assert found.summary()["at_rest"] == 34
     assert lost == [-90, 90]
     assert not found.worst.exists
 

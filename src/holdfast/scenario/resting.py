@@ -51,8 +51,8 @@ class Resting:
 
     @property
     def answered(self) -> bool:
-        """Whether there is a place at rest in all of them."""
-        return all(f.exists for f in self.found)
+        """Whether there is a place at rest in any of them."""
+        return any(f.exists for f in self.found)
 
 
 def no_rest(scenario: Scenario) -> str:
