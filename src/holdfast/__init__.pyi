@@ -65,6 +65,7 @@ from .maths.control.outward_rates import outward_rates as outward_rates
 from .maths.control.priority import in_order as in_order
 from .maths.control.rate_limits import limit_rates as limit_rates
 from .maths.control.safety_filter import safeguard as safeguard
+from .maths.control.set_observer import observe_set as observe_set
 from .maths.control.station_keeping_limits import StationKeepingLimits as StationKeepingLimits
 from .maths.control.station_keeping_limits import station_keeping_limits as station_keeping_limits
 from .maths.control.unmodelled import add_unmodelled as add_unmodelled
