@@ -121,11 +121,13 @@ def inside(scenario, horizon, runs, *changes):
         n: np.abs(signal[f"{n}_hat"] - data["state"].values[..., states.index(n)]).max()
         for n in ("u", "v", "r")
     }
-    return max(beyond), errors, signal["learning_time"][:, -1].min()
+    half = [(signal[f"V{c}_high"] - signal[f"V{c}_low"]).max(axis=0) / 2 for c in "xy"]
+    return max(beyond), errors, signal["learning_time"][:, -1].min(), np.maximum(*half)
 
 
 def test_true_current_and_velocities_are_in_the_set():
-    beyond, errors, learnt = inside("inspection-current", 10, 40, SET)
+    beyond, errors, learnt, half = inside("inspection-current", 10, 40, SET)
+    assert half[[1, 10]] == pytest.approx([0.032, 0.0095], abs=0.001)  # m/s, after 0.1 s and 1 s
     assert beyond < 0
     assert all(errors[n] < BOUNDS[n] for n in errors)
     assert learnt == pytest.approx(10)
@@ -134,7 +136,7 @@ def test_true_current_and_velocities_are_in_the_set():
 @pytest.mark.heavy
 @pytest.mark.parametrize("noise", [(SET,), (WIDE, NOISE)])
 def test_true_current_is_in_the_set_in_two_thousand_runs_with_and_without_noise(noise):
-    beyond, errors, learnt = inside("inspection-current", 20, 2000, *noise)
+    beyond, errors, learnt, _ = inside("inspection-current", 20, 2000, *noise)
     bounds = BOUNDS if len(noise) == 1 else {"u": 0.01, "v": 0.01, "r": 0.3}
     assert beyond < 0
     assert learnt == pytest.approx(20)
