@@ -179,7 +179,10 @@ def shorter(words):
             name += " of a kernel"
         elif loaded.runs == 1:
             name += " of one start"
-    more = shlex.split(FEWER.get(" ".join(words[:2])) or FEWER.get(name, ""))
+    if name == "margin" and not isinstance(hf.load_scenario(rest[0]), KernelScenario):
+        name += " of closed loops"
+    exact = FEWER.get(" ".join(words[:2])) if name != "margin of closed loops" else None
+    more = shlex.split(exact or FEWER.get(name, ""))
     if words[0] in ("run", "compare", "margin", "sweep") and DRAWN not in rest:
         more.append("--no-figures")
     chosen = [w for w in ("--laws", "--cases") if w in rest and w in more]

@@ -82,7 +82,7 @@ TABLES = {
         {"rates": "hf.limit_rates, of any law"},
         {},
     ),
-    "[observer]": (schema.ObserverSpec, [hf.observe], {}, {}),
+    "[observer]": (schema.ObserverSpec, [hf.observe, hf.observe_set], {}, {}),
     "[safety]": (
         schema.SafetySpec,
         [hf.safety_law],

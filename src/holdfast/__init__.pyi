@@ -32,9 +32,9 @@ from .analysis.reachability.sets import forward_reachable_set as forward_reachab
 from .analysis.reachability.sets import invariance_kernel as invariance_kernel
 from .analysis.reachability.sets import viability_kernel as viability_kernel
 from .analysis.reachability.value_function import ValueFunction as ValueFunction
-from .analysis.safety.equilibria import RestingState as RestingState
 from .analysis.safety.equilibria import resting_directions as resting_directions
 from .analysis.safety.equilibria import resting_state as resting_state
+from .analysis.safety.resting_search import RestingState as RestingState
 from .analysis.safety.safety_filter import safety_law as safety_law
 from .analysis.safety.safety_filter import sampled_margin as sampled_margin
 from .analysis.safety.validation import check_promise as check_promise
@@ -69,6 +69,7 @@ from .maths.control.outward_rates import outward_rates as outward_rates
 from .maths.control.priority import in_order as in_order
 from .maths.control.rate_limits import limit_rates as limit_rates
 from .maths.control.safety_filter import safeguard as safeguard
+from .maths.control.set_observer import observe_set as observe_set
 from .maths.control.station_keeping_limits import StationKeepingLimits as StationKeepingLimits
 from .maths.control.station_keeping_limits import station_keeping_limits as station_keeping_limits
 from .maths.control.unmodelled import add_unmodelled as add_unmodelled

@@ -177,6 +177,10 @@ FUNCTIONS = {
         "system": hf.systems.unicycle(), "polygons": {"pier": [[0, 0], [1, 0], [0, 1]]}, "room": None, "clearance": 0.1,
         "position": ("x", "y"),
     },
+    "observe_set": lambda: {
+        "system": line(), "law": push_law(), "measured": ["x"], "bandwidth": 2.0,
+        "error_bounds": {"x": 0.1},
+    },
     "observe": lambda: {"system": line(), "law": push_law(), "measured": ["x"], "bandwidth": 2.0},
     "optimal_input_figure": lambda: plane_figure(),
     "outward_rates": lambda: {"system": line(), "region": end(), "law": push_law()},

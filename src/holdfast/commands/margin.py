@@ -1,4 +1,4 @@
-"""`holdfast margin`: the largest disturbance for which a kernel is not empty."""
+"""`holdfast margin`: the largest disturbance that leaves a kernel, or where a place at rest is."""
 
 from __future__ import annotations
 
@@ -13,12 +13,14 @@ from holdfast.errors import ScenarioError
 from holdfast.host.output import check_writable
 from holdfast.studies.progress import bar
 
+STANDARD = "current.speed"
+
 
 @click.command("margin")
 @click.argument("scenario")
 @click.option(
     "--of",
-    default="current.speed",
+    default=STANDARD,
     show_default=True,
     metavar="KEY",
     help="The number to vary: a key such as system.current_limit, or the speed of the current.",
@@ -53,7 +55,14 @@ def command(
 
     With --keep: for which it contains these states. The kernel is that of the horizon of the
     scenario, or with march.forever = true the infinite-horizon kernel.
+
+    Of closed loops: where the vehicle can rest in its region in the disturbance of the scenario,
+    and how far inside.
     """
+    asks = of == STANDARD and between is None and tolerance is None and not keep
+    if asks and _closed_loops(scenario, overrides):
+        _rest(scenario, overrides, out)
+        return
     from holdfast.presentation.studies.margin import margin_text
     from holdfast.scenario.files import scenario_title
     from holdfast.studies.disturbance_margin import disturbance_margin
@@ -76,6 +85,32 @@ def command(
     if not found.answered:
         remedy = "raise march.horizon" if found.undecided else "look elsewhere with --between"
         click.echo(f"holdfast: the limit of {found.key} was not found; {remedy}", err=True)
+        sys.exit(NOT_ANSWERED)
+
+
+def _closed_loops(scenario: str, overrides: tuple[str, ...]) -> bool:
+    """Whether it is closed loops of one vehicle: no kernel, but a place at rest."""
+    from holdfast.scenario.files import read_tables
+    from holdfast.scenario.kinds import kind_of
+
+    file, _, data = read_tables(scenario, overrides)
+    return kind_of(file, data).name == "closed-loop"
+
+
+def _rest(scenario: str, overrides: tuple[str, ...], out: Path | None) -> None:
+    from holdfast.host.output import make_folder, write_summary
+    from holdfast.presentation.text.resting import resting_text
+    from holdfast.scenario.load import load_scenario
+    from holdfast.scenario.resting import resting_places
+
+    loaded = load_scenario(scenario, overrides)
+    folder = out if out is not None else Path("runs") / loaded.name
+    check_writable(folder)
+    found = resting_places(loaded)
+    make_folder(folder)
+    file = write_summary(folder / "rest.json", found.summary())
+    click.echo(resting_text(found.title, found.found, found.units, found.drawn, file))
+    if not found.answered:
         sys.exit(NOT_ANSWERED)
 
 

@@ -40,6 +40,9 @@ def command(
     loaded = load_scenario(scenario, overrides, runs, seed)
     if controller is not None:
         loaded = loaded.with_controller(controller)
+    loaded = loaded.beforehand()
+    if loaded.remark:
+        click.echo(f"{loaded.remark}\n")
     folder = out if out is not None else Path("runs") / loaded.name
     check_writable(folder)
     with bar(f"{loaded.name}, preparing") as tell:

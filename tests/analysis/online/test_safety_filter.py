@@ -312,18 +312,25 @@ def test_disturbances_that_are_measured_are_asked_for():
 # -- a vehicle that is not all measured
 
 
-def test_observer_estimates_what_is_not_measured(vehicle, view):
+@pytest.mark.parametrize(
+    ("observed", "more"),
+    [
+        (hf.observe, {}),
+        (hf.observe_set, {"error_bounds": {"x": 0.01, "y": 0.01, "v": 0.005, "r": 0.01}}),
+    ],
+)
+def test_observer_estimates_what_is_not_measured(vehicle, view, observed, more):
     """Pose only: the filter's inputs are those of the observed, safeguarded law in `simulate`."""
     x, y, psi = (hf.symbol(n) for n in ("x", "y", "psi"))
     pose = [q for q in vehicle.states if q.name in ("x", "y", "psi")]
     steady = hf.Law("steady", tuple(pose), {"tau_u": 0.3 - 0.1 * x, "tau_r": 0.2 - 0.01 * psi * y})
     guarded = hf.safeguard(vehicle, steady, view)
-    whole = hf.observe(vehicle, guarded, measured=("x", "y", "psi"), bandwidth=3.0)
+    whole = observed(vehicle, guarded, measured=("x", "y", "psi"), bandwidth=3.0, **more)
     data = hf.simulate(
         vehicle, whole, starts=[[-1.5, 0.3, -0.2, 0.1, 0, 0]], horizon=4.0, record_every=0.02, region=view,
         disturbance={"Vx": 0.02, "Vy": 0.0},
     ).dataset  # fmt: skip
-    keeper = hf.SafetyFilter(vehicle, view, states=("x", "y", "psi"), bandwidth=3.0)
+    keeper = hf.SafetyFilter(vehicle, view, states=("x", "y", "psi"), bandwidth=3.0, **more)
     for _ in range(2):  # and again after a reset
         for k, t in enumerate(data["time"].values):
             q = data["state"].values[0, k]
@@ -336,6 +343,11 @@ def test_observer_estimates_what_is_not_measured(vehicle, view):
         SimulationError, match="a filter with an observer or rates of inputs remembers"
     ):
         keeper.step_many(np.zeros((2, 3)), np.zeros((2, 2)))
+
+
+def test_error_bounds_without_an_observer_are_refused(vehicle, view):
+    with pytest.raises(DefinitionError, match="no observer"):
+        hf.SafetyFilter(vehicle, view, error_bounds={"x": 0.01})
 
 
 # -- what it is not made for

@@ -7,6 +7,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
+from holdfast.execution.evaluate import Evaluator
 
 NEAR = {"x": (-2, -0.3), "y": (-1.5, 1.5), "u": (-0.3, 0.3)}
 
@@ -39,9 +40,10 @@ def test_vehicle_rests_along_the_current_with_the_drag_as_its_thrust(vehicle, vi
 
 
 def test_view_has_an_equilibrium_in_every_current_but_those_along_the_wall(vehicle, view):
-    """Every 30 degrees; along the wall the margin is exactly none."""
+    """Every 30 degrees; along the wall the margin is exactly none, on the edge and not inside."""
     found = hf.resting_directions(vehicle, view, 0.2, count=12, box=NEAR)
-    assert all(f.exists for f in found)
+    assert [k for k, f in enumerate(found) if not f.exists] == [3, 9]
+    assert all("on the edge of the region" in found[k].missing for k in (3, 9))
     margins = np.array([f.margin for f in found])
     assert sorted(np.argsort(margins)[:2]) == [3, 9]
     assert np.abs(margins[[3, 9]]).max() < 1e-6
@@ -158,3 +160,20 @@ def test_bad_input_is_refused(vehicle, view):
     ):
         with pytest.raises(DefinitionError, match=match):
             call()
+
+
+def test_best_place_in_still_water_is_the_same_from_any_starts(vehicle, view):
+    """The region is symmetric: two places, one on either side, the same margin."""
+    found = [hf.resting_state(vehicle, view, box=NEAR, seed=seed) for seed in range(6)]
+    margins = np.array([f.margin for f in found])
+    np.testing.assert_allclose(margins, 0.474884, atol=1e-6)
+    assert {round(abs(f.state["y"]), 4) for f in found} == {0.9677}
+    view_of = Evaluator(
+        [c.expression for c in view.inequalities],
+        [hf.symbol(n) for n in ("x", "y", "psi")],
+        view.parameters,
+    )
+    axes = [np.linspace(-2, -0.3, 41), np.linspace(-2, 2, 81), np.linspace(-1.3, 1.3, 81)]
+    points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
+    sampled = -view_of.values(points).max(axis=1).min()
+    assert margins[0] - 0.02 < sampled < margins[0]

@@ -15,7 +15,7 @@ from holdfast.analysis.online.filter_law import Keep, filter_of, warn_of_reducti
 from holdfast.analysis.online.measurements import Given, Measurements, time_of
 from holdfast.analysis.online.reasons import Reasons
 from holdfast.arguments import checked
-from holdfast.errors import SimulationError
+from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.c_source import export_c, export_c_header
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
@@ -24,6 +24,7 @@ from holdfast.execution.simulation.control_sample import ControlSamples
 from holdfast.execution.simulation.steppers import RK4
 from holdfast.maths.control.observer import observe
 from holdfast.maths.control.rate_limits import limit_rates
+from holdfast.maths.control.set_observer import observe_set
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
@@ -46,7 +47,8 @@ class SafetyFilter:
     it. rate [1/s], margin [unit of V]: of a kernel's filter, see `safety_law`. gains [1/s],
     margins, constraints, worst: of a region, see `safeguard`. measured: whether `step` is given the
     disturbances. states: names of those that are measured, if not all: an observer with that
-    `bandwidth` [1/s] estimates the others and the disturbances (`observe`). scales: input -> the
+    `bandwidth` [1/s] estimates the others and the disturbances (`observe`), with `error_bounds`
+    [unit of each state] a guaranteed set of them (`observe_set`). scales: input -> the
     change of it that counts as 1. rates: the largest rates of inputs and of states (accelerations),
     see `limit_rates`; with those of inputs the filter remembers its last input. fallback: the input
     where a measurement or the command is not finite, by default 0 within the bounds. around: the
@@ -76,6 +78,7 @@ class SafetyFilter:
         worst: Sequence[str] = (),
         states: Sequence[str] | None = None,
         bandwidth: float = 2.0,
+        error_bounds: Mapping[str, float] | None = None,
         scales: Mapping[str, float] | None = None,
         rates: Mapping[str, float] | None = None,
         fallback: Sequence[float] | None = None,
@@ -96,7 +99,16 @@ class SafetyFilter:
         self._timed = bool(lookup and lookup.timed)
         self._lasts = made.lasts + 1e-9 * (made.lasts < math.inf)
         if states is not None:
-            law = observe(system, law, measured=states, bandwidth=bandwidth)
+            if error_bounds is None:
+                law = observe(system, law, measured=states, bandwidth=bandwidth)
+            else:
+                law = observe_set(
+                    system, law, measured=states, bandwidth=bandwidth, error_bounds=error_bounds
+                )
+        elif error_bounds is not None:
+            raise DefinitionError(
+                "error bounds are given, but no observer", remedy="name the measured states"
+            )
         self.law = law
         self._program = closed_loop_program(
             system, law, region=None, goal=None, disturbance={}, stepper=RK4

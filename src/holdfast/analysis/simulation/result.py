@@ -98,6 +98,7 @@ class Result:
             "seed": int(data.attrs["seed"]),
             "runs": int(data.sizes["run"]),
             "viable": self.viable,
+            "no_rest": data.attrs.get("no_rest"),
             "outcomes": self.outcomes,
             "success_fraction": self.success_fraction,
             "worst_constraint": _largest(data, "worst_constraint") if data.sizes["run"] else {},

@@ -97,7 +97,7 @@ def observe(
         inject = (
             2 * w * errors[felt.index(q)]
             if q in felt
-            else w**2 * _along(slopes[q.name], errors, moving)
+            else w**2 * along(slopes[q.name], errors, moving)
         )
         change = rate.xreplace(guess) + inject.xreplace(guess)
         following[f"{q.name}_hat"] = hat[q.symbol] + SAMPLE_TIME * change
@@ -147,7 +147,7 @@ def observe(
     )
 
 
-def _along(slopes: list[sp.Expr], errors: list[sp.Expr], moving: set[sp.Symbol]) -> sp.Expr:
+def along(slopes: list[sp.Expr], errors: list[sp.Expr], moving: set[sp.Symbol]) -> sp.Expr:
     """c^T e / |c_0|^2, where c_0 is c at zero; c^T e where that vanishes or does not exist."""
     error = sp.Add(*(c * e for c, e in zip(slopes, errors, strict=True)))
     still = dict.fromkeys(moving, sp.S.Zero)

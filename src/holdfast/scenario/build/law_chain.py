@@ -14,6 +14,7 @@ from holdfast.maths.control.command import commanded
 from holdfast.maths.control.observer import observe
 from holdfast.maths.control.rate_limits import limit_rates
 from holdfast.maths.control.safety_filter import over_time, safeguard
+from holdfast.maths.control.set_observer import observe_set
 from holdfast.maths.control.unmodelled import PREFIX, cancel_unmodelled
 from holdfast.maths.control.velocity_tracking import track_velocity
 from holdfast.maths.definitions.law import Law
@@ -26,6 +27,7 @@ from holdfast.maths.expressions.parser import parse_condition, parse_number
 from holdfast.scenario.build.composer import Composer
 from holdfast.scenario.external import ExternalSpec
 from holdfast.scenario.schema.closed_loop import (
+    ObserverSpec,
     OutputsSpec,
     RedesignSpec,
     SafeguardSpec,
@@ -68,13 +70,13 @@ def composed_law(
         law, filtering = _safeguarded(composer, spec.safeguard, law, region, system)
     if spec.observer is not None:
         with at(composer.file, "observer"):
-            law = observe(
-                system, law, measured=spec.observer.measured, bandwidth=spec.observer.bandwidth
-            )
+            law = _observed(composer, spec.observer, system, law)
         composer.declare(law.parameters)
         measured = spec.observer.measured
         filtering["states"] = system.state_names if measured is None else tuple(measured)
         filtering["bandwidth"] = spec.observer.bandwidth
+        if spec.observer.error_bounds:
+            filtering["error_bounds"] = _error_bounds(composer, spec.observer, system)
     direct = spec.redesign is None and spec.tracking is None
     return law, filtering if direct else None
 
@@ -100,6 +102,29 @@ def _external(
     """The law that another controller hands its command."""
     given = validated(ExternalSpec, dict(spec.law), composer.file, "law").external
     return commanded(system, None if given is True else given)
+
+
+def _observed(
+    composer: Composer, spec: ObserverSpec, system: System, law: Law | Switching
+) -> Switching:
+    """The law with the observer: of an estimate, or of a guaranteed set."""
+    if not spec.error_bounds:
+        return observe(system, law, measured=spec.measured, bandwidth=spec.bandwidth)
+    bounds = _error_bounds(composer, spec, system)
+    return observe_set(
+        system, law, measured=spec.measured, bandwidth=spec.bandwidth, error_bounds=bounds
+    )
+
+
+def _error_bounds(composer: Composer, spec: ObserverSpec, system: System) -> dict[str, float]:
+    units = {q.name: q.unit for q in system.states}
+    found = {}
+    for name, value in spec.error_bounds.items():
+        with at(composer.file, f"observer.error_bounds.{name}"):
+            if name not in units:
+                raise ScenarioError("unknown name", remedy=suggestion(name, units))
+            found[name] = to_si(value, units[name])
+    return found
 
 
 def _safeguarded(

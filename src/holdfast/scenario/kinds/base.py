@@ -31,6 +31,8 @@ class Composed(ABC):
     text: str
     title: str
     kind: str
+    remark: str | None = None
+    """What is known before the run and answers the question; None: nobody asked."""
 
     @abstractmethod
     def run(self, progress: Progress | None = None) -> Any:
@@ -45,6 +47,10 @@ class Composed(ABC):
     @abstractmethod
     def report(self, answer: Any, files: Sequence[Path]) -> str:
         """The answer on the screen."""
+
+    def beforehand(self) -> Composed:
+        """The same, with what can be said at once, before anything is simulated, as `remark`."""
+        return self
 
     def complaints(self, answer: Any) -> list[str]:
         """Reasons why the answer is negative or incomplete: exit status 1."""

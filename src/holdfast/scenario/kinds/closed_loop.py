@@ -71,6 +71,7 @@ class Scenario(Composed):
     safety: Safety | None = None
     controller: str = ""
     filtering: Mapping[str, Any] | None = None
+    remark: str | None = None
 
     @property
     def runs(self) -> int:
@@ -114,11 +115,18 @@ class Scenario(Composed):
                     "kind": self.kind,
                     "scenario_text": self.text,
                     **({"controller": self.controller} if self.controller else {}),
+                    **({"no_rest": self.remark} if self.remark is not None else {}),
                 },
                 progress=progress,
                 command=commander,
                 **self.settings,
             )
+
+    def beforehand(self) -> Scenario:
+        """The same, with a sentence where its disturbance leaves no place at rest in the region."""
+        from holdfast.scenario.resting import no_rest
+
+        return replace(self, remark=no_rest(self))
 
     def with_controller(self, line: str) -> Scenario:
         if not self.law.handed:

@@ -272,10 +272,15 @@ class FiguresSpec(Section):
 
 
 class ObserverSpec(Section):
-    """[observer]: the law measures only these states and estimates all else that it reads."""
+    """[observer]: the law measures only these states and estimates all else that it reads.
+
+    error_bounds: the largest error of each state, measured or not: a guaranteed set of the
+    disturbance then replaces its estimate, and [safeguard] counts the worst of the set.
+    """
 
     measured: list[Name] | None = None
     bandwidth: float = 2.0
+    error_bounds: dict[Name, Value] = Field(default_factory=dict)
 
 
 class AlterationSpec(Section):

@@ -130,6 +130,17 @@ def test_starts_with_a_place_at_least_five_centimetres_inside():
 
 POSE = 'observer={ measured = ["x", "y", "psi"], bandwidth = 20.0 }'
 STATES = "observer={ bandwidth = 5.0 }"
+SET = (
+    'observer={measured=["x","y","psi"],bandwidth=40,error_bounds='
+    '{x="1 mm",y="1 mm",psi="1 mrad",u=0.005,v=0.005,r=0.1}}'
+)
+WIDE = (
+    'observer={measured=["x","y","psi"],bandwidth=40,error_bounds='
+    '{x="2 mm",y="2 mm",psi="2 mrad",u=0.01,v=0.01,r=0.3}}'
+)
+TIGHT = SET.replace("r=0.1", "r=0.02").replace("0.005", "0.001")
+"""Bounds that do not hold in these runs."""
+UNIFORM = 'noise.uniform={x="1 mm",y="1 mm",psi="1 mrad"}'
 NOISE = 'noise={ normal = { x=0.005, y=0.005, psi="0.5 deg", u=0.01, v=0.01, r=0.02 } }'
 
 
@@ -143,6 +154,13 @@ NOISE = 'noise={ normal = { x=0.005, y=0.005, psi="0.5 deg", u=0.01, v=0.01, r=0
         (0.05, [POSE], (536, 469, 556, 459)),
         (0.1, [POSE], (518, 471, 556, 466)),
         (0.2, [POSE], (377, 298, 556, 296)),
+        (0.1, [POSE, UNIFORM], (523, 129, 556, 129)),
+        (0.05, [SET], (600, 549, 556, 549)),
+        (0.1, [SET], (600, 542, 556, 542)),
+        (0.15, [SET], (588, 529, 556, 529)),
+        (0.2, [SET], (518, 466, 556, 466)),
+        (0.1, [WIDE, UNIFORM], (600, 279, 556, 279)),
+        (0.2, [TIGHT], (556, 519, 556, 510)),
     ],
 )
 def test_starts_that_come_to_rest_with_an_estimated_current(speed, changes, counts):

@@ -1,0 +1,177 @@
+"""A guaranteed set of a disturbance: that it holds the truth, and that a filter counts all of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import holdfast as hf
+from holdfast.errors import DefinitionError, ScenarioError
+from holdfast.maths.control.set_observer import worst_of
+
+BOUNDS = {"x": 1e-3, "y": 1e-3, "psi": 1e-3, "u": 5e-3, "v": 5e-3, "r": 0.1}
+SET = ('observer={measured=["x","y","psi"],bandwidth=40,error_bounds='
+       '{x="1 mm",y="1 mm",psi="1 mrad",u=0.005,v=0.005,r=0.1}}')  # fmt: skip
+WIDE = ('observer={measured=["x","y","psi"],bandwidth=40,error_bounds='
+        '{x="2 mm",y="2 mm",psi="2 mrad",u=0.01,v=0.01,r=0.3}}')  # fmt: skip
+NOISE = 'noise.uniform={x="1 mm",y="1 mm",psi="1 mrad"}'
+KEPT = ("Vx_low", "Vx_high", "Vy_low", "Vy_high", "learning_time", "u_hat", "v_hat", "r_hat")
+
+
+@pytest.fixture(scope="module")
+def drifting():
+    """xdot = u + d: one measured state, one unknown drift of at most 1 m/s."""
+    u, d = hf.symbol("u"), hf.symbol("d")
+    return hf.System(
+        name="drifting",
+        states=(hf.Quantity("x", "m"),),
+        inputs=(hf.Quantity("u", "m/s"),),
+        disturbances=(hf.Quantity("d", "m/s"),),
+        rates={"x": u + d},
+        disturbance_bounds=hf.Ball(1, 1),
+    )
+
+
+def told(system):
+    x, d = hf.symbol("x"), hf.symbol("d")
+    reads = (*system.states, *system.disturbances)
+    return hf.Law("told", reads, {"u": -x - d}, signals={"drift": d})
+
+
+def shown(law, names):
+    """The law with these remembered quantities as signals."""
+    kept = [q for q in law.memory.quantities if q.name in names]
+    modes = {
+        n: replace(m, reads=(*m.reads, *(q for q in kept if q not in m.reads)))
+        for n, m in law.modes.items()
+    }
+    return replace(law, modes=modes, signals={q.name: q.symbol for q in kept})
+
+
+def test_interval_of_a_drift_shrinks_as_the_error_over_the_time(drifting):
+    """y is exact here: the half width is 2 n / t from the first sample on, and never grows."""
+    law = hf.observe_set(drifting, told(drifting), error_bounds={"x": 0.01})
+    law = shown(law, ("d_low", "d_high"))
+    data = hf.simulate(
+        drifting, law, starts=[[0.5]], disturbance={"d": 0.4}, horizon=8.0, sample_time=0.01,
+        record_every=0.01,
+    ).dataset  # fmt: skip
+    low, high = np.moveaxis(data["signal"].values[0], -1, 0)
+    time = data["time"].values
+    assert (low[0], high[0]) == (-1.0, 1.0)
+    assert (np.diff(low) >= 0).all()
+    assert (np.diff(high) <= 0).all()
+    assert (low < 0.4).all()
+    assert (high > 0.4).all()
+    late = time > 0.1
+    wanted = 0.02 * 2 / np.maximum(time - 0.01, 0.01)  # of the sample before
+    np.testing.assert_allclose((high - low)[late], wanted[late], rtol=1e-9)
+
+
+def test_set_that_is_empty_is_learnt_anew(drifting):
+    """A drift that changes contradicts what was learnt: the set begins with the known bounds."""
+    law = hf.observe_set(drifting, told(drifting), error_bounds={"x": 0.01})
+    law = shown(law, ("d_low", "d_high", "learning_time"))
+    change = 0.4 * sp.cos(hf.TIME)
+    data = hf.simulate(
+        drifting, law, starts=[[0.5]], disturbance={"d": change}, horizon=6.0, sample_time=0.01,
+        record_every=0.01,
+    ).dataset  # fmt: skip
+    since = data["signal"].values[0, :, 2]
+    assert (np.diff(since) < 0).any()
+    low, high = data["signal"].values[0, -1, :2]
+    assert low <= high
+
+
+def test_condition_counts_the_worst_of_the_whole_box():
+    """Against the corners and a fine grid of the box, for quadratic offsets."""
+    a, b, x, w = (hf.symbol(n) for n in ("a", "b", "x", "w"))
+    offset = 3 - 2 * a + x * b + a * b / 2 - b**2 + x
+    guard = hf.Safeguard(
+        normals={"u": (sp.S.One,)}, offsets=(offset,), hard=0, scales={"u": sp.S.One}, units=("m/s",),
+        names=("c",),
+    )  # fmt: skip
+    worst = worst_of(guard, {a: w, b: 2 * w}).offsets[0]
+    for centre in ((0.0, 0.0), (0.3, -0.2), (-1.0, 0.5)):
+        at = {a: centre[0], b: centre[1], x: 0.7, w: 0.1}
+        bound = float(worst.subs(at).doit())
+        da, db = np.meshgrid(np.linspace(-0.1, 0.1, 21), np.linspace(-0.2, 0.2, 21))
+        values = sp.lambdify((a, b, x), offset)(centre[0] + da, centre[1] + db, 0.7)
+        assert bound <= values.min() + 1e-12
+        assert bound >= values.min() - 0.11  # the quadratic rest is counted twice at most
+    with pytest.raises(DefinitionError, match="depends on what is not measured"):
+        worst_of(replace(guard, normals={"u": (a,)}), {a: w})
+
+
+def inside(scenario, horizon, runs, *changes):
+    """The largest excess of the truth beyond the set and the bounds, and the least learning time."""
+    s = hf.load_scenario(
+        scenario, [f"run.horizon={horizon}", "run.record_every=0.1", *changes], runs
+    )
+    data = replace(s, law=shown(s.law, KEPT)).run().dataset
+    names = list(data["signal_name"].values)
+    signal = {n: data["signal"].values[..., names.index(n)] for n in KEPT}
+    speed, direction = data["varied"].values.T[:, :, None]
+    beyond = []
+    for n, v in (("Vx", speed * np.cos(direction)), ("Vy", speed * np.sin(direction))):
+        beyond += [(signal[f"{n}_low"] - v).max(), (v - signal[f"{n}_high"]).max()]
+    states = list(data["state_name"].values)
+    errors = {
+        n: np.abs(signal[f"{n}_hat"] - data["state"].values[..., states.index(n)]).max()
+        for n in ("u", "v", "r")
+    }
+    half = [(signal[f"V{c}_high"] - signal[f"V{c}_low"]).max(axis=0) / 2 for c in "xy"]
+    return max(beyond), errors, signal["learning_time"][:, -1].min(), np.maximum(*half)
+
+
+def test_true_current_and_velocities_are_in_the_set():
+    beyond, errors, learnt, half = inside("inspection-current", 10, 40, SET)
+    assert half[[1, 10]] == pytest.approx([0.032, 0.0095], abs=0.001)  # m/s, after 0.1 s and 1 s
+    assert beyond < 0
+    assert all(errors[n] < BOUNDS[n] for n in errors)
+    assert learnt == pytest.approx(10)
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("noise", [(SET,), (WIDE, NOISE)])
+def test_true_current_is_in_the_set_in_two_thousand_runs_with_and_without_noise(noise):
+    beyond, errors, learnt, _ = inside("inspection-current", 20, 2000, *noise)
+    bounds = BOUNDS if len(noise) == 1 else {"u": 0.01, "v": 0.01, "r": 0.3}
+    assert beyond < 0
+    assert learnt == pytest.approx(20)
+    assert all(errors[n] < bounds[n] for n in errors), errors
+
+
+def test_filter_of_a_scenario_counts_the_set_and_bad_keys_are_named():
+    law = hf.load_scenario("inspection-current", [SET]).law
+    plain = hf.load_scenario("inspection-current").law
+    for name, mode in law.modes.items():
+        guard = mode.safeguard
+        hard = guard.hard
+        assert guard.offsets[:hard] == plain.modes[name].safeguard.offsets[:hard]
+        view = dict(zip(guard.names, guard.offsets[hard:], strict=True))
+        widths = {hf.symbol(n) for n in ("Vx_low", "Vx_high", "Vy_low", "Vy_high", "error_r")}
+        for edge in ("edge_low", "edge_high"):
+            assert widths <= view[edge].free_symbols
+        assert hf.symbol("Vx_high") in view["too_near"].free_symbols
+    with pytest.raises(ScenarioError, match="error_bounds"):
+        hf.load_scenario("inspection-current", ["observer={error_bounds={z=1.0}}"])
+
+
+def test_bad_input_is_refused(drifting):
+    law = told(drifting)
+    for arguments, match in (
+        ({"error_bounds": {"z": 1.0}}, "not a state"),
+        ({"error_bounds": {"x": -1.0}}, "0 or more"),
+        ({"error_bounds": {}}, "error bound is 0"),
+        ({"error_bounds": {"x": 0.1}, "measured": []}, "not measured"),
+        ({"error_bounds": {"x": 0.1}, "bandwidth": 0.0}, "bandwidth"),
+    ):
+        with pytest.raises(DefinitionError, match=match):
+            hf.observe_set(drifting, law, **arguments)
+    unbounded = replace(drifting, disturbance_bounds=None)
+    with pytest.raises(DefinitionError, match="no bounds"):
+        hf.observe_set(unbounded, law, error_bounds={"x": 0.1})
+    with pytest.raises(DefinitionError, match="no disturbance"):
+        hf.observe_set(hf.systems.unicycle(), law, error_bounds={"x": 0.1})
