@@ -101,7 +101,7 @@ def _check_degrees(name: str, value: Floats) -> None:
 
 
 def _say_degrees(name: str, value: Floats, told: list[str]) -> None:
-    """An angle beyond a turn that never jumps by one is in radians and continuous, or in degrees."""
+    """Question an angle beyond a turn that never jumps by one: continuous radians, or degrees."""
     largest = float(np.abs(value).max())
     if largest > 7.0 and not (np.abs(np.diff(value)) > 5.5).any():
         told.append(
