@@ -174,7 +174,7 @@ def test_killed_controller_and_killed_vehicle_are_said_and_the_node_goes_on(begi
     os.kill(controller.pid, signal.SIGKILL)
     waited = monitor.until(lambda m: m.last("command"))
     assert 0.15 < waited < 2
-    assert 0.25 < silent_for(monitor.records, "command") < 2.0, "after its patience"
+    assert 0.25 <= silent_for(monitor.records, "command") < 2.0, "after its patience, rounded"
     under_way = len(monitor.states)
     monitor.until(lambda m: len(m.states) > under_way + 75)
     assert monitor.last("command")
@@ -183,7 +183,7 @@ def test_killed_controller_and_killed_vehicle_are_said_and_the_node_goes_on(begi
     os.kill(boat.pid, signal.SIGKILL)
     waited = monitor.until(lambda m: m.last("measurement"))
     assert 0.15 < waited < 2
-    assert 0.25 < silent_for(monitor.records, "measurement") < 2.0
+    assert 0.25 <= silent_for(monitor.records, "measurement") < 2.0
     record = monitor.records[-1]
     assert record.status == "no measurement"
     assert record.input == {"tau_u": 0.0, "tau_r": 0.0}

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
@@ -23,6 +25,15 @@ HEADING = "heading"
 
 NANO = 1e-9
 _DEEPEST, _WIDEST = 8, 16
+
+LARGEST = 1 << 16
+"""Bytes of a message; larger ones are images and clouds of points, and are left out."""
+
+APART = 1.0
+"""Seconds between the clock of headers and that of the log that no delay explains."""
+
+_LAST = (1 << 63) - 1
+Integers = npt.NDArray[np.int64]
 Read = tuple[int, Any]
 """The log's time [ns] and a message."""
 
@@ -31,8 +42,10 @@ class Messages(Recording):
     """The topics of an MCAP file or of a ROS 2 bag (a folder).
 
     Messages are those of ROS 2 (CDR) or JSON objects. Their time is that of their header, where
-    they have one that is not 0, else that of the log. Raises `SimulationError` for a file that is
-    none, or without a message that can be read.
+    they have one that is not 0, else that of the log. Where all headers have another clock than
+    the log, as in a simulation, the clock is that of the topic with the most of them, and times of
+    the log are brought to it by the pairs of times that this topic has. Raises
+    `SimulationError` for a file that is none, or without a message that can be read.
     """
 
     def __init__(self, path: Path, system: System) -> None:
@@ -43,7 +56,10 @@ class Messages(Recording):
             what = f": {', '.join(skipped)}" if skipped else ""
             raise SimulationError(f"{path} has no message that can be read{what}"[:300])
         self._fields: dict[str, tuple[str, ...]] = {}
+        self._clock = self._other_clock()
         self._origin = min(when for _, rows in self._topics.values() for when, _ in rows)
+        if self._clock:
+            self._origin = int(self._clock[2].min())
         self._usual = self._defaults()
         self.notes = tuple(f"topic {t} cannot be read" for t in skipped)
 
@@ -66,12 +82,41 @@ class Messages(Recording):
         value = np.array([_value(message, field) for _, message in rows], dtype=np.float64)
         if np.isnan(value).all():
             raise self.unknown(name)
-        stamps = [_stamp(message) for _, message in rows]
-        own = all(stamps)
-        time = np.array(stamps if own else [when for when, _ in rows], dtype=np.int64)
-        note = () if own else ("times are those of the log, not of a header",)
-        seconds = (time - self._origin).astype(np.float64) * NANO
-        return Column(seconds, value, unit, note)
+        time, note = self._times(rows)
+        return Column((time - self._origin).astype(np.float64) * NANO, value, unit, note)
+
+    def _times(self, rows: list[Read]) -> tuple[Integers, tuple[str, ...]]:
+        """The times of messages [ns] and what was assumed of them."""
+        when = np.array([t for t, _ in rows], dtype=np.int64)
+        stamps = np.array([_stamp(message) for _, message in rows], dtype=np.int64)
+        if self._clock is None:
+            if stamps.all() and _apart(stamps, when) < APART:
+                return stamps, ()
+            return when, ("times are those of the log, not of a header",)
+        topic, log, clock = self._clock
+        off = (clock - log).astype(np.float64)
+        moved = when + np.interp(when, log, off).astype(np.int64)
+        if stamps.all() and _apart(stamps, moved) < APART:
+            return stamps, ()
+        return moved, (f"times are those of the log, brought to the clock of {topic}",)
+
+    def _other_clock(self) -> tuple[str, Integers, Integers] | None:
+        """The topic with the most headers of another clock than the log's, and its two times.
+
+        None if the headers of a topic have the clock of the log: another topic is then the odd one.
+        """
+        found: tuple[str, Integers, Integers] | None = None
+        for topic, (_, rows) in self._topics.items():
+            stamps = np.array([_stamp(message) for _, message in rows], dtype=np.int64)
+            when = np.array([t for t, _ in rows], dtype=np.int64)
+            if not stamps.all():
+                continue
+            if _apart(stamps, when) < APART:
+                return None
+            if np.ptp(stamps) > 0 and (found is None or len(found[1]) < len(when)):
+                order = np.argsort(when, kind="stable")
+                found = topic, when[order], stamps[order]
+        return found
 
     def _defaults(self) -> dict[str, str]:
         """Where states and inputs are, if one topic alone has a message for them."""
@@ -115,7 +160,7 @@ def _topics(path: Path) -> tuple[dict[str, tuple[str, list[Read]]], list[str]]:
             if message is None:
                 skipped.add(topic)
             else:
-                found.setdefault(topic, (kind, []))[1].append((when, message))
+                found.setdefault(topic, (kind, []))[1].append((min(when, _LAST), message))
     except HoldfastError:
         raise
     except Exception as error:
@@ -131,10 +176,10 @@ def _bag(path: Path) -> Iterator[tuple[str, str, int, Any]]:
     """The messages of a bag; those of unknown types are None."""
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
         for connection, when, raw in reader.messages():
-            try:
-                message = reader.deserialize(raw, connection.msgtype)
-            except Exception:
-                message = None
+            message = None
+            if len(raw) <= LARGEST:
+                with suppress(Exception):  # whatever the bytes make the generated reader do
+                    message = reader.deserialize(raw, connection.msgtype)
             yield connection.topic, connection.msgtype, when, message
 
 
@@ -145,13 +190,14 @@ def _mcap(path: Path) -> Iterator[tuple[str, str, int, Any]]:
         try:
             for schema, channel, message in make_reader(file).iter_messages():
                 if channel.id not in readers:
-                    readers[channel.id] = _reader_of(schema, channel)
-                read = readers[channel.id]
+                    readers[channel.id] = None
+                    with suppress(Exception):  # a definition that is none
+                        readers[channel.id] = _reader_of(schema, channel)
+                read, told = readers[channel.id], None
                 kind = schema.name if schema else ""
-                try:
-                    told = None if read is None else read(message.data)
-                except Exception:
-                    told = None
+                if read is not None and len(message.data) <= LARGEST:
+                    with suppress(Exception):  # whatever the bytes make the reader do
+                        told = read(message.data)
                 yield channel.topic, kind, message.log_time, told
         except McapError as error:
             raise SimulationError(
@@ -188,7 +234,7 @@ def _value(message: Any, field: str) -> float:
         for key in field.split("."):
             message = _part(message, key)
         return float(message) if message is not None else np.nan
-    except (TypeError, ValueError, AttributeError):
+    except (TypeError, ValueError, AttributeError, ArithmeticError, LookupError):
         return np.nan
 
 
@@ -199,12 +245,18 @@ def _flat(message: Any, name: str) -> bool:
 
 def _stamp(message: Any) -> int:
     """The time of the header [ns since 1970], 0 if there is none."""
-    header = _part(message, "header")
-    stamp = _part(header, "stamp") if header is not None else None
-    if stamp is None:
-        return 0
-    seconds = _part(stamp, "sec") or 0
-    return int(seconds) * 1_000_000_000 + int(_part(stamp, "nanosec") or _part(stamp, "nsec") or 0)
+    with suppress(TypeError, ValueError, ArithmeticError, LookupError, AttributeError):
+        stamp = _part(_part(message, "header"), "stamp")
+        seconds = int(_part(stamp, "sec") or 0)
+        rest = int(_part(stamp, "nanosec") or _part(stamp, "nsec") or 0)
+        told = seconds * 1_000_000_000 + rest
+        return told if 0 < told <= _LAST else 0
+    return 0
+
+
+def _apart(stamps: Integers, when: Integers) -> float:
+    """Seconds between two clocks, the usual."""
+    return abs(float(np.median((stamps - when).astype(np.float64)))) * NANO
 
 
 def _numeric(message: Any, prefix: str = "", depth: int = 0) -> Iterator[str]:

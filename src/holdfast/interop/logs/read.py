@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
+
 from holdfast.analysis.identification.log import Log, Signal
 from holdfast.analysis.identification.windows import period
 from holdfast.arguments import checked
@@ -64,6 +66,9 @@ def read_log(
         if not where:
             continue
         column = recording.column(where)
+        if name not in given and not column.unreadable and np.isnan(column.value).all():
+            told.append(f"{name}: the column is empty")
+            continue
         try:
             factor = convert(1.0, column.unit, unit) if column.unit else 1.0
         except UnitError as error:
@@ -89,6 +94,10 @@ def _opened(path: Path, system: System, time: str) -> Recording:
     """The log, by its kind."""
     if not path.exists():
         raise SimulationError(f"{path} does not exist", expected="a CSV or MCAP file, or a bag")
+    if path.suffix.lower() == ".db3":
+        raise SimulationError(
+            f"{path} is a part of a bag", remedy=f"give its folder, {path.parent}"
+        )
     if path.is_dir() or path.suffix.lower() == ".mcap" or _is_mcap(path):
         try:
             from holdfast.interop.logs.messages import Messages

@@ -19,13 +19,15 @@ _UNIT = re.compile(r"(?P<name>.*?)\s*[\[(](?P<unit>[^\])]*)[\])]\s*\Z")
 class Column:
     """Numbers at times [s], in a unit, "" for that of the system; NaN where there is none.
 
-    faults: what could not be read, as "3 values are not numbers".
+    faults: what could not be read, as "3 values are not numbers". unreadable: how many entries of
+    `value` are NaN because they are not numbers; the others are NaN because nothing is there.
     """
 
     time: Floats
     value: Floats
     unit: str
     faults: tuple[str, ...] = ()
+    unreadable: int = 0
 
 
 class Recording(ABC):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -17,10 +18,14 @@ from holdfast.maths.definitions.units import UnitError, convert
 TIMES = ("time", "t", "timestamp", "stamp", "seconds", "header.stamp")
 """Names of the column of times."""
 
-_ENDINGS = {"_ns": "ns", "_us": "us", "_ms": "ms", "_s": "s", "_sec": "s"}
+_ENDING = re.compile(r"(?:[_. ]|(?<=time)|(?<=stamp))(ns|us|ms|s|sec)\Z")
+"""A unit at the end of a name in small letters: time_ms, timeus."""
 _SCALES = {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "sec": 1.0}
 _LARGE = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 """Times from 1970 on: above the number they are in the unit."""
+
+SLOW = 5.0
+"""Seconds from a value to the next, above which times without a unit are worth a sentence."""
 
 MOST = 2**30
 """Bytes of a table."""
@@ -42,9 +47,16 @@ class Table(Recording):
                 f"{path} has {path.stat().st_size / 2**30:.1f} GiB", expected="at most 1 GiB"
             )
         self._frame, skipped = _read(path)
-        self._headers = {with_unit(str(c))[0]: str(c) for c in self._frame.columns}
+        self._headers: dict[str, str] = {}
+        self._twice: dict[str, list[str]] = {}
+        for header in map(str, self._frame.columns):
+            bare = with_unit(header)[0]
+            if bare in self._headers:
+                self._twice.setdefault(bare, [self._headers[bare]]).append(header)
+            self._headers[bare] = header
         chosen = self._time_column(time)
-        self._time, note = _times(self._frame[chosen], chosen, self.name)
+        unit = with_unit(time)[1] if time != chosen else ""
+        self._time, note = _times(self._frame[chosen], chosen, unit, self.name)
         self._time_name = chosen
         self.notes = tuple(n for n in (note, skipped) if n)
 
@@ -52,30 +64,35 @@ class Table(Recording):
         return tuple(str(c) for c in self._frame.columns if str(c) != self._time_name)
 
     def usual(self, wanted: str) -> str:
-        return self._headers.get(wanted, "")
+        return wanted if wanted in self._headers else ""
 
     def column(self, name: str) -> Column:
         header, unit = name, with_unit(name)[1]
-        if header not in self.columns():
-            header = self._headers.get(with_unit(name)[0], "")
+        if header not in self._frame.columns:
+            bare = with_unit(name)[0]
+            header = self._headers.get(bare, "")
+            if bare in self._twice:
+                raise SimulationError(
+                    f"{self.name} has several columns '{bare}'",
+                    expected="one of " + ", ".join(f"'{h}'" for h in self._twice[bare]),
+                )
         if not header or header == self._time_name:
             raise self.unknown(name)
-        value, faults = _numbers(self._frame[header])
-        return Column(self._time, value, unit or with_unit(header)[1], faults)
+        value, text = _numbers(self._frame[header])
+        faults = (f"{text} values that are not numbers left out",) if text else ()
+        return Column(self._time, value, unit or with_unit(header)[1], faults, text)
 
     def _time_column(self, wanted: str) -> str:
         if wanted:
-            found = wanted if wanted in self._frame.columns else self._headers.get(wanted, "")
+            bare = with_unit(wanted)[0]
+            found = wanted if wanted in self._frame.columns else self._headers.get(bare, "")
             if not found:
                 raise SimulationError(
                     f"{self.name} has no column '{wanted}'", expected=", ".join(self._headers)
                 )
             return found
         for bare, header in self._headers.items():
-            name = bare.lower()
-            for ending in _ENDINGS:
-                name = name.removesuffix(ending)
-            if name in TIMES:
+            if _ENDING.sub("", bare.lower()) in TIMES or bare.lower() in TIMES:
                 return header
         raise SimulationError(
             f"{self.name} has no column of times",
@@ -100,6 +117,7 @@ def _read(path: Path) -> tuple[Any, str]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", pd.errors.DtypeWarning)
+            warnings.simplefilter("ignore", pd.errors.ParserWarning)
             frame = pd.read_csv(path, sep=mark, encoding="utf-8-sig", on_bad_lines="skip",
                                 skipinitialspace=True, index_col=False)  # fmt: skip
     except (ValueError, pd.errors.ParserError, UnicodeDecodeError) as error:
@@ -110,37 +128,50 @@ def _read(path: Path) -> tuple[Any, str]:
     return frame, f"{left} lines with another number of columns left out" if left > 0 else ""
 
 
-def _numbers(series: Any) -> tuple[Floats, tuple[str, ...]]:
-    """The numbers of a column, and what is none. An empty place is no fault."""
+def _numbers(series: Any) -> tuple[Floats, int]:
+    """The numbers of a column, and how many entries are none. An empty place is no fault."""
     value = pd.to_numeric(series, errors="coerce")
-    text = int((value.isna() & series.notna()).sum())
-    faults = (f"{text} values that are not numbers left out",) if text else ()
-    return np.asarray(value, dtype=np.float64), faults
+    return np.asarray(value, dtype=np.float64), int((value.isna() & series.notna()).sum())
 
 
-def _times(series: Any, name: str, file: str) -> tuple[Floats, str]:
-    """The times [s] from the first one on, and what was assumed of their unit."""
-    bare, unit = with_unit(name)
-    ending = next((u for e, u in _ENDINGS.items() if bare.lower().endswith(e)), "")
+def _times(series: Any, name: str, unit: str, file: str) -> tuple[Floats, str]:
+    """The times [s] from the first one on, and what was assumed of their unit.
+
+    unit: as the user says it, "" where the header does, or nothing.
+    """
+    bare, stated = with_unit(name)
+    ending = _ENDING.search(bare.lower())
+    unit = unit or stated or (ending[1] if ending else "")
     numbers = pd.to_numeric(series, errors="coerce")
     if numbers.isna().all():
-        dates = pd.to_datetime(series, errors="coerce", utc=True, format="ISO8601")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            dates = pd.to_datetime(series, errors="coerce", utc=True, format="ISO8601")
         if dates.isna().all():
             raise SimulationError(
                 f"{file}: the column '{name}' has no times", expected="numbers, or ISO 8601"
             )
         seconds = (dates - dates.min()).dt.total_seconds()
         return np.asarray(seconds, dtype=np.float64), f"'{name}' read as dates"
-    first = numbers.min()
-    since = np.asarray(numbers - first, dtype=np.float64)
-    note = ""
-    if not unit and not ending:
-        ending = next((u for least, u in _LARGE if abs(first) > least), "s")
-        note = f"'{name}' read as {ending} since 1970" if ending != "s" else ""
-    scale = _SCALES.get(unit or ending)
+    numbers = numbers.where(np.isfinite(np.asarray(numbers, dtype=np.float64)))
+    since = np.asarray(numbers - numbers.min(), dtype=np.float64)
+    guessed = ""
+    if not unit:
+        usual = abs(float(numbers.median()))
+        guessed = next((u for least, u in _LARGE if usual > least), "s")
+    scale = _SCALES.get(unit or guessed)
     if scale is None:
         try:
             scale = convert(1.0, unit, "s")
         except UnitError as error:
             raise SimulationError(f"{file}: column '{name}': {error}") from None
-    return since * scale, note
+    since = since * scale
+    if guessed and guessed != "s":
+        return since, f"'{name}' read as {guessed} since 1970"
+    period = float(np.median(np.abs(np.diff(since[np.isfinite(since)])))) if len(since) > 2 else 0.0
+    if guessed and period > SLOW:
+        return since, (
+            f"'{name}' has no unit: taken as seconds, with a value every {period:.3g} s; if it is "
+            f'in another unit, say it: --time "{name} [ms]"'
+        )
+    return since, ""

@@ -60,9 +60,11 @@ class Diagnostics:
 
     def farewell(self, stamp: int) -> None:
         """That the node is closed."""
-        self._send(STALE, "closed; the last command was the fallback", {}, stamp)
+        self._send(STALE, "closed; the last command was the fallback", {}, stamp, last=True)
 
-    def _send(self, level: int, said: str, values: Mapping[str, Any], stamp: int) -> None:
+    def _send(
+        self, level: int, said: str, values: Mapping[str, Any], stamp: int, *, last: bool = False
+    ) -> None:
         status = made(
             "diagnostic_msgs/msg/DiagnosticStatus",
             level=level,
@@ -74,9 +76,10 @@ class Diagnostics:
                 for key, value in values.items()
             ],
         )
-        self._publisher.send(
-            made("diagnostic_msgs/msg/DiagnosticArray", header=header(stamp, ""), status=[status])
+        report = made(
+            "diagnostic_msgs/msg/DiagnosticArray", header=header(stamp, ""), status=[status]
         )
+        self._publisher.send(report, last=last)
 
 
 def _text(value: Any) -> str:

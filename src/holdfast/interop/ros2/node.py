@@ -109,15 +109,30 @@ class Publisher:
 
     def __init__(self, session: Any, key: str, token: str) -> None:
         self._gid, self._count = wire.gid(token), 0
+        self._session, self._key = session, key
         self._token = session.liveliness().declare_token(token)
         self._publisher = session.declare_publisher(key, express=True)
 
-    def send(self, message: Any) -> None:
-        """Raises `OutputError` where the session is closed."""
+    def send(self, message: Any, *, last: bool = False) -> None:
+        """Send a message; one that finds no room in the queue within a millisecond is dropped.
+
+        last: it is never dropped, because none follows that says the same. It may wait for seconds.
+        Raises `OutputError` where the session is closed.
+        """
         self._count += 1
-        attachment = wire.Attachment(self._count, time.time_ns(), self._gid)
+        attachment = wire.Attachment(self._count, time.time_ns(), self._gid).encode()
+        data = messages.encoded(message)
         try:
-            self._publisher.put(messages.encoded(message), attachment=attachment.encode())
+            if last:
+                self._session.put(
+                    self._key,
+                    data,
+                    attachment=attachment,
+                    congestion_control=zenoh.CongestionControl.BLOCK,
+                    express=True,
+                )
+            else:
+                self._publisher.put(data, attachment=attachment)
         except zenoh.ZError as error:
             raise OutputError(f"a message cannot be sent: {error}"[:200]) from None
 

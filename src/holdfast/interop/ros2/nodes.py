@@ -129,7 +129,7 @@ class FilterNode(SampledNode):
         names, stamp = self.relay.commands, time.time_ns()
         last = dict(zip(names, self.relay.keep.fallback.tolist(), strict=True))
         with suppress(OutputError):
-            self._command.send(self.interface.wrap(last, stamp))
+            self._command.send(self.interface.wrap(last, stamp), last=True)
             self._diagnostics.farewell(stamp)
         super().close()
 
