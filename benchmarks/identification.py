@@ -29,13 +29,6 @@ RECORD = Path(__file__).with_name("identification.json")
 PLANTS = {
     "otter": ("`otter`", lambda: hf.load_vehicle("otter")),
     "rov": ("`bluerov2`", lambda: hf.load_vehicle("bluerov2")),
-    "ship": (
-        "`cybership_ii`, of five times its mass",
-        lambda: hf.systems.marine_vehicle(
-            "cybership_ii", thrust_limit=6.0, thruster_arm=0.2, mass=119.0, Iz=44.0, Xudot=-10.0,
-            Yvdot=-50.0, Nrdot=-25.0, Xu=-3.6, Yv=-4.4, Nr=-9.5, Xuu=-6.6, Yvv=-182.0, Nrr=-3.8,
-        ),
-    ),
     "wheels": ("`unicycle`", hf.systems.unicycle),
 }  # fmt: skip
 
