@@ -13,6 +13,9 @@ from holdfast.interop.logs.recording import Column
 SPIKE = 10.0
 """Deviations by which a single value must be off to be left out."""
 
+DEVIATION = 1.4826
+"""Standard deviations of a normal distribution in the median of its absolute values."""
+
 FEW = 0.05
 """The largest share of values that are left out as spikes; more of them are no spikes."""
 
@@ -128,18 +131,18 @@ def _without_spikes(
     both = least(moves[:-1] + moves[1:])
     share = (time[1:-1] - time[:-2]) / (time[2:] - time[:-2])
     off = np.abs(least(moves[:-1] - share * both))
-    windows = np.lib.stride_tricks.sliding_window_view(
-        np.pad(off, AROUND, "reflect"), 2 * AROUND + 1
-    )
-    usual = np.maximum(np.median(windows, axis=1), np.median(off))
     sizes = np.abs(moves)
     beside = np.minimum(np.append(np.inf, sizes[:-2]), np.append(sizes[2:], np.inf))
     resolution = sizes[sizes > 0].min(initial=np.inf)  # of a sensor that counts
-    least_off = np.maximum.reduce(
-        [SPIKE * 1.4826 * usual, 3 * beside, np.full_like(off, 3 * resolution)]
+    least_off = np.maximum(
+        3 * beside, max(SPIKE * DEVIATION * np.median(off), 3 * resolution, 1e-6 * np.ptp(value))
     )
     peak = off >= np.maximum(np.append(off[1:], 0), np.append(0, off[:-1]))
-    spike = peak & (np.abs(both) < 0.5 * off) & (off > least_off) & (off > 1e-6 * np.ptp(value))
+    spike = peak & (np.abs(both) < 0.5 * off) & (off > least_off)
+    windows = np.lib.stride_tricks.sliding_window_view(
+        np.pad(off, AROUND, "reflect"), 2 * AROUND + 1
+    )
+    spike[spike] = off[spike] > SPIKE * DEVIATION * np.median(windows[spike], axis=1)
     found = int(spike.sum())
     if found > FEW * len(value):
         told.append(f"{name}: {found} single values far off are too many to be faults; kept")
