@@ -14,6 +14,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.errors import HoldfastError
+from tests.boats import boat, boat_log
 from tests.scenario_files import LINE
 
 NAN, INF = math.nan, math.inf
@@ -123,6 +124,16 @@ def robots():
 @cache
 def tuning():
     return hf.tune("ch4-integrator", gains=["k2=0.5:1"], candidates=10, runs=1)
+
+
+@cache
+def short_log():
+    return boat_log(seconds=25.0)
+
+
+@cache
+def identified():
+    return hf.identify(boat(), short_log())
 
 
 FUNCTIONS = {
@@ -249,6 +260,11 @@ FUNCTIONS = {
         "executor": here(),
     },
     "symbol": lambda: {"name": "x"},
+    "identify": lambda: {
+        "system": boat(), "log": short_log(), "held_out": None, "estimate": ["drag"], "hold": ["mass"], "outputs": None,
+        "unexplained_rates": ["u"], "level": 0.95, "window": None, "widen": 1.5,
+    },
+    "identification_figure": lambda: {"found": identified()},
     "tune": lambda: {
         "scenario": "ch4-integrator", "cost": "time", "gains": ["k2=0.5:1"], "margin": 0.1, "candidates": 10, "runs": 1,
         "seed": 1, "case": None, "overrides": ["run.horizon=4"],
@@ -524,7 +540,7 @@ def close():
 
 
 SLOW = (
-    "check_promise", "compare", "critical_points", "disturbance_margin", "explain", "load_scenario", "tune",
+    "check_promise", "compare", "critical_points", "disturbance_margin", "explain", "identify", "load_scenario", "tune",
 )  # fmt: skip
 """Functions, and laws below, that derive or simulate much before they refuse."""
 

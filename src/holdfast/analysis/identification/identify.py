@@ -79,6 +79,7 @@ def identify(
     out of range, and a model that diverges; `DefinitionError` for outputs that are not declared.
     """
     _check(level, window, widen, log)
+    estimate, hold, unexplained_rates = map(tuple, (estimate, hold, unexplained_rates))
     named = list(log.states)
     chosen = _wanted(system, estimate, hold)
     whole = measured_motion(system, named, [*chosen, *system.disturbance_names], outputs)

@@ -26,6 +26,9 @@ _INNER, _CLOSE = 25, 1e-3
 DRAWS = 4
 """Times that the noise of first states is drawn again."""
 
+_FAR = 1e8
+"""What a residual counts as, in deviations, where the model diverges."""
+
 _SMALLEST = 1e-9
 """Noise at least, as a part of the range of a signal."""
 
@@ -237,8 +240,9 @@ def _minimised(
         return known[x.tobytes()]
 
     def residual(x: Floats) -> Floats:
-        found = at(x).residual * weight
-        return np.where(np.isfinite(found), found, 1e8)
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = at(x).residual * weight
+        return np.where(np.isfinite(found), np.clip(found, -_FAR, _FAR), _FAR)
 
     def jacobian(x: Floats) -> Floats:
         return np.nan_to_num(-at(x).slopes * scale)
