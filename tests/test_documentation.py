@@ -19,9 +19,11 @@ import pytest
 import holdfast as hf
 from holdfast.analysis.reachability.solve import set_on_grid
 from holdfast.commands.main import main
+from holdfast.interop.logs.write import write_log
 from holdfast.presentation.text.runs import summary_text
 from holdfast.presentation.text.values import value_text
 from holdfast.scenario.kinds.kernel import KernelScenario
+from tests.boats import vehicle_log
 from tests.c_code import STRICT, needs_gcc
 from tests.command_line import PD
 from tests.decisions import START, sample
@@ -136,6 +138,8 @@ def named(text):
 # -- what is typed in a shell
 
 FEWER = {
+    "identify": "--no-figures",
+    "identify dive.csv": "--no-figures --runs 3 --set run.horizon=4",
     "run": "--runs 2 --set run.horizon=2",
     "run of one start": "--set run.horizon=2",
     "run of a kernel": "--set grid.nodes=31 --set promise.runs=10",
@@ -210,6 +214,17 @@ def called(words, output=None):
     return left.value.code
 
 
+def write_logs():
+    """The logs that the page of identification names."""
+    for vehicle, names in (
+        ("otter", ("trial", "second")),
+        ("videoray_pro_iii", ("dive", "second_dive")),
+    ):
+        system = hf.load_vehicle(vehicle)
+        for seed, name in enumerate(names):
+            write_log(vehicle_log(system, seconds=40.0, seed=seed), f"{name}.csv")
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """Where all pages are tried: what `reproduce` has run is not run again."""
@@ -227,6 +242,8 @@ def test_commands_of_the_documentation_run(page, folder, monkeypatch):
     called(["show", "inspection"], "mine.toml")
     Path("pd.py").write_text(PD)
     Path("samples.jsonl").write_text(sample(START) * 3)
+    if page.stem == "identify":
+        write_logs()
     write_named(page)
     for line in typed(page):
         begun = time.time()
