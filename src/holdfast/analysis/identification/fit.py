@@ -101,7 +101,7 @@ def fit_of(
                 f"the model diverges within {windows.length:.3g} s from its first numbers",
                 remedy="begin with better ones, or take a shorter window",
             )
-        scale = np.where(first == 0, _sizes(motion, start, first), np.abs(first))
+        scale = np.where(first == 0, _sizes(start), np.abs(first))
         dropped = observability.not_seen(start.information, scale, names, observability.HOPELESS)
         if not dropped:
             found = fitted(problem, first, lower)
@@ -121,7 +121,7 @@ def fit_of(
         held |= dict.fromkeys(dropped, (UNSEEN, "this log does not show it"))
 
 
-def _sizes(motion: MeasuredMotion, start: Fitted, first: Floats) -> Floats:
+def _sizes(start: Fitted) -> Floats:
     """Sizes of numbers without a first guess: a hundred deviations, since 0 is no measure."""
     strength = np.sqrt(np.maximum(np.diag(start.information), 0.0))
     return np.where(strength > 0, 100 / np.maximum(strength, 1e-300), 1.0)

@@ -18,14 +18,14 @@ known bounds. w times the sample time has to be below 1.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
-from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.law import Law, Safeguard
 from holdfast.maths.definitions.memory import Memory, joined
 from holdfast.maths.definitions.quantity import (
     SAMPLE_TIME,
@@ -123,15 +123,34 @@ def observe(
     )
     estimated = tuple(kept[len(felt) :])
 
+    return told_by(switching, guess, estimated, memory)
+
+
+def told_by(
+    switching: Switching,
+    guess: Mapping[sp.Symbol, sp.Expr],
+    estimated: Sequence[Quantity],
+    memory: Memory,
+    guarded: Callable[[Safeguard], Safeguard] = lambda guard: guard,
+    parameters: tuple[Parameter, ...] = (),
+) -> Switching:
+    """The law with estimates in place of what it does not measure.
+
+    guess: expressions of the estimated quantities of `memory`, by what they replace. guarded,
+    parameters: what a safeguard becomes before it is told the estimates, and its new parameters.
+    """
+
     def told(mode: Law) -> Law:
         reads = [q for q in mode.reads if q.symbol not in guess]
+        guard = mode.safeguard
         return replace(
             mode,
             reads=(*reads, *estimated),
             outputs={n: e.xreplace(guess) for n, e in mode.outputs.items()},
             signals={n: e.xreplace(guess) for n, e in mode.signals.items()},
+            parameters=(*mode.parameters, *parameters) if guard else mode.parameters,
             believed={},
-            safeguard=mode.safeguard.subs(guess) if mode.safeguard else None,
+            safeguard=guarded(guard).subs(guess) if guard else None,
             lookup=mode.lookup.subs(guess) if mode.lookup else None,
         )
 

@@ -39,11 +39,11 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
-from holdfast.maths.control.observer import along
+from holdfast.maths.control.observer import along, told_by
 from holdfast.maths.definitions.law import Law, Safeguard
-from holdfast.maths.definitions.memory import Memory, joined
+from holdfast.maths.definitions.memory import Memory
 from holdfast.maths.definitions.quantity import SAMPLE_TIME, TIME, Parameter, Quantity, symbol
-from holdfast.maths.definitions.switching import Switching, Transition, as_switching
+from holdfast.maths.definitions.switching import Switching, as_switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import greatest, least, magnitude, select, wrap
 
@@ -123,29 +123,8 @@ def observe_set(
         remembered[s] for s in remembered if any(s in e.free_symbols for e in guess.values())
     ]
 
-    def told(mode: Law) -> Law:
-        reads = [q for q in mode.reads if q.symbol not in guess]
-        guard = mode.safeguard
-        return replace(
-            mode,
-            reads=(*reads, *told_of),
-            outputs={n: e.xreplace(guess) for n, e in mode.outputs.items()},
-            signals={n: e.xreplace(guess) for n, e in mode.signals.items()},
-            parameters=(*mode.parameters, *parameters) if guard else mode.parameters,
-            believed={},
-            safeguard=worst_of(guard, width).subs(guess) if guard else None,
-            lookup=mode.lookup.subs(guess) if mode.lookup else None,
-        )
-
-    return replace(
-        switching,
-        name=f"{switching.name}, observed",
-        modes={name: told(mode) for name, mode in switching.modes.items()},
-        transitions=tuple(
-            Transition(t.source, t.target, t.when.xreplace(guess)) for t in switching.transitions
-        ),
-        signals={n: e.xreplace(guess) for n, e in switching.signals.items()},
-        memory=joined(switching.memory, memory),
+    return told_by(
+        switching, guess, told_of, memory, lambda guard: worst_of(guard, width), parameters
     )
 
 
