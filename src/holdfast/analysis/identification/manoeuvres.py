@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from holdfast.analysis.identification.log import Floats
 from holdfast.analysis.identification.observability import deviations
 from holdfast.analysis.identification.shooting import Shooting
 from holdfast.analysis.identification.windows import Windows
-from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.trajectories import Trajectories
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.numeric import evaluated
 from holdfast.maths.identification.measured_motion import MeasuredMotion, measured_motion
@@ -61,8 +61,11 @@ def advised(
     problem = Problem(shooting, windows, values, range(len(values)))
     known = problem.settle(values, problem.first_local(), fit.weight).information
     best: dict[str, tuple[float, str]] = {}
-    for trial in _manoeuvres(own, motion, windows):
-        added = _information(own, shooting, windows, fit, values, trial)
+    trials = list(_manoeuvres(own, motion, windows))
+    planned = _planned(own, motion, windows, trials)
+    paths = trajectories(motion, planned, values, windows.step)
+    for trial, inputs, path in zip(trials, planned, paths, strict=True):
+        added = _information(shooting, windows, fit, values, inputs, path)
         if added is None:
             continue
         found = deviations(known + added)
@@ -128,31 +131,36 @@ def _amplitudes(own: System, names: list[str], windows: Windows) -> list[float]:
     return found
 
 
-def _information(
-    own: System,
-    shooting: Shooting,
-    windows: Windows,
-    fit: Fitted,
-    values: Floats,
-    trial: Manoeuvre,
-) -> Floats | None:
-    """What a manoeuvre from rest would show, with the noise and the rate of measurements."""
-    motion = shooting.motion
-    count, steps, signals = windows.count, windows.steps, len(motion.names)
-    shape = (count, steps, len(motion.inputs))
-    planned = replace(windows, inputs=trial.inputs.reshape(shape))
+def _planned(
+    own: System, motion: MeasuredMotion, windows: Windows, trials: Sequence[Manoeuvre]
+) -> Floats:
+    """The inputs that each manoeuvre gives within the limits, shape (manoeuvres, steps, inputs)."""
     names = [q.name for q in motion.inputs]
-    if len(names) == len(own.input_names):
-        planned = applied(own, planned, own.input_names, names)
-    path = trajectory(motion, planned.inputs.reshape(-1, shape[2]), values, windows.step)
+    inputs = np.stack([trial.inputs for trial in trials])
+    if len(names) < len(own.input_names):
+        return inputs
+    shape = (-1, windows.steps, len(names))
+    limited = applied(own, replace(windows, inputs=inputs.reshape(shape)), own.input_names, names)
+    return limited.inputs.reshape(inputs.shape)
+
+
+def _information(
+    shooting: Shooting, windows: Windows, fit: Fitted, values: Floats, inputs: Floats, path: Floats
+) -> Floats | None:
+    """What a manoeuvre would show, with the noise and the rate of measurements.
+
+    inputs, path: of each step, and the states at each node.
+    """
     if not np.isfinite(path).all():
         return None
+    motion = shooting.motion
+    count, steps, signals = windows.count, windows.steps, len(motion.names)
     rows = np.arange(count * steps * signals)
     window, rest = np.divmod(rows, steps * signals)
     node, signal = np.divmod(rest, signals)
     planned = replace(
-        planned, window=window, node=node, share=np.zeros(len(rows)), signal=signal,
-        value=np.zeros(len(rows)),
+        windows, inputs=inputs.reshape(count, steps, -1), window=window, node=node,
+        share=np.zeros(len(rows)), signal=signal, value=np.zeros(len(rows)),
     )  # fmt: skip
     per_step = np.bincount(windows.signal, minlength=signals) / (count * steps)
     weight = (np.sqrt(per_step) / fit.noise)[signal]
@@ -163,24 +171,14 @@ def _information(
     return settled.information if np.isfinite(settled.slopes).all() else None
 
 
-def trajectory(motion: MeasuredMotion, inputs: Floats, values: Floats, step: float) -> Floats:
-    """States from rest at the nodes of steps with these inputs, shape (steps + 1, states)."""
-    compute = Evaluator(list(motion.rates), motion.columns, motion.parameters)
-    states = len(motion.states)
-    path = np.zeros((len(inputs) + 1, states))
-    point = np.zeros((1, states + inputs.shape[1] + len(values)))
-    point[0, states + inputs.shape[1] :] = values
+def trajectories(motion: MeasuredMotion, inputs: Floats, values: Floats, step: float) -> Floats:
+    """States from rest at the nodes of steps with these inputs.
 
-    def rate(x: Floats) -> Floats:
-        point[0, :states] = x
-        return compute.values(point)[0]
-
+    inputs: shape (manoeuvres, steps, inputs). Shape (manoeuvres, steps + 1, states).
+    """
+    x, u, v = ([q.symbol for q in g] for g in (motion.states, motion.inputs, motion.unknown))
+    paths = Trajectories(list(motion.rates), x, u, v, motion.parameters)
+    first = np.zeros((len(inputs), len(x)))
     with np.errstate(over="ignore", invalid="ignore"):
-        for k, row in enumerate(inputs):
-            point[0, states : states + len(row)] = row
-            x = path[k]
-            a = rate(x)
-            b = rate(x + step / 2 * a)
-            c = rate(x + step / 2 * b)
-            path[k + 1] = x + step / 6 * (a + 2 * b + 2 * c + rate(x + step * c))
-    return path
+        nodes, _ = paths.nodes(first, inputs, np.tile(values, (len(inputs), 1)), step)
+    return nodes.transpose(2, 0, 1)

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from holdfast.analysis.identification.log import Floats
 from holdfast.analysis.identification.windows import Windows
 from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.trajectories import Trajectories
 from holdfast.maths.identification.measured_motion import MeasuredMotion
 
 
@@ -27,22 +29,25 @@ class Predicted:
 
 @dataclass(frozen=True)
 class _Nodes:
-    """Values and rates at the nodes of every window, shapes (nodes, windows, ...)."""
+    """Values and rates at the nodes of every window, shapes (nodes, rows, windows)."""
 
     value: Floats
     rate: Floats
 
-    def at(self, windows: Windows) -> Floats:
-        """The cubic Hermite interpolant at each measurement."""
-        k, w, h = windows.node, windows.window, windows.step
-        s = windows.share.reshape(-1, *(1,) * (self.value.ndim - 2))
-        a, b = self.value[k, w], self.value[k + 1, w]
-        c, d = self.rate[k, w] * h, self.rate[k + 1, w] * h
+    def at(self, windows: Windows, of: npt.NDArray[np.intp], rows: npt.NDArray[np.intp]) -> Floats:
+        """The cubic Hermite interpolant of some rows at some measurements, a row for each."""
+        k, w, h = windows.node[of][:, None], windows.window[of][:, None], windows.step
+        s = windows.share[of][:, None]
+        a = self.value[k, rows, w]
+        if not s.any():
+            return a
+        b = self.value[k + 1, rows, w]
+        c, d = self.rate[k, rows, w] * h, self.rate[k + 1, rows, w] * h
         found: Floats = (
-            a * (1 + 2 * s) * (1 - s) ** 2
-            + b * s**2 * (3 - 2 * s)
-            + c * s * (1 - s) ** 2
-            - d * s**2 * (1 - s)
+            a * ((1 + 2 * s) * (1 - s) ** 2)
+            + b * (s**2 * (3 - 2 * s))
+            + c * (s * (1 - s) ** 2)
+            - d * (s**2 * (1 - s))
         )
         return found
 
@@ -55,10 +60,19 @@ class Shooting:
 
     def __init__(self, motion: MeasuredMotion) -> None:
         self.motion = motion
-        self.states, self.unknown = len(motion.states), len(motion.unknown)
-        self._rates = Evaluator(motion.sensitivities, motion.columns, motion.parameters)
-        seen = [q.symbol for q in (*motion.states, *motion.unknown)]
-        self._outputs = Evaluator(motion.output_sensitivities, seen, motion.parameters)
+        n, m = len(motion.states), len(motion.unknown)
+        self.states, self.unknown = n, m
+        x, u, v = ([q.symbol for q in g] for g in (motion.states, motion.inputs, motion.unknown))
+        self._paths = Trajectories(motion.sensitivities, x, u, v, motion.parameters)
+        found = motion.output_sensitivities
+        count = len(motion.names)
+        self._outputs = []
+        for k, output in enumerate(found[:count]):
+            slopes = found[count + n * k :][:n]
+            direct = found[count + n * count + m * k :][:m]
+            used = [i for i, e in enumerate(slopes) if e != 0]
+            values = [output, *(slopes[i] for i in used), *direct]
+            self._outputs.append((used, Evaluator(values, [*x, *v], motion.parameters)))
 
     def predicted(self, windows: Windows, first: Floats, unknown: Floats) -> Predicted:
         """The measurements of windows that begin at `first`, shape (windows, states).
@@ -66,44 +80,21 @@ class Shooting:
         unknown: shape (windows, unknown), constant in each window.
         """
         n, m = self.states, self.unknown
-        count = windows.count
-        slopes = np.zeros((count, n, n + m))
-        slopes[:, :, :n] = np.eye(n)
-        z = np.concatenate([first[:, :, None], slopes], axis=2)
-        values = np.empty((windows.steps + 1, *z.shape))
-        rates = np.empty_like(values)
-        points = np.empty((count, n + windows.inputs.shape[2] + m))
-        points[:, points.shape[1] - m :] = unknown
-        h = windows.step
-
-        def rate(z: Floats, k: int) -> Floats:
-            points[:, :n] = z[:, :, 0]
-            points[:, n : points.shape[1] - m] = windows.inputs[:, k]
-            found = self._rates.values(points)
-            by_state = found[:, n : n + n * n].reshape(count, n, n)
-            moved = np.empty_like(z)
-            moved[:, :, 0] = found[:, :n]
-            moved[:, :, 1:] = by_state @ z[:, :, 1:]
-            moved[:, :, 1 + n :] += found[:, n + n * n :].reshape(count, n, m)
-            return moved
-
+        value = np.empty(len(windows.value))
+        slopes = np.empty((len(windows.value), n + m))
         with np.errstate(over="ignore", invalid="ignore"):  # a diverged window is not a number
-            for k in range(windows.steps):
-                a = rate(z, k)
-                values[k], rates[k] = z, a
-                b = rate(z + h / 2 * a, k)
-                c = rate(z + h / 2 * b, k)
-                z = z + h / 6 * (a + 2 * b + 2 * c + rate(z + h * c, k))
-            values[-1], rates[-1] = z, rate(z, windows.steps - 1)
-            return self._seen(windows, _Nodes(values, rates).at(windows), unknown)
-
-    def _seen(self, windows: Windows, z: Floats, unknown: Floats) -> Predicted:
-        """The outputs of the states at each measurement."""
-        n, m, count = self.states, self.unknown, len(self.motion.names)
-        points = np.concatenate([z[:, :, 0], unknown[windows.window]], axis=1)
-        found = self._outputs.values(points)
-        row, of = np.arange(len(points)), windows.signal
-        by_state = found[:, count : count + count * n].reshape(len(row), count, n)[row, of]
-        direct = found[:, count + count * n :].reshape(len(row), count, m)[row, of]
-        slopes = np.einsum("ki,kij->kj", by_state, z[:, :, 1:])
-        return Predicted(found[row, of], slopes[:, :n], slopes[:, n:] + direct)
+            nodes = _Nodes(*self._paths.nodes(first, windows.inputs, unknown, windows.step))
+            for k, (used, outputs) in enumerate(self._outputs):
+                of = np.flatnonzero(windows.signal == k)
+                seeds = [n + (n + m) * i + j for i in used for j in range(n + m)]
+                z = nodes.at(windows, of, np.array([*range(n), *seeds], dtype=np.intp))
+                points = np.concatenate([z[:, :n], unknown[windows.window[of]]], axis=1)
+                seen = outputs.values(points)
+                value[of] = seen[:, 0]
+                own = np.zeros((len(of), n + m))
+                own[:, n:] = seen[:, 1 + len(used) :]
+                for place in range(len(used)):
+                    by = z[:, n + (n + m) * place :][:, : n + m]
+                    own += seen[:, 1 + place, None] * by
+                slopes[of] = own
+        return Predicted(value, slopes[:, :n], slopes[:, n:])

@@ -144,6 +144,7 @@ def _placed(
     inside = (window >= 0) & (signal.time - start[window] < length)
     window = window[inside]
     into = (signal.time[inside] - start[window]) / width
+    into = np.where(np.abs(into - np.rint(into)) < 1e-6, np.rint(into), into)  # rounded times
     node = np.minimum(into.astype(np.int64), steps - 1)
     kind = np.full(len(window), number, dtype=np.int64)
     return window.astype(np.int64), node, into - node, kind, signal.value[inside]
