@@ -188,9 +188,55 @@ def test_command_beyond_the_limit_counts_as_the_limit():
     forces = np.clip(3 * boat_log().inputs["F"].value, -100, 100)
     log = boat_log(forces=np.clip(forces, -40, 40))
     asked = replace(log, inputs={"F": hf.Signal(log.inputs["F"].time, forces)})
-    assert hf.identify(boat(*ROUGH), asked).values == pytest.approx(
-        hf.identify(boat(*ROUGH), log).values, rel=1e-9
+    found = hf.identify(boat(*ROUGH), asked)
+    assert found.values == pytest.approx(hf.identify(boat(*ROUGH), log).values, rel=1e-9)
+    share = 100 * np.mean(np.abs(forces) > 40)
+    assert found.repairs == (
+        f"F is commanded beyond its limits in {share:.2g} % of the log, and the model counts with "
+        "the limits",
     )
+
+
+def runaway(growth):
+    """q' = growth q^3 + gain F, which leaves every bound in finite time."""
+    q, f, a, b = (hf.symbol(n) for n in ("q", "F", "growth", "gain"))
+    numbers = (
+        hf.Parameter("growth", "1/(m^2 s)", value=growth),
+        hf.Parameter("gain", "1", value=1.0),
+    )
+    return hf.System(
+        "runaway", (hf.Quantity("q", "m"),), (hf.Quantity("F", "m/s"),), {"q": a * q**3 + b * f},
+        parameters=numbers,
+    )  # fmt: skip
+
+
+def runaway_log():
+    """Of growth 1 and gain 1, about places that feedback holds."""
+    random, step, count, aim = np.random.default_rng(0), 0.05, 2000, 0.0
+    q, places, forces = 0.5, np.empty(count), np.empty(count)
+    for k in range(count):
+        aim = random.uniform(-1.2, 1.2) if k % 40 == 0 else aim
+        places[k], forces[k] = q, -(q**3) + 3 * (aim - q) + random.normal(0, 0.3)
+        for _ in range(20):
+            q += step / 20 * (q**3 + forces[k])
+    time = step * np.arange(count)
+    measured = places + 0.02 * random.standard_normal(count)
+    signals = {"q": hf.Signal(time, measured)}
+    return hf.Log("runaway", signals, {"F": hf.Signal(time, forces)}, gap=0.5)
+
+
+def test_model_that_diverges_in_long_windows_is_fitted_in_shorter_ones():
+    log = runaway_log()
+    found = hf.identify(runaway(1.05), log)
+    assert found.window == pytest.approx(0.625)
+    for name in ("growth", "gain"):
+        (told,) = (e for e in found.parameters if e.name == name)
+        assert told.low < 1 < told.high
+        assert told.half_width < 0.02
+    with pytest.raises(SimulationError, match=r"diverges within 2\.5 s"):
+        hf.identify(runaway(1.05), log, window=2.5)
+    with pytest.raises(SimulationError, match="begin with better ones"):
+        hf.identify(runaway(4.0), log)
 
 
 def test_bound_contains_what_no_model_knows_and_a_rougher_log_is_outside_it():

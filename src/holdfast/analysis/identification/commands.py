@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import sympy as sp
 
 from holdfast.analysis.identification.log import Log
 from holdfast.analysis.identification.windows import Windows
@@ -13,6 +14,9 @@ from holdfast.errors import SimulationError
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.definitions.quantity import symbol
 from holdfast.maths.definitions.system import System
+
+NOTICED = 0.01
+"""The share of a log, and of a command, from which what is beyond a limit is said."""
 
 
 def commanded_names(system: System, log: Log, needed: Sequence[str]) -> tuple[str, ...]:
@@ -41,14 +45,40 @@ def applied(
     names: what the windows have (`commanded_names`); needed: the inputs that they get.
     """
     given = [symbol(n) for n in names]
-    if tuple(names) == system.input_names:
-        wishes = system.allocated(given)
-    elif tuple(names) == system.actuators:
-        wishes = list(given)
-    else:
+    wishes = _wishes(system, names)
+    if wishes is None:
         return windows
     inputs = dict(zip(system.input_names, system.produced(system.limited(wishes)), strict=True))
     compute = Evaluator([inputs[n] for n in needed], given, system.parameters)
     flat = np.ascontiguousarray(windows.inputs.reshape(-1, len(names)))
     shape = (*windows.inputs.shape[:2], len(needed))
     return replace(windows, inputs=compute.values(flat).reshape(shape))
+
+
+def beyond_limits(system: System, windows: Windows, names: Sequence[str]) -> tuple[str, ...]:
+    """A sentence for each actuator that is commanded beyond its limits.
+
+    windows: with the commands, before they are limited.
+    """
+    wishes = _wishes(system, names)
+    if wishes is None:
+        return ()
+    values = [*wishes, *system.limited(wishes)]
+    compute = Evaluator(values, [symbol(n) for n in names], system.parameters)
+    wished, limited = np.hsplit(compute.values(windows.inputs.reshape(-1, len(names))), 2)
+    shares = np.mean(np.abs(wished - limited) > NOTICED * np.abs(wished), axis=0)
+    told = zip(system.actuators or system.input_names, shares, strict=True)
+    return tuple(
+        f"{name} is commanded beyond its limits in {100 * share:.2g} % of the log, "
+        "and the model counts with the limits"
+        for name, share in told
+        if share > NOTICED
+    )
+
+
+def _wishes(system: System, names: Sequence[str]) -> list[sp.Expr] | None:
+    """The actuator values that are asked for; None where only some inputs are known."""
+    given = [symbol(n) for n in names]
+    if tuple(names) == system.input_names:
+        return system.allocated(given)
+    return list(given) if tuple(names) == system.actuators else None

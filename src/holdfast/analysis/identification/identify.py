@@ -91,6 +91,8 @@ def identify(
     held |= {n: (TIED, why) for n, why in observability.to_hold(groups, order).items()}
     motion, fit, problem = fit_of(setting, log, whole, held)
     windows = problem.windows
+    if windows.length < setting.length * (1 - 1e-9):
+        setting = replace(setting, window=windows.length)
     spread, count = spread_of(fit, windows), windows.count
     quantile = float(student.ppf((1 + level) / 2, max(count - len(motion.unknown), 1)))
     found = {q.name: k for k, q in enumerate(motion.unknown)}
@@ -123,7 +125,7 @@ def identify(
         left_out=windows.left_out,
         level=level,
         ties=tuple(f"only a combination of {', '.join(g)} is seen" for g in groups if len(g) > 1),
-        repairs=tuple(log.repairs),
+        repairs=(*log.repairs, *setting.beyond_limits(log, whole)),
         measured=measured,
     )
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -16,6 +15,10 @@ from holdfast.errors import SimulationError
 
 HUBER = 2.5
 """Deviations beyond which a residual counts linearly."""
+
+LOOSE = 1e3
+"""The deviation of a number from its first guess, in parts of it: what nothing shows stays finite,
+and what is seen moves by a millionth of its interval."""
 
 ROUNDS = 4
 """Times that the noise and the weights are estimated again."""
@@ -31,6 +34,10 @@ _FAR = 1e8
 
 _SMALLEST = 1e-9
 """Noise at least, as a part of the range of a signal."""
+
+
+class DivergenceError(SimulationError):
+    """The model diverges within a window."""
 
 
 @dataclass(frozen=True)
@@ -186,7 +193,12 @@ def _inverse(matrices: Floats, damping: Floats) -> Floats:
 
 
 def fitted(
-    problem: Problem, first: Floats, lower: Floats, *, noise: Floats | None = None
+    problem: Problem,
+    first: Floats,
+    lower: Floats,
+    *,
+    noise: Floats | None = None,
+    loose: float = LOOSE,
 ) -> Fitted:
     """The numbers of least squares with Huber's weights, the noise of each signal re-estimated.
 
@@ -195,7 +207,9 @@ def fitted(
     (P. J. Huber, Robust statistics, 1981.) The first states are eliminated at each step (variable
     projection, G. H. Golub and V. Pereyra, 1973) and the shared numbers are found by SciPy's
     trust-region method. first: of the shared numbers; lower: their exclusive lower limits. noise:
-    of each signal where it is known. Raises `SimulationError` if it does not converge.
+    of each signal where it is known. loose: how far a number may be from its first guess, as a
+    deviation in parts of that guess, which keeps numbers finite that nothing shows. Raises
+    `DivergenceError` where no number fits.
     """
     w = problem.windows
     deviation = first_noise(w, len(problem.shooting.motion.names)) if noise is None else noise
@@ -203,9 +217,10 @@ def fitted(
     local, shared = problem.first_local(), np.array(first, float)
     huber = np.ones(len(w.value))
     scale = np.where(shared == 0, 1.0, np.abs(shared))
+    held = _Held(shared / scale, np.where(shared == 0, 0.0, 1 / loose))
     for _ in range(ROUNDS):
         weight = huber / np.maximum(deviation, floor)[w.signal]
-        found = _minimised(problem, shared, local, weight, scale, lower)
+        found = _minimised(problem, shared, local, weight, scale, lower, held)
         shared, local = found.shared, found.local
         if noise is None:
             deviation = np.maximum(_deviations(problem, found), floor)
@@ -213,46 +228,66 @@ def fitted(
     weight = huber / np.maximum(deviation, floor)[w.signal]
     found = problem.settle(shared, local, weight)
     if not np.isfinite(found.residual).all():
-        raise SimulationError(
-            "the model diverges within a window of the log", remedy="take a shorter window"
+        raise DivergenceError(
+            f"the model diverges within windows of {w.length:.3g} s",
+            remedy="take a shorter window",
         )
     return replace(found, noise=deviation)
 
 
+@dataclass(frozen=True)
+class _Held:
+    """Numbers, in parts of their first guesses, that are pulled towards these."""
+
+    to: Floats
+    strength: Floats
+
+
 def _minimised(
-    problem: Problem, shared: Floats, local: Floats, weight: Floats, scale: Floats, lower: Floats
+    problem: Problem,
+    shared: Floats,
+    local: Floats,
+    weight: Floats,
+    scale: Floats,
+    lower: Floats,
+    held: _Held,
 ) -> Fitted:
     """Least squares with these weights."""
     if not problem.shared:
         return problem.settle(shared, local, weight)
-    known: dict[bytes, Fitted] = {}
-    last: Fitted | None = None
+    tried: tuple[bytes, Fitted] | None = None
+    accepted: Fitted | None = None
 
     def at(x: Floats) -> Fitted:
-        nonlocal last
-        if x.tobytes() not in known:
-            known.clear()
-            begin = local if last is None else last.local + last.follow @ (x * scale - last.shared)
-            found = problem.settle(x * scale, begin, weight)
-            if np.isfinite(found.residual).all() and np.isfinite(found.slopes).all():
-                last = found
-            known[x.tobytes()] = found
-        return known[x.tobytes()]
+        """The fit with these numbers, its first states sought from those of the last accepted."""
+        nonlocal tried
+        if tried is None or tried[0] != x.tobytes():
+            begin = local
+            if accepted is not None:
+                begin = accepted.local + accepted.follow @ (x * scale - accepted.shared)
+            tried = x.tobytes(), problem.settle(x * scale, begin, weight)
+        return tried[1]
 
     def residual(x: Floats) -> Floats:
         with np.errstate(over="ignore", invalid="ignore"):
             found = at(x).residual * weight
-        return np.where(np.isfinite(found), np.clip(found, -_FAR, _FAR), _FAR)
+        kept = np.where(np.isfinite(found), np.clip(found, -_FAR, _FAR), _FAR)
+        return np.concatenate([kept, held.strength * (x - held.to)])
 
     def jacobian(x: Floats) -> Floats:
-        return np.nan_to_num(-at(x).slopes * scale)
+        """Asked for at the first numbers and at accepted ones."""
+        nonlocal accepted
+        accepted = at(x)
+        slopes = np.nan_to_num(-accepted.slopes * scale)
+        return np.concatenate([slopes, np.diag(held.strength)])
 
     least = np.where(np.isfinite(lower), lower / scale, -np.inf)
-    result: Any = least_squares(
+    least_squares(
         residual, shared / scale, jac=jacobian, bounds=(least, np.inf), x_scale="jac",
         ftol=1e-8, xtol=1e-8, gtol=1e-10, max_nfev=60,
     )  # fmt: skip
-    return at(result.x)
+    assert accepted is not None
+    return accepted
 
 
 def huber_weights(ratio: Floats) -> Floats:
