@@ -29,6 +29,8 @@ RECORD = Path(__file__).with_name("identification.json")
 PLANTS = {
     "otter": ("`otter`", lambda: hf.load_vehicle("otter")),
     "rov": ("`bluerov2`", lambda: hf.load_vehicle("bluerov2")),
+    "ship": ("`cybership_ii`, 20 N at 0.5 m",
+             lambda: hf.load_vehicle("cybership_ii", thrust_limit=20.0, thruster_arm=0.5)),
     "wheels": ("`unicycle`", hf.systems.unicycle),
 }  # fmt: skip
 

@@ -12,6 +12,7 @@ import holdfast as hf
 from holdfast.analysis.identification.log import Log, Signal
 from holdfast.errors import ScenarioError
 from holdfast.studies.identification import (
+    redrawn,
     scenario_with,
     subject_of,
     vehicle_with,
@@ -105,6 +106,26 @@ def test_filter_that_counts_the_bound_keeps_what_one_without_it_loses(tmp_path, 
     assert without.viable < 30
 
 
+@pytest.mark.heavy
+def test_margins_are_computed_before_and_after(tmp_path, videoray_found):
+    for name, changes, of in (
+        (
+            "ch7-discriminating",
+            ("grid.nodes=15", "march.horizon=1"),
+            "current that leaves a kernel",
+        ),
+        ("inspection-current", ("run.horizon=1",), "disturbances that leave a place at rest"),
+    ):
+        subject, folder = subject_of(name, changes), tmp_path / name
+        write_identified(videoray_found, subject, folder, figures=False)
+        found, _ = redrawn(videoray_found, subject, folder, runs=2, figures=False)
+        (row,) = (r for r in found.rows if of in r[0])
+        assert row[1] == pytest.approx(row[2], rel=0.05)
+        assert not found.no_margin
+        without, _ = redrawn(videoray_found, subject, folder, runs=2, figures=False, margins=False)
+        assert without.no_margin == "not asked for"
+
+
 def test_reduced_kernel_says_what_it_cannot_count(videoray_found):
     text, missing = scenario_with(videoray_found, subject_of("ch7-discriminating"))
     assert set(missing) >= {"u", "r"}
@@ -155,6 +176,7 @@ def test_command_goes_from_a_log_to_a_scenario_and_fails_on_a_log_beyond_the_bou
     assert identified["system"]["parameters"]["drag"]["value"] == pytest.approx(drag["value"])
     assert "runs that stay in the region" in answer.stdout
     assert "filter does not count it" in answer.stdout
+    assert "no margin: pier.toml" in answer.stdout
 
 
 @pytest.mark.parametrize(

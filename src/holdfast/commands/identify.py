@@ -64,6 +64,11 @@ from holdfast.studies.progress import bar
     show_default=True,
     help="Factor on the box of what the windows of the log needed.",
 )
+@click.option(
+    "--no-margins",
+    is_flag=True,
+    help="Without `holdfast margin` of the scenario, before and after.",
+)
 @click.option("--runs", type=WHOLE, help="Starts of a scenario of closed loops.")
 @click.option("--seed", type=WHOLE, help="Seed of its random numbers.")
 @file_options
@@ -81,6 +86,7 @@ def command(
     window: float | None,
     gap: float | None,
     widen: float,
+    no_margins: bool,
     runs: int | None,
     seed: int | None,
     out: Path | None,
@@ -132,7 +138,14 @@ def command(
     if subject.scenario:
         with bar("scenario") as tell:
             answers, more = redrawn(
-                found, subject, folder, runs=runs, seed=seed, figures=not no_figures, progress=tell
+                found,
+                subject,
+                folder,
+                runs=runs,
+                seed=seed,
+                figures=not no_figures,
+                margins=not no_margins,
+                progress=tell,
             )
         files += more
     click.echo(identification_text(found, files, answers.summary() if answers else None))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import itertools
+import math
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from typing import Any
 import tomlkit
 
 from holdfast.analysis.identification.identified import Identified
-from holdfast.errors import ScenarioError, suggestion
+from holdfast.errors import HoldfastError, ScenarioError, suggestion
 from holdfast.host.output import make_folder, write_summary, write_text
 from holdfast.host.reading import read_small_text
 from holdfast.maths.catalogue import systems
@@ -26,10 +27,17 @@ from holdfast.scenario.edited import edited_text
 from holdfast.scenario.files import load_system, read_tables, scenario_names
 from holdfast.scenario.kinds.kernel import KernelResult
 from holdfast.scenario.load import load_scenario
+from holdfast.scenario.resting import resting_places
 from holdfast.scenario.vehicle_text import Number, numbered_vehicle
+from holdfast.studies.disturbance_margin import disturbance_margin
 
 VEHICLE, SCENARIO = "vehicle.toml", "identified.toml"
 """Files that are written."""
+
+DRAWS = 36
+"""Disturbances of drawn values in which a place at rest is sought."""
+
+NOT_ASKED = "not asked for"
 
 _DIGITS = 7
 
@@ -174,16 +182,20 @@ def measured_expressions(system: System, texts: Mapping[str, str]) -> dict[str, 
     return {name: parse_expression(text, known) for name, text in texts.items()}
 
 
+Row = tuple[str, float, float, float]
+
+
 @dataclass(frozen=True)
 class Redrawn:
     """What a scenario answers with its own numbers and with those of the log.
 
     rows: (what, before, after, of how many, NaN for none). missing: states of the bound that the
-    scenario has no rate of.
+    scenario has no rate of. no_margin: why no margin was computed, "" if one was.
     """
 
-    rows: tuple[tuple[str, float, float, float], ...]
+    rows: tuple[Row, ...]
     missing: tuple[str, ...]
+    no_margin: str = ""
 
     def summary(self) -> dict[str, Any]:
         """Plain data."""
@@ -191,7 +203,11 @@ class Redrawn:
             {"what": w, "before": a, "after": b, "of": None if n != n else n}
             for w, a, b, n in self.rows
         ]
-        return {"answers": rows, "not_counted": list(self.missing)}
+        return {
+            "answers": rows,
+            "not_counted": list(self.missing),
+            "no_margin": self.no_margin,
+        }
 
 
 def redrawn(
@@ -202,13 +218,15 @@ def redrawn(
     runs: int | None = None,
     seed: int | None = None,
     figures: bool = True,
+    margins: bool = True,
     progress: Callable[[str, float], None] | None = None,
 ) -> tuple[Redrawn, list[Path]]:
     """The scenario with its own numbers and with those of the log, and the files of the second.
 
     A kernel: the shares of its box. A closed loop: how many runs stay in the region and reach the
     goal; with a safeguard also against the bound at all its corners, held constant, the filter
-    without and with the bound. `write_identified` has written the scenario to `folder`.
+    without and with the bound. margins: also what `holdfast margin` answers, before and after.
+    `write_identified` has written the scenario to `folder`.
     """
     tell = progress or (lambda what, share: None)
     missing = scenario_with(found, subject)[1]
@@ -222,10 +240,12 @@ def redrawn(
     nothing = float("nan")
     if isinstance(old, KernelResult):
         pair = [answer.value.summary()["fraction_of_box"] for answer in (old, new)]
-        return Redrawn((("share of the grid's box kept", *pair, nothing),), missing), files
+        kept_share: Row = ("share of the grid's box kept", *pair, nothing)
+        more, why = _margins(subject, path, _largest_current, tell) if margins else ([], NOT_ASKED)
+        return Redrawn((kept_share, *more), missing, why), files
     count = float(new.arrays.sizes["run"])
     stay = "runs that stay in the region"
-    rows: list[tuple[str, float, float, float]] = [(stay, old.viable, new.viable, count)]
+    rows: list[Row] = [(stay, old.viable, new.viable, count)]
     first, second = (float(a.outcomes.get("reached goal", 0)) for a in (old, new))
     if first or second:
         rows.append(("runs that reach the goal", first, second, count))
@@ -240,7 +260,42 @@ def redrawn(
                 tell("corners of the bound", 0.6 + 0.4 * (k + 1) / len(corners))
         what = "the same, the bound at its corners; before: the filter does not count it"
         rows.append((what, kept[0], kept[1], count * len(corners)))
-    return Redrawn(tuple(rows), missing), files
+    more, why = _margins(subject, path, _place_at_rest, tell) if margins else ([], NOT_ASKED)
+    return Redrawn((*rows, *more), missing, why), files
+
+
+def _margins(
+    subject: Subject,
+    path: str,
+    answer: Callable[[str, Iterable[str]], dict[str, tuple[float, float]]],
+    tell: Callable[[str, float], None],
+) -> tuple[list[Row], str]:
+    """What `holdfast margin` answers before and after, or why it answers nothing."""
+    try:
+        tell("margin with its own numbers", 0.8)
+        before = answer(subject.scenario, subject.overrides)
+        tell("margin with those of the log", 0.9)
+        after = answer(path, ())
+    except HoldfastError as error:
+        return [], error.cause
+    return [(what, value, after[what][0], of) for what, (value, of) in before.items()], ""
+
+
+def _largest_current(scenario: str, overrides: Iterable[str]) -> dict[str, tuple[float, float]]:
+    """The largest current that leaves a kernel, NaN where none does."""
+    found = disturbance_margin(scenario, overrides=overrides)
+    low = math.nan if found.low is None else found.low
+    return {f"largest {found.name} that leaves a kernel [{found.unit}]": (low, math.nan)}
+
+
+def _place_at_rest(scenario: str, overrides: Iterable[str]) -> dict[str, tuple[float, float]]:
+    """In how many of the disturbances there is a place at rest, and the least margin of one."""
+    found = resting_places(load_scenario(scenario, overrides), DRAWS)
+    margins = [f.margin for f in found.found if f.exists]
+    return {
+        "disturbances that leave a place at rest": (len(margins), len(found.found)),
+        "the least margin of such a place": (min(margins, default=math.nan), math.nan),
+    }
 
 
 def _corners(path: str, worst: Iterable[str]) -> Iterable[tuple[str, ...]]:

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 ROOT = Path(__file__).parents[3]
-NAMES = {"otter": "Otter", "rov": "ROV", "wheels": "wheels"}
+NAMES = {"otter": "Otter", "rov": "ROV", "ship": "drillship", "wheels": "wheels"}
 
 
 def row(name, told):
@@ -29,3 +29,13 @@ def test_table_of_the_page_is_the_record_of_the_benchmark():
     assert set(record) == set(NAMES)
     for name, told in record.items():
         assert row(name, told) in page
+
+
+def test_coverage_of_the_page_is_the_record_of_the_benchmark():
+    told = json.loads((ROOT / "benchmarks" / "identification.json").read_text())["known"]
+    page = (ROOT / "docs" / "identify.md").read_text()
+    assert f"Of {told['logs']} logs of an Otter with known numbers" in page
+    assert (
+        f"{told['inside']} of {told['intervals']} intervals at 95 % contain the truth, and "
+        f"{told['covered']} of {told['logs']} second logs are within the bound"
+    ) in page

@@ -546,6 +546,32 @@ def test_condition_against_the_worst_push_is_that_of_a_shorter_reach(double_inte
         assert bool(result.viable) is kept
 
 
+def test_one_disturbance_may_be_measured_and_another_be_the_worst():
+    """Towards a wall by a known wind and an unknown push, of 0.5 and up to 0.3 m/s^2."""
+    wind = hf.Quantity("wind", "m/s^2")
+    cart = hf.System(
+        "cart", (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")), (hf.Quantity("a", "m/s^2"),),
+        {"x": hf.symbol("v"), "v": hf.symbol("a") + wind.symbol}, disturbances=(wind,),
+        disturbance_bounds=hf.Box((-0.6,), (0.6,)), input_bounds=hf.Box((-3.0,), (3.0,)),
+    )  # fmt: skip
+    pushed = hf.add_unmodelled(cart, ["v"], hf.Box((-0.3,), (0.3,)))
+    region = hf.Region("wall", pushed.states[:1], (hf.Inequality("wall", X - 1, "m"),))
+    law = hf.Law("ahead", pushed.states, {"a": sp.Float(1.0)})
+    for measured, worst, kept in (
+        (True, ["unmodelled_v"], True),
+        (False, ["unmodelled_v"], False),
+        (False, ["wind", "unmodelled_v"], True),
+    ):
+        guarded = hf.safeguard(pushed, law, region, gains=(K1, K2), measured=measured, worst=worst)
+        assert ("wind" in [q.name for q in guarded.reads]) is measured
+        assert "unmodelled_v" not in [q.name for q in guarded.reads]
+        result = hf.simulate(
+            pushed, guarded, starts=[(-1.0, 0.0)], region=region, horizon=10.0,
+            disturbance={"wind": 0.5, "unmodelled_v": 0.3}, tolerance=1e-6,
+        )  # fmt: skip
+        assert bool(result.viable) is kept
+
+
 def test_worst_of_what_is_no_disturbance_or_is_measured_is_refused(double_integrator):
     pushed = hf.add_unmodelled(double_integrator, ["v"], hf.Box((-0.3,), (0.3,)))
     region = hf.Region("wall", pushed.states[:1], (hf.Inequality("wall", X - 1, "m"),))

@@ -56,12 +56,12 @@ def safeguard(
     of them has not left the region. gains: (k1, k2) in 1/s, above 0. margins: name of an inequality
     -> m_j >= 0 in its own unit, how far inside the boundary to stay. scales: input -> the change of
     it that counts as much as a change of another by its own scale; half the width of its bounds
-    where they are finite, else 1. measured: whether the law measures the disturbances; if not, it
-    uses its believed values, or zero. worst: disturbances against which the conditions hold
-    wherever in their bounds they are (robust control barrier function), such as what a model
-    leaves unexplained: the condition of a constraint c has the support function of the bounds at
-    the coefficients of d in it. If no input is admissible, all conditions are relaxed by the
-    same least amount, and the run counts such samples.
+    where they are finite, else 1. measured: whether the law measures the disturbances, but those
+    of `worst`; if not, it uses its believed values, or zero. worst: disturbances against which the
+    conditions hold wherever in their bounds they are (robust control barrier function), such as
+    what a model leaves unexplained: the condition of a constraint c has the support function of the
+    bounds at the coefficients of d in it. If no input is admissible, all conditions are relaxed by
+    the same least amount, and the run counts such samples.
 
     A `Switching` is treated mode by mode. Raises `DefinitionError` for a law that does not give
     the system's inputs, a condition of relative degree above 2, inputs bounded by a ball or by
@@ -110,10 +110,12 @@ def safeguard(
 
     def guarded(law: Law) -> Law:
         check_fit(system, law)
-        told = system.disturbances if measured else ()
+        told = [d for d in system.disturbances if measured and d.name not in worst]
         reads = {q.name: q for q in (*law.reads, *system.states, *told)}
         law = replace(law, reads=tuple(reads.values()))
-        still = {} if measured else believed_disturbances(system, law)
+        still = believed_disturbances(system, law)
+        if measured:
+            still = {symbol(n): sp.S.Zero for n in worst}
         numbers = exchanged((e for n, b in rows for e in (*n, b)), still)
         columns = [tuple(numbers[i :: len(names) + 1]) for i in range(len(names) + 1)]
         return replace(
@@ -157,7 +159,7 @@ def _worst(
         )
     if not names:
         return lambda c: sp.S.Zero
-    if measured:
+    if measured and set(names) == set(system.disturbance_names):
         raise DefinitionError(
             f"'{names[0]}' is measured, and is to be the worst within its bounds",
             expected="one of the two",

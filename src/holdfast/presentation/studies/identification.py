@@ -152,6 +152,8 @@ def identification_text(
         for row in redrawn["answers"]:
             of = "" if row["of"] is None else f" of {row['of']:g}"
             lines.append(f"    {row['what']:<{wide}}{row['before']:<14.4g}{row['after']:.4g}{of}")
+        if redrawn["no_margin"]:
+            lines.append(f"    no margin: {redrawn['no_margin']}")
         if redrawn["not_counted"]:
             names = ", ".join(redrawn["not_counted"])
             lines.append(f"  NOT counted by the scenario, which has no rate of it: {names}")
