@@ -130,6 +130,7 @@ def identification_text(
         f"    {'parameter':<24}{'before':<12}{'now':<12}{level + ' interval':<26}",
     ]
     lines += [_row(e) for e in (*found.parameters, *found.disturbances)]
+    lines += [f"  NOTE: {remark}" for remark in found.remarks]
     for tie in found.ties:
         lines.append(f"  {tie}: the first of them is held")
     for e in found.parameters:
