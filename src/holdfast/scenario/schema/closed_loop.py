@@ -10,6 +10,7 @@ from holdfast.scenario.schema.values import (
     Bounds,
     DrawSpec,
     Expression,
+    FlatOutputSpec,
     Gains,
     Interval,
     Layer,
@@ -84,6 +85,7 @@ class SystemSpec(Section):
     rates: dict[Name, Expression] = Field(default_factory=dict)
     measurements: dict[Name, MeasurementSpec] = Field(default_factory=dict)
     pfaffian: list[PfaffianSpec] = Field(default_factory=list)
+    flat_output: FlatOutputSpec | None = None
 
 
 class OutputsSpec(Section):
