@@ -323,3 +323,26 @@ def test_sway_of_the_model_leaves_its_bounds_in_fast_currents_at_50_hz_and_not_a
     assert often[2][0] < 1e-3
     assert often[2][1] < 1e-3
     assert often[2][2] < 0.03
+
+
+def test_error_of_the_sway_that_is_not_measured_grows_at_speed_unless_the_bandwidth_is_high():
+    """The yaw moment u v moves the estimate of r by 2/w of it, and u r moves the sway: unstable."""
+    system = hf.load_scenario("inspection-current").system
+    values = {p.symbol: p.value for p in system.parameters}
+    velocities = [hf.symbol(n) for n in "uvr"]
+    rates = sp.Matrix([system.rates[n].subs(values) for n in "uvr"]).jacobian(velocities)
+
+    def growth(state, w):
+        """Largest growth of (psi, u, v, r) less their estimates, in 1/s."""
+        at = dict(zip(velocities, state, strict=True))
+        error = np.zeros((4, 4))
+        error[1:, 1:] = np.array(rates.subs(at).doit(), dtype=float)
+        error[0, 0], error[0, 3], error[3, 0] = -2 * w, 1, -(w**2)
+        return np.linalg.eigvals(error).real.max()
+
+    astern = (-0.85, 0, 0)
+    assert growth(astern, 40) == pytest.approx(1.84, abs=0.01)
+    assert growth(astern, 90) == pytest.approx(0.61, abs=0.01)
+    drifting_and_turning = (-0.81, 0.09, 0.36)  # as in the runs whose sets are empty
+    assert growth(drifting_and_turning, 40) == pytest.approx(0.37, abs=0.01)
+    assert growth(drifting_and_turning, 90) < 0

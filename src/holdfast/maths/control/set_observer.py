@@ -28,10 +28,10 @@ grows by rho with time, and is intersected with
     d(t) in  (y(t) - y(t - T) - int g +- E) / C T  +-  rho T / 2
 
 A window ends at T = sqrt(4 n / (|C| rho)), where 2 n / (|C| T) + rho T / 2 is least, and the next
-one begins: the half width of the set is then 2 sqrt(n rho / |C|) and what the model leaves open, in
-the next window at most 1.42 times the first part. rho is that of what the vehicle feels: |dd/dt| +
-|dd/dx| times its speed over ground, where d is a field. The model's states s are velocities
-through the water, of which the rates must not depend on how the water accelerates.
+one begins: the half width of the set is then at most 2 sqrt(n rho / |C|) and what the model leaves
+open, in the next window at most 1.42 times the first part. rho is that of what the vehicle feels:
+|dd/dt| + |dd/dx| times its speed over ground, where d is a field. The model's states s are
+velocities through the water, whose rates must not depend on how the water accelerates.
 
 A condition of a safety filter  normal . u <= offset(q, d)  then counts the worst of the whole set,
 
