@@ -278,11 +278,13 @@ class ObserverSpec(Section):
 
     error_bounds: the largest error of each state, measured or not: a guaranteed set of the
     disturbance then replaces its estimate, and [safeguard] counts the worst of the set.
+    rate_bounds: the most by which a disturbance changes in a second, where the vehicle feels it.
     """
 
     measured: list[Name] | None = None
     bandwidth: float = 2.0
     error_bounds: dict[Name, Value] = Field(default_factory=dict)
+    rate_bounds: dict[Name, Value] = Field(default_factory=dict)
 
 
 class AlterationSpec(Section):
