@@ -11,8 +11,8 @@ import sympy as sp
 import holdfast as hf
 from holdfast.errors import DefinitionError
 from holdfast.execution.evaluate import Evaluator
+from tests.runs_at_rest import LIMIT, settled
 
-LIMIT = math.radians(83)
 ROOT = Path(__file__).parents[4]
 
 
@@ -79,17 +79,6 @@ def test_goal_of_the_law_is_the_equilibrium_or_the_nearest_bearing_allowed(vehic
     wanted = np.clip([rest(t) for t in theta], -LIMIT, LIMIT)
     np.testing.assert_allclose(goals, wanted, atol=1e-9)
     assert seen.values(np.array([[-1.0, 0.0, 0.0, 0.009]])) == pytest.approx(0)  # still water
-
-
-def settled(speed, *changes, scenario="inspection-current", limit=LIMIT):
-    """(viable, at rest, with a place at rest, of those at rest) of 600 starts."""
-    overrides = [f"varied.draws.speed.range=[{speed}, {speed}]", *changes]
-    data = hf.load_scenario(scenario, overrides).run().dataset
-    directions = data["varied"].sel(varied_name="direction").values
-    can = np.abs(np.arctan(np.tan(directions))) < limit
-    at_rest = data["outcome"].values == hf.Outcome.REACHED
-    viable = data["outcome"].values != hf.Outcome.LEFT
-    return viable.sum(), at_rest.sum(), can.sum(), (at_rest & can).sum()
 
 
 def test_every_start_with_the_bow_to_the_current_comes_to_rest():

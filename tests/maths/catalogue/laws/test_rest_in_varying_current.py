@@ -11,7 +11,7 @@ import holdfast as hf
 from holdfast.maths.control.barrier_conditions import viability_conditions
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.functions import magnitude
-from tests.maths.catalogue.laws.test_rest_in_current import settled
+from tests.runs_at_rest import settled
 
 VEERING = (
     "varied.draws.veering=[-0.3,0.3]",
