@@ -1,5 +1,7 @@
 """Runs of the scenarios in a current: which stay in view, and which come to rest."""
 
+import math
+
 import numpy as np
 
 import holdfast as hf
