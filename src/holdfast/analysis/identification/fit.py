@@ -57,10 +57,11 @@ class Setting:
     step: float = math.nan
 
     def cut(self, log: Log, motion: MeasuredMotion, part: int = 1) -> Windows:
-        """The windows of a log, or of a part of their length."""
+        """The windows of a log, or of a part of their length, in whole steps."""
+        length = self.step * max(round(self.length / part / self.step), 1)
         inputs = [q.name for q in motion.inputs]
         names = commanded_names(self.system, log, inputs)
-        found = windows_of(log, motion.names, names, self.length / part, self.step)
+        found = windows_of(log, motion.names, names, length, self.step)
         return applied(self.system, found, names, inputs)
 
     def beyond_limits(self, log: Log, motion: MeasuredMotion) -> tuple[str, ...]:

@@ -212,7 +212,7 @@ def _left(
     bound = unexplained.bounded(found, widen)
     if held_out is None:
         return bound, None
-    part = round(setting.length / found.length)
+    part = next(p for p, cut in zip(parts, cuts, strict=True) if cut.length == found.length)
     moved, error = _still(own, setting, whole, held_out, noise)
     windows = [setting.cut(held_out, motion, part)]
     again = unexplained.needed(shooting, own, windows, noise, moved, held_out.name)
