@@ -51,6 +51,10 @@ class Interval:
     def __neg__(self) -> Interval:
         return Interval(-self.high, -self.low, None if self.number is None else -self.number)
 
+    def copy(self) -> Interval:
+        """Another quantity of the same interval: a difference of the two is not zero."""
+        return Interval(self.low, self.high)
+
     def __add__(self, other: Interval) -> Interval:
         if self.number == 0:
             return other
