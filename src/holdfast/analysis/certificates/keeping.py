@@ -17,7 +17,9 @@ BLOCK = 1 << 16
 class Kept:
     """members: numbers of the cells that are kept; inputs: for each the one that keeps it.
 
-    inside: how many cells lie in the region. holds: sampling periods, None for ever.
+    inside: how many cells lie in the region. holds: sampling periods, None for ever. entries: rows
+    (cell, input, level): the input leads from that cell to cells of a level one lower, as many
+    periods as are left at most; the level is 0 for ever.
     """
 
     cells: Cells
@@ -26,6 +28,7 @@ class Kept:
     inside: int
     holds: int | None
     sweeps: int
+    entries: Wholes
 
     @property
     def share(self) -> float:
@@ -53,11 +56,13 @@ def kept(
     choice = np.zeros(count, dtype=np.int64)
     alive = np.ones(count, dtype=bool)
     sweeps = 0
+    earlier: list[Wholes] = []
     while holds is None or sweeps < holds:
-        members = np.zeros(int(np.prod(cells.counts)), dtype=bool)
-        members[inside[alive]] = True
-        counted = Counted(cells, members)
+        now = np.zeros(int(np.prod(cells.counts)), dtype=bool)
+        now[inside[alive]] = True
+        counted = Counted(cells, now)
         waiting = np.flatnonzero(alive)
+        before = choice.copy()
         while len(waiting):
             choice_of = choice[waiting]
             fine = usable[waiting, choice_of]
@@ -69,10 +74,17 @@ def kept(
             lost = choice[waiting] >= most
             alive[waiting[lost]] = False
             waiting = waiting[~lost]
+        if holds is not None and sweeps:  # inputs that led far enough until now
+            changed = np.flatnonzero(before != choice)
+            level = np.full(len(changed), sweeps)
+            earlier.append(np.stack([inside[changed], before[changed], level], axis=1))
         sweeps += 1
-        if alive.sum() == members.sum():
+        if alive.sum() == now.sum():
             break
-    return Kept(cells, inside[alive], choice[alive], count, holds, sweeps)
+    members, inputs = inside[alive], choice[alive]
+    level = np.full(len(members), 0 if holds is None else holds)
+    entries = np.concatenate([np.stack([members, inputs, level], axis=1), *earlier])
+    return Kept(cells, members, inputs, count, holds, sweeps, entries)
 
 
 def _inside(flow: HeldFlow, cells: Cells) -> Wholes:

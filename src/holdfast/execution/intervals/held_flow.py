@@ -78,7 +78,7 @@ class HeldFlow:
         hold: float,
     ) -> None:
         self.states, self.inputs = list(states), list(inputs)
-        self.rates, self.constraints = ([_exact(e) for e in g] for g in (rates, constraints))
+        self.rates, self.constraints = ([exact(e) for e in g] for g in (rates, constraints))
         wide = {s: ends for s, ends in parameters.items() if ends[0] < ends[1]}
         self.disturbances = {**disturbances, **wide}  # constant ones, which is one way of varying
         self.parameters = {s: ends for s, ends in parameters.items() if s not in wide}
@@ -247,7 +247,7 @@ class HeldFlow:
         return kept | (meet.high <= 0.0)
 
 
-def _exact(e: Any) -> sp.Expr:
+def exact(e: Any) -> sp.Expr:
     """With floats as the rational numbers that they are: derivatives of these are exact."""
     e = sp.sympify(e)
     return e.xreplace({f: sp.Rational(f) for f in e.atoms(sp.Float)})

@@ -18,6 +18,8 @@ from holdfast.execution.arithmetic.steps import FLOAT, Steps, Value, choose, roo
 
 PHI = 2.0**-53 * (1 + 2.0**-52)
 ETA = 5e-324
+TURN = 6.283185307179587
+"""The float above 2 pi."""
 
 
 def below(x: Value) -> Value:

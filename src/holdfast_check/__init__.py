@@ -1,0 +1,1 @@
+"""A checker of certificates, in balls of a maintained library; it shares no code with holdfast."""

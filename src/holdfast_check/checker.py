@@ -1,0 +1,592 @@
+"""`holdfast-check FILE`: whether a certificate proves what it says.
+
+A certificate names a vehicle's rates f(x, u, d), bounds of d, constraints c(x) <= 0, a grid of
+cells, and for each cell of a set an input. It is valid if for each such cell X, its input u held
+for T and any disturbance within the bounds
+
+1. c <= 0 all over X;
+2. a box B contains every state on the way: X + [0, T] f(B, u, D) lies inside B;
+3. c <= 0 on the way: all over B, or from both ends by the least and greatest rate of c over B;
+4. every state at the end lies in cells of the set (of a level one lower, for a finite horizon).
+
+Then the set is never left. The numbers are balls of Arb (python-flint), with 80 bits. The states at
+the end are c + T f + T^2/2 f' + T^3/6 f'' of the middle (Taylor series over a ball) and what others
+differ from it by (mean value form; slopes by automatic differentiation).
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import bisect
+import hashlib
+import itertools
+import json
+import math
+import random
+import struct
+import sys
+import time
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import flint
+from flint import arb, arb_series
+
+MAGIC = "holdfast-certificate 1"
+BITS = 80
+VALID, NOT_VALID, NOT_READ = 0, 1, 2
+LEAST_CHANCE = 1e-3
+
+
+class NotValidError(Exception):
+    """Where and why a certificate does not prove what it says."""
+
+
+# -- the file --------------------------------------------------------------------------------
+
+
+@dataclass
+class Certificate:
+    """What a file says. entries: (cell, input, level); a level of 0 is for ever."""
+
+    header: dict[str, Any]
+    edges: list[list[float]]
+    inputs: list[list[float]]
+    entries: list[tuple[int, int, int]]
+
+    @property
+    def counts(self) -> list[int]:
+        return [len(e) - 1 for e in self.edges]
+
+
+def read(path: str) -> Certificate:
+    """The certificate of a file. Raises `NotValidError` if a bit of it is not as it was written."""
+    with open(path, "rb") as file:
+        content = file.read()
+    first, _, rest = content.partition(b"\n")
+    words = first.decode("ascii", "replace").split(" ")
+    if " ".join(words[:2]) != MAGIC or len(words) != 3:
+        raise NotValidError(f"{path} is not a certificate of this version")
+    if hashlib.sha256(rest).hexdigest() != words[2]:
+        raise NotValidError(f"{path} was changed: its digest is not that of its content")
+    text, _, packed = rest.partition(b"\n")
+    header = json.loads(text)
+    numbers = zlib.decompress(packed)
+    count = header["entries"]
+    if len(numbers) != 10 * count:
+        raise NotValidError(f"{path} has {len(numbers)} bytes of entries, expected {10 * count}")
+    return Certificate(
+        header,
+        [[float.fromhex(e) for e in axis] for axis in header["edges"]],
+        [[float.fromhex(v) for v in row] for row in header["candidates"]],
+        list(struct.iter_unpack("<IHI", numbers)),
+    )
+
+
+# -- numbers with slopes ---------------------------------------------------------------------
+
+
+def ball(low: float, high: float) -> Any:
+    return arb(low).union(arb(high))
+
+
+@dataclass
+class Slope:
+    """A ball and the balls of its derivatives by some quantities."""
+
+    value: Any
+    by: list[Any]
+
+    def __add__(self, other: Any) -> Slope:
+        o = _slope(other, len(self.by))
+        return Slope(self.value + o.value, [a + b for a, b in zip(self.by, o.by, strict=True)])
+
+    __radd__ = __add__
+
+    def __neg__(self) -> Slope:
+        return Slope(-self.value, [-a for a in self.by])
+
+    def __sub__(self, other: Any) -> Slope:
+        return self + (-_slope(other, len(self.by)))
+
+    def __rsub__(self, other: Any) -> Slope:
+        return -self + other
+
+    def __mul__(self, other: Any) -> Slope:
+        o = _slope(other, len(self.by))
+        slopes = [a * o.value + self.value * b for a, b in zip(self.by, o.by, strict=True)]
+        return Slope(self.value * o.value, slopes)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Slope:
+        o = _slope(other, len(self.by))
+        return self * o.chain(1 / o.value, -1 / (o.value * o.value))
+
+    def __rtruediv__(self, other: Any) -> Slope:
+        return _slope(other, len(self.by)) / self
+
+    def __pow__(self, n: int) -> Slope:
+        return self.chain(self.value**n, n * self.value ** (n - 1))
+
+    def chain(self, value: Any, slope: Any) -> Slope:
+        """A function of this, of that value and slope."""
+        return Slope(value, [slope * a for a in self.by])
+
+    def sin(self) -> Slope:
+        return self.chain(self.value.sin(), self.value.cos())
+
+    def cos(self) -> Slope:
+        return self.chain(self.value.cos(), -self.value.sin())
+
+    def tan(self) -> Slope:
+        t = self.value.tan()
+        return self.chain(t, 1 + t * t)
+
+    def atan(self) -> Slope:
+        return self.chain(self.value.atan(), 1 / (1 + self.value * self.value))
+
+    def exp(self) -> Slope:
+        e = self.value.exp()
+        return self.chain(e, e)
+
+    def log(self) -> Slope:
+        return self.chain(self.value.log(), 1 / self.value)
+
+    def tanh(self) -> Slope:
+        t = self.value.tanh()
+        return self.chain(t, 1 - t * t)
+
+    def sqrt(self) -> Slope:
+        s = self.value.sqrt()
+        return self.chain(s, 1 / (2 * s))
+
+    def __abs__(self) -> Slope:
+        sign = arb(1) if self.value >= 0 else arb(-1) if self.value <= 0 else ball(-1, 1)
+        return self.chain(abs(self.value), sign)
+
+
+def _slope(x: Any, count: int) -> Slope:
+    return x if isinstance(x, Slope) else Slope(arb(x), [arb(0)] * count)
+
+
+# -- expressions -----------------------------------------------------------------------------
+
+
+class NoSeriesError(Exception):
+    """A function that has no Taylor series here."""
+
+
+def _absolute(x: Any) -> Any:
+    if isinstance(x, arb_series):
+        raise NoSeriesError
+    return abs(x)
+
+
+def _choice(better: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    def apply(a: Any, b: Any) -> Any:
+        if isinstance(a, arb_series) or isinstance(b, arb_series):
+            raise NoSeriesError
+        if isinstance(a, Slope) or isinstance(b, Slope):
+            count = len(a.by) if isinstance(a, Slope) else len(b.by)
+            a, b = _slope(a, count), _slope(b, count)
+            by = [p.union(q) for p, q in zip(a.by, b.by, strict=True)]
+            return Slope(better(a.value, b.value), by)
+        return better(arb(a), arb(b))
+
+    return apply
+
+
+def _tangent_hyperbolic(x: Any) -> Any:
+    if isinstance(x, arb_series):
+        e = (2 * x).exp()
+        return 1 - 2 / (e + 1)
+    return x.tanh()
+
+
+FUNCTIONS: dict[str, Callable[..., Any]] = {
+    "sin": lambda x: x.sin(), "cos": lambda x: x.cos(), "tan": lambda x: x.tan(),
+    "atan": lambda x: x.atan(), "exp": lambda x: x.exp(), "log": lambda x: x.log(),
+    "sqrt": lambda x: x.sqrt(), "tanh": _tangent_hyperbolic,
+    "magnitude": _absolute, "Abs": _absolute,
+    "least": _choice(lambda a, b: a.min(b)), "greatest": _choice(lambda a, b: a.max(b)),
+}  # fmt: skip
+OPERATIONS: dict[type, Callable[[Any, Any], Any]] = {
+    ast.Add: lambda a, b: a + b, ast.Sub: lambda a, b: a - b, ast.Mult: lambda a, b: a * b,
+    ast.Div: lambda a, b: a / b,
+}  # fmt: skip
+
+
+class Expression:
+    """A text of names, whole numbers, + - * / **, and FUNCTIONS."""
+
+    def __init__(self, text: str) -> None:
+        self.tree = ast.parse(text, mode="eval").body
+        self.names = {n.id for n in ast.walk(self.tree) if isinstance(n, ast.Name)} - set(FUNCTIONS)
+
+    def at(self, values: dict[str, Any]) -> Any:
+        return self._value(self.tree, values)
+
+    def _value(self, node: ast.expr, values: dict[str, Any]) -> Any:
+        match node:
+            case ast.Constant(value=int(number)):
+                return arb(number)
+            case ast.Name(id=name):
+                if name == "pi":
+                    return arb.pi()
+                return values[name]
+            case ast.UnaryOp(op=ast.USub(), operand=inner):
+                return -self._value(inner, values)
+            case ast.BinOp(left=base, op=ast.Pow(), right=exponent):
+                return self._power(self._value(base, values), exponent)
+            case ast.BinOp(left=a, op=operation, right=b):
+                return OPERATIONS[type(operation)](self._value(a, values), self._value(b, values))
+            case ast.Call(func=ast.Name(id=name), args=arguments):
+                return FUNCTIONS[name](*(self._value(a, values) for a in arguments))
+        raise NotValidError(f"the expression has {ast.dump(node)}")
+
+    def _power(self, base: Any, exponent: ast.expr) -> Any:
+        twice = 2 * _rational(exponent)
+        if twice != int(twice):
+            raise NotValidError(
+                f"the exponent {ast.unparse(exponent)} is no half of a whole number"
+            )
+        whole, half = divmod(abs(int(twice)), 2)
+        found = arb(1)
+        if whole:
+            found = base if whole == 1 else _whole_power(base, whole)
+        if half:
+            found = found * base.sqrt()
+        return 1 / found if twice < 0 else found
+
+
+def _whole_power(base: Any, n: int) -> Any:
+    if not isinstance(base, arb_series):
+        return base**n
+    found = base
+    for _ in range(n - 1):
+        found = found * base
+    return found
+
+
+def _rational(node: ast.expr) -> float:
+    match node:
+        case ast.Constant(value=int(number)):
+            return number
+        case ast.UnaryOp(op=ast.USub(), operand=inner):
+            return -_rational(inner)
+        case ast.BinOp(left=a, op=ast.Div(), right=b):
+            return _rational(a) / _rational(b)
+    raise NotValidError(f"the exponent {ast.unparse(node)} is no number")
+
+
+# -- the proof -------------------------------------------------------------------------------
+
+
+@dataclass
+class Checker:
+    """The claims of a certificate, cell by cell."""
+
+    given: Certificate
+    rates: list[Expression] = field(init=False)
+    constraints: list[Expression] = field(init=False)
+
+    def __post_init__(self) -> None:
+        h = self.given.header
+        self.rates = [Expression(t) for t in h["rates"]]
+        self.constraints = [Expression(c["expression"]) for c in h["constraints"]]
+        self.states = [q["name"] for q in h["states"]]
+        self.input_names = [q["name"] for q in h["inputs"]]
+        self.bounds = {
+            q["name"]: ball(*map(float.fromhex, q["range"]))
+            for q in (*h["disturbances"], *h["parameters"])
+        }
+        self.hold = arb(float.fromhex(h["hold"]))
+        self.during = arb(0).union(self.hold)
+        self.level: dict[int, int] = {}
+        self.inside: dict[int, bool] = {}
+        self.shape, self.turning = self.given.counts, h["periodic"]
+        self._well_formed()
+
+    def _well_formed(self) -> None:
+        h, g = self.given.header, self.given
+        known = {*self.states, *self.input_names, *self.bounds, "pi"}
+        for e in (*self.rates, *self.constraints):
+            if odd := e.names - known:
+                raise NotValidError(f"an expression uses the undeclared name {min(odd)}")
+        if len(self.rates) != len(self.states) or len(g.edges) != len(self.states):
+            raise NotValidError("there is not one rate and one axis for each state")
+        for name, axis, turns in zip(self.states, g.edges, h["periodic"], strict=True):
+            if not all(a < b for a, b in itertools.pairwise(axis)):
+                raise NotValidError(f"the edges of {name} do not grow")
+            if turns:
+                self._turns(name, axis)
+        if not float.fromhex(h["hold"]) > 0:
+            raise NotValidError("the hold is not above 0")
+        total, most = math.prod(self.shape), h["holds"]
+        for cell, choice, level in g.entries:
+            if not (cell < total and choice < len(g.inputs)) or (level == 0) != (most is None):
+                raise NotValidError(f"entry of cell {cell}: no such cell, input or level")
+            self.level[cell] = max(level, self.level.get(cell, 0))
+
+    def _turns(self, name: str, axis: list[float]) -> None:
+        """An angle: all rates have it in sines and cosines alone, and a turn is in the axis."""
+        if not arb(axis[-1]) - arb(axis[0]) >= 2 * arb.pi():
+            raise NotValidError(f"the axis of {name} is less than a turn")
+        for e in (*self.rates, *self.constraints):
+            for node in ast.walk(e.tree):
+                if isinstance(node, ast.Call) and ast.unparse(node.func) in ("sin", "cos"):
+                    for inner in ast.walk(node.args[0]):
+                        inner._inside = True  # type: ignore[attr-defined]
+                    if any(isinstance(p, ast.Mult | ast.Div | ast.Pow) for p in
+                           ast.walk(node.args[0])):  # fmt: skip
+                        raise NotValidError(f"{ast.unparse(node)} may not come back after a turn")
+            for node in ast.walk(e.tree):
+                if isinstance(node, ast.Name) and node.id == name and not hasattr(node, "_inside"):
+                    raise NotValidError(
+                        f"{name} comes back after a turn, {ast.unparse(e.tree)} not"
+                    )
+
+    def entry(self, cell: int, choice: int, level: int) -> None:
+        """Raises `NotValidError` unless this input keeps this cell."""
+        x = self._box(cell)
+        where = ", ".join(f"{n} = {q.str(4)}" for n, q in zip(self.states, x, strict=True))
+        u = dict(zip(self.input_names, map(arb, self.given.inputs[choice]), strict=True))
+        fixed = {**self.bounds, **u}
+        if (broken := self._broken(x)) is not None:
+            raise NotValidError(f"cell {cell} ({where}) is not inside constraint {broken}")
+        way = self._way(x, fixed, f"cell {cell} ({where})")
+        end = self._end(x, way, fixed)
+        for k, c in enumerate(self.constraints):
+            if not self._kept(c, x, end, way, fixed):
+                raise NotValidError(f"cell {cell} ({where}): constraint {k} may fail on the way")
+        for led in self._cells(end):
+            if led is None or not self._reached(led, level):
+                raise NotValidError(
+                    f"cell {cell} ({where}) may lead to cell {led}, which is not kept"
+                )
+
+    def _box(self, cell: int) -> list[Any]:
+        place: list[int] = []
+        for count in reversed(self.shape):
+            cell, k = divmod(cell, count)
+            place.insert(0, k)
+        return [ball(e[k], e[k + 1]) for e, k in zip(self.given.edges, place, strict=True)]
+
+    def _broken(self, x: Sequence[Any]) -> int | None:
+        """The first constraint that does not surely hold all over a box."""
+        values = {**self.bounds, **dict(zip(self.states, x, strict=True))}
+        return next((k for k, c in enumerate(self.constraints) if not c.at(values) <= 0), None)
+
+    def _reached(self, cell: int, level: int) -> bool:
+        """Whether a cell is of the set, or of a level one lower; of level 0 is the region."""
+        if level == 1 and cell not in self.level:
+            if cell not in self.inside:
+                self.inside[cell] = self._broken(self._box(cell)) is None
+            return self.inside[cell]
+        return self.level.get(cell, -1) >= max(level - 1, 0)
+
+    def _rates(self, x: Sequence[Any], fixed: dict[str, Any]) -> list[Any]:
+        values = {**fixed, **dict(zip(self.states, x, strict=True))}
+        return [r.at(values) for r in self.rates]
+
+    def _way(self, x: list[Any], fixed: dict[str, Any], where: str) -> list[Any]:
+        """A box that contains every state on the way."""
+        guess = x
+        for grown in (1.1, 1.1, 1.2, 1.5, 2.0):
+            moved = [q + self.during * r for q, r in zip(x, self._rates(guess, fixed), strict=True)]
+            if all(g.contains(m) for g, m in zip(guess, moved, strict=True)):
+                return moved
+            guess = [m + (m - m.mid()) * (grown - 1) for m in moved]
+        raise NotValidError(f"{where}: no box of the states on the way was found")
+
+    def _end(self, x: list[Any], way: list[Any], fixed: dict[str, Any]) -> list[Any]:
+        """Every state at the end."""
+        plain = [q + self.hold * r for q, r in zip(x, self._rates(way, fixed), strict=True)]
+        middle = [q.mid() for q in x]
+        still = {n: v.mid() if n in self.bounds else v for n, v in fixed.items()}
+        try:
+            first, rest = self._series(middle, still, 3), self._series(way, still, 4)
+        except NoSeriesError:
+            return plain
+        h = self.hold
+        nominal = [
+            c[0] + c[1] * h + c[2] * h**2 + r[3] * h**3 for c, r in zip(first, rest, strict=True)
+        ]
+        n, names = len(x), [*self.states, *self.bounds]
+        values: dict[str, Any] = dict(fixed)
+        for k, name in enumerate(names):
+            value = way[k] if k < n else self.bounds[name]
+            values[name] = Slope(value, [arb(int(j == k)) for j in range(len(names))])
+        slopes = [_slope(r.at(values), len(names)).by for r in self.rates]
+        a = [row[:n] for row in slopes]
+        off = [self.bounds[name] - self.bounds[name].mid() for name in self.bounds]
+        w = [_dot(row[n:], off) for row in slopes]
+        e0 = [q - c for q, c in zip(x, middle, strict=True)]
+        e = [q - q for q in way]  # of two states on the way: balls know no identity
+        for _ in range(2):
+            e = [s + self.during * (_dot(row, e) + more)
+                 for s, row, more in zip(e0, a, w, strict=True)]  # fmt: skip
+        moving = [_dot(row, e) + more for row, more in zip(a, w, strict=True)]
+        twice = [[_dot(a[i], [row[j] for row in a]) for j in range(n)] for i in range(n)]
+        found = []
+        for i in range(n):
+            grown = [h * a[i][j] + h**2 / 2 * twice[i][j] + int(i == j) for j in range(n)]
+            total = nominal[i] + _dot(grown, e0) + h * w[i] + h**2 / 2 * _dot(a[i], w)
+            total += h**3 / 6 * _dot(twice[i], moving)
+            found.append(_common(_common(total, plain[i]), way[i]))
+        return found
+
+    def _series(self, x: Sequence[Any], fixed: dict[str, Any], terms: int) -> list[list[Any]]:
+        """Taylor coefficients of the trajectory from x."""
+        flint.ctx.cap = terms
+        coefficients = [[q] for q in x]
+        for k in range(terms - 1):
+            values = {n: arb_series([v]) for n, v in fixed.items()}
+            values |= {n: arb_series(c) for n, c in zip(self.states, coefficients, strict=True)}
+            for c, r in zip(coefficients, self.rates, strict=True):
+                found = r.at(values)
+                told = found[k] if isinstance(found, arb_series) else (arb(found) if k == 0 else 0)
+                c.append(arb(told) / (k + 1))
+        return coefficients
+
+    def _kept(
+        self,
+        c: Expression,
+        x: list[Any],
+        end: list[Any],
+        way: list[Any],
+        fixed: dict[str, Any],
+    ) -> bool:
+        def at(where: Sequence[Any]) -> Any:
+            return c.at({**fixed, **dict(zip(self.states, where, strict=True))})
+
+        if at(way) <= 0:
+            return True
+        count = len(self.states)
+        values: dict[str, Any] = dict(fixed)
+        for k, name in enumerate(self.states):
+            values[name] = Slope(way[k], [arb(int(j == k)) for j in range(count)])
+        rate = _dot(_slope(c.at(values), count).by, self._rates(way, fixed))
+        if rate >= 0 or rate <= 0:
+            return True
+        if not rate.is_finite():
+            return False
+        up, down = rate.upper(), rate.lower()
+        c0, c1 = (v.upper().min(arb(0)) for v in (at(x), at(end)))
+        return bool(c0 + up * (c1 - c0 - self.hold * down) / (up - down) <= 0)
+
+    def _cells(self, end: Sequence[Any]) -> Iterator[int | None]:
+        """The cells that a box touches; None beyond the grid."""
+        ranges = []
+        for q, axis, turns in zip(
+            end, self.given.edges, self.given.header["periodic"], strict=True
+        ):
+            if not q.is_finite():
+                yield None
+                return
+            low, high = _down(q), _up(q)
+            count = len(axis) - 1
+            if turns:
+                shift = 2 * arb.pi() * math.floor((low - axis[0]) / (2 * math.pi))
+                low, high = _down(q - shift), _up(q - shift)
+                first = bisect.bisect_left(axis, low) - 1
+                later = _up(q - shift - 2 * arb.pi())
+                last = bisect.bisect_right(axis, high) - 1
+                places = list(range(max(first, 0), min(last, count - 1) + 1))
+                if first < 0:
+                    places = list(range(count)) if low < axis[0] - 1e-6 else [count - 1, *places]
+                if high >= axis[-1]:
+                    places += range(bisect.bisect_right(axis, later))
+                ranges.append(sorted(set(places)))
+                continue
+            if low < axis[0] or high > axis[-1]:
+                yield None
+                return
+            first = max(bisect.bisect_left(axis, low) - 1, 0)
+            ranges.append(
+                list(range(first, min(bisect.bisect_right(axis, high) - 1, count - 1) + 1))
+            )
+        yield from self._flat(ranges, 0, 0)
+
+    def _flat(self, ranges: list[list[int]], axis: int, before: int) -> Iterator[int]:
+        if axis == len(ranges):
+            yield before
+            return
+        for k in ranges[axis]:
+            yield from self._flat(ranges, axis + 1, before * self.shape[axis] + k)
+
+
+def _dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
+    return sum((p * q for p, q in zip(a, b, strict=True)), arb(0))
+
+
+def _common(a: Any, b: Any) -> Any:
+    """What two balls of one number have in common; one of them where the other says nothing."""
+    if not a.is_finite():
+        return b
+    return a.intersection(b) if b.is_finite() and a.overlaps(b) else a
+
+
+def _down(q: Any) -> float:
+    value = float(q.lower())
+    return value if arb(value) <= q.lower() else math.nextafter(value, -math.inf)
+
+
+def _up(q: Any) -> float:
+    value = float(q.upper())
+    return value if arb(value) >= q.upper() else math.nextafter(value, math.inf)
+
+
+def check(path: str, share: float = 1.0, seed: int = 0) -> str:
+    """What was checked, in a sentence. Raises `NotValidError` where the certificate is wrong."""
+    flint.ctx.prec = BITS
+    given = read(path)
+    checker = Checker(given)
+    entries = given.entries
+    if share < 1:
+        count = max(round(share * len(entries)), 1)
+        entries = random.Random(seed).sample(entries, count)
+    begun = time.monotonic()
+    for k, entry in enumerate(entries):
+        checker.entry(*entry)
+        if k % 2000 == 1999 and sys.stderr.isatty():
+            left = (time.monotonic() - begun) * (len(entries) / (k + 1) - 1)
+            print(f"\r{k + 1} of {len(entries)}, {left:.0f} s left ", end="", file=sys.stderr)
+    told = f"{len(entries)} of {len(given.entries)} entries hold"
+    if len(entries) < len(given.entries):
+        worst = -math.expm1(math.log(LEAST_CHANCE) / len(entries))
+        return (
+            f"{told}, drawn with seed {seed}: with {100 * (1 - LEAST_CHANCE):g} % confidence "
+            f"at most {100 * worst:.3g} % of them are wrong; this is no proof"
+        )
+    return told
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(
+        prog="holdfast-check", description="Check whether a certificate proves what it says."
+    )
+    parser.add_argument("file")
+    parser.add_argument("--share", type=float, default=1.0, help="part of the entries to check")
+    parser.add_argument("--seed", type=int, default=0, help="of the entries that are drawn")
+    asked = parser.parse_args()
+    if not 0 < asked.share <= 1:
+        parser.error("--share: expected above 0, at most 1")
+    try:
+        told = check(asked.file, asked.share, asked.seed)
+    except NotValidError as wrong:
+        print(f"NOT valid: {wrong}")
+        sys.exit(NOT_VALID)
+    except (OSError, ValueError, KeyError, TypeError, zlib.error, struct.error) as error:
+        print(f"holdfast-check: {asked.file} cannot be read: {error}", file=sys.stderr)
+        sys.exit(NOT_READ)
+    except KeyboardInterrupt:
+        print("holdfast-check: stopped", file=sys.stderr)
+        sys.exit(130)
+    print(f"{'valid' if asked.share == 1 else 'not refuted'}: {told}")
+    sys.exit(VALID)
