@@ -29,7 +29,7 @@ import sys
 import time
 import zlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import flint
@@ -136,38 +136,6 @@ class Slope:
         """A function of this, of that value and slope."""
         return Slope(value, [slope * a for a in self.by])
 
-    def sin(self) -> Slope:
-        return self.chain(self.value.sin(), self.value.cos())
-
-    def cos(self) -> Slope:
-        return self.chain(self.value.cos(), -self.value.sin())
-
-    def tan(self) -> Slope:
-        t = self.value.tan()
-        return self.chain(t, 1 + t * t)
-
-    def atan(self) -> Slope:
-        return self.chain(self.value.atan(), 1 / (1 + self.value * self.value))
-
-    def exp(self) -> Slope:
-        e = self.value.exp()
-        return self.chain(e, e)
-
-    def log(self) -> Slope:
-        return self.chain(self.value.log(), 1 / self.value)
-
-    def tanh(self) -> Slope:
-        t = self.value.tanh()
-        return self.chain(t, 1 - t * t)
-
-    def sqrt(self) -> Slope:
-        s = self.value.sqrt()
-        return self.chain(s, 1 / (2 * s))
-
-    def __abs__(self) -> Slope:
-        sign = arb(1) if self.value >= 0 else arb(-1) if self.value <= 0 else ball(-1, 1)
-        return self.chain(abs(self.value), sign)
-
 
 def _slope(x: Any, count: int) -> Slope:
     return x if isinstance(x, Slope) else Slope(arb(x), [arb(0)] * count)
@@ -180,40 +148,47 @@ class NoSeriesError(Exception):
     """A function that has no Taylor series here."""
 
 
-def _absolute(x: Any) -> Any:
-    if isinstance(x, arb_series):
-        raise NoSeriesError
-    return abs(x)
+def _sign(x: Any) -> Any:
+    return arb(1) if x >= 0 else arb(-1) if x <= 0 else ball(-1, 1)
 
 
-def _choice(better: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    def apply(a: Any, b: Any) -> Any:
-        if isinstance(a, arb_series) or isinstance(b, arb_series):
+SLOPES: dict[str, Callable[[Any], tuple[Any, Any]]] = {
+    "sin": lambda x: (x.sin(), x.cos()),
+    "cos": lambda x: (x.cos(), -x.sin()),
+    "tan": lambda x: (x.tan(), 1 + x.tan() ** 2),
+    "atan": lambda x: (x.atan(), 1 / (1 + x**2)),
+    "exp": lambda x: (x.exp(), x.exp()),
+    "log": lambda x: (x.log(), 1 / x),
+    "tanh": lambda x: (x.tanh(), 1 - x.tanh() ** 2),
+    "sqrt": lambda x: (x.sqrt(), 1 / (2 * x.sqrt())),
+    "magnitude": lambda x: (abs(x), _sign(x)),
+    "Abs": lambda x: (abs(x), _sign(x)),
+}
+"""Functions of a ball with their slopes."""
+
+CHOICES = {"least": arb.min, "greatest": arb.max}
+
+
+def applied(name: str, *x: Any) -> Any:
+    """A function of balls, of balls with slopes, or of Taylor series."""
+    if name in CHOICES:
+        if any(isinstance(v, arb_series) for v in x):
             raise NoSeriesError
-        if isinstance(a, Slope) or isinstance(b, Slope):
-            count = len(a.by) if isinstance(a, Slope) else len(b.by)
-            a, b = _slope(a, count), _slope(b, count)
+        if slopes := [v for v in x if isinstance(v, Slope)]:
+            a, b = (_slope(v, len(slopes[0].by)) for v in x)
             by = [p.union(q) for p, q in zip(a.by, b.by, strict=True)]
-            return Slope(better(a.value, b.value), by)
-        return better(arb(a), arb(b))
+            return Slope(CHOICES[name](a.value, b.value), by)
+        return CHOICES[name](*map(arb, x))
+    (v,) = x
+    if isinstance(v, Slope):
+        return v.chain(*SLOPES[name](v.value))
+    if isinstance(v, arb_series):
+        if not hasattr(v, name):
+            raise NoSeriesError
+        return getattr(v, name)()
+    return SLOPES[name](arb(v))[0]
 
-    return apply
 
-
-def _tangent_hyperbolic(x: Any) -> Any:
-    if isinstance(x, arb_series):
-        e = (2 * x).exp()
-        return 1 - 2 / (e + 1)
-    return x.tanh()
-
-
-FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "sin": lambda x: x.sin(), "cos": lambda x: x.cos(), "tan": lambda x: x.tan(),
-    "atan": lambda x: x.atan(), "exp": lambda x: x.exp(), "log": lambda x: x.log(),
-    "sqrt": lambda x: x.sqrt(), "tanh": _tangent_hyperbolic,
-    "magnitude": _absolute, "Abs": _absolute,
-    "least": _choice(lambda a, b: a.min(b)), "greatest": _choice(lambda a, b: a.max(b)),
-}  # fmt: skip
 OPERATIONS: dict[type, Callable[[Any, Any], Any]] = {
     ast.Add: lambda a, b: a + b, ast.Sub: lambda a, b: a - b, ast.Mult: lambda a, b: a * b,
     ast.Div: lambda a, b: a / b,
@@ -221,11 +196,12 @@ OPERATIONS: dict[type, Callable[[Any, Any], Any]] = {
 
 
 class Expression:
-    """A text of names, whole numbers, + - * / **, and FUNCTIONS."""
+    """A text of names, whole numbers, + - * / **, and functions."""
 
     def __init__(self, text: str) -> None:
         self.tree = ast.parse(text, mode="eval").body
-        self.names = {n.id for n in ast.walk(self.tree) if isinstance(n, ast.Name)} - set(FUNCTIONS)
+        names = {n.id for n in ast.walk(self.tree) if isinstance(n, ast.Name)}
+        self.names = names - {*SLOPES, *CHOICES, "pi"}
 
     def at(self, values: dict[str, Any]) -> Any:
         return self._value(self.tree, values)
@@ -245,7 +221,7 @@ class Expression:
             case ast.BinOp(left=a, op=operation, right=b):
                 return OPERATIONS[type(operation)](self._value(a, values), self._value(b, values))
             case ast.Call(func=ast.Name(id=name), args=arguments):
-                return FUNCTIONS[name](*(self._value(a, values) for a in arguments))
+                return applied(name, *(self._value(a, values) for a in arguments))
         raise NotValidError(f"the expression has {ast.dump(node)}")
 
     def _power(self, base: Any, exponent: ast.expr) -> Any:
@@ -255,21 +231,13 @@ class Expression:
                 f"the exponent {ast.unparse(exponent)} is no half of a whole number"
             )
         whole, half = divmod(abs(int(twice)), 2)
-        found = arb(1)
-        if whole:
-            found = base if whole == 1 else _whole_power(base, whole)
+        series = isinstance(base, arb_series)
+        found = arb(1) if series or not whole else base**whole
+        for _ in range(whole if series else 0):
+            found = found * base
         if half:
-            found = found * base.sqrt()
+            found = found * applied("sqrt", base)
         return 1 / found if twice < 0 else found
-
-
-def _whole_power(base: Any, n: int) -> Any:
-    if not isinstance(base, arb_series):
-        return base**n
-    found = base
-    for _ in range(n - 1):
-        found = found * base
-    return found
 
 
 def _rational(node: ast.expr) -> float:
@@ -286,16 +254,11 @@ def _rational(node: ast.expr) -> float:
 # -- the proof -------------------------------------------------------------------------------
 
 
-@dataclass
 class Checker:
     """The claims of a certificate, cell by cell."""
 
-    given: Certificate
-    rates: list[Expression] = field(init=False)
-    constraints: list[Expression] = field(init=False)
-
-    def __post_init__(self) -> None:
-        h = self.given.header
+    def __init__(self, given: Certificate) -> None:
+        self.given, h = given, given.header
         self.rates = [Expression(t) for t in h["rates"]]
         self.constraints = [Expression(c["expression"]) for c in h["constraints"]]
         self.states = [q["name"] for q in h["states"]]
@@ -313,7 +276,7 @@ class Checker:
 
     def _well_formed(self) -> None:
         h, g = self.given.header, self.given
-        known = {*self.states, *self.input_names, *self.bounds, "pi"}
+        known = {*self.states, *self.input_names, *self.bounds}
         for e in (*self.rates, *self.constraints):
             if odd := e.names - known:
                 raise NotValidError(f"an expression uses the undeclared name {min(odd)}")
@@ -337,18 +300,8 @@ class Checker:
         if not arb(axis[-1]) - arb(axis[0]) >= 2 * arb.pi():
             raise NotValidError(f"the axis of {name} is less than a turn")
         for e in (*self.rates, *self.constraints):
-            for node in ast.walk(e.tree):
-                if isinstance(node, ast.Call) and ast.unparse(node.func) in ("sin", "cos"):
-                    for inner in ast.walk(node.args[0]):
-                        inner._inside = True  # type: ignore[attr-defined]
-                    if any(isinstance(p, ast.Mult | ast.Div | ast.Pow) for p in
-                           ast.walk(node.args[0])):  # fmt: skip
-                        raise NotValidError(f"{ast.unparse(node)} may not come back after a turn")
-            for node in ast.walk(e.tree):
-                if isinstance(node, ast.Name) and node.id == name and not hasattr(node, "_inside"):
-                    raise NotValidError(
-                        f"{name} comes back after a turn, {ast.unparse(e.tree)} not"
-                    )
+            if not _turns_with(e.tree, name):
+                raise NotValidError(f"{name} comes back after a turn, {ast.unparse(e.tree)} not")
 
     def entry(self, cell: int, choice: int, level: int) -> None:
         """Raises `NotValidError` unless this input keeps this cell."""
@@ -406,24 +359,19 @@ class Checker:
     def _end(self, x: list[Any], way: list[Any], fixed: dict[str, Any]) -> list[Any]:
         """Every state at the end."""
         plain = [q + self.hold * r for q, r in zip(x, self._rates(way, fixed), strict=True)]
-        middle = [q.mid() for q in x]
-        still = {n: v.mid() if n in self.bounds else v for n, v in fixed.items()}
+        middle, n, h = [q.mid() for q in x], len(x), self.hold
+        still = {k: v.mid() if k in self.bounds else v for k, v in fixed.items()}
+        slopes = [self._slopes(r, way, fixed, [*self.states, *self.bounds]) for r in self.rates]
+        a = [row[:n] for row in slopes]
         try:
             first, rest = self._series(middle, still, 3), self._series(way, still, 4)
+            nominal = [c[0] + c[1] * h + c[2] * h**2 + r[3] * h**3
+                       for c, r in zip(first, rest, strict=True)]  # fmt: skip
         except NoSeriesError:
-            return plain
-        h = self.hold
-        nominal = [
-            c[0] + c[1] * h + c[2] * h**2 + r[3] * h**3 for c, r in zip(first, rest, strict=True)
-        ]
-        n, names = len(x), [*self.states, *self.bounds]
-        values: dict[str, Any] = dict(fixed)
-        for k, name in enumerate(names):
-            value = way[k] if k < n else self.bounds[name]
-            values[name] = Slope(value, [arb(int(j == k)) for j in range(len(names))])
-        slopes = [_slope(r.at(values), len(names)).by for r in self.rates]
-        a = [row[:n] for row in slopes]
-        off = [self.bounds[name] - self.bounds[name].mid() for name in self.bounds]
+            begun, during = self._rates(middle, still), self._rates(way, still)
+            nominal = [c + h * f + h**2 / 2 * _dot(row, during)
+                       for c, f, row in zip(middle, begun, a, strict=True)]  # fmt: skip
+        off = [q - q.mid() for q in self.bounds.values()]
         w = [_dot(row[n:], off) for row in slopes]
         e0 = [q - c for q, c in zip(x, middle, strict=True)]
         e = [q - q for q in way]  # of two states on the way: balls know no identity
@@ -431,7 +379,7 @@ class Checker:
             e = [s + self.during * (_dot(row, e) + more)
                  for s, row, more in zip(e0, a, w, strict=True)]  # fmt: skip
         moving = [_dot(row, e) + more for row, more in zip(a, w, strict=True)]
-        twice = [[_dot(a[i], [row[j] for row in a]) for j in range(n)] for i in range(n)]
+        twice = [[_dot(row, [other[j] for other in a]) for j in range(n)] for row in a]
         found = []
         for i in range(n):
             grown = [h * a[i][j] + h**2 / 2 * twice[i][j] + int(i == j) for j in range(n)]
@@ -439,6 +387,15 @@ class Checker:
             total += h**3 / 6 * _dot(twice[i], moving)
             found.append(_common(_common(total, plain[i]), way[i]))
         return found
+
+    def _slopes(
+        self, e: Expression, way: Sequence[Any], fixed: dict[str, Any], names: Sequence[str]
+    ) -> list[Any]:
+        """The derivatives of an expression by these names over a box."""
+        values = {**fixed, **dict(zip(self.states, way, strict=True))}
+        for k, name in enumerate(names):
+            values[name] = Slope(values[name], [arb(int(j == k)) for j in range(len(names))])
+        return _slope(e.at(values), len(names)).by
 
     def _series(self, x: Sequence[Any], fixed: dict[str, Any], terms: int) -> list[list[Any]]:
         """Taylor coefficients of the trajectory from x."""
@@ -466,11 +423,7 @@ class Checker:
 
         if at(way) <= 0:
             return True
-        count = len(self.states)
-        values: dict[str, Any] = dict(fixed)
-        for k, name in enumerate(self.states):
-            values[name] = Slope(way[k], [arb(int(j == k)) for j in range(count)])
-        rate = _dot(_slope(c.at(values), count).by, self._rates(way, fixed))
+        rate = _dot(self._slopes(c, way, fixed, self.states), self._rates(way, fixed))
         if rate >= 0 or rate <= 0:
             return True
         if not rate.is_finite():
@@ -518,6 +471,17 @@ class Checker:
             return
         for k in ranges[axis]:
             yield from self._flat(ranges, axis + 1, before * self.shape[axis] + k)
+
+
+def _turns_with(node: ast.AST, name: str) -> bool:
+    """Whether an expression has an angle in sums inside sines and cosines alone."""
+    if not any(isinstance(n, ast.Name) and n.id == name for n in ast.walk(node)):
+        return True
+    if isinstance(node, ast.Call) and ast.unparse(node.func) in ("sin", "cos"):
+        other = (ast.Mult, ast.Div, ast.Pow, ast.Call)
+        return not any(isinstance(n, other) for n in ast.walk(node.args[0]))
+    inner = [n for n in ast.iter_child_nodes(node) if isinstance(n, ast.expr)]
+    return bool(inner) and all(_turns_with(n, name) for n in inner)
 
 
 def _dot(a: Sequence[Any], b: Sequence[Any]) -> Any:

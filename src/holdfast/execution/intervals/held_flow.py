@@ -5,7 +5,7 @@ For xdot = f(x, u, d) with u held for T, d in D at every instant, from a box X w
 1. A box B with X + [0, T] f(B, u, D) inside B contains all states on the way (E. Picard; the
    inclusion is checked, not assumed), and so does X + [0, T] f(B, u, D).
 2. The trajectory of c with the middle d0 of D ends in its Taylor polynomial of second order at c,
-   with T^3/6 times the third derivative over B.
+   with T^3/6 times the third derivative over B; of first order where rates have kinks.
 3. The others differ from it by e with edot = A e + w, A in df/dx (B, u, D), w in W =
    df/dd (B, u, D) (D - d0): at the end (I + T A + T^2/2 A^2)(X - c) + T W + T^2/2 A W +
    T^3/6 A^2 (A E + W), with E a box of e on the way.
@@ -34,8 +34,11 @@ from holdfast.execution.intervals.interval import Interval, smallest
 from holdfast.execution.leaf import compiled_leaves
 from holdfast.maths.expressions.traversal import derivatives
 
-JUMPS = ("sgn", "sign", "select", "wrap", "angle", "atan2", "floor", "ceiling")
-"""Functions that are not continuous, or not everywhere."""
+JUMPS = ("sgn", "sign", "select", "wrap", "angle", "atan2", "floor", "ceiling", "length")
+"""Functions that are not continuous everywhere, or of which the slope is not exact."""
+
+KINKS = ("magnitude", "Abs", "least", "greatest", "Min", "Max")
+"""Continuous functions of which the slope jumps: rates with them have no third derivative."""
 
 GROWTH = 0.1
 """The part of its width by which a first guess of the way is wider."""
@@ -83,7 +86,7 @@ class HeldFlow:
         self.disturbances = {**disturbances, **wide}  # constant ones, which is one way of varying
         self.parameters = {s: ends for s, ends in parameters.items() if s not in wide}
         self.hold = hold
-        smooth = not any(_has_jumps(e) for e in self.rates)
+        smooth = not any(_has(JUMPS, e) for e in self.rates)
         flow = self._flow_leaf(smooth)
         self._leaves = compiled_leaves({"flow": flow, "inside": self._inside_leaf()})
 
@@ -179,10 +182,15 @@ class HeldFlow:
         slopes = [derivatives(r, self.states) for r in self.rates]
         flat = [slope[s] for slope in slopes for s in self.states]
         second = self._along(self.rates)
-        third = self._along(second)
+        kinks = any(_has(KINKS, e) for e in self.rates)
         half, sixth = step.power(2) * _number(steps, 0.5), step.power(3) * _share(steps, 6)
-        rates, bent = (self._values(steps, of, middle, u, still) for of in (self.rates, second))
-        rest = self._values(steps, third, way, u, still)
+        rates = self._values(steps, self.rates, middle, u, still)
+        if kinks:
+            rest = [half * r for r in self._values(steps, second, way, u, still)]
+        else:
+            bent = self._values(steps, second, middle, u, still)
+            last = self._values(steps, self._along(second), way, u, still)
+            rest = [half * b + sixth * r for b, r in zip(bent, last, strict=True)]
         values = self._values(steps, flat, way, u, d)
         a = [values[n * i : n * (i + 1)] for i in range(n)]
         twice = [[_dot(a[i], [row[j] for row in a], steps) for j in range(n)] for i in range(n)]
@@ -200,7 +208,7 @@ class HeldFlow:
         moving = [_dot(row, e, steps) + more for row, more in zip(a, w, strict=True)]
         found = []
         for i in range(n):
-            total = middle[i] + step * rates[i] + half * bent[i] + sixth * rest[i]
+            total = middle[i] + step * rates[i] + rest[i]
             for j in range(n):
                 grown = step * a[i][j] + half * twice[i][j]
                 total = total + (_number(steps, 1.0) + grown if i == j else grown) * e0[j]
@@ -231,7 +239,7 @@ class HeldFlow:
         """Whether c <= 0 on the way, given that it is at both ends."""
         (whole,) = self._values(steps, [c], way, u, d)
         kept = whole.high <= 0.0
-        if _has_jumps(c):
+        if _has(JUMPS, c):
             return kept
         slopes = derivatives(c, self.states)
         rate = sp.Add(*(slopes[s] * r for s, r in zip(self.states, self.rates, strict=True)))
@@ -258,8 +266,8 @@ def _of(lowering: IntervalLowering, e: Any) -> Interval:
     return found
 
 
-def _has_jumps(e: sp.Expr) -> bool:
-    return any(type(p).__name__ in JUMPS for p in sp.preorder_traversal(e))
+def _has(names: Sequence[str], e: sp.Expr) -> bool:
+    return any(type(p).__name__ in names for p in sp.preorder_traversal(e))
 
 
 def _pairs(steps: Steps, rows: Sequence[str]) -> Row:
