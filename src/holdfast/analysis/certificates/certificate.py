@@ -77,6 +77,22 @@ class Certificate:
             "entries": len(kept.entries),
         }
 
+    def summary(self) -> dict[str, Any]:
+        """Plain data."""
+        kept = self.kept
+        return {
+            "title": self.title,
+            "cells_in_region": kept.inside,
+            "cells_certified": len(kept.members),
+            "share": kept.share,
+            "seconds": None if kept.holds is None else kept.holds * self.hold,
+            "sample_time": self.hold,
+            "inputs_tried": len(self.candidates),
+            "cells": list(kept.cells.counts),
+            "sweeps": kept.sweeps,
+            "ranges": {name: list(ends) for name, ends in self.ranges.items()},
+        }
+
     def write(self, path: Path) -> Path:
         """The file: its kind and digest, one line of JSON, and the packed entries."""
         if np.prod(self.cells.counts) >= MOST_CELLS or len(self.candidates) >= MOST_INPUTS:

@@ -36,6 +36,7 @@ def certify(
     horizon: float | None = None,
     inputs: int | Mapping[str, int] = INPUTS,
     uncertain: Mapping[str, Range] | None = None,
+    disturbance: Mapping[str, float] | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> Certificate:
     """The largest set of cells in `region` that inputs held for `sample_time` [s] keep there.
@@ -49,12 +50,13 @@ def certify(
     box: state -> (low, high), the cells of which are tried; an angle over a whole turn comes back
     to itself. cells: along each state. horizon [s]: None is for ever. inputs: how many values of
     each input are tried between its bounds. uncertain: parameter -> range, such as a mass that is
-    wrong by a fifth.
+    wrong by a fifth. disturbance: those that are known and constant; others are any within their
+    bounds, at every instant.
 
     Raises `SimulationError` for a box that lacks a state, inputs without bounds and numbers out of
     range, `DefinitionError` for functions without a proved enclosure.
     """
-    ranges = _ranges(system, region, dict(uncertain or {}))
+    ranges = _ranges(system, region, dict(uncertain or {}), dict(disturbance or {}))
     grid = _cells(system, box, cells)
     if not (math.isfinite(sample_time) and sample_time > 0):
         raise SimulationError(f"sample_time is {sample_time:g}", expected="seconds, above 0")
@@ -96,7 +98,9 @@ def certify(
     )
 
 
-def _ranges(system: System, region: Region, uncertain: dict[str, Range]) -> dict[str, Range]:
+def _ranges(
+    system: System, region: Region, uncertain: dict[str, Range], known: dict[str, float]
+) -> dict[str, Range]:
     """What each parameter and disturbance may be."""
     found = {p.name: (p.value, p.value) for p in (*system.parameters, *region.parameters)}
     for name, (low, high) in uncertain.items():
@@ -108,13 +112,19 @@ def _ranges(system: System, region: Region, uncertain: dict[str, Range]) -> dict
         if not (math.isfinite(low) and math.isfinite(high) and low <= high):
             raise SimulationError(f"uncertain: {name} is {low:g} to {high:g}")
         found[name] = (float(low), float(high))
+    for name in known:
+        if name not in system.disturbance_names:
+            raise SimulationError(
+                f"disturbance names '{name}', which is none",
+                remedy=suggestion(name, system.disturbance_names),
+            )
     numbers = {p.symbol: p.value for p in system.parameters}
-    if system.disturbances:
+    if set(system.disturbance_names) - set(known):
         if system.disturbance_bounds is None:
             raise SimulationError(f"system '{system.name}' has no bounds of its disturbances")
         ends = _box_of(system.disturbance_bounds, numbers)
         found |= dict(zip(system.disturbance_names, ends, strict=True))
-    return found
+    return found | {name: (float(v), float(v)) for name, v in known.items()}
 
 
 def _box_of(bounds: Bounds, numbers: Mapping[sp.Symbol, float]) -> list[Range]:

@@ -17,7 +17,7 @@ BLOCK = 1 << 16
 class Kept:
     """members: numbers of the cells that are kept; inputs: for each the one that keeps it.
 
-    inside: how many cells lie in the region. holds: sampling periods, None for ever. entries: rows
+    region: the cells that lie in the region. holds: sampling periods, None for ever. entries: rows
     (cell, input, level): the input leads from that cell to cells of a level one lower, as many
     periods as are left at most; the level is 0 for ever.
     """
@@ -25,10 +25,15 @@ class Kept:
     cells: Cells
     members: Wholes
     inputs: Wholes
-    inside: int
     holds: int | None
     sweeps: int
     entries: Wholes
+    region: Wholes
+
+    @property
+    def inside(self) -> int:
+        """How many cells lie in the region."""
+        return len(self.region)
 
     @property
     def share(self) -> float:
@@ -84,7 +89,7 @@ def kept(
     members, inputs = inside[alive], choice[alive]
     level = np.full(len(members), 0 if holds is None else holds)
     entries = np.concatenate([np.stack([members, inputs, level], axis=1), *earlier])
-    return Kept(cells, members, inputs, count, holds, sweeps, entries)
+    return Kept(cells, members, inputs, holds, sweeps, entries, inside)
 
 
 def _inside(flow: HeldFlow, cells: Cells) -> Wholes:
