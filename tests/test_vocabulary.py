@@ -111,8 +111,13 @@ TABLES = {
             "disturbance_bounds": "bounds, at each disturbance",
             "samples": "of the file's kernel: [march] samples",
             "promoted": "what promote says of its answer",
-            "flat_output": "of Python and of catalogue entries",
         },
+    ),
+    "a flat output": (
+        values.FlatOutputSpec,
+        [hf.FlatOutput],
+        {},
+        {"antiderivatives": "of Python and of catalogue entries"},
     ),
     "a state": (schema.QuantitySpec, [hf.Quantity], {}, {"name": "the key"}),
     "a parameter": (

@@ -190,7 +190,7 @@ FUNCTIONS = {
     },
     "observe_set": lambda: {
         "system": line(), "law": push_law(), "measured": ["x"], "bandwidth": 2.0,
-        "error_bounds": {"x": 0.1},
+        "error_bounds": {"x": 0.1}, "rate_bounds": {"d": 0.1},
     },
     "observe": lambda: {"system": line(), "law": push_law(), "measured": ["x"], "bandwidth": 2.0},
     "optimal_input_figure": lambda: plane_figure(),

@@ -77,3 +77,29 @@ def test_current_that_varies_with_time_has_no_place_at_rest():
     veering = 'disturbance.Vy="speed*sin(direction)*(1 + 0.1*sin(t))"'
     with pytest.raises(ScenarioError, match="not constant in a run"):
         resting_places(load_scenario("inspection-current", [veering]))
+
+
+SHEAR = ["disturbance.Vx=speed*cos(direction)*(1 + 0.2*y)", "disturbance.Vy=speed*sin(direction)"]
+
+
+def test_field_has_its_places_at_rest_too_and_none_along_the_wall():
+    """The shear keeps the direction of a current along the wall, and turns every other one."""
+    along = [ALONG.format(90), *SHEAR]
+    assert "no place in 'camera_view' can be held" in no_rest(
+        load_scenario("inspection-current", along)
+    )
+    assert no_rest(load_scenario("inspection-current", [ALONG.format(30), *SHEAR])) == ""
+    found = resting_places(load_scenario("inspection-current", SHEAR), draws=12)
+    assert [f.exists for f in found.found] == [k not in (3, 9) for k in range(12)]
+    theta = math.radians(30)
+    felt = found.found[7].disturbance  # the draws begin at -180 degrees
+    at = found.found[7].state
+    assert felt["Vx"] == pytest.approx(0.1 * math.cos(theta) * (1 + 0.2 * at["y"]))
+    assert felt["Vy"] == pytest.approx(0.1 * math.sin(theta))
+
+
+def test_field_of_time_has_no_place_at_rest_and_says_so():
+    tide = ["disturbance.Vx=0.1*cos(t/10)*(1 + 0.2*y)"]
+    assert no_rest(load_scenario("inspection-current", tide)) == ""
+    with pytest.raises(ScenarioError, match="not constant in a run"):
+        resting_places(load_scenario("inspection-current", tide))

@@ -106,6 +106,16 @@ def test_filter_that_counts_the_bound_keeps_what_one_without_it_loses(tmp_path, 
     assert without.viable < 30
 
 
+def test_vehicle_file_has_the_numbers_that_were_given_too(tmp_path):
+    otter = hf.load_vehicle("otter")
+    subject = subject_of("otter", ("mass=60", "Nr=-50"))
+    found = hf.identify(subject.system, vehicle_log(otter), estimate=["Xu", "Xudot"])
+    (tmp_path / "vehicle.toml").write_text(vehicle_with(found, subject))
+    written = {p.name: p.value for p in hf.load_vehicle(str(tmp_path / "vehicle.toml")).parameters}
+    assert written == pytest.approx({p.name: p.value for p in found.system.parameters})
+    assert (written["mass"], written["Nr"]) == (60, -50)
+
+
 @pytest.mark.heavy
 def test_margins_are_computed_before_and_after(tmp_path, videoray_found):
     for name, changes, of in (
@@ -187,6 +197,8 @@ def test_command_goes_from_a_log_to_a_scenario_and_fails_on_a_log_beyond_the_bou
         (["log.csv", "--system", "pier.toml", "--column", "x"], "expected NAME=..."),
         (["log.csv", "--system", "pier.toml", "--measures", "u=sin(w)"], "unknown name 'w'"),
         (["log.csv", "--system", "pier.toml", "--level", "2"], "level is 2"),
+        (["log.csv", "--system", "otter", "--runs", "3"], "otter is no scenario"),
+        (["log.csv", "--system", "pier.toml", "--unexplained", "w"], "the log says nothing of 'w'"),
     ],
 )
 def test_command_names_what_is_wrong(tmp_path, monkeypatch, arguments, message):

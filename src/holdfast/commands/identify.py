@@ -113,6 +113,11 @@ def command(
     folder = out if out is not None else Path("runs") / log.name.split(".")[0]
     check_writable(folder)
     subject = subject_of(name, overrides)
+    if not subject.scenario and (no_margins or runs is not None or seed is not None):
+        raise ScenarioError(
+            f"{name} is no scenario: --runs, --seed and --no-margins are for one",
+            remedy="leave them out",
+        )
     named = dict(_pair("--column", text) for text in columns)
     outputs = measured_expressions(subject.system, dict(_pair("--measures", m) for m in measures))
     with bar("reading") as tell:

@@ -18,8 +18,9 @@ class Evaluator:
     """values(points)[i, j] = expressions[j] at points[i].
 
     `arguments` are the symbols of the columns of `points`. `parameters` give the values of their
-    symbols unless `given` replaces them. Raises `DefinitionError` for an expression
-    with any other symbol, `SimulationError` for points of another shape.
+    symbols unless `given` replaces them; of two with one name the last counts. Raises
+    `DefinitionError` for an expression with any other symbol, `SimulationError` for points of
+    another shape.
     """
 
     def __init__(
@@ -29,7 +30,7 @@ class Evaluator:
         parameters: Sequence[Parameter],
     ) -> None:
         self.count, self.width = len(expressions), len(arguments)
-        self.parameters = tuple(parameters)
+        self.parameters = tuple({q.name: q for q in parameters}.values())
         arrays = {"q": list(arguments), "p": [q.symbol for q in self.parameters]}
         self._leaves = compiled_leaves({"values": leaf_of(arrays, expressions)})
 

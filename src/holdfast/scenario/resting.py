@@ -1,4 +1,7 @@
-"""Where the vehicle of closed loops can rest in their constant disturbance, said beforehand."""
+"""Where the vehicle of closed loops can rest in their steady disturbance, said beforehand.
+
+A field over the states is steady as a number is: the vehicle feels its value where it rests.
+"""
 
 from __future__ import annotations
 
@@ -58,12 +61,12 @@ class Resting:
 def no_rest(scenario: Scenario) -> str:
     """A sentence where the given disturbance leaves no place at rest in the region, else "".
 
-    Nothing is said without a constant disturbance, where it is drawn for every run, and of a
-    region that the system's states do not determine. Usually a place is found at once; the best
-    one is searched only where none is.
+    Nothing is said without a steady disturbance, where it is drawn for every run, and of a region
+    that the system's states do not determine. Usually a place is found at once; the best one is
+    searched only where none is.
     """
     given = _constant(scenario)
-    if given is None or not any(given.values()):
+    if given is None or not (any(given.values()) or _field(scenario)):
         return ""
     try:
         search = _search(scenario)
@@ -79,14 +82,14 @@ def resting_places(scenario: Scenario, draws: int = DRAWS) -> Resting:
     """The best place at rest in the disturbance of a scenario, or in `draws` of those drawn.
 
     Raises `ScenarioError` for closed loops without a region, or in a disturbance that varies with
-    time or the state, and as `hf.resting_state`.
+    time, and as `hf.resting_state`.
     """
     if scenario.region is None:
         raise ScenarioError(f"{scenario.file}: no region, so no place at rest in one")
     given = _constant(scenario)
     drawn = given is None
     tried = _drawn(scenario, draws) if given is None else [given]
-    search = _search(scenario)
+    search = _search(scenario, _moving(scenario) if drawn else ())
     found: list[RestingState] = []
     last: list[Array] = []
     for disturbance in tried:
@@ -111,9 +114,28 @@ def _units(scenario: Scenario) -> dict[str, str]:
     return {q.name: q.unit for q in (*plant.states, *plant.inputs, *plant.disturbances)}
 
 
-def _search(scenario: Scenario) -> Search:
+def _search(scenario: Scenario, drawn: Sequence[sp.Symbol] = ()) -> Search:
     assert scenario.region is not None
-    return Search(scenario.system, scenario.region, _box(scenario), STARTS, 0)
+    known = {s: sp.Float(v) for s, v in _numbers(scenario).items() if s not in drawn}
+    field = {n: e.xreplace(known) for n, e in _field(scenario).items()}
+    return Search(scenario.system, scenario.region, _box(scenario), STARTS, 0, field, drawn)
+
+
+def _field(scenario: Scenario) -> dict[str, sp.Expr]:
+    """The disturbances that depend on the state of the plant."""
+    states = _states(scenario)
+    return {n: e for n, e in scenario.disturbance.items() if e.free_symbols & states}
+
+
+def _states(scenario: Scenario) -> set[sp.Basic]:
+    return {q.symbol for q in scenario.system.states}
+
+
+def _moving(scenario: Scenario) -> list[sp.Symbol]:
+    """What is drawn for every run and moves the disturbance."""
+    used = _used(scenario.disturbance.values())
+    draws = scenario.varied.draws.items()
+    return [symbol(n) for n, (low, high) in draws if low < high and symbol(n) in used]
 
 
 def _box(scenario: Scenario) -> dict[str, tuple[float, float]]:
@@ -128,7 +150,8 @@ def _box(scenario: Scenario) -> dict[str, tuple[float, float]]:
 
 
 def _constant(scenario: Scenario) -> dict[str, float] | None:
-    """The disturbance as numbers; None where there is none, or it varies in or between runs."""
+    """The disturbance as numbers (0: a field); None where there is none, or it varies with time or
+    between runs."""
     if scenario.region is None or not scenario.system.disturbances:
         return None
     numbers = _numbers(scenario)
@@ -136,7 +159,11 @@ def _constant(scenario: Scenario) -> dict[str, float] | None:
     fixed = [n for n, (low, high) in draws.items() if low == high]
     varied = {symbol(n) for n in scenario.varied.names if n not in fixed}
     used = _used(scenario.disturbance.values())
-    if varied & (used | _own(scenario)) or scenario.varied.plant or not used <= set(numbers):
+    if (
+        varied & (used | _own(scenario))
+        or scenario.varied.plant
+        or not used <= set(numbers) | _states(scenario)
+    ):
         return None
     return _values(scenario, numbers)
 
@@ -159,31 +186,30 @@ def _numbers(scenario: Scenario) -> dict[sp.Basic, float]:
 
 
 def _values(scenario: Scenario, numbers: Mapping[sp.Basic, float]) -> dict[str, float]:
-    given = {n: float(e.subs(numbers)) for n, e in scenario.disturbance.items()}
+    still = {n: e for n, e in scenario.disturbance.items() if n not in _field(scenario)}
+    given = {n: float(e.subs(numbers)) for n, e in still.items()}
     return {n: given.get(n, 0.0) for n in scenario.system.disturbance_names}
 
 
 def _drawn(scenario: Scenario, count: int) -> Sequence[dict[str, float]]:
     """Disturbances of draws: one direction evenly, more numbers at random."""
-    varied = scenario.varied
-    moving = [n for n, (low, high) in varied.draws.items() if low < high]
-    used = _used(scenario.disturbance.values())
+    varied, moving = scenario.varied, _moving(scenario)
+    used = _used(scenario.disturbance.values()) - _states(scenario)
     numbers = _numbers(scenario)
-    names = [n for n in moving if symbol(n) in used]
-    if TIME in used or not used <= set(numbers) or varied.values or varied.plant or not names:
+    if TIME in used or not used <= set(numbers) or varied.values or varied.plant or not moving:
         raise ScenarioError(
             f"{scenario.file}: its disturbance is not constant in a run",
-            expected="numbers, or expressions of parameters and of draws of [varied]",
+            expected="numbers, or expressions of states, parameters and draws of [varied]",
         )
-    if _own(scenario) & {symbol(n) for n in moving}:
+    if _own(scenario) & {symbol(n) for n, (low, high) in varied.draws.items() if low < high}:
         raise ScenarioError(f"{scenario.file}: the system or its region is drawn for every run")
-    if len(names) == 1:
+    if len(moving) == 1:
         shares = (np.arange(count) / count)[:, None]
     else:
-        shares = np.random.default_rng(scenario.seed).random((count, len(names)))
-    ends = np.array([varied.draws[n] for n in names])
+        shares = np.random.default_rng(scenario.seed).random((count, len(moving)))
+    ends = np.array([varied.draws[str(s)] for s in moving])
     rows = ends[:, 0] + shares * (ends[:, 1] - ends[:, 0])
+    drawn = [dict(zip(moving, map(float, row), strict=True)) for row in rows]
     return [
-        _values(scenario, numbers | {symbol(n): float(v) for n, v in zip(names, row, strict=True)})
-        for row in rows
+        {**_values(scenario, numbers | own), **{str(s): v for s, v in own.items()}} for own in drawn
     ]

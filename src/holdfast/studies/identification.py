@@ -119,9 +119,20 @@ def vehicle_with(found: Identified, subject: Subject) -> str:
         for e in found.parameters
         if e.name in found.values
     }
+    filed = {p.name: p.value for p in load_system_of(subject).parameters}
+    for p in found.system.parameters:  # with which the others were found
+        if p.name not in numbers and p.value != filed.get(p.name, p.value):
+            source = f"given, when others were identified from {found.log}"
+            numbers[p.name] = Number(_rounded(p.value), p.unit, source)
     return numbered_vehicle(
         subject.vehicle, numbers, f"Numbers identified from {found.log}: see identification.json."
     )
+
+
+def load_system_of(subject: Subject) -> System:
+    """The system of the vehicle's file as it is."""
+    kind = str(read_vehicle(subject.vehicle)[1]["system"])
+    return load_system(kind, (f'vehicle="{subject.vehicle}"',))
 
 
 def scenario_with(found: Identified, subject: Subject) -> tuple[str, tuple[str, ...]]:

@@ -317,6 +317,13 @@ def test_disturbances_that_are_measured_are_asked_for():
     [
         (hf.observe, {}),
         (hf.observe_set, {"error_bounds": {"x": 0.01, "y": 0.01, "v": 0.005, "r": 0.01}}),
+        (
+            hf.observe_set,
+            {
+                "error_bounds": {"x": 0.01, "y": 0.01, "v": 0.005, "r": 0.01},
+                "rate_bounds": {"Vx": 0.05, "Vy": 0.05},
+            },
+        ),
     ],
 )
 def test_observer_estimates_what_is_not_measured(vehicle, view, observed, more):
@@ -348,6 +355,8 @@ def test_observer_estimates_what_is_not_measured(vehicle, view, observed, more):
 def test_error_bounds_without_an_observer_are_refused(vehicle, view):
     with pytest.raises(DefinitionError, match="no observer"):
         hf.SafetyFilter(vehicle, view, error_bounds={"x": 0.01})
+    with pytest.raises(DefinitionError, match="no error bounds"):
+        hf.SafetyFilter(vehicle, view, states=("x", "y", "psi"), rate_bounds={"Vx": 0.01})
 
 
 # -- what it is not made for

@@ -177,3 +177,35 @@ def test_best_place_in_still_water_is_the_same_from_any_starts(vehicle, view):
     points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
     sampled = -view_of.values(points).max(axis=1).min()
     assert margins[0] - 0.02 < sampled < margins[0]
+
+
+def test_place_at_rest_in_an_eddy_is_still_in_a_simulation_and_feels_the_current_of_that_place(
+    vehicle, view
+):
+    x, y = hf.symbol("x"), hf.symbol("y")
+    eddy = {"Vx": 0.12 - 0.1 * y, "Vy": 0.1 * (x + 1)}
+    found = hf.resting_state(vehicle, view, eddy, box=NEAR)
+    assert found.exists
+    at = found.state
+    assert found.disturbance == pytest.approx(
+        {"Vx": 0.12 - 0.1 * at["y"], "Vy": 0.1 * (at["x"] + 1)}
+    )
+    assert math.sin(at["psi"] - math.atan2(*reversed(found.disturbance.values()))) == pytest.approx(
+        0, abs=1e-6
+    )
+    law = hf.Law("held", vehicle.states, found.inputs)
+    start = [at[n] for n in vehicle.state_names]
+    data = hf.simulate(vehicle, law, starts=[start], disturbance=eddy, horizon=2.0).dataset
+    assert np.abs(data["state"].values[0] - start).max() < 1e-6
+
+
+def test_field_that_pushes_to_the_wall_everywhere_and_one_of_time_have_no_place_at_rest(
+    vehicle, view
+):
+    weak = hf.systems.marine_vehicle(thrust_limit=0.05)
+    shear = {"Vx": 0.4 + 0.05 * hf.symbol("y")}
+    assert "exceed their bounds" in hf.resting_state(weak, view, shear, box=NEAR).missing
+    with pytest.raises(DefinitionError, match="depends on time"):
+        hf.resting_state(vehicle, view, {"Vx": 0.1 * hf.symbol("x") * hf.TIME})
+    with pytest.raises(DefinitionError, match="finite number"):
+        hf.resting_state(vehicle, view, {"Vx": math.inf})

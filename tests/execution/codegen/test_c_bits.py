@@ -88,6 +88,7 @@ OBSERVED_SET = (
     "observer={measured=['x','y','psi'],bandwidth=40,error_bounds="
     "{x='1 mm',y='1 mm',psi='1 mrad',u=0.005,v=0.005,r=0.1}}"
 )
+FOLLOWED_SET = OBSERVED_SET[:-1] + ",rate_bounds={Vx=0.03,Vy=0.02}}"
 SOME = [
     "ch2-integrator", "ch3-unknown-current", "ch4-chained-4", "ch5-viable-goal-set",
     "ch6-moving-leader", "inspection", "ch5-rescue", "observed", *MADE,
@@ -105,8 +106,9 @@ def made(name):
         return MADE[name]()
     if name == "observed":
         scenario = hf.load_scenario("inspection", [OBSERVED])
-    elif name == "observed set":
-        scenario = hf.load_scenario("inspection-current", [OBSERVED_SET])
+    elif name in ("observed set", "followed set"):
+        chosen = OBSERVED_SET if name == "observed set" else FOLLOWED_SET
+        scenario = hf.load_scenario("inspection-current", [chosen])
     else:
         scenario = hf.load_scenario(name)
     return scenario.system, scenario.law
@@ -160,6 +162,6 @@ def test_exported_law_has_every_bit_of_the_simulated_law(name, tmp_path):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("name", [*SCENARIOS, "observed", "observed set", *MADE])
+@pytest.mark.parametrize("name", [*SCENARIOS, "observed", "observed set", "followed set", *MADE])
 def test_every_law_has_every_bit_at_a_million_states(name, tmp_path):
     assert same_bits(name, tmp_path, 1_000_000) > 999_000

@@ -306,7 +306,11 @@ def test_a_start_outside_is_simulated_when_asked_for(double_integrator, wall):
 
 @pytest.mark.parametrize(
     ("value", "complaint"),
-    [(0.6, "leaves its bounds at t = 0"), (sp.log(hf.TIME), "not finite"), (X, "uses 'x'")],
+    [
+        (0.6, "leaves its bounds at t = 0"),
+        (sp.log(hf.TIME), "not finite"),
+        (hf.symbol("tau_u"), "uses 'tau_u'"),
+    ],
 )
 def test_disturbance_out_of_bounds_is_refused(vehicle, value, complaint):
     law = hf.Law("idle", vehicle.states, {"tau_u": sp.S.Zero, "tau_r": sp.S.Zero})

@@ -46,18 +46,27 @@ def test_spikes_of_a_heading_that_wraps_leave_no_false_turn():
     [
         np.where(T < 30, 0.0, 1.0),  # a step
         np.abs((T % 20) - 10),  # turning points without noise
-        np.repeat(np.sin(0.3 * T[::10]), 10),  # a slow sensor, its values repeated
         np.round(np.sin(0.1 * T) / 0.05) * 0.05,  # a coarse sensor
         np.round((np.sin(0.1 * T) + NOISE) / 0.05) * 0.05,  # with a last digit that flickers
         np.sin(3 * T),
         np.exp(-T),
     ],
-    ids=["step", "triangle", "slow", "coarse", "flicker", "sine", "decay"],
+    ids=["step", "triangle", "coarse", "flicker", "sine", "decay"],
 )
 def test_what_a_sound_signal_does_is_no_spike(value):
     signal, told = read(T, value)
     assert len(signal.time) == len(T)
     assert not [s for s in told if "far off" in s]
+
+
+def test_values_of_a_slower_sensor_count_once():
+    value = np.repeat(np.sin(0.3 * T[::10]), 10)
+    signal, told = read(T, value)
+    assert signal.time == pytest.approx(T[::10])
+    assert told == ["q: every value stands 10 times, the first of each is kept"]
+    held, told = read(T, value, measured=False)
+    assert len(held.time) == 600
+    assert told == []
 
 
 def test_pulse_of_a_command_is_kept():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +17,9 @@ from holdfast.maths.definitions.system import System
 
 NOTICED = 0.01
 """The share of a log, and of a command, from which what is beyond a limit is said."""
+
+MOST_BEYOND = 0.5
+"""The share of a log from which the limits are not those of its vehicle."""
 
 
 def commanded_names(system: System, log: Log, needed: Sequence[str]) -> tuple[str, ...]:
@@ -55,24 +58,28 @@ def applied(
     return replace(windows, inputs=compute.values(flat).reshape(shape))
 
 
-def beyond_limits(system: System, windows: Windows, names: Sequence[str]) -> tuple[str, ...]:
-    """A sentence for each actuator that is commanded beyond its limits.
+def beyond_limits(system: System, windows: Windows, names: Sequence[str]) -> dict[str, float]:
+    """The share of the log in which each actuator is commanded beyond its limits, if it ever is.
 
     windows: with the commands, before they are limited.
     """
     wishes = _wishes(system, names)
     if wishes is None:
-        return ()
+        return {}
     values = [*wishes, *system.limited(wishes)]
     compute = Evaluator(values, [symbol(n) for n in names], system.parameters)
     wished, limited = np.hsplit(compute.values(windows.inputs.reshape(-1, len(names))), 2)
     shares = np.mean(np.abs(wished - limited) > NOTICED * np.abs(wished), axis=0)
-    told = zip(system.actuators or system.input_names, shares, strict=True)
+    told = zip(system.actuators or system.input_names, shares.tolist(), strict=True)
+    return {name: share for name, share in told if share > NOTICED}
+
+
+def beyond_words(shares: Mapping[str, float]) -> tuple[str, ...]:
+    """A sentence for each actuator that is commanded beyond its limits."""
     return tuple(
-        f"{name} is commanded beyond its limits in {100 * share:.2g} % of the log, "
+        f"{name} is commanded beyond its limits in {100 * share:.0f} % of the log, "
         "and the model counts with the limits"
-        for name, share in told
-        if share > NOTICED
+        for name, share in shares.items()
     )
 
 

@@ -3,31 +3,38 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import sympy as sp
 
 from holdfast.analysis.identification import observability
-from holdfast.analysis.identification.commands import applied, beyond_limits, commanded_names
+from holdfast.analysis.identification.commands import (
+    MOST_BEYOND,
+    applied,
+    beyond_limits,
+    beyond_words,
+    commanded_names,
+)
 from holdfast.analysis.identification.identified import UNSEEN
 from holdfast.analysis.identification.least_squares import (
     LOOSE,
     DivergenceError,
     Fitted,
     Problem,
-    first_noise,
     fitted,
 )
 from holdfast.analysis.identification.log import Floats, Log
+from holdfast.analysis.identification.noise import first_noise
 from holdfast.analysis.identification.shooting import Shooting
 from holdfast.analysis.identification.time_scales import lengths
 from holdfast.analysis.identification.windows import Windows, windows_of
+from holdfast.errors import SimulationError
 from holdfast.maths.definitions.system import System
 from holdfast.maths.identification.measured_motion import MeasuredMotion, measured_motion
 
-SHORTEST, LEAST_STEPS, FAR = 64, 8, 10.0
+SHORTEST, LEAST_STEPS, FAR = 64, 8, 3.0
 """Parts of a window at most for a better first guess, steps of it at least, and the median
 distance from the measurements, in deviations, for which it is sought."""
 
@@ -50,17 +57,29 @@ class Setting:
     step: float = math.nan
 
     def cut(self, log: Log, motion: MeasuredMotion, part: int = 1) -> Windows:
-        """The windows of a log, or of a part of their length."""
+        """The windows of a log, or of a part of their length, in whole steps."""
+        length = self.step * max(round(self.length / part / self.step), 1)
         inputs = [q.name for q in motion.inputs]
         names = commanded_names(self.system, log, inputs)
-        found = windows_of(log, motion.names, names, self.length / part, self.step)
+        found = windows_of(log, motion.names, names, length, self.step)
         return applied(self.system, found, names, inputs)
 
     def beyond_limits(self, log: Log, motion: MeasuredMotion) -> tuple[str, ...]:
-        """A sentence for each actuator that is commanded beyond its limits."""
+        """A sentence for each actuator that is commanded beyond its limits.
+
+        Raises `SimulationError` where one is for most of the log.
+        """
         names = commanded_names(self.system, log, [q.name for q in motion.inputs])
         commanded = windows_of(log, motion.names, names, self.length, self.step)
-        return beyond_limits(self.system, commanded, names)
+        shares = beyond_limits(self.system, commanded, names)
+        told = beyond_words(shares)
+        for sentence, share in zip(told, shares.values(), strict=True):
+            if share > MOST_BEYOND:
+                raise SimulationError(
+                    f"{log.name}: {sentence}",
+                    remedy="give the limits of the vehicle of the log, or the unit of its commands",
+                )
+        return told
 
 
 SHORT_LOOSE = 3.0
@@ -76,9 +95,15 @@ Found = tuple[MeasuredMotion, Fitted, Problem]
 
 
 def fit_of(
-    setting: Setting, log: Log, whole: MeasuredMotion, held: dict[str, tuple[str, str]]
+    setting: Setting,
+    log: Log,
+    whole: MeasuredMotion,
+    held: dict[str, tuple[str, str]],
+    beyond: Sequence[str] = (),
 ) -> Found:
     """The fit of what the log shows; what it does not show is added to `held`.
+
+    beyond: sentences on commands beyond the limits, for a refusal.
 
     Where the first guess is far from the measurements within the windows, a fit of shorter ones
     gives a better guess. Where the model diverges in windows of the length that follows from its
@@ -88,7 +113,7 @@ def fit_of(
     try:
         return _in_turn(setting, log, whole, held)
     except DivergenceError as error:
-        if beyond := setting.beyond_limits(log, whole):
+        if beyond:
             raise DivergenceError(f"{error.cause}; {beyond[0]}", remedy=error.remedy) from None
         raise
 

@@ -53,7 +53,8 @@ class Unexplained:
 
     names: of states. units: of their rates. low, high: the bound on each. value: what each window
     needs, shape (windows, names); by_noise: the deviation that measurement noise alone gives it.
-    start: of the windows [s]; length: of each [s].
+    start: of the windows [s]; length: of each [s]. unjudged: how many others had too few
+    measurements to tell.
     """
 
     names: tuple[str, ...]
@@ -64,6 +65,7 @@ class Unexplained:
     by_noise: Floats
     start: Floats
     length: float
+    unjudged: int = 0
 
     @property
     def noise_share(self) -> tuple[float, ...]:
@@ -105,7 +107,8 @@ class Identified:
     unexplained: the bound on what the model leaves out. held_out: the second log, if there is one.
     noise: the deviation of each signal. outliers: the share of measurements with less weight.
     window, step, windows: lengths [s] and number. level: of the intervals. ties: a sentence for
-    each combination that the motion shows only together. repairs: of the log.
+    each combination that the motion shows only together. repairs: of the log. remarks: why the
+    numbers may be wrong although their intervals are narrow.
     """
 
     system: System
@@ -123,6 +126,7 @@ class Identified:
     level: float
     ties: tuple[str, ...]
     repairs: tuple[str, ...]
+    remarks: tuple[str, ...]
     measured: Mapping[str, Any]
     """For the figure: per signal (time, measured, predicted)."""
 
@@ -140,6 +144,8 @@ class Identified:
         count = len(told.needed.start)
         if told.covered:
             less = f", {told.beyond} of them but for noise" if told.beyond else ""
+            if told.needed.unjudged:
+                less += f"; {told.needed.unjudged} others have too few measurements"
             return f"{told.name}: all {count} windows are within the bound{less}"
         worst = max(told.worst)
         name = self.unexplained.names[told.worst.index(worst)]
@@ -171,6 +177,7 @@ class Identified:
         return {
             "log": self.log,
             "repairs": list(self.repairs),
+            "remarks": list(self.remarks),
             "level": self.level,
             "parameters": {e.name: told(e) for e in self.parameters},
             "disturbances": {e.name: told(e) for e in self.disturbances},

@@ -25,12 +25,17 @@ from holdfast.analysis.identification.identified import (
     Unexplained,
 )
 from holdfast.analysis.identification.least_squares import (
-    HUBER,
     Fitted,
     Problem,
     fitted,
 )
 from holdfast.analysis.identification.log import Floats, Log
+from holdfast.analysis.identification.noise import HUBER
+from holdfast.analysis.identification.remarks import (
+    refuse_no_commands,
+    refuse_other_way,
+    remarks,
+)
 from holdfast.analysis.identification.shooting import Shooting
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion
@@ -84,12 +89,19 @@ def identify(
     chosen = _wanted(system, estimate, hold)
     whole = measured_motion(system, named, [*chosen, *system.disturbance_names], outputs)
     setting = Setting(system, whole, window, log)
+    unexplained.pushed_motion(system, whole, unexplained_rates or None)
+    if held_out and (missing := [n for n in named if n not in held_out.states]):
+        raise SimulationError(
+            f"{held_out.name} has no signal '{missing[0]}'", expected=", ".join(named)
+        )
+    beyond = setting.beyond_limits(log, whole)
+    refuse_no_commands(whole, setting.cut(log, whole))
     first = np.array([first_guess(system, q.name) for q in whole.unknown])
     held = dict.fromkeys(hold, (GIVEN, "held on request"))
     groups = observability.ties(whole, first)
     order = [q.name for q in whole.unknown]
     held |= {n: (TIED, why) for n, why in observability.to_hold(groups, order).items()}
-    motion, fit, problem = fit_of(setting, log, whole, held)
+    motion, fit, problem = fit_of(setting, log, whole, held, beyond)
     windows = problem.windows
     if windows.length < setting.length * (1 - 1e-9):
         setting = replace(setting, window=windows.length)
@@ -99,6 +111,7 @@ def identify(
     best = {n: float(fit.shared[k]) for n, k in found.items()}
     numbers = tuple(replace(p, value=best.get(p.name, p.value)) for p in system.parameters)
     own = replace(system, parameters=numbers)
+    refuse_other_way(system, own, motion)
     still = {n: best.get(n, 0.0) for n in system.disturbance_names}
     told = {
         q.name: _estimate(q, first_guess(system, q.name), best, found, spread, quantile, held)
@@ -125,7 +138,8 @@ def identify(
         left_out=windows.left_out,
         level=level,
         ties=tuple(f"only a combination of {', '.join(g)} is seen" for g in groups if len(g) > 1),
-        repairs=(*log.repairs, *setting.beyond_limits(log, whole)),
+        repairs=(*log.repairs, *beyond),
+        remarks=remarks(motion, windows, fit, advised, bound),
         measured=measured,
     )
 
@@ -194,17 +208,14 @@ def _left(
     shooting = Shooting(motion)
     parts = [p for p in unexplained.SHORTER if setting.length / p >= 8 * setting.step] or [1]
     cuts = [setting.cut(log, motion, p) for p in parts]
-    found = unexplained.needed(shooting, own, cuts, noise, still)
+    found = unexplained.needed(shooting, own, cuts, noise, still, log.name)
     bound = unexplained.bounded(found, widen)
     if held_out is None:
         return bound, None
-    if missing := [n for n in whole.names if n not in held_out.states]:
-        raise SimulationError(
-            f"{held_out.name} has no signal '{missing[0]}'", expected=", ".join(whole.names)
-        )
-    part = round(setting.length / found.length)
+    part = next(p for p, cut in zip(parts, cuts, strict=True) if cut.length == found.length)
     moved, error = _still(own, setting, whole, held_out, noise)
-    again = unexplained.needed(shooting, own, [setting.cut(held_out, motion, part)], noise, moved)
+    windows = [setting.cut(held_out, motion, part)]
+    again = unexplained.needed(shooting, own, windows, noise, moved, held_out.name)
     return bound, unexplained.compared(held_out.name, again, bound, error)
 
 

@@ -4,24 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from scipy.optimize import least_squares
 
 from holdfast.analysis.identification.log import Floats
+from holdfast.analysis.identification.noise import (
+    deviations,
+    first_noise,
+    huber_weights,
+    least_noise,
+)
 from holdfast.analysis.identification.shooting import Predicted, Shooting
 from holdfast.analysis.identification.windows import Windows
 from holdfast.errors import SimulationError
-
-HUBER = 2.5
-"""Deviations beyond which a residual counts linearly."""
 
 LOOSE = 1e3
 """The deviation of a number from its first guess, in parts of it: what nothing shows stays finite,
 and what is seen moves by a millionth of its interval."""
 
-ROUNDS = 4
-"""Times that the noise and the weights are estimated again."""
+ROUNDS, FEW, SETTLED = 25, 10, 0.02
+"""Times at most that the noise and the weights are estimated again, evaluations between them, and
+the largest change of a noise, in parts of it, that ends them."""
 
 _INNER, _CLOSE = 25, 1e-3
 """Steps at most to the best first states of a window, and deviations that end them."""
@@ -32,8 +38,8 @@ DRAWS = 4
 _FAR = 1e8
 """What a residual counts as, in deviations, where the model diverges."""
 
-_SMALLEST = 1e-9
-"""Noise at least, as a part of the range of a signal."""
+DETERMINED = 1e-9
+"""The least eigenvalue, in correlations, of what determines the local numbers of a window."""
 
 
 class DivergenceError(SimulationError):
@@ -49,7 +55,7 @@ class Fitted:
     measurement, 1 over its deviation, less for outliers. residual: measured less predicted.
     slopes: of the weighted prediction by the shared numbers, with the local ones at their best.
     spread: covariance of the local numbers of each window by the noise alone. follow: how the best
-    local numbers change with the shared ones.
+    local numbers change with the shared ones. settled: whether more steps would change nothing.
     """
 
     shared: Floats
@@ -60,6 +66,7 @@ class Fitted:
     slopes: Floats
     spread: Floats
     follow: Floats
+    settled: bool = True
 
     @property
     def information(self) -> Floats:
@@ -154,6 +161,10 @@ class Problem:
         L. A. Stefanski, 1994).
         """
         random = np.random.default_rng(0)
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self._without_noise(found, random)
+
+    def _without_noise(self, found: Fitted, random: np.random.Generator) -> Floats:
         value, vector = np.linalg.eigh(found.spread)
         root = vector * np.sqrt(np.maximum(value, 0))[:, None, :]
         added = np.zeros_like(found.information)
@@ -161,8 +172,20 @@ class Problem:
             wrong = np.einsum("wij,wj->wi", root, random.standard_normal(found.local.shape))
             _, rows, common = self._weighted(found.shared, found.local + wrong, found.weight)
             slopes = self._eliminated(rows, common)[2]
-            added += (slopes.T @ slopes - found.information) / DRAWS
+            stays = np.isfinite(slopes).all(axis=1)  # a window may diverge from a wrong state
+            usual = found.slopes[stays]
+            added += (slopes[stays].T @ slopes[stays] - usual.T @ usual) / DRAWS
         return found.information - 2 * added
+
+    def determined(self, found: Fitted) -> npt.NDArray[np.bool_]:
+        """Whether the measurements of each window show all its local numbers."""
+        _, rows, _ = self._weighted(found.shared, found.local, found.weight)
+        matrices = self.summed(rows[:, :, None] * rows[:, None, :])
+        scale = np.sqrt(np.einsum("wii->wi", matrices))
+        sure: npt.NDArray[np.bool_] = (scale > 0).all(axis=1) & np.isfinite(matrices).all((1, 2))
+        both = scale[sure][:, :, None] * scale[sure][:, None, :]
+        sure[sure] = np.linalg.eigvalsh(matrices[sure] / both)[:, 0] > DETERMINED
+        return sure
 
     def _eliminated(self, rows: Floats, common: Floats) -> tuple[Floats, Floats, Floats]:
         """(H^-1, H^-1 C, the slopes by the shared numbers with the local ones at their best)."""
@@ -182,14 +205,15 @@ class Problem:
 
 def _inverse(matrices: Floats, damping: Floats) -> Floats:
     """Pseudo-inverses, free of units: what the measurements do not show does not move."""
-    if not np.isfinite(matrices).all():
-        return np.full_like(matrices, np.nan)
-    scale = np.sqrt(np.einsum("wii->wi", matrices))
+    good = np.isfinite(matrices).all(axis=(1, 2))  # windows that diverge stay unknown
+    inverse: Floats = np.full_like(matrices, np.nan)
+    some, extra = matrices[good], damping[good]
+    scale = np.sqrt(np.einsum("wii->wi", some))
     scale = np.where(scale > 0, scale, 1.0)
     both = scale[:, :, None] * scale[:, None, :]
-    damped = matrices / both + damping[:, None, None] * np.eye(matrices.shape[1])
-    found: Floats = np.linalg.pinv(damped, rcond=1e-10, hermitian=True) / both
-    return found
+    damped = some / both + extra[:, None, None] * np.eye(matrices.shape[1])
+    inverse[good] = np.linalg.pinv(damped, rcond=1e-10, hermitian=True) / both
+    return inverse
 
 
 def fitted(
@@ -213,18 +237,26 @@ def fitted(
     """
     w = problem.windows
     deviation = first_noise(w, len(problem.shooting.motion.names)) if noise is None else noise
-    floor = _floor(w, len(deviation))
+    floor = least_noise(w, len(deviation))
     local, shared = problem.first_local(), np.array(first, float)
-    huber = np.ones(len(w.value))
+    begun = problem.settle(shared, local, 1 / np.maximum(deviation, floor)[w.signal])
+    far = np.nan_to_num(begun.residual, nan=_FAR) / np.maximum(deviation, floor)[w.signal]
+    huber = huber_weights(far)
     scale = np.where(shared == 0, 1.0, np.abs(shared))
     held = _Held(shared / scale, np.where(shared == 0, 0.0, 1 / loose))
-    for _ in range(ROUNDS):
+    settled = False
+    for turn in range(ROUNDS):
         weight = huber / np.maximum(deviation, floor)[w.signal]
-        found = _minimised(problem, shared, local, weight, scale, lower, held)
-        shared, local = found.shared, found.local
+        found, ended = _minimised(problem, shared, local, weight, scale, lower, held)
+        shared, local, before = found.shared, found.local, deviation
         if noise is None:
-            deviation = np.maximum(_deviations(problem, found), floor)
+            count = found.local.size + len(problem.shared)
+            new = np.maximum(deviations(w, found.residual, len(deviation), count), floor)
+            deviation = new if turn < 2 else (new + deviation) / 2  # they may alternate
         huber = huber_weights(found.residual / np.maximum(deviation, floor)[w.signal])
+        settled = ended and bool((np.abs(deviation - before) <= SETTLED * before).all())
+        if settled:
+            break
     weight = huber / np.maximum(deviation, floor)[w.signal]
     found = problem.settle(shared, local, weight)
     if not np.isfinite(found.residual).all():
@@ -232,7 +264,7 @@ def fitted(
             f"the model diverges within windows of {w.length:.3g} s",
             remedy="take a shorter window",
         )
-    return replace(found, noise=deviation)
+    return replace(found, noise=deviation, settled=settled)
 
 
 @dataclass(frozen=True)
@@ -251,10 +283,10 @@ def _minimised(
     scale: Floats,
     lower: Floats,
     held: _Held,
-) -> Fitted:
-    """Least squares with these weights."""
+) -> tuple[Fitted, bool]:
+    """A few steps of least squares with these weights, and whether more would change nothing."""
     if not problem.shared:
-        return problem.settle(shared, local, weight)
+        return problem.settle(shared, local, weight), True
     tried: tuple[bytes, Fitted] | None = None
     accepted: Fitted | None = None
 
@@ -282,44 +314,9 @@ def _minimised(
         return np.concatenate([slopes, np.diag(held.strength)])
 
     least = np.where(np.isfinite(lower), lower / scale, -np.inf)
-    least_squares(
+    result: Any = least_squares(
         residual, shared / scale, jac=jacobian, bounds=(least, np.inf), x_scale="jac",
-        ftol=1e-8, xtol=1e-8, gtol=1e-10, max_nfev=60,
+        ftol=1e-8, xtol=1e-8, gtol=1e-10, max_nfev=FEW,
     )  # fmt: skip
     assert accepted is not None
-    return accepted
-
-
-def huber_weights(ratio: Floats) -> Floats:
-    """Square roots of Huber's weights of residuals in deviations."""
-    return np.sqrt(np.minimum(1.0, HUBER / np.maximum(np.abs(ratio), 1e-300)))
-
-
-def _deviations(problem: Problem, found: Fitted) -> Floats:
-    """The noise of each signal, from the median of its residuals, for the numbers fitted."""
-    w = problem.windows
-    fitted_numbers = found.local.size + len(problem.shared)
-    free = max(1 - fitted_numbers / len(w.value), 0.1)
-    names = range(len(problem.shooting.motion.names))
-    return np.array(
-        [1.4826 * float(np.median(np.abs(found.residual[w.signal == k]))) for k in names]
-    ) / np.sqrt(free)
-
-
-def first_noise(w: Windows, signals: int) -> Floats:
-    """The noise of each signal, from its second differences within windows."""
-    found = []
-    for k in range(signals):
-        of = w.signal == k
-        bend = np.diff(w.value[of], 2)
-        within = w.window[of][2:] == w.window[of][:-2]
-        some = bend[within] if within.any() else np.zeros(1)
-        found.append(1.4826 * float(np.median(np.abs(some))) / np.sqrt(6))
-    return np.maximum(np.array(found), _floor(w, signals))
-
-
-def _floor(w: Windows, signals: int) -> Floats:
-    spans = [
-        np.ptp(w.value[w.signal == k]) if (w.signal == k).any() else 0.0 for k in range(signals)
-    ]
-    return np.maximum(_SMALLEST * np.array(spans), 1e-300)
+    return accepted, result.status > 0

@@ -17,6 +17,9 @@ SLOWEST, FASTEST = 3.0, 0.25
 LEAST_VALUES, LEAST_WINDOWS, MOST_STEPS = 20, 30, 400
 """Values of a signal in a window, windows of a log, and steps of a window."""
 
+LEAST_GIVEN, MOST = 5, 5e6
+"""Values of a signal in a window that is given, at least, and steps of a log, at most."""
+
 
 def lengths(
     system: System, motion: MeasuredMotion, log: Log, window: float | None
@@ -28,6 +31,11 @@ def lengths(
         raise SimulationError(f"{log.name} has fewer than two values of a signal")
     fast, slow = _time_constants(system, motion, log)
     whole = sum(b - a for a, b in pieces(signals, log.gap))
+    if window is not None and window < LEAST_GIVEN * values:
+        raise SimulationError(
+            f"window is {window:g} s, and a signal has a value every {values:.3g} s",
+            expected=f"at least {LEAST_GIVEN} values in a window",
+        )
     if window is None:
         wanted = SLOWEST * slow if np.isfinite(slow) else 50 * values
         window = max(min(wanted, whole / LEAST_WINDOWS), LEAST_VALUES * values)
@@ -40,6 +48,11 @@ def lengths(
         if most >= finest
         else finest / np.ceil(finest / most)
     )
+    if not whole / step <= MOST:
+        raise SimulationError(
+            f"{log.name} needs {whole / step:.2g} steps of {step:.2g} s",
+            expected=f"at most {MOST:.0e}: units and values that the vehicle can have",
+        )
     return float(step * max(round(window / step), 1)), float(step)
 
 

@@ -11,7 +11,7 @@ from holdfast.analysis.identification.identified import HeldOut, Unexplained
 from holdfast.analysis.identification.least_squares import Fitted, Problem, fitted
 from holdfast.analysis.identification.log import Floats
 from holdfast.analysis.identification.shooting import Shooting
-from holdfast.analysis.identification.windows import Windows
+from holdfast.analysis.identification.windows import FEWEST, Windows
 from holdfast.errors import SimulationError
 from holdfast.maths.control.unmodelled import PREFIX, add_unmodelled
 from holdfast.maths.definitions.bounds import Box
@@ -25,6 +25,9 @@ SHORTER = (8, 4, 2, 1)
 
 DOUBT = 2.0
 """Deviations of the noise by which what a window needs may lie beyond the bound."""
+
+JUDGED = 0.5
+"""The part of the windows that has to have enough measurements."""
 
 MOST_NOISE = 0.5
 """The part of its spread that noise may give what is unexplained, for a shorter window."""
@@ -62,32 +65,45 @@ def needed(
     windows: Sequence[Windows],
     noise: Floats,
     still: Mapping[str, float],
+    log: str,
 ) -> Unexplained:
     """What the windows need, for the shortest ones in which noise is not most of it.
 
-    windows: of one log, the shortest first. still: the constant disturbances of the log.
+    windows: of one log, the shortest first. still: the constant disturbances of the log. Raises
+    `SimulationError` where half of the windows have too few measurements to tell.
     """
     motion = shooting.motion
     local = [k for k, q in enumerate(motion.unknown) if q.name.startswith(PREFIX)]
     given = np.array([still.get(q.name, 0.0) for q in motion.unknown])
     names = tuple(motion.unknown[k].name.removeprefix(PREFIX) for k in local)
     units = {q.name: per_second(q.unit) for q in system.states}
+    told = None
     for some in windows:
         problem = Problem(shooting, some, given, (), local)
         found: Fitted = fitted(problem, np.empty(0), np.empty(0), noise=noise)
+        shown = problem.determined(found)
+        if shown.sum() < max(FEWEST, JUDGED * len(shown)):
+            continue
         n = shooting.states
         told = Unexplained(
             names,
             tuple(units[name] for name in names),
             (),
             (),
-            found.local[:, n:],
-            np.sqrt(np.einsum("wii->wi", found.spread)[:, n:]),
-            some.start,
+            found.local[shown, n:],
+            np.sqrt(np.einsum("wii->wi", found.spread)[shown, n:]),
+            some.start[shown],
             some.length,
+            int((~shown).sum()),
         )
         if max(told.noise_share, default=0.0) <= MOST_NOISE:
             break
+    if told is None:
+        raise SimulationError(
+            f"{log}: the measurements of a window of {windows[-1].length:.3g} s do not show what "
+            "the model leaves unexplained",
+            remedy="take longer windows, or a log with more measurements",
+        )
     return told
 
 

@@ -48,7 +48,8 @@ class SafetyFilter:
     margins, constraints, worst: of a region, see `safeguard`. measured: whether `step` is given the
     disturbances. states: names of those that are measured, if not all: an observer with that
     `bandwidth` [1/s] estimates the others and the disturbances (`observe`), with `error_bounds`
-    [unit of each state] a guaranteed set of them (`observe_set`). scales: input -> the
+    [unit of each state] a guaranteed set of them, which follows a disturbance that changes within
+    `rate_bounds` (`observe_set`). scales: input -> the
     change of it that counts as 1. rates: the largest rates of inputs and of states (accelerations),
     see `limit_rates`; with those of inputs the filter remembers its last input. fallback: the input
     where a measurement or the command is not finite, by default 0 within the bounds. around: the
@@ -79,6 +80,7 @@ class SafetyFilter:
         states: Sequence[str] | None = None,
         bandwidth: float = 2.0,
         error_bounds: Mapping[str, float] | None = None,
+        rate_bounds: Mapping[str, float] | None = None,
         scales: Mapping[str, float] | None = None,
         rates: Mapping[str, float] | None = None,
         fallback: Sequence[float] | None = None,
@@ -103,9 +105,12 @@ class SafetyFilter:
                 law = observe(system, law, measured=states, bandwidth=bandwidth)
             else:
                 law = observe_set(
-                    system, law, measured=states, bandwidth=bandwidth, error_bounds=error_bounds
-                )
-        elif error_bounds is not None:
+                    system, law, measured=states, bandwidth=bandwidth, error_bounds=error_bounds,
+                    rate_bounds=rate_bounds,
+                )  # fmt: skip
+        if error_bounds is None and rate_bounds is not None:
+            raise DefinitionError("rate bounds are given, but no error bounds")
+        if states is None and error_bounds is not None:
             raise DefinitionError(
                 "error bounds are given, but no observer", remedy="name the measured states"
             )

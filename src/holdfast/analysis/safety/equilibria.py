@@ -1,4 +1,4 @@
-"""Equilibria in a region: where a system can rest under a constant disturbance, farthest inside."""
+"""Equilibria in a region: where a system can rest in a disturbance, farthest inside."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
+import sympy as sp
 
 from holdfast.analysis.safety.resting_search import RestingState, Search
 from holdfast.arguments import checked
@@ -21,26 +22,28 @@ STARTS = 16
 def resting_state(
     system: System,
     region: Region,
-    disturbance: Mapping[str, float] | None = None,
+    disturbance: Mapping[str, float | sp.Expr] | None = None,
     *,
     box: Mapping[str, tuple[float, float]] | None = None,
     starts: int = STARTS,
     seed: int = 0,
 ) -> RestingState:
-    """Where `system` rests in `region` under a constant disturbance d, as far inside as can be.
+    """Where `system` rests in `region` in a steady disturbance d, as far inside as can be.
 
-        maximise t   subject to   f(q, u, d) = 0,   c_j(q) + t <= 0 for every j,   u within bounds
+        maximise t   subject to   f(q, u, d(q)) = 0,   c_j(q) + t <= 0 for every j,   u in bounds
 
     A local solver (SLSQP, derivatives of the same expressions) begins at `starts` points of an even
     sequence over `box`: state -> (lowest, highest), unless given [-1, 1] in SI units and a whole
     turn of an angle. The answer is verified by its own rates, constraints and bounds. It is the
     best of the local ones: another may exist, and none found does not prove that there is none.
-    c_j of different units count alike, 1 m as 1 rad. Disturbances left out are 0.
+    c_j of different units count alike, 1 m as 1 rad. disturbance: name -> number, or expression of
+    the states and parameters (a field, such as an eddy); those left out are 0.
 
-    Raises `DefinitionError` for unknown names, rates or constraints that depend on time, a region
-    of other states, and inputs whose bounds are no half-spaces.
+    Raises `DefinitionError` for unknown names, rates, fields or constraints that depend on time, a
+    region of other states, and inputs whose bounds are no half-spaces.
     """
-    return Search(system, region, box, starts, seed).solve(_disturbance(system, disturbance), [])
+    field, numbers = _disturbance(system, disturbance)
+    return Search(system, region, box, starts, seed, field).solve(numbers, [])
 
 
 @checked
@@ -82,14 +85,23 @@ def resting_directions(
     return tuple(found)
 
 
-def _disturbance(system: System, given: Mapping[str, float] | None) -> dict[str, float]:
-    given = dict(given or {})
-    for name, value in given.items():
-        if name not in system.disturbance_names:
+def _disturbance(
+    system: System, given: Mapping[str, float | sp.Expr] | None
+) -> tuple[dict[str, sp.Expr], dict[str, float]]:
+    """The disturbances that are fields, and the numbers of all, 0 for a field."""
+    field: dict[str, sp.Expr] = {}
+    numbers = dict.fromkeys(system.disturbance_names, 0.0)
+    for name, value in (given or {}).items():
+        if name not in numbers:
             raise DefinitionError(
                 f"'{name}' is not a disturbance of system '{system.name}'",
                 remedy=suggestion(name, system.disturbance_names),
             )
-        if not math.isfinite(value):
+        expression = sp.sympify(value)
+        if expression.free_symbols:
+            field[name] = expression
+        elif math.isfinite(expression):
+            numbers[name] = float(expression)
+        else:
             raise DefinitionError(f"disturbance '{name}' is {value}", expected="a finite number")
-    return {name: float(given.get(name, 0.0)) for name in system.disturbance_names}
+    return field, numbers

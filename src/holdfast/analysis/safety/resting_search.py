@@ -1,10 +1,10 @@
-"""Search of equilibria in a region: one problem compiled once, for any constant disturbance."""
+"""Search of equilibria in a region: one problem compiled once, for any steady disturbance."""
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -16,7 +16,7 @@ from holdfast.errors import DefinitionError, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.control.outward_rates import check_reads
-from holdfast.maths.definitions.quantity import TIME, merge_parameters
+from holdfast.maths.definitions.quantity import TIME, merge_parameters, symbol
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.traversal import derivatives
@@ -66,7 +66,12 @@ class RestingState:
 
 
 class Search:
-    """The problem of one system and region, compiled once, for any disturbance."""
+    """The problem of one system and region, compiled once, for any disturbance.
+
+    field: disturbances that are expressions of states and parameters, of the system or `drawn`:
+    what the system feels is the value where it rests. The numbers of a search are those of every
+    disturbance, in order (0 for a field), then the drawn ones.
+    """
 
     def __init__(
         self,
@@ -75,6 +80,8 @@ class Search:
         box: Mapping[str, tuple[float, float]] | None,
         starts: int,
         seed: int,
+        field: Mapping[str, sp.Expr] | None = None,
+        drawn: Sequence[sp.Symbol] = (),
     ) -> None:
         check_reads(system, region)
         if not starts >= 1:
@@ -84,16 +91,22 @@ class Search:
         self.system, self.region, self.seed, self.starts = system, region, seed, starts
         self.states, self.inputs = len(system.states), len(system.inputs)
         self.box = self._box(box or {})
-        rates = [system.rates[n] for n in system.state_names]
+        of_place = {symbol(n): e for n, e in (field or {}).items()}
+        felt = [of_place.get(q.symbol, q.symbol) for q in system.disturbances]
+        rates = [system.rates[n].xreplace(of_place) for n in system.state_names]
         inequalities = [c.expression for c in region.inequalities]
         if any(sp.sympify(e).has(TIME) for e in (*rates, *inequalities)):
-            raise DefinitionError(f"system '{system.name}' or its region depends on time")
+            raise DefinitionError(
+                f"system '{system.name}', its region or its disturbance depends on time"
+            )
         names = [q.symbol for q in (*system.states, *system.inputs, *system.disturbances)]
+        names += drawn
         free = names[: self.states + self.inputs]
         slopes = [s for e in (*rates, *inequalities) for s in derivatives(e, free).values()]
         self.count = len(rates), len(inequalities)
         parameters = merge_parameters(system.parameters, region.parameters)
         self.evaluator = Evaluator([*rates, *inequalities, *slopes], names, parameters)
+        self.felt = Evaluator(felt, names, parameters)
         self._last: tuple[bytes, Values] | None = None
 
     def _box(self, given: Mapping[str, tuple[float, float]]) -> Array:
@@ -235,7 +248,7 @@ class Search:
                     )  # fmt: skip
             if not np.isfinite(answer.x).all():
                 continue
-            found = self._judged(answer.x, disturbance, d, ended=answer.nit < STEPS)
+            found = self._judged(answer.x, d, ended=answer.nit < STEPS)
             if best is None or _rank(found) > _rank(best):
                 best = found
         if best is None:
@@ -282,13 +295,12 @@ class Search:
         begin[:, : self.states] = low + points * (high - low)
         return list(begin)
 
-    def _judged(
-        self, z: Array, disturbance: Mapping[str, float], d: Array, *, ended: bool
-    ) -> RestingState:
+    def _judged(self, z: Array, d: Array, *, ended: bool) -> RestingState:
         """What holds at z, from its own rates, constraints and bounds."""
         f, c, _, _ = self.values(z, d)
         a, b = self.bounds
         u = z[self.states : self.states + self.inputs]
+        felt = self.felt.values(np.concatenate([z[:-1], d])[None])[0].tolist()
         residual, margin = float(np.abs(f).max()), float(-c.max())
         excess = float((a @ u - b).max()) if len(b) else 0.0
         worst = self.region.inequalities[int(c.argmax())]
@@ -311,7 +323,7 @@ class Search:
         return RestingState(
             state=dict(zip(self.system.state_names, turned, strict=True)),
             inputs=dict(zip(self.system.input_names, u.tolist(), strict=True)),
-            disturbance=dict(disturbance),
+            disturbance=dict(zip(self.system.disturbance_names, felt, strict=True)),
             margin=margin,
             residual=residual,
             missing=missing,

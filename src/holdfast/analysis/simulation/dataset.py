@@ -26,11 +26,12 @@ def described(
     settings: Settings,
     attributes: Mapping[str, Any],
     limits: Mapping[str, tuple[Array, Array]] | None = None,
+    felt: Array | None = None,
 ) -> NamedArrays:
     """The arrays of a batch of runs with their names, units and meanings.
 
     limits: of "input" and "actuator" the least and the largest value of every column, or of every
-    column in every run.
+    column in every run. felt: the disturbance at every recorded sample, where it varies in a run.
     """
     s, names = trajectories, [c[0] for c in program.constraints]
     exits = [NO_CONSTRAINT, *range(len(names))]
@@ -160,6 +161,12 @@ def described(
         "constraint_unit": ("constraint_name", _labels([c[1] for c in program.constraints])),
         "varied_name": ("varied_name", _labels(program.varied.labels)),
     }
+    if felt is not None:
+        names, units = _columns(program.disturbances)
+        about = named("disturbance where the vehicle is", names, units)
+        variables["disturbance"] = (("run", "time", "disturbance_name"), felt, about)
+        coordinates["disturbance_name"] = ("disturbance_name", _labels(names))
+        coordinates["disturbance_unit"] = ("disturbance_name", _labels(units))
     fixed = {
         "Conventions": "CF-1.11",
         "sample_time_s": settings.sample_time,

@@ -12,6 +12,7 @@ import sympy as sp
 
 from holdfast._version import __version__
 from holdfast.analysis.simulation.dataset import described
+from holdfast.analysis.simulation.disturbances import check_disturbance, check_field, felt_along
 from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.starts import Starts, initial_states
 from holdfast.arguments import checked
@@ -25,7 +26,7 @@ from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.steppers import BY_NAME
 from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.quantity import DELAY, SAMPLE_TIME, TIME, symbol
+from holdfast.maths.definitions.quantity import DELAY, SAMPLE_TIME, symbol
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
@@ -59,7 +60,8 @@ def simulate(
     every run is the same in any part. region: the inequalities to
     watch; a run that violates one is marked as having left, and when. goal: where a run must
     be at the end to have reached it. horizon: seconds. stepper: "rk4", "bogacki-shampine" or
-    "dormand-prince". disturbance: name -> number or expression of t. plant: parameters of the
+    "dormand-prince". disturbance: name -> number or expression of t, parameters and states of the
+    plant: a field, which the vehicle feels where it is. plant: parameters of the
     simulated vehicle that its law does not know. varied: the variation between runs; with
     `vertices`, every start is simulated at each of them. reference: the desired final state, for
     error statistics. start_outside: allow starts outside the region. command: your own controller,
@@ -71,7 +73,8 @@ def simulate(
 
     Warns with `GainWarning` when the gains violate a condition of the law. Raises
     `DefinitionError` for a law that does not fit the system, and `SimulationError` for invalid
-    starts, disturbances or settings.
+    starts, disturbances or settings, and for a disturbance beyond its bounds: of a field at a
+    sample of any run.
     """
     if stepper not in BY_NAME:
         raise SimulationError(f"unknown stepper '{stepper}'", remedy=suggestion(stepper, BY_NAME))
@@ -136,7 +139,7 @@ def simulate(
     first = part.start if part is not None else 0
     own = loop.varied(len(initial), chosen.seed, first)
     _check_varied(program, own, first)
-    _check_disturbance(system, loop, chosen, dict(plant or {}), given, own, first)
+    check_disturbance(system, loop, chosen, dict(plant or {}), given, own, first)
     seconds = {
         SAMPLE_TIME: 0.0 if chosen.continuous else chosen.sample_time,
         DELAY: chosen.delay,
@@ -146,6 +149,7 @@ def simulate(
         initial, chosen, plant=plant, varied=own, first=first, progress=progress,
         commander=commander_of(command, program),
     )  # fmt: skip
+    check_field(system, trajectories, first)
     scene = (*(region.scene if region else ()), *(goal.scene if goal else ()))
     return Result(
         described(
@@ -167,6 +171,7 @@ def simulate(
                 **(attributes or {}),
             },
             _limits(system, real, (*program.varied.names, *program.varied.plant), own),
+            felt_along(loop, trajectories, chosen, dict(plant or {})),
         ),
         scene=scene,
         parameters={p.name: p.value for p in program.parameters},
@@ -214,66 +219,6 @@ def _from_every_start(
     of = range(part.start // turns, -(-part.stop // turns))
     repeated = np.repeat(initial(of), turns, axis=0)
     return repeated[part.start - of.start * turns : part.stop - of.start * turns]
-
-
-def _check_disturbance(
-    system: System,
-    loop: ClosedLoop,
-    settings: Settings,
-    plant: Mapping[str, float],
-    given: Mapping[str, sp.Expr],
-    own: Array,
-    first: int,
-) -> None:
-    """Refuse a disturbance that is not finite, or leaves its bounds, in any run."""
-    if not system.disturbances:
-        return
-    used = set().union(*(e.free_symbols for e in given.values()))
-    steps = 4 * settings.samples + 1 if TIME in used else 1
-    times = np.arange(steps, dtype=np.float64) * (settings.sample_time / 4)
-    bounds = system.disturbance_bounds
-    names = [*loop.program.varied.names, *loop.program.varied.plant]
-    varied = {symbol(n) for n in names}
-    bound_varies = bounds is not None and bool(bounds.free_symbols & varied)
-    rows = own if used & varied or bound_varies else own[:1]
-    values = {p.symbol: p.value for p in loop.program.parameters}
-    worst: list[tuple[int, float, Array]] = []
-
-    def check(run: int, time: float, sample: Array, bound: Bounds) -> None:
-        if not bound.contains([float(v) for v in sample]):
-            shown = ", ".join(
-                f"{n} = {v:.4g}" for n, v in zip(system.disturbance_names, sample, strict=True)
-            )
-            at = f"t = {time:.4g} s" + (f" of run {run}" if len(rows) > 1 else "")
-            raise SimulationError(
-                f"the disturbance leaves its bounds at {at}: {shown}",
-                remedy=f"reduce it, or raise the bound of system '{system.name}'",
-                key="disturbance",
-            )
-
-    for run, row in enumerate(rows, first):
-        real = {**plant, **dict(zip(names, row, strict=True))}
-        samples = loop.disturbances(times, real)
-        if not np.isfinite(samples).all():
-            raise SimulationError(
-                f"a disturbance is not finite at some time of run {run}", key="disturbance"
-            )
-        extremes = [(run, times[i], samples[i]) for i in _extremes(samples)]
-        if bounds is not None and (bound_varies or run == first):
-            bound = bounds.at(values | {symbol(n): v for n, v in real.items()})
-        if bound_varies:
-            for where in extremes:
-                check(*where, bound)
-        worst += extremes
-    if bounds is not None and not bound_varies:
-        for index in _extremes(np.array([w[2] for w in worst])):
-            check(*worst[index], bound)
-
-
-def _extremes(samples: Array) -> list[int]:
-    """The decisive rows for a box and for a ball: extreme components, extreme size."""
-    sizes = np.linalg.norm(samples, axis=1)
-    return sorted({int(sizes.argmax()), *samples.argmin(axis=0), *samples.argmax(axis=0)})
 
 
 def _check_varied(program: ClosedLoopProgram, own: Array, first: int) -> None:

@@ -14,6 +14,7 @@ import sympy as sp
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.arithmetic.steps import Steps
 from holdfast.execution.codegen.controller_program import ControllerProgram, controller_program
+from holdfast.execution.codegen.felt_disturbance import FeltDisturbance, felt_disturbance
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.lowering import leaf_of
 from holdfast.execution.codegen.shared_rows import PREPARED, SHARED, with_shared_rows
@@ -46,7 +47,8 @@ class ClosedLoopProgram:
     measured: how many disturbances the law measures; handed: what others hand it at every
     sample; limited: how many values its actuators have.
     places: how many axes its table has; timed: whether the first of them is the remaining time.
-    given: numbers that follow the parameters, those of the disturbances. slack_units: the units of
+    given: numbers that follow the parameters, those of the disturbances; in_run, bounded: see
+    `FeltDisturbance`. slack_units: the units of
     the conditions that a safeguard relaxes, each once. value_signal: the signal that is the value
     of a kernel.
     """
@@ -74,6 +76,8 @@ class ClosedLoopProgram:
     conditions: tuple[GainCondition, ...] = field(default=())
     varied: Varied = field(default_factory=Varied)
     given: tuple[float, ...] = ()
+    in_run: bool = False
+    bounded: int = 0
     remembered: tuple[str, ...] = ()
     safeguarded: bool = False
     slack_units: tuple[str, ...] = ()
@@ -119,10 +123,10 @@ def closed_loop_program(
     """The program that simulates `system` under `law`, watching `region` and `goal`.
 
     `continuous`: the inputs follow the state at every instant, not once per control sample.
-    `disturbance` gives each disturbance as an expression of time and parameters (those not
-    named are zero), `varied` what differs from run to run. Raises `DefinitionError` for a law that
-    does not fit the system (`controller_program`), and `SimulationError` for a disturbance or a
-    variation that does not.
+    `disturbance` gives each disturbance as an expression of time, states and parameters (those
+    not named are zero), `varied` what differs from run to run. Raises `DefinitionError` for a law
+    that does not fit the system (`controller_program`), and `SimulationError` for a disturbance
+    or a variation that does not.
     """
     controller = controller_program(system, law)
     switching = controller.switching
@@ -151,22 +155,11 @@ def closed_loop_program(
         raise SimulationError(f"{kind} needs sampled control", remedy="use continuous = false")
     p = [q.symbol for q in parameters]
     d = [s.symbol for s in system.disturbances]
-    still = [sp.sympify(disturbance.get(s.name, 0)) for s in system.disturbances]
-    for s, expression in zip(system.disturbances, still, strict=True):
-        unknown = expression.free_symbols - set(p) - {TIME}
-        if unknown:
-            raise SimulationError(
-                f"disturbance '{s.name}' uses '{sorted(map(str, unknown))[0]}'",
-                expected="an expression of t and declared parameters",
-            )
-    # numbers are handed over as parameters are: another current needs no new program
-    given = {s.name: e for s, e in zip(system.disturbances, still, strict=True) if e.is_Number}
-    given = {n: e for n, e in given.items() if n in disturbance and e.is_finite}
-    handed = {n: sp.Symbol(f"_given_{n}", real=True) for n in given}  # no user name begins so
-    still = [handed.get(s.name, e) for s, e in zip(system.disturbances, still, strict=True)]
-    p += handed.values()
-    felt = dict(zip(system.disturbances, still, strict=True))
-    measured = [felt[d] for d in controller.measured]
+    felt = felt_disturbance(system, disturbance, p)
+    still = list(felt.expressions)
+    p += felt.given
+    of_disturbance = dict(zip(system.disturbances, still, strict=True))
+    measured = [of_disturbance[d] for d in controller.measured]
     used = [*still, *varied.values.values(), *varied.plant.values(), *controller.expressions]
     used += [*system.rates.values(), *switching.signals.values(), *([goal.worst] if goal else [])]
     symbols = symbols_of(used)
@@ -191,7 +184,7 @@ def closed_loop_program(
             constraints=c,
             goal=goal.worst if goal else sp.S.One,
             varied=list(varied.expressions),
-            disturbance=still,
+            felt=felt,
             parameters=p,
         ),
         targets=tuple(
@@ -223,7 +216,9 @@ def closed_loop_program(
         parameters=parameters,
         conditions=switching.conditions,
         varied=varied,
-        given=tuple(float(e) for e in given.values()),
+        given=tuple(felt.given.values()),
+        in_run=felt.in_run,
+        bounded=felt.bounded,
         remembered=tuple(z.name for z in controller.remembered),
         safeguarded=bool(guards),
         slack_units=tuple(dict.fromkeys(u for guard in guards.values() for u in guard.units)),
@@ -252,7 +247,7 @@ def _leaves(
     constraints: Sequence[sp.Expr],
     goal: sp.Expr,
     varied: Sequence[sp.Expr],
-    disturbance: Sequence[sp.Expr],
+    felt: FeltDisturbance,
     parameters: Sequence[sp.Symbol],
 ) -> dict[str, Leaf]:
     """The leaves of a closed loop: each is a function of four arrays, of which it may ignore some.
@@ -260,7 +255,8 @@ def _leaves(
     | leaf | t | q | x | p | result |
     |---|---|---|---|---|---|
     | rates | time | state | input | of the plant | dq/dt |
-    | felt, disturbance | time | | | of the plant | what the law measures, all of them |
+    | felt, disturbance | time | state | | of the plant | what the law measures, all of them |
+    | excess | time | state | | of the plant | by how much they exceed their bounds, all of them |
     | begin | time | seen | | believed | the first memory |
     | places | time | seen | | believed | where the law looks up its table |
     | law k | time | seen | found in the table | believed | command, conditions, scales |
@@ -300,8 +296,9 @@ def _leaves(
 
     found = {
         "rates": leaf(rates, q, u),
-        "felt": leaf(measured),
-        "disturbance": leaf(disturbance),
+        "felt": leaf(measured, q if felt.of_state else ()),
+        "disturbance": leaf(felt.expressions, q if felt.of_state else ()),
+        "excess": leaf(felt.excess(system), q),
         "begin": leaf(controller.initial_memory, seen),
         "places": leaf(controller.places, seen),
         "signals": leaf(list(switching.signals.values()), seen, look),

@@ -61,12 +61,14 @@ def step_leaves(
     return {name: leaf for name, leaf in found.items() if leaf.results}
 
 
-def note_leaves(actuation: int, peaks: Sequence[int]) -> dict[str, Leaf]:
+def note_leaves(actuation: int, peaks: Sequence[int], bounded: int = 0) -> dict[str, Leaf]:
     """The leaves that note what a sample adds to a run.
 
-    actuation: rows that have to be numbers; peaks: those whose largest magnitudes are noted.
+    actuation: rows that have to be numbers; peaks: those whose largest magnitudes are noted;
+    bounded: how many disturbances have to stay within their bounds.
     """
     return {
+        "exceed": made(_exceed, t=len(CLOCK), q=1 + bounded, x=1 + bounded),
         "arrive": made(_arrive, t=len(CLOCK), q=1, x=1),
         "peaks": made(_peaks(peaks), t=len(CLOCK), q=actuation, p=len(peaks)),
     }
@@ -267,6 +269,17 @@ def _arrive(steps: Steps, values: Rows) -> list[Value]:
     nan = steps.constant(float("nan"), FLOAT)
     begins = since.differs(since) & at["alive"].differs(0.0)
     return [choose(level <= 0.0, choose(begins, at["time"], since), nan)]
+
+
+def _exceed(steps: Steps, values: Rows) -> list[Value]:
+    """When a disturbance first exceeded its bounds (NaN: never), and its values then.
+
+    q: the excess, then the values now; x: what was noted before.
+    """
+    at, (excess, *now), (since, *then) = clock(values), values["q"], values["x"]
+    begins = since.differs(since) & at["alive"].differs(0.0) & ~(excess <= 0.0)
+    pairs = zip((at["time"], *now), (since, *then), strict=True)
+    return [choose(begins, new, old) for new, old in pairs]
 
 
 def _peaks(rows: Sequence[int]) -> Results:

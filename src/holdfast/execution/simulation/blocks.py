@@ -158,7 +158,7 @@ class Blocks:
             "sample_time": settings.sample_time, "delay": settings.delay_samples,
             "absolute": settings.absolute, "relative": settings.relative,
             "trial": settings.sample_time, "exit_time": np.nan, "exit_constraint": -1.0,
-            "shortest": np.inf, "inside_since": np.nan, "off_at": np.nan,
+            "shortest": np.inf, "inside_since": np.nan, "off_at": np.nan, "beyond": np.nan,
             "mode": program.initial_mode, "outcome": Outcome.STAYED,
             "seed_low": settings.seed & 0xFFFFFFFF, "seed_high": settings.seed >> 32,
         }  # fmt: skip
@@ -295,13 +295,13 @@ class Blocks:
         out.goal_time[runs] = np.where(outcome == Outcome.DIVERGED, np.nan, since)
         for name, row in _NOTES.items():
             getattr(out, name)[runs] = self.of_runs(row)
-        for j in range(len(self.program.constraints)):
-            out.worst[runs, j] = self.of_runs("worst", j)
         m = len(self.program.inputs)
-        for i in range(m):
-            out.peak_input[runs, i] = self.of_runs("peaks", i)
-        for i in range(len(self.program.actuators)):
-            out.peak_actuator[runs, i] = self.of_runs("peaks", m + i)
+        for array, row, before in (
+            (out.worst, "worst", 0), (out.peak_input, "peaks", 0),
+            (out.peak_actuator, "peaks", m), (out.beyond, "beyond", 0),
+        ):  # fmt: skip
+            for i in range(array.shape[1]):
+                array[runs, i] = self.of_runs(row, before + i)
 
     def _fill_parts(self) -> None:
         """The entries of s and the places in w that the parts read."""

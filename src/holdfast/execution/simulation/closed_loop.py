@@ -80,11 +80,14 @@ class ClosedLoop:
         """c_j of each state, shape (run, constraint)."""
         return self._values("constraints", len(self.program.constraints), q=states)
 
-    def disturbances(self, times: Array, overrides: Mapping[str, float] | None = None) -> Array:
-        """d(t), shape (time, disturbance)."""
-        p = self.parameter_array(overrides)
+    def disturbances(
+        self, times: Array, states: Array | None = None, p: Array | None = None
+    ) -> Array:
+        """d(t, q), shape (time, disturbance); states: a row for each time; p: parameters."""
+        p = self.parameter_array() if p is None else p
         t = np.asarray(times, dtype=np.float64)[:, np.newaxis]
-        return self._values("disturbance", len(self.program.disturbances), t=t, p=p)
+        q = np.zeros(len(self.program.states)) if states is None else states
+        return self._values("disturbance", len(self.program.disturbances), t=t, q=q, p=p)
 
     def _values(
         self,
@@ -145,11 +148,12 @@ class ClosedLoop:
         p = np.repeat(self.parameter_array()[np.newaxis], runs, axis=0)
         if chosen.cases:
             draws = np.hstack([draws, np.array([*chosen.cases.values()]).T[case]])
-        p[:, self._columns((*chosen.draws, *chosen.cases))] = draws
+        p[:, self.columns((*chosen.draws, *chosen.cases))] = draws
         width = len(chosen.values) + len(chosen.plant)
         return np.hstack([draws, self._values("varied", width, p=p)])
 
-    def _columns(self, names: Iterable[str]) -> npt.NDArray[np.int64]:
+    def columns(self, names: Iterable[str]) -> npt.NDArray[np.int64]:
+        """Where these parameters are among all of them."""
         order = [p.name for p in self.program.parameters]
         return np.array([order.index(n) for n in names], dtype=np.int64)
 
@@ -229,19 +233,13 @@ class ClosedLoop:
         if varied is None:
             varied = self.varied(runs, settings.seed, first)
         shared = len(program.varied.names)
-        columns_plant = self._columns((*program.varied.names, *program.varied.plant))
+        columns_plant = self.columns((*program.varied.names, *program.varied.plant))
 
         def blank(*shape: int) -> Array:
             return np.full((runs, *shape), np.nan)
 
         kept = rows if program.safeguarded else 0
-        names = [s.name for s in program.states]
-        noise = np.zeros((2, n))
-        for row, given in enumerate((settings.noise_uniform, settings.noise_normal)):
-            for name, size in given.items():
-                if name not in names:
-                    raise SimulationError(f"noise of '{name}', which is not a state", key="noise")
-                noise[row, names.index(name)] = size
+        noise = settings.noise_of([s.name for s in program.states])
         result = Trajectories(
             time=np.arange(rows, dtype=np.float64) * (stride * settings.sample_time),
             state=blank(rows, n),
@@ -268,6 +266,7 @@ class ClosedLoop:
             largest_slack=np.zeros(runs),
             rejected=np.zeros(runs, dtype=np.int64),
             off_grid=blank(),
+            beyond=blank(1 + program.bounded if program.bounded else 0),
             varied=varied,
         )
         stop = np.zeros(1, dtype=np.int64)

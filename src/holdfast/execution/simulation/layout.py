@@ -44,6 +44,7 @@ class Shape(NamedTuple):
     numbers: int
     prepared: int
     measured: int
+    bounded: int
     handed: int
     remembered: int
     shared: int
@@ -69,6 +70,7 @@ def shape_of(program: ClosedLoopProgram) -> Shape:
         numbers=len(program.parameters) + len(program.given) + 1,
         prepared=program.prepared,
         measured=program.measured,
+        bounded=program.bounded,
         handed=len(program.handed),
         remembered=len(program.remembered),
         shared=program.shared,
@@ -146,6 +148,7 @@ def _counts(shape: Shape) -> dict[str, int]:
         **dict.fromkeys(SWITCHES, 1), "in_modes": modes, **dict.fromkeys(TURNS, 1),
         "levels": max(1, *(len(own) for own in shape.targets)),
         "bad": 1, "peaks": m + shape.actuators, "level": 1, "inside_since": 1,
+        "excess": 1 + shape.bounded, "beyond": 1 + shape.bounded,
         "off_at": 1, "seen": seen, "inner": seen, "memory": shape.remembered,
         "look_at": shape.places, "look": shape.places + 1,
         "actuation": actuation, "believed": actuation, "signals": shape.signals,

@@ -61,13 +61,14 @@ class _Builder:
         self.at = self.layout.at
         n, m, limited = shape.states, shape.inputs, shape.limited
         weights, stages = shape.stepper.weights().tolist(), len(shape.stepper.b)
-        actuators = range(limited, limited + shape.actuators)
+        produced = range(2 * limited, 2 * limited + m)
+        peaks = [*produced, *range(limited, limited + shape.actuators)]
         self.leaves = (
             step_leaves(
                 weights[:stages], *weights[stages:], order=shape.stepper.order, states=n,
                 constraints=shape.constraints,
             )
-            | note_leaves(2 * limited + m, [*range(2 * limited, 2 * limited + m), *actuators])
+            | note_leaves(2 * limited + m, peaks, shape.bounded)
             | mode_leaves(shape.targets, shape.conditions, m, switch_limit)
         )  # fmt: skip
         if shape.constraints:
@@ -157,6 +158,9 @@ class _Builder:
         self._end(body, "bad")
         body.call("goal", t=at["time"], q=at["q"], p=at["plant"], out=at["level"])
         body.call("arrive", t=t, q=at["level"], x=at["inside_since"], out=at["inside_since"])
+        if shape.bounded:
+            body.call("excess", t=at["time"], q=at["q"], p=at["plant"], out=at["excess"])
+            body.call("exceed", t=t, q=at["excess"], x=at["beyond"], out=at["beyond"])
 
     def _answer(self, body: Instructions) -> None:
         """The mode, the command and the memory after what the law sees."""
@@ -175,17 +179,18 @@ class _Builder:
             )  # fmt: skip
 
     def _measure(self, body: Instructions, late: bool) -> None:
-        """seen = the states as the law sees them: late, with noise, with what it feels."""
+        """seen = the states as the law sees them: late, with what it feels there, with noise."""
         at, n = self.at, self.shape.states
         if late:
             body.late(LATE, at["q"], at["seen"], n)
         else:
             body.copy(at["q"], at["seen"], n)
+        if self.shape.measured:
+            felt = at["seen"] + n * WIDTH
+            body.call("felt", t=at["seen_at"], q=at["seen"], p=at["plant"], out=felt)
         if self.noisy:
             body.copy(at["back"], at["draw"], 1)
             body.call("noise", t=at["run"], x=at["seen"], p=at["noise"], out=at["seen"])
-        if self.shape.measured:
-            body.call("felt", t=at["seen_at"], p=at["plant"], out=at["seen"] + n * WIDTH)
 
     def _share(self, body: Instructions, t: int, seen: int) -> None:
         """What several leaves need of what the law sees."""
@@ -266,7 +271,7 @@ class _Builder:
             inner = at["inner"]
             body.copy(q, inner, n)
             if shape.measured:
-                body.call("felt", t=t, p=at["plant"], out=inner + n * WIDTH)
+                body.call("felt", t=t, q=q, p=at["plant"], out=inner + n * WIDTH)
             self._share(body, t, inner)
             self._look(body, t, inner, noted=False)
             self._command(body, t, inner)

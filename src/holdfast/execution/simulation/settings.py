@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
+from holdfast.execution.arrays import Array
 
 
 @checked
@@ -97,6 +98,16 @@ class Settings:
     @property
     def stride(self) -> int:
         return round(self.record_every / self.sample_time)
+
+    def noise_of(self, states: Sequence[str]) -> Array:
+        """Half-widths and standard deviations of the noise of these states, shape (2, state)."""
+        noise = np.zeros((2, len(states)))
+        for row, given in enumerate((self.noise_uniform, self.noise_normal)):
+            for name, size in given.items():
+                if name not in states:
+                    raise SimulationError(f"noise of '{name}', which is not a state", key="noise")
+                noise[row, states.index(name)] = size
+        return noise
 
 
 def _is_number(value: object) -> bool:

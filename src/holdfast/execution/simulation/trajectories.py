@@ -25,9 +25,10 @@ class Trajectories:
     shortest_dwell [s]: between two of them (infinite where there are not two), overruled: control
     samples at which the safeguard changed the command, infeasible: those at which it found no
     admissible input, largest_slack: the most it needed, rejected: adaptive steps refused,
-    off_grid [s]: when the law first asked its value function outside the grid (NaN: never), varied
-    (run, name): what the run had values of its own for, wall_time: seconds of simulation, without
-    compilation.
+    off_grid [s]: when the law first asked its value function outside the grid (NaN: never),
+    beyond (run, 1 + disturbances): when a field first exceeded its bounds (NaN: never) and its
+    values then, of a field only, varied (run, name): what the run had values of its own for,
+    wall_time: seconds of simulation, without compilation.
     """
 
     time: Array
@@ -55,5 +56,6 @@ class Trajectories:
     largest_slack: Array
     rejected: npt.NDArray[np.int64]
     off_grid: Array
+    beyond: Array
     varied: Array
     wall_time: float = 0.0

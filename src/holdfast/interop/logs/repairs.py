@@ -25,6 +25,9 @@ LATE = 5
 AROUND = 15
 """Values to either side that say what is usual."""
 
+LEAST_RUNS, REGULAR = 20, 0.8
+"""Runs of equal values, and the part of them that is of one length, of a slower sensor."""
+
 STUCK = 50
 """Equal values in a row that are worth a sentence, where the signal moves otherwise."""
 
@@ -57,6 +60,7 @@ def repaired(
     if angle and factor == 1.0:
         _check_degrees(name, value)
     if measured:
+        time, value = _without_repeats(name, time, value, told)
         time, value = _without_spikes(name, time, value, told, angle=angle)
     if angle:
         if not column.unit:
@@ -152,6 +156,21 @@ def _without_spikes(
     kept = np.ones(len(value), dtype=bool)
     kept[1:-1] = ~spike
     return time[kept], value[kept]
+
+
+def _without_repeats(
+    name: str, time: Floats, value: Floats, told: list[str]
+) -> tuple[Floats, Floats]:
+    """The first of equal values of a sensor that is slower than its log, each held as long."""
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(value) != 0) + 1])
+    runs = np.diff(starts)
+    if len(runs) < LEAST_RUNS:
+        return time, value
+    usual = float(np.median(runs))
+    if usual < 2 or np.mean(np.abs(runs - usual) <= 1) < REGULAR:
+        return time, value
+    told.append(f"{name}: every value stands {usual:.0f} times, the first of each is kept")
+    return time[starts], value[starts]
 
 
 def _say_stuck(name: str, time: Floats, value: Floats, told: list[str], measured: bool) -> None:

@@ -1,6 +1,6 @@
-"""Set-membership observer: guaranteed intervals of a constant disturbance, and a filter for them.
+"""Set-membership observer: guaranteed intervals of a disturbance, and a safety filter for them.
 
-Measured y with |error| <= n, other states s, a constant disturbance d within known bounds, and
+Measured y with |error| <= n, other states s, a disturbance d within known bounds, constant, and
 f_y = g(y, s) + C d, where each d_i moves one measured state alone, C_i its constant coefficient.
 The other states follow their own model, which d does not enter, corrected by measured states
 that d does not move (e = y - yh, bandwidth w; the injections of `observe`),
@@ -21,6 +21,18 @@ then it begins anew. The integrals are of second order in the sample time (midpo
 error, that of the stated bounds, and slow drifts belong into n and b. This is interval set-
 membership estimation (L. Jaulin et al., Applied Interval Analysis, 2001) for what enters linearly.
 
+Where d may change, at most by rho in a second, what is unexplained is its mean over a window that
+began at t - T, and the end of the window is at most rho T / 2 from the mean. A set that was true
+grows by rho with time, and is intersected with
+
+    d(t) in  (y(t) - y(t - T) - int g +- E) / C T  +-  rho T / 2
+
+A window ends at T = sqrt(4 n / (|C| rho)), where 2 n / (|C| T) + rho T / 2 is least, and the next
+one begins: the half width of the set is then at most 2 sqrt(n rho / |C|) and what the model leaves
+open, in the next window at most 1.42 times the first part. rho is that of what the vehicle feels:
+|dd/dt| + |dd/dx| times its speed over ground, where d is a field. The model's states s are
+velocities through the water, whose rates must not depend on how the water accelerates.
+
 A condition of a safety filter  normal . u <= offset(q, d)  then counts the worst of the whole set,
 
     offset - sum_i |d offset/d z_i| h_i - 1/2 sum_ij |d2 offset/d z_i d z_j| h_i h_j,   z = (s, d)
@@ -39,15 +51,15 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
-from holdfast.maths.control.observer import along, told_by
+from holdfast.maths.control.disturbance_set import ERROR, RATE, found_from, set_memory
+from holdfast.maths.control.observer import told_by
+from holdfast.maths.control.safety_filter import over_time
 from holdfast.maths.definitions.law import Law, Safeguard
-from holdfast.maths.definitions.memory import Memory
-from holdfast.maths.definitions.quantity import SAMPLE_TIME, TIME, Parameter, Quantity, symbol
+from holdfast.maths.definitions.quantity import TIME, Parameter, symbol
 from holdfast.maths.definitions.switching import Switching, as_switching
 from holdfast.maths.definitions.system import System
-from holdfast.maths.expressions.functions import greatest, least, magnitude, select, wrap
+from holdfast.maths.expressions.functions import magnitude
 
-ELAPSED = "learning_time"
 HALF = sp.Rational(1, 2)
 
 
@@ -59,6 +71,7 @@ def observe_set(
     measured: Sequence[str] | None = None,
     bandwidth: float = 2.0,
     error_bounds: Mapping[str, float],
+    rate_bounds: Mapping[str, float] | None = None,
 ) -> Switching:
     """`law` with a guaranteed set of the disturbance, which its safety filter counts as a whole.
 
@@ -66,8 +79,11 @@ def observe_set(
     measured. measured: names of states, by default all. bandwidth: w in 1/s, above 0.
     error_bounds: state -> the largest error of its measurement, or of the model's value of a state
     that is not measured, in its unit; 0 where left out, but above 0 where a disturbance is found
-    from the state. The set is as true as these bounds and the model. Memory: NAME_hat of other
-    states, NAME_low and NAME_high of every disturbance, and what they are found from.
+    from the state. rate_bounds: disturbance -> the most by which what the vehicle feels of it
+    changes in a second, in its unit per second: with time, and with the place times the speed over
+    ground. One that is left out, or 0, is constant. The set is as true as these bounds and the
+    model. Memory: NAME_hat of other states, NAME_low and NAME_high of every disturbance, and what
+    they are found from.
 
     Raises `DefinitionError` for unknown names and invalid bounds, a law with a memory of what it
     measures, a time-varying system, a disturbance without finite bounds or that does not enter
@@ -81,6 +97,15 @@ def observe_set(
                 f"'{name}' is not a state of system '{system.name}'",
                 remedy=suggestion(name, system.state_names),
             )
+    rates = dict(rate_bounds or {})
+    for name, value in rates.items():
+        if name not in system.disturbance_names:
+            raise DefinitionError(
+                f"rate bound of '{name}', which is not a disturbance of system '{system.name}'",
+                remedy=suggestion(name, system.disturbance_names),
+            )
+        if isinstance(value, bool) or not 0 <= value < math.inf:
+            raise DefinitionError(f"rate bound of '{name}' is {value!r}", expected="0 or more")
     for name, value in error_bounds.items():
         if isinstance(value, bool) or not 0 <= value < math.inf:
             raise DefinitionError(f"error bound of '{name}' is {value!r}", expected="0 or more")
@@ -95,7 +120,7 @@ def observe_set(
         raise DefinitionError(f"system '{system.name}' has no disturbance to be found")
     seen = [q for q in system.states if q.name in names]
     hidden = [q for q in system.states if q.name not in names]
-    felt = {d.name: _found_from(system, d, seen, hidden) for d in system.disturbances}
+    felt = {d.name: found_from(system, d, seen, hidden) for d in system.disturbances}
     for name, (y, _) in felt.items():
         if not error_bounds.get(y.name, 0.0) > 0:
             raise DefinitionError(
@@ -104,16 +129,26 @@ def observe_set(
             )
     parameters = (
         *(
-            Parameter(f"error_{q.name}", q.unit, f"largest error of {q.name}", value=float(b))
+            Parameter(f"{ERROR}{q.name}", q.unit, f"largest error of {q.name}", value=float(b))
             for q in system.states
             if (b := error_bounds.get(q.name, 0.0)) > 0
         ),
+        *(
+            Parameter(
+                f"{RATE}{d.name}",
+                over_time(d.unit, 1),
+                f"largest rate of {d.name}",
+                value=float(b),
+            )
+            for d in system.disturbances
+            if (b := rates.get(d.name, 0.0)) > 0
+        ),
         Parameter("observer_bandwidth", "1/s", "of the observer", value=float(bandwidth), above=0),
     )
-    memory = _memory(system, seen, hidden, felt, parameters)
+    memory = set_memory(system, seen, hidden, felt, parameters)
     guess = {q.symbol: symbol(f"{q.name}_hat") for q in hidden}
     width: dict[sp.Symbol, sp.Expr] = {
-        q.symbol: symbol(f"error_{q.name}") for q in hidden if error_bounds.get(q.name, 0.0) > 0
+        q.symbol: symbol(f"{ERROR}{q.name}") for q in hidden if error_bounds.get(q.name, 0.0) > 0
     }
     for d in system.disturbances:
         low, high = symbol(f"{d.name}_low"), symbol(f"{d.name}_high")
@@ -150,150 +185,3 @@ def worst_of(guard: Safeguard, width: Mapping[sp.Symbol, sp.Expr]) -> Safeguard:
         return offset - margin
 
     return replace(guard, offsets=tuple(worst(o) for o in guard.offsets))
-
-
-def _found_from(
-    system: System, d: Quantity, seen: Sequence[Quantity], hidden: Sequence[Quantity]
-) -> tuple[Quantity, sp.Expr]:
-    """The measured state that the disturbance moves, and its coefficient."""
-    moved = [q for q in system.states if system.rates[q.name].has(d.symbol)]
-    constant = {p.symbol for p in system.parameters}
-    others = {q.symbol for q in system.disturbances} - {d.symbol}
-    if len(moved) == 1 and moved[0] in seen:
-        rate = system.rates[moved[0].name]
-        coefficient = rate.diff(d.symbol)
-        if coefficient.free_symbols <= constant and not rate.free_symbols & others:
-            return moved[0], coefficient
-    odd = [q.name for q in moved if q in hidden]
-    raise DefinitionError(
-        f"'{d.name}' " + (f"moves '{odd[0]}', which is not measured" if odd else
-        "does not enter the rate of one measured state alone, with a constant coefficient"),
-        expected="a disturbance such as a current in the coordinates of a measured position",
-    )  # fmt: skip
-
-
-def _memory(
-    system: System,
-    seen: Sequence[Quantity],
-    hidden: Sequence[Quantity],
-    felt: Mapping[str, tuple[Quantity, sp.Expr]],
-    errors: Sequence[Parameter],
-) -> Memory:
-    """The model's values, the unexplained, its doubt and the intervals, from sample to sample."""
-    hat = {q.symbol: symbol(f"{q.name}_hat") for q in hidden}
-    still = {d.symbol: sp.S.Zero for d in system.disturbances}
-    g = {q.name: system.rates[q.name].xreplace(still).xreplace(hat) for q in system.states}
-    now = {**{q.symbol: q.symbol for q in seen}, **hat}
-    w = symbol("observer_bandwidth")
-    half = {
-        now[q.symbol]: now[q.symbol] + HALF * SAMPLE_TIME * g[q.name] for q in system.states
-    }  # the midpoint of the sample
-    middle = {n: e.xreplace(half) for n, e in g.items()}
-    kept: list[Quantity] = []
-    initial: dict[str, sp.Expr] = {}
-    following: dict[str, sp.Expr] = {}
-
-    def remember(name: str, unit: str, what: str, first: sp.Expr, then: sp.Expr) -> None:
-        kept.append(Quantity(name, unit, what))
-        initial[name], following[name] = first, then
-
-    moving = {q.symbol for q in (*system.states, *system.inputs, *system.disturbances)}
-    clean = [
-        q
-        for q in seen
-        if system.rates[q.name].free_symbols & set(hat)
-        and not system.rates[q.name].free_symbols & set(still)
-    ]
-    off = [q.symbol - symbol(f"{q.name}_hat") for q in clean]
-    off = [wrap(e) if q.angle else e for e, q in zip(off, clean, strict=True)]
-    for q, e in zip(clean, off, strict=True):
-        value = symbol(f"{q.name}_hat") + SAMPLE_TIME * (middle[q.name] + 2 * w * e)
-        remember(f"{q.name}_hat", q.unit, f"estimate of {q.name}", q.symbol, value)
-    for q in hidden:
-        slopes = [system.rates[y.name].diff(q.symbol) for y in clean]
-        correction = w**2 * along(slopes, off, moving).xreplace(hat) if any(slopes) else sp.S.Zero
-        value = hat[q.symbol] + SAMPLE_TIME * (middle[q.name] + correction)
-        remember(f"{q.name}_hat", q.unit, f"estimate of {q.name}", sp.S.Zero, value)
-    bounds = _intervals(system)
-    error = {q.name.removeprefix("error_"): q.symbol for q in errors if q.symbol != w}
-    elapsed = symbol(ELAPSED)
-    anew: list[sp.Expr] = []
-    within: dict[str, tuple[sp.Expr, sp.Expr]] = {}
-    for d in system.disturbances:
-        y, coefficient = felt[d.name]
-        left = y.symbol - symbol(f"{d.name}_unmoved")
-        left = wrap(left) if y.angle else left
-        time = greatest(elapsed, SAMPLE_TIME)  # at t = 0 nothing is learnt: see below
-        at, by = left / (coefficient * time), symbol(f"{d.name}_doubt")
-        by = by / (magnitude(coefficient) * time)
-        learnt = elapsed - HALF * SAMPLE_TIME
-        low, high = symbol(f"{d.name}_low"), symbol(f"{d.name}_high")
-        least_d = select(learnt, greatest(low, at - by), low)
-        most_d = select(learnt, least(high, at + by), high)
-        within[d.name] = least_d, most_d
-        anew.append(least_d - most_d)
-    empty = anew[0]
-    for more in anew[1:]:
-        empty = greatest(empty, more)
-    empty -= sp.Float(1e-12)  # above 0 where a set is empty
-
-    def unless_empty(value: sp.Expr, first: sp.Expr) -> sp.Expr:
-        return select(empty, first, value)
-
-    for d in system.disturbances:
-        y, _ = felt[d.name]
-        n = error[y.name]
-        doubt = sp.Add(
-            *(
-                magnitude(g[y.name].diff(now[q.symbol])) * error[q.name]
-                for q in system.states
-                if q.name in error
-            )
-        )
-        step = SAMPLE_TIME * middle[y.name]
-        low, high = within[d.name]
-        first_low, first_high = bounds[d.name]
-        unmoved, of = symbol(f"{d.name}_unmoved"), symbol(f"{d.name}_doubt")
-        remember(
-            f"{d.name}_unmoved", y.unit, f"{y.name} had there been no {d.name}",
-            y.symbol, unless_empty(unmoved, y.symbol) + step,
-        )  # fmt: skip
-        remember(
-            f"{d.name}_doubt", y.unit, f"largest error of {y.name} less that",
-            2 * n, unless_empty(of, 2 * n) + SAMPLE_TIME * doubt,
-        )  # fmt: skip
-        remember(
-            f"{d.name}_low", d.unit, f"least possible {d.name}",
-            first_low, unless_empty(low, first_low),
-        )  # fmt: skip
-        remember(
-            f"{d.name}_high", d.unit, f"largest possible {d.name}",
-            first_high, unless_empty(high, first_high),
-        )  # fmt: skip
-    remember(
-        ELAPSED, "s", "time for which the set has been learnt",
-        sp.S.Zero, unless_empty(elapsed, sp.S.Zero) + SAMPLE_TIME,
-    )  # fmt: skip
-    return Memory(
-        quantities=tuple(kept),
-        initial=initial,
-        following=following,
-        reads=tuple(seen),
-        inputs=system.inputs,
-        parameters=(*system.parameters, *errors),
-    )
-
-
-def _intervals(system: System) -> dict[str, tuple[sp.Expr, sp.Expr]]:
-    """The least and the largest value of each disturbance within its bounds."""
-    count = len(system.disturbances)
-    found = {}
-    for i, d in enumerate(system.disturbances):
-        unit = [sp.S.One if k == i else sp.S.Zero for k in range(count)]
-        if system.disturbance_bounds is None:
-            raise DefinitionError(f"disturbance '{d.name}' has no bounds to begin with")
-        ends = [system.disturbance_bounds.support(unit, sign)[0] for sign in (-1, 1)]
-        if any(e.has(sp.oo, -sp.oo, sp.nan) for e in ends):
-            raise DefinitionError(f"disturbance '{d.name}' has no finite bounds to begin with")
-        found[d.name] = ends[0], ends[1]
-    return found

@@ -29,7 +29,7 @@ _COLOURS = {IDENTIFIED: style.BLUE, WIDE: style.ORANGE, AT_LIMIT: style.RED}
 def identification_figure(found: Identified) -> Figure:
     """One page: each measured signal and the fit, the numbers with intervals, what is left.
 
-    The intervals are drawn in parts of the number before. Of what is unexplained each dot is a
+    The intervals are drawn in parts of their numbers. Of what is unexplained each dot is a
     window, of the log or of the second log; the lines are the bound.
     """
     signals = list(found.measured)
@@ -41,12 +41,14 @@ def identification_figure(found: Identified) -> Figure:
         axes = upper.subplots(rows, 2, sharex=True, squeeze=False)
         units = {q.name: q.unit for q in found.system.states}
         for axis, name in zip(axes.flat, signals, strict=False):
-            _signal(axis, name, units.get(name, ""), found.measured[name])
+            _signal(axis, name, units.get(name, ""), found.measured[name], found.noise[name])
         for axis in axes.flat[len(signals) :]:
             axis.set_visible(False)
         for axis in axes[-1]:
             axis.set_xlabel("time [s]")
-        axes[0, 0].legend(loc="best", fontsize="small")
+        axes[0, 0].legend(
+            loc="lower left", bbox_to_anchor=(0, 0.98), ncols=2, fontsize="small", borderpad=0
+        )
         upper.suptitle(f"{found.log}: measured, and the model in windows of {found.window:.3g} s")
         numbers, rest = _halves(lower, 1, 2, width_ratios=[1, 1.1])
         _numbers(numbers.subplots(), found)
@@ -62,34 +64,35 @@ def _halves(figure: Any, rows: int, columns: int, **sizes: Any) -> tuple[Any, An
     return first, second
 
 
-def _signal(axis: Axes, name: str, unit: str, told: Any) -> None:
+def _signal(axis: Axes, name: str, unit: str, told: Any, noise: float) -> None:
     time, measured, predicted = told
-    axis.plot(time, measured, ".", color=style.GREY, markersize=1.5, label="measured")
+    axis.plot(time, measured, ".", color=style.GREY, markersize=3, label="measured")
     breaks = np.flatnonzero(np.diff(time) > 10 * np.median(np.diff(time))) + 1
     shown = np.insert(predicted, breaks, np.nan)
     axis.plot(
         np.insert(time, breaks, np.nan), shown, color=style.BLUE, linewidth=0.8, label="model"
     )
     axis.set_ylabel(f"{name} [{unit}]")
+    axis.set_title(f"noise {noise:.2g} {unit}", loc="right", fontsize="x-small", pad=2)
 
 
 def _numbers(axis: Axes, found: Identified) -> None:
-    """Intervals in parts of the number before."""
-    shown = [e for e in found.parameters if not math.isnan(e.low) and e.before]
+    """Each interval in parts of its number; beside its name the number now and before."""
+    shown = [e for e in found.parameters if not math.isnan(e.low) and e.value]
+    narrow = [abs(e.half_width / e.value) for e in shown if e.status == IDENTIFIED]
+    most = 130 * max(narrow, default=1.0)
     for k, e in enumerate(shown):
-        ends = np.array([e.low, e.value, e.high]) / e.before
+        half = 100 * abs(e.half_width / e.value)
         colour = _COLOURS.get(e.status, style.BLUE)
-        axis.plot([ends[0], ends[2]], [k, k], color=colour, linewidth=2, solid_capstyle="butt")
-        axis.plot(ends[1], k, "o", color=colour, markersize=3)
-    axis.axvline(1.0, color=style.BLACK, linewidth=0.6, linestyle=":")
-    axis.set_yticks(range(len(shown)), [e.name for e in shown])
+        axis.plot([-half, half], [k, k], color=colour, linewidth=2, solid_capstyle="butt")
+        axis.plot(0, k, "o", color=colour, markersize=3)
+    axis.set_yticks(
+        range(len(shown)), [f"{e.name} {e.value:.3g} (was {e.before:.3g})" for e in shown]
+    )
+    axis.tick_params(axis="y", labelsize="small")
     axis.invert_yaxis()
-    middle = [e.value / e.before for e in shown] or [1.0]
-    widest = [abs(e.half_width / e.before) for e in shown if e.status == IDENTIFIED] or [0.1]
-    low, high = min([*middle, 1.0]) - max(widest), max([*middle, 1.0]) + max(widest)
-    room = 0.08 * (high - low)
-    axis.set_xlim(low - room, high + room)
-    axis.set_xlabel("number and interval, in parts of the number before")
+    axis.set_xlim(-most, most)
+    axis.set_xlabel("interval, % of the number")
     axis.set_title(f"{100 * found.level:g} % intervals")
 
 
@@ -130,6 +133,7 @@ def identification_text(
         f"    {'parameter':<24}{'before':<12}{'now':<12}{level + ' interval':<26}",
     ]
     lines += [_row(e) for e in (*found.parameters, *found.disturbances)]
+    lines += [f"  NOTE: {remark}" for remark in found.remarks]
     for tie in found.ties:
         lines.append(f"  {tie}: the first of them is held")
     for e in found.parameters:

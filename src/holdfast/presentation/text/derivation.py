@@ -10,6 +10,7 @@ import sympy as sp
 
 from holdfast.maths.catalogue import laws
 from holdfast.maths.catalogue.signature import is_made_for
+from holdfast.maths.control.slow_down import can_stop
 from holdfast.maths.definitions.quantity import Quantity, symbol
 from holdfast.maths.definitions.system import System
 from holdfast.maths.nonholonomic.chained_feedback import (
@@ -310,7 +311,11 @@ def _verdict(system: System, found: Structure, aligned: Alignment | str, search:
     if isinstance(aligned, Alignment) and aligned.everywhere:
         body.append("Use the law `follow_field`: it is global.")
     elif search.found is not None:
-        body.append("Use the law `steer_by_chained_form`.")
+        body.append(
+            "Use the law `steer_by_chained_form`."
+            if can_stop(system)
+            else "No law is made of chained coordinates: the bounds of the inputs leave no rest."
+        )
     elif derived:
         body.append("Use the law `follow_field`, from starts near the p axis.")
     else:

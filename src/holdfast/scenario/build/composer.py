@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from typing import Any
 
@@ -24,6 +24,7 @@ from holdfast.maths.definitions.units import check_unit, to_si
 from holdfast.maths.expressions.parser import parse_condition, parse_expression
 from holdfast.maths.nonholonomic.null_space import kinematic_system
 from holdfast.scenario.build.entries import catalogue_entry
+from holdfast.scenario.build.flat_output import flat_output
 from holdfast.scenario.build.region import obstacle_region, scaled_region, without_obstacles
 from holdfast.scenario.build.scene import composed_shape
 from holdfast.scenario.schema.closed_loop import (
@@ -155,10 +156,12 @@ class Composer:
             rhs = self._parsed({"rhs": row.rhs}, names, key)["rhs"]
             given = self._parsed(row.coefficients, names, f"{key}.coefficients")
             rows.append(PfaffianRow(given, rhs))
+        flat = flat_output(self.file, spec.flat_output, names)
         if rows and not spec.rates and not spec.inputs:
-            return kinematic_system(
+            moved = kinematic_system(
                 spec.name, states, tuple(rows), parameters, spec.description, spec.source
             )
+            return replace(moved, flat_output=flat)
         return System(
             name=spec.name,
             states=states,
@@ -169,6 +172,7 @@ class Composer:
             input_bounds=self._box(spec.inputs, values, "system.inputs"),
             disturbance_bounds=self._box(spec.disturbances, values, "system.disturbances"),
             pfaffian=tuple(rows),
+            flat_output=flat,
             description=spec.description,
             source=spec.source,
             measurements=self._measurements(spec, names),

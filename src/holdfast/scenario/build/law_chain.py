@@ -75,8 +75,7 @@ def composed_law(
         measured = spec.observer.measured
         filtering["states"] = system.state_names if measured is None else tuple(measured)
         filtering["bandwidth"] = spec.observer.bandwidth
-        if spec.observer.error_bounds:
-            filtering["error_bounds"] = _error_bounds(composer, spec.observer, system)
+        filtering |= _bounds_of_set(composer, spec.observer, system)
     direct = spec.redesign is None and spec.tracking is None
     return law, filtering if direct else None
 
@@ -108,22 +107,29 @@ def _observed(
     composer: Composer, spec: ObserverSpec, system: System, law: Law | Switching
 ) -> Switching:
     """The law with the observer: of an estimate, or of a guaranteed set."""
-    if not spec.error_bounds:
+    if not (spec.error_bounds or spec.rate_bounds):
         return observe(system, law, measured=spec.measured, bandwidth=spec.bandwidth)
-    bounds = _error_bounds(composer, spec, system)
-    return observe_set(
-        system, law, measured=spec.measured, bandwidth=spec.bandwidth, error_bounds=bounds
-    )
+    bounds = _bounds_of_set(composer, spec, system)
+    return observe_set(system, law, measured=spec.measured, bandwidth=spec.bandwidth, **bounds)
 
 
-def _error_bounds(composer: Composer, spec: ObserverSpec, system: System) -> dict[str, float]:
-    units = {q.name: q.unit for q in system.states}
-    found = {}
-    for name, value in spec.error_bounds.items():
-        with at(composer.file, f"observer.error_bounds.{name}"):
-            if name not in units:
-                raise ScenarioError("unknown name", remedy=suggestion(name, units))
-            found[name] = to_si(value, units[name])
+def _bounds_of_set(composer: Composer, spec: ObserverSpec, system: System) -> Settings:
+    """error_bounds and rate_bounds in SI units, those that are given."""
+    units = {
+        "error_bounds": {q.name: q.unit for q in system.states},
+        "rate_bounds": {q.name: over_time(q.unit, 1) for q in system.disturbances},
+    }
+    if spec.rate_bounds and not spec.error_bounds:
+        raise ScenarioError(
+            "rate_bounds without error_bounds", expected="both, for a guaranteed set"
+        )
+    found: Settings = {}
+    for key, known in units.items():
+        for name, value in getattr(spec, key).items():
+            with at(composer.file, f"observer.{key}.{name}"):
+                if name not in known:
+                    raise ScenarioError("unknown name", remedy=suggestion(name, known))
+                found.setdefault(key, {})[name] = to_si(value, known[name])
     return found
 
 

@@ -261,6 +261,7 @@ def _composed(file: str, text: str, spec: ScenarioSpec) -> Scenario:
     values = {p.symbol: p.value for p in composer.known.values()}
     names = {n: e for n, e in composer.scope().items() if n not in plant.state_names}
     timeless = {n: e for n, e in names.items() if n != "t"}
+    of_state = {q.name: q.symbol for q in plant.states}
 
     def number(expression: object, key: str) -> float:
         with at(file, key):
@@ -288,7 +289,7 @@ def _composed(file: str, text: str, spec: ScenarioSpec) -> Scenario:
         starts=starts_of(spec, units, file),
         settings=settings_of(spec, units, file),
         disturbance={
-            key: _parsed(file, f"disturbance.{key}", value, names)
+            key: _parsed(file, f"disturbance.{key}", value, names | of_state)
             for key, value in spec.disturbance.items()
         },
         plant={

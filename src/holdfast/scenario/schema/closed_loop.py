@@ -10,6 +10,7 @@ from holdfast.scenario.schema.values import (
     Bounds,
     DrawSpec,
     Expression,
+    FlatOutputSpec,
     Gains,
     Interval,
     Layer,
@@ -84,6 +85,7 @@ class SystemSpec(Section):
     rates: dict[Name, Expression] = Field(default_factory=dict)
     measurements: dict[Name, MeasurementSpec] = Field(default_factory=dict)
     pfaffian: list[PfaffianSpec] = Field(default_factory=list)
+    flat_output: FlatOutputSpec | None = None
 
 
 class OutputsSpec(Section):
@@ -276,11 +278,13 @@ class ObserverSpec(Section):
 
     error_bounds: the largest error of each state, measured or not: a guaranteed set of the
     disturbance then replaces its estimate, and [safeguard] counts the worst of the set.
+    rate_bounds: the most by which a disturbance changes in a second, where the vehicle feels it.
     """
 
     measured: list[Name] | None = None
     bandwidth: float = 2.0
     error_bounds: dict[Name, Value] = Field(default_factory=dict)
+    rate_bounds: dict[Name, Value] = Field(default_factory=dict)
 
 
 class AlterationSpec(Section):

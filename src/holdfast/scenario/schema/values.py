@@ -118,3 +118,10 @@ class ParameterSpec(Section):
 
 
 Parameters = dict[Name, ParameterSpec | Value]
+
+
+class FlatOutputSpec(Section):
+    """The flat output (z1, zn): { first = z1, last = [zk, ..., zn] }, expressions of the states."""
+
+    first: Expression
+    last: list[Expression]

@@ -53,6 +53,8 @@ def rest_in_current(
     turn_first: float = 0.15,
     swing: float = 0.1,
     settle: float = 0.015,
+    far_share: float = 1.0,
+    lead: float = 0.0,
     bearing_max: float = 1.35,
     hold_in: float = 0.008,
     hold_out: float = 0.003,
@@ -75,15 +77,18 @@ def rest_in_current(
         home:   R' = -k1 tanh(mu (R - distance)),  beta' = -kb e - the way home of inspect_target
         ahead:  u = leg_speed / cos delta,  delta =  leg clip(20 e, +-1)
         back:   u = -leg_speed / cos delta, delta = -leg clip(20 e, +-1)
-        r = -kv wrap(psi - beta - delta)
+        r = lead beta' - kv wrap(psi - beta - delta),    beta' at the speed u without sway
 
     Home gives way to a leg if A <= hold_out and the way home is too short to mend e; it returns as
     A >= hold_in or one leg suffices. A leg back ends `far_margin` [m] before the largest range, one
-    ahead `near_margin` before the least, both at the heading that the next leg turns to. A leg
-    waits, at its range, until its heading is right to `turn_first` [rad]; `swing` [rad] is the
-    bearing lost in turning. Below 1 cm/s of current the goal is straight before the target; between
-    there and 2 cm/s it turns. The goal's bearing is within `bearing_max`: in a current nearer to
-    the wall the vehicle stays in view by legs without coming to rest.
+    ahead `near_margin` before the least, both at the heading that the next leg turns to. With
+    `far_share` below 1 a leg back goes on: only that share of the offset of the next leg counts,
+    which begins less steep, as the range allows. Legs have to be long for a craft that turns
+    slowly, and its heading lags a bearing that moves: `lead` = 1 makes up for it, 0 leaves the term
+    out. A leg waits, at its range, until its heading is right to `turn_first` [rad]; `swing` [rad]
+    is the bearing lost in turning. Below 1 cm/s of current the goal is straight before the target;
+    between there and 2 cm/s it turns. The goal's bearing is within `bearing_max`: in a current
+    nearer to the wall the vehicle stays in view by legs without coming to rest.
 
     The law does not keep the view by itself: add a safety filter that measures the current
     (`safeguard`, measured). What arrives is measured (docs/currents.md). Lengths in m, angles in
@@ -111,6 +116,8 @@ def rest_in_current(
         "turn_first": (turn_first, "rad", "heading error above which a leg waits"),
         "swing": (swing, "rad", "bearing lost in turning to the other leg"),
         "settle": (settle, "rad", "acceptable bearing error at the goal"),
+        "far_share": (far_share, "1", "share of the next offset at the largest range"),
+        "lead": (lead, "1", "share of the bearing's rate that the heading leads with"),
         "bearing_max": (bearing_max, "rad", "largest bearing of the goal"),
         "hold_in": (hold_in, "m/s", "least drift to the goal at which a leg ends"),
         "hold_out": (hold_out, "m/s", "least drift to the goal without a leg"),
@@ -142,10 +149,11 @@ def rest_in_current(
     def law(name: str, offset: sp.Expr, radial: sp.Expr) -> Law:
         """Go towards the target at `radial` over ground, the heading `offset` from its bearing."""
         facing = greatest(sp.cos(wrap(psi - bearing)), sp.Rational(7, 10))
-        outputs = {
-            "u": (radial - inward) / facing,
-            "r": -s["kv"] * wrap(psi - bearing - offset),
-        }
+        surge = (radial - inward) / facing
+        turn = -s["kv"] * wrap(psi - bearing - offset)
+        if lead:
+            turn -= s["lead"] * (surge * sp.sin(psi - bearing) + across) / (radius + GUARD**2)
+        outputs = {"u": surge, "r": turn}
         return Law(
             name,
             reads,
@@ -178,7 +186,7 @@ def rest_in_current(
     stuck = least(
         magnitude(error) - sp.Rational(13, 10) * reach - s["settle"], s["hold_out"] - drift
     )
-    steepest = least(sp.cos(psi), sp.cos(bearing + toward * leg))
+    steepest = least(sp.cos(psi), sp.cos(bearing + s["far_share"] * toward * leg))
     flattest = greatest(sp.cos(psi), sp.cos(bearing - toward * leg))
     too_near = s["near_margin"] + x + s["range_min"] * flattest
     too_far = least(

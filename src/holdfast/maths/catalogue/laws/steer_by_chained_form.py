@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
+from holdfast.maths.control.slow_down import slowed_down
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.nonholonomic.chained_feedback import Pole, steer_in_chained_coordinates
@@ -35,6 +37,9 @@ def steer_by_chained_form(
     (for cars and trailers, angles between bodies and to the x axis below 90 deg), which the
     closed loop does not leave.
 
+    Where the system has bounds of its inputs, all inputs are slowed by one factor, so that the
+    largest is within them: the path is the same, and takes longer.
+
     Raises `DefinitionError` when no pair of states begins and ends a chain, with the reason.
     """
     found = structure(system)
@@ -44,7 +49,7 @@ def steer_by_chained_form(
             f"no chained coordinates found for system '{system.name}': {search.reason}"
         )
     form = search.found.written_out()
-    return steer_in_chained_coordinates(
+    law = steer_in_chained_coordinates(
         "steer_by_chained_form",
         found.coordinates,
         form.coordinates,
@@ -61,4 +66,9 @@ def steer_by_chained_form(
         description="go to the origin through chained coordinates that are derived",
         source="R. M. Murray and S. S. Sastry, IEEE TAC 38(5), 1993 (chained form); "
         "thesis (4.30) with the exact gain condition",
+    )
+    if system.input_bounds is None:
+        return law
+    return law.map_laws(
+        lambda mode: replace(mode, outputs=slowed_down(system, mode.outputs)), law.name
     )

@@ -7,6 +7,7 @@ from holdfast.maths.catalogue.regions.inspection_goal import inspection_goal
 from holdfast.maths.catalogue.regions.leader_in_view import leader_in_footprint, leader_in_view
 from holdfast.maths.catalogue.regions.near_origin import near_origin
 from holdfast.maths.catalogue.regions.near_pose import near_pose
+from holdfast.maths.catalogue.regions.steering_angle import steering_angle
 
 ALL = (
     camera_and_lasers,
@@ -17,6 +18,7 @@ ALL = (
     leader_in_view,
     near_origin,
     near_pose,
+    steering_angle,
 )
 
 __all__ = [
@@ -29,4 +31,5 @@ __all__ = [
     "leader_in_view",
     "near_origin",
     "near_pose",
+    "steering_angle",
 ]

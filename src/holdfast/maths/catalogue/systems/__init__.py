@@ -8,6 +8,7 @@ from holdfast.maths.catalogue.systems.leader_follower import leader_follower
 from holdfast.maths.catalogue.systems.marine_craft import marine_craft
 from holdfast.maths.catalogue.systems.marine_vehicle import marine_vehicle
 from holdfast.maths.catalogue.systems.nonholonomic_integrator import nonholonomic_integrator
+from holdfast.maths.catalogue.systems.slipping_unicycle import slipping_unicycle
 from holdfast.maths.catalogue.systems.tractor_trailer import tractor_trailer
 from holdfast.maths.catalogue.systems.unicycle import unicycle
 
@@ -15,6 +16,7 @@ ALL = (
     marine_vehicle,
     unicycle,
     drifting_unicycle,
+    slipping_unicycle,
     nonholonomic_integrator,
     chained_form,
     car,
@@ -36,6 +38,7 @@ __all__ = [
     "marine_craft",
     "marine_vehicle",
     "nonholonomic_integrator",
+    "slipping_unicycle",
     "tractor_trailer",
     "unicycle",
 ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sympy as sp
 
 from holdfast.arguments import checked
+from holdfast.maths.catalogue.systems.limits import Limit, limited
 from holdfast.maths.definitions.flat_output import FlatOutput
 from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
 from holdfast.maths.definitions.system import PfaffianRow, System
@@ -13,7 +14,12 @@ SOURCE = "R. M. Murray and S. S. Sastry, Nonholonomic motion planning, IEEE TAC 
 
 
 @checked
-def car(wheelbase: float = 0.5) -> System:
+def car(
+    wheelbase: float = 0.5,
+    speed_limit: float | None = None,
+    speed_least: float | None = None,
+    steering_rate_limit: float | None = None,
+) -> System:
     """Car-like robot, by the position (x, y) of the middle of its rear axle.
 
         x' = v cos(psi)    psi'   = v tan(delta) / wheelbase
@@ -22,10 +28,15 @@ def car(wheelbase: float = 0.5) -> System:
     Neither axle slips sideways: -sin(psi) x' + cos(psi) y' = 0 (rear) and
     -sin(psi + delta) x' + cos(psi + delta) y' + wheelbase cos(delta) psi' = 0 (front).
     Inputs: speed v of the rear axle [m/s], steering rate w [rad/s]; `wheelbase` [m]. Beyond
-    |delta| = 90 deg the model has no meaning.
+    |delta| = 90 deg the model has no meaning. Limits are optional: `speed_limit` [m/s], the least
+    speed `speed_least` (by default -speed_limit; above 0 the car does not stop), and
+    `steering_rate_limit` [rad/s]. A steering angle is limited by a region (`steering_angle`).
+
+    Raises `DefinitionError` for a `speed_least` without a `speed_limit` above it.
     """
     psi, delta, v, w, base = (symbol(n) for n in ("psi", "delta", "v", "w", "wheelbase"))
     front = psi + delta
+    parameters, bounds = limited(*_limits(speed_limit, speed_least, steering_rate_limit))
     return System(
         name="car",
         states=_states("rear"),
@@ -36,7 +47,8 @@ def car(wheelbase: float = 0.5) -> System:
             "psi": v * sp.tan(delta) / base,
             "delta": w,
         },
-        parameters=_wheelbase(wheelbase),
+        parameters=(*_wheelbase(wheelbase), *parameters),
+        input_bounds=bounds,
         pfaffian=(
             PfaffianRow({"x": -sp.sin(psi), "y": sp.cos(psi)}),
             PfaffianRow({"x": -sp.sin(front), "y": sp.cos(front), "psi": base * sp.cos(delta)}),
@@ -47,7 +59,12 @@ def car(wheelbase: float = 0.5) -> System:
 
 
 @checked
-def front_axle_car(wheelbase: float = 0.5) -> System:
+def front_axle_car(
+    wheelbase: float = 0.5,
+    speed_limit: float | None = None,
+    speed_least: float | None = None,
+    steering_rate_limit: float | None = None,
+) -> System:
     """Car-like robot, by the position (x, y) of the middle of its front axle.
 
         x' = v cos(psi + delta)    psi'   = v sin(delta) / wheelbase
@@ -55,10 +72,11 @@ def front_axle_car(wheelbase: float = 0.5) -> System:
 
     The same robot as `car`; no two of these coordinates begin and end a chained form, but the
     position of the rear axle does, which is declared as the flat output. Inputs: speed v of the
-    front wheel [m/s], steering rate w [rad/s].
+    front wheel [m/s], steering rate w [rad/s]; limits as those of `car`.
     """
     psi, delta, v, w, base = (symbol(n) for n in ("psi", "delta", "v", "w", "wheelbase"))
     front = psi + delta
+    parameters, bounds = limited(*_limits(speed_limit, speed_least, steering_rate_limit))
     return System(
         name="front_axle_car",
         states=_states("front"),
@@ -69,7 +87,8 @@ def front_axle_car(wheelbase: float = 0.5) -> System:
             "psi": v * sp.sin(delta) / base,
             "delta": w,
         },
-        parameters=_wheelbase(wheelbase),
+        parameters=(*_wheelbase(wheelbase), *parameters),
+        input_bounds=bounds,
         pfaffian=(
             PfaffianRow({"x": -sp.sin(front), "y": sp.cos(front)}),
             PfaffianRow({"x": -sp.sin(psi), "y": sp.cos(psi), "psi": -base}),
@@ -100,6 +119,15 @@ def _inputs(axle: str) -> tuple[Quantity, ...]:
     return (
         Quantity("v", "m/s", f"speed of the {axle} axle"),
         Quantity("w", "rad/s", "steering rate"),
+    )
+
+
+def _limits(
+    speed: float | None, least: float | None, steering: float | None
+) -> tuple[Limit, Limit]:
+    return (
+        Limit("speed", "m/s", "speed", speed, least),
+        Limit("steering_rate", "rad/s", "steering rate", steering),
     )
 
 

@@ -6,6 +6,7 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
+from holdfast.maths.catalogue.systems.limits import Limit, limited
 from holdfast.maths.definitions.flat_output import Antiderivative, FlatOutput
 from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol, whole_number
 from holdfast.maths.definitions.system import PfaffianRow, System
@@ -23,6 +24,8 @@ def tractor_trailer(
     hitch_1: float = 0.0,
     hitch_2: float = 0.0,
     hitch_3: float = 0.0,
+    speed_limit: float | None = None,
+    turn_limit: float | None = None,
 ) -> System:
     """Tractor with one to three trailers, by the axle (x, y) of the last trailer.
 
@@ -36,7 +39,8 @@ def tractor_trailer(
     Inputs: speed v of the tractor [m/s], its turn rate r [rad/s]; lengths [m] from each axle
     to its hitch; hitches [m] behind the axle in front, negative ahead of it. A hitch of 0 is on
     the axle: then it is no parameter. Raises `DefinitionError` unless `trailers` is 1, 2 or 3 and
-    every hitch_i is above -length_i, and for the hitch of a trailer that is not there.
+    every hitch_i is above -length_i, and for the hitch of a trailer that is not there. Limits of
+    the tractor are optional: `speed_limit` [m/s] and `turn_limit` [rad/s].
 
     With the last hitch off the axle alone the system is flat, as it is with all hitches on their
     axles (`_flat_output`); with a hitch further ahead off its axle it is not.
@@ -45,6 +49,10 @@ def tractor_trailer(
     lengths, hitches = (length_1, length_2, length_3), (hitch_1, hitch_2, hitch_3)
     _check_hitches(trailers, lengths, hitches)
     psi = [symbol(f"psi{i}") for i in range(trailers + 1)]
+    parameters, bounds = limited(
+        Limit("speed", "m/s", "speed of the tractor", speed_limit),
+        Limit("turn", "rad/s", "turn rate of the tractor", turn_limit),
+    )
     base = [sp.S.Zero, *(symbol(f"length_{i}") for i in range(1, trailers + 1))]
     hitch = [sp.S.Zero] * (trailers + 2)
     for i in range(1, trailers + 1):
@@ -109,7 +117,9 @@ def tractor_trailer(
                 for i in range(1, trailers + 1)
                 if hitches[i - 1]
             ),
+            *parameters,
         ),
+        input_bounds=bounds,
         pfaffian=tuple(rows),
         flat_output=_flat_output(trailers)
         if hitch[trailers] != 0 and not any(hitch[:-2])
