@@ -62,9 +62,9 @@ def certify(
         raise SimulationError(f"sample_time is {sample_time:g}", expected="seconds, above 0")
     holds = None
     if horizon is not None:
-        holds = math.ceil(horizon / sample_time - 1e-9)
-        if not holds > 0:
+        if not (math.isfinite(horizon) and horizon > 0):
             raise SimulationError(f"horizon is {horizon:g}", expected="seconds, above 0")
+        holds = math.ceil(horizon / sample_time - 1e-9)
     parameters = {p.name: p for p in (*system.parameters, *region.parameters)}
     rates = tuple(system.rates[q.name] for q in system.states)
     constraints = tuple((c.name, c.unit, c.expression) for c in region.inequalities)
@@ -118,13 +118,20 @@ def _ranges(
                 f"disturbance names '{name}', which is none",
                 remedy=suggestion(name, system.disturbance_names),
             )
-    numbers = {p.symbol: p.value for p in system.parameters}
     if set(system.disturbance_names) - set(known):
         if system.disturbance_bounds is None:
             raise SimulationError(f"system '{system.name}' has no bounds of its disturbances")
-        ends = _box_of(system.disturbance_bounds, numbers)
-        found |= dict(zip(system.disturbance_names, ends, strict=True))
+        boxes = [_box_of(system.disturbance_bounds, n) for n in _corners(system, found)]
+        for k, name in enumerate(system.disturbance_names):
+            found[name] = min(b[k][0] for b in boxes), max(b[k][1] for b in boxes)
     return found | {name: (float(v), float(v)) for name, v in known.items()}
+
+
+def _corners(system: System, ranges: Mapping[str, Range]) -> list[dict[sp.Symbol, float]]:
+    """The parameters of a system at the ends of their ranges, all combinations."""
+    symbols = [p.symbol for p in system.parameters]
+    ends = (sorted(set(ranges[p.name])) for p in system.parameters)
+    return [dict(zip(symbols, values, strict=True)) for values in itertools.product(*ends)]
 
 
 def _box_of(bounds: Bounds, numbers: Mapping[sp.Symbol, float]) -> list[Range]:
@@ -169,12 +176,7 @@ def _candidates(
         return np.empty((1, 0))
     if system.input_bounds is None:
         raise SimulationError(f"system '{system.name}' has no bounds of its inputs")
-    names = [p.name for p in system.parameters]
-    symbols = {p.name: p.symbol for p in system.parameters}
-    corners = [
-        {symbols[n]: v for n, v in zip(names, values, strict=True)}
-        for values in itertools.product(*(sorted(set(ranges[n])) for n in names))
-    ]
+    corners = _corners(system, ranges)
     ends = [_box_of(system.input_bounds, numbers) for numbers in corners]
     axes = []
     for k, q in enumerate(system.inputs):
