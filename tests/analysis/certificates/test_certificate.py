@@ -232,5 +232,5 @@ def test_system_without_bounds_or_with_an_unknown_function_is_refused():
     with pytest.raises(SimulationError, match="no bounds of its disturbances"):
         certify(open_ended, view(open_ended), box=BOX, cells=11)
     odd = replace(camera(), rates={"ahead": -U, "left": sp.asin(LEFT / 9)})
-    with pytest.raises(DefinitionError, match="'asin' has no proved enclosure"):
+    with pytest.raises(DefinitionError, match="'asin' has no proved enclosure in a certificate"):
         certify(odd, view(odd), box=BOX, cells=11)

@@ -39,6 +39,13 @@ def test_cart_is_kept_within_the_exact_kernel_and_nearly_all_of_it(push):
     assert len(found.members) > 0.96 * exact.sum()
 
 
+def test_hold_that_moves_less_than_a_cell_loses():
+    """Every image is rounded outward to cells."""
+    cells = Cells.even(((-1.0, 1.0), (-2.0, 2.0)), (201, 201), (False, False))
+    found = kept(cart(0.05, 0.3), cells, np.linspace(-1, 1, 9)[:, None])
+    assert len(found.members) / exact_share(cells, 0.3).sum() == pytest.approx(0.665, abs=0.02)
+
+
 def test_finer_cells_keep_more():
     shares = []
     for count in (51, 101, 201):

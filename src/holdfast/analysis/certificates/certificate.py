@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,13 +15,19 @@ import sympy as sp
 
 from holdfast.analysis.certificates.cells import Cells, Floats, Wholes
 from holdfast.analysis.certificates.keeping import Kept
-from holdfast.errors import SimulationError
+from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.intervals.held_flow import exact
 from holdfast.host.writing import atomic_file
 
 MAGIC = "holdfast-certificate 1"
 ENTRY = np.dtype([("cell", "<u4"), ("input", "<u2"), ("level", "<u4")])
 MOST_CELLS, MOST_INPUTS = 2**32, 2**16
+
+KNOWN = (
+    "sin", "cos", "tan", "atan", "exp", "log", "tanh", "Abs", "magnitude", "least", "greatest",
+    "angle", "atan2", "length", "wrap",
+)  # fmt: skip
+"""Functions of expressions that the checker knows, beside powers of whole and half numbers."""
 
 Range = tuple[float, float]
 
@@ -107,6 +113,18 @@ class Certificate:
         with atomic_file(path) as partial:
             partial.write_bytes(f"{MAGIC} {digest}\n".encode() + content)
         return path
+
+
+def check_functions(expressions: Iterable[sp.Expr]) -> None:
+    """Raises `DefinitionError` for a function that the checker does not know."""
+    for e in expressions:
+        for part in sp.preorder_traversal(exact(e)):
+            name = type(part).__name__
+            if part.args and not (part.is_Add or part.is_Mul or part.is_Pow) and name not in KNOWN:
+                raise DefinitionError(
+                    f"function '{name}' has no proved enclosure in a certificate: {part}",
+                    expected=", ".join(KNOWN),
+                )
 
 
 def _packed(entries: Wholes) -> bytes:

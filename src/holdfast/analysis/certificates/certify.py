@@ -10,7 +10,7 @@ import numpy as np
 import sympy as sp
 
 from holdfast.analysis.certificates.cells import Cells, Floats
-from holdfast.analysis.certificates.certificate import Certificate, Range
+from holdfast.analysis.certificates.certificate import Certificate, Range, check_functions
 from holdfast.analysis.certificates.keeping import kept
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion
@@ -71,6 +71,7 @@ def certify(
     symbols = {q.name: q.symbol for q in (*system.disturbances, *parameters.values())}
     used = set().union(*(e.free_symbols for e in (*rates, *(e for _, _, e in constraints))))
     told = [p for p in parameters.values() if p.symbol in used]
+    check_functions((*rates, *(e for _, _, e in constraints)))
     candidates = _candidates(system, inputs, {n: ranges[n] for n in parameters})
     flow = HeldFlow(
         rates,
