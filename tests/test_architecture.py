@@ -29,7 +29,10 @@ CONTRACTS = tomllib.loads((SOURCE.parent.parent / "pyproject.toml").read_text("u
 def test_contracts_name_rooms_only():
     """A new module needs no line in them: a room is a folder, or one of two files at the top."""
     for contract in CONTRACTS:
-        for line in contract.get("layers", contract.get("source_modules")):
+        named = contract.get("layers", contract.get("source_modules", contract.get("modules")))
+        for line in named:
+            if line == "holdfast_check":  # a program of its own
+                continue
             for room in line.split(" | "):
                 path = SOURCE.joinpath(*room.split(".")[1:])
                 assert path.is_dir() or path.with_suffix(".py").parent == SOURCE, room

@@ -5,6 +5,8 @@ from .analysis.boundary.boundary import Boundary as Boundary
 from .analysis.boundary.boundary import contingent_cone as contingent_cone
 from .analysis.boundary.boundary import regulation_map as regulation_map
 from .analysis.boundary.viability_check import check_viability as check_viability
+from .analysis.certificates.certificate import Certificate as Certificate
+from .analysis.certificates.certify import certify as certify
 from .analysis.identification.identified import Identified as Identified
 from .analysis.identification.identify import identify as identify
 from .analysis.identification.log import Log as Log
@@ -130,6 +132,7 @@ from .presentation.figures.paths import paths_figure as paths_figure
 from .presentation.figures.regulation_map import regulation_map_figure as regulation_map_figure
 from .presentation.figures.surface import surface_figure as surface_figure
 from .presentation.figures.value_function import value_function_figure as value_function_figure
+from .presentation.studies.certificate import certificate_figure as certificate_figure
 from .presentation.studies.comparison import comparison_figure as comparison_figure
 from .presentation.studies.identification import (
     identification_figure as identification_figure,

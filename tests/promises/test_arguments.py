@@ -89,6 +89,13 @@ def value():
     return hf.discriminating_kernel(line(), end(), over(), 1.0)
 
 
+@cache
+def certificate():
+    still = {"ahead": (0.3, 2.1), "left": (-1.2, 1.2)}
+    scenario = hf.load_scenario("seen-target")
+    return hf.certify(scenario.system, scenario.region, box=still, cells=9, inputs=2, horizon=0.1)
+
+
 def over():
     return hf.grid(line(), {"x": (-1.2, 1.2)}, 21)
 
@@ -163,6 +170,11 @@ FUNCTIONS = {
         "system": line(), "region": end(), "state": [1.0], "parameters": {"push": 0.1}, "tolerance": 1e-6,
     },
     "critical_points": lambda: {"field": hf.fields.dipole_in_current(), "box": ((-2.0, 2.0), (-2.0, 2.0))},
+    "certify": lambda: {
+        "system": line(), "region": end(), "box": {"x": (-1.0, 1.0)}, "cells": 5, "sample_time": 0.1, "horizon": 0.2, "inputs": 2,
+        "uncertain": {"push": (0.1, 0.2)}, "disturbance": {"d": 0.1},
+    },
+    "certificate_figure": lambda: {"found": certificate()},
     "disturbance_margin": lambda: {
         "scenario": line_file(), "of": "push", "between": (0.1, 0.2), "tolerance": 0.09, "keep": [],
         "overrides": ["grid.nodes=7", "march.forever=false", "march.horizon=0.1"],

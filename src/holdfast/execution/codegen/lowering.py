@@ -32,7 +32,7 @@ def lowered(
     exact = [sp.sympify(e) for e in expressions]
     if unknown := symbols_of(exact) - set(inputs):
         raise DefinitionError(f"the expression uses '{min(map(str, unknown))}'")
-    found = _Lowering(steps, inputs)
+    found = Lowering(steps, inputs)
     return [found.value(e) for e in exact]
 
 
@@ -66,7 +66,9 @@ def is_algebraic(expressions: Sequence[sp.Expr]) -> bool:
     )
 
 
-class _Lowering:
+class Lowering:
+    """Values of expressions; a subclass has another arithmetic."""
+
     def __init__(self, steps: Steps, inputs: Mapping[sp.Symbol, Value]) -> None:
         self.steps = steps
         self.known: dict[sp.Basic, Value] = dict(inputs)
@@ -79,7 +81,7 @@ class _Lowering:
 
     def _new(self, e: sp.Basic) -> Value:
         if e.is_Number or e.is_NumberSymbol:
-            return self._number(float(e))
+            return self._number(e)
         if isinstance(e, sp.Add):
             return self._sum(e)
         if isinstance(e, sp.Mul):
@@ -94,13 +96,16 @@ class _Lowering:
                 return function(*values)[int(e.args[0])]
             given = (name, points, int(e.args[0]))
             return self.steps.step(WALLS, *values, given=given, kind=FLOAT)
+        arguments = e.args[:2] if name in _GUARDED else e.args
+        return self._function(name, e)(*map(self.value, arguments))
+
+    def _function(self, name: str, e: sp.Basic) -> Callable[..., Any]:
         if name not in _FUNCTIONS:
             raise DefinitionError(f"function '{name}' cannot be compiled: {e}")
-        arguments = e.args[:2] if name in _GUARDED else e.args
-        return _FUNCTIONS[name](*map(self.value, arguments))
+        return _FUNCTIONS[name]
 
-    def _number(self, value: float) -> Value:
-        return self.steps.constant(value, FLOAT)
+    def _number(self, e: sp.Basic) -> Any:
+        return self.steps.constant(float(e), FLOAT)
 
     def _sum(self, e: sp.Add) -> Value:
         first, *rest = e.as_ordered_terms()
@@ -125,7 +130,7 @@ class _Lowering:
                 minus = True
             elif factor.is_Number and factor < 0:
                 minus = True
-                factors.append(self._number(float(-factor)))
+                factors.append(self._number(-factor))
             else:
                 factors.append(self.value(factor))
         found = _in_turn(factors)

@@ -1,0 +1,1 @@
+"""Proofs over cells of the state space: sets that held inputs keep, rounding counted."""

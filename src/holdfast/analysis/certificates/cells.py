@@ -1,0 +1,112 @@
+"""Cells: a box of the states, divided; some axes may be angles that come back to themselves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+Wholes = npt.NDArray[np.int64]
+Truths = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Cells:
+    """counts[i] cells along axis i, between edges[i][0] and edges[i][-1].
+
+    The edges are floats, and a cell is what lies between two of them, both included: neighbours
+    share their edge, and nothing between them is lost. periodic: axes whose last edge is the first.
+    """
+
+    edges: tuple[Floats, ...]
+    periodic: tuple[bool, ...]
+
+    @staticmethod
+    def even(
+        box: tuple[tuple[float, float], ...], counts: tuple[int, ...], periodic: tuple[bool, ...]
+    ) -> Cells:
+        edges = tuple(np.linspace(a, b, n + 1) for (a, b), n in zip(box, counts, strict=True))
+        return Cells(edges, periodic)
+
+    @cached_property
+    def counts(self) -> tuple[int, ...]:
+        return tuple(len(e) - 1 for e in self.edges)
+
+    def corners(self, flat: Wholes) -> tuple[Floats, Floats]:
+        """The low and the high corners of cells by their flat numbers, shapes (cells, axes)."""
+        places = np.unravel_index(flat, self.counts)
+        low = np.stack([e[p] for e, p in zip(self.edges, places, strict=True)], axis=1)
+        high = np.stack([e[p + 1] for e, p in zip(self.edges, places, strict=True)], axis=1)
+        return low, high
+
+    def touched(self, low: Floats, high: Floats) -> tuple[Wholes, Wholes, Truths]:
+        """The first and last cells along each axis that boxes touch, and whether they stay inside.
+
+        Along a periodic axis numbers go on beyond the last cell, up to one turn.
+        """
+        firsts, lasts, inside = [], [], np.ones(len(low), dtype=bool)
+        for k, (edges, periodic) in enumerate(zip(self.edges, self.periodic, strict=True)):
+            a, b = low[:, k], high[:, k]
+            count = len(edges) - 1
+            if periodic:
+                turn = edges[-1] - edges[0]
+                turns = np.floor((a - edges[0]) / turn)
+                # both sides of an edge that rounding may have crossed
+                room = 1e-12 * turn * (1 + np.abs(turns))
+                a, b = a - turns * turn - room, b - turns * turn + room
+                first = np.searchsorted(edges, a, side="left") - 1
+                more = np.where(b > edges[-1], 1, 0)
+                last = np.searchsorted(edges, b - more * turn, side="right") - 1 + more * count
+                last = np.where(b > edges[-1], last, np.minimum(last, count - 1))
+                behind = first < 0
+                first, last = (
+                    np.where(behind, first + count, first),
+                    np.where(behind, last + count, last),
+                )
+                inside &= (b - a < turn) & (last - first < count)
+            else:
+                first = np.searchsorted(edges, a, side="left") - 1
+                first = np.where(a == edges[0], 0, first)
+                last = np.searchsorted(edges, b, side="right") - 1
+                last = np.where(b == edges[-1], count - 1, last)
+                inside &= (a >= edges[0]) & (b <= edges[-1])
+            firsts.append(first)
+            lasts.append(last)
+        inside &= np.isfinite(low).all(axis=1) & np.isfinite(high).all(axis=1)
+        return np.stack(firsts, axis=1), np.stack(lasts, axis=1), inside
+
+
+class Counted:
+    """How many of a set of cells lie in a block, by sums over all smaller places."""
+
+    def __init__(self, cells: Cells, members: Truths) -> None:
+        grid = members.reshape(cells.counts)
+        for axis, periodic in enumerate(cells.periodic):
+            if periodic:  # blocks may go on beyond the last cell
+                grid = np.concatenate([grid, grid], axis=axis)
+        sums = grid.astype(np.int32)
+        for axis in range(grid.ndim):
+            sums = np.cumsum(sums, axis=axis, dtype=np.int32)
+        self._sums = np.pad(sums, [(1, 0)] * grid.ndim)
+        self._strides = np.array(self._sums.strides) // self._sums.itemsize
+        self._flat = self._sums.reshape(-1)
+
+    def all_of(self, first: Wholes, last: Wholes) -> Truths:
+        """Whether every cell of each block is a member."""
+        axes = first.shape[1]
+        total = np.zeros(len(first), dtype=np.int64)
+        for corner in range(2**axes):
+            place = np.zeros(len(first), dtype=np.int64)
+            sign = 1
+            for axis in range(axes):
+                if corner >> axis & 1:
+                    place += self._strides[axis] * (last[:, axis] + 1)
+                else:
+                    place += self._strides[axis] * first[:, axis]
+                    sign = -sign
+            total += sign * self._flat[place]
+        found: Truths = total == (last - first + 1).prod(axis=1)
+        return found

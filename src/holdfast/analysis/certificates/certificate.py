@@ -1,0 +1,146 @@
+"""Certificates: what is proved of a vehicle, as a file that another program checks."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from holdfast.analysis.certificates.cells import Cells, Floats, Wholes
+from holdfast.analysis.certificates.keeping import Kept
+from holdfast.errors import DefinitionError, SimulationError
+from holdfast.execution.intervals.held_flow import exact
+from holdfast.host.writing import atomic_file
+
+MAGIC = "holdfast-certificate 1"
+ENTRY = np.dtype([("cell", "<u4"), ("input", "<u2"), ("level", "<u4")])
+MOST_CELLS, MOST_INPUTS = 2**32, 2**16
+
+KNOWN = (
+    "sin", "cos", "tan", "atan", "exp", "log", "tanh", "Abs", "magnitude", "least", "greatest",
+    "angle", "atan2", "length", "wrap",
+)  # fmt: skip
+"""Functions of expressions that the checker knows, beside powers of whole and half numbers."""
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """A set of cells that a system is kept in, by held inputs, whatever the disturbances.
+
+        xdot = f(x, u, d; p),    c_j(x) <= 0 at every instant,    d(t) in D, p in P
+
+    states, inputs, disturbances: (name, unit) each. ranges: of disturbances and parameters, any
+    number between counts. rates, constraints: exact expressions. candidates: inputs that were
+    tried, shape (inputs, ...). hold: the sampling period [s]. holds: how many, None for ever.
+    """
+
+    title: str
+    states: tuple[tuple[str, str], ...]
+    inputs: tuple[tuple[str, str], ...]
+    disturbances: tuple[tuple[str, str], ...]
+    parameters: tuple[tuple[str, str], ...]
+    ranges: Mapping[str, Range]
+    rates: tuple[sp.Expr, ...]
+    constraints: tuple[tuple[str, str, sp.Expr], ...]
+    hold: float
+    candidates: Floats
+    kept: Kept
+
+    @property
+    def cells(self) -> Cells:
+        return self.kept.cells
+
+    def header(self) -> dict[str, Any]:
+        """What the file says before its entries; numbers in hexadecimal digits, which are exact."""
+        kept = self.kept
+        return {
+            "title": self.title,
+            "states": _named(self.states),
+            "inputs": _named(self.inputs),
+            "disturbances": _ranged(self.disturbances, self.ranges),
+            "parameters": _ranged(self.parameters, self.ranges),
+            "rates": [sp.sstr(exact(r)) for r in self.rates],
+            "constraints": [
+                {"name": n, "unit": u, "expression": sp.sstr(exact(e))}
+                for n, u, e in self.constraints
+            ],
+            "hold": self.hold.hex(),
+            "holds": kept.holds,
+            "edges": [[float(e).hex() for e in axis] for axis in kept.cells.edges],
+            "periodic": list(kept.cells.periodic),
+            "candidates": [[float(v).hex() for v in row] for row in self.candidates],
+            "cells_in_region": kept.inside,
+            "cells_kept": len(kept.members),
+            "entries": len(kept.entries),
+        }
+
+    def summary(self) -> dict[str, Any]:
+        """Plain data."""
+        kept = self.kept
+        return {
+            "title": self.title,
+            "cells_in_region": kept.inside,
+            "cells_certified": len(kept.members),
+            "share": kept.share,
+            "seconds": None if kept.holds is None else kept.holds * self.hold,
+            "sample_time": self.hold,
+            "inputs_tried": len(self.candidates),
+            "cells": list(kept.cells.counts),
+            "sweeps": kept.sweeps,
+            "ranges": {name: list(ends) for name, ends in self.ranges.items()},
+        }
+
+    def write(self, path: Path) -> Path:
+        """The file: its kind and digest, one line of JSON, and the packed entries."""
+        if np.prod(self.cells.counts) >= MOST_CELLS or len(self.candidates) >= MOST_INPUTS:
+            raise SimulationError(
+                f"{int(np.prod(self.cells.counts))} cells and {len(self.candidates)} inputs",
+                expected=f"fewer than {MOST_CELLS} and {MOST_INPUTS} in a certificate",
+            )
+        packed = zlib.compress(_packed(self.kept.entries), 6)
+        text = json.dumps(self.header(), separators=(",", ":"), sort_keys=True).encode()
+        content = text + b"\n" + packed
+        digest = hashlib.sha256(content).hexdigest()
+        with atomic_file(path) as partial:
+            partial.write_bytes(f"{MAGIC} {digest}\n".encode() + content)
+        return path
+
+
+def check_functions(expressions: Iterable[sp.Expr]) -> None:
+    """Raises `DefinitionError` for a function that the checker does not know."""
+    for e in expressions:
+        for part in sp.preorder_traversal(exact(e)):
+            name = type(part).__name__
+            if part.args and not (part.is_Add or part.is_Mul or part.is_Pow) and name not in KNOWN:
+                raise DefinitionError(
+                    f"function '{name}' has no proved enclosure in a certificate: {part}",
+                    expected=", ".join(KNOWN),
+                )
+
+
+def _packed(entries: Wholes) -> bytes:
+    found = np.empty(len(entries), dtype=ENTRY)
+    for k, name in enumerate(ENTRY.names or ()):
+        found[name] = entries[:, k]
+    return found.tobytes()
+
+
+def _named(quantities: Sequence[tuple[str, str]]) -> list[dict[str, Any]]:
+    return [{"name": n, "unit": u} for n, u in quantities]
+
+
+def _ranged(
+    quantities: Sequence[tuple[str, str]], ranges: Mapping[str, Range]
+) -> list[dict[str, Any]]:
+    return [
+        {"name": n, "unit": u, "range": [float(v).hex() for v in ranges[n]]} for n, u in quantities
+    ]

@@ -1,0 +1,199 @@
+"""Certify: a proof that held inputs keep a system in a region, whatever the disturbances."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import sympy as sp
+
+from holdfast.analysis.certificates.cells import Cells, Floats
+from holdfast.analysis.certificates.certificate import Certificate, Range, check_functions
+from holdfast.analysis.certificates.keeping import kept
+from holdfast.arguments import checked
+from holdfast.errors import SimulationError, suggestion
+from holdfast.execution.intervals.held_flow import HeldFlow, exact
+from holdfast.execution.intervals.interval import TURN
+from holdfast.maths.definitions.bounds import Bounds
+from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.numeric import evaluated
+
+INPUTS = 5
+"""Values of each input that are tried, evenly between its bounds."""
+
+
+@checked
+def certify(
+    system: System,
+    region: Region,
+    *,
+    box: Mapping[str, Range],
+    cells: int | Mapping[str, int] = 101,
+    sample_time: float = 0.1,
+    horizon: float | None = None,
+    inputs: int | Mapping[str, int] = INPUTS,
+    uncertain: Mapping[str, Range] | None = None,
+    disturbance: Mapping[str, float] | None = None,
+    progress: Callable[[str, float], None] | None = None,
+) -> Certificate:
+    """The largest set of cells in `region` that inputs held for `sample_time` [s] keep there.
+
+    A cell belongs to it if an input leads from every state of the cell to cells of the set, and
+    keeps the region at every instant between the samples, for every disturbance within its bounds
+    and every number of `uncertain` within its range. Every rounding is counted: the set is a subset
+    of the sampled-data viability (discriminating) kernel, and `Certificate.write` makes a file
+    that `holdfast-check` checks.
+
+    box: state -> (low, high), the cells of which are tried; an angle over a whole turn comes back
+    to itself. cells: along each state. horizon [s]: None is for ever. inputs: how many values of
+    each input are tried between its bounds. uncertain: parameter -> range, such as a mass that is
+    wrong by a fifth. disturbance: those that are known and constant; others are any within their
+    bounds, at every instant.
+
+    Raises `SimulationError` for a box that lacks a state, inputs without bounds and numbers out of
+    range, `DefinitionError` for functions without a proved enclosure.
+    """
+    ranges = _ranges(system, region, dict(uncertain or {}), dict(disturbance or {}))
+    grid = _cells(system, box, cells)
+    if not (math.isfinite(sample_time) and sample_time > 0):
+        raise SimulationError(f"sample_time is {sample_time:g}", expected="seconds, above 0")
+    holds = None
+    if horizon is not None:
+        if not (math.isfinite(horizon) and horizon > 0):
+            raise SimulationError(f"horizon is {horizon:g}", expected="seconds, above 0")
+        holds = math.ceil(horizon / sample_time - 1e-9)
+    parameters = {p.name: p for p in (*system.parameters, *region.parameters)}
+    rates = tuple(system.rates[q.name] for q in system.states)
+    constraints = tuple((c.name, c.unit, c.expression) for c in region.inequalities)
+    symbols = {q.name: q.symbol for q in (*system.disturbances, *parameters.values())}
+    used = set().union(*(e.free_symbols for e in (*rates, *(e for _, _, e in constraints))))
+    told = [p for p in parameters.values() if p.symbol in used]
+    check_functions((*rates, *(e for _, _, e in constraints)))
+    candidates = _candidates(system, inputs, {n: ranges[n] for n in parameters})
+    flow = HeldFlow(
+        rates,
+        [e for _, _, e in constraints],
+        [q.symbol for q in system.states],
+        [q.symbol for q in system.inputs],
+        {symbols[q.name]: ranges[q.name] for q in system.disturbances},
+        {p.symbol: ranges[p.name] for p in told},
+        sample_time,
+    )
+    tell = progress or (lambda what, share: None)
+    found = kept(flow, grid, candidates, holds, lambda share: tell("images of cells", share))
+    return Certificate(
+        title=f"{system.name} in {region.name}",
+        states=tuple((q.name, q.unit) for q in system.states),
+        inputs=tuple((q.name, q.unit) for q in system.inputs),
+        disturbances=tuple((q.name, q.unit) for q in system.disturbances),
+        parameters=tuple((p.name, p.unit) for p in told),
+        ranges={q.name: ranges[q.name] for q in (*system.disturbances, *told)},
+        rates=rates,
+        constraints=constraints,
+        hold=float(sample_time),
+        candidates=candidates,
+        kept=found,
+    )
+
+
+def _ranges(
+    system: System, region: Region, uncertain: dict[str, Range], known: dict[str, float]
+) -> dict[str, Range]:
+    """What each parameter and disturbance may be."""
+    found = {p.name: (p.value, p.value) for p in (*system.parameters, *region.parameters)}
+    for name, (low, high) in uncertain.items():
+        if name not in found:
+            raise SimulationError(
+                f"uncertain names '{name}', which is no parameter",
+                remedy=suggestion(name, found),
+            )
+        if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+            raise SimulationError(f"uncertain: {name} is {low:g} to {high:g}")
+        found[name] = (float(low), float(high))
+    for name in known:
+        if name not in system.disturbance_names:
+            raise SimulationError(
+                f"disturbance names '{name}', which is none",
+                remedy=suggestion(name, system.disturbance_names),
+            )
+    if set(system.disturbance_names) - set(known):
+        if system.disturbance_bounds is None:
+            raise SimulationError(f"system '{system.name}' has no bounds of its disturbances")
+        boxes = [_box_of(system.disturbance_bounds, n) for n in _corners(system, found)]
+        for k, name in enumerate(system.disturbance_names):
+            found[name] = min(b[k][0] for b in boxes), max(b[k][1] for b in boxes)
+    return found | {name: (float(v), float(v)) for name, v in known.items()}
+
+
+def _corners(system: System, ranges: Mapping[str, Range]) -> list[dict[sp.Symbol, float]]:
+    """The parameters of a system at the ends of their ranges, all combinations."""
+    symbols = [p.symbol for p in system.parameters]
+    ends = (sorted(set(ranges[p.name])) for p in system.parameters)
+    return [dict(zip(symbols, values, strict=True)) for values in itertools.product(*ends)]
+
+
+def _box_of(bounds: Bounds, numbers: Mapping[sp.Symbol, float]) -> list[Range]:
+    """The least box that contains a set."""
+    found = []
+    for low, high in bounds.ranges():
+        a, b = evaluated((low, high), numbers)
+        if not (math.isfinite(a) and math.isfinite(b)):
+            raise SimulationError("a bound is not finite", expected="finite bounds of all")
+        found.append((float(a), float(b)))
+    return found
+
+
+def _cells(system: System, box: Mapping[str, Range], counts: int | Mapping[str, int]) -> Cells:
+    edges, periodic = [], []
+    for name in box:
+        if name not in system.state_names:
+            raise SimulationError(
+                f"box names '{name}', which is no state",
+                remedy=suggestion(name, system.state_names),
+            )
+    for q in system.states:
+        if q.name not in box:
+            raise SimulationError(f"box lacks the state '{q.name}'")
+        low, high = box[q.name]
+        count = counts if isinstance(counts, int) else counts.get(q.name, 101)
+        if not (math.isfinite(low) and math.isfinite(high) and low < high) or count < 1:
+            raise SimulationError(f"{q.name}: {count} cells from {low:g} to {high:g}")
+        turns = q.unit == "rad" and abs(high - low - TURN) < 1e-9
+        if turns:  # a turn lies between two floats: the axis has the larger
+            low, high = -TURN / 2, TURN / 2
+        edges.append(np.linspace(low, high, count + 1))
+        periodic.append(turns)
+    return Cells(tuple(edges), tuple(periodic))
+
+
+def _candidates(
+    system: System, counts: int | Mapping[str, int], ranges: Mapping[str, Range]
+) -> Floats:
+    """Inputs that are tried: within the bounds for every number that is uncertain."""
+    if not system.inputs:
+        return np.empty((1, 0))
+    if system.input_bounds is None:
+        raise SimulationError(f"system '{system.name}' has no bounds of its inputs")
+    corners = _corners(system, ranges)
+    ends = [_box_of(system.input_bounds, numbers) for numbers in corners]
+    axes = []
+    for k, q in enumerate(system.inputs):
+        low, high = max(e[k][0] for e in ends), min(e[k][1] for e in ends)
+        count = counts if isinstance(counts, int) else counts.get(q.name, INPUTS)
+        if count < 2 or not low <= high:
+            raise SimulationError(f"{q.name}: {count} values from {low:g} to {high:g}")
+        axes.append(np.linspace(low, high, count))
+    tried = np.array(list(itertools.product(*axes)))
+    half_spaces = [
+        (exact(sp.Add(*(n * s.symbol for n, s in zip(normal, system.inputs, strict=True)), -b)))
+        for normal, b in system.input_bounds.half_spaces()
+    ]
+    inside = np.ones(len(tried), dtype=bool)
+    for row in half_spaces:
+        for numbers in corners:
+            value = sp.lambdify([q.symbol for q in system.inputs], row.xreplace(numbers), "numpy")
+            inside &= np.asarray(value(*tried.T)) <= 1e-12
+    return tried[inside]

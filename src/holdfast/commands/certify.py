@@ -1,0 +1,82 @@
+"""`holdfast certify`: a proof, cell by cell, that held inputs keep a region."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from holdfast.commands.options import NOT_ANSWERED, WHOLE, file_options
+from holdfast.errors import ScenarioError
+from holdfast.host.output import check_writable
+from holdfast.studies.progress import bar
+
+
+@click.command("certify")
+@click.argument("scenario")
+@click.option("--cells", type=WHOLE, help="Cells along each state [default: the grid's nodes].")
+@click.option(
+    "--sample-time", type=float, default=0.1, show_default=True, help="For which inputs are held."
+)
+@click.option("--horizon", type=float, help="Seconds for which it is proved [default: for ever].")
+@click.option(
+    "--inputs", type=WHOLE, default=5, show_default=True, help="Values of each input to try."
+)
+@click.option(
+    "--uncertain",
+    multiple=True,
+    metavar="NAME=LOW,HIGH",
+    help="A parameter that is any number in a range (repeatable).",
+)
+@file_options
+def command(
+    scenario: str,
+    cells: int | None,
+    sample_time: float,
+    horizon: float | None,
+    inputs: int,
+    uncertain: tuple[str, ...],
+    out: Path | None,
+    overrides: tuple[str, ...],
+    no_figures: bool,
+) -> None:
+    """Prove from which cells of SCENARIO's grid held inputs keep its region.
+
+    Between samples too, for every disturbance within its bounds, with every rounding counted. The
+    file certificate.holdfast is checked by another program: holdfast-check FILE. The exit status is
+    1 if no cell is certified.
+    """
+    from holdfast.presentation.studies.certificate import certificate_text
+    from holdfast.scenario.files import scenario_title
+    from holdfast.studies.certification import certified, write_certificate
+
+    folder = out if out is not None else Path("runs") / scenario_title(scenario)
+    check_writable(folder)
+    with bar("images of cells") as tell:
+        found = certified(
+            scenario,
+            overrides,
+            cells=cells,
+            sample_time=sample_time,
+            horizon=horizon,
+            inputs=inputs,
+            uncertain=dict(_range(text) for text in uncertain),
+            progress=tell,
+        )
+    files = write_certificate(found, folder, figures=not no_figures)
+    click.echo(certificate_text(found, files))
+    if not len(found.kept.members):
+        click.echo("holdfast: no cell is certified; try more cells or inputs", err=True)
+        sys.exit(NOT_ANSWERED)
+
+
+def _range(text: str) -> tuple[str, tuple[float, float]]:
+    name, sign, ends = text.partition("=")
+    try:
+        low, high = (float(e) for e in ends.split(","))
+    except ValueError:
+        sign = ""
+    if not (sign and name.strip()):
+        raise ScenarioError(f"--uncertain {text}", expected="NAME=LOW,HIGH, such as mass=4,6")
+    return name.strip(), (low, high)

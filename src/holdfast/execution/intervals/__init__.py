@@ -1,0 +1,1 @@
+"""Interval arithmetic from the same expressions: enclosures that count every rounding."""

@@ -1,0 +1,69 @@
+"""Certificates of scenarios: what `holdfast certify` proves, and its files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+
+from holdfast.analysis.certificates.certificate import Certificate, Range
+from holdfast.analysis.certificates.certify import INPUTS, certify
+from holdfast.errors import ScenarioError
+from holdfast.host.output import make_folder, write_summary
+from holdfast.scenario.kinds.kernel import KernelScenario
+from holdfast.scenario.load import load_scenario
+
+FILE = "certificate.holdfast"
+KINDS = ("viability-kernel", "discriminating-kernel")
+
+
+def certified(
+    scenario: str,
+    overrides: Iterable[str] = (),
+    *,
+    cells: int | Mapping[str, int] | None = None,
+    sample_time: float = 0.1,
+    horizon: float | None = None,
+    inputs: int | Mapping[str, int] = INPUTS,
+    uncertain: Mapping[str, Range] | None = None,
+    progress: Callable[[str, float], None] | None = None,
+) -> Certificate:
+    """`hf.certify` for the system, the region, the grid's box and the disturbance of a kernel.
+
+    cells: by default as many as the grid has nodes. horizon [s]: None is for ever. Raises
+    `ScenarioError` for a scenario of another kind.
+    """
+    loaded = load_scenario(scenario, overrides)
+    if not isinstance(loaded, KernelScenario) or loaded.kind not in KINDS:
+        raise ScenarioError(
+            f"'{scenario}' is no kernel of a region", expected="a scenario that is one of "
+            + ", ".join(KINDS),
+        )  # fmt: skip
+    assert loaded.region is not None
+    axes = loaded.grid.axes
+    return certify(
+        loaded.system,
+        loaded.region,
+        box={a.name: (a.low, a.high) for a in axes},
+        cells={a.name: a.count for a in axes} if cells is None else cells,
+        sample_time=sample_time,
+        horizon=horizon,
+        inputs=inputs,
+        uncertain=uncertain,
+        disturbance=loaded.options.get("disturbance"),
+        progress=progress,
+    )
+
+
+def write_certificate(found: Certificate, folder: Path, *, figures: bool) -> list[Path]:
+    """The certificate, what it says in JSON, and the figure."""
+    make_folder(folder)
+    files = [
+        found.write(folder / FILE),
+        write_summary(folder / "certificate.json", found.summary()),
+    ]
+    if figures and len(found.states) > 1:
+        from holdfast.presentation.figures import style
+        from holdfast.presentation.studies.certificate import certificate_figure
+
+        files += style.write(certificate_figure(found), folder, "certificate")
+    return files

@@ -1,0 +1,236 @@
+"""Certificates are checked by a program that shares no code: true ones hold, wrong ones do not."""
+
+import hashlib
+import json
+import math
+import zlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import holdfast as hf
+from holdfast.analysis.certificates.certify import certify
+from holdfast.errors import DefinitionError, SimulationError
+from holdfast_check.checker import NotValidError, check
+
+AHEAD, LEFT, U, R, WA, WB = (hf.symbol(n) for n in ("ahead", "left", "u", "r", "wa", "wb"))
+X, V, A, W = (hf.symbol(n) for n in ("x", "v", "a", "w"))
+BOX = {"ahead": (0.3, 2.1), "left": (-1.2, 1.2)}
+
+
+def camera(current=0.1):
+    """A target ahead and to the left of a vehicle that steers by u and r."""
+    return hf.System(
+        "camera",
+        (hf.Quantity("ahead", "m"), hf.Quantity("left", "m")),
+        (hf.Quantity("u", "m/s"), hf.Quantity("r", "rad/s")),
+        {"ahead": -U + R * LEFT - WA, "left": -R * AHEAD - WB},
+        disturbances=(hf.Quantity("wa", "m/s"), hf.Quantity("wb", "m/s")),
+        disturbance_bounds=hf.Box((-current, -current - 0.05), (current, current + 0.05)),
+        input_bounds=hf.Box((-0.5, -0.8), (0.5, 0.8)),
+    )
+
+
+def view(system):
+    edge = sp.tan(sp.pi / 6) * AHEAD
+    limits = {"near": 0.35 - AHEAD, "far": AHEAD - 2, "edge_l": LEFT - edge, "edge_r": -LEFT - edge}
+    rows = tuple(hf.Inequality(n, e, "m") for n, e in limits.items())
+    return hf.Region("view", system.states, rows)
+
+
+def cart():
+    pushed = hf.System(
+        "cart", (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")), (hf.Quantity("a", "m/s^2"),),
+        {"x": V, "v": A - hf.symbol("drag") * V + W}, disturbances=(hf.Quantity("w", "m/s^2"),),
+        parameters=(hf.Parameter("drag", "1/s", value=0.2),),
+        disturbance_bounds=hf.Box((-0.2,), (0.2,)), input_bounds=hf.Box((-1.0,), (1.0,)),
+    )  # fmt: skip
+    walls = (hf.Inequality("left", -1 - X, "m"), hf.Inequality("right", X - 1, "m"))
+    return pushed, hf.Region("walls", pushed.states, walls)
+
+
+CART = {"x": (-1, 1), "v": (-2, 2)}
+
+
+@pytest.fixture(scope="module")
+def seen():
+    return certify(camera(), view(camera()), box=BOX, cells=41, sample_time=0.1)
+
+
+@pytest.fixture(scope="module")
+def braked():
+    return certify(*cart(), box=CART, cells=41, sample_time=0.2)
+
+
+def changed(path, alter, *, entries=None):
+    """The file with another header or other entries, and its digest right again."""
+    rest = path.read_bytes().partition(b"\n")[2]
+    text, _, packed = rest.partition(b"\n")
+    header = json.loads(text)
+    alter(header)
+    if entries is not None:
+        packed = zlib.compress(entries(zlib.decompress(packed)))
+        header["entries"] = len(zlib.decompress(packed)) // 10
+    content = json.dumps(header).encode() + b"\n" + packed
+    first = f"holdfast-certificate 1 {hashlib.sha256(content).hexdigest()}\n".encode()
+    other = path.with_name("changed.certificate")
+    other.write_bytes(first + content)
+    return other
+
+
+def test_view_is_certified_for_ever_and_the_checker_agrees(seen, tmp_path):
+    assert seen.kept.share > 0.9
+    path = seen.write(tmp_path / "view.certificate")
+    count = len(seen.kept.members)
+    assert check(str(path)) == f"{count} of {count} entries hold"
+
+
+def test_cart_with_an_uncertain_drag_is_certified(tmp_path):
+    found = certify(*cart(), box=CART, cells=41, sample_time=0.2, uncertain={"drag": (0.1, 0.3)})
+    assert found.kept.share > 0.35
+    assert "entries hold" in check(str(found.write(tmp_path / "cart.certificate")))
+
+
+def test_finite_horizon_has_levels_and_is_checked(tmp_path):
+    found = certify(camera(0.6), view(camera()), box=BOX, cells=41, horizon=0.5)
+    assert len(found.kept.members)
+    assert len(certify(camera(0.6), view(camera()), box=BOX, cells=41).kept.members) == 0
+    assert set(found.kept.entries[:, 2]) == {1, 2, 3, 4, 5}
+    path = found.write(tmp_path / "some.certificate")
+    assert "entries hold" in check(str(path))
+
+    def longer(raw):
+        rows = np.frombuffer(raw, dtype=[("c", "<u4"), ("i", "<u2"), ("l", "<u4")]).copy()
+        rows["l"] = 6
+        return rows.tobytes()
+
+    with pytest.raises(NotValidError, match="which is not kept"):
+        check(str(changed(path, lambda h: h.update(holds=6), entries=longer)))
+
+
+def test_angle_that_turns_around_is_certified_and_checked(tmp_path):
+    """A vehicle between two walls that must turn away in time, its heading over a whole turn."""
+    y, psi, r = (hf.symbol(n) for n in ("y", "psi", "r"))
+    car = hf.System(
+        "lane", (hf.Quantity("y", "m"), hf.Quantity("psi", "rad")), (hf.Quantity("r", "rad/s"),),
+        {"y": sp.sin(psi), "psi": r}, input_bounds=hf.Box((-2.0,), (2.0,)),
+    )  # fmt: skip
+    lane = hf.Region(
+        "lane", car.states, (hf.Inequality("a", y - 1, "m"), hf.Inequality("b", -y - 1, "m"))
+    )
+    found = certify(
+        car, lane, box={"y": (-1, 1), "psi": (-math.pi, math.pi)}, cells=51, sample_time=0.2
+    )
+    assert 0.5 < found.kept.share < 1
+    assert found.cells.periodic == (False, True)
+    path = found.write(tmp_path / "lane.certificate")
+    assert "entries hold" in check(str(path))
+
+    def apart(header):
+        header["rates"] = ["sin(psi)", "r + psi/1000"]
+
+    with pytest.raises(NotValidError, match="psi comes back after a turn"):
+        check(str(changed(path, apart)))
+
+
+@pytest.mark.parametrize("place", [0, 10, 24, 60, 200, 4000, -1])
+def test_one_flipped_bit_is_refused(seen, tmp_path, place):
+    path = seen.write(tmp_path / "view.certificate")
+    content = bytearray(path.read_bytes())
+    content[place] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(NotValidError, match=r"is not a certificate|was changed"):
+        check(str(path))
+
+
+def test_wrong_rate_is_found(braked, tmp_path):
+    path = braked.write(tmp_path / "cart.certificate")
+    assert "entries hold" in check(str(path))
+
+    def wrong(header):
+        header["rates"][1] = "9*a/10 - drag*v + w"
+
+    with pytest.raises(NotValidError, match="which is not kept"):
+        check(str(changed(path, wrong)))
+
+
+def test_doubled_sample_time_is_found(braked, tmp_path):
+    path = braked.write(tmp_path / "cart.certificate")
+
+    def doubled(header):
+        header["hold"] = (0.4).hex()
+
+    with pytest.raises(NotValidError, match=r"which is not kept|may fail on the way"):
+        check(str(changed(path, doubled)))
+
+
+def test_cell_too_many_is_found(braked, tmp_path):
+    path = braked.write(tmp_path / "cart.certificate")
+    inside = set(braked.kept.members.tolist())
+    counts = braked.cells.counts
+    fast = int(np.ravel_multi_index((counts[0] // 2, counts[1] - 1), counts))
+    assert fast not in inside
+
+    def more(raw):
+        return raw + np.array([(fast, 0, 0)], dtype="<u4,<u2,<u4").tobytes()
+
+    with pytest.raises(NotValidError, match=f"cell {fast} "):
+        check(str(changed(path, lambda h: None, entries=more)))
+
+
+def test_cell_outside_the_region_is_found(seen, tmp_path):
+    path = seen.write(tmp_path / "view.certificate")
+
+    def closer(header):
+        header["constraints"][0]["expression"] = "2/5 - ahead"
+
+    with pytest.raises(NotValidError, match="is not inside constraint 0"):
+        check(str(changed(path, closer)))
+
+
+def test_wider_bounds_of_a_disturbance_are_found(braked, tmp_path):
+    path = braked.write(tmp_path / "cart.certificate")
+
+    def stronger(header):
+        header["disturbances"][0]["range"] = [(-0.4).hex(), (0.4).hex()]
+
+    with pytest.raises(NotValidError, match="which is not kept"):
+        check(str(changed(path, stronger)))
+
+
+def test_random_share_says_its_confidence(seen, tmp_path):
+    path = seen.write(tmp_path / "view.certificate")
+    told = check(str(path), share=0.2, seed=3)
+    assert "99.9 % confidence" in told
+    assert "this is no proof" in told
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "message"),
+    [
+        ({"box": {"ahead": (0.3, 2.1)}}, SimulationError, "box lacks the state 'left'"),
+        ({"box": {**BOX, "lefd": (0, 1)}}, SimulationError, "box names 'lefd'"),
+        ({"sample_time": 0.0}, SimulationError, "sample_time is 0"),
+        ({"horizon": -1.0}, SimulationError, "horizon is -1"),
+        ({"cells": 0}, SimulationError, "0 cells"),
+        ({"inputs": 1}, SimulationError, "1 values"),
+        ({"uncertain": {"mass": (1, 2)}}, SimulationError, "'mass', which is no parameter"),
+    ],
+)
+def test_what_cannot_be_certified_is_named(options, error, message):
+    with pytest.raises(error, match=message):
+        certify(camera(), view(camera()), **{"box": BOX, "cells": 11, **options})
+
+
+def test_system_without_bounds_or_with_an_unknown_function_is_refused():
+    free = replace(camera(), input_bounds=None)
+    with pytest.raises(SimulationError, match="no bounds of its inputs"):
+        certify(free, view(free), box=BOX, cells=11)
+    open_ended = replace(camera(), disturbance_bounds=None)
+    with pytest.raises(SimulationError, match="no bounds of its disturbances"):
+        certify(open_ended, view(open_ended), box=BOX, cells=11)
+    odd = replace(camera(), rates={"ahead": -U, "left": sp.asin(LEFT / 9)})
+    with pytest.raises(DefinitionError, match="'asin' has no proved enclosure in a certificate"):
+        certify(odd, view(odd), box=BOX, cells=11)

@@ -1,0 +1,85 @@
+"""Certificates of scenarios: what the command proves, writes and refuses."""
+
+import json
+import tomllib
+
+import pytest
+
+from holdfast.errors import ScenarioError
+from holdfast.scenario.files import read_tables
+from holdfast.studies.certification import certified, write_certificate
+from holdfast_check.checker import check
+from tests.command_line import holdfast
+
+
+def test_shipped_target_is_kept_in_view_for_ever_from_all_but_eight_cells(tmp_path):
+    """Every cell is checked by the other program."""
+    found = certified("seen-target")
+    assert (found.kept.inside, len(found.kept.members)) == (5114, 5106)
+    assert found.cells.counts == (101, 101)
+    assert len(found.candidates) == 25
+    files = write_certificate(found, tmp_path, figures=False)
+    assert check(str(files[0])) == "5106 of 5106 entries hold"
+    told = json.loads((tmp_path / "certificate.json").read_text())
+    assert told["ranges"] == {"wa": [-0.1, 0.1], "wb": [-0.15, 0.15]}
+    assert told["seconds"] is None
+
+
+PLANE = (
+    "disturbance.Vy=0.1", "system.disturb.v=[-0.05, 0.05]", "region.name=camera_view",
+)  # fmt: skip
+
+
+def test_camera_in_the_plane_closes_for_no_cell():
+    found = certified("ch7-discriminating", PLANE, cells=31)
+    assert found.cells.counts == (31, 31, 31)
+    assert found.kept.inside > 2000
+    assert len(found.kept.members) == 0
+
+
+def test_camera_in_the_plane_is_certified_for_a_while(tmp_path):
+    found = certified("ch7-discriminating", PLANE, cells=21, horizon=0.3, sample_time=0.15)
+    assert len(found.kept.members) > 100
+    files = write_certificate(found, tmp_path, figures=True)
+    assert [f.name for f in files][:2] == ["certificate.holdfast", "certificate.json"]
+    assert (tmp_path / "certificate.png").stat().st_size > 5000
+    assert "with 99.9 % confidence" in check(str(files[0]), share=0.1)
+
+
+def test_command_writes_a_certificate_and_the_other_one_checks_it(tmp_path):
+    answer = holdfast("certify", "seen-target", "--cells", "31", "--out", "c", cwd=tmp_path)
+    assert answer.returncode == 0, answer.stderr
+    assert "for ever" in answer.stdout
+    assert "holdfast-check c/certificate.holdfast" in answer.stdout
+    assert (tmp_path / "c" / "certificate.png").exists()
+
+
+def test_command_says_where_nothing_is_certified(tmp_path):
+    answer = holdfast(
+        "certify", "seen-target", "--cells", "15", "--no-figures",
+        "--set", "system.disturbances.wb.bounds=[-2, 2]", cwd=tmp_path,
+    )  # fmt: skip
+    assert answer.returncode == 1
+    assert "no cell is certified" in answer.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["inspection"], "is no kernel of a region"),
+        (["seen-target", "--uncertain", "mass"], "expected NAME=LOW,HIGH"),
+        (["seen-target", "--uncertain", "mass=1,2"], "'mass', which is no parameter"),
+        (["seen-target", "--sample-time", "-1"], "sample_time is -1"),
+        (["seen-target", "--cells", "0"], "0 cells"),
+    ],
+)
+def test_command_names_what_is_wrong(tmp_path, arguments, message):
+    answer = holdfast("certify", *arguments, cwd=tmp_path)
+    assert answer.returncode == 2
+    assert message in answer.stderr
+
+
+def test_reach_is_no_kernel():
+    with pytest.raises(ScenarioError, match="is no kernel of a region"):
+        certified("ch7-capture-basin")
+    assert tomllib.loads(read_tables("seen-target")[1])["scenario"]["kind"].endswith("kernel")
