@@ -224,6 +224,30 @@ def test_starts_that_a_basin_without_sway_excludes_are_those_of_the_record():
     assert (beyond["excluded"], beyond["rest_though_excluded"]) == (20, 19)
 
 
+def test_starts_with_a_trajectory_to_rest_are_those_of_the_record():
+    """The trajectories are those of `benchmarks/current_reach.py`; the law's runs are made here."""
+    record = json.loads((ROOT / "benchmarks" / "current_reach.json").read_text("utf-8"))
+    reach = record["inspection-current 0.2 m/s"]
+    fast = ["varied.draws.speed.range=[0.2, 0.2]", "run.record_every=150"]
+    stiff = "safeguard.gains=[6.0, 10.0]"
+    plain, other = (
+        hf.load_scenario("inspection-current", changes).run().dataset
+        for changes in (fast, [*fast, stiff])
+    )
+    theta = plain["varied"].sel(varied_name="direction").values
+    at_rest, at_rest_too = (d["outcome"].values == hf.Outcome.REACHED for d in (plain, other))
+    place = np.abs(np.arctan(np.tan(theta))) < LIMIT
+    rows = reach["starts"]
+    assert [row["start"] for row in rows] == np.flatnonzero(place & ~at_rest).tolist()
+    assert [row["direction"] for row in rows] == pytest.approx(
+        np.degrees(theta[place & ~at_rest]), abs=0.051
+    )
+    assert all(at_rest_too[row["start"]] for row in rows if row["by"] == stiff)
+    found = [sum(row["found"] == how for row in rows) for how in ("the law", "optimisation")]
+    assert found == [reach["by_law"], reach["by_optimisation"]]
+    assert [(place & at_rest).sum(), len(rows), *found, reach["optimised"]] == [515, 41, 17, 1, 24]
+
+
 def test_heading_that_leads_turns_at_the_rate_of_the_bearing(vehicle):
     """On the leg's heading the yaw rate is d/dt atan2(-y, -x), by differences of the positions."""
     law = hf.laws.rest_in_current(vehicle, lead=1.0)
