@@ -1,6 +1,8 @@
 """Enclosures contain what balls of many digits say, and are no wider than they must be."""
 
+import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,9 +12,10 @@ import holdfast as hf
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.maths.catalogue.signature import example
-from tests.ball_arithmetic import OPERATIONS, X, Y, ball, boxes
+from tests.ball_arithmetic import DIGITS, OPERATIONS, X, Y, ball, boxes
 
 COUNT = 400
+ROOT = Path(__file__).parents[3]
 
 
 def points(generator, low, high):
@@ -132,3 +135,13 @@ def test_function_without_an_enclosure_and_other_shapes_are_refused():
         Enclosure([X + Y], [X])
     with pytest.raises(SimulationError, match="corners have the shapes"):
         Enclosure([X], [X]).over(np.zeros((3, 1)), np.zeros((3, 2)))
+
+
+def test_record_of_the_benchmark_has_ten_million_boxes_and_none_that_misses():
+    record = json.loads((ROOT / "benchmarks" / "interval_inclusions.json").read_text())
+    found = record["operations"]
+    assert set(found) == set(OPERATIONS)
+    assert len(found) == 27
+    assert sum(f["boxes"] for f in found.values()) >= 10_000_000
+    assert all(f["outside"] == 0 and f["values"] > 0.4 * f["boxes"] for f in found.values())
+    assert DIGITS == 60
