@@ -1,8 +1,15 @@
-"""Values of expressions in ball arithmetic of many digits, by another library."""
+"""Values of expressions in ball arithmetic of many digits, by another library, and random boxes."""
+
+import math
 
 import flint
+import numpy as np
 import sympy as sp
 from flint import arb
+
+from holdfast.maths.expressions import functions as own
+
+X, Y = sp.symbols("x y", real=True)
 
 DIGITS = 60
 """Of the balls; their radius is negligible beside that of a float."""
@@ -46,3 +53,44 @@ def ball(e, at):
             return parts[0] ** int(e.exp)
         return parts[0].sqrt() ** int(2 * e.exp) if (2 * e.exp).is_Integer else parts[0] ** parts[1]
     return FUNCTIONS[type(e).__name__](*parts)
+
+
+OPERATIONS = {
+    "sum": X + Y,
+    "difference": X - Y,
+    "product": X * Y,
+    "quotient": X / Y,
+    "square": X**2,
+    "cube": X**3,
+    "inverse square": X**-2,
+    "root": sp.sqrt(X),
+    "root of a cube": X ** sp.Rational(3, 2),
+    "real power": X ** sp.Float(1.7),
+    "numbers that are no floats": sp.pi * X + Y / 3 + sp.Float(0.1),
+    "sine": sp.sin(X),
+    "cosine": sp.cos(X),
+    "tangent": sp.tan(X),
+    "arctangent": sp.atan(X),
+    "angle": own.angle(Y, X, 0),
+    "exponential": sp.exp(X),
+    "logarithm": sp.log(X),
+    "hyperbolic tangent": sp.tanh(X),
+    "absolute value": sp.Abs(X),
+    "length": own.length(X, Y, 0),
+    "least": own.least(X, Y),
+    "greatest": own.greatest(X, Y),
+    "sgn": own.sgn(X),
+    "sign": sp.sign(X),
+    "select": own.select(X, X + Y, 3 * Y),
+    "wrap": own.wrap(X),
+}
+
+
+def boxes(generator, count):
+    """Of sizes and widths of many orders; some are a point, some have zero inside or as an end."""
+    sizes = 10 ** generator.uniform(-6, 2, (count, 2)) * generator.choice([-1, 1], (count, 2))
+    widths = np.abs(sizes) * 10 ** generator.uniform(-9, 0.7, (count, 2))
+    low = sizes - widths * generator.choice([0, 0.5, 1], (count, 2))
+    special = generator.choice([0.0, math.pi / 2, -math.pi / 2, math.pi, 1.0], (count, 2))
+    low = np.where(generator.random((count, 2)) < 0.1, special, low)
+    return low, low + np.where(generator.random((count, 2)) < 0.1, 0.0, widths)

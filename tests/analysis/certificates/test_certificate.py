@@ -135,6 +135,28 @@ def test_angle_that_turns_around_is_certified_and_checked(tmp_path):
         check(str(changed(path, apart)))
 
 
+def test_angle_that_does_not_come_back_is_no_turn():
+    """A limit on the heading itself: states beyond a half turn are none of the other side."""
+    y, psi, r = (hf.symbol(n) for n in ("y", "psi", "r"))
+    car = hf.System(
+        "lane", (hf.Quantity("y", "m"), hf.Quantity("psi", "rad")), (hf.Quantity("r", "rad/s"),),
+        {"y": sp.sin(psi), "psi": r}, input_bounds=hf.Box((-2.0,), (2.0,)),
+    )  # fmt: skip
+    lane = hf.Region("lane", car.states, (hf.Inequality("a", y - 1 + 0 * psi + psi / 100, "m"),))
+    box = {"y": (-1, 1), "psi": (-math.pi, math.pi)}
+    assert certify(car, lane, box=box, cells=9).cells.periodic == (False, False)
+    twice = replace(car, rates={"y": sp.sin(psi / 2), "psi": r})
+    walls = hf.Region("walls", car.states, (hf.Inequality("a", y - 1, "m"),))
+    assert certify(twice, walls, box=box, cells=9).cells.periodic == (False, False)
+    assert certify(car, walls, box=box, cells=9).cells.periodic == (False, True)
+
+
+def test_rates_that_depend_on_time_are_refused():
+    driven = replace(camera(), rates={"ahead": -U + sp.sin(hf.TIME), "left": -R * AHEAD})
+    with pytest.raises(DefinitionError, match="depends on time"):
+        certify(driven, view(driven), box=BOX, cells=11)
+
+
 @pytest.mark.parametrize("place", [0, 10, 24, 60, 200, 4000, -1])
 def test_one_flipped_bit_is_refused(seen, tmp_path, place):
     path = seen.write(tmp_path / "view.certificate")

@@ -1,6 +1,8 @@
 """Enclosures contain what balls of many digits say, and are no wider than they must be."""
 
+import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,50 +12,10 @@ import holdfast as hf
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.maths.catalogue.signature import example
-from holdfast.maths.expressions import functions as own
-from tests.ball_arithmetic import ball
+from tests.ball_arithmetic import DIGITS, OPERATIONS, X, Y, ball, boxes
 
-X, Y = sp.symbols("x y", real=True)
 COUNT = 400
-OPERATIONS = {
-    "sum": X + Y,
-    "difference": X - Y,
-    "product": X * Y,
-    "quotient": X / Y,
-    "square": X**2,
-    "cube": X**3,
-    "inverse square": X**-2,
-    "root": sp.sqrt(X),
-    "root of a cube": X ** sp.Rational(3, 2),
-    "real power": X ** sp.Float(1.7),
-    "numbers that are no floats": sp.pi * X + Y / 3 + sp.Float(0.1),
-    "sine": sp.sin(X),
-    "cosine": sp.cos(X),
-    "tangent": sp.tan(X),
-    "arctangent": sp.atan(X),
-    "angle": own.angle(Y, X, 0),
-    "exponential": sp.exp(X),
-    "logarithm": sp.log(X),
-    "hyperbolic tangent": sp.tanh(X),
-    "absolute value": sp.Abs(X),
-    "length": own.length(X, Y, 0),
-    "least": own.least(X, Y),
-    "greatest": own.greatest(X, Y),
-    "sgn": own.sgn(X),
-    "sign": sp.sign(X),
-    "select": own.select(X, X + Y, 3 * Y),
-    "wrap": own.wrap(X),
-}
-
-
-def boxes(generator, count):
-    """Of sizes and widths of many orders; some are a point, some have zero inside or as an end."""
-    sizes = 10 ** generator.uniform(-6, 2, (count, 2)) * generator.choice([-1, 1], (count, 2))
-    widths = np.abs(sizes) * 10 ** generator.uniform(-9, 0.7, (count, 2))
-    low = sizes - widths * generator.choice([0, 0.5, 1], (count, 2))
-    special = generator.choice([0.0, math.pi / 2, -math.pi / 2, math.pi, 1.0], (count, 2))
-    low = np.where(generator.random((count, 2)) < 0.1, special, low)
-    return low, low + np.where(generator.random((count, 2)) < 0.1, 0.0, widths)
+ROOT = Path(__file__).parents[3]
 
 
 def points(generator, low, high):
@@ -173,3 +135,13 @@ def test_function_without_an_enclosure_and_other_shapes_are_refused():
         Enclosure([X + Y], [X])
     with pytest.raises(SimulationError, match="corners have the shapes"):
         Enclosure([X], [X]).over(np.zeros((3, 1)), np.zeros((3, 2)))
+
+
+def test_record_of_the_benchmark_has_ten_million_boxes_and_none_that_misses():
+    record = json.loads((ROOT / "benchmarks" / "interval_inclusions.json").read_text())
+    found = record["operations"]
+    assert set(found) == set(OPERATIONS)
+    assert len(found) == 27
+    assert sum(f["boxes"] for f in found.values()) >= 10_000_000
+    assert all(f["outside"] == 0 and f["values"] > 0.4 * f["boxes"] for f in found.values())
+    assert DIGITS == 60

@@ -18,6 +18,7 @@ from holdfast.analysis.certificates.keeping import Kept
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.intervals.held_flow import exact
 from holdfast.host.writing import atomic_file
+from holdfast.maths.definitions.quantity import TIME
 
 MAGIC = "holdfast-certificate 1"
 ENTRY = np.dtype([("cell", "<u4"), ("input", "<u2"), ("level", "<u4")])
@@ -116,8 +117,12 @@ class Certificate:
 
 
 def check_functions(expressions: Iterable[sp.Expr]) -> None:
-    """Raises `DefinitionError` for a function that the checker does not know."""
+    """Raises `DefinitionError` for a function that the checker does not know, and for time."""
     for e in expressions:
+        if TIME in e.free_symbols:
+            raise DefinitionError(
+                f"the expression depends on time: {e}", expected="rates and constraints without t"
+            )
         for part in sp.preorder_traversal(exact(e)):
             name = type(part).__name__
             if part.args and not (part.is_Add or part.is_Mul or part.is_Pow) and name not in KNOWN:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import sympy as sp
@@ -48,16 +48,18 @@ def certify(
     that `holdfast-check` checks.
 
     box: state -> (low, high), the cells of which are tried; an angle over a whole turn comes back
-    to itself. cells: along each state. horizon [s]: None is for ever. inputs: how many values of
-    each input are tried between its bounds. uncertain: parameter -> range, such as a mass that is
-    wrong by a fifth. disturbance: those that are known and constant; others are any within their
-    bounds, at every instant.
+    to itself where rates and constraints have it in sines and cosines alone. cells: along each
+    state. horizon [s]: None is for ever. inputs: how many values of each input are tried between
+    its bounds. uncertain: parameter -> range, such as a mass that is wrong by a fifth. disturbance:
+    those that are known and constant; others are any within their bounds, at every instant.
 
     Raises `SimulationError` for a box that lacks a state, inputs without bounds and numbers out of
     range, `DefinitionError` for functions without a proved enclosure.
     """
     ranges = _ranges(system, region, dict(uncertain or {}), dict(disturbance or {}))
-    grid = _cells(system, box, cells)
+    expressions = [*system.rates.values(), *(c.expression for c in region.inequalities)]
+    check_functions(expressions)
+    grid = _cells(system, box, cells, expressions)
     if not (math.isfinite(sample_time) and sample_time > 0):
         raise SimulationError(f"sample_time is {sample_time:g}", expected="seconds, above 0")
     holds = None
@@ -71,7 +73,6 @@ def certify(
     symbols = {q.name: q.symbol for q in (*system.disturbances, *parameters.values())}
     used = set().union(*(e.free_symbols for e in (*rates, *(e for _, _, e in constraints))))
     told = [p for p in parameters.values() if p.symbol in used]
-    check_functions((*rates, *(e for _, _, e in constraints)))
     candidates = _candidates(system, inputs, {n: ranges[n] for n in parameters})
     flow = HeldFlow(
         rates,
@@ -146,7 +147,12 @@ def _box_of(bounds: Bounds, numbers: Mapping[sp.Symbol, float]) -> list[Range]:
     return found
 
 
-def _cells(system: System, box: Mapping[str, Range], counts: int | Mapping[str, int]) -> Cells:
+def _cells(
+    system: System,
+    box: Mapping[str, Range],
+    counts: int | Mapping[str, int],
+    expressions: Sequence[sp.Expr],
+) -> Cells:
     edges, periodic = [], []
     for name in box:
         if name not in system.state_names:
@@ -162,11 +168,21 @@ def _cells(system: System, box: Mapping[str, Range], counts: int | Mapping[str, 
         if not (math.isfinite(low) and math.isfinite(high) and low < high) or count < 1:
             raise SimulationError(f"{q.name}: {count} cells from {low:g} to {high:g}")
         turns = q.unit == "rad" and abs(high - low - TURN) < 1e-9
+        turns = turns and all(_comes_back(e, q.symbol) for e in expressions)
         if turns:  # a turn lies between two floats: the axis has the larger
             low, high = -TURN / 2, TURN / 2
         edges.append(np.linspace(low, high, count + 1))
         periodic.append(turns)
     return Cells(tuple(edges), tuple(periodic))
+
+
+def _comes_back(e: sp.Expr, angle: sp.Symbol) -> bool:
+    """Whether an expression has an angle in sums inside sines and cosines alone."""
+    if angle not in e.free_symbols:
+        return True
+    if isinstance(e, sp.sin | sp.cos):
+        return e.args[0].diff(angle) in (1, -1)
+    return bool(e.args) and all(_comes_back(a, angle) for a in e.args)
 
 
 def _candidates(

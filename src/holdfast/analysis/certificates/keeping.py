@@ -9,6 +9,7 @@ import numpy as np
 
 from holdfast.analysis.certificates.cells import Cells, Counted, Floats, Truths, Wholes
 from holdfast.execution.intervals.held_flow import HeldFlow
+from holdfast.execution.resources import check_memory
 
 BLOCK = 1 << 16
 
@@ -111,6 +112,11 @@ def _led(
     """The blocks of cells to which each input leads from each cell, and whether it is usable."""
     axes, most = len(cells.counts), len(candidates)
     shape = (len(inside), most, axes)
+    check_memory(
+        len(inside) * most * (4 * axes + 1),
+        f"{len(inside):,} cells in the region times {most} inputs",
+        "take fewer cells or inputs",
+    )
     first, last = np.zeros(shape, dtype=np.int16), np.zeros(shape, dtype=np.int16)
     usable = np.zeros(shape[:2], dtype=bool)
     for begin in range(0, len(inside), BLOCK):
