@@ -64,12 +64,18 @@ def read(path: str) -> tuple[Values, Entries]:
     if hashlib.sha256(rest).hexdigest() != words[2]:
         raise NotValidError(f"{path} was changed: its digest is not that of its content")
     text, _, packed = rest.partition(b"\n")
-    header = json.loads(text)
-    numbers = zlib.decompress(packed)
+    header = json.loads(text, object_pairs_hook=_once)
     count = header["entries"]
-    if len(numbers) != 10 * count:
-        raise NotValidError(f"{path} has {len(numbers)} bytes of entries, expected {10 * count}")
+    numbers = zlib.decompressobj().decompress(packed, 10 * count + 1)
+    if len(numbers) != 10 * count or count < 1:
+        raise NotValidError(f"{path} has not the {count} entries that it says")
     return header, list(struct.iter_unpack("<IHI", numbers))
+
+
+def _once(pairs: Any) -> Values:
+    if len(dict(pairs)) < len(pairs):
+        raise NotValidError("a key of the header stands twice")
+    return dict(pairs)
 
 
 def ball(low: float, high: float) -> Any:
@@ -144,11 +150,15 @@ SLOPES: dict[str, Callable[[Any], tuple[Any, Any]]] = {
 
 
 def _wrapped(x: Any) -> Any:
+    if not x.is_finite():
+        return x
     turns = (x / (2 * arb.pi()) - arb(1) / 2).ceil()
     return x - 2 * arb.pi() * turns if turns.is_exact() else arb.pi() * ball(-1, 1)
 
 
 def _angle(y: Any, x: Any, *_: Any) -> Any:
+    if not (x.is_finite() and y.is_finite()):
+        return x - x + y
     if not (x > 0 or y > 0 or y < 0):
         return arb.pi() * ball(-1, 1)
     ends = itertools.product((y.lower(), y.upper()), (x.lower(), x.upper()))
@@ -210,7 +220,7 @@ class Expression:
                 return self._power(self._value(base, values), exponent)
             case ast.BinOp(left=a, op=operation, right=b):
                 return OPERATIONS[type(operation)](self._value(a, values), self._value(b, values))
-            case ast.Call(func=ast.Name(id=name), args=arguments):
+            case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
                 return applied(name, *(self._value(a, values) for a in arguments))
         raise NotValidError(f"the expression has {ast.dump(node)}")
 
@@ -238,18 +248,25 @@ class Checker:
         self.constraints = [Expression(c["expression"]) for c in h["constraints"]]
         self.states = [q["name"] for q in h["states"]]
         self.input_names = [q["name"] for q in h["inputs"]]
-        self.bounds = {
-            q["name"]: ball(*map(float.fromhex, q["range"]))
-            for q in (*h["disturbances"], *h["parameters"])
-        }
+        free = [*h["disturbances"], *h["parameters"]]
+        self.bound_names = [q["name"] for q in free]
+        ranges = [[float.fromhex(v) for v in q["range"]] for q in free]
+        if not all(-math.inf < a <= b < math.inf for a, b in ranges):
+            raise NotValidError("a range is reversed or not finite")
+        self.bounds = {n: ball(*r) for n, r in zip(self.bound_names, ranges, strict=True)}
         self.hold = arb(float.fromhex(h["hold"]))
         self.level: dict[int, int] = {}
         self.inside: dict[int, bool] = {}
         self.shape, self.turning = [len(e) - 1 for e in self.edges], h["periodic"]
         self._well_formed(h["holds"], entries)
+        if len([v for v in self.level.values() if v == (h["holds"] or 0)]) != h["cells_kept"]:
+            raise NotValidError("the cells of the horizon are not as many as it says")
 
     def _well_formed(self, most: int | None, entries: Entries) -> None:
-        known = {*self.states, *self.input_names, *self.bounds}
+        names = [*self.states, *self.input_names, *self.bound_names]
+        known = set(names) - {*SLOPES, *CHOICES, *JUMPS, "pi"}
+        if len(known) < len(names):
+            raise NotValidError("a name stands twice, or is that of a function or number")
         for e in (*self.rates, *self.constraints):
             if odd := e.names - known:
                 raise NotValidError(f"an expression uses the undeclared name {min(odd)}")
@@ -260,8 +277,10 @@ class Checker:
                 raise NotValidError(f"the edges of {name} do not grow")
             if turns:
                 self._turns(name, axis)
-        if not self.hold > 0:
-            raise NotValidError("the hold is not above 0")
+        numbers = [v for row in self.inputs for v in row]
+        whole = most is None or (type(most) is int and most >= 1)
+        if not (self.hold > 0 and whole and self.constraints and all(map(math.isfinite, numbers))):
+            raise NotValidError("the hold, the horizon, the constraints or the inputs are none")
         total = math.prod(self.shape)
         for cell, choice, level in entries:
             if not (cell < total and choice < len(self.inputs)) or (level == 0) != (most is None):
@@ -467,7 +486,9 @@ def check(path: str, share: float = 1.0, seed: int = 0) -> str:
         checker.entry(*entry)
         if k % 2000 == 1999 and sys.stderr.isatty():
             print(f"\r{k + 1} of {len(entries)} ", end="", file=sys.stderr)
-    told = f"{len(entries)} of {len(every)} entries hold"
+    holds = header["holds"]
+    lasts = "for ever" if holds is None else f"for {holds * float(checker.hold.mid()):g} s"
+    told = f"{header['cells_kept']} cells {lasts}: {len(entries)} of {len(every)} entries hold"
     if len(entries) == len(every):
         return told
     worst = -math.expm1(math.log(LEAST_CHANCE) / len(entries))
@@ -491,8 +512,8 @@ def main() -> None:
     except NotValidError as wrong:
         print(f"NOT valid: {wrong}")
         sys.exit(NOT_VALID)
-    except (OSError, ValueError, KeyError, TypeError, zlib.error, struct.error) as error:
-        print(f"holdfast-check: {asked.file} cannot be read: {error}", file=sys.stderr)
+    except Exception as error:  # whatever a file contains
+        print(f"holdfast-check: {asked.file} cannot be read: {error!r}", file=sys.stderr)
         sys.exit(NOT_READ)
     except KeyboardInterrupt:
         sys.exit(130)

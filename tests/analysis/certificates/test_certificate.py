@@ -84,7 +84,7 @@ def test_view_is_certified_for_ever_and_the_checker_agrees(seen, tmp_path):
     assert seen.kept.share > 0.9
     path = seen.write(tmp_path / "view.certificate")
     count = len(seen.kept.members)
-    assert check(str(path)) == f"{count} of {count} entries hold"
+    assert check(str(path)) == f"{count} cells for ever: {count} of {count} entries hold"
 
 
 def test_cart_with_an_uncertain_drag_is_certified(tmp_path):
@@ -106,8 +106,11 @@ def test_finite_horizon_has_levels_and_is_checked(tmp_path):
         rows["l"] = 6
         return rows.tobytes()
 
+    claimed = {"holds": 6, "cells_kept": len(set(found.kept.entries[:, 0].tolist()))}
     with pytest.raises(NotValidError, match="which is not kept"):
-        check(str(changed(path, lambda h: h.update(holds=6), entries=longer)))
+        check(str(changed(path, lambda h: h.update(claimed), entries=longer)))
+    with pytest.raises(NotValidError, match="not as many as it says"):
+        check(str(changed(path, lambda h: h.update(holds=100))))
 
 
 def test_angle_that_turns_around_is_certified_and_checked(tmp_path):
@@ -198,7 +201,10 @@ def test_cell_too_many_is_found(braked, tmp_path):
     def more(raw):
         return raw + np.array([(fast, 0, 0)], dtype="<u4,<u2,<u4").tobytes()
 
+    claimed = {"cells_kept": len(inside) + 1}
     with pytest.raises(NotValidError, match=f"cell {fast} "):
+        check(str(changed(path, lambda h: h.update(claimed), entries=more)))
+    with pytest.raises(NotValidError, match="not as many as it says"):
         check(str(changed(path, lambda h: None, entries=more)))
 
 
@@ -256,3 +262,111 @@ def test_system_without_bounds_or_with_an_unknown_function_is_refused():
     odd = replace(camera(), rates={"ahead": -U, "left": sp.asin(LEFT / 9)})
     with pytest.raises(DefinitionError, match="'asin' has no proved enclosure in a certificate"):
         certify(odd, view(odd), box=BOX, cells=11)
+
+
+# -- what a review found -----------------------------------------------------------------
+
+
+def one_state(rate, limits, *, parameters=(), pushes=(), bounds=None):
+    """xdot of one state without inputs."""
+    system = hf.System(
+        "line", (hf.Quantity("x", "m"),), (), {"x": rate}, parameters=parameters,
+        disturbances=pushes, disturbance_bounds=bounds,
+    )  # fmt: skip
+    rows = tuple(hf.Inequality(f"c{k}", e, "m") for k, e in enumerate(limits))
+    return system, hf.Region("line", system.states, rows)
+
+
+def test_more_cells_than_small_numbers_count_certify_nothing_that_leaves():
+    """From x > 0.3 every trajectory leaves; numbers of cells go beyond 32767."""
+    found = certify(
+        *one_state((X + 0.45) * (X - 0.3), [X - 2]), box={"x": (-1, 1)}, cells=40000,
+        sample_time=0.002,
+    )  # fmt: skip
+    high = found.cells.corners(found.kept.members)[1]
+    assert len(found.kept.members) > 1000
+    assert high.max() < 0.31
+
+
+def test_bound_that_is_largest_inside_a_range_is_counted():
+    p, w = hf.symbol("p"), hf.symbol("w")
+    system, region = one_state(
+        -X + w, [X - 1, -1 - X], parameters=(hf.Parameter("p", value=0.5),),
+        pushes=(hf.Quantity("w", "m/s"),), bounds=hf.Box((-8 * p * (1 - p),), (8 * p * (1 - p),)),
+    )  # fmt: skip
+    found = certify(system, region, box={"x": (-1, 1)}, cells=20, uncertain={"p": (0.0, 1.0)})
+    low, high = found.ranges["w"]
+    assert low <= -2
+    assert high >= 2
+    assert len(found.kept.members) == 0
+
+
+def test_one_name_with_two_values_is_refused():
+    p = hf.Parameter("p", "m", value=5.0)
+    system, _ = one_state(-X + p.symbol, [X - 1], parameters=(p,))
+    limit = hf.Inequality("limit", X - 1 - p.symbol, "m")
+    region = hf.Region("line", system.states, (limit,), (replace(p, value=0.0),))
+    with pytest.raises(SimulationError, match="'p' is 5 in system 'line' and 0 in region"):
+        certify(system, region, box={"x": (-1, 1)}, cells=20)
+
+
+@pytest.mark.parametrize(
+    ("rate", "message"),
+    [
+        (-X * 2**X, "no power"),
+        (-(X ** sp.Rational(1, 3)), "no power"),
+        (-X * (1 + sp.E), "has no E"),
+    ],
+)
+def test_what_the_checker_does_not_read_is_not_certified(rate, message):
+    with pytest.raises(DefinitionError, match=message):
+        certify(*one_state(rate, [X - 1]), box={"x": (0, 1)}, cells=5)
+
+
+def test_names_of_functions_and_numbers_are_refused():
+    number = hf.Parameter("E", value=2.5)
+    with pytest.raises(DefinitionError, match="'E' is the name of a function or number"):
+        certify(*one_state(-X, [X - 1], parameters=(number,)), box={"x": (0, 1)}, cells=5)
+
+
+def test_constraint_of_a_value_that_does_not_exist_certifies_nothing():
+    for limit in (sp.sqrt(X + 1.5) - 2, sp.sin(sp.log(X + 1.5)) - 2):
+        found = certify(*one_state(-X - 1.5, [limit]), box={"x": (-2, -1)}, cells=20)
+        low, _ = found.cells.corners(found.kept.region)
+        assert (low >= -1.5).all()
+
+
+@pytest.mark.parametrize(
+    ("alter", "message"),
+    [
+        (lambda h: h.update(rates=["wrap(log(x-5))", "0"]), None),
+        (lambda h: h.update(cells_kept=1000), "not as many"),
+        (lambda h: h["inputs"][0].update(name="w"), "stands twice"),
+        (lambda h: h["disturbances"][0].update(name="pi"), "function or number"),
+        (lambda h: h["disturbances"][0].update(range=[(0.2).hex(), (-0.2).hex()]), "reversed"),
+        (lambda h: h["disturbances"][0].update(range=["nan", "nan"]), "not finite"),
+        (lambda h: h.update(constraints=[]), "are none"),
+        (lambda h: h.update(hold="nan"), "are none"),
+        (lambda h: h.update(holds=True), "are none"),
+        (lambda h: h.update(rates=["v", "a - drag*v + w + sin(1, **x)"]), None),
+    ],
+)
+def test_malformed_headers_are_not_valid(braked, tmp_path, alter, message):
+    path = changed(braked.write(tmp_path / "cart.certificate"), alter)
+    with pytest.raises(NotValidError, match=message):
+        check(str(path))
+
+
+def test_key_that_stands_twice_and_a_file_without_entries_are_not_valid(braked, tmp_path):
+    path = braked.write(tmp_path / "cart.certificate")
+    text, _, packed = path.read_bytes().partition(b"\n")[2].partition(b"\n")
+    twice = text.replace(b'{"candidates"', b'{"rates":["0","0"],"candidates"', 1)
+    content = twice + b"\n" + packed
+    first = f"holdfast-certificate 1 {hashlib.sha256(content).hexdigest()}\n".encode()
+    path.write_bytes(first + content)
+    with pytest.raises(NotValidError, match="stands twice"):
+        check(str(path))
+    path = braked.write(tmp_path / "other.certificate")
+    empty = changed(path, lambda h: h.update(cells_kept=0), entries=lambda raw: b"")
+    with pytest.raises(NotValidError, match="has not the 0 entries"):
+        check(str(empty))

@@ -30,6 +30,8 @@ KNOWN = (
 )  # fmt: skip
 """Functions of expressions that the checker knows, beside powers of whole and half numbers."""
 
+RESERVED = ("pi", "sqrt", "E", "I")
+
 Range = tuple[float, float]
 
 
@@ -125,11 +127,28 @@ def check_functions(expressions: Iterable[sp.Expr]) -> None:
             )
         for part in sp.preorder_traversal(exact(e)):
             name = type(part).__name__
+            if part.is_NumberSymbol and part is not sp.pi:
+                raise DefinitionError(f"a certificate has no {part}: {e}", expected="pi, exp(...)")
+            halves = part.is_Pow and part.exp.is_Rational and (2 * part.exp).is_Integer
+            if part.is_Pow and not halves and not isinstance(part, sp.exp):
+                raise DefinitionError(
+                    f"a certificate has no power {part}",
+                    expected="whole and half numbers as exponents",
+                )
             if part.args and not (part.is_Add or part.is_Mul or part.is_Pow) and name not in KNOWN:
                 raise DefinitionError(
                     f"function '{name}' has no proved enclosure in a certificate: {part}",
                     expected=", ".join(KNOWN),
                 )
+
+
+def check_names(names: Iterable[str]) -> None:
+    """Raises `DefinitionError` for a name that the checker reads as something else."""
+    for name in names:
+        if name in (*KNOWN, *RESERVED):
+            raise DefinitionError(
+                f"'{name}' is the name of a function or number", remedy="rename it"
+            )
 
 
 def _packed(entries: Wholes) -> bytes:

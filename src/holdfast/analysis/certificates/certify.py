@@ -10,16 +10,25 @@ import numpy as np
 import sympy as sp
 
 from holdfast.analysis.certificates.cells import Cells, Floats
-from holdfast.analysis.certificates.certificate import Certificate, Range, check_functions
+from holdfast.analysis.certificates.certificate import (
+    Certificate,
+    Range,
+    check_functions,
+    check_names,
+)
 from holdfast.analysis.certificates.keeping import kept
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion
+from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.execution.intervals.held_flow import HeldFlow, exact
 from holdfast.execution.intervals.interval import TURN
 from holdfast.maths.definitions.bounds import Bounds
+from holdfast.maths.definitions.quantity import Parameter
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
-from holdfast.maths.expressions.numeric import evaluated
+
+ROUNDED = 1e-12
+"""By which an input on a bound may exceed it, as floats do."""
 
 INPUTS = 5
 """Values of each input that are tried, evenly between its bounds."""
@@ -59,6 +68,8 @@ def certify(
     ranges = _ranges(system, region, dict(uncertain or {}), dict(disturbance or {}))
     expressions = [*system.rates.values(), *(c.expression for c in region.inequalities)]
     check_functions(expressions)
+    check_names([q.name for q in (*system.states, *system.inputs, *system.disturbances)])
+    check_names([p.name for p in (*system.parameters, *region.parameters)])
     grid = _cells(system, box, cells, expressions)
     if not (math.isfinite(sample_time) and sample_time > 0):
         raise SimulationError(f"sample_time is {sample_time:g}", expected="seconds, above 0")
@@ -67,7 +78,7 @@ def certify(
         if not (math.isfinite(horizon) and horizon > 0):
             raise SimulationError(f"horizon is {horizon:g}", expected="seconds, above 0")
         holds = math.ceil(horizon / sample_time - 1e-9)
-    parameters = {p.name: p for p in (*system.parameters, *region.parameters)}
+    parameters = _parameters(system, region)
     rates = tuple(system.rates[q.name] for q in system.states)
     constraints = tuple((c.name, c.unit, c.expression) for c in region.inequalities)
     symbols = {q.name: q.symbol for q in (*system.disturbances, *parameters.values())}
@@ -100,6 +111,18 @@ def certify(
     )
 
 
+def _parameters(system: System, region: Region) -> dict[str, Parameter]:
+    """Those of both. Raises `SimulationError` where one name has two values."""
+    found = {p.name: p for p in region.parameters}
+    for p in system.parameters:
+        if found.setdefault(p.name, p).value != p.value:
+            raise SimulationError(
+                f"'{p.name}' is {p.value:g} in system '{system.name}' and {found[p.name].value:g} "
+                f"in region '{region.name}'"
+            )
+    return found
+
+
 def _ranges(
     system: System, region: Region, uncertain: dict[str, Range], known: dict[str, float]
 ) -> dict[str, Range]:
@@ -123,28 +146,31 @@ def _ranges(
     if set(system.disturbance_names) - set(known):
         if system.disturbance_bounds is None:
             raise SimulationError(f"system '{system.name}' has no bounds of its disturbances")
-        boxes = [_box_of(system.disturbance_bounds, n) for n in _corners(system, found)]
-        for k, name in enumerate(system.disturbance_names):
-            found[name] = min(b[k][0] for b in boxes), max(b[k][1] for b in boxes)
+        ends = _ends(system, system.disturbance_bounds, found)
+        for name, (least, most) in zip(system.disturbance_names, ends, strict=True):
+            found[name] = least[0], most[1]
     return found | {name: (float(v), float(v)) for name, v in known.items()}
 
 
-def _corners(system: System, ranges: Mapping[str, Range]) -> list[dict[sp.Symbol, float]]:
-    """The parameters of a system at the ends of their ranges, all combinations."""
-    symbols = [p.symbol for p in system.parameters]
-    ends = (sorted(set(ranges[p.name])) for p in system.parameters)
-    return [dict(zip(symbols, values, strict=True)) for values in itertools.product(*ends)]
+def _ends(system: System, bounds: Bounds, ranges: Mapping[str, Range]) -> list[tuple[Range, Range]]:
+    """Of each component what its least and its greatest value may be, every rounding counted."""
+    ends = [e for pair in bounds.ranges() for e in pair]
+    found = _over_parameters(system, ends, ranges)
+    if not np.isfinite(found).all():
+        raise SimulationError("a bound is not finite", expected="finite bounds of all")
+    rows = [(float(a), float(b)) for a, b in found]
+    return list(zip(rows[0::2], rows[1::2], strict=True))
 
 
-def _box_of(bounds: Bounds, numbers: Mapping[sp.Symbol, float]) -> list[Range]:
-    """The least box that contains a set."""
-    found = []
-    for low, high in bounds.ranges():
-        a, b = evaluated((low, high), numbers)
-        if not (math.isfinite(a) and math.isfinite(b)):
-            raise SimulationError("a bound is not finite", expected="finite bounds of all")
-        found.append((float(a), float(b)))
-    return found
+def _over_parameters(
+    system: System, expressions: Sequence[sp.Expr], ranges: Mapping[str, Range]
+) -> Floats:
+    """Enclosures of expressions of the parameters, a row each."""
+    known = list(system.parameters)
+    corners = np.array([[ranges[p.name][end] for p in known] for end in (0, 1)]).reshape(2, 1, -1)
+    enclosure = Enclosure([exact(e) for e in expressions], [p.symbol for p in known])
+    low, high = enclosure.over(corners[0], corners[1])
+    return np.stack([low[0], high[0]], axis=1)
 
 
 def _cells(
@@ -193,23 +219,19 @@ def _candidates(
         return np.empty((1, 0))
     if system.input_bounds is None:
         raise SimulationError(f"system '{system.name}' has no bounds of its inputs")
-    corners = _corners(system, ranges)
-    ends = [_box_of(system.input_bounds, numbers) for numbers in corners]
+    ends = _ends(system, system.input_bounds, ranges)
     axes = []
     for k, q in enumerate(system.inputs):
-        low, high = max(e[k][0] for e in ends), min(e[k][1] for e in ends)
+        low, high = ends[k][0][1], ends[k][1][0]  # for every number that is uncertain
         count = counts if isinstance(counts, int) else counts.get(q.name, INPUTS)
         if count < 2 or not low <= high:
             raise SimulationError(f"{q.name}: {count} values from {low:g} to {high:g}")
         axes.append(np.linspace(low, high, count))
     tried = np.array(list(itertools.product(*axes)))
-    half_spaces = [
-        (exact(sp.Add(*(n * s.symbol for n, s in zip(normal, system.inputs, strict=True)), -b)))
-        for normal, b in system.input_bounds.half_spaces()
-    ]
     inside = np.ones(len(tried), dtype=bool)
-    for row in half_spaces:
-        for numbers in corners:
-            value = sp.lambdify([q.symbol for q in system.inputs], row.xreplace(numbers), "numpy")
-            inside &= np.asarray(value(*tried.T)) <= 1e-12
+    for normal, bound in system.input_bounds.half_spaces():
+        *weights, (_, most) = _over_parameters(system, [*normal, -bound], ranges)
+        for k, (a, b) in enumerate(weights):
+            most = most + np.maximum(a * tried[:, k], b * tried[:, k])
+        inside &= most <= ROUNDED
     return tried[inside]

@@ -113,11 +113,11 @@ def _led(
     axes, most = len(cells.counts), len(candidates)
     shape = (len(inside), most, axes)
     check_memory(
-        len(inside) * most * (4 * axes + 1),
+        len(inside) * most * (8 * axes + 1),
         f"{len(inside):,} cells in the region times {most} inputs",
         "take fewer cells or inputs",
     )
-    first, last = np.zeros(shape, dtype=np.int16), np.zeros(shape, dtype=np.int16)
+    first, last = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=np.int32)
     usable = np.zeros(shape[:2], dtype=bool)
     for begin in range(0, len(inside), BLOCK):
         part = slice(begin, begin + BLOCK)

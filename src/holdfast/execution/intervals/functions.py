@@ -142,7 +142,7 @@ def _direction(y: Value, x: Value) -> Interval:
     s, c = _sines(z)
     a, b = Interval(x, x), Interval(y, y)
     across, along = b * c - a * s, a * c + b * s
-    size = (a.power(2) + b.power(2)).root()
+    size = (a.power(2) + b.power(2)).not_negative().root()
     off = largest(abs(across.low), abs(across.high)) / size.low * (1 + 1e-6) + ETA
     sure = (along.low > 0.0) & (off < 1e-7)
     extreme = ~((size.low > 1e-140) & (size.high < 1e140) & sure)
@@ -167,9 +167,10 @@ def _wave(x: Interval, crest: float, first: Interval, last: Interval) -> Interva
     up, down = _reached(x, crest), _reached(x, crest + 0.5)
     whole = ~(x.high - x.low < 6.28)
     far = ~((abs(x.low) <= FARTHEST) & (abs(x.high) <= FARTHEST))
-    return Interval(
+    found = Interval(
         choose(down | whole | far, -1.0, between.low), choose(up | whole | far, 1.0, between.high)
     )
+    return unknown_where(x.unknown, found)
 
 
 def _reached(x: Interval, share: float) -> Value:
@@ -206,8 +207,7 @@ def direction(y: Interval, x: Interval) -> Interval:
     found = hull(*corners)
     steps = x.steps
     every = Interval(steps.constant(-PI_HIGH, FLOAT), steps.constant(PI_HIGH, FLOAT))
-    known = ~((x.low.differs(x.low)) | (y.low.differs(y.low)))
-    return unknown_where(~known, chosen(around, every, found))
+    return unknown_where(x.unknown | y.unknown, chosen(around, every, found))
 
 
 def arctangent(x: Interval) -> Interval:
@@ -228,7 +228,7 @@ def hyperbolic_tangent(x: Interval) -> Interval:
 
 
 def length(x: Interval, y: Interval) -> Interval:
-    return (x.power(2) + y.power(2)).root()
+    return (x.power(2) + y.power(2)).not_negative().root()
 
 
 def wrapped(x: Interval) -> Interval:
@@ -242,7 +242,7 @@ def wrapped(x: Interval) -> Interval:
     turns = Interval(first, first) * pi * Interval.point(steps, 2.0)
     every = Interval(steps.constant(-PI_HIGH, FLOAT), steps.constant(PI_HIGH, FLOAT))
     unknown = ~(abs(x.low) <= FARTHEST) | ~(abs(x.high) <= FARTHEST)
-    return chosen(~first.equals(last) | unknown, every, x - turns)
+    return unknown_where(x.unknown, chosen(~first.equals(last) | unknown, every, x - turns))
 
 
 def sign_from_zero(x: Interval) -> Interval:

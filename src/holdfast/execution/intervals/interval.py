@@ -102,7 +102,16 @@ class Interval:
     def __abs__(self) -> Interval:
         high = largest(-self.low, self.high)
         low = choose(self.low >= 0.0, self.low, choose(self.high <= 0.0, -self.high, 0.0))
-        return Interval(low, high)
+        return unknown_where(self.unknown, Interval(low, high))
+
+    @property
+    def unknown(self) -> Value:
+        """Whether an end is not a number."""
+        return self.low.differs(self.low) | self.high.differs(self.high)
+
+    def not_negative(self) -> Interval:
+        """Of a quantity that never is: its low end is at least 0."""
+        return Interval(largest(self.low, self.steps.constant(0.0, FLOAT)), self.high)
 
     def power(self, exponent: int) -> Interval:
         """x^n for a whole number n above 0."""
@@ -112,18 +121,16 @@ class Interval:
             size = abs(self)
             return Interval(
                 _product(size.low, exponent, below), _product(size.high, exponent, above)
-            )
+            ).not_negative()
         # odd powers grow
         return Interval(
             _signed_product(self.low, exponent, below), _signed_product(self.high, exponent, above)
         )
 
     def root(self) -> Interval:
-        """The square root of what is not negative."""
-        low = choose(self.low > 0.0, self.low, 0.0)
-        return Interval(
-            largest(below(root(low)), self.steps.constant(0.0, FLOAT)), above(root(self.high))
-        )
+        """The square root; nothing is known of it where x may be negative."""
+        found = Interval(below(root(self.low)), above(root(self.high))).not_negative()
+        return unknown_where(~(self.low >= 0.0), found)
 
     def widened(self, by: Value | float) -> Interval:
         """With every number that is within `by` of one of these."""
