@@ -5,7 +5,12 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
+from holdfast.errors import DefinitionError
+from holdfast.execution.arithmetic.steps import Steps
+from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.intervals.held_flow import HeldFlow
+from holdfast.execution.intervals.interval import Interval
+from holdfast.execution.leaf import compiled_leaves
 from holdfast.maths.catalogue.signature import example
 
 STEPS = 40
@@ -147,3 +152,32 @@ def test_catalogue_has_a_flow_where_it_has_enclosures():
     low = np.full((1, len(states)), 1.0)
     said = flow.held(low, low + 0.01, np.zeros((1, len(inputs))))
     assert np.isfinite(said.high).all()
+
+
+def test_slopes_that_are_one_expression_are_no_square():
+    """Of x' = x y, y' = x^2/2 two slopes are x, at places and instants that differ."""
+    x, y = sp.symbols("x y", real=True)
+    flow = HeldFlow([x * y, x**2 / 2], [], [x, y], [], {}, {}, 0.5)
+    rate = compiled([x * y, x**2 / 2], [x, y], [], [])
+    low, high = np.array([[-0.4, -0.3]]), np.array([[0.4, 0.5]])
+    said = flow.held(low, high, np.empty((1, 0)))
+    generator = np.random.default_rng(1)
+    q = low + (high - low) * np.round(generator.random((200, 2)) * 4) / 4
+    path = runs(rate, q, np.empty((200, 0)), np.empty((2, 0)), 0.5, generator)
+    assert (path[-1] >= said.low - 1e-9).all()
+    assert (path[-1] <= said.high + 1e-9).all()
+
+
+def test_product_of_two_quantities_of_one_interval_is_no_square():
+    steps = Steps(expanded=True)
+    q = Interval(steps.input("low"), steps.input("high"))
+    ends = [end for found in (q * q, q * q.copy()) for end in (found.low, found.high)]
+    leaves = compiled_leaves({"product": Leaf(steps, {"q": ["low", "high"]}, ends)})
+    found = leaves.values("product", 1, 4, np.array([[-1.0, 2.0]]))[0]
+    assert found == pytest.approx([0, 4, -2, 4])
+
+
+def test_undeclared_symbol_of_a_rate_is_named():
+    x, y = sp.symbols("x y", real=True)
+    with pytest.raises(DefinitionError, match="uses 'y'"):
+        HeldFlow([x * y], [], [x], [], {}, {}, 0.1)

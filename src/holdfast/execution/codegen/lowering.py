@@ -82,6 +82,8 @@ class Lowering:
     def _new(self, e: sp.Basic) -> Value:
         if e.is_Number or e.is_NumberSymbol:
             return self._number(e)
+        if e.is_Symbol:
+            raise DefinitionError(f"the expression uses '{e}'")
         if isinstance(e, sp.Add):
             return self._sum(e)
         if isinstance(e, sp.Mul):

@@ -193,14 +193,16 @@ class HeldFlow:
             rest = [half * b + sixth * r for b, r in zip(bent, last, strict=True)]
         values = self._values(steps, flat, way, u, d)
         a = [values[n * i : n * (i + 1)] for i in range(n)]
-        twice = [[_dot(a[i], [row[j] for row in a], steps) for j in range(n)] for i in range(n)]
+        # A(s) A(r) of two instants: entries that are one expression may differ, and make no square
+        later = [[entry.copy() for entry in row] for row in a]
+        twice = [[_dot(a[i], [row[j] for row in later], steps) for j in range(n)] for i in range(n)]
         carried = [derivatives(r, list(d)) for r in self.rates]
         by = [self._values(steps, [c[s] for s in d], way, u, d) for c in carried]
         off = [q - _middle(q) for q in d.values()]
         w = [_dot(row, off, steps) for row in by]
         e0 = [q - c for q, c in zip(x, middle, strict=True)]
         # differences of two states on the way, one of which is that of the middle
-        e = [q - q.copy() for q in way]
+        e = [q - q for q in way]
         during = _constant(steps, 0.0, self.hold)
         for _ in range(2):  # all on the way from e0, by their own rates
             moving = [_dot(row, e, steps) + more for row, more in zip(a, w, strict=True)]

@@ -54,7 +54,7 @@ class Interval:
         return Interval(-self.high, -self.low, None if self.number is None else -self.number)
 
     def copy(self) -> Interval:
-        """Another quantity of the same interval: a difference of the two is not zero."""
+        """Another quantity of the same interval: a product of the two is no square."""
         return Interval(self.low, self.high)
 
     def __add__(self, other: Interval) -> Interval:
