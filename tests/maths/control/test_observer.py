@@ -6,27 +6,12 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError, SimulationError
+from tests.drifts import drifting, told
 
 
-@pytest.fixture(scope="module")
-def drifting():
-    """xdot = u + d: one measured state, one unknown drift of at most 1 m/s."""
-    u, d = hf.symbol("u"), hf.symbol("d")
-    return hf.System(
-        name="drifting",
-        states=(hf.Quantity("x", "m"),),
-        inputs=(hf.Quantity("u", "m/s"),),
-        disturbances=(hf.Quantity("d", "m/s"),),
-        rates={"x": u + d},
-        disturbance_bounds=hf.Ball(1, 1),
-    )
-
-
-def told(system):
-    """u = -x - d by a law that is told the drift, recorded as a signal."""
-    x, d = hf.symbol("x"), hf.symbol("d")
-    reads = (*system.states, *system.disturbances)
-    return hf.Law("told", reads, {"u": -x - d}, signals={"drift": d})
+@pytest.fixture(scope="module", name="drifting")
+def one_that_drifts():
+    return drifting()
 
 
 def test_drift_is_found_at_the_rate_of_the_bandwidth(drifting):

@@ -9,6 +9,7 @@ import sympy as sp
 import holdfast as hf
 from holdfast.errors import DefinitionError, ScenarioError
 from holdfast.maths.control.set_observer import worst_of
+from tests.drifts import drifting, told
 
 BOUNDS = {"x": 1e-3, "y": 1e-3, "psi": 1e-3, "u": 5e-3, "v": 5e-3, "r": 0.1}
 SET = ('observer={measured=["x","y","psi"],bandwidth=40,error_bounds='
@@ -19,24 +20,9 @@ NOISE = 'noise.uniform={x="1 mm",y="1 mm",psi="1 mrad"}'
 KEPT = ("Vx_low", "Vx_high", "Vy_low", "Vy_high", "learning_time", "u_hat", "v_hat", "r_hat")
 
 
-@pytest.fixture(scope="module")
-def drifting():
-    """xdot = u + d: one measured state, one unknown drift of at most 1 m/s."""
-    u, d = hf.symbol("u"), hf.symbol("d")
-    return hf.System(
-        name="drifting",
-        states=(hf.Quantity("x", "m"),),
-        inputs=(hf.Quantity("u", "m/s"),),
-        disturbances=(hf.Quantity("d", "m/s"),),
-        rates={"x": u + d},
-        disturbance_bounds=hf.Ball(1, 1),
-    )
-
-
-def told(system):
-    x, d = hf.symbol("x"), hf.symbol("d")
-    reads = (*system.states, *system.disturbances)
-    return hf.Law("told", reads, {"u": -x - d}, signals={"drift": d})
+@pytest.fixture(scope="module", name="drifting")
+def one_that_drifts():
+    return drifting()
 
 
 def shown(law, names):

@@ -26,6 +26,7 @@ from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.quantity import Parameter
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.traversal import symbols_of
 
 ROUNDED = 1e-12
 """By which an input on a bound may exceed it, as floats do."""
@@ -82,7 +83,7 @@ def certify(
     rates = tuple(system.rates[q.name] for q in system.states)
     constraints = tuple((c.name, c.unit, c.expression) for c in region.inequalities)
     symbols = {q.name: q.symbol for q in (*system.disturbances, *parameters.values())}
-    used = set().union(*(e.free_symbols for e in (*rates, *(e for _, _, e in constraints))))
+    used = symbols_of(expressions)
     told = [p for p in parameters.values() if p.symbol in used]
     candidates = _candidates(system, inputs, {n: ranges[n] for n in parameters})
     flow = HeldFlow(

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
+from holdfast.maths.catalogue.systems.limits import Limit, limited
 from holdfast.maths.definitions.bounds import Box
 from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
 from holdfast.maths.definitions.system import PfaffianRow, System
@@ -40,10 +39,10 @@ def slipping_unicycle(
         symbol(n) for n in ("psi", "u", "r", "slip", "skid", "turn_slip")
     )
     sin, cos = sp.sin(psi), sp.cos(psi)
-    wheels = {
-        "speed_limit": ("m/s", "largest speed of the wheels", speed_limit),
-        "turn_limit": ("rad/s", "largest turn rate of the wheels", turn_limit),
-    }
+    rolled, wheels = limited(
+        Limit("speed", "m/s", "speed of the wheels", speed_limit),
+        Limit("turn", "rad/s", "turn rate of the wheels", turn_limit),
+    )
     ground = {
         "slip_limit": ("m/s", "largest slip along the wheels", slip_limit),
         "skid_limit": ("m/s", "largest slip across the wheels", skid_limit),
@@ -74,21 +73,13 @@ def slipping_unicycle(
             "psi": r - turn_slip,
         },
         parameters=(
-            *(
-                Parameter(n, unit, what, value=x, above=0.0)
-                for n, (unit, what, x) in wheels.items()
-            ),
+            *rolled,
             *(Parameter(n, unit, what, value=x) for n, (unit, what, x) in ground.items()),
         ),
-        input_bounds=_within(wheels),
-        disturbance_bounds=_within(ground),
+        input_bounds=wheels,
+        disturbance_bounds=Box(tuple(-symbol(n) for n in ground), tuple(map(symbol, ground))),
         pfaffian=(PfaffianRow({"x": -sin, "y": cos}, skid),),
         description="wheeled robot whose wheels slip along and across themselves, and in turns",
         source="slip and skid as bounded perturbations of the kinematics: D. Wang and C. B. Low, "
         "ICRA 2007",
     )
-
-
-def _within(limits: Iterable[str]) -> Box:
-    largest = [symbol(name) for name in limits]
-    return Box(tuple(-limit for limit in largest), tuple(largest))
