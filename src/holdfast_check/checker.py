@@ -18,6 +18,7 @@ from __future__ import annotations
 import argparse
 import ast
 import bisect
+import contextlib
 import functools
 import hashlib
 import itertools
@@ -27,8 +28,7 @@ import random
 import struct
 import sys
 import zlib
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from fractions import Fraction
 from operator import add, mul, sub, truediv
 from typing import Any
@@ -82,71 +82,12 @@ def ball(low: float, high: float) -> Any:
     return arb(low).union(arb(high))
 
 
-@dataclass
-class Slope:
-    """A ball and the balls of its derivatives by some quantities."""
-
-    value: Any
-    by: Balls
-
-    def __add__(self, other: Any) -> Slope:
-        o = _slope(other, len(self.by))
-        return Slope(self.value + o.value, [a + b for a, b in zip(self.by, o.by, strict=True)])
-
-    def __neg__(self) -> Slope:
-        return Slope(-self.value, [-a for a in self.by])
-
-    def __sub__(self, other: Any) -> Slope:
-        return self + (-_slope(other, len(self.by)))
-
-    def __rsub__(self, other: Any) -> Slope:
-        return -self + other
-
-    __radd__ = __add__
-
-    def __mul__(self, other: Any) -> Slope:
-        o = _slope(other, len(self.by))
-        slopes = [a * o.value + self.value * b for a, b in zip(self.by, o.by, strict=True)]
-        return Slope(self.value * o.value, slopes)
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: Any) -> Slope:
-        o = _slope(other, len(self.by))
-        return self * o.chain(1 / o.value, -1 / (o.value * o.value))
-
-    def __rtruediv__(self, other: Any) -> Slope:
-        return _slope(other, len(self.by)) / self
-
-    def __pow__(self, n: int) -> Slope:
-        return self.chain(self.value**n, n * self.value ** (n - 1))
-
-    def chain(self, value: Any, slope: Any) -> Slope:
-        """A function of this, of that value and slope."""
-        return Slope(value, [slope * a for a in self.by])
-
-
-def _slope(x: Any, count: int) -> Slope:
-    return x if isinstance(x, Slope) else Slope(arb(x), [arb(0)] * count)
-
-
 class NoSlopeError(Exception):
     """A function that has no Taylor series, or no slope."""
 
 
 def _sign(x: Any) -> Any:
     return arb(1) if x >= 0 else arb(-1) if x <= 0 else ball(-1, 1)
-
-
-SLOPES: dict[str, Callable[[Any], tuple[Any, Any]]] = {
-    "sin": lambda x: (x.sin(), x.cos()), "cos": lambda x: (x.cos(), -x.sin()),
-    "tan": lambda x: (x.tan(), 1 + x.tan() ** 2), "atan": lambda x: (x.atan(), 1 / (1 + x**2)),
-    "exp": lambda x: (x.exp(), x.exp()), "log": lambda x: (x.log(), 1 / x),
-    "tanh": lambda x: (x.tanh(), 1 - x.tanh() ** 2),
-    "sqrt": lambda x: (x.sqrt(), 1 / (2 * x.sqrt())),
-    "magnitude": lambda x: (abs(x), _sign(x)), "Abs": lambda x: (abs(x), _sign(x)),
-}  # fmt: skip
-"""Functions of a ball with their slopes."""
 
 
 def _wrapped(x: Any) -> Any:
@@ -166,32 +107,35 @@ def _angle(y: Any, x: Any, *_: Any) -> Any:
 
 
 CHOICES = {"least": arb.min, "greatest": arb.max}
+KINKS: dict[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
+    "magnitude": (abs, _sign), "Abs": (abs, _sign),
+    "tanh": (arb.tanh, lambda x: 1 - x.tanh() ** 2),
+}  # fmt: skip
+"""Functions that have a slope here, and no series of more terms."""
 JUMPS: dict[str, Callable[..., Any]] = {
     "wrap": _wrapped, "angle": _angle, "atan2": _angle,
     "length": lambda x, y, *_: (x**2 + y**2).sqrt(),
 }  # fmt: skip
 """Functions of balls that have no slope everywhere."""
+SMOOTH = ("sin", "cos", "tan", "atan", "exp", "log", "sqrt")
+PLAIN = {n: getattr(arb, n) for n in SMOOTH} | {n: k[0] for n, k in KINKS.items()} | CHOICES | JUMPS
+NAMES = {*PLAIN, "pi"}
 
 
 def applied(name: str, *x: Any) -> Any:
-    """A function of balls, of balls with slopes, or of Taylor series."""
-    series = any(isinstance(v, arb_series) for v in x)
-    if series and (name in CHOICES or name in JUMPS or not hasattr(x[0], name)):
+    """A function of balls, or of Taylor series: those of two terms have the slopes of kinks too."""
+    if not any(isinstance(v, arb_series) for v in x):
+        return PLAIN[name](*map(arb, x))
+    if name in SMOOTH:
+        return getattr(x[0], name)()
+    if name in JUMPS or flint.ctx.cap > 2:
         raise NoSlopeError
-    if name in JUMPS:
-        if any(isinstance(v, Slope) for v in x):
-            raise NoSlopeError
-        return JUMPS[name](*map(arb, x))
+    terms = [v if isinstance(v, arb_series) else arb_series([v]) for v in x]
     if name in CHOICES:
-        if slopes := [v for v in x if isinstance(v, Slope)]:
-            a, b = (_slope(v, len(slopes[0].by)) for v in x)
-            by = [p.union(q) for p, q in zip(a.by, b.by, strict=True)]
-            return Slope(CHOICES[name](a.value, b.value), by)
-        return CHOICES[name](*map(arb, x))
-    (v,) = x
-    if isinstance(v, Slope):
-        return v.chain(*SLOPES[name](v.value))
-    return getattr(v, name)() if series else SLOPES[name](arb(v))[0]
+        a, b = terms
+        return arb_series([CHOICES[name](a[0], b[0]), a[1].union(b[1])])
+    value, slope = KINKS[name]
+    return arb_series([value(terms[0][0]), slope(terms[0][0]) * terms[0][1]])
 
 
 OPERATIONS = {ast.Add: add, ast.Sub: sub, ast.Mult: mul, ast.Div: truediv}
@@ -200,10 +144,17 @@ OPERATIONS = {ast.Add: add, ast.Sub: sub, ast.Mult: mul, ast.Div: truediv}
 class Expression:
     """A text of names, whole numbers, + - * / **, and functions."""
 
-    def __init__(self, text: str) -> None:
-        self.tree = ast.parse(text, mode="eval").body
+    def __init__(self, tree: ast.expr) -> None:
+        self.tree = tree
         names = {n.id for n in ast.walk(self.tree) if isinstance(n, ast.Name)}
-        self.names = names - {*SLOPES, *CHOICES, *JUMPS, "pi"}
+        self.names = names - NAMES
+
+    def parts(self) -> tuple[str, list[Expression]] | None:
+        """The arguments of a least or a greatest."""
+        match self.tree:
+            case ast.Call(func=ast.Name(id="least" | "greatest" as name), args=arguments):
+                return name, [Expression(a) for a in arguments]
+        return None
 
     def at(self, values: Values) -> Any:
         return self._value(self.tree, values)
@@ -238,126 +189,177 @@ class Expression:
         return 1 / found if twice < 0 else found
 
 
+def _expressions(texts: Iterable[str]) -> list[Expression]:
+    return [Expression(ast.parse(text, mode="eval").body) for text in texts]
+
+
+def _floats(texts: Iterable[str]) -> list[float]:
+    return [float.fromhex(text) for text in texts]
+
+
 class Checker:
     """The claims of a certificate, cell by cell."""
 
     def __init__(self, h: Values, entries: Entries) -> None:
-        self.edges = [[float.fromhex(e) for e in axis] for axis in h["edges"]]
-        self.inputs = [[float.fromhex(v) for v in row] for row in h["candidates"]]
-        self.rates = [Expression(t) for t in h["rates"]]
-        self.constraints = [Expression(c["expression"]) for c in h["constraints"]]
+        self.edges = [_floats(axis) for axis in h["edges"]]
+        self.inputs = [_floats(row) for row in h["candidates"]]
+        self.rates = _expressions(h["rates"])
+        self.constraints = _expressions(c["expression"] for c in h["constraints"])
+        self.target = _expressions(c["expression"] for c in h["target"])
+        self.law = _expressions(h["law"])
         self.states = [q["name"] for q in h["states"]]
         self.input_names = [q["name"] for q in h["inputs"]]
         free = [*h["disturbances"], *h["parameters"]]
         self.bound_names = [q["name"] for q in free]
-        ranges = [[float.fromhex(v) for v in q["range"]] for q in free]
+        ranges = [_floats(q["range"]) for q in free]
         if not all(-math.inf < a <= b < math.inf for a, b in ranges):
             raise NotValidError("a range is reversed or not finite")
         self.bounds = {n: ball(*r) for n, r in zip(self.bound_names, ranges, strict=True)}
-        self.hold = arb(float.fromhex(h["hold"]))
-        self.level: dict[int, int] = {}
-        self.inside: dict[int, bool] = {}
+        self.hold, self.delay, *errors = map(arb, _floats([h["hold"], h["delay"], *h["errors"]]))
+        self.errors = errors
+        self.kept: dict[int, int] = {}
+        self.others: dict[int, bool] = {}
         self.shape, self.turning = [len(e) - 1 for e in self.edges], h["periodic"]
         self._well_formed(h["holds"], entries)
-        if len([v for v in self.level.values() if v == (h["holds"] or 0)]) != h["cells_kept"]:
+        last = [v for v in self.kept.values() if self.target or v == (h["holds"] or 0)]
+        if len(last) != h["cells_kept"]:
             raise NotValidError("the cells of the horizon are not as many as it says")
 
     def _well_formed(self, most: int | None, entries: Entries) -> None:
         names = [*self.states, *self.input_names, *self.bound_names]
-        known = set(names) - {*SLOPES, *CHOICES, *JUMPS, "pi"}
+        known = set(names) - NAMES
         if len(known) < len(names):
             raise NotValidError("a name stands twice, or is that of a function or number")
-        for e in (*self.rates, *self.constraints):
+        for e in (*self.rates, *self.constraints, *self.target):
             if odd := e.names - known:
                 raise NotValidError(f"an expression uses the undeclared name {min(odd)}")
-        if len(self.rates) != len(self.states) or len(self.edges) != len(self.states):
-            raise NotValidError("there is not one rate and one axis for each state")
+        if any(e.names - set(self.states) for e in self.law):
+            raise NotValidError("the law uses what is no state")
+        if {len(self.rates), len(self.edges), len(self.errors)} != {len(self.states)}:
+            raise NotValidError("there is not one rate, axis and error for each state")
+        rows = self.inputs if not self.law else [self.law]
+        if any(len(row) != len(self.input_names) for row in rows):
+            raise NotValidError("an input has not one number for each name")
         for name, axis, turns in zip(self.states, self.edges, self.turning, strict=True):
             if not all(a < b for a, b in itertools.pairwise(axis)):
                 raise NotValidError(f"the edges of {name} do not grow")
             if turns:
                 self._turns(name, axis)
         numbers = [v for row in self.inputs for v in row]
-        whole = most is None or (type(most) is int and most >= 1)
-        if not (self.hold > 0 and whole and self.constraints and all(map(math.isfinite, numbers))):
+        whole = (most is None and not self.target) or (type(most) is int and most >= 1)
+        times = self.hold.is_finite() and 0 <= self.delay < self.hold
+        finite = all(map(math.isfinite, numbers)) and all(e.is_finite() for e in self.errors)
+        if not (times and whole and self.constraints and finite and rows):
             raise NotValidError("the hold, the horizon, the constraints or the inputs are none")
-        total = math.prod(self.shape)
+        if self.law and self.delay > 0:
+            raise NotValidError("a law has no inputs that a delay could leave from before")
+        total, better = math.prod(self.shape), min if self.target else max
         for cell, choice, level in entries:
-            if not (cell < total and choice < len(self.inputs)) or (level == 0) != (most is None):
+            horizon = level == 0 if most is None else 1 <= level <= most
+            if not (cell < total and choice < len(rows) and horizon):
                 raise NotValidError(f"entry of cell {cell}: no such cell, input or level")
-            self.level[cell] = max(level, self.level.get(cell, 0))
+            self.kept[cell] = better(level, self.kept.get(cell, level))
 
     def _turns(self, name: str, axis: list[float]) -> None:
         """An angle: all rates have it in sines and cosines alone, and a turn is in the axis."""
         if not arb(axis[-1]) - arb(axis[0]) >= 2 * arb.pi():
             raise NotValidError(f"the axis of {name} is less than a turn")
-        for e in (*self.rates, *self.constraints):
+        for e in (*self.rates, *self.constraints, *self.target, *self.law):
             if not _turns_with(e.tree, name):
                 raise NotValidError(f"{name} comes back after a turn, {ast.unparse(e.tree)} not")
 
     def entry(self, cell: int, choice: int, level: int) -> None:
-        """Raises `NotValidError` unless this input keeps this cell."""
-        x = self._box(cell)
-        where = ", ".join(f"{n} = {q.str(4)}" for n, q in zip(self.states, x, strict=True))
-        u = dict(zip(self.input_names, map(arb, self.inputs[choice]), strict=True))
-        fixed = {**self.bounds, **u}
-        if (broken := self._broken(x)) is not None:
-            raise NotValidError(f"cell {cell} ({where}) is not inside constraint {broken}")
-        way = self._way(x, fixed, f"cell {cell} ({where})")
-        end = self._end(x, way, fixed)
+        """Raises `NotValidError` unless this input, or the law, keeps this cell."""
+        seen = [ball(a, b) for a, b in self._box(cell)]
+        where = ", ".join(f"{n} = {q.str(4)}" for n, q in zip(self.states, seen, strict=True))
+        where = f"cell {cell} ({where})"
         for k, c in enumerate(self.constraints):
-            if not self._kept(c, x, end, way, fixed):
-                raise NotValidError(f"cell {cell} ({where}): constraint {k} may fail on the way")
-        for led in self._cells(end):
+            if not self._holds(c, cell):
+                raise NotValidError(f"{where} is not inside constraint {k}")
+        x = self._with_errors(seen)
+        legs = list(self._legs(seen, choice))
+        for leg, (hold, fixed) in enumerate(legs):
+            way = self._way(x, fixed, hold, where)
+            end = self._end(x, way, fixed, hold)
+            for k, c in enumerate(self.constraints):
+                begun = cell if leg == 0 else None
+                if not self._kept(c, begun, (x, way, end), fixed, hold, leg == len(legs) - 1):
+                    raise NotValidError(f"{where}: constraint {k} may fail on the way")
+            x = end
+        for led in self._cells(self._with_errors(x)):
             if led is None or not self._reached(led, level):
-                raise NotValidError(
-                    f"cell {cell} ({where}) may lead to cell {led}, which is not kept"
-                )
+                raise NotValidError(f"{where} may lead to cell {led}, which is not kept")
 
-    def _box(self, cell: int) -> Balls:
+    def _legs(self, seen: Balls, choice: int) -> Iterator[tuple[Any, Values]]:
+        """Durations, and all quantities but the states: first any input that may be under way."""
+        if self.law:
+            inputs = [e.at(dict(zip(self.states, seen, strict=True))) for e in self.law]
+        else:
+            inputs = [arb(v) for v in self.inputs[choice]]
+        if self.delay > 0:
+            ranges = [ball(min(column), max(column)) for column in zip(*self.inputs, strict=True)]
+            yield self.delay, {**self.bounds, **dict(zip(self.input_names, ranges, strict=True))}
+        yield (
+            self.hold - self.delay,
+            {**self.bounds, **dict(zip(self.input_names, inputs, strict=True))},
+        )
+
+    def _box(self, cell: int) -> list[tuple[float, float]]:
         place: list[int] = []
         for count in reversed(self.shape):
             cell, k = divmod(cell, count)
             place.insert(0, k)
-        return [ball(e[k], e[k + 1]) for e, k in zip(self.edges, place, strict=True)]
+        return [(e[k], e[k + 1]) for e, k in zip(self.edges, place, strict=True)]
 
-    def _broken(self, x: Balls) -> int | None:
-        """The first constraint that does not surely hold all over a box."""
-        values = {**self.bounds, **dict(zip(self.states, x, strict=True))}
-        return next((k for k, c in enumerate(self.constraints) if not c.at(values) <= 0), None)
+    def _with_errors(self, x: Balls) -> Balls:
+        return [q + e * ball(-1, 1) for q, e in zip(x, self.errors, strict=True)]
+
+    def _holds(self, c: Expression, cell: int) -> bool:
+        """Whether c <= 0 all over where a cell is measured, or at the corner that c grows to."""
+        if parts := c.parts():
+            which = any if parts[0] == "least" else all
+            return which(self._holds(part, cell) for part in parts[1])
+        box = [(a - e, b + e) for (a, b), e in zip(self._box(cell), self.errors, strict=True)]
+        x = [a.union(b) for a, b in box]
+        with contextlib.suppress(NoSlopeError):
+            slopes = self._slopes(c, x, self.bounds, self.states)
+            x = [b if s >= 0 else a if s <= 0 else q
+                 for q, (a, b), s in zip(x, box, slopes, strict=True)]  # fmt: skip
+        return bool(c.at({**self.bounds, **dict(zip(self.states, x, strict=True))}) <= 0)
 
     def _reached(self, cell: int, level: int) -> bool:
-        """Whether a cell is of the set, or of a level one lower; of level 0 is the region."""
-        if level == 1 and cell not in self.level:
-            if cell not in self.inside:
-                self.inside[cell] = self._broken(self._box(cell)) is None
-            return self.inside[cell]
-        return self.level.get(cell, -1) >= max(level - 1, 0)
-
-    def _during(self, rate: Any) -> Any:
-        """[0, T] times a rate: no wider than it must be, unlike a product of balls."""
-        return (self.hold * rate).union(arb(0))
+        """Whether a cell is of the set: where time is counted, of a level one closer to its end."""
+        if cell in self.kept:
+            if self.target:
+                return self.kept[cell] < level
+            return self.kept[cell] >= level - 1
+        if level == 0 or (level > 1 and not self.target):
+            return False
+        if cell not in self.others:  # level 0: in the region, and in the target where there is one
+            self.others[cell] = all(self._holds(c, cell) for c in (*self.constraints, *self.target))
+        return self.others[cell]
 
     def _rates(self, x: Balls, fixed: Values) -> Balls:
         values = {**fixed, **dict(zip(self.states, x, strict=True))}
         return [r.at(values) for r in self.rates]
 
-    def _way(self, x: Balls, fixed: Values, where: str) -> Balls:
+    def _way(self, x: Balls, fixed: Values, hold: Any, where: str) -> Balls:
         """A box that contains every state on the way."""
         guess = x
         for grown in (1.1, 1.1, 1.2, 1.5, 2.0):
-            moved = [q + self._during(r) for q, r in zip(x, self._rates(guess, fixed), strict=True)]
+            rates = self._rates(guess, fixed)
+            moved = [q + _during(hold, r) for q, r in zip(x, rates, strict=True)]
             if all(g.contains(m) for g, m in zip(guess, moved, strict=True)):
                 return moved
             guess = [m + (m - m.mid()) * (grown - 1) for m in moved]
         raise NotValidError(f"{where}: no box of the states on the way was found")
 
-    def _end(self, x: Balls, way: Balls, fixed: Values) -> Balls:
+    def _end(self, x: Balls, way: Balls, fixed: Values, h: Any) -> Balls:
         """Every state at the end."""
-        plain = [q + self.hold * r for q, r in zip(x, self._rates(way, fixed), strict=True)]
-        middle, n, h = [q.mid() for q in x], len(x), self.hold
-        still = {k: v.mid() if k in self.bounds else v for k, v in fixed.items()}
-        free = [name for name, q in self.bounds.items() if not q.is_exact()]
+        plain = [q + h * r for q, r in zip(x, self._rates(way, fixed), strict=True)]
+        middle, n = [q.mid() for q in x], len(x)
+        still = {k: v.mid() for k, v in fixed.items()}
+        free = [name for name, q in fixed.items() if not q.is_exact()]
         try:
             slopes = [self._slopes(r, way, fixed, [*self.states, *free]) for r in self.rates]
         except NoSlopeError:
@@ -371,12 +373,12 @@ class Checker:
             begun, during = self._rates(middle, still), self._rates(way, still)
             nominal = [c + h * f + h**2 / 2 * _dot(row, during)
                        for c, f, row in zip(middle, begun, a, strict=True)]  # fmt: skip
-        off = [self.bounds[name] - self.bounds[name].mid() for name in free]
+        off = [fixed[name] - still[name] for name in free]
         w = [_dot(row[n:], off) for row in slopes]
         e0 = [q - c for q, c in zip(x, middle, strict=True)]
         e = [q - q for q in way]  # of two states on the way: balls know no identity
         for _ in range(2):
-            e = [s + self._during(_dot(row, e) + more)
+            e = [s + _during(h, _dot(row, e) + more)
                  for s, row, more in zip(e0, a, w, strict=True)]  # fmt: skip
         moving = [_dot(row, e) + more for row, more in zip(a, w, strict=True)]
         twice = [[_dot(row, [other[j] for other in a]) for j in range(n)] for row in a]
@@ -390,10 +392,10 @@ class Checker:
 
     def _slopes(self, e: Expression, way: Balls, fixed: Values, names: Sequence[str]) -> Balls:
         """The derivatives of an expression by these names over a box."""
+        flint.ctx.cap = 2
         values = {**fixed, **dict(zip(self.states, way, strict=True))}
-        for k, name in enumerate(names):
-            values[name] = Slope(values[name], [arb(int(j == k)) for j in range(len(names))])
-        return _slope(e.at(values), len(names)).by
+        found = [e.at({**values, n: arb_series([values[n], 1])}) for n in names]
+        return [f[1] if isinstance(f, arb_series) else arb(0) for f in found]
 
     def _series(self, x: Balls, fixed: Values, terms: int) -> list[Balls]:
         """Taylor coefficients of the trajectory from x."""
@@ -408,23 +410,31 @@ class Checker:
                 c.append(arb(told) / (k + 1))
         return coefficients
 
-    def _kept(self, c: Expression, x: Balls, end: Balls, way: Balls, fixed: Values) -> bool:
-        """Whether c <= 0 on the way, given that it is at both ends."""
-        places = [{**fixed, **dict(zip(self.states, q, strict=True))} for q in (way, x, end)]
-        during, first, last = (c.at(place) for place in places)
+    def _kept(
+        self, c: Expression, cell: int | None, boxes: Sequence[Balls], fixed: Values, hold: Any,
+        ends: bool,
+    ) -> bool:  # fmt: skip
+        """Whether c <= 0 on (start, way, end), from a cell if there; ends: known at the end."""
+        if parts := c.parts():
+            which, ends = (any, False) if parts[0] == "least" else (all, ends)
+            return which(self._kept(p, cell, boxes, fixed, hold, ends) for p in parts[1])
+        places = [{**fixed, **dict(zip(self.states, q, strict=True))} for q in boxes]
+        first, during, last = (c.at(place) for place in places)
         if during <= 0:
             return True
+        begins = bool(first <= 0) if cell is None else self._holds(c, cell)
+        ends = ends or bool(last <= 0)
         try:
-            rate = _dot(self._slopes(c, way, fixed, self.states), self._rates(way, fixed))
+            rate = _dot(self._slopes(c, boxes[1], fixed, self.states), self._rates(boxes[1], fixed))
         except NoSlopeError:
             return False
-        if rate >= 0 or rate <= 0:
-            return True
-        if not rate.is_finite():
+        if rate <= 0 or rate >= 0:
+            return begins if rate <= 0 else ends
+        if not (rate.is_finite() and begins and ends):
             return False
         up, down = rate.upper(), rate.lower()
         c0, c1 = (v.upper().min(arb(0)) for v in (first, last))
-        return bool(c0 + up * (c1 - c0 - self.hold * down) / (up - down) <= 0)
+        return bool(c0 + up * (c1 - c0 - hold * down) / (up - down) <= 0)
 
     def _cells(self, end: Balls) -> Iterator[int | None]:
         """The cells that a box touches; None beyond the grid."""
@@ -449,14 +459,31 @@ class Checker:
 
 
 def _turns_with(node: ast.AST, name: str) -> bool:
-    """Whether an expression has an angle in sums inside sines and cosines alone."""
-    if not any(isinstance(n, ast.Name) and n.id == name for n in ast.walk(node)):
+    """Whether an expression has an angle as a summand inside sines and cosines alone."""
+    if not _has(node, name):
         return True
     if isinstance(node, ast.Call) and ast.unparse(node.func) in ("sin", "cos"):
-        other = (ast.Mult, ast.Div, ast.Pow, ast.Call)
-        return not any(isinstance(n, other) for n in ast.walk(node.args[0]))
+        return _summand(node.args[0], name)
     inner = [n for n in ast.iter_child_nodes(node) if isinstance(n, ast.expr)]
     return bool(inner) and all(_turns_with(n, name) for n in inner)
+
+
+def _has(node: ast.AST, name: str) -> bool:
+    return any(isinstance(n, ast.Name) and n.id == name for n in ast.walk(node))
+
+
+def _summand(node: ast.AST, name: str) -> bool:
+    match node:
+        case ast.BinOp(left=a, op=ast.Add() | ast.Sub(), right=b):
+            return _has(a, name) != _has(b, name) and _summand(a if _has(a, name) else b, name)
+        case ast.UnaryOp(op=ast.USub(), operand=inner):
+            return _summand(inner, name)
+    return isinstance(node, ast.Name)
+
+
+def _during(hold: Any, rate: Any) -> Any:
+    """[0, T] times a rate: no wider than it must be, unlike a product of balls."""
+    return (hold * rate).union(arb(0))
 
 
 def _dot(a: Balls, b: Balls) -> Any:
@@ -487,7 +514,10 @@ def check(path: str, share: float = 1.0, seed: int = 0) -> str:
         if k % 2000 == 1999 and sys.stderr.isatty():
             print(f"\r{k + 1} of {len(entries)} ", end="", file=sys.stderr)
     holds = header["holds"]
-    lasts = "for ever" if holds is None else f"for {holds * float(checker.hold.mid()):g} s"
+    seconds = f"{(holds or 0) * float(checker.hold.mid()):g} s"
+    lasts = "for ever" if holds is None else f"for {seconds}"
+    if checker.target:
+        lasts = f"reach the target within {seconds}"
     told = f"{header['cells_kept']} cells {lasts}: {len(entries)} of {len(every)} entries hold"
     if len(entries) == len(every):
         return told

@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from holdfast.analysis.certificates.certificate import Certificate, Range
-from holdfast.analysis.certificates.certify import INPUTS, certify
+from holdfast.analysis.certificates.certify import certify
+from holdfast.analysis.certificates.problem import INPUTS
 from holdfast.errors import ScenarioError
 from holdfast.host.output import make_folder, write_summary
 from holdfast.scenario.kinds.kernel import KernelScenario

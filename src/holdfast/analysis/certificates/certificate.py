@@ -16,7 +16,7 @@ import sympy as sp
 from holdfast.analysis.certificates.cells import Cells, Floats, Wholes
 from holdfast.analysis.certificates.keeping import Kept
 from holdfast.errors import DefinitionError, SimulationError
-from holdfast.execution.intervals.held_flow import exact
+from holdfast.execution.intervals.held_flow import Sampling, exact
 from holdfast.host.writing import atomic_file
 from holdfast.maths.definitions.quantity import TIME
 
@@ -43,7 +43,9 @@ class Certificate:
 
     states, inputs, disturbances: (name, unit) each. ranges: of disturbances and parameters, any
     number between counts. rates, constraints: exact expressions. candidates: inputs that were
-    tried, shape (inputs, ...). hold: the sampling period [s]. holds: how many, None for ever.
+    tried, shape (inputs, ...); none where a law gives them. sampling: how long inputs are held, and
+    what is not exact about the states and inputs. target: where the system arrives; none where it
+    stays.
     """
 
     title: str
@@ -54,9 +56,15 @@ class Certificate:
     ranges: Mapping[str, Range]
     rates: tuple[sp.Expr, ...]
     constraints: tuple[tuple[str, str, sp.Expr], ...]
-    hold: float
+    sampling: Sampling
     candidates: Floats
     kept: Kept
+    target: tuple[tuple[str, str, sp.Expr], ...] = ()
+
+    @property
+    def hold(self) -> float:
+        """The sampling period [s]."""
+        return self.sampling.hold
 
     @property
     def cells(self) -> Cells:
@@ -72,11 +80,12 @@ class Certificate:
             "disturbances": _ranged(self.disturbances, self.ranges),
             "parameters": _ranged(self.parameters, self.ranges),
             "rates": [sp.sstr(exact(r)) for r in self.rates],
-            "constraints": [
-                {"name": n, "unit": u, "expression": sp.sstr(exact(e))}
-                for n, u, e in self.constraints
-            ],
+            "constraints": _written(self.constraints),
+            "target": _written(self.target),
+            "law": [sp.sstr(exact(e)) for e in self.sampling.law or ()],
             "hold": self.hold.hex(),
+            "delay": self.sampling.delay.hex(),
+            "errors": [float(e).hex() for e in self.sampling.errors],
             "holds": kept.holds,
             "edges": [[float(e).hex() for e in axis] for axis in kept.cells.edges],
             "periodic": list(kept.cells.periodic),
@@ -96,6 +105,10 @@ class Certificate:
             "share": kept.share,
             "seconds": None if kept.holds is None else kept.holds * self.hold,
             "sample_time": self.hold,
+            "delay": self.sampling.delay,
+            "errors": {n: e for (n, _), e in zip(self.states, self.sampling.errors, strict=True)},
+            "kind": "reach" if self.target else "keep",
+            "law": self.sampling.law is not None,
             "inputs_tried": len(self.candidates),
             "cells": list(kept.cells.counts),
             "sweeps": kept.sweeps,
@@ -156,6 +169,10 @@ def _packed(entries: Wholes) -> bytes:
     for k, name in enumerate(ENTRY.names or ()):
         found[name] = entries[:, k]
     return found.tobytes()
+
+
+def _written(constraints: Iterable[tuple[str, str, sp.Expr]]) -> list[dict[str, str]]:
+    return [{"name": n, "unit": u, "expression": sp.sstr(exact(e))} for n, u, e in constraints]
 
 
 def _named(quantities: Sequence[tuple[str, str]]) -> list[dict[str, Any]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 
@@ -16,23 +15,29 @@ from holdfast.analysis.certificates.certificate import (
     check_functions,
     check_names,
 )
+from holdfast.analysis.certificates.images import where
 from holdfast.analysis.certificates.keeping import kept
+from holdfast.analysis.certificates.problem import (
+    INPUTS,
+    candidates_of,
+    delay_of,
+    errors_of,
+    inputs_of_law,
+    parameters_of,
+    ranges_of,
+)
+from holdfast.analysis.certificates.reaching import reached
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion
-from holdfast.execution.intervals.enclosure import Enclosure
-from holdfast.execution.intervals.held_flow import HeldFlow, exact
+from holdfast.execution.intervals.held_flow import HeldFlow, Sampling
 from holdfast.execution.intervals.interval import TURN
-from holdfast.maths.definitions.bounds import Bounds
-from holdfast.maths.definitions.quantity import Parameter
+from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.traversal import symbols_of
 
-ROUNDED = 1e-12
-"""By which an input on a bound may exceed it, as floats do."""
-
-INPUTS = 5
-"""Values of each input that are tried, evenly between its bounds."""
+CELLS = 101
+"""Cells along a state."""
 
 
 @checked
@@ -41,12 +46,16 @@ def certify(
     region: Region,
     *,
     box: Mapping[str, Range],
-    cells: int | Mapping[str, int] = 101,
+    cells: int | Mapping[str, int | Sequence[float]] = CELLS,
     sample_time: float = 0.1,
     horizon: float | None = None,
     inputs: int | Mapping[str, int] = INPUTS,
     uncertain: Mapping[str, Range] | None = None,
     disturbance: Mapping[str, float] | None = None,
+    target: Region | None = None,
+    law: Law | None = None,
+    errors: Mapping[str, float] | None = None,
+    delay: float = 0.0,
     progress: Callable[[str, float], None] | None = None,
 ) -> Certificate:
     """The largest set of cells in `region` that inputs held for `sample_time` [s] keep there.
@@ -57,20 +66,37 @@ def certify(
     of the sampled-data viability (discriminating) kernel, and `Certificate.write` makes a file
     that `holdfast-check` checks.
 
-    box: state -> (low, high), the cells of which are tried; an angle over a whole turn comes back
-    to itself where rates and constraints have it in sines and cosines alone. cells: along each
-    state. horizon [s]: None is for ever. inputs: how many values of each input are tried between
-    its bounds. uncertain: parameter -> range, such as a mass that is wrong by a fifth. disturbance:
-    those that are known and constant; others are any within their bounds, at every instant.
+    target: where the system has to arrive (reach-avoid): from a cell of the set the inputs lead to
+    `target` within `horizon`, and keep `region` until then. law: it gives the inputs, limited as
+    the system limits them, and the set is what that law keeps. errors: state -> by how much it may
+    be measured wrong: the cell that is measured has the input. delay [s]: by how long an input may
+    come late, below `sample_time`; until it comes any other that was tried may be under way.
 
-    Raises `SimulationError` for a box that lacks a state, inputs without bounds and numbers out of
-    range, `DefinitionError` for functions without a proved enclosure.
+    box: state -> (low, high), the cells of which are tried; an angle over a whole turn comes back
+    to itself where rates and constraints have it in sines and cosines alone. cells: how many along
+    each state, or their edges. horizon [s]: None is for ever. inputs: how many values of each input
+    are tried between its bounds. uncertain: parameter -> range, such as a mass that is wrong by a
+    fifth. disturbance: those that are known and constant; others are any within their bounds, at
+    every instant.
+
+    Raises `SimulationError` for a box that lacks a state, inputs without bounds, numbers out of
+    range and a law that does not give the inputs from the states alone, `DefinitionError` for
+    functions without a proved enclosure.
     """
-    ranges = _ranges(system, region, dict(uncertain or {}), dict(disturbance or {}))
-    expressions = [*system.rates.values(), *(c.expression for c in region.inequalities)]
+    regions = (region, target) if target is not None else (region,)
+    ranges = ranges_of(system, regions, dict(uncertain or {}), dict(disturbance or {}))
+    constraints, arrival = (
+        tuple((c.name, c.unit, c.expression) for c in r.inequalities)
+        for r in (region, target or region)
+    )
+    arrival = arrival if target is not None else ()
+    given = None if law is None else inputs_of_law(system, law)
+    rates = tuple(system.rates[q.name] for q in system.states)
+    expressions = [*rates, *(e for _, _, e in (*constraints, *arrival)), *(given or ())]
     check_functions(expressions)
     check_names([q.name for q in (*system.states, *system.inputs, *system.disturbances)])
-    check_names([p.name for p in (*system.parameters, *region.parameters)])
+    parameters = parameters_of(system, regions)
+    check_names(parameters)
     grid = _cells(system, box, cells, expressions)
     if not (math.isfinite(sample_time) and sample_time > 0):
         raise SimulationError(f"sample_time is {sample_time:g}", expected="seconds, above 0")
@@ -79,13 +105,19 @@ def certify(
         if not (math.isfinite(horizon) and horizon > 0):
             raise SimulationError(f"horizon is {horizon:g}", expected="seconds, above 0")
         holds = math.ceil(horizon / sample_time - 1e-9)
-    parameters = _parameters(system, region)
-    rates = tuple(system.rates[q.name] for q in system.states)
-    constraints = tuple((c.name, c.unit, c.expression) for c in region.inequalities)
-    symbols = {q.name: q.symbol for q in (*system.disturbances, *parameters.values())}
+    symbols = {q.name: q.symbol for q in system.disturbances}
     used = symbols_of(expressions)
     told = [p for p in parameters.values() if p.symbol in used]
-    candidates = _candidates(system, inputs, {n: ranges[n] for n in parameters})
+    candidates = np.empty((0 if law else 1, 0))
+    if law is None:
+        candidates = candidates_of(system, inputs, {n: ranges[n] for n in parameters})
+    sampling = Sampling(
+        float(sample_time),
+        errors_of(system, errors or {}),
+        delay_of(float(delay), float(sample_time), law),
+        tuple((float(c.min()), float(c.max())) for c in candidates.T),
+        given,
+    )
     flow = HeldFlow(
         rates,
         [e for _, _, e in constraints],
@@ -93,12 +125,18 @@ def certify(
         [q.symbol for q in system.inputs],
         {symbols[q.name]: ranges[q.name] for q in system.disturbances},
         {p.symbol: ranges[p.name] for p in told},
-        sample_time,
+        sampling,
+        [e for _, _, e in arrival],
     )
     tell = progress or (lambda what, share: None)
-    found = kept(flow, grid, candidates, holds, lambda share: tell("images of cells", share))
+    proved = reached if target is not None else kept
+    tried = np.empty((1, 0)) if law else candidates
+    if target is not None and not len(where(flow.arrived, grid)):
+        raise SimulationError(f"no cell lies in '{target.name}'", remedy="take smaller cells")
+    found = proved(flow, grid, tried, holds, lambda share: tell("images of cells", share))
+    title = f"{system.name} in {region.name}" + (f" to {target.name}" if target else "")
     return Certificate(
-        title=f"{system.name} in {region.name}",
+        title=title + (f", by {law.name}" if law else ""),
         states=tuple((q.name, q.unit) for q in system.states),
         inputs=tuple((q.name, q.unit) for q in system.inputs),
         disturbances=tuple((q.name, q.unit) for q in system.disturbances),
@@ -106,78 +144,17 @@ def certify(
         ranges={q.name: ranges[q.name] for q in (*system.disturbances, *told)},
         rates=rates,
         constraints=constraints,
-        hold=float(sample_time),
+        sampling=sampling,
         candidates=candidates,
         kept=found,
+        target=arrival,
     )
-
-
-def _parameters(system: System, region: Region) -> dict[str, Parameter]:
-    """Those of both. Raises `SimulationError` where one name has two values."""
-    found = {p.name: p for p in region.parameters}
-    for p in system.parameters:
-        if found.setdefault(p.name, p).value != p.value:
-            raise SimulationError(
-                f"'{p.name}' is {p.value:g} in system '{system.name}' and {found[p.name].value:g} "
-                f"in region '{region.name}'"
-            )
-    return found
-
-
-def _ranges(
-    system: System, region: Region, uncertain: dict[str, Range], known: dict[str, float]
-) -> dict[str, Range]:
-    """What each parameter and disturbance may be."""
-    found = {p.name: (p.value, p.value) for p in (*system.parameters, *region.parameters)}
-    for name, (low, high) in uncertain.items():
-        if name not in found:
-            raise SimulationError(
-                f"uncertain names '{name}', which is no parameter",
-                remedy=suggestion(name, found),
-            )
-        if not (math.isfinite(low) and math.isfinite(high) and low <= high):
-            raise SimulationError(f"uncertain: {name} is {low:g} to {high:g}")
-        found[name] = (float(low), float(high))
-    for name in known:
-        if name not in system.disturbance_names:
-            raise SimulationError(
-                f"disturbance names '{name}', which is none",
-                remedy=suggestion(name, system.disturbance_names),
-            )
-    if set(system.disturbance_names) - set(known):
-        if system.disturbance_bounds is None:
-            raise SimulationError(f"system '{system.name}' has no bounds of its disturbances")
-        ends = _ends(system, system.disturbance_bounds, found)
-        for name, (least, most) in zip(system.disturbance_names, ends, strict=True):
-            found[name] = least[0], most[1]
-    return found | {name: (float(v), float(v)) for name, v in known.items()}
-
-
-def _ends(system: System, bounds: Bounds, ranges: Mapping[str, Range]) -> list[tuple[Range, Range]]:
-    """Of each component what its least and its greatest value may be, every rounding counted."""
-    ends = [e for pair in bounds.ranges() for e in pair]
-    found = _over_parameters(system, ends, ranges)
-    if not np.isfinite(found).all():
-        raise SimulationError("a bound is not finite", expected="finite bounds of all")
-    rows = [(float(a), float(b)) for a, b in found]
-    return list(zip(rows[0::2], rows[1::2], strict=True))
-
-
-def _over_parameters(
-    system: System, expressions: Sequence[sp.Expr], ranges: Mapping[str, Range]
-) -> Floats:
-    """Enclosures of expressions of the parameters, a row each."""
-    known = list(system.parameters)
-    corners = np.array([[ranges[p.name][end] for p in known] for end in (0, 1)]).reshape(2, 1, -1)
-    enclosure = Enclosure([exact(e) for e in expressions], [p.symbol for p in known])
-    low, high = enclosure.over(corners[0], corners[1])
-    return np.stack([low[0], high[0]], axis=1)
 
 
 def _cells(
     system: System,
     box: Mapping[str, Range],
-    counts: int | Mapping[str, int],
+    counts: int | Mapping[str, int | Sequence[float]],
     expressions: Sequence[sp.Expr],
 ) -> Cells:
     edges, periodic = [], []
@@ -191,7 +168,11 @@ def _cells(
         if q.name not in box:
             raise SimulationError(f"box lacks the state '{q.name}'")
         low, high = box[q.name]
-        count = counts if isinstance(counts, int) else counts.get(q.name, 101)
+        count = counts if isinstance(counts, int) else counts.get(q.name, CELLS)
+        if not isinstance(count, int):
+            edges.append(_edges(q.name, np.array(count, dtype=float), low, high))
+            periodic.append(False)
+            continue
         if not (math.isfinite(low) and math.isfinite(high) and low < high) or count < 1:
             raise SimulationError(f"{q.name}: {count} cells from {low:g} to {high:g}")
         turns = q.unit == "rad" and abs(high - low - TURN) < 1e-9
@@ -203,6 +184,19 @@ def _cells(
     return Cells(tuple(edges), tuple(periodic))
 
 
+def _edges(name: str, edges: Floats, low: float, high: float) -> Floats:
+    """Those that are given, of cells that need not be even."""
+    grow = edges.ndim == 1 and len(edges) > 1 and bool((np.diff(edges) > 0).all())
+    if not grow or not np.isfinite(edges).all():
+        raise SimulationError(f"cells: the edges of {name} do not grow", expected="finite numbers")
+    if edges[0] != low or edges[-1] != high:
+        raise SimulationError(
+            f"cells: the edges of {name} are from {edges[0]:g} to {edges[-1]:g}",
+            expected=f"those of its box, {low:g} to {high:g}",
+        )
+    return edges
+
+
 def _comes_back(e: sp.Expr, angle: sp.Symbol) -> bool:
     """Whether an expression has an angle in sums inside sines and cosines alone."""
     if angle not in e.free_symbols:
@@ -210,29 +204,3 @@ def _comes_back(e: sp.Expr, angle: sp.Symbol) -> bool:
     if isinstance(e, sp.sin | sp.cos):
         return e.args[0].diff(angle) in (1, -1)
     return bool(e.args) and all(_comes_back(a, angle) for a in e.args)
-
-
-def _candidates(
-    system: System, counts: int | Mapping[str, int], ranges: Mapping[str, Range]
-) -> Floats:
-    """Inputs that are tried: within the bounds for every number that is uncertain."""
-    if not system.inputs:
-        return np.empty((1, 0))
-    if system.input_bounds is None:
-        raise SimulationError(f"system '{system.name}' has no bounds of its inputs")
-    ends = _ends(system, system.input_bounds, ranges)
-    axes = []
-    for k, q in enumerate(system.inputs):
-        low, high = ends[k][0][1], ends[k][1][0]  # for every number that is uncertain
-        count = counts if isinstance(counts, int) else counts.get(q.name, INPUTS)
-        if count < 2 or not low <= high:
-            raise SimulationError(f"{q.name}: {count} values from {low:g} to {high:g}")
-        axes.append(np.linspace(low, high, count))
-    tried = np.array(list(itertools.product(*axes)))
-    inside = np.ones(len(tried), dtype=bool)
-    for normal, bound in system.input_bounds.half_spaces():
-        *weights, (_, most) = _over_parameters(system, [*normal, -bound], ranges)
-        for k, (a, b) in enumerate(weights):
-            most = most + np.maximum(a * tried[:, k], b * tried[:, k])
-        inside &= most <= ROUNDED
-    return tried[inside]

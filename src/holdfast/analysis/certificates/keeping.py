@@ -7,11 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from holdfast.analysis.certificates.cells import Cells, Counted, Floats, Truths, Wholes
+from holdfast.analysis.certificates.cells import Cells, Counted, Floats, Wholes
+from holdfast.analysis.certificates.images import images, where
 from holdfast.execution.intervals.held_flow import HeldFlow
-from holdfast.execution.resources import check_memory
-
-BLOCK = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -55,9 +53,9 @@ def kept(
     for ever. Where a cell's input leads is the same at every sweep, and the set only shrinks: an
     input that does not keep a cell will not do so later.
     """
-    tell = progress or (lambda share: None)
-    inside = _inside(flow, cells)
-    first, last, usable = _led(flow, cells, candidates, inside, tell)
+    inside = where(flow.inside, cells)
+    found = images(flow, cells, candidates, inside, progress or (lambda share: None))
+    first, last, usable = found.first, found.last, found.usable
     count, most = len(inside), len(candidates)
     choice = np.zeros(count, dtype=np.int64)
     alive = np.ones(count, dtype=bool)
@@ -91,42 +89,3 @@ def kept(
     level = np.full(len(members), 0 if holds is None else holds)
     entries = np.concatenate([np.stack([members, inputs, level], axis=1), *earlier])
     return Kept(cells, members, inputs, holds, sweeps, entries, inside)
-
-
-def _inside(flow: HeldFlow, cells: Cells) -> Wholes:
-    total = int(np.prod(cells.counts))
-    found = []
-    for begin in range(0, total, BLOCK):
-        flat = np.arange(begin, min(begin + BLOCK, total))
-        found.append(flat[flow.inside(*cells.corners(flat))])
-    return np.concatenate(found)
-
-
-def _led(
-    flow: HeldFlow,
-    cells: Cells,
-    candidates: Floats,
-    inside: Wholes,
-    tell: Callable[[float], None],
-) -> tuple[np.ndarray, np.ndarray, Truths]:
-    """The blocks of cells to which each input leads from each cell, and whether it is usable."""
-    axes, most = len(cells.counts), len(candidates)
-    shape = (len(inside), most, axes)
-    check_memory(
-        len(inside) * most * (8 * axes + 1),
-        f"{len(inside):,} cells in the region times {most} inputs",
-        "take fewer cells or inputs",
-    )
-    first, last = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=np.int32)
-    usable = np.zeros(shape[:2], dtype=bool)
-    for begin in range(0, len(inside), BLOCK):
-        part = slice(begin, begin + BLOCK)
-        low, high = cells.corners(inside[part])
-        for k, u in enumerate(candidates):
-            found = flow.held(low, high, np.tile(u, (len(low), 1)))
-            a, b, stays = cells.touched(found.low, found.high)
-            usable[part, k] = found.kept & stays
-            fine = usable[part, k][:, None]
-            first[part, k], last[part, k] = np.where(fine, a, 0), np.where(fine, b, 0)
-        tell(min(begin + BLOCK, len(inside)) / len(inside))
-    return first, last, usable

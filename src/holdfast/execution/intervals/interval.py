@@ -6,6 +6,9 @@ to nearest, BIT 49, 2009): with phi = 2^-53 (1 + 2^-52) and eta the least subnor
 
     x - (phi |x| + eta) <= predecessor of x,      x + (phi |x| + eta) >= successor of x
 
+A sum that is subnormal or zero is exact, as it is a multiple of eta: so x - 2^-52 |x| and
+x + 2^-52 |x| contain the real sum that rounds to x, and the difference of equal numbers is 0.
+
 An end that is not a number says that nothing is known; every comparison with it is false.
 """
 
@@ -18,6 +21,7 @@ from holdfast.execution.arithmetic.steps import FLOAT, Steps, Value, choose, roo
 
 PHI = 2.0**-53 * (1 + 2.0**-52)
 ETA = 5e-324
+ULP = 2.0**-52
 TURN = 6.283185307179587
 """The float above 2 pi."""
 
@@ -30,6 +34,16 @@ def below(x: Value) -> Value:
 def above(x: Value) -> Value:
     """A float above every real number that rounds to x."""
     return x + (abs(x) * PHI + ETA)
+
+
+def below_sum(x: Value) -> Value:
+    """A float that is at most a real sum that rounds to x."""
+    return x - abs(x) * ULP
+
+
+def above_sum(x: Value) -> Value:
+    """A float that is at least a real sum that rounds to x."""
+    return x + abs(x) * ULP
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,14 +76,14 @@ class Interval:
             return other
         if other.number == 0:
             return self
-        return Interval(below(self.low + other.low), above(self.high + other.high))
+        return Interval(below_sum(self.low + other.low), above_sum(self.high + other.high))
 
     def __sub__(self, other: Interval) -> Interval:
         if other.number == 0:
             return self
         if self.number == 0:
             return -other
-        return Interval(below(self.low - other.high), above(self.high - other.low))
+        return Interval(below_sum(self.low - other.high), above_sum(self.high - other.low))
 
     def __mul__(self, other: Interval) -> Interval:
         if self is other:
@@ -134,7 +148,7 @@ class Interval:
 
     def widened(self, by: Value | float) -> Interval:
         """With every number that is within `by` of one of these."""
-        return Interval(below(self.low - by), above(self.high + by))
+        return Interval(below_sum(self.low - by), above_sum(self.high + by))
 
     def within(self, low: float, high: float) -> Interval:
         """The part between two numbers, of a quantity that is always there."""

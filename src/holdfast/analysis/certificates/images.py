@@ -1,0 +1,69 @@
+"""Images of cells: to which blocks of cells a held input leads from each cell of a region."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.analysis.certificates.cells import Cells, Floats, Truths, Wholes
+from holdfast.execution.intervals.held_flow import HeldFlow
+from holdfast.execution.resources import check_memory
+
+BLOCK = 1 << 16
+
+
+@dataclass(frozen=True)
+class Images:
+    """From cells (rows) by inputs (columns) to blocks of cells.
+
+    first, last: the blocks, shape (cells, inputs, axes). usable: whether the input keeps the
+    region on the way, and the block is inside the grid.
+    """
+
+    cells: Wholes
+    first: npt.NDArray[np.int32]
+    last: npt.NDArray[np.int32]
+    usable: Truths
+
+
+def where(sure: Callable[[Floats, Floats], Truths], cells: Cells) -> Wholes:
+    """Numbers of the cells all over which something is sure."""
+    total = int(np.prod(cells.counts))
+    found = []
+    for begin in range(0, total, BLOCK):
+        flat = np.arange(begin, min(begin + BLOCK, total))
+        found.append(flat[sure(*cells.corners(flat))])
+    return np.concatenate(found)
+
+
+def images(
+    flow: HeldFlow,
+    cells: Cells,
+    candidates: Floats,
+    of: Wholes,
+    tell: Callable[[float], None],
+) -> Images:
+    """Of these cells by every input, shape (inputs, ...)."""
+    axes, most = len(cells.counts), len(candidates)
+    shape = (len(of), most, axes)
+    check_memory(
+        len(of) * most * (8 * axes + 1),
+        f"{len(of):,} cells in the region times {most} inputs",
+        "take fewer cells or inputs",
+    )
+    first, last = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=np.int32)
+    usable = np.zeros(shape[:2], dtype=bool)
+    for begin in range(0, len(of), BLOCK):
+        part = slice(begin, begin + BLOCK)
+        low, high = cells.corners(of[part])
+        for k, u in enumerate(candidates):
+            found = flow.held(low, high, np.tile(u, (len(low), 1)))
+            a, b, stays = cells.touched(found.low, found.high)
+            usable[part, k] = found.kept & stays
+            fine = usable[part, k][:, None]
+            first[part, k], last[part, k] = np.where(fine, a, 0), np.where(fine, b, 0)
+        tell(min(begin + BLOCK, len(of)) / len(of))
+    return Images(of, first, last, usable)

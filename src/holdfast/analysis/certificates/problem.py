@@ -1,0 +1,170 @@
+"""What is given of a problem that is certified: ranges, candidates, how it is sampled, a law."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import sympy as sp
+
+from holdfast.analysis.certificates.cells import Floats
+from holdfast.analysis.certificates.certificate import Range
+from holdfast.errors import SimulationError, suggestion
+from holdfast.execution.intervals.enclosure import Enclosure
+from holdfast.execution.intervals.held_flow import exact
+from holdfast.maths.definitions.bounds import Bounds
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.quantity import Parameter
+from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.traversal import symbols_of
+
+ROUNDED = 1e-12
+"""By which an input on a bound may exceed it, as floats do."""
+
+INPUTS = 5
+"""Values of each input that are tried, evenly between its bounds."""
+
+
+def inputs_of_law(system: System, law: Law) -> tuple[sp.Expr, ...]:
+    """The inputs that a law gives, limited as the system limits them, of the states alone."""
+    if set(law.outputs) != set(system.input_names):
+        raise SimulationError(
+            f"law '{law.name}' gives {', '.join(law.outputs)}",
+            expected=f"the inputs of system '{system.name}': {', '.join(system.input_names)}",
+        )
+    if law.safeguard is not None or law.lookup is not None:
+        raise SimulationError(
+            f"law '{law.name}' has a safeguard or a table", expected="a law of expressions alone"
+        )
+    asked = [law.outputs[n] for n in system.input_names]
+    if system.input_bounds is not None:
+        asked = list(system.input_bounds.saturate(asked))
+    numbers = {p.symbol: exact(p.value) for p in (*law.parameters, *system.parameters)}
+    given = tuple(exact(e).xreplace(numbers) for e in asked)
+    if odd := symbols_of(given) - {q.symbol for q in system.states}:
+        raise SimulationError(
+            f"law '{law.name}' uses {', '.join(sorted(map(str, odd)))}", expected="states alone"
+        )
+    return given
+
+
+def errors_of(system: System, errors: Mapping[str, float]) -> tuple[float, ...]:
+    for name, value in errors.items():
+        if name not in system.state_names:
+            raise SimulationError(
+                f"errors names '{name}', which is no state",
+                remedy=suggestion(name, system.state_names),
+            )
+        if not (math.isfinite(value) and value >= 0):
+            raise SimulationError(f"errors: {name} is {value:g}", expected="a number from 0 on")
+    return tuple(float(errors.get(q.name, 0.0)) for q in system.states)
+
+
+def delay_of(delay: float, sample_time: float, law: Law | None) -> float:
+    if not 0 <= delay < sample_time:
+        raise SimulationError(
+            f"delay is {delay:g} s", expected=f"from 0 to below the sample time, {sample_time:g} s"
+        )
+    if delay and law is not None:
+        raise SimulationError(
+            "a law with a delay is not certified", remedy="leave out law or delay"
+        )
+    return delay
+
+
+def parameters_of(system: System, regions: Sequence[Region]) -> dict[str, Parameter]:
+    """Those of all. Raises `SimulationError` where one name has two values."""
+    found: dict[str, tuple[str, Parameter]] = {}
+    named = [(f"region '{r.name}'", r.parameters) for r in regions]
+    named.append((f"system '{system.name}'", system.parameters))
+    for name, parameters in named:
+        for p in parameters:
+            where, other = found.setdefault(p.name, (name, p))
+            if other.value != p.value:
+                raise SimulationError(
+                    f"'{p.name}' is {p.value:g} in {name} and {other.value:g} in {where}"
+                )
+    return {name: p for name, (_, p) in found.items()}
+
+
+def ranges_of(
+    system: System,
+    regions: Sequence[Region],
+    uncertain: dict[str, Range],
+    known: dict[str, float],
+) -> dict[str, Range]:
+    """What each parameter and disturbance may be."""
+    every = parameters_of(system, regions).values()
+    found = {p.name: (float(p.value), float(p.value)) for p in every}
+    for name, (low, high) in uncertain.items():
+        if name not in found:
+            raise SimulationError(
+                f"uncertain names '{name}', which is no parameter",
+                remedy=suggestion(name, found),
+            )
+        if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+            raise SimulationError(f"uncertain: {name} is {low:g} to {high:g}")
+        found[name] = (float(low), float(high))
+    for name in known:
+        if name not in system.disturbance_names:
+            raise SimulationError(
+                f"disturbance names '{name}', which is none",
+                remedy=suggestion(name, system.disturbance_names),
+            )
+    if set(system.disturbance_names) - set(known):
+        if system.disturbance_bounds is None:
+            raise SimulationError(f"system '{system.name}' has no bounds of its disturbances")
+        ends = _ends(system, system.disturbance_bounds, found)
+        for name, (least, most) in zip(system.disturbance_names, ends, strict=True):
+            found[name] = least[0], most[1]
+    return found | {name: (float(v), float(v)) for name, v in known.items()}
+
+
+def _ends(system: System, bounds: Bounds, ranges: Mapping[str, Range]) -> list[tuple[Range, Range]]:
+    """Of each component what its least and its greatest value may be, every rounding counted."""
+    ends = [e for pair in bounds.ranges() for e in pair]
+    found = _over_parameters(system, ends, ranges)
+    if not np.isfinite(found).all():
+        raise SimulationError("a bound is not finite", expected="finite bounds of all")
+    rows = [(float(a), float(b)) for a, b in found]
+    return list(zip(rows[0::2], rows[1::2], strict=True))
+
+
+def _over_parameters(
+    system: System, expressions: Sequence[sp.Expr], ranges: Mapping[str, Range]
+) -> Floats:
+    """Enclosures of expressions of the parameters, a row each."""
+    known = list(system.parameters)
+    corners = np.array([[ranges[p.name][end] for p in known] for end in (0, 1)]).reshape(2, 1, -1)
+    enclosure = Enclosure([exact(e) for e in expressions], [p.symbol for p in known])
+    low, high = enclosure.over(corners[0], corners[1])
+    return np.stack([low[0], high[0]], axis=1)
+
+
+def candidates_of(
+    system: System, counts: int | Mapping[str, int], ranges: Mapping[str, Range]
+) -> Floats:
+    """Inputs that are tried: within the bounds for every number that is uncertain."""
+    if not system.inputs:
+        return np.empty((1, 0))
+    if system.input_bounds is None:
+        raise SimulationError(f"system '{system.name}' has no bounds of its inputs")
+    ends = _ends(system, system.input_bounds, ranges)
+    axes = []
+    for k, q in enumerate(system.inputs):
+        low, high = ends[k][0][1], ends[k][1][0]  # for every number that is uncertain
+        count = counts if isinstance(counts, int) else counts.get(q.name, INPUTS)
+        if count < 2 or not low <= high:
+            raise SimulationError(f"{q.name}: {count} values from {low:g} to {high:g}")
+        axes.append(np.linspace(low, high, count))
+    tried = np.array(list(itertools.product(*axes)))
+    inside = np.ones(len(tried), dtype=bool)
+    for normal, bound in system.input_bounds.half_spaces():
+        *weights, (_, most) = _over_parameters(system, [*normal, -bound], ranges)
+        for k, (a, b) in enumerate(weights):
+            most = most + np.maximum(a * tried[:, k], b * tried[:, k])
+        inside &= most <= ROUNDED
+    return tried[inside]

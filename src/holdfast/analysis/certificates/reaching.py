@@ -1,0 +1,131 @@
+"""The largest set of cells from which held inputs lead to a target, in a region until then."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from holdfast.analysis.certificates.cells import Cells, Floats, Truths, Wholes
+from holdfast.analysis.certificates.images import Images, images, where
+from holdfast.analysis.certificates.keeping import Kept
+from holdfast.execution.intervals.held_flow import HeldFlow
+
+NONE = -1
+
+
+def reached(
+    flow: HeldFlow,
+    cells: Cells,
+    candidates: Floats,
+    holds: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Kept:
+    """The cells from which an input leads all states to cells that are closer to the target.
+
+    Those of the target are 0 sampling periods away from it; a cell from which an input leads to
+    cells of up to n periods, in the region on the way, is n + 1 away. holds: how many periods at
+    most; None is as many as there are. The result's `holds` is the largest number, its entries'
+    levels are the numbers of each.
+    """
+    arrived = where(flow.arrived, cells)
+    within = np.zeros(int(np.prod(cells.counts)), dtype=bool)
+    within[where(flow.inside, cells)] = True
+    within[arrived] = False
+    region = np.flatnonzero(within)
+    found = images(flow, cells, candidates, region, progress or (lambda share: None))
+    waiting = _Waiting(found, cells.counts)
+    captured = np.zeros(len(within), dtype=bool)
+    captured[arrived] = True
+    entries, level, fresh = [], 0, arrived
+    while len(fresh) and (holds is None or level < holds):
+        level += 1
+        rows, inputs = waiting.led_into(captured, fresh)
+        fresh = region[rows]
+        captured[fresh] = True
+        entries.append(np.stack([fresh, inputs, np.full(len(rows), level)], axis=1))
+    every = np.concatenate(entries) if entries else np.empty((0, 3), dtype=np.int64)
+    every = every[np.argsort(every[:, 0])]
+    farthest = int(every[:, 2].max()) if len(every) else 1
+    return Kept(cells, every[:, 0], every[:, 1], farthest, level, every, region)
+
+
+class _Waiting:
+    """Images that wait for a cell of theirs: each is looked at again when that one is captured.
+
+    Lists by cell: `_head` the first image that waits for a cell, `_next` the one after an image.
+    """
+
+    def __init__(self, found: Images, counts: tuple[int, ...]) -> None:
+        self._images, self._counts = found, counts
+        inputs = found.usable.shape[1]
+        axes = len(counts)
+        self._first = found.first.reshape(-1, axes)
+        self._last = found.last.reshape(-1, axes)
+        self._row = np.repeat(np.arange(len(found.cells)), inputs)
+        self._input = np.tile(np.arange(inputs), len(found.cells))
+        self._done = np.zeros(len(found.cells), dtype=bool)
+        self._head = np.full(int(np.prod(counts)), NONE, dtype=np.int64)
+        self._next = np.full(len(self._row), NONE, dtype=np.int64)
+        self._unseen = np.flatnonzero(found.usable.reshape(-1))
+
+    def led_into(self, captured: Truths, fresh: Wholes) -> tuple[Wholes, Wholes]:
+        """Rows of cells that an image of theirs leads into captured cells, and its input."""
+        asked = np.concatenate([self._unseen, self._waiting_for(fresh)])
+        self._unseen = self._unseen[:0]
+        asked = asked[~self._done[self._row[asked]]]
+        outside = self._outside(asked, captured)
+        led = asked[outside == NONE]
+        rows, at = np.unique(self._row[led], return_index=True)
+        self._done[rows] = True
+        self._wait(asked[outside != NONE], outside[outside != NONE])
+        return rows, self._input[led][at]
+
+    def _waiting_for(self, fresh: Wholes) -> Wholes:
+        at, found = self._head[fresh], []
+        self._head[fresh] = NONE
+        while len(at := at[at != NONE]):
+            found.append(at)
+            at = self._next[at]
+        return np.concatenate(found) if found else np.empty(0, dtype=np.int64)
+
+    def _wait(self, asked: Wholes, cells: Wholes) -> None:
+        order = np.argsort(cells, kind="stable")
+        asked, cells = asked[order], cells[order]
+        if not len(asked):
+            return
+        ends = np.append(cells[1:] != cells[:-1], True)
+        self._next[asked] = np.where(ends, self._head[cells], np.append(asked[1:], NONE))
+        begins = np.append(True, ends[:-1])
+        self._head[cells[begins]] = asked[begins]
+
+    def _outside(self, asked: Wholes, captured: Truths) -> Wholes:
+        """For each image a cell of its block that is not captured, NONE where all are.
+
+        Corners are looked at first: it is there that most blocks stick out.
+        """
+        found = np.full(len(asked), NONE, dtype=np.int64)
+        left = np.arange(len(asked))
+        axes = len(self._counts)
+        for corner in range(2**axes):
+            ends = [corner >> axis & 1 for axis in range(axes)]
+            place = np.where(ends, self._last[asked[left]], self._first[asked[left]])
+            left = self._look(place.astype(np.int64), left, found, captured)
+        if not len(left):
+            return found
+        size = self._last[asked[left]] - self._first[asked[left]]
+        for steps in np.ndindex(*(size.max(axis=0) + 1)):
+            offset = np.array(steps, dtype=np.int64)
+            fits = left[(offset <= self._last[asked[left]] - self._first[asked[left]]).all(axis=1)]
+            self._look(self._first[asked[fits]] + offset, fits, found, captured)
+            left = left[found[left] == NONE]
+        return found
+
+    def _look(self, place: Wholes, left: Wholes, found: Wholes, captured: Truths) -> Wholes:
+        """Notes where a place is not captured; those that are left."""
+        cell = np.zeros(len(place), dtype=np.int64)
+        for axis, count in enumerate(self._counts):
+            cell = cell * count + place[:, axis] % count
+        out = ~captured[cell]
+        found[left[out]] = cell[out]
+        return left[~out]
