@@ -2,7 +2,7 @@
 
 python benchmarks/current_reach.py [--only NAME] [--limit 25] [--guesses 5]
 
-It needs casadi. The starts are those that a scenario leaves on the way (`inspection-current`,
+It needs casadi. The starts are those that a scenario leaves on the way (`inspection-swift-current`,
 `otter-current`) in currents 7 degrees or more off the wall. First the same law with other numbers:
 where it comes to rest, its run is a trajectory. Then optimal control with the whole model: six
 states, the limits of each thruster, c(q) <= 0 at every node and between them, from rest at the
@@ -67,22 +67,23 @@ class Case:
 
 CASES = (
     Case(
-        "inspection-current", 0.2, 1.0, 150.0, 0.12, (0.15, 0.1),
+        "inspection-swift-current", 0.2, 1.0, 150.0, 0.12, (0.15, 0.1),
         (
-            ("law.lead=1", "law.turn_first=0.35", "tracking.u=3.5"),
-            ("safeguard.gains=[6.0, 10.0]",),
-            ("law.kv=12",),
-            ("law.leg_margin=0.005",),
-            ("law.near_margin=0.15",),
-            ("law.leg_speed=1.0",),
+            ("law.leg_speed=0.78",),
+            ("law.near_margin=0.38",),
+            ("law.near_margin=0.48",),
+            ("law.kv=8", "tracking.r=20", "safeguard.gains=[4.0, 8.0]"),
+            ("law.exponent=1.5", "law.mu=1.8"),
         ),
     ),
     Case(
         "otter-current", 0.3, 5.0, 300.0, 0.3, (0.2, 0.1),
         (
             ("law.near_margin=0.8",),
-            ("law.leg_speed=1.8",),
-            ("law.leg_margin=0.01",),
+            ("law.leg_speed=1.4",),
+            ("law.k1=0.3",),
+            ("law.kv=2.6", "tracking.u=2.6", "tracking.r=11"),
+            ("law.far_share=-0.4",),
         ),
     ),
 )  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,9 +11,9 @@ import numpy.typing as npt
 
 from holdfast.analysis.certificates.cells import Cells, Floats, Truths, Wholes
 from holdfast.execution.intervals.held_flow import HeldFlow
-from holdfast.execution.resources import check_memory
+from holdfast.execution.resources import available_cores, check_memory
 
-BLOCK = 1 << 16
+BLOCK = 1 << 15
 
 
 @dataclass(frozen=True)
@@ -56,14 +57,24 @@ def images(
     )
     first, last = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=np.int32)
     usable = np.zeros(shape[:2], dtype=bool)
-    for begin in range(0, len(of), BLOCK):
+    corners = cells.corners(of)
+
+    def led(task: tuple[int, int]) -> None:
+        begin, k = task
         part = slice(begin, begin + BLOCK)
-        low, high = cells.corners(of[part])
-        for k, u in enumerate(candidates):
-            found = flow.held(low, high, np.tile(u, (len(low), 1)))
-            a, b, stays = cells.touched(found.low, found.high)
-            usable[part, k] = found.kept & stays
-            fine = usable[part, k][:, None]
-            first[part, k], last[part, k] = np.where(fine, a, 0), np.where(fine, b, 0)
-        tell(min(begin + BLOCK, len(of)) / len(of))
+        low, high = corners[0][part], corners[1][part]
+        found = flow.held(low, high, np.tile(candidates[k], (len(low), 1)))
+        a, b, stays = cells.touched(found.low, found.high)
+        usable[part, k] = found.kept & stays
+        fine = usable[part, k][:, None]
+        first[part, k], last[part, k] = np.where(fine, a, 0), np.where(fine, b, 0)
+
+    tasks = [(begin, k) for begin in range(0, len(of), BLOCK) for k in range(most)]
+    with ThreadPoolExecutor(available_cores()) as pool:
+        try:
+            for done, _ in enumerate(pool.map(led, tasks), 1):
+                tell(done / len(tasks))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
     return Images(of, first, last, usable)

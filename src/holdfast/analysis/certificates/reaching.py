@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from holdfast.analysis.certificates.cells import Cells, Floats, Truths, Wholes
 from holdfast.analysis.certificates.images import Images, images, where
@@ -62,6 +65,7 @@ class _Waiting:
         axes = len(counts)
         self._first = found.first.reshape(-1, axes)
         self._last = found.last.reshape(-1, axes)
+        self._corner = self._cell(self._first)
         self._row = np.repeat(np.arange(len(found.cells)), inputs)
         self._input = np.tile(np.arange(inputs), len(found.cells))
         self._done = np.zeros(len(found.cells), dtype=bool)
@@ -99,33 +103,36 @@ class _Waiting:
         begins = np.append(True, ends[:-1])
         self._head[cells[begins]] = asked[begins]
 
+    def _cell(self, place: npt.NDArray[np.integer[Any]]) -> Wholes:
+        cell = np.zeros(len(place), dtype=np.int64)
+        for axis, count in enumerate(self._counts):
+            cell = cell * count + place[:, axis] % count
+        return cell
+
     def _outside(self, asked: Wholes, captured: Truths) -> Wholes:
         """For each image a cell of its block that is not captured, NONE where all are.
 
         Corners are looked at first: it is there that most blocks stick out.
         """
         found = np.full(len(asked), NONE, dtype=np.int64)
-        left = np.arange(len(asked))
-        axes = len(self._counts)
-        for corner in range(2**axes):
-            ends = [corner >> axis & 1 for axis in range(axes)]
-            place = np.where(ends, self._last[asked[left]], self._first[asked[left]])
-            left = self._look(place.astype(np.int64), left, found, captured)
-        if not len(left):
-            return found
-        size = self._last[asked[left]] - self._first[asked[left]]
-        for steps in np.ndindex(*(size.max(axis=0) + 1)):
-            offset = np.array(steps, dtype=np.int64)
-            fits = left[(offset <= self._last[asked[left]] - self._first[asked[left]]).all(axis=1)]
-            self._look(self._first[asked[fits]] + offset, fits, found, captured)
-            left = left[found[left] == NONE]
+        left = _noted(self._corner[asked], np.arange(len(asked)), found, captured)
+        first, last = (a[asked[left]].astype(np.int64) for a in (self._first, self._last))
+        rows = np.arange(len(left))  # of these, those that are left
+        for ends in itertools.product((False, True), repeat=len(self._counts)):
+            cell = self._cell(np.where(ends, last[rows], first[rows]))
+            _noted(cell, left[rows], found, captured)
+            rows = rows[captured[cell]]
+        for steps in itertools.product(
+            *(range(n + 1) for n in (last[rows] - first[rows]).max(axis=0, initial=-1))
+        ):
+            fits = rows[(steps <= last[rows] - first[rows]).all(axis=1)]
+            _noted(self._cell(first[fits] + np.array(steps)), left[fits], found, captured)
+            rows = rows[found[left[rows]] == NONE]
         return found
 
-    def _look(self, place: Wholes, left: Wholes, found: Wholes, captured: Truths) -> Wholes:
-        """Notes where a place is not captured; those that are left."""
-        cell = np.zeros(len(place), dtype=np.int64)
-        for axis, count in enumerate(self._counts):
-            cell = cell * count + place[:, axis] % count
-        out = ~captured[cell]
-        found[left[out]] = cell[out]
-        return left[~out]
+
+def _noted(cell: Wholes, left: Wholes, found: Wholes, captured: Truths) -> Wholes:
+    """Notes the cells that are not captured; the images that are left."""
+    out = ~captured[cell]
+    found[left[out]] = cell[out]
+    return left[~out]

@@ -1,0 +1,211 @@
+"""Certificates of published problems, and of sets that are known: how long, how much, and checked.
+
+    python benchmarks/certified.py [--only NAME] [--share 1.0]
+
+writes `benchmarks/certified.json`. Problems:
+
+* vehicle: the path planning of SCOTS (M. Rungger and M. Zamani, HSCC 2016): a car among walls
+  reaches a corner of a 10 m square. There it is answered at the samples; here between them too.
+* converter: the safety of a DC-DC converter with two modes (the same source, after A. Girard).
+* cart, cart3: between two walls, pushed; and pushed by an unknown bias that is a third state. Their
+  exact kernels are known: the share of the exact cells that is certified.
+
+share: of the entries that `holdfast-check` checks. Seconds are those of this machine; the second of
+two runs, after the machine code is made.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from functools import reduce
+from pathlib import Path
+
+import numpy as np
+import sympy as sp
+
+import holdfast as hf
+from holdfast.execution.resources import available_cores
+from holdfast.maths.expressions.functions import least
+
+RECORD = Path(__file__).with_suffix(".json")
+
+WALLS = (
+    (1, 1.2, 0, 9), (2.2, 2.4, 0, 5), (2.2, 2.4, 6, 10), (3.4, 3.6, 0, 9), (4.6, 4.8, 1, 10),
+    (5.8, 6, 0, 6), (5.8, 6, 7, 10), (7, 7.2, 1, 10), (8.2, 8.4, 0, 8.5), (8.4, 9.3, 8.3, 8.5),
+    (9.3, 10, 7.1, 7.3), (8.4, 9.3, 5.9, 6.1), (9.3, 10, 4.7, 4.9), (8.4, 9.3, 3.5, 3.7),
+    (9.3, 10, 2.3, 2.5),
+)  # fmt: skip
+"""Of the path planning problem: least and greatest x and y [m], facts of the source."""
+
+GOAL = (9.0, 9.51, 0.0, 0.51)
+START = (0.4, 0.4)
+
+
+def region(name: str, system: hf.System, limits: list[sp.Expr]) -> hf.Region:
+    rows = tuple(hf.Inequality(f"c{k}", e) for k, e in enumerate(limits))
+    return hf.Region(name, system.states, rows)
+
+
+def edges(marks: set[float], step: float) -> np.ndarray:
+    """Edges at all marks, and between them about `step` apart."""
+    found = [min(marks)]
+    for a, b in itertools.pairwise(sorted(marks)):
+        found += list(np.linspace(a, b, max(1, round((b - a) / step + 0.1)) + 1)[1:])
+        found[-1] = b
+    return np.array(found)
+
+
+def vehicle() -> hf.Certificate:
+    x, y, theta, v, steer = (hf.symbol(n) for n in ("x", "y", "theta", "v", "steer"))
+    slip = sp.atan(sp.tan(steer) / 2)
+    car = hf.System(
+        "vehicle",
+        (hf.Quantity("x", "m"), hf.Quantity("y", "m"), hf.Quantity("theta", "rad")),
+        (hf.Quantity("v", "m/s"), hf.Quantity("steer", "rad")),
+        {
+            "x": v * sp.cos(slip + theta) / sp.cos(slip),
+            "y": v * sp.sin(slip + theta) / sp.cos(slip),
+            "theta": v * sp.tan(steer),
+        },
+        input_bounds=hf.Box((-1.0, -1.0), (1.0, 1.0)),
+    )
+    free = [reduce(least, (x - a, b - x, y - c, d - y)) for a, b, c, d in WALLS]
+    square = region("square", car, [*free, -x, x - 10, -y, y - 10])
+    a, b, c, d = GOAL
+    goal = region("goal", car, [a - x, x - b, c - y, y - d])
+    marks = [{0.0, 10.0, *GOAL[2 * k : 2 * k + 2]} for k in (0, 1)]
+    for wall in WALLS:
+        for k in (0, 1):
+            marks[k] |= {float(m) for m in wall[2 * k : 2 * k + 2]}
+    return hf.certify(
+        car, square, target=goal, sample_time=0.3, inputs=7,
+        box={"x": (0, 10), "y": (0, 10), "theta": (-np.pi, np.pi)},
+        cells={"x": edges(marks[0], 0.2), "y": edges(marks[1], 0.2), "theta": 50},
+    )  # fmt: skip
+
+
+def converter() -> hf.Certificate:
+    """Current and a fifth of the voltage of a boost converter, with the numbers of the source."""
+    i, v, mode = (hf.symbol(n) for n in ("i", "v", "mode"))
+    xl, xc, rl, rc, ro = 3, 70, sp.Rational(1, 20), sp.Rational(1, 200), 1
+    through = sp.Rational(ro) / (ro + rc)
+    on = (-rl / xl * i + sp.Rational(1, xl), -1 / (xc * (ro + rc)) * v)
+    off = (
+        -(rl + rc * through) / xl * i - through / (5 * xl) * v + sp.Rational(1, xl),
+        5 * through / xc * i - 1 / (xc * (ro + rc)) * v,
+    )
+    system = hf.System(
+        "converter", (hf.Quantity("i", "1"), hf.Quantity("v", "1")), (hf.Quantity("mode", "1"),),
+        {n: (1 - mode) * a + mode * b for n, a, b in zip("iv", on, off, strict=True)},
+        input_bounds=hf.Box((0.0,), (1.0,)),
+    )  # fmt: skip
+    box = {"i": (1.15, 1.55), "v": (5.45, 5.85)}
+    stays = region(
+        "safe", system, [box["i"][0] - i, i - box["i"][1], box["v"][0] - v, v - box["v"][1]]
+    )
+    return hf.certify(system, stays, box=box, cells=800, sample_time=0.5, inputs=2)
+
+
+def cart(bias: bool) -> hf.Certificate:
+    """x'' = a + w between walls at 1 m; w is up to 0.3 m/s^2, or a constant that is a state."""
+    x, v, a, w = (hf.symbol(n) for n in ("x", "v", "a", "w"))
+    states = (hf.Quantity("x", "m"), hf.Quantity("v", "m/s"))
+    rates, box = {"x": v, "v": a + w}, {"x": (-1, 1), "v": (-2, 2)}
+    more = {} if bias else {
+        "disturbances": (hf.Quantity("w", "m/s^2"),), "disturbance_bounds": hf.Box((-0.3,), (0.3,)),
+    }  # fmt: skip
+    if bias:
+        states, rates = (*states, hf.Quantity("w", "m/s^2")), {**rates, "w": sp.S.Zero}
+        box["w"] = (-0.3, 0.3)
+    system = hf.System(
+        "cart",
+        states,
+        (hf.Quantity("a", "m/s^2"),),
+        rates,
+        input_bounds=hf.Box((-1.0,), (1.0,)),
+        **more,
+    )
+    walls = region("walls", system, [-1 - x, x - 1])
+    tried = 3 if bias else 9
+    return hf.certify(system, walls, box=box, cells=201, sample_time=0.2, inputs=tried)
+
+
+def exact_share(found: hf.Certificate) -> tuple[float, int]:
+    """Certified cells of those in the exact kernel; how many certified ones are not in it."""
+    low, high = found.cells.corners(np.arange(int(np.prod(found.cells.counts))))
+    fine = np.ones(len(low), dtype=bool)
+    for corner in itertools.product((0, 1), repeat=low.shape[1]):
+        q = np.where(corner, high, low)
+        v = q[:, 1]
+        w = 0.3 if q.shape[1] == 2 else np.sign(v) * q[:, 2]
+        fine &= np.abs(q[:, 0] + v * np.abs(v) / (2 * (1 - w))) <= 1
+        fine &= np.abs(q[:, 0]) <= 1
+    return float(fine[found.kept.members].sum() / fine.sum()), int(
+        (~fine[found.kept.members]).sum()
+    )
+
+
+PROBLEMS: dict[str, Callable[[], hf.Certificate]] = {
+    "vehicle": vehicle,
+    "converter": converter,
+    "cart": lambda: cart(False),
+    "cart3": lambda: cart(True),
+}
+PUBLISHED = {"vehicle": 597.96, "converter": 93.06}
+"""Seconds of SCOTS, on other hardware."""
+
+
+def judged(name: str, share: float) -> dict[str, object]:
+    seconds = []
+    for _ in range(2):
+        begun = time.perf_counter()
+        found = PROBLEMS[name]()
+        seconds.append(time.perf_counter() - begun)
+    row = {
+        "cells": list(found.cells.counts), "inputs": len(found.candidates),
+        "certified": len(found.kept.members), "share": round(found.kept.share, 4),
+        "seconds": round(seconds[1], 2),
+    }  # fmt: skip
+    if name in PUBLISHED:
+        row["published_seconds"] = PUBLISHED[name]
+    if name == "vehicle":
+        low, high = found.cells.corners(found.kept.members)
+        begins = (low[:, :2] <= START).all(axis=1) & (high[:, :2] >= START).all(axis=1)
+        row |= {"start_headings": int(begins.sum()), "holds": found.kept.holds}
+    if name.startswith("cart"):
+        row["of_exact"], row["outside_exact"] = exact_share(found)
+        row["of_exact"] = round(row["of_exact"], 4)
+    with tempfile.TemporaryDirectory() as folder:
+        path = found.write(Path(folder) / "some.certificate")
+        row["bytes"] = path.stat().st_size
+        begun = time.perf_counter()
+        code = "from holdfast_check import main; main()"
+        given = [sys.executable, "-c", code, str(path), "--share", str(share)]
+        row["checked"] = subprocess.run(given, capture_output=True, text=True).stdout.strip()
+        row["checked_seconds"] = round(time.perf_counter() - begun, 1)
+    print(json.dumps({name: row}))
+    return row
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", nargs="*", choices=PROBLEMS, default=list(PROBLEMS))
+    parser.add_argument("--share", type=float, default=0.02)
+    asked = parser.parse_args()
+    record = json.loads(RECORD.read_text("utf-8")) if RECORD.exists() else {}
+    record["machine"] = {"cores": available_cores(), "python": platform.python_version()}
+    for name in asked.only:
+        record[name] = judged(name, asked.share)
+        RECORD.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
