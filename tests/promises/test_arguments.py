@@ -96,6 +96,11 @@ def certificate():
     return hf.certify(scenario.system, scenario.region, box=still, cells=9, inputs=2, horizon=0.1)
 
 
+@cache
+def certificate_file():
+    return str(certificate().write(Path(tempfile.mkdtemp()) / "target.holdfast"))
+
+
 def over():
     return hf.grid(line(), {"x": (-1.2, 1.2)}, 21)
 
@@ -175,6 +180,9 @@ FUNCTIONS = {
         "uncertain": {"push": (0.1, 0.2)}, "disturbance": {"d": 0.1},
     },
     "certificate_figure": lambda: {"found": certificate()},
+    "certified_law": lambda: {"certificate": certificate(), "system": hf.load_scenario("seen-target").system},
+    "certified_system": lambda: {"certificate": certificate()},
+    "read_certificate": lambda: {"path": certificate_file()},
     "disturbance_margin": lambda: {
         "scenario": line_file(), "of": "push", "between": (0.1, 0.2), "tolerance": 0.09, "keep": [],
         "overrides": ["grid.nodes=7", "march.forever=false", "march.horizon=0.1"],
