@@ -15,6 +15,7 @@ from .analysis.identification.identify import identify as identify
 from .analysis.identification.log import Log as Log
 from .analysis.identification.log import Signal as Signal
 from .analysis.load import load as load
+from .analysis.online.certified_filter import CertifiedFilter as CertifiedFilter
 from .analysis.online.controller import Command as Command
 from .analysis.online.controller import Controller as Controller
 from .analysis.online.decision import Decision as Decision

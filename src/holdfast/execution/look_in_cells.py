@@ -88,3 +88,15 @@ def look_in_cells(
     for j in range(found - 1):
         out[1 + j] = edges[row * (found - 1) + j]
     return known
+
+
+def look_in_cells_many(
+    number: int, entries: Table, points: Floats, numbers: Floats, shape: Wholes, periodic: Wholes,
+    axes: int, rows: int, found: int, out: Floats, whole: Wholes,
+) -> None:  # fmt: skip
+    """`look_in_cells` at many points; a cell that is not known lasts 0."""
+    for k in range(number):
+        look_in_cells(
+            entries, points[k * axes :], numbers, shape, periodic, axes, rows, found,
+            out[k * found :], whole,
+        )  # fmt: skip
