@@ -26,6 +26,10 @@ from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 
 Truths = npt.NDArray[np.bool_]
+Wholes = npt.NDArray[np.int64]
+
+MOST_TOGETHER = 1 << 16
+"""Inputs at states that are enclosed at a time."""
 
 
 class CertifiedFilter:
@@ -160,12 +164,12 @@ class CertifiedFilter:
         needed = proof.needed(kept)
         passes = sure & proof.leads(x, chosen, needed)
         held = passes | known
-        for k in np.flatnonzero(~passes).tolist():
-            found = self._nearest(x[k], chosen[k], int(needed[k]), own[k], bool(known[k]))
-            if found is not None and sure[k]:
-                chosen[k], held[k] = found, True
-            else:
-                chosen[k] = own[k]
+        rest = np.flatnonzero(~passes)
+        many = max(1, MOST_TOGETHER // len(proof.candidates))
+        for begin in range(0, len(rest), many):
+            k = rest[begin : begin + many]
+            chosen[k], found = self._nearest(x[k], chosen[k], needed[k], own[k], known[k], sure[k])
+            held[k] |= found
         lasts = np.where(known, kept, (needed + 1) * self.sample_time if proof.lasts else math.inf)
         chosen[~finite] = self._fallback
         rows = np.zeros((len(x), 2 * m + self._limits.count - m + 4))
@@ -179,21 +183,24 @@ class CertifiedFilter:
         return rows, np.select([~finite, ~held, changed], [4, 3, 1], default=0)
 
     def _nearest(
-        self, x: Array, wanted: Array, needed: int, own: Array, known: bool
-    ) -> Array | None:
-        """The nearest input that was tried and surely leads so far; None if there is none."""
-        tried = self._proof.candidates
-        count = len(tried)
-        at = np.tile(x, (count, 1))
-        fine = self._proof.leads(at, tried, np.full(count, needed))
-        options = tried[fine]
-        if known:  # its cell is certified as a whole
-            options = np.concatenate([options, own[np.newaxis]])
-        if not len(options):
-            return None
-        far = (((options - wanted) / self._scales) ** 2).sum(axis=1)
-        nearest: Array = options[int(far.argmin())]
-        return nearest
+        self, x: Array, wanted: Array, needed: Wholes, own: Array, known: Truths, sure: Truths
+    ) -> tuple[Array, Truths]:
+        """The nearest inputs that were tried and surely lead so far, and where there is one.
+
+        A cell that is known is certified as a whole, so that its own input does; of another cell it
+        is that of the nearest one, where no input does.
+        """
+        tried, count = self._proof.candidates, len(x)
+        most = len(tried)
+        fine = self._proof.leads(
+            np.repeat(x, most, axis=0), np.tile(tried, (count, 1)), np.repeat(needed, most)
+        ).reshape(count, most)
+        fine &= sure[:, None]
+        fine |= known[:, None] & (tried == own[:, None]).all(axis=2)
+        far = (((tried - wanted[:, None]) / self._scales) ** 2).sum(axis=2)
+        nearest = tried[np.where(fine, far, math.inf).argmin(axis=1)]
+        found: Truths = np.asarray(fine.any(axis=1))
+        return np.where(found[:, None], nearest, own), found
 
     # -- what is said of a decision ----------------------------------------------------------
 
