@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from holdfast.analysis.online.decision import Status
-from holdfast.errors import SimulationError
+from holdfast.errors import ArgumentError, SimulationError
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.simulation.control_sample import ControlSamples
@@ -36,6 +36,10 @@ class Filtered:
         self._law = controller if isinstance(controller, Law | Switching) else None
         self._wished: Callable[[float, Array], Array]
         if not isinstance(controller, Law | Switching):
+            if not callable(controller):
+                raise ArgumentError(
+                    f"around: controller is {controller!r:.60}", expected="a law or a function"
+                )
             self._wished = controller
         self._sample = 0
 
