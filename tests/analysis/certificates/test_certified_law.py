@@ -2,6 +2,7 @@
 
 import ctypes
 import math
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -176,10 +177,24 @@ def test_another_vehicle_is_refused(seen):
             hf.certified_law(seen, hf.System(**{**fields, **change}))
 
 
-def test_certificate_without_a_cell_has_no_law():
+def test_certificate_without_a_cell_has_no_law_and_no_filter():
     none = hf.certify(camera(0.6), view(camera()), box=BOX, cells=9)
-    with pytest.raises(DefinitionError, match="has no cell"):
-        hf.certified_law(none)
+    for use in (hf.certified_law, hf.CertifiedFilter):
+        with pytest.raises(DefinitionError, match="has no cell"):
+            use(none)
+
+
+def test_certificate_that_says_more_than_is_known_has_no_law_and_no_filter(seen):
+    """What a certificate says beside, such as a goal, may change what its inputs are for."""
+
+    class More(hf.Certificate):
+        def header(self):
+            return {**super().header(), "goal": []}
+
+    more = More(**{f.name: getattr(seen, f.name) for f in fields(seen)})
+    for use in (hf.certified_law, hf.CertifiedFilter):
+        with pytest.raises(DefinitionError, match="has 'goal'"):
+            use(more)
 
 
 def turning():

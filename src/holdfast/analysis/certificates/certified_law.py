@@ -21,6 +21,12 @@ from holdfast.maths.definitions.quantity import Parameter, Quantity
 from holdfast.maths.definitions.sets.box import Box
 from holdfast.maths.definitions.system import System
 
+KEYS = {
+    "title", "states", "inputs", "disturbances", "parameters", "rates", "constraints", "hold",
+    "holds", "edges", "periodic", "candidates", "cells_in_region", "cells_kept", "entries",
+}  # fmt: skip
+"""What a header says: another key could change what is proved."""
+
 REMAINING = "remaining"
 """The signal of the law of a certificate for a horizon: for how long it still keeps the state."""
 
@@ -40,11 +46,7 @@ def certified_law(certificate: Certificate, system: System | None = None) -> Law
 
     Raises `DefinitionError` for a certificate without a cell and for another system.
     """
-    if not len(certificate.kept.members):
-        raise DefinitionError(
-            f"the certificate '{certificate.title}' has no cell",
-            remedy="certify with more cells or inputs, or for a shorter horizon",
-        )
+    check_usable(certificate)
     if system is None:
         states = tuple(Quantity(n, u) for n, u in certificate.states)
     else:
@@ -168,6 +170,20 @@ def _nearest(cells: Cells, known: Wholes) -> Wholes:
 
 
 # -- whether a vehicle is the one that is certified ----------------------------------------------
+
+
+def check_usable(certificate: Certificate) -> None:
+    """Raises `DefinitionError` for a certificate without a cell, or of more than is known here."""
+    if not len(certificate.kept.members):
+        raise DefinitionError(
+            f"the certificate '{certificate.title}' has no cell",
+            remedy="certify with more cells or inputs, or for a shorter horizon",
+        )
+    if unknown := sorted(certificate.header().keys() - KEYS):
+        raise DefinitionError(
+            f"the certificate '{certificate.title}' has '{unknown[0]}'",
+            expected="one of a region, with inputs that are held",
+        )
 
 
 def check_fits(certificate: Certificate, system: System) -> None:

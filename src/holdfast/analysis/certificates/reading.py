@@ -15,18 +15,13 @@ import sympy as sp
 
 from holdfast.analysis.certificates.cells import Cells, Wholes
 from holdfast.analysis.certificates.certificate import ENTRY, MAGIC, Certificate, Range, check_names
+from holdfast.analysis.certificates.certified_law import KEYS
 from holdfast.analysis.certificates.exact_text import exact_expression
 from holdfast.analysis.certificates.keeping import Kept
 from holdfast.arguments import checked
 from holdfast.errors import HoldfastError, OutputError
 from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.maths.definitions.quantity import symbol
-
-KEYS = {
-    "title", "states", "inputs", "disturbances", "parameters", "rates", "constraints", "hold",
-    "holds", "edges", "periodic", "candidates", "cells_in_region", "cells_kept", "entries",
-}  # fmt: skip
-"""What a header says: another key could change what is proved."""
 
 
 @checked

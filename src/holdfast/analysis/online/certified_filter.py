@@ -10,7 +10,11 @@ import numpy.typing as npt
 import sympy as sp
 
 from holdfast.analysis.certificates.certificate import Certificate
-from holdfast.analysis.certificates.certified_law import certified_system, check_fits
+from holdfast.analysis.certificates.certified_law import (
+    certified_system,
+    check_fits,
+    check_usable,
+)
 from holdfast.analysis.certificates.proof import Proof
 from holdfast.analysis.online.decision import Decision, Decisions, Status
 from holdfast.analysis.online.filtered import Filtered
@@ -66,8 +70,7 @@ class CertifiedFilter:
         scales: Mapping[str, float] | None = None,
         fallback: Sequence[float] | None = None,
     ) -> None:
-        if not len(certificate.kept.members):
-            raise DefinitionError(f"the certificate '{certificate.title}' has no cell")
+        check_usable(certificate)
         if system is not None:
             check_fits(certificate, system)
         self.system = certified_system(certificate) if system is None else system
