@@ -17,7 +17,7 @@ from holdfast.maths.definitions.quantity import TIME
 from holdfast.maths.expressions.functions import sgn
 from tests.adversary import starts_in, worst_of
 from tests.c_code import built, needs_gcc, pointer
-from tests.certified_systems import AHEAD, BOX, LEFT, U, camera, view
+from tests.certified_systems import AHEAD, BOX, LEFT, U, X, camera, cart, view
 
 
 @pytest.fixture(scope="module")
@@ -55,9 +55,9 @@ def certain(answer):
 
 
 def test_no_target_leaves_the_view_whatever_corner_the_disturbance_takes_between_samples(seen):
-    """Three thousand runs of 10 s in exact steps of 10 ms."""
+    """Three thousand runs of 5 s in exact steps of 10 ms."""
     answer = certain(answers(camera(), seen_law(seen), seen, 3000))
-    worst = worst_of(seen, answer, 3000, 100, 10, 1)
+    worst = worst_of(seen, answer, 3000, 50, 10, 1)
     assert -0.01 < worst <= 0
 
 
@@ -127,11 +127,11 @@ def test_certificate_for_a_while_counts_down_and_keeps_for_as_long_as_it_says(br
         substeps=20, record_every=0.1,
         disturbance={"wa": 3 * sgn(1.2 - AHEAD) / 5, "wb": -most_wb * sgn(LEFT)},
     )  # fmt: skip
-    data = result.dataset
-    remaining = data["signal"].sel(signal_name="remaining").values
+    data = result.arrays
+    remaining = data["signal"].values[:, :, 0]
     assert set(np.round(remaining[:, 0] / 0.1).astype(int)) == {1, 2, 3, 4, 5}
     assert (np.diff(remaining, axis=1) >= -0.1 - 1e-12).all()
-    exits = np.where(np.isfinite(data["exit_time"]), data["exit_time"], math.inf)
+    exits = np.nan_to_num(data["exit_time"].values, nan=math.inf)
     assert (exits >= remaining[:, 0] - 1e-9).all()
 
 
@@ -175,6 +175,22 @@ def test_another_vehicle_is_refused(seen):
         }  # fmt: skip
         with pytest.raises(DefinitionError, match=named):
             hf.certified_law(seen, hf.System(**{**fields, **change}))
+
+
+def test_disturbance_that_is_known_is_the_only_one_of_its_law():
+    """The certificate is of that current alone: other bounds and other currents are refused."""
+    system = camera()
+    known = hf.certify(system, view(system), box=BOX, cells=41, disturbance={"wa": 0.1, "wb": -0.1})
+    with pytest.raises(DefinitionError, match=r"within 0\.1 to 0\.1"):
+        hf.certified_law(known, system)
+    alone = hf.certified_system(known)
+    run = {"starts": starts_in(known, known.kept.members, 200, 8), "region": view(system)}
+    run |= {"horizon": 5.0, "sample_time": known.hold}
+    law = hf.certified_law(known)
+    result = hf.simulate(alone, law, **run, disturbance={"wa": 0.1, "wb": -0.1})
+    assert result.outcomes["stayed"] == 200
+    with pytest.raises(SimulationError, match="disturbance"):
+        hf.simulate(alone, law, **run)
 
 
 def test_certificate_without_a_cell_has_no_law_and_no_filter():
@@ -224,6 +240,41 @@ def test_heading_turns_on_and_on_and_the_vehicle_stays_in_its_lane():
     assert result.outcomes["stayed"] == 1000
 
 
+def three():
+    """A cart between walls with a third state that follows it late: three axes."""
+    z = hf.symbol("z")
+    plain, walls = cart()
+    system = hf.System(
+        "late", (*plain.states, hf.Quantity("z", "m")), plain.inputs,
+        {**plain.rates, "z": X - z}, disturbances=plain.disturbances, parameters=plain.parameters,
+        disturbance_bounds=plain.disturbance_bounds, input_bounds=plain.input_bounds,
+    )  # fmt: skip
+    region = hf.Region(
+        "room", system.states,
+        (*walls.inequalities, hf.Inequality("up", z - 1, "m"), hf.Inequality("down", -1 - z, "m")),
+    )  # fmt: skip
+    found = hf.certify(
+        system, region, box={"x": (-1, 1), "v": (-2, 2), "z": (-1, 1)},
+        cells={"x": 21, "v": 31, "z": 9}, sample_time=0.3, horizon=1.2, inputs=3,
+    )  # fmt: skip
+    return system, region, found
+
+
+def test_three_states_are_kept_for_as_long_as_is_said():
+    system, region, found = three()
+    starts = starts_in(found, np.unique(found.kept.entries[:, 0]), 1000, 9)
+    for push in (-0.2, 0.2 * sgn(sp.sin(5 * TIME))):
+        result = hf.simulate(
+            system, hf.certified_law(found, system), starts=starts, region=region, horizon=1.2,
+            sample_time=0.3, record_every=0.3, substeps=20, disturbance={"w": push},
+        )  # fmt: skip
+        data = result.arrays
+        says = data["signal"].values[:, 0, 0]
+        exits = np.nan_to_num(data["exit_time"].values, nan=math.inf)
+        assert (exits >= says - 1e-9).all()
+        assert set(np.round(says / 0.3)) == {1, 2, 3, 4}
+
+
 # -- C -----------------------------------------------------------------------------------------
 
 MANY = """
@@ -250,7 +301,7 @@ def edges_of(cells, count, rng):
 
 
 @needs_gcc
-@pytest.mark.parametrize("kind", ["for ever", "for a while", "around"])
+@pytest.mark.parametrize("kind", ["for ever", "for a while", "around", "three states"])
 def test_law_in_c_has_the_bits_of_the_simulated_one_inside_outside_and_at_edges(
     kind, seen, briefly, tmp_path
 ):
@@ -258,12 +309,13 @@ def test_law_in_c_has_the_bits_of_the_simulated_one_inside_outside_and_at_edges(
         "for ever": lambda: (camera(), None, seen),
         "for a while": lambda: (camera(0.6), None, briefly),
         "around": turning,
+        "three states": three,
     }[kind]()
     law = hf.certified_law(found, system)
     c = built(tmp_path, hf.export_c(system, law, "law"), "law", MANY)
     rng = np.random.default_rng(6)
     low, high = (np.array([e[k] for e in found.cells.edges]) for k in (0, -1))
-    wide = rng.uniform(low - 0.3 * (high - low), high + 0.3 * (high - low), (20_000, 2))
+    wide = rng.uniform(low - 0.3 * (high - low), high + 0.3 * (high - low), (20_000, len(low)))
     states = np.ascontiguousarray(np.concatenate([wide, edges_of(found.cells, 20_000, rng)]))
     commands = np.empty((len(states), len(system.inputs)))
     outside = np.empty(len(states), dtype=np.int32)
@@ -274,7 +326,7 @@ def test_law_in_c_has_the_bits_of_the_simulated_one_inside_outside_and_at_edges(
     expected, known = answers(system, law, found, len(states))(states)
     assert np.array_equal(commands.view(np.int64), expected.view(np.int64))
     assert np.array_equal(outside == 0, known)
-    assert 1000 < known.sum() < len(states) - 1000
+    assert 500 < known.sum() < len(states) - 500
 
 
 @needs_gcc

@@ -77,8 +77,9 @@ def certified_system(certificate: Certificate) -> System:
 
         xdot = f(x, u, d; p)
 
-    Uncertain numbers have the middle of their range. The bounds of the inputs are the box of those
-    that were tried, where all its corners were; a file has no others.
+    Uncertain numbers have the middle of their range; a disturbance that is known has bounds that
+    are one number. The bounds of the inputs are the box of those that were tried, where all its
+    corners were; a file has no others. An axis that comes back to itself is an angle.
     """
     ranges = certificate.ranges
     disturbances = tuple(Quantity(n, u) for n, u in certificate.disturbances)
@@ -86,7 +87,10 @@ def certified_system(certificate: Certificate) -> System:
     full = _whole_box(certificate.candidates)
     return System(
         name=certificate.title.partition(" in ")[0],
-        states=tuple(Quantity(n, u) for n, u in certificate.states),
+        states=tuple(
+            Quantity(n, u, angle=turns)
+            for (n, u), turns in zip(certificate.states, certificate.cells.periodic, strict=True)
+        ),
         inputs=tuple(Quantity(n, u) for n, u in certificate.inputs),
         rates={n: r for (n, _), r in zip(certificate.states, certificate.rates, strict=True)},
         disturbances=disturbances,
@@ -223,17 +227,18 @@ def _same(system: System, name: str, rate: sp.Expr) -> bool:
 
 
 def _check_bounds(certificate: Certificate, system: System) -> None:
-    if system.disturbance_bounds is not None:
+    if system.disturbances:
+        if system.disturbance_bounds is None:
+            raise DefinitionError(f"system '{system.name}' has no bounds of its disturbances")
         numbers = {p.symbol: p.value for p in system.parameters}
         ends = system.disturbance_bounds.at(numbers).ranges()
         for q, (low, high) in zip(system.disturbances, ends, strict=True):
             least, most = certificate.ranges[q.name]
-            if least == most:  # known and constant: whoever simulates gives it
-                continue
             if low < least - ROUNDED or high > most + ROUNDED:
                 raise DefinitionError(
                     f"'{q.name}' of system '{system.name}' is {low:g} to {high:g}",
                     expected=f"within {least:g} to {most:g}, for which it is certified",
+                    remedy="take certified_system(certificate), which has these bounds",
                 )
     if system.input_bounds is not None:
         inputs = [q.symbol for q in system.inputs]
