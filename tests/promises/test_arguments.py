@@ -367,7 +367,7 @@ CLASSES = {
 
 
 METHODS = {
-    "CertifiedFilter.step": lambda: (hf.CertifiedFilter(certificate()), {"state": [1.2, 0.1], "command": [0.1, 0.2], "t": None}),
+    "CertifiedFilter.step": lambda: (hf.CertifiedFilter(certificate()), {"state": [1.2, 0.1], "command": [0.1, 0.2], "t": None, "disturbance": None}),
     "CertifiedFilter.step_many": lambda: (
         hf.CertifiedFilter(certificate()), {"states": [[1.2, 0.1]], "commands": [[0.1, 0.2]]},
     ),

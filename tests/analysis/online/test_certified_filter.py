@@ -184,6 +184,22 @@ def test_filter_stands_around_a_law_in_a_simulation(seen, keep):
         hf.simulate(system, hf.commanded(system), command=function, **run)
 
 
+def test_relay_of_streams_asks_the_filter_by_proof(keep):
+    """A command that is late is the fallback, a measurement that is late a refusal."""
+    relay = hf.Relay(keep, patience=0.15)
+    relay.measured([1.2, 0.0], 0.0)
+    relay.commanded([0.1, 0.0], 0.0)
+    assert relay.decide(0.0).status == "passed"
+    relay.measured([1.99, 0.0], 0.2)
+    late = relay.decide(0.2)
+    assert (late.status, late.lost) == ("changed", "command")
+    assert "need not lead to certified cells" in late.why
+    assert relay.decide(0.5).status == "no measurement"
+    assert hf.DecisionRecord.read(late.line()).input == late.input
+    with pytest.raises(SimulationError, match="measures none"):
+        keep.step([1.2, 0.0], [0.0, 0.0], disturbance=[0.0, 0.0])
+
+
 def test_file_alone_is_a_filter_of_inputs_with_known_bounds(seen, tmp_path):
     read = hf.read_certificate(seen.write(tmp_path / "view.holdfast"))
     alone, own = hf.CertifiedFilter(read), hf.CertifiedFilter(seen, camera())

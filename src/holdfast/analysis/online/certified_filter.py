@@ -97,6 +97,11 @@ class CertifiedFilter:
         return self.system.state_names
 
     @property
+    def measured_disturbances(self) -> tuple[str, ...]:
+        """The disturbances that `step` is given: none."""
+        return ()
+
+    @property
     def actuator_names(self) -> tuple[str, ...]:
         """The names of `Decision.actuators`."""
         return self.system.actuators or self.system.input_names
@@ -108,14 +113,23 @@ class CertifiedFilter:
 
     # -- at a sample -------------------------------------------------------------------------
 
-    def step(self, state: Given, command: Given, t: float | None = None) -> Decision:
+    def step(
+        self,
+        state: Given,
+        command: Given,
+        t: float | None = None,
+        disturbance: Given | None = None,
+    ) -> Decision:
         """The decision on a command [units of the inputs] at a measured state.
 
         state, command: numbers in the order of their names, or by name. t [s]: by default the
-        number of samples since `reset` times the sample time; the answer does not depend on it.
+        number of samples since `reset` times the sample time; the answer does not depend on it. A
+        disturbance is not measured: it is any within its bounds.
         Raises `SimulationError` for wrong names or shapes; numbers that are not finite are a
         status.
         """
+        if disturbance is not None:
+            raise SimulationError("a disturbance is given, and the filter measures none")
         seen = numbers(state, self.system.state_names, "state")
         wanted = numbers(command, self.system.input_names, "command")
         t = time_of(t, self._count, self.sample_time)
@@ -154,6 +168,9 @@ class CertifiedFilter:
     def reset(self) -> None:
         """Begin anew: the time is 0."""
         self._count = 0
+
+    def prepare(self) -> None:
+        """All is compiled already."""
 
     def _answers(self, seen: Array, wanted: Array) -> tuple[Array, npt.NDArray[np.int64]]:
         """The rows of the decisions, and the numbers of their statuses."""
