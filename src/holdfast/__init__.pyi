@@ -6,12 +6,16 @@ from .analysis.boundary.boundary import contingent_cone as contingent_cone
 from .analysis.boundary.boundary import regulation_map as regulation_map
 from .analysis.boundary.viability_check import check_viability as check_viability
 from .analysis.certificates.certificate import Certificate as Certificate
+from .analysis.certificates.certified_law import certified_law as certified_law
+from .analysis.certificates.certified_law import certified_system as certified_system
 from .analysis.certificates.certify import certify as certify
+from .analysis.certificates.reading import read_certificate as read_certificate
 from .analysis.identification.identified import Identified as Identified
 from .analysis.identification.identify import identify as identify
 from .analysis.identification.log import Log as Log
 from .analysis.identification.log import Signal as Signal
 from .analysis.load import load as load
+from .analysis.online.certified_filter import CertifiedFilter as CertifiedFilter
 from .analysis.online.controller import Command as Command
 from .analysis.online.controller import Controller as Controller
 from .analysis.online.decision import Decision as Decision

@@ -96,6 +96,11 @@ def certificate():
     return hf.certify(scenario.system, scenario.region, box=still, cells=9, inputs=2, horizon=0.1)
 
 
+@cache
+def certificate_file():
+    return str(certificate().write(Path(tempfile.mkdtemp()) / "target.holdfast"))
+
+
 def over():
     return hf.grid(line(), {"x": (-1.2, 1.2)}, 21)
 
@@ -175,6 +180,9 @@ FUNCTIONS = {
         "uncertain": {"push": (0.1, 0.2)}, "disturbance": {"d": 0.1},
     },
     "certificate_figure": lambda: {"found": certificate()},
+    "certified_law": lambda: {"certificate": certificate(), "system": hf.load_scenario("seen-target").system},
+    "certified_system": lambda: {"certificate": certificate()},
+    "read_certificate": lambda: {"path": certificate_file()},
     "disturbance_margin": lambda: {
         "scenario": line_file(), "of": "push", "between": (0.1, 0.2), "tolerance": 0.09, "keep": [],
         "overrides": ["grid.nodes=7", "march.forever=false", "march.horizon=0.1"],
@@ -315,6 +323,9 @@ CLASSES = {
         "parameters": (), "factor": 1, "unit": "1", "description": "", "source": "",
     },
     "GainCondition": lambda: {"value": k, "limit": 2, "consequence": "it ends", "source": "us", "closed": False},
+    "CertifiedFilter": lambda: {
+        "certificate": certificate(), "system": hf.load_scenario("seen-target").system, "scales": {"u": 1.0}, "fallback": [0.0, 0.0],
+    },
     "Controller": lambda: {"of": line(), "law": push_law(), "sample_time": 0.02},
     "Plant": lambda: {"system": line(), "start": [0.1], "sample_time": 0.02, "substeps": 2},
     "Relay": lambda: {"keep": keeper(), "patience": 0.25},
@@ -356,6 +367,13 @@ CLASSES = {
 
 
 METHODS = {
+    "CertifiedFilter.step": lambda: (hf.CertifiedFilter(certificate()), {"state": [1.2, 0.1], "command": [0.1, 0.2], "t": None, "disturbance": None}),
+    "CertifiedFilter.step_many": lambda: (
+        hf.CertifiedFilter(certificate()), {"states": [[1.2, 0.1]], "commands": [[0.1, 0.2]]},
+    ),
+    "CertifiedFilter.around": lambda: (
+        hf.CertifiedFilter(certificate()), {"controller": hf.certified_law(certificate())},
+    ),
     "SafetyFilter.step": lambda: (keeper(), {"state": [0.1], "command": [0.2], "t": None, "disturbance": None}),
     "SafetyFilter.step_many": lambda: (
         keeper(), {"states": [[0.1]], "commands": [[0.2]], "disturbances": None},

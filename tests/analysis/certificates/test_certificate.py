@@ -15,45 +15,19 @@ from holdfast.analysis.certificates.certify import certify
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast_check import checker
 from holdfast_check.checker import NotValidError, check
-from tests.certificate_files import changed
-
-AHEAD, LEFT, U, R, WA, WB = (hf.symbol(n) for n in ("ahead", "left", "u", "r", "wa", "wb"))
-X, V, A, W = (hf.symbol(n) for n in ("x", "v", "a", "w"))
-BOX = {"ahead": (0.3, 2.1), "left": (-1.2, 1.2)}
-
-
-def camera(current=0.1):
-    """A target ahead and to the left of a vehicle that steers by u and r."""
-    return hf.System(
-        "camera",
-        (hf.Quantity("ahead", "m"), hf.Quantity("left", "m")),
-        (hf.Quantity("u", "m/s"), hf.Quantity("r", "rad/s")),
-        {"ahead": -U + R * LEFT - WA, "left": -R * AHEAD - WB},
-        disturbances=(hf.Quantity("wa", "m/s"), hf.Quantity("wb", "m/s")),
-        disturbance_bounds=hf.Box((-current, -current - 0.05), (current, current + 0.05)),
-        input_bounds=hf.Box((-0.5, -0.8), (0.5, 0.8)),
-    )
-
-
-def view(system):
-    edge = sp.tan(sp.pi / 6) * AHEAD
-    limits = {"near": 0.35 - AHEAD, "far": AHEAD - 2, "edge_l": LEFT - edge, "edge_r": -LEFT - edge}
-    rows = tuple(hf.Inequality(n, e, "m") for n, e in limits.items())
-    return hf.Region("view", system.states, rows)
-
-
-def cart():
-    pushed = hf.System(
-        "cart", (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")), (hf.Quantity("a", "m/s^2"),),
-        {"x": V, "v": A - hf.symbol("drag") * V + W}, disturbances=(hf.Quantity("w", "m/s^2"),),
-        parameters=(hf.Parameter("drag", "1/s", value=0.2),),
-        disturbance_bounds=hf.Box((-0.2,), (0.2,)), input_bounds=hf.Box((-1.0,), (1.0,)),
-    )  # fmt: skip
-    walls = (hf.Inequality("left", -1 - X, "m"), hf.Inequality("right", X - 1, "m"))
-    return pushed, hf.Region("walls", pushed.states, walls)
-
-
-CART = {"x": (-1, 1), "v": (-2, 2)}
+from tests.certified_systems import (
+    AHEAD,
+    BOX,
+    CART,
+    LEFT,
+    R,
+    U,
+    X,
+    camera,
+    cart,
+    changed,
+    view,
+)
 
 
 @pytest.fixture(scope="module")

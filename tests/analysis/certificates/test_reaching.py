@@ -8,7 +8,7 @@ import holdfast as hf
 from holdfast.errors import SimulationError
 from holdfast.maths.expressions.functions import least
 from holdfast_check.checker import NotValidError, check
-from tests.certificate_files import changed
+from tests.certified_systems import changed
 
 X, Y, PSI, U, R, W, V = (hf.symbol(n) for n in ("x", "y", "psi", "u", "r", "w", "v"))
 

@@ -7,7 +7,7 @@ import sympy as sp
 import holdfast as hf
 from holdfast.errors import SimulationError
 from holdfast_check.checker import NotValidError, check
-from tests.certificate_files import changed
+from tests.certified_systems import changed
 
 X, V, A, W = (hf.symbol(n) for n in ("x", "v", "a", "w"))
 BOX = {"x": (-1, 1), "v": (-2, 2)}

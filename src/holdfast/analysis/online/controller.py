@@ -14,6 +14,7 @@ from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.simulation.control_sample import ControlSamples
 from holdfast.execution.simulation.steppers import RK4
 from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.lookup import CellLookup
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 
@@ -39,9 +40,9 @@ class Command(NamedTuple):
     input: in the order and units of the system's inputs, within their bounds. actuators: the
     limited values of the actuators. mode: its name. nominal: the request before a safeguard; slack:
     by how much the safeguard's conditions are missed, 0 where an input is admissible. value: V of
-    the law's kernel, else NaN. outside: whether the state is outside the grid of the kernel. valid:
-    False where the time, a measurement or the input is not finite; nothing is remembered of such a
-    sample.
+    the law's kernel, or how long its certificate keeps the state [s], else NaN. outside: whether
+    the state is outside the grid of the kernel, or in no certified cell. valid: False where the
+    time, a measurement or the input is not finite; nothing is remembered of such a sample.
     """
 
     input: Array
@@ -58,8 +59,8 @@ class Controller:
     """Any law, with modes, a memory, a safeguard or a kernel, for one vehicle.
 
     of: a scenario (`load_scenario`), whose kernel is computed if its law has one; or a system,
-    with `law`. sample_time [s]: by default that of the scenario, else 0.02. It computes what
-    `simulate` computes at every sample, bit for bit.
+    with `law`. sample_time [s]: by default that of the scenario or of the law's certificate, else
+    0.02. It computes what `simulate` computes at every sample, bit for bit.
 
     Raises `DefinitionError` for a law that does not fit the system.
     """
@@ -90,7 +91,9 @@ class Controller:
             kept = of.kept()
             self.system, self.law = kept.model, kept.law
             sample_time = kept.settings["sample_time"] if sample_time is None else sample_time
-        self.sample_time = 0.02 if sample_time is None else float(sample_time)
+        lookup = self.law.lookup
+        usual = lookup.hold if isinstance(lookup, CellLookup) else 0.02
+        self.sample_time = usual if sample_time is None else float(sample_time)
         if not (math.isfinite(self.sample_time) and self.sample_time > 0):
             raise SimulationError(f"sample_time is {sample_time}", expected="seconds, above 0")
         if handed := self.law.handed:

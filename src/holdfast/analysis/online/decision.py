@@ -22,7 +22,8 @@ class Status(Enum):
     INFEASIBLE = "infeasible"
     """No input meets all conditions; the input misses them by the least amount, `slack`."""
     OUTSIDE_GRID = "outside the grid"
-    """The state is outside the grid of the kernel, or its time has run out: nothing is promised."""
+    """The state is outside the grid of the kernel or in no certified cell, or the time of the
+    kernel has run out: nothing is promised."""
     NOT_A_NUMBER = "not a number"
     """A measurement, the command or a condition at the state is NaN or infinite; the input is the
     filter's `fallback`."""
@@ -62,7 +63,8 @@ class Decision:
     values of its actuators for it. nominal: the command as the filter took it. overruled: whether a
     condition changed it; the bounds of the inputs alone may change it too. slack: by how much the
     conditions are missed, 0 where an input is admissible. value: V at the state of a kernel; of a
-    region -max_j c_j, positive inside, and NaN where an observer estimates states. status: see
+    region -max_j c_j, positive inside, and NaN where an observer estimates states; of a certificate
+    for how long it keeps the state [s]. status: see
     `Status`. why: one sentence, made when it is read.
     """
 

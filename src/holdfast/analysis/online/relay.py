@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.analysis.online.certified_filter import CertifiedFilter
 from holdfast.analysis.online.decision import Decision, Status
 from holdfast.analysis.online.decision_record import DecisionRecord
 from holdfast.analysis.online.measurements import Given, numbers, time_of
@@ -23,18 +24,19 @@ AGAIN = 0.25
 class Relay:
     """The newest measurement and the newest command, and a decision on them at every sample.
 
-    keep: the filter. patience [s]: how old a measurement or a command may be. Without a newer
-    command the filter is asked about its `fallback` instead, so that the vehicle slows down inside
-    its constraints; without a newer measurement the input is the `fallback`, and nothing is
-    promised; afterwards an observer begins anew. All times are those of one clock, in seconds: that
-    of the receiver. Where it goes back, what was received before counts no more.
+    keep: the filter; one of a certificate is asked at its sample time. patience [s]: how old a
+    measurement or a command may be. Without a newer command the filter is asked about its
+    `fallback` instead, so that the vehicle slows down inside its constraints; without a newer
+    measurement the input is the `fallback`, and nothing is promised; afterwards an observer begins
+    anew. All times are those of one clock, in seconds: that of the receiver. Where it goes back,
+    what was received before counts no more.
 
     Raises `SimulationError` for a patience that is not positive; its methods do for wrong names or
     shapes, for measured disturbances that are missing, and for times that are not finite.
     """
 
     @checked
-    def __init__(self, keep: SafetyFilter, *, patience: float = 0.25) -> None:
+    def __init__(self, keep: SafetyFilter | CertifiedFilter, *, patience: float = 0.25) -> None:
         if not (math.isfinite(patience) and patience > 0):
             raise SimulationError(f"patience is {patience}", expected="seconds, above 0")
         self.keep, self.patience = keep, float(patience)

@@ -125,7 +125,10 @@ def described(
         "off_grid_time": (
             ("run",),
             s.off_grid,
-            {"units": "s", "long_name": "when the law first read its value outside the grid"},
+            {
+                "units": "s",
+                "long_name": "when the law was first outside its grid or cells",
+            },
         ),
         "rejected_steps": (("run",), s.rejected, {"long_name": "adaptive steps refused"}),
         "state_is_angle": (

@@ -16,7 +16,7 @@ from holdfast.analysis.simulation.disturbances import check_disturbance, check_f
 from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.starts import Starts, initial_states
 from holdfast.arguments import checked
-from holdfast.errors import GainWarning, SimulationError, suggestion
+from holdfast.errors import GainWarning, ModelWarning, SimulationError, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram, closed_loop_program
 from holdfast.execution.resources import Progress
@@ -118,6 +118,7 @@ def simulate(
         continuous=chosen.continuous,
         varied=varied,
     )
+    _check_held(program, chosen)
     loop = ClosedLoop(program)
     values = {p.symbol: p.value for p in program.parameters}
     real = values | {symbol(name): float(value) for name, value in (plant or {}).items()}
@@ -177,6 +178,27 @@ def simulate(
         parameters={p.name: p.value for p in program.parameters},
         reference=reference,
     )
+
+
+def _check_held(program: ClosedLoopProgram, chosen: Settings) -> None:
+    """Refuse other samples than those of a certificate, and say what it does not count with."""
+    if program.hold is None:
+        return
+    if chosen.continuous:
+        raise SimulationError(
+            f"the inputs of a certificate are held for {program.hold:g} s",
+            expected="sampled control",
+            key="continuous",
+        )
+    program.check_sample_time(chosen.sample_time)
+    noise = {**chosen.noise_uniform, **chosen.noise_normal}
+    late = f"a delay of {chosen.delay:g} s" if chosen.delay else ""
+    if more := late or (any(noise.values()) and "noise of measurements"):
+        warnings.warn(
+            f"the certificate of the law does not count with {more}: its promise does not hold",
+            ModelWarning,
+            stacklevel=4,
+        )
 
 
 def _limits(

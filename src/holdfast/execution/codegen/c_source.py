@@ -14,13 +14,13 @@ import sympy as sp
 
 from holdfast._version import __version__
 from holdfast.arguments import checked
+from holdfast.execution.codegen.c_lookup import CTable
 from holdfast.execution.codegen.c_printer import c_body, c_functions
-from holdfast.execution.codegen.c_text import c_comment, c_name, c_needed, c_own, c_table
+from holdfast.execution.codegen.c_text import c_comment, c_name, c_needed, c_own
 from holdfast.execution.codegen.controller_program import ControllerProgram, controller_program
 from holdfast.execution.codegen.lowering import FUNCTIONS
 from holdfast.execution.codegen.scalar_c import scalars_c
 from holdfast.execution.codegen.scalar_reader import scalars
-from holdfast.execution.interpolate import numbers_of_places
 from holdfast.execution.simulation.quadratic_program import numbers_of_programs
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.switching import Switching
@@ -37,10 +37,6 @@ PLAIN = (
     '#pragma GCC optimize("fp-contract=off")',
     "#endif",
 )
-
-GRID = "hf_low, hf_steps, hf_shape, hf_periodic"
-
-OUTSIDE = "1 if the state was outside the grid of the kernel: the nearest place of the grid is used"
 
 
 @checked
@@ -83,6 +79,7 @@ def _file(system: System, law: Law | Switching, name: str) -> _File:
 class _File:
     def __init__(self, program: ControllerProgram, name: str) -> None:
         self.program, self.name = program, name
+        self.table = CTable(program.lookup) if program.lookup else None
         used = symbols_of(program.expressions)
         self.parameters = tuple(p for p in program.parameters if p.symbol in used)
 
@@ -132,7 +129,7 @@ class _File:
             *(f"actuators[{i}]: {a}" for i, a in enumerate(self.program.actuators)),
             *(f"mode {i}: {m}" for i, m in enumerate(self.program.modes)),
             *([f"{n}_state.slack: {SLACK}"] if self.program.safeguards else []),
-            *([f"{n}_state.outside: {OUTSIDE}"] if self.program.lookup else []),
+            *([f"{n}_state.outside: {self.table.outside}"] if self.table else []),
         )
 
     def _interface(self) -> list[str]:
@@ -189,9 +186,9 @@ class _File:
         ]
         guards = self.program.safeguards.values()
         scalar = sorted({"keep_in_order" if len(g.ends) > 1 else "keep_within" for g in guards})
-        if self.program.lookup is not None:
-            found.append(c_table(self.program.lookup))
-            scalar += ["look_up", "beyond_grid"]
+        if self.table is not None:
+            found.append(self.table.text)
+            scalar += self.table.needed
         found.append(scalars_c(scalars("simulation/parts"), scalar))
         return [text for text in found if text]
 
@@ -213,14 +210,8 @@ class _File:
     def _law(self) -> str:
         lookup, names = self.program.lookup, self.program.system.input_names
         unpack, look = self._unpack(), ""
-        if lookup is not None:
-            n = len(lookup.places)
-            room, whole = numbers_of_places(n)
-            look = (
-                f"    double place[{n}], look[{n + 1}], between[{room}];\n"
-                f"    long near[{whole}];\n    hf_place(t, seen, kept, p, place);\n"
-                f"    hf_look_up(hf_values, place, {GRID}, {n}, look, between, near);\n"
-            )
+        if lookup is not None and self.table is not None:
+            look = self.table.found
             unpack |= {"look": lookup.symbols}
         cases = []
         for number, name in enumerate(self.program.modes):
@@ -316,12 +307,8 @@ class _File:
         if self.program.remembered:
             begin = "    if (!s->begun) hf_first(seen, p, s->kept);\n"
             remember = "    hf_remember(t, sample_time, seen, actuators, p, s->kept);\n"
-        if lookup := self.program.lookup:
-            axes = len(lookup.places)
-            asked = f"    double place[{axes}];\n    hf_place(t, seen, s->kept, p, place);\n"
-            asked += (
-                f"    s->outside = hf_beyond_grid(place, {GRID}, {axes}, {int(lookup.timed)});\n"
-            )
+        if self.table is not None:
+            asked = self.table.asked
         told, upper = "", self.name.upper()
         if self.program.handed:  # the functions of the law find it behind what is seen
             told = f"    double told[{upper}_SEEN + {upper}_HANDED];\n"

@@ -21,6 +21,7 @@ from holdfast.execution.codegen.shared_rows import PREPARED, SHARED, with_shared
 from holdfast.execution.simulation.steppers import Tableau
 from holdfast.maths.control.outward_rates import check_reads
 from holdfast.maths.definitions.law import GainCondition, Law
+from holdfast.maths.definitions.lookup import CellLookup
 from holdfast.maths.definitions.quantity import (
     SAMPLE_TIME,
     TIME,
@@ -47,6 +48,7 @@ class ClosedLoopProgram:
     measured: how many disturbances the law measures; handed: what others hand it at every
     sample; limited: how many values its actuators have.
     places: how many axes its table has; timed: whether the first of them is the remaining time.
+    found: how many numbers a look-up finds; hold: the sampling period that a table of cells is for.
     given: numbers that follow the parameters, those of the disturbances; in_run, bounded: see
     `FeltDisturbance`. slack_units: the units of
     the conditions that a safeguard relaxes, each once. value_signal: the signal that is the value
@@ -85,6 +87,8 @@ class ClosedLoopProgram:
     value_signal: str = ""
     continuous: bool = False
     table: Any = None
+    found: int = 0
+    hold: float | None = None
 
     def rows_of(self, leaf: str) -> int:
         """How many rows a leaf fills; 0 where there is none."""
@@ -96,6 +100,13 @@ class ClosedLoopProgram:
             raise SimulationError(
                 f"the law is handed {', '.join(self.handed)} by others at every sample",
                 remedy="give simulate a command=, call it by SafetyFilter.step, or export it",
+            )
+
+    def check_sample_time(self, sample_time: float) -> None:
+        """Refuse inputs that are held for another time than the law's table is for."""
+        if self.hold is not None and not abs(sample_time - self.hold) <= 1e-9 * self.hold:
+            raise SimulationError(
+                f"the sample time is {sample_time:g} s", expected=f"{self.hold:g} s, of its law"
             )
 
     @property
@@ -228,6 +239,8 @@ def closed_loop_program(
         value_signal=values[0] if values else "",
         continuous=continuous,
         table=lookup.table if lookup else None,
+        found=len(lookup.symbols) if lookup else 0,
+        hold=lookup.hold if isinstance(lookup, CellLookup) else None,
     )
 
 

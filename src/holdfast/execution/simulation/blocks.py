@@ -305,8 +305,7 @@ class Blocks:
 
     def _fill_parts(self) -> None:
         """The entries of s and the places in w that the parts read."""
-        layout, program = self.layout, self.program
-        at = layout.at
+        layout, program, at = self.layout, self.program, self.layout.at
         for mode, k in layout.safeguards.items():
             (count, hard), ends = program.conditions_of_modes[mode], program.levels_of_modes[mode]
             self.s[:, k : k + SAFEGUARD_ENTRIES] = (
@@ -316,13 +315,15 @@ class Blocks:
             )  # fmt: skip
         if program.table is None:
             return
-        values, low, steps, shape, periodic = program.table
+        values, low, steps, shape, periodic, *of_cells = program.table
+        numbers, rows = of_cells or ((), 0)
+        self.w[:, at["cells"] : at["cells"] + len(numbers)] = numbers
         for k in layout.tables:
             noted = k == layout.tables[0]
             self.s[:, k : k + TABLE_ENTRIES] = (
                 values.ctypes.data, program.timed, noted, program.places, at["look_at"],
                 at["look"], at["alive"], at["time"], at["off_at"], at["outcome"], at["exit_time"],
-                at["grid"], layout.whole,
+                at["grid"], layout.whole, at["cells"], rows, program.found,
             )  # fmt: skip
             self.s[:, k + TABLE_ENTRIES :][:, : 2 * program.places] = *shape, *periodic
         self.w[:, at["grid"] : at["grid"] + 2 * program.places] = *low, *steps

@@ -21,14 +21,15 @@ LATE, FORGOTTEN = 0, 1
 """The rings: of late states, and of changes of mode."""
 PARTS = RING + 8
 """Where the entries of the parts begin."""
-SAFEGUARD_ENTRIES, TABLE_ENTRIES = 11 + MOST_LEVELS, 13
+SAFEGUARD_ENTRIES, TABLE_ENTRIES = 11 + MOST_LEVELS, 16
 """Entries of the parts of `parts.py`; a table has two more for each of its axes."""
 
 
 class Shape(NamedTuple):
     """What the loop of a program depends on: its kinds, and the numbers of its quantities.
 
-    Programs of one shape share the loop and its compiled functions.
+    of_cells: how many numbers a table of cells has beside its entries. Programs of one shape share
+    the loop and its compiled functions.
     """
 
     stepper: Tableau
@@ -49,6 +50,8 @@ class Shape(NamedTuple):
     remembered: int
     shared: int
     places: int
+    found: int
+    of_cells: int
     single: bool
     safeguarded: bool
     continuous: bool
@@ -75,6 +78,8 @@ def shape_of(program: ClosedLoopProgram) -> Shape:
         remembered=len(program.remembered),
         shared=program.shared,
         places=program.places,
+        found=program.found,
+        of_cells=0 if program.hold is None else len(program.table[5]),
         single=program.table is not None and program.table[0].dtype == "float32",
         safeguarded=program.safeguarded,
         continuous=program.continuous,
@@ -150,7 +155,7 @@ def _counts(shape: Shape) -> dict[str, int]:
         "bad": 1, "peaks": m + shape.actuators, "level": 1, "inside_since": 1,
         "excess": 1 + shape.bounded, "beyond": 1 + shape.bounded,
         "off_at": 1, "seen": seen, "inner": seen, "memory": shape.remembered,
-        "look_at": shape.places, "look": shape.places + 1,
+        "look_at": shape.places, "look": shape.found,
         "actuation": actuation, "believed": actuation, "signals": shape.signals,
         "plant": parameters, "gains": parameters,
         **{name: -(-count // WIDTH) for name, count in _room(shape).items()},
@@ -163,7 +168,8 @@ def _room(shape: Shape) -> dict[str, int]:
     most = max(count for count, _ in shape.conditions)
     return {
         "room": numbers_of_programs(m, most)[0] + 3 * m + most * (m + 1) if most else 0,
-        "grid": 4 * axes + 1 + numbers_of_places(axes)[0] if axes else 0,
+        "grid": 3 * axes + shape.found + numbers_of_places(axes)[0] if axes else 0,
+        "cells": shape.of_cells,
     }
 
 

@@ -224,12 +224,12 @@ class _Builder:
             body.call("chatter", **rows, out=at["outcome"])
 
     def _look(self, body: Instructions, t: int, seen: int, *, noted: bool) -> None:
-        """The value of the law's table and its slopes."""
+        """What the law's table says."""
         if self.shape.places:
-            at = self.at
-            body.call("places", t=t, q=seen, p=at["gains"], out=at["look_at"])
+            body.call("places", t=t, q=seen, p=self.at["gains"], out=self.at["look_at"])
+            kind = "look_in_cells" if self.shape.of_cells else "look_up"
             single = SINGLE if self.shape.single else ""
-            body.part(f"look_up_lanes{single}", self.layout.tables[0 if noted else 1])
+            body.part(f"{kind}_lanes{single}", self.layout.tables[0 if noted else 1])
 
     def _command(self, body: Instructions, t: int, seen: int) -> None:
         """The command of every lane in its mode, kept by its safeguard, and what is made of it."""

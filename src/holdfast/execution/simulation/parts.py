@@ -11,6 +11,7 @@ import math
 from holdfast.execution.arrays import Floats, Table, Wholes
 from holdfast.execution.codegen.loop_text import WIDTH
 from holdfast.execution.interpolate import beyond_grid, look_up
+from holdfast.execution.look_in_cells import look_in_cells
 from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.execution.simulation.quadratic_program import keep_in_order, overrules
 
@@ -54,7 +55,7 @@ def look_up_lanes(s: Wholes, w: Floats, k: int) -> None:
     first, noted, axes = s[k + 1], s[k + 2], s[k + 3]
     look_at, look, alive, now, off = s[k + 4], s[k + 5], s[k + 6], s[k + 7], s[k + 8]
     outcome, ended = s[k + 9], s[k + 10]
-    whole, shape, periodic = s[s[k + 12] :], s[k + 13 :], s[k + 13 + axes :]
+    whole, shape, periodic = s[s[k + 12] :], s[k + 16 :], s[k + 16 + axes :]
     low, steps = w[s[k + 11] :], w[s[k + 11] + axes :]
     point, found = steps[axes:], steps[2 * axes :]
     rest = found[axes + 1 :]
@@ -69,6 +70,36 @@ def look_up_lanes(s: Wholes, w: Floats, k: int) -> None:
         if not noted or not math.isnan(w[off + lane]):
             continue
         if beyond_grid(point, low, steps, shape, periodic, axes, first):
+            w[off + lane] = w[now + lane]
+            if w[outcome + lane] == Outcome.STAYED:
+                w[outcome + lane] = Outcome.OFF_GRID
+                w[ended + lane] = w[now + lane]
+
+
+def look_in_cells_lanes(s: Wholes, w: Floats, k: int) -> None:
+    """What the law's table says of the cell of each lane.
+
+    When the entry `noted` is set, also the first time in no cell that is known.
+    """
+    entries = table_at(s[k])
+    noted, axes = s[k + 2], s[k + 3]
+    look_at, look, alive, now, off = s[k + 4], s[k + 5], s[k + 6], s[k + 7], s[k + 8]
+    outcome, ended = s[k + 9], s[k + 10]
+    whole, shape, periodic = s[s[k + 12] :], s[k + 16 :], s[k + 16 + axes :]
+    numbers, rows, count = w[s[k + 13] :], s[k + 14], s[k + 15]
+    point = w[s[k + 11] + 2 * axes :]
+    found = point[axes:]
+    for lane in range(WIDTH):
+        if w[alive + lane] == 0.0:
+            continue
+        for i in range(axes):
+            point[i] = w[look_at + i * WIDTH + lane]
+        known = look_in_cells(
+            entries, point, numbers, shape, periodic, axes, rows, count, found, whole
+        )  # fmt: skip
+        for i in range(count):
+            w[look + i * WIDTH + lane] = found[i]
+        if not known and noted != 0 and math.isnan(w[off + lane]):
             w[off + lane] = w[now + lane]
             if w[outcome + lane] == Outcome.STAYED:
                 w[outcome + lane] = Outcome.OFF_GRID

@@ -25,7 +25,7 @@ class Trajectories:
     shortest_dwell [s]: between two of them (infinite where there are not two), overruled: control
     samples at which the safeguard changed the command, infeasible: those at which it found no
     admissible input, largest_slack: the most it needed, rejected: adaptive steps refused,
-    off_grid [s]: when the law first asked its value function outside the grid (NaN: never),
+    off_grid [s]: when the law first asked its table outside the grid or the cells (NaN: never),
     beyond (run, 1 + disturbances): when a field first exceeded its bounds (NaN: never) and its
     values then, of a field only, varied (run, name): what the run had values of its own for,
     wall_time: seconds of simulation, without compilation.

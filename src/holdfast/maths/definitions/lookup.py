@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import sympy as sp
+
+T = TypeVar("T", bound="Lookup")
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,26 @@ class Lookup:
     def symbols(self) -> tuple[sp.Symbol, ...]:
         return (self.value, *self.slopes)
 
-    def subs(self, values: Mapping[sp.Symbol, sp.Expr]) -> Lookup:
+    def subs(self: T, values: Mapping[sp.Symbol, sp.Expr]) -> T:
         """The same function, looked up where the symbols have these values."""
         return replace(self, places=tuple(e.xreplace(values) for e in self.places))
+
+
+@dataclass(frozen=True)
+class CellLookup(Lookup):
+    """What is known of the cell that `places` are in, in place of a value between nodes.
+
+    `value` is how long the cell lasts, `entries` are its `width` numbers. hold: the sampling period
+    [s] for which these are; a law that uses them is run at no other.
+    """
+
+    width: int = 0
+    hold: float = 0.0
+
+    @property
+    def entries(self) -> tuple[sp.Symbol, ...]:
+        return tuple(sp.Symbol(f"_C{i}", real=True) for i in range(self.width))
+
+    @property
+    def symbols(self) -> tuple[sp.Symbol, ...]:
+        return (self.value, *self.entries)

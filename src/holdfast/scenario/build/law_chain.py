@@ -50,6 +50,7 @@ def composed_law(
     filtering: Settings = {}
     with at(composer.file, "law"):
         own = _external if "external" in spec.law else _own
+        own = _certified if "certificate" in spec.law else own
         law = own(composer, spec, system, region)
     felt = system.disturbance_names
     if spec.redesign is not None:
@@ -101,6 +102,15 @@ def _external(
     """The law that another controller hands its command."""
     given = validated(ExternalSpec, dict(spec.law), composer.file, "law").external
     return commanded(system, None if given is True else given)
+
+
+def _certified(
+    composer: Composer, spec: ScenarioSpec, system: System, region: Region | None
+) -> Law:
+    """The law of a certificate, whose file is given."""
+    from holdfast.scenario.certificate import law_of_certificate  # with proofs
+
+    return law_of_certificate(composer.file, spec.law, system, region)
 
 
 def _observed(

@@ -180,7 +180,7 @@ class Scenario(Composed):
             "diverged": "diverged, with results up to there",
             "chattered": f"chattered: more than {limit} changes of mode within a second; what "
             "happens then depends on the sample time",
-            "left grid": "left the grid of the value function of the law, which says nothing there",
+            "left grid": "left the grid or the cells of the law, which says nothing there",
         }
         return [f"{_runs(counts[n])} {words}" for n, words in said.items() if counts[n]]
 

@@ -1,0 +1,263 @@
+"""The law of a certificate: in every certified cell the input that keeps it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+import sympy as sp
+
+from holdfast.analysis.certificates.cells import Cells, Floats, Wholes
+from holdfast.analysis.certificates.certificate import Certificate
+from holdfast.analysis.certificates.problem import ROUNDED
+from holdfast.arguments import checked
+from holdfast.errors import DefinitionError
+from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.intervals.held_flow import exact
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.lookup import CellLookup
+from holdfast.maths.definitions.quantity import Parameter, Quantity
+from holdfast.maths.definitions.sets.box import Box
+from holdfast.maths.definitions.system import System
+
+KEYS = {
+    "title", "states", "inputs", "disturbances", "parameters", "rates", "constraints", "target",
+    "law", "hold", "delay", "errors", "holds", "edges", "periodic", "candidates",
+    "cells_in_region", "cells_kept", "entries",
+}  # fmt: skip
+"""What a header says: another key could change what is proved."""
+
+REMAINING = "remaining"
+"""The signal of the law of a certificate for a horizon: for how long it still keeps the state."""
+
+
+@checked
+def certified_law(certificate: Certificate, system: System | None = None) -> Law:
+    """The law of a certificate: u = u_X for a state in the certified cell X, held for T.
+
+    certificate: found by `certify`, or read from its file (`read_certificate`). A state on the edge
+    of two cells takes one that is certified. In no certified cell the input is that of the nearest
+    one, counted in cells: nothing is promised there, and a run has the outcome "left grid". Other
+    sample times than T are refused. A certificate for a horizon has the signal `remaining` [s]: how
+    long the state is kept from now on, 0 where it is not.
+
+    system: the vehicle, whose rates have to be those of the certificate, and its numbers and bounds
+    within those of it; by default `certified_system(certificate)`.
+
+    Raises `DefinitionError` for a certificate without a cell and for another system.
+    """
+    check_usable(certificate)
+    if system is None:
+        states = tuple(Quantity(n, u) for n, u in certificate.states)
+    else:
+        check_fits(certificate, system)
+        states = system.states
+    lookup = CellLookup(
+        tuple(q.symbol for q in states),
+        cell_table(certificate),
+        unit="s",
+        width=len(certificate.inputs),
+        hold=certificate.hold,
+    )
+    inputs = [n for n, _ in certificate.inputs]
+    return Law(
+        name=f"certified inputs of {certificate.title}",
+        reads=states,
+        outputs=dict(zip(inputs, lookup.entries, strict=True)),
+        signals={} if certificate.kept.holds is None else {REMAINING: lookup.value},
+        lookup=lookup,
+        description="the input of the certified cell that the state is in",
+        source="holdfast's own",
+    )
+
+
+@checked
+def certified_system(certificate: Certificate) -> System:
+    """The system that a certificate is of, from its file alone.
+
+        xdot = f(x, u, d; p)
+
+    Uncertain numbers have the middle of their range; a disturbance that is known has bounds that
+    are one number. The bounds of the inputs are the box of those that were tried, where all its
+    corners were; a file has no others. An axis that comes back to itself is an angle.
+    """
+    ranges = certificate.ranges
+    disturbances = tuple(Quantity(n, u) for n, u in certificate.disturbances)
+    bounds = [ranges[n] for n, _ in certificate.disturbances]
+    full = _whole_box(certificate.candidates)
+    return System(
+        name=certificate.title.partition(" in ")[0],
+        states=tuple(
+            Quantity(n, u, angle=turns)
+            for (n, u), turns in zip(certificate.states, certificate.cells.periodic, strict=True)
+        ),
+        inputs=tuple(Quantity(n, u) for n, u in certificate.inputs),
+        rates={n: r for (n, _), r in zip(certificate.states, certificate.rates, strict=True)},
+        disturbances=disturbances,
+        parameters=tuple(
+            Parameter(n, u, value=0.5 * (ranges[n][0] + ranges[n][1]))
+            for n, u in certificate.parameters
+        ),
+        input_bounds=None if full is None else Box(*full),
+        disturbance_bounds=Box(*zip(*bounds, strict=True)) if bounds else None,
+    )
+
+
+def _whole_box(candidates: Floats) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
+    """The box of the inputs that were tried, if all its corners were tried."""
+    if not candidates.shape[1]:
+        return None
+    low, high = candidates.min(axis=0), candidates.max(axis=0)
+    extreme = (candidates == low) | (candidates == high)
+    corners = np.unique(candidates[extreme.all(axis=1)], axis=0)
+    if len(corners) < 2 ** int((low < high).sum()):
+        return None
+    return tuple(low.tolist()), tuple(high.tolist())
+
+
+# -- the table ---------------------------------------------------------------------------------
+
+
+def lasting(certificate: Certificate) -> tuple[Wholes, Wholes, Wholes]:
+    """The cells with an entry, the input of each, and for how many periods it keeps it.
+
+    An input that leads to cells of one level lower does so for all lower levels, so that the entry
+    of the highest level of a cell is enough. The level is 0 for ever.
+    """
+    entries = certificate.kept.entries
+    order = np.lexsort((entries[:, 2], entries[:, 0]))
+    last = np.r_[entries[order[1:], 0] != entries[order[:-1], 0], True]
+    cell, tried, level = entries[order[last]].T
+    return cell, tried, level
+
+
+def cell_table(certificate: Certificate) -> tuple[object, ...]:
+    """The table of `look_in_cells.py`: every cell has the input of itself or of the nearest one."""
+    cells, rows = certificate.cells, len(certificate.candidates)
+    cell, tried, level = lasting(certificate)
+    entries = np.full(math.prod(cells.counts), 2 * rows, dtype=np.int64)
+    entries[cell] = tried
+    entries = np.where(entries < rows, entries, entries[_nearest(cells, cell)] + rows)
+    last, parts = math.inf, [entries.astype(np.float64)]
+    if certificate.kept.holds is not None:
+        levels = np.zeros(len(entries))
+        levels[cell] = level
+        last, parts = certificate.hold, [*parts, levels]
+    numbers = np.concatenate([*cells.edges, certificate.candidates.ravel(), [last]])
+    return (
+        np.concatenate(parts),
+        np.array([e[0] for e in cells.edges]),
+        np.array([e[-1] - e[0] for e in cells.edges]),
+        np.array(cells.counts, dtype=np.int64),
+        np.array(cells.periodic),
+        numbers,
+        rows,
+    )
+
+
+def _nearest(cells: Cells, known: Wholes) -> Wholes:
+    """Of every cell the nearest one of those that are known, counted in cells."""
+    from scipy.ndimage import distance_transform_edt
+
+    missing = np.ones(cells.counts, dtype=bool)
+    missing.reshape(-1)[known] = False
+    turns = [(n, n) if p else (0, 0) for n, p in zip(cells.counts, cells.periodic, strict=True)]
+    around = np.pad(missing, turns, mode="wrap") if any(cells.periodic) else missing
+    places = distance_transform_edt(around, return_distances=False, return_indices=True)
+    middle = tuple(slice(a, a + n) for (a, _), n in zip(turns, cells.counts, strict=True))
+    found = [
+        p[middle] % n if turned else p[middle]
+        for p, n, turned in zip(places, cells.counts, cells.periodic, strict=True)
+    ]
+    nearest: Wholes = np.ravel_multi_index(tuple(found), cells.counts).reshape(-1)
+    return nearest
+
+
+# -- whether a vehicle is the one that is certified ----------------------------------------------
+
+
+def check_usable(certificate: Certificate) -> None:
+    """Raises `DefinitionError` for a certificate without a cell, or of more than is known here."""
+    if not len(certificate.kept.members):
+        raise DefinitionError(
+            f"the certificate '{certificate.title}' has no cell",
+            remedy="certify with more cells or inputs, or for a shorter horizon",
+        )
+    if certificate.sampling.law is not None:
+        raise DefinitionError(
+            f"the certificate '{certificate.title}' is of a law", remedy="take that law"
+        )
+    if certificate.target:
+        raise DefinitionError(
+            f"the certificate '{certificate.title}' ends at a target, beyond which it has no input",
+            expected="one of a region that is kept",
+        )
+
+
+def check_fits(certificate: Certificate, system: System) -> None:
+    """Raises `DefinitionError` where a system is not the one that the certificate is of."""
+    for what, own, said in (
+        ("states", system.states, certificate.states),
+        ("inputs", system.inputs, certificate.inputs),
+        ("disturbances", system.disturbances, certificate.disturbances),
+    ):
+        if tuple((q.name, q.unit) for q in own) != said:
+            raise DefinitionError(
+                f"system '{system.name}' has the {what} " + _listed((q.name, q.unit) for q in own),
+                expected=f"those of the certificate: {_listed(said)}",
+            )
+    ranges = certificate.ranges
+    for p in system.parameters:
+        low, high = ranges.get(p.name, (-math.inf, math.inf))
+        if not low <= p.value <= high:
+            raise DefinitionError(
+                f"system '{system.name}' has {p.name} = {p.value:g}",
+                expected=f"{low:g} to {high:g}, for which it is certified",
+                remedy="certify it again; to simulate another vehicle under this law, use plant",
+            )
+    for (name, _), rate in zip(certificate.states, certificate.rates, strict=True):
+        if exact(system.rates[name]) != exact(rate) and not _same(system, name, rate):
+            raise DefinitionError(
+                f"the rate of '{name}' of system '{system.name}' is not the certified one",
+                remedy="certify this system",
+            )
+    _check_bounds(certificate, system)
+
+
+def _same(system: System, name: str, rate: sp.Expr) -> bool:
+    """Whether two rates are one expression, written otherwise."""
+    found: bool = sp.expand(exact(system.rates[name]) - exact(rate)) == 0
+    return found
+
+
+def _check_bounds(certificate: Certificate, system: System) -> None:
+    if system.disturbances:
+        if system.disturbance_bounds is None:
+            raise DefinitionError(f"system '{system.name}' has no bounds of its disturbances")
+        numbers = {p.symbol: p.value for p in system.parameters}
+        ends = system.disturbance_bounds.at(numbers).ranges()
+        for q, (low, high) in zip(system.disturbances, ends, strict=True):
+            least, most = certificate.ranges[q.name]
+            if low < least - ROUNDED or high > most + ROUNDED:
+                raise DefinitionError(
+                    f"'{q.name}' of system '{system.name}' is {low:g} to {high:g}",
+                    expected=f"within {least:g} to {most:g}, for which it is certified",
+                    remedy="take certified_system(certificate), which has these bounds",
+                )
+    if system.input_bounds is not None:
+        inputs = [q.symbol for q in system.inputs]
+        limited = Evaluator(system.input_bounds.saturate(inputs), inputs, system.parameters)
+        tried = certificate.candidates
+        off = np.abs(limited.values(tried) - tried).max(axis=0)
+        for q, most in zip(system.inputs, off, strict=True):
+            if most > 1e-9 * (1 + np.abs(tried).max()):
+                raise DefinitionError(
+                    f"the certificate has an input that '{q.name}' of system '{system.name}' "
+                    "cannot have",
+                    expected="the bounds of the certified system",
+                )
+
+
+def _listed(quantities: Iterable[tuple[str, str]]) -> str:
+    return ", ".join(f"{n} [{u}]" for n, u in quantities) or "none"

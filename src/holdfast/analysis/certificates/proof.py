@@ -1,0 +1,90 @@
+"""What a certificate proves of single states: where a held input leads from exactly there."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from holdfast.analysis.certificates.cells import Counted, Floats, Truths, Wholes
+from holdfast.analysis.certificates.certificate import Certificate
+from holdfast.analysis.certificates.certified_law import cell_table, lasting
+from holdfast.execution.intervals.held_flow import HeldFlow
+from holdfast.execution.scalar import called
+from holdfast.maths.definitions.quantity import symbol
+
+
+class Proof:
+    """The cells of a certificate, and the enclosures that they were certified with.
+
+    A cell is certified as a whole. From one state of it more inputs lead into the set, and from a
+    state of a cell that is not certified some may.
+    """
+
+    def __init__(self, certificate: Certificate) -> None:
+        self.certificate, self.cells = certificate, certificate.cells
+        self.candidates = np.ascontiguousarray(certificate.candidates)
+        ranges = certificate.ranges
+        self.flow = HeldFlow(
+            certificate.rates,
+            [e for _, _, e in certificate.constraints],
+            [symbol(n) for n, _ in certificate.states],
+            [symbol(n) for n, _ in certificate.inputs],
+            {symbol(n): ranges[n] for n, _ in certificate.disturbances},
+            {symbol(n): ranges[n] for n, _ in certificate.parameters},
+            certificate.sampling,
+        )
+        self.lasts = certificate.kept.holds is not None
+        self._table: Any = cell_table(certificate)
+        self._levels = np.full(math.prod(self.cells.counts), -1, dtype=np.int64)
+        if self.lasts:  # with no period left a state is in the region
+            self._levels[certificate.kept.region] = 0
+        cell, _, level = lasting(certificate)
+        self._levels[cell] = level
+        self._sets: dict[int, Counted] = {}
+
+    def looked_up(self, states: Floats) -> tuple[Floats, Floats]:
+        """For how long the cell of each state keeps it [s], 0 where none does, and its inputs."""
+        entries, _, _, shape, periodic, numbers, rows = self._table
+        axes, found = states.shape[1], 1 + self.candidates.shape[1]
+        out = np.empty((len(states), found))
+        called(
+            "look_in_cells", "look_in_cells_many", len(states), entries,
+            np.ascontiguousarray(states), numbers, shape, periodic.astype(np.int64), axes, rows,
+            found, out, np.empty(2 * axes, dtype=np.int64),
+        )  # fmt: skip
+        return out[:, 0], out[:, 1:]
+
+    def needed(self, kept: Floats) -> Wholes:
+        """The level that an input has to lead to, for states that are kept so long [s].
+
+        One less than that of their cell; to any certified cell from where none is.
+        """
+        if not self.lasts:
+            return np.zeros(len(kept), dtype=np.int64)
+        levels = np.rint(kept / self.certificate.hold).astype(np.int64)
+        return np.where(levels > 0, levels - 1, 1)
+
+    def inside(self, states: Floats) -> Truths:
+        """Whether the constraints surely hold at states."""
+        return self.flow.inside(states, states)
+
+    def leads(self, states: Floats, inputs: Floats, needed: Wholes) -> Truths:
+        """Whether an input leads from each state to cells of that level, inside on the way.
+
+        Proved, with every rounding, of states at which the constraints hold.
+        """
+        found = self.flow.held(states, states, inputs)
+        first, last, inside = self.cells.touched(found.low, found.high)
+        fine = found.kept & inside
+        for level in set(needed[fine].tolist()):
+            some = np.flatnonzero(fine & (needed == level))
+            fine[some] = self._set(level).all_of(first[some], last[some])
+        return fine
+
+    def _set(self, level: int) -> Counted:
+        """The cells of at least that level."""
+        if level not in self._sets:
+            self._sets[level] = Counted(self.cells, self._levels >= level)
+        return self._sets[level]

@@ -1,0 +1,212 @@
+"""Certificates read from their files: whole, unchanged, and of nothing that is not understood."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import zlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from holdfast.analysis.certificates.cells import Cells, Floats, Wholes
+from holdfast.analysis.certificates.certificate import ENTRY, MAGIC, Certificate, Range, check_names
+from holdfast.analysis.certificates.certified_law import KEYS
+from holdfast.analysis.certificates.exact_text import exact_expression
+from holdfast.analysis.certificates.keeping import Kept
+from holdfast.arguments import checked
+from holdfast.errors import HoldfastError, OutputError
+from holdfast.execution.intervals.enclosure import Enclosure
+from holdfast.execution.intervals.held_flow import Sampling
+from holdfast.maths.definitions.quantity import symbol
+
+
+@checked
+def read_certificate(path: str | Path) -> Certificate:
+    """The certificate of a file that `Certificate.write` or `holdfast certify` made.
+
+    The digest is that of the content, so that a file that was changed or cut is refused; that its
+    entries hold is what `holdfast-check` says. `kept.sweeps` is 0, which the file does not tell.
+
+    Raises `OutputError` for a file that is no certificate, is damaged, or says something that this
+    version does not know.
+    """
+    file = Path(path)
+    try:
+        raw = file.read_bytes()
+    except OSError as error:
+        raise OutputError(f"{file} cannot be read ({error.strerror})") from None
+    first, _, content = raw.partition(b"\n")
+    magic, _, digest = first.decode("ascii", "replace").rpartition(" ")
+    if magic != MAGIC:
+        raise OutputError(f"{file} is no certificate", expected=f"a file that begins '{MAGIC}'")
+    if hashlib.sha256(content).hexdigest() != digest:
+        raise OutputError(
+            f"{file} is not what was written: its digest is another",
+            remedy="certify again, or take the file from where it was written",
+        )
+    text, _, packed = content.partition(b"\n")
+    try:
+        header = json.loads(text, object_pairs_hook=_once)
+        if not isinstance(header, dict):
+            raise ValueError("its header is no table")
+        if unknown := sorted(header.keys() ^ KEYS):
+            which = f"says '{unknown[0]}'" if unknown[0] in header else f"lacks '{unknown[0]}'"
+            raise OutputError(
+                f"{file} {which}, and this version reads certificates without it"
+                if unknown[0] in header else f"{file} {which}",
+                remedy="read it with the version that wrote it",
+            )  # fmt: skip
+        return _certificate(header, packed)
+    except OutputError:
+        raise
+    except HoldfastError as error:
+        raise OutputError(f"{file}: {error.cause}", expected=error.expected) from None
+    except (
+        KeyError,
+        TypeError,
+        ValueError,
+        AttributeError,
+        OverflowError,
+        RecursionError,
+        zlib.error,
+    ) as error:
+        raise OutputError(f"{file} is damaged: {error}") from None
+
+
+def _once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError("a key stands twice")
+    return found
+
+
+def _certificate(header: Mapping[str, Any], packed: bytes) -> Certificate:
+    groups = ("states", "inputs", "disturbances", "parameters")
+    named = {group: _quantities(header[group]) for group in groups}
+    names = [name for group in groups for name, _ in named[group]]
+    if len(set(names)) < len(names):
+        raise ValueError("a name stands twice")
+    check_names(names)
+    symbols = {name: symbol(name) for name in names}
+    ranges = {q["name"]: _range(q["range"]) for group in groups[2:] for q in header[group]}
+    rates = tuple(exact_expression(e, symbols) for e in header["rates"])
+    constraints, target = (
+        tuple(
+            (_text(c["name"]), _text(c["unit"]), exact_expression(c["expression"], symbols))
+            for c in header[which]
+        )
+        for which in ("constraints", "target")
+    )
+    cells = _cells(header, len(rates))
+    candidates = np.array([[_finite(v) for v in row] for row in header["candidates"]])
+    law = tuple(exact_expression(e, symbols) for e in header["law"])
+    if law and len(candidates):
+        raise ValueError("it has a law, and inputs that were tried")
+    candidates = candidates.reshape(len(candidates), 0 if law else -1)
+    given = len(law) if law else candidates.shape[1]
+    if len(rates) != len(named["states"]) or given != len(named["inputs"]):
+        raise ValueError("rates, states, inputs and their values are not as many")
+    sampling, holds = _sampling(header, candidates, law), header["holds"]
+    if not (holds is None or (type(holds) is int and holds > 0)):
+        raise ValueError(f"it holds inputs {holds} times")
+    parameters = {symbols[n]: ranges[n] for n, _ in named["parameters"]}
+    states = [symbols[n] for n, _ in named["states"]]
+    region = _region(cells, [e for _, _, e in constraints], states, parameters)
+    if target:
+        both = [e for _, _, e in (*constraints, *target)]
+        region = np.setdiff1d(region, _region(cells, both, states, parameters))
+    kept = _kept(header, packed, cells, region)
+    return Certificate(
+        title=_text(header["title"]), states=named["states"], inputs=named["inputs"],
+        disturbances=named["disturbances"], parameters=named["parameters"], ranges=ranges,
+        rates=rates, constraints=constraints, sampling=sampling, candidates=candidates, kept=kept,
+        target=target,
+    )  # fmt: skip
+
+
+def _sampling(header: Mapping[str, Any], candidates: Floats, law: tuple[sp.Expr, ...]) -> Sampling:
+    hold, delay, *errors = (
+        _finite(v) for v in (header["hold"], header["delay"], *header["errors"])
+    )
+    if not 0 <= delay < hold or len(errors) != len(header["states"]) or min(errors) < 0:
+        raise ValueError(f"inputs are held for {hold:g} s, {delay:g} s late, with errors {errors}")
+    under_way = tuple((float(c.min()), float(c.max())) for c in candidates.T)
+    return Sampling(hold, tuple(errors), delay, under_way, law or None)
+
+
+def _cells(header: Mapping[str, Any], axes: int) -> Cells:
+    edges = tuple(np.array([_finite(e) for e in axis]) for axis in header["edges"])
+    periodic = tuple(header["periodic"])
+    if not (len(edges) == len(periodic) == axes and all(type(p) is bool for p in periodic)):
+        raise ValueError("axes and states are not as many")
+    if not all(len(e) > 1 and (np.diff(e) > 0).all() for e in edges):
+        raise ValueError("the edges of an axis do not grow")
+    return Cells(edges, periodic)
+
+
+def _kept(header: Mapping[str, Any], packed: bytes, cells: Cells, region: Wholes) -> Kept:
+    count, holds = header["entries"], header["holds"]
+    if not (type(count) is int and count >= 0):
+        raise ValueError(f"it has {count!r} entries")
+    most = count * ENTRY.itemsize
+    content = zlib.decompressobj().decompress(packed, most + 1)
+    if len(content) != most:
+        raise ValueError(f"its entries are not {count}")
+    found = np.frombuffer(content, dtype=ENTRY)
+    names = ENTRY.names or ()
+    entries = np.stack([found[n].astype(np.int64) for n in names], axis=1)
+    cell, tried, level = entries.T
+    inputs = 1 if header["law"] else len(header["candidates"])
+    if count and (
+        cell.max() >= math.prod(cells.counts) or tried.max() >= inputs
+        or level.max() > (holds or 0) or (holds is not None and level.min() < 1)
+    ):  # fmt: skip
+        raise ValueError("an entry has a cell, an input or a level that there is none of")
+    final = entries if header["target"] else entries[level == (holds or 0)]
+    if len(final) != header["cells_kept"] or len(np.unique(final[:, 0])) != len(final):
+        raise ValueError(f"the cells that are kept are not {header['cells_kept']}")
+    return Kept(cells, final[:, 0], final[:, 1], holds, 0, entries, region)
+
+
+def _region(
+    cells: Cells, constraints: Sequence[sp.Expr], states: Sequence[Any], of: Mapping[Any, Range]
+) -> Wholes:
+    """The cells that lie in the region."""
+    flat = np.arange(math.prod(cells.counts))
+    if not constraints:
+        return flat
+    low, high = cells.corners(flat)
+    ends = [np.tile([r[k] for r in of.values()], (len(flat), 1)) for k in (0, 1)]
+    enclosure = Enclosure(constraints, [*states, *of])
+    most = enclosure.over(np.hstack([low, ends[0]]), np.hstack([high, ends[1]]))[1]
+    found: Wholes = flat[(most <= 0).all(axis=1)]
+    return found
+
+
+def _quantities(rows: Any) -> tuple[tuple[str, str], ...]:
+    return tuple((_text(q["name"]), _text(q["unit"])) for q in rows)
+
+
+def _range(ends: Any) -> Range:
+    low, high = (_finite(e) for e in ends)
+    if low > high:
+        raise ValueError(f"a range from {low:g} to {high:g}")
+    return low, high
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"{value!r:.40} is no text")
+    return value
+
+
+def _finite(value: Any) -> float:
+    number = float.fromhex(_text(value))
+    if not math.isfinite(number):
+        raise ValueError(f"{value} is not finite")
+    return number

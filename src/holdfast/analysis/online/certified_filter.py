@@ -1,0 +1,312 @@
+"""A filter by proof: a command passes if, held, it surely leads back into certified cells."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+import sympy as sp
+
+from holdfast.analysis.certificates.certificate import Certificate
+from holdfast.analysis.certificates.certified_law import (
+    certified_system,
+    check_fits,
+    check_usable,
+)
+from holdfast.analysis.certificates.proof import Proof
+from holdfast.analysis.online.decision import Decision, Decisions, Status
+from holdfast.analysis.online.filtered import Filtered
+from holdfast.analysis.online.measurements import Given, numbers, time_of
+from holdfast.arguments import checked
+from holdfast.errors import DefinitionError, SimulationError, suggestion
+from holdfast.execution.arrays import Array
+from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.simulation.control_sample import Rows
+from holdfast.execution.simulation.handed import Command
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.definitions.system import System
+
+Truths = npt.NDArray[np.bool_]
+Wholes = npt.NDArray[np.int64]
+
+MOST_TOGETHER = 1 << 16
+"""Inputs at states that are enclosed at a time."""
+
+
+class CertifiedFilter:
+    """The least change of a command that a certificate allows, sample by sample.
+
+        u = w,  if from x the input w, held for T, surely leads to certified cells and keeps the
+                region on the way, whatever the disturbances; else the nearest u_k that does
+
+    w is the command of your own controller, within the bounds of the inputs; u_k are the inputs
+    that were tried for the certificate. The enclosures are those of `certify`, from the measured
+    state itself. For a horizon an input has to lead to cells that are kept for as long as the
+    input of the certificate would keep the state.
+
+    certificate: found, or read from its file. system: the vehicle, see `certified_law`; by default
+    `certified_system(certificate)`. scales: input -> the change of it that counts as 1, by default
+    a half of the range that was tried. fallback: the input where a measurement or the command is
+    not finite, by default 0 within the bounds.
+
+    A loop calls it every T (`sample_time`). From a state in no certified cell an input that surely
+    leads to one counts too; where there is none the status is OUTSIDE_GRID, the input is that of
+    the nearest cell, and nothing is promised. `Decision.value` is for how long the state is kept
+    [s], infinite for ever and 0 where nothing is promised.
+
+    Raises `DefinitionError` for a certificate without a cell, for another system, and for one whose
+    inputs have no bounds, or bounds that an uncertain number changes.
+    """
+
+    @checked
+    def __init__(
+        self,
+        certificate: Certificate,
+        system: System | None = None,
+        *,
+        scales: Mapping[str, float] | None = None,
+        fallback: Sequence[float] | None = None,
+    ) -> None:
+        check_usable(certificate)
+        if system is not None:
+            check_fits(certificate, system)
+        self.system = certified_system(certificate) if system is None else system
+        self.certificate, self.sample_time = certificate, certificate.hold
+        _check_bounds(certificate, self.system)
+        self._proof = Proof(certificate)
+        self._scales = _scales(certificate, scales or {})
+        inputs = [q.symbol for q in self.system.inputs]
+        limited = self.system.limited(self.system.allocated(inputs))
+        produced = self.system.produced(limited)
+        self._limits = Evaluator([*produced, *limited], inputs, self.system.parameters)
+        self._fallback = self._checked_fallback(fallback)
+        m, acts = len(inputs), len(limited)
+        self._rows = Rows(
+            command=slice(0, m), input=slice(0, m), actuators=slice(m, m + acts),
+            nominal=slice(m + acts, 2 * m + acts), slack=-4, overruled=-3, mode=-4, outside=-2,
+            value=-1, conditions=slice(0, 0),
+        )  # fmt: skip
+        self._count = 0
+
+    @property
+    def measured_states(self) -> tuple[str, ...]:
+        """The states that `step` is given."""
+        return self.system.state_names
+
+    @property
+    def measured_disturbances(self) -> tuple[str, ...]:
+        """The disturbances that `step` is given: none."""
+        return ()
+
+    @property
+    def actuator_names(self) -> tuple[str, ...]:
+        """The names of `Decision.actuators`."""
+        return self.system.actuators or self.system.input_names
+
+    @property
+    def fallback(self) -> Array:
+        """The input where a measurement or the command is not finite."""
+        return self._fallback.copy()
+
+    # -- at a sample -------------------------------------------------------------------------
+
+    def step(
+        self,
+        state: Given,
+        command: Given,
+        t: float | None = None,
+        disturbance: Given | None = None,
+    ) -> Decision:
+        """The decision on a command [units of the inputs] at a measured state.
+
+        state, command: numbers in the order of their names, or by name. t [s]: by default the
+        number of samples since `reset` times the sample time; the answer does not depend on it. A
+        disturbance is not measured: it is any within its bounds.
+        Raises `SimulationError` for wrong names or shapes; numbers that are not finite are a
+        status.
+        """
+        if disturbance is not None:
+            raise SimulationError("a disturbance is given, and the filter measures none")
+        seen = numbers(state, self.system.state_names, "state")
+        wanted = numbers(command, self.system.input_names, "command")
+        t = time_of(t, self._count, self.sample_time)
+        self._count += 1
+        rows, codes = self._answers(seen[np.newaxis], wanted[np.newaxis])
+        overruled = bool(rows[0, self._rows.overruled])
+        told = np.concatenate([seen, wanted])
+        return Decision(rows[0], self._rows, _STATUSES[codes[0]], overruled, t, told, self)
+
+    def step_many(self, states: npt.ArrayLike, commands: npt.ArrayLike) -> Decisions:
+        """The decisions on many commands at many states, shapes (count, states), (count, inputs).
+
+        Each is that of `step`.
+        """
+        seen = _table(states, len(self.system.states), "states")
+        wanted = _table(commands, len(self.system.inputs), "commands")
+        if len(seen) != len(wanted):
+            raise SimulationError(f"{len(seen)} states and {len(wanted)} commands")
+        found, codes = self._answers(seen, wanted)
+        rows = self._rows
+        return Decisions(
+            found[:, rows.input], found[:, rows.actuators], found[:, rows.nominal],
+            found[:, rows.overruled] != 0.0, found[:, rows.slack], found[:, rows.value],
+            tuple(_STATUSES[k] for k in codes.tolist()),
+        )  # fmt: skip
+
+    def around(self, controller: Law | Switching | Command) -> Filtered:
+        """The filtered commands of a controller, for `simulate(system, commanded(system), ...)`.
+
+        controller: a law of this system, or a function of t [s] and the states (runs, states) to
+        commands (runs, inputs). The result is the argument `command`; its `counts` are how many
+        samples had each status, since a run does not end where nothing is promised.
+        """
+        return Filtered(self, controller)
+
+    def reset(self) -> None:
+        """Begin anew: the time is 0."""
+        self._count = 0
+
+    def prepare(self) -> None:
+        """All is compiled already."""
+
+    def _answers(self, seen: Array, wanted: Array) -> tuple[Array, npt.NDArray[np.int64]]:
+        """The rows of the decisions, and the numbers of their statuses."""
+        m, proof = wanted.shape[1], self._proof
+        finite: Truths = np.asarray(np.isfinite(np.hstack([seen, wanted])).all(axis=1))
+        x, w = np.where(finite[:, None], seen, 0.0), np.where(finite[:, None], wanted, 0.0)
+        chosen = np.ascontiguousarray(self._limits.values(w)[:, :m])
+        kept, own = proof.looked_up(x)
+        known = kept > 0
+        sure = known if known.all() else known | proof.inside(x)
+        needed = proof.needed(kept)
+        passes = sure & proof.leads(x, chosen, needed)
+        held = passes | known
+        rest = np.flatnonzero(~passes)
+        many = max(1, MOST_TOGETHER // len(proof.candidates))
+        for begin in range(0, len(rest), many):
+            k = rest[begin : begin + many]
+            chosen[k], found = self._nearest(x[k], chosen[k], needed[k], own[k], known[k], sure[k])
+            held[k] |= found
+        lasts = np.where(known, kept, (needed + 1) * self.sample_time if proof.lasts else math.inf)
+        chosen[~finite] = self._fallback
+        rows = np.zeros((len(x), 2 * m + self._limits.count - m + 4))
+        rows[:, : self._limits.count] = self._limits.values(chosen)
+        rows[:, self._rows.input] = chosen
+        rows[:, self._rows.nominal] = wanted
+        rows[:, self._rows.overruled] = ~passes | ~finite
+        rows[:, self._rows.outside] = ~held
+        rows[:, self._rows.value] = np.where(finite, np.where(held, lasts, 0.0), math.nan)
+        changed = (chosen != wanted).any(axis=1)
+        return rows, np.select([~finite, ~held, changed], [4, 3, 1], default=0)
+
+    def _nearest(
+        self, x: Array, wanted: Array, needed: Wholes, own: Array, known: Truths, sure: Truths
+    ) -> tuple[Array, Truths]:
+        """The nearest inputs that were tried and surely lead so far, and where there is one.
+
+        A cell that is known is certified as a whole, so that its own input does; of another cell it
+        is that of the nearest one, where no input does.
+        """
+        tried, count = self._proof.candidates, len(x)
+        most = len(tried)
+        fine = self._proof.leads(
+            np.repeat(x, most, axis=0), np.tile(tried, (count, 1)), np.repeat(needed, most)
+        ).reshape(count, most)
+        fine &= sure[:, None]
+        fine |= known[:, None] & (tried == own[:, None]).all(axis=2)
+        far = (((tried - wanted[:, None]) / self._scales) ** 2).sum(axis=2)
+        nearest = tried[np.where(fine, far, math.inf).argmin(axis=1)]
+        found: Truths = np.asarray(fine.any(axis=1))
+        return np.where(found[:, None], nearest, own), found
+
+    # -- what is said of a decision ----------------------------------------------------------
+
+    def value_at(self, decision: Decision) -> float:
+        """`Decision.value`."""
+        return decision.looked_up
+
+    def reason(self, decision: Decision) -> str:
+        """`Decision.why`."""
+        hold, status = f"held for {self.sample_time:g} s", decision.status
+        if status is Status.NOT_A_NUMBER:
+            names = (*self.system.state_names, *self.system.input_names)
+            faulty = ", ".join(
+                f"{n} is {v}"
+                for n, v in zip(names, decision.seen, strict=True)
+                if not math.isfinite(v)
+            )
+            return f"{faulty}, so that the input is the fallback"
+        if status is Status.OUTSIDE_GRID:
+            return (
+                "the state is in no certified cell, and no input that was tried surely leads to "
+                "one: nothing is promised"
+            )
+        if not decision.overruled:
+            surely = f"{hold}, surely leads to certified cells"
+            if status is Status.PASSED:
+                return f"the command, {surely}"
+            return f"the command is beyond the bounds of the inputs; within them it, {surely}"
+        return f"the command, {hold}, need not lead to certified cells; the nearest input does"
+
+    def gave_way(self, decision: Decision) -> tuple[str, ...]:
+        """`Decision.gave_way`: nothing does."""
+        return ()
+
+    # -- what is given -----------------------------------------------------------------------
+
+    def _checked_fallback(self, given: Sequence[float] | None) -> Array:
+        names = self.system.input_names
+        wanted = np.zeros(len(names)) if given is None else np.asarray(given, dtype=np.float64)
+        if wanted.shape != (len(names),) or not np.isfinite(wanted).all():
+            raise SimulationError(
+                f"fallback is {given!r}", expected=f"{len(names)} numbers: {', '.join(names)}"
+            )
+        return self._limits.values(wanted[np.newaxis])[0, : len(names)]
+
+
+_STATUSES = tuple(Status)
+
+
+def _check_bounds(certificate: Certificate, system: System) -> None:
+    bounds = system.input_bounds
+    if bounds is None:
+        raise DefinitionError(
+            f"system '{system.name}' has no bounds of its inputs",
+            expected="bounds, within which a command may pass",
+            remedy="give the system that was certified",
+        )
+    for name, _ in certificate.parameters:
+        low, high = certificate.ranges[name]
+        if low < high and sp.Symbol(name, real=True) in bounds.free_symbols:
+            raise DefinitionError(
+                f"the bounds of the inputs of '{system.name}' depend on {name}, which is uncertain",
+                expected="bounds that are known",
+            )
+
+
+def _scales(certificate: Certificate, given: Mapping[str, float]) -> Array:
+    tried, names = certificate.candidates, [n for n, _ in certificate.inputs]
+    half = 0.5 * (tried.max(axis=0) - tried.min(axis=0))
+    found = dict(zip(names, np.where(half > 0, half, 1.0).tolist(), strict=True))
+    for name, value in given.items():
+        if name not in found:
+            raise SimulationError(f"scales of '{name}'", remedy=suggestion(name, found))
+        if not (math.isfinite(value) and value > 0):
+            raise SimulationError(f"the scale of {name} is {value}", expected="above 0")
+        found[name] = float(value)
+    return np.array(list(found.values()))
+
+
+def _table(given: npt.ArrayLike, width: int, what: str) -> Array:
+    try:
+        found = np.ascontiguousarray(given, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise SimulationError(f"the {what} are no array of numbers") from None
+    if found.ndim != 2 or found.shape[1] != width:
+        raise SimulationError(
+            f"the {what} have the shape {found.shape}", expected=f"(count, {width})"
+        )
+    return found

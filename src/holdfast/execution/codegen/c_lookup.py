@@ -1,0 +1,120 @@
+"""The table of a kernel or of a certificate as C, and how an exported law looks it up."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from holdfast.errors import DefinitionError
+from holdfast.execution.interpolate import numbers_of_places
+from holdfast.maths.definitions.lookup import CellLookup, Lookup
+
+GRID = "hf_low, hf_steps, hf_shape, hf_periodic"
+
+SHORT = 2**16
+"""An entry of a table of cells is a whole number below it."""
+
+
+class CTable:
+    """The parts of an exported law that a table has.
+
+    text: the numbers; needed: the scalar functions that look them up. found: the statements that
+    fill `look` with what the table says; asked: those that note whether the state was outside.
+    """
+
+    needed: tuple[str, ...]
+
+    def __init__(self, lookup: Lookup) -> None:
+        axes, count = len(lookup.places), len(lookup.symbols)
+        if isinstance(lookup, CellLookup):
+            rows = lookup.table[6]  # type: ignore[index]
+            call = (
+                f"hf_look_in_cells(hf_entries, place, hf_numbers, hf_shape, hf_periodic, {axes}, "
+                f"{rows}, {count}, look, near)"
+            )
+            self.text, self.needed = _cells(lookup), ("look_in_cells",)
+            room = f"    double look[{count}];\n    long near[{2 * axes}];\n"
+            self.found = f"{_placed(axes, 'kept')}{room}    (void){call};\n"
+            self.asked = (
+                f"{_placed(axes, 's->kept')}    {{\n{room}    s->outside = !{call};\n    }}\n"
+            )
+            self.outside = (
+                "1 if the state was in no certified cell: the input is that of the nearest one"
+            )
+            return
+        numbers, whole = numbers_of_places(axes)
+        self.text, self.needed = _grid(lookup), ("look_up", "beyond_grid")
+        self.found = (
+            f"{_placed(axes, 'kept')}    double look[{count}], between[{numbers}];\n"
+            f"    long near[{whole}];\n"
+            f"    hf_look_up(hf_values, place, {GRID}, {axes}, look, between, near);\n"
+        )
+        call = f"hf_beyond_grid(place, {GRID}, {axes}, {int(lookup.timed)})"
+        self.asked = f"{_placed(axes, 's->kept')}    s->outside = {call};\n"
+        self.outside = (
+            "1 if the state was outside the grid of the kernel: the nearest place of the grid is "
+            "used"
+        )
+
+
+def _placed(axes: int, kept: str) -> str:
+    return f"    double place[{axes}];\n    hf_place(t, seen, {kept}, p, place);\n"
+
+
+def _grid(lookup: Lookup) -> str:
+    """The grid and the values of a table, for the functions of `interpolate.py`."""
+    table: Any = lookup.table
+    values, low, steps, shape, periodic = table
+    kind = "float" if values.dtype == np.float32 else "double"
+    return (
+        f"typedef {kind} hf_table;\n"
+        f"{_doubles('low', low)}{_doubles('steps', steps)}{_axes(shape, periodic)}"
+        f"static const hf_table hf_values[{len(values)}] = {{\n{_listed(values)}\n}};\n"
+    )
+
+
+def _cells(lookup: CellLookup) -> str:
+    """The edges of the cells, the rows and the entries, for `look_in_cells.py`."""
+    table: Any = lookup.table
+    entries, _, _, shape, periodic, numbers, _ = table
+    if not entries.max() < SHORT:
+        raise DefinitionError(
+            f"a table of cells with the entry {int(entries.max())}",
+            expected=f"fewer than {SHORT // 2} inputs and {SHORT} sampling periods in C",
+        )
+    return (
+        "typedef unsigned short hf_table;\n"
+        f"{_axes(shape, periodic)}{_doubles('numbers', numbers)}"
+        f"static const hf_table hf_entries[{len(entries)}] = {{\n"
+        f"{_listed([int(e) for e in entries], 16)}\n}};\n"
+    )
+
+
+def _axes(shape: Iterable[Any], periodic: Iterable[Any]) -> str:
+    counts, turns = [int(k) for k in shape], [int(k) for k in periodic]
+    return (
+        f"static const long hf_shape[{len(counts)}] = {{{_listed(counts)}}};\n"
+        f"static const long hf_periodic[{len(turns)}] = {{{_listed(turns)}}};\n"
+    )
+
+
+def _doubles(name: str, values: Any) -> str:
+    return f"static const double hf_{name}[{len(values)}] = {{{_listed(values)}}};\n"
+
+
+def _listed(values: Iterable[Any], across: int = 8) -> str:
+    """The numbers of an array, so many per line."""
+    texts = [_number(v) for v in values]
+    return ",\n".join(", ".join(texts[k : k + across]) for k in range(0, len(texts), across))
+
+
+def _number(value: Any) -> str:
+    """The shortest text that reads back as this number."""
+    if isinstance(value, int):
+        return str(value)
+    if math.isfinite(value):
+        return f"{value!s}f" if isinstance(value, np.float32) else repr(float(value))
+    return "NAN" if math.isnan(value) else ("INFINITY" if value > 0 else "-INFINITY")

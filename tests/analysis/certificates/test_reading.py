@@ -1,0 +1,140 @@
+"""Certificates are read from their files as they were written, and nothing else is."""
+
+import math
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import holdfast as hf
+from holdfast.analysis.certificates.certificate import KNOWN
+from holdfast.analysis.certificates.exact_text import exact_expression
+from holdfast.errors import DefinitionError, ExpressionError, OutputError
+from holdfast.execution.intervals.held_flow import exact
+from tests.certified_systems import AHEAD, BOX, CART, LEFT, camera, cart, changed, view
+
+
+def written(folder, **options):
+    found = hf.certify(camera(), view(camera()), box=BOX, cells=21, **options)
+    return found, found.write(folder / "view.holdfast")
+
+
+@pytest.mark.parametrize("horizon", [None, 0.5])
+def test_certificate_that_is_read_is_the_one_that_was_written(horizon, tmp_path):
+    found, path = written(tmp_path, horizon=horizon)
+    read = hf.read_certificate(path)
+    assert read.header() == found.header()
+    assert read.rates == tuple(exact(r) for r in found.rates)
+    assert read.ranges == found.ranges
+    for name in ("members", "inputs", "entries", "region"):
+        assert np.array_equal(getattr(read.kept, name), getattr(found.kept, name)), name
+    again = read.write(tmp_path / "again.holdfast")
+    assert again.read_bytes() == path.read_bytes()
+
+
+def test_uncertain_number_is_read_with_its_range(tmp_path):
+    found = hf.certify(*cart(), box=CART, cells=21, sample_time=0.2, uncertain={"drag": (0.1, 0.3)})
+    read = hf.read_certificate(found.write(tmp_path / "cart.holdfast"))
+    assert read.header() == found.header()
+    system = hf.certified_system(read)
+    assert system.parameters[0].value == pytest.approx(0.2)
+    assert system.rates.keys() == {"x", "v"}
+
+
+@pytest.mark.parametrize(
+    ("spoil", "named"),
+    [
+        (lambda raw: raw[:-1], "its digest is another"),
+        (lambda raw: raw[:200] + bytes([raw[200] ^ 1]) + raw[201:], "its digest is another"),
+        (lambda raw: b"", "no certificate"),
+        (lambda raw: b"PK" + raw, "no certificate"),
+        (lambda raw: raw.replace(b"certificate 1", b"certificate 2", 1), "no certificate"),
+    ],
+)
+def test_file_that_is_not_what_was_written_is_refused(spoil, named, tmp_path):
+    _, path = written(tmp_path)
+    path.write_bytes(spoil(path.read_bytes()))
+    with pytest.raises(OutputError, match=named):
+        hf.read_certificate(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"goal": []}, "says 'goal'"),
+        ({"delay": "0x1p+4"}, "s late"),
+        ({"errors": ["0x0p+0"]}, "with errors"),
+        ({"law": ["0"]}, "a law, and inputs"),
+        ({"hold": None}, "is no text"),
+        ({"hold": "nan"}, "not finite"),
+        ({"holds": 0}, "holds inputs 0 times"),
+        ({"rates": ["v", "__import__('os')"]}, "nothing of a certificate"),
+        ({"rates": ["9**9**9", "0"]}, "the exponent"),
+        ({"rates": ["unknown", "0"]}, "nothing of a certificate"),
+        ({"rates": ["0"]}, "axes and states are not as many"),
+        ({"cells_kept": 1}, "cells that are kept are not 1"),
+        ({"entries": 3}, "its entries are not 3"),
+        ({"entries": 10**12}, "its entries are not"),
+        ({"candidates": [["0x0p+0", "0x0p+0"]]}, "an entry has a cell, an input"),
+        ({"inputs": [{"name": "sin", "unit": "1"}, {"name": "r", "unit": "1"}]}, "'sin' is the name"),
+        ({"edges": [["0x0p+0"], ["0x0p+0", "0x1p+0"]]}, "edges of an axis"),
+        ({"periodic": ["yes", "no"]}, "axes and states"),
+        ({"states": 7}, "is damaged"),
+    ],
+)  # fmt: skip
+def test_header_that_is_not_understood_is_refused_by_name(change, named, tmp_path):
+    _, path = written(tmp_path)
+    with pytest.raises(OutputError, match=named):
+        hf.read_certificate(changed(path, lambda header: header.update(change)))
+
+
+def test_header_that_lacks_a_key_and_a_file_that_is_not_there_are_refused(tmp_path):
+    _, path = written(tmp_path)
+    with pytest.raises(OutputError, match="lacks 'rates'"):
+        hf.read_certificate(changed(path, lambda header: header.pop("rates")))
+    with pytest.raises(OutputError, match="cannot be read"):
+        hf.read_certificate(tmp_path / "none.holdfast")
+
+
+def test_every_function_of_a_certificate_is_read_back():
+    x, y = hf.symbol("x"), hf.symbol("y")
+    names = {"x": x, "y": y}
+    for name in (*KNOWN, "sqrt"):
+        for arguments in ("x", "x, y", "x, y, 1/1000000000000"):
+            try:
+                e = exact_expression(f"{name}({arguments})", names)
+            except (TypeError, ValueError, AttributeError):
+                continue
+            assert exact_expression(sp.sstr(e), names) == e
+            break
+        else:
+            pytest.fail(name)
+
+
+def test_numbers_are_read_exactly():
+    third = exact(sp.Float(0.1) ** 3 * hf.symbol("x") + sp.pi / 3)
+    assert exact_expression(sp.sstr(third), {"x": hf.symbol("x")}) == third
+    assert exact_expression("2**(-1/2)", {}) == 1 / sp.sqrt(2)
+    for text in ("1.5", "True", "x", "pi.real", "sin(x=1)", "lambda: 0", "(" * 300, 7, math.nan):
+        with pytest.raises(ExpressionError):
+            exact_expression(text, {})
+
+
+def test_delay_errors_a_target_and_a_law_come_back_from_the_file(tmp_path):
+    system, region = camera(), view(camera())
+    kinds = (
+        {"delay": 0.02, "errors": {"left": 0.01}},
+        {"target": hf.Region("near", system.states, (hf.Inequality("d", AHEAD - 1, "m"),))},
+        {"law": hf.Law("still", system.states, {"u": 0 * AHEAD, "r": 2 * LEFT}), "horizon": 0.2},
+    )
+    for more in kinds:
+        found = hf.certify(system, region, box=BOX, cells=31, **more)
+        assert len(found.kept.members)
+        again = hf.read_certificate(found.write(tmp_path / "some.certificate"))
+        assert again.sampling.errors == found.sampling.errors
+        assert again.header() == found.header()
+        if "delay" not in more:
+            with pytest.raises(DefinitionError, match=r"is of a law|ends at a target"):
+                hf.certified_law(again)
+        else:
+            hf.certified_law(again)
