@@ -116,10 +116,10 @@ def _certificate(header: Mapping[str, Any], packed: bytes) -> Certificate:
         raise ValueError(f"it holds inputs {holds} times")
     parameters = {symbols[n]: ranges[n] for n, _ in named["parameters"]}
     states = [symbols[n] for n, _ in named["states"]]
-    region = _region(cells, [e for _, _, e in constraints], states, parameters)
+    region = _region(cells, [e for _, _, e in constraints], states, parameters, sampling.errors)
     if target:
         both = [e for _, _, e in (*constraints, *target)]
-        region = np.setdiff1d(region, _region(cells, both, states, parameters))
+        region = np.setdiff1d(region, _region(cells, both, states, parameters, sampling.errors))
     kept = _kept(header, packed, cells, region)
     return Certificate(
         title=_text(header["title"]), states=named["states"], inputs=named["inputs"],
@@ -174,13 +174,21 @@ def _kept(header: Mapping[str, Any], packed: bytes, cells: Cells, region: Wholes
 
 
 def _region(
-    cells: Cells, constraints: Sequence[sp.Expr], states: Sequence[Any], of: Mapping[Any, Range]
+    cells: Cells,
+    constraints: Sequence[sp.Expr],
+    states: Sequence[Any],
+    of: Mapping[Any, Range],
+    errors: Sequence[float],
 ) -> Wholes:
-    """The cells that lie in the region."""
+    """The cells that lie in the region wherever they are measured."""
     flat = np.arange(math.prod(cells.counts))
     if not constraints:
         return flat
     low, high = cells.corners(flat)
+    for axis, error in enumerate(errors):
+        if error:
+            low[:, axis] = np.nextafter(low[:, axis] - error, -np.inf)
+            high[:, axis] = np.nextafter(high[:, axis] + error, np.inf)
     ends = [np.tile([r[k] for r in of.values()], (len(flat), 1)) for k in (0, 1)]
     enclosure = Enclosure(constraints, [*states, *of])
     most = enclosure.over(np.hstack([low, ends[0]]), np.hstack([high, ends[1]]))[1]
