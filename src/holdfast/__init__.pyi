@@ -7,6 +7,7 @@ from .analysis.boundary.boundary import regulation_map as regulation_map
 from .analysis.boundary.viability_check import check_viability as check_viability
 from .analysis.certificates.certificate import Certificate as Certificate
 from .analysis.certificates.certify import certify as certify
+from .analysis.certificates.largest import LargestCertified as LargestCertified
 from .analysis.identification.identified import Identified as Identified
 from .analysis.identification.identify import identify as identify
 from .analysis.identification.log import Log as Log
@@ -147,5 +148,6 @@ from .studies.comparison.compare import compare as compare
 from .studies.derivation import Derivation as Derivation
 from .studies.derivation import explain as explain
 from .studies.disturbance_margin import disturbance_margin as disturbance_margin
+from .studies.largest_certified import largest_certified as largest_certified
 from .studies.sweep.sweep import sweep as sweep
 from .studies.tuning.tune import tune as tune

@@ -32,12 +32,7 @@ def certified(
     cells: by default as many as the grid has nodes. horizon [s]: None is for ever. Raises
     `ScenarioError` for a scenario of another kind.
     """
-    loaded = load_scenario(scenario, overrides)
-    if not isinstance(loaded, KernelScenario) or loaded.kind not in KINDS:
-        raise ScenarioError(
-            f"'{scenario}' is no kernel of a region", expected="a scenario that is one of "
-            + ", ".join(KINDS),
-        )  # fmt: skip
+    loaded = check_kernel(load_scenario(scenario, overrides), scenario)
     assert loaded.region is not None
     axes = loaded.grid.axes
     return certify(
@@ -52,6 +47,16 @@ def certified(
         disturbance=loaded.options.get("disturbance"),
         progress=progress,
     )
+
+
+def check_kernel(loaded: object, scenario: str) -> KernelScenario:
+    """Raises `ScenarioError` for a scenario that is no kernel of a region."""
+    if not isinstance(loaded, KernelScenario) or loaded.kind not in KINDS:
+        raise ScenarioError(
+            f"'{scenario}' is no kernel of a region", expected="a scenario that is one of "
+            + ", ".join(KINDS),
+        )  # fmt: skip
+    return loaded
 
 
 def write_certificate(found: Certificate, folder: Path, *, figures: bool) -> list[Path]:

@@ -323,6 +323,15 @@ def test_what_the_checker_does_not_read_is_not_certified(rate, message):
         certify(*one_state(rate, [X - 1]), box={"x": (0, 1)}, cells=5)
 
 
+def test_squares_of_states_around_zero_are_checked(tmp_path):
+    """In the file they are products: Arb's Python interface has no power of a ball around zero."""
+    found = certify(*one_state(-(X**3), [X**2 - 1]), box={"x": (-1.1, 1.1)}, cells=21)
+    assert "(x)*(x)" in found.header()["constraints"][0]["expression"]
+    assert found.header()["rates"] == ["-((x)*(x)*(x))"]
+    assert len(found.kept.members) == 19
+    assert "19 of 19 entries hold" in check(str(found.write(tmp_path / "square.holdfast")))
+
+
 def test_names_of_functions_and_numbers_are_refused():
     number = hf.Parameter("E", value=2.5)
     with pytest.raises(DefinitionError, match="'E' is the name of a function or number"):

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
+from sympy.printing.str import StrPrinter
 
 from holdfast.analysis.certificates.cells import Cells, Floats, Wholes
 from holdfast.analysis.certificates.keeping import Kept
@@ -71,10 +72,9 @@ class Certificate:
             "inputs": _named(self.inputs),
             "disturbances": _ranged(self.disturbances, self.ranges),
             "parameters": _ranged(self.parameters, self.ranges),
-            "rates": [sp.sstr(exact(r)) for r in self.rates],
+            "rates": [_text(r) for r in self.rates],
             "constraints": [
-                {"name": n, "unit": u, "expression": sp.sstr(exact(e))}
-                for n, u, e in self.constraints
+                {"name": n, "unit": u, "expression": _text(e)} for n, u, e in self.constraints
             ],
             "hold": self.hold.hex(),
             "holds": kept.holds,
@@ -149,6 +149,21 @@ def check_names(names: Iterable[str]) -> None:
             raise DefinitionError(
                 f"'{name}' is the name of a function or number", remedy="rename it"
             )
+
+
+class _Products(StrPrinter):
+    """Whole powers as products: Arb's power of a ball around zero is not known."""
+
+    def _print_Pow(self, expr: sp.Pow, rational: bool = False) -> str:  # noqa: N802
+        base, exponent = expr.as_base_exp()
+        if not (exponent.is_Integer and abs(exponent) >= 2) or base.is_number:
+            return str(super()._print_Pow(expr, rational))
+        product = "*".join(int(abs(exponent)) * [f"({self._print(base)})"])
+        return f"(1/({product}))" if exponent < 0 else f"({product})"
+
+
+def _text(e: sp.Expr) -> str:
+    return str(_Products().doprint(exact(e)))
 
 
 def _packed(entries: Wholes) -> bytes:
