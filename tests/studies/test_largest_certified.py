@@ -2,7 +2,6 @@
 
 import json
 from functools import cache
-from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -59,22 +58,6 @@ def test_mass_may_be_off_by_a_ninth_with_half_of_the_states_certified(tmp_path):
     assert (low, high) == (20 - found.low, 20 + found.low)
     path = found.found.write(tmp_path / "mass.holdfast")
     assert check(str(path)) == "5503 cells for ever: 5503 of 5503 entries hold"
-
-
-def test_largest_numbers_of_the_page_are_those_that_are_found():
-    """The rows of the table in docs/certificates.md, from the searches above."""
-    page = (Path(__file__).parents[2] / "docs/certificates.md").read_text("utf-8")
-    for of, name, share, asked, unit in (
-        ("seen-target", "current", 0.0, "one cell", "m/s"),
-        ("seen-target", "current", 0.9, "90 %", "m/s"),
-        ("loaded-cart", "uncertain.mass", 0.5, "50 %", "kg off"),
-    ):
-        hold = {"sample_time": 0.2} if name.startswith("uncertain") else {}
-        found = searched(of, name, share=share, **hold)
-        digits = 4 if unit == "m/s" else 2
-        low, high = (f"{v:.{digits}f} {unit}" for v in (found.low, found.high))
-        part = f", {100 * found.found.kept.share:.1f} %" if share == 0 else ""
-        assert f"| {asked} | {low}{part} | {high} |" in page
 
 
 def test_number_that_is_no_bound_is_tried_all_over_the_interval():
