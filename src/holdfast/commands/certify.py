@@ -31,6 +31,13 @@ from holdfast.studies.progress import bar
     help="A parameter that is any number in a range (repeatable).",
 )
 @click.option(
+    "--room",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="A harder case to search, such as a larger current, so that the checker, whose arithmetic "
+    "is wider, agrees with what is stated (repeatable).",
+)
+@click.option(
     "--largest",
     metavar="NAME",
     help="Bisect a number of the scenario, such as a current, or uncertain.NAME: how far a "
@@ -58,6 +65,7 @@ def command(
     horizon: float | None,
     inputs: int,
     uncertain: tuple[str, ...],
+    room: tuple[str, ...],
     largest: str | None,
     between: tuple[float, float] | None,
     tolerance: float | None,
@@ -74,7 +82,7 @@ def command(
     """
     from holdfast.presentation.studies.certificate import certificate_text
     from holdfast.scenario.files import scenario_title
-    from holdfast.studies.certification import certified, write_certificate
+    from holdfast.studies.certification import certified, certified_with_room, write_certificate
 
     folder = out if out is not None else Path("runs") / scenario_title(scenario)
     check_writable(folder)
@@ -87,13 +95,19 @@ def command(
     }
     search = {"between": between, "tolerance": tolerance, "share": share}
     search = {name: value for name, value in search.items() if value is not None}
+    if largest is not None and room:
+        raise ScenarioError("--room with --largest", expected="one of them")
     if largest is not None:
         _largest(scenario, largest, overrides, {**options, **search}, folder, not no_figures)
         return
     if search:
         raise ScenarioError(f"--{next(iter(search))} without --largest", remedy="name a number")
     with bar("images of cells") as tell:
-        found = certified(scenario, overrides, **options, progress=tell)
+        options["progress"] = tell
+        if room:
+            found = certified_with_room(scenario, overrides, room, **options)
+        else:
+            found = certified(scenario, overrides, **options)
     files = write_certificate(found, folder, figures=not no_figures)
     click.echo(certificate_text(found, files))
     if not len(found.kept.members):

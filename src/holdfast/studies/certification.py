@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from holdfast.analysis.certificates.certificate import Certificate, Range
 from holdfast.analysis.certificates.certify import INPUTS, certify
+from holdfast.analysis.certificates.narrowed import narrowed
 from holdfast.errors import ScenarioError
 from holdfast.host.output import make_folder, write_summary
 from holdfast.scenario.kinds.kernel import KernelScenario
@@ -47,6 +49,25 @@ def certified(
         disturbance=loaded.options.get("disturbance"),
         progress=progress,
     )
+
+
+def certified_with_room(
+    scenario: str, overrides: Iterable[str] = (), room: Iterable[str] = (), **options: Any
+) -> Certificate:
+    """`certified` for a harder case, and stated for the scenario: the checker has room to agree.
+
+    room: overrides that only widen bounds of disturbances or tighten constraints, such as a larger
+    current (`narrowed`). Raises `SimulationError` for others.
+    """
+    changes, harder = list(overrides), list(room)
+    stated = certified(scenario, changes, **{**options, "cells": 1, "progress": None})
+    found = certified(scenario, [*changes, *harder], **options)
+    same = found.rates == stated.rates and found.constraints == stated.constraints
+    if not same:
+        raise ScenarioError(
+            "room changes rates or constraints", expected="wider bounds of disturbances"
+        )
+    return narrowed(found, stated.ranges)
 
 
 def check_kernel(loaded: object, scenario: str) -> KernelScenario:
