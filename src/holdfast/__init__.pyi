@@ -9,6 +9,7 @@ from .analysis.certificates.certificate import Certificate as Certificate
 from .analysis.certificates.certified_law import certified_law as certified_law
 from .analysis.certificates.certified_law import certified_system as certified_system
 from .analysis.certificates.certify import certify as certify
+from .analysis.certificates.largest import LargestCertified as LargestCertified
 from .analysis.certificates.reading import read_certificate as read_certificate
 from .analysis.identification.identified import Identified as Identified
 from .analysis.identification.identify import identify as identify
@@ -151,5 +152,6 @@ from .studies.comparison.compare import compare as compare
 from .studies.derivation import Derivation as Derivation
 from .studies.derivation import explain as explain
 from .studies.disturbance_margin import disturbance_margin as disturbance_margin
+from .studies.largest_certified import largest_certified as largest_certified
 from .studies.sweep.sweep import sweep as sweep
 from .studies.tuning.tune import tune as tune

@@ -200,6 +200,10 @@ FUNCTIONS = {
     "load": lambda: {"path": "nowhere.nc"},
     "load_scenario": lambda: {"name": "inspection", "overrides": ["law.k1=0.1"], "runs": 2, "seed": 3},
     "march_memory": lambda: {"grid": over(), "capture": True, "moving": False, "times": 1, "least_times": True},
+    "largest_certified": lambda: {
+        "scenario": "loaded-cart", "of": "slope", "between": (0.1, 0.2), "tolerance": 0.09, "share": 0.1, "cells": 5,
+        "sample_time": 0.2, "horizon": 0.2, "inputs": 2, "uncertain": {"mass": (19.0, 21.0)}, "overrides": ["grid.nodes=7"],
+    },
     "margin_figure": lambda: {
         "values": [0.1, 0.2], "fractions": [0.5, 0.0], "name": "current", "unit": "m/s", "threshold": 0.0, "answers": None,
         "keeps": False,
@@ -570,7 +574,8 @@ def close():
 
 
 SLOW = (
-    "check_promise", "compare", "critical_points", "disturbance_margin", "explain", "identify", "load_scenario", "tune",
+    "check_promise", "compare", "critical_points", "disturbance_margin", "explain", "identify", "largest_certified", "load_scenario",
+    "tune",
 )  # fmt: skip
 """Functions, and laws below, that derive or simulate much before they refuse."""
 

@@ -4,10 +4,12 @@ import json
 import tomllib
 
 import pytest
+from click.testing import CliRunner
 
-from holdfast.errors import ScenarioError
+from holdfast.commands.certify import command
+from holdfast.errors import HoldfastError, ScenarioError
 from holdfast.scenario.files import read_tables
-from holdfast.studies.certification import certified, write_certificate
+from holdfast.studies.certification import certified, certified_with_room, write_certificate
 from holdfast_check.checker import check
 from tests.command_line import holdfast
 
@@ -21,7 +23,8 @@ def test_shipped_target_is_kept_in_view_for_ever_from_all_but_eight_cells(tmp_pa
     files = write_certificate(found, tmp_path, figures=False)
     assert check(str(files[0])) == "5106 cells for ever: 5106 of 5106 entries hold"
     told = json.loads((tmp_path / "certificate.json").read_text())
-    assert told["ranges"] == {"wa": [-0.1, 0.1], "wb": [-0.15, 0.15]}
+    assert told["ranges"]["wa"] == [-0.1, 0.1]
+    assert told["ranges"]["wb"] == pytest.approx([-0.15, 0.15], rel=1e-15)
     assert told["seconds"] is None
 
 
@@ -83,3 +86,40 @@ def test_reach_is_no_kernel():
     with pytest.raises(ScenarioError, match="is no kernel of a region"):
         certified("ch7-capture-basin")
     assert tomllib.loads(read_tables("seen-target")[1])["scenario"]["kind"].endswith("kernel")
+
+
+WIDER = "system.parameters.current.value=0.12"
+
+
+def test_certificate_with_room_is_that_of_a_harder_current_stated_for_the_scenario(tmp_path):
+    roomy = certified_with_room("seen-target", (), [WIDER], cells=41)
+    harder, own = certified("seen-target", [WIDER], cells=41), certified("seen-target", cells=41)
+    assert roomy.ranges == own.ranges
+    assert list(roomy.kept.members) == list(harder.kept.members)
+    assert len(harder.kept.members) < len(own.kept.members)
+    assert check(str(roomy.write(tmp_path / "c.holdfast")), share=0.3)
+
+
+def test_room_that_is_no_harder_is_refused():
+    for room, message in (
+        ("system.parameters.current.value=0.05", "is not implied by"),
+        ("system.rates.ahead='-u + r*left - wa/2'", "changes rates or constraints"),
+    ):
+        with pytest.raises(HoldfastError, match=message):
+            certified_with_room("seen-target", (), [room], cells=11)
+
+
+def test_command_with_room_says_the_bounds_of_the_scenario(tmp_path):
+    asked = ["seen-target", "--cells", "21", "--room", WIDER, "--no-figures"]
+    answer = CliRunner().invoke(command, [*asked, "--out", str(tmp_path)])
+    assert answer.exit_code == 0, answer.output
+    assert "any wa         from -0.1 to 0.1 m/s" in answer.output
+    with pytest.raises(ScenarioError, match="--room with --largest"):
+        CliRunner().invoke(command, [*asked, "--largest", "current"], catch_exceptions=False)
+
+
+def test_cart_in_four_states_is_certified_for_ever(tmp_path):
+    found = certified("pushed-cart", cells=13, sample_time=0.5, inputs=3)
+    assert found.cells.counts == (13, 13, 13, 13)
+    assert 0.3 < found.kept.share < 1
+    assert check(str(found.write(tmp_path / "c.holdfast")), share=200 / len(found.kept.members))

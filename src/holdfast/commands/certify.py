@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -29,6 +30,33 @@ from holdfast.studies.progress import bar
     metavar="NAME=LOW,HIGH",
     help="A parameter that is any number in a range (repeatable).",
 )
+@click.option(
+    "--room",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="A harder case to search, such as a larger current, so that the checker, whose arithmetic "
+    "is wider, agrees with what is stated (repeatable).",
+)
+@click.option(
+    "--largest",
+    metavar="NAME",
+    help="Bisect a number of the scenario, such as a current, or uncertain.NAME: how far a "
+    "parameter may be off.",
+)
+@click.option(
+    "--between",
+    type=(float, float),
+    metavar="LOW HIGH",
+    help="With --largest: the interval [default: from 0 to twice the value, then further].",
+)
+@click.option(
+    "--tolerance", type=float, help="With --largest: of the limit [default: a hundredth of HIGH]."
+)
+@click.option(
+    "--share",
+    type=float,
+    help="With --largest: of the cells in the region, 0 to 1 [default: one cell].",
+)
 @file_options
 def command(
     scenario: str,
@@ -37,6 +65,11 @@ def command(
     horizon: float | None,
     inputs: int,
     uncertain: tuple[str, ...],
+    room: tuple[str, ...],
+    largest: str | None,
+    between: tuple[float, float] | None,
+    tolerance: float | None,
+    share: float | None,
     out: Path | None,
     overrides: tuple[str, ...],
     no_figures: bool,
@@ -45,29 +78,61 @@ def command(
 
     Between samples too, for every disturbance within its bounds, with every rounding counted. The
     file certificate.holdfast is checked by another program: holdfast-check FILE. The exit status is
-    1 if no cell is certified.
+    1 if no cell is certified, and with --largest if the limit was not found.
     """
     from holdfast.presentation.studies.certificate import certificate_text
     from holdfast.scenario.files import scenario_title
-    from holdfast.studies.certification import certified, write_certificate
+    from holdfast.studies.certification import certified, certified_with_room, write_certificate
 
     folder = out if out is not None else Path("runs") / scenario_title(scenario)
     check_writable(folder)
+    options: dict[str, Any] = {
+        "cells": cells,
+        "sample_time": sample_time,
+        "horizon": horizon,
+        "inputs": inputs,
+        "uncertain": dict(_range(text) for text in uncertain),
+    }
+    search = {"between": between, "tolerance": tolerance, "share": share}
+    search = {name: value for name, value in search.items() if value is not None}
+    if largest is not None and room:
+        raise ScenarioError("--room with --largest", expected="one of them")
+    if largest is not None:
+        _largest(scenario, largest, overrides, {**options, **search}, folder, not no_figures)
+        return
+    if search:
+        raise ScenarioError(f"--{next(iter(search))} without --largest", remedy="name a number")
     with bar("images of cells") as tell:
-        found = certified(
-            scenario,
-            overrides,
-            cells=cells,
-            sample_time=sample_time,
-            horizon=horizon,
-            inputs=inputs,
-            uncertain=dict(_range(text) for text in uncertain),
-            progress=tell,
-        )
+        options["progress"] = tell
+        if room:
+            found = certified_with_room(scenario, overrides, room, **options)
+        else:
+            found = certified(scenario, overrides, **options)
     files = write_certificate(found, folder, figures=not no_figures)
     click.echo(certificate_text(found, files))
     if not len(found.kept.members):
         click.echo("holdfast: no cell is certified; try more cells or inputs", err=True)
+        sys.exit(NOT_ANSWERED)
+
+
+def _largest(
+    scenario: str,
+    name: str,
+    overrides: tuple[str, ...],
+    options: dict[str, Any],
+    folder: Path,
+    figures: bool,
+) -> None:
+    from holdfast.presentation.studies.largest_certified import largest_text
+    from holdfast.studies.largest_certified import largest_certified, write_largest
+
+    with bar("preparing") as tell:
+        found = largest_certified(scenario, name, overrides=overrides, **options, progress=tell)
+    files = write_largest(found, folder, figures=figures)
+    click.echo(largest_text(found, files))
+    if not found.answered:
+        remedy = "look elsewhere with --between"
+        click.echo(f"holdfast: the limit of {found.key} was not found; {remedy}", err=True)
         sys.exit(NOT_ANSWERED)
 
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from holdfast.analysis.certificates.certificate import Certificate, Range
 from holdfast.analysis.certificates.certify import certify
+from holdfast.analysis.certificates.narrowed import narrowed
 from holdfast.analysis.certificates.problem import INPUTS
 from holdfast.errors import ScenarioError
 from holdfast.host.output import make_folder, write_summary
@@ -33,12 +35,7 @@ def certified(
     cells: by default as many as the grid has nodes. horizon [s]: None is for ever. Raises
     `ScenarioError` for a scenario of another kind.
     """
-    loaded = load_scenario(scenario, overrides)
-    if not isinstance(loaded, KernelScenario) or loaded.kind not in KINDS:
-        raise ScenarioError(
-            f"'{scenario}' is no kernel of a region", expected="a scenario that is one of "
-            + ", ".join(KINDS),
-        )  # fmt: skip
+    loaded = check_kernel(load_scenario(scenario, overrides), scenario)
     assert loaded.region is not None
     axes = loaded.grid.axes
     return certify(
@@ -53,6 +50,35 @@ def certified(
         disturbance=loaded.options.get("disturbance"),
         progress=progress,
     )
+
+
+def certified_with_room(
+    scenario: str, overrides: Iterable[str] = (), room: Iterable[str] = (), **options: Any
+) -> Certificate:
+    """`certified` for a harder case, and stated for the scenario: the checker has room to agree.
+
+    room: overrides that only widen bounds of disturbances or tighten constraints, such as a larger
+    current (`narrowed`). Raises `SimulationError` for others.
+    """
+    changes, harder = list(overrides), list(room)
+    stated = certified(scenario, changes, **{**options, "cells": 1, "progress": None})
+    found = certified(scenario, [*changes, *harder], **options)
+    same = found.rates == stated.rates and found.constraints == stated.constraints
+    if not same:
+        raise ScenarioError(
+            "room changes rates or constraints", expected="wider bounds of disturbances"
+        )
+    return narrowed(found, stated.ranges)
+
+
+def check_kernel(loaded: object, scenario: str) -> KernelScenario:
+    """Raises `ScenarioError` for a scenario that is no kernel of a region."""
+    if not isinstance(loaded, KernelScenario) or loaded.kind not in KINDS:
+        raise ScenarioError(
+            f"'{scenario}' is no kernel of a region", expected="a scenario that is one of "
+            + ", ".join(KINDS),
+        )  # fmt: skip
+    return loaded
 
 
 def write_certificate(found: Certificate, folder: Path, *, figures: bool) -> list[Path]:

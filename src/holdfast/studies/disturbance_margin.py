@@ -100,7 +100,7 @@ def disturbance_margin(
         )
     end = knob.limit if between is None else high
     kept = _kept(own, keep)
-    monotone = _can_do_more(composed(low), composed(high))
+    monotone = can_do_more(composed(low), composed(high))
     given = {n: v for n, v in own.options.items() if n in Marching.__dataclass_fields__}
     warm = warm_start and monotone and own.forever and Marching(**given).monotone
     trials = _Trials(composed, kept, warm, knob.name, progress)
@@ -146,7 +146,7 @@ class _Trials:
         if not _moves(asked):  # otherwise a kernel lost so far need not be lost in the end
             options["until"] = self.kept.lost
         before = self.before
-        warm = before is not None and before[0] < value and _can_do_more(before[1], asked)
+        warm = before is not None and before[0] < value and can_do_more(before[1], asked)
         if before is not None and warm:
             options["begin"] = before[2]
 
@@ -235,7 +235,7 @@ def _moves(scenario: KernelScenario) -> bool:
     return any(r.has(TIME) for r in rates) or scenario.about.moves
 
 
-def _can_do_more(one: KernelScenario, other: KernelScenario) -> bool:
+def can_do_more(one: KernelScenario, other: KernelScenario) -> bool:
     """Whether `other` differs from `one` only by larger bounds of its disturbances."""
     mine, theirs = one.system, other.system
     used = {s for r in mine.rates.values() for s in r.free_symbols} | one.about.margin.free_symbols

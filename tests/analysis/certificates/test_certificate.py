@@ -53,6 +53,22 @@ def test_cart_with_an_uncertain_drag_is_certified(tmp_path):
     assert "entries hold" in check(str(found.write(tmp_path / "cart.certificate")))
 
 
+def test_number_of_a_constraint_may_be_uncertain(tmp_path):
+    """Walls anywhere within 10 cm: those that are nearest count."""
+    system, _ = cart()
+    wall = hf.Parameter("wall", "m", value=1.0)
+    rows = (hf.Inequality("left", -wall.symbol - X), hf.Inequality("right", X - wall.symbol))
+    walls = hf.Region("walls", system.states, rows, (wall,))
+    found, near = (
+        certify(system, replace(walls, parameters=(replace(wall, value=at),)), box=CART, cells=41,
+                sample_time=0.2, uncertain=ends)
+        for at, ends in ((1.0, {"wall": (0.9, 1.1)}), (0.9, None))
+    )  # fmt: skip
+    assert found.kept.members.tolist() == near.kept.members.tolist()
+    assert len(found.kept.members)
+    assert "entries hold" in check(str(found.write(tmp_path / "walls.certificate")))
+
+
 def test_finite_horizon_has_levels_and_is_checked(tmp_path):
     found = certify(camera(0.6), view(camera()), box=BOX, cells=41, horizon=0.5)
     assert len(found.kept.members)
@@ -281,6 +297,15 @@ def test_one_name_with_two_values_is_refused():
 def test_what_the_checker_does_not_read_is_not_certified(rate, message):
     with pytest.raises(DefinitionError, match=message):
         certify(*one_state(rate, [X - 1]), box={"x": (0, 1)}, cells=5)
+
+
+def test_squares_of_states_around_zero_are_checked(tmp_path):
+    """In the file they are products: Arb's Python interface has no power of a ball around zero."""
+    found = certify(*one_state(-(X**3), [X**2 - 1]), box={"x": (-1.1, 1.1)}, cells=21)
+    assert "(x)*(x)" in found.header()["constraints"][0]["expression"]
+    assert found.header()["rates"] == ["-((x)*(x)*(x))"]
+    assert len(found.kept.members) == 19
+    assert "19 of 19 entries hold" in check(str(found.write(tmp_path / "square.holdfast")))
 
 
 def test_names_of_functions_and_numbers_are_refused():

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
+from sympy.printing.str import StrPrinter
 
 from holdfast.analysis.certificates.cells import Cells, Floats, Wholes
 from holdfast.analysis.certificates.keeping import Kept
@@ -79,10 +80,10 @@ class Certificate:
             "inputs": _named(self.inputs),
             "disturbances": _ranged(self.disturbances, self.ranges),
             "parameters": _ranged(self.parameters, self.ranges),
-            "rates": [sp.sstr(exact(r)) for r in self.rates],
+            "rates": [_text(r) for r in self.rates],
             "constraints": _written(self.constraints),
             "target": _written(self.target),
-            "law": [sp.sstr(exact(e)) for e in self.sampling.law or ()],
+            "law": [_text(e) for e in self.sampling.law or ()],
             "hold": self.hold.hex(),
             "delay": self.sampling.delay.hex(),
             "errors": [float(e).hex() for e in self.sampling.errors],
@@ -164,6 +165,21 @@ def check_names(names: Iterable[str]) -> None:
             )
 
 
+class _Products(StrPrinter):
+    """Whole powers as products: Arb's power of a ball around zero is not known."""
+
+    def _print_Pow(self, expr: sp.Pow, rational: bool = False) -> str:  # noqa: N802
+        base, exponent = expr.as_base_exp()
+        if not (exponent.is_Integer and abs(exponent) >= 2) or base.is_number:
+            return str(super()._print_Pow(expr, rational))
+        product = "*".join(int(abs(exponent)) * [f"({self._print(base)})"])
+        return f"(1/({product}))" if exponent < 0 else f"({product})"
+
+
+def _text(e: sp.Expr) -> str:
+    return str(_Products().doprint(exact(e)))
+
+
 def _packed(entries: Wholes) -> bytes:
     found = np.empty(len(entries), dtype=ENTRY)
     for k, name in enumerate(ENTRY.names or ()):
@@ -172,7 +188,7 @@ def _packed(entries: Wholes) -> bytes:
 
 
 def _written(constraints: Iterable[tuple[str, str, sp.Expr]]) -> list[dict[str, str]]:
-    return [{"name": n, "unit": u, "expression": sp.sstr(exact(e))} for n, u, e in constraints]
+    return [{"name": n, "unit": u, "expression": _text(e)} for n, u, e in constraints]
 
 
 def _named(quantities: Sequence[tuple[str, str]]) -> list[dict[str, Any]]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +30,19 @@ class Answer(Enum):
     HELD = "the set meets the requirement"
     LOST = "the set does not meet the requirement"
     UNDECIDED = "the set meets the requirement so far, but has not converged within the horizon"
+
+
+class Trial(Protocol):
+    """What a search asks of the result for one value."""
+
+    @property
+    def value(self) -> float: ...
+
+    @property
+    def answer(self) -> Answer: ...
+
+
+T = TypeVar("T", bound=Trial)
 
 
 @dataclass(frozen=True)
@@ -83,12 +96,12 @@ class Margin:
     @property
     def low(self) -> float | None:
         """The largest tried value such that it and all smaller tried ones hold."""
-        return _last_held(self.trials)
+        return last_held(self.trials)
 
     @property
     def high(self) -> float | None:
         """The least value above `low` that is lost."""
-        return _first_lost(self.trials, self.low)
+        return first_lost(self.trials, self.low)
 
     @property
     def undecided(self) -> tuple[float, ...]:
@@ -107,7 +120,7 @@ class Margin:
     def answered(self) -> bool:
         """Whether the limit is known within the tolerance."""
         low, high = self.low, self.high
-        return low is not None and high is not None and _close(low, high, self.tolerance)
+        return low is not None and high is not None and close(low, high, self.tolerance)
 
     def summary(self) -> dict[str, Any]:
         """The content of margin.json."""
@@ -125,14 +138,14 @@ class Margin:
 
 
 def search(
-    attempt: Callable[[float, float, float], Tried],
+    attempt: Callable[[float, float, float], T],
     low: float,
     high: float,
     tolerance: float,
     *,
     monotone: bool,
     end: float,
-) -> tuple[Tried, ...]:
+) -> tuple[T, ...]:
     """Try values until the limit is known within `tolerance`, or cannot be.
 
     attempt: called with a value, the finished share of the work, and the share of this trial.
@@ -142,12 +155,12 @@ def search(
     If undecided values lie in between, the limit is approached from both sides, so that as few as
     possible remain.
     """
-    trials: dict[float, Tried] = {}
+    trials: dict[float, T] = {}
     expected = (2 if monotone else SCANNED) + _halvings(
         high - low if monotone else (high - low) / (SCANNED - 1), tolerance
     )
 
-    def ordered() -> list[Tried]:
+    def ordered() -> list[T]:
         return [trials[v] for v in sorted(trials)]
 
     def tried(value: float) -> Answer:
@@ -157,7 +170,7 @@ def search(
         return trials[value].answer
 
     def narrowed(below: float, above: float, alike: Callable[[Answer], bool]) -> None:
-        while not _close(below, above, tolerance):
+        while not close(below, above, tolerance):
             middle = 0.5 * (below + above)
             if alike(tried(middle)):
                 below = middle
@@ -170,12 +183,12 @@ def search(
         if not all(held) or high >= end or k == DOUBLED:
             break
         low, high = high, min(2 * high, end)
-    last = _last_held(ordered())
+    last = last_held(ordered())
     if last is None or last == max(trials):
         return tuple(ordered())
     narrowed(last, min(v for v in trials if v > last), lambda a: a is Answer.HELD)
-    last = _last_held(ordered())
-    lost = _first_lost(ordered(), last)
+    last = last_held(ordered())
+    lost = first_lost(ordered(), last)
     if last is not None and lost is not None:
         between = [v for v in trials if last < v < lost]
         if between:
@@ -216,7 +229,8 @@ class Kept:
         return not self.least(value) > 0
 
 
-def _last_held(trials: Sequence[Tried]) -> float | None:
+def last_held(trials: Sequence[Trial]) -> float | None:
+    """The largest value such that it and all smaller ones hold, of trials in ascending order."""
     held = None
     for t in trials:
         if t.answer is not Answer.HELD:
@@ -225,12 +239,14 @@ def _last_held(trials: Sequence[Tried]) -> float | None:
     return held
 
 
-def _first_lost(trials: Sequence[Tried], above: float | None) -> float | None:
+def first_lost(trials: Sequence[Trial], above: float | None) -> float | None:
+    """The least value above another that is lost."""
     lost = [t.value for t in trials if t.answer is Answer.LOST]
     return next((v for v in lost if above is None or v > above), None)
 
 
-def _close(below: float, above: float, tolerance: float) -> bool:
+def close(below: float, above: float, tolerance: float) -> bool:
+    """Whether two values are within a tolerance."""
     return above - below <= tolerance * (1 + 1e-9)
 
 

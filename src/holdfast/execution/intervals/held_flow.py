@@ -155,9 +155,12 @@ class HeldFlow:
         steps = Steps(expanded=True)
         rows = [f"q{i}" for i in range(2 * len(self.states))]
         x = self._with_errors(steps, pairs(steps, rows))
-        values = self._values(steps, constraints, x, {})
+        values = self._values(steps, constraints, x, self._free(steps))
         sure = every(steps, [v.high <= 0.0 for v in values])
         return Leaf(steps, {"q": rows}, [choose(sure, 1.0, 0.0)])
+
+    def _free(self, steps: Steps) -> Mapping[Any, Interval]:
+        return {s: constant(steps, *ends) for s, ends in self.disturbances.items()}
 
     def _with_errors(self, steps: Steps, x: Row) -> Row:
         """What may be where x is measured, and measured where x is."""
@@ -174,7 +177,7 @@ class HeldFlow:
             inputs = self._values(steps, self.law, seen, {})
         x, kept = self._with_errors(steps, seen), []
         ways = []
-        free = {s: constant(steps, *ends) for s, ends in self.disturbances.items()}
+        free = self._free(steps)
         legs = list(self._legs(steps, inputs))
         for k, (duration, u) in enumerate(legs):
             d = {**free, **u}

@@ -1,0 +1,200 @@
+"""What is proved of shipped scenarios: cells, shares, seconds, memory, what the checker says.
+
+    python benchmarks/certificates.py [--only NAME ...]
+
+writes `benchmarks/certificates.json`. Every case runs in a process of its own, compiled code in the
+cache, and `holdfast-check` reads the file that it writes: all entries, or a random share of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import resource
+import tempfile
+import time
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from holdfast.studies.certification import certified, certified_with_room
+from holdfast.studies.largest_certified import largest_certified
+from holdfast_check.checker import NotValidError, check
+
+RECORD = Path(__file__).with_suffix(".json")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A certificate: `holdfast certify SCENARIO` with options; share: of its entries to check.
+
+    room: overrides of a harder case that is searched, so that the checker has room.
+    """
+
+    scenario: str
+    what: str
+    options: dict[str, Any] = field(default_factory=dict)
+    overrides: tuple[str, ...] = ()
+    share: float = 1.0
+    room: tuple[str, ...] = ()
+
+
+ROOM = ("system.parameters.current.value=0.06", "region.parameters.clearance.value=0.01")
+
+CERTIFIED = {
+    "seen-target": Case("seen-target", "target in view, any current up to 0.1 m/s"),
+    "seen-leader": Case("seen-leader", "leader in view, up to 0.25 m/s in any direction"),
+    "leader-gains": Case(
+        "leader-gains", "the same with the law of chapter 6, k2 = 0.8", {"sample_time": 0.02}
+    ),
+    "leader-gains-any": Case(
+        "leader-gains",
+        "the same with any gain k2 from 0.7 to 0.85, varying",
+        {"sample_time": 0.01, "uncertain": {"k2": (0.7, 0.85)}},
+    ),
+    "held-station": Case(
+        "held-station", "station within 0.18 m, any current up to 0.25 m/s", {"sample_time": 0.02}
+    ),
+    "ferry-banks": Case("ferry-banks", "the tutorial's ferry off the banks", {"sample_time": 0.5}),
+    "seen-with-sway": Case(
+        "seen-with-sway",
+        "target in view, sway a state, any current up to 0.1 m/s",
+        {"sample_time": 0.2},
+        room=("system.parameters.current.value=0.11", "region.parameters.clearance.value=0.005"),
+    ),
+    "seen-with-lasers": Case(
+        "seen-with-lasers",
+        "target in view of camera and lasers, any current up to 0.05 m/s",
+        {"sample_time": 0.2, "inputs": {"u": 5, "r": 9}},
+        room=ROOM,
+    ),
+    "seen-with-lasers-fast": Case(
+        "seen-with-lasers",
+        "the same, any current up to 0.2 m/s",
+        {"sample_time": 0.2, "inputs": {"u": 5, "r": 9}, "horizon": 3.0},
+        ("system.parameters.current.value=0.2",),
+        share=0.1,
+        room=("system.parameters.current.value=0.21", ROOM[1]),
+    ),
+    "pushed-cart": Case(
+        "pushed-cart",
+        "cart on a floor, pushed by up to 0.1 m/s^2",
+        {"sample_time": 0.5, "inputs": 3},
+        share=0.1,
+    ),
+    "seen-by-thrust": Case(
+        "seen-by-thrust",
+        "target in view by thrust, surge and sway states, any current up to 0.05 m/s",
+        {"sample_time": 0.2},
+        room=(
+            "system.parameters.current.value=0.06",
+            "system.parameters.rough.value=0.03",
+            "region.parameters.clearance.value=0.01",
+        ),
+    ),
+    "loaded-cart": Case(
+        "loaded-cart",
+        "cart between walls, any mass from 18 to 22 kg",
+        {"sample_time": 0.2, "uncertain": {"mass": (18.0, 22.0)}},
+    ),
+}
+
+"""By name: what is certified."""
+
+LARGEST = {
+    "seen-target": Case("seen-target", "current"),
+    "seen-target-most": Case("seen-target", "current", {"share": 0.9}),
+    "seen-leader": Case("seen-leader", "leader"),
+    "seen-leader-most": Case("seen-leader", "leader", {"share": 0.9}),
+    "leader-gains": Case(
+        "leader-gains", "leader", {"sample_time": 0.01, "between": (0.05, 0.45), "share": 0.9}
+    ),
+    "held-station": Case("held-station", "current", {"sample_time": 0.02}),
+    "ferry-banks": Case("ferry-banks", "stream", {"sample_time": 0.5}),
+    "loaded-cart": Case("loaded-cart", "uncertain.mass", {"sample_time": 0.2, "share": 0.5}),
+}
+"""By name: the number of which the largest certified value is searched."""
+
+
+def searched(name: str) -> dict[str, Any]:
+    """A search: between which numbers the limit lies, and what the checker says of the lower."""
+    case = LARGEST[name]
+    begun = time.perf_counter()
+    found = largest_certified(case.scenario, case.what, **case.options)
+    seconds = time.perf_counter() - begun
+    told = found.summary()
+    kept = {
+        n: told[n] for n in ("scenario", "key", "name", "unit", "share", "widens", "low", "high")
+    }
+    assert found.found is not None, name
+    with tempfile.TemporaryDirectory() as folder:
+        path = found.found.write(Path(folder) / "certificate.holdfast")
+        try:
+            says, valid = check(str(path)), True
+        except NotValidError as wrong:
+            says, valid = str(wrong), False
+    return kept | {
+        "share_certified": found.found.kept.share,
+        "trials": len(found.trials),
+        "seconds": round(seconds, 1),
+        "valid": valid,
+        "checker": says,
+    }
+
+
+def measured(name: str) -> dict[str, Any]:
+    """A case: what is certified, and in what time and memory; what the checker says of the file."""
+    case = CERTIFIED[name]
+    certify = partial(certified_with_room, room=case.room) if case.room else certified
+    certify(case.scenario, case.overrides, **{**case.options, "cells": 5})  # compiled
+    begun = time.perf_counter()
+    found = certify(case.scenario, case.overrides, **case.options)
+    seconds = time.perf_counter() - begun
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    with tempfile.TemporaryDirectory() as folder:
+        path = found.write(Path(folder) / "certificate.holdfast")
+        size = path.stat().st_size
+        begun = time.perf_counter()
+        try:
+            says = check(str(path), case.share)
+            valid = True
+        except NotValidError as wrong:
+            says, valid = str(wrong), False
+        checking = time.perf_counter() - begun
+    return {
+        "scenario": case.scenario,
+        "what": case.what,
+        **found.summary(),
+        "seconds_to_certify": round(seconds, 2),
+        "peak_gib": round(peak, 2),
+        "file_bytes": size,
+        "checked_share": case.share,
+        "valid": valid,
+        "checker": says,
+        "seconds_to_check": round(checking, 1),
+        "horizon": found.summary()["seconds"],
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", nargs="*", help="cases by name, certificates and searches")
+    asked = parser.parse_args()
+    record = json.loads(RECORD.read_text("utf-8")) if RECORD.exists() else {}
+    context = multiprocessing.get_context("spawn")
+    for part, cases, run in (("certified", CERTIFIED, measured), ("largest", LARGEST, searched)):
+        kept = record.setdefault(part, {})
+        for name in cases:
+            if asked.only is not None and name not in asked.only:
+                continue
+            with context.Pool(1) as pool:
+                kept[name] = pool.apply(run, (name,))
+            print(f"{part} {name}: {kept[name]}", flush=True)
+            record[part] = kept = {n: kept[n] for n in cases if n in kept}
+            RECORD.write_text(json.dumps(record, indent=1) + "\n", "utf-8")
+
+
+if __name__ == "__main__":
+    main()

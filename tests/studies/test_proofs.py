@@ -1,0 +1,177 @@
+"""What is proved of shipped scenarios: the record, the page, the other program, and closed loops."""
+
+import importlib.util
+import json
+import math
+import sys
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import holdfast as hf
+from holdfast.studies.certification import certified
+from holdfast_check.checker import check
+
+ROOT = Path(__file__).parents[2]
+RECORD = json.loads((ROOT / "benchmarks/certificates.json").read_text("utf-8"))
+PAGE = (ROOT / "docs/certificates.md").read_text("utf-8")
+SMALL = (
+    "seen-target",
+    "seen-leader", "leader-gains", "leader-gains-any", "held-station", "ferry-banks", "loaded-cart",
+)  # fmt: skip
+
+FUNCTIONS = [{"least": np.minimum, "greatest": np.maximum}, "numpy"]
+
+
+@cache
+def benchmark():
+    path = ROOT / "benchmarks/certificates.py"
+    spec = importlib.util.spec_from_file_location("certificates_benchmark", path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@cache
+def proof(name):
+    case = benchmark().CERTIFIED[name]
+    return certified(case.scenario, case.overrides, **case.options)
+
+
+def row(name):
+    """A row of the page's table of certificates."""
+    r = RECORD["certified"][name]
+    lasts = "ever" if r["horizon"] is None else f"{r['horizon']:g} s"
+    says = "valid" if r["valid"] else "not valid"
+    if r["checked_share"] < 1:
+        says = f"{100 * r['checked_share']:g} % checked"
+    cells = " x ".join(map(str, r["cells"]))
+    return (
+        f"| `{r['scenario']}` | {r['what']} | {cells} | {r['inputs_tried']} | "
+        f"{r['sample_time']:g} s | {lasts} | {r['cells_certified']:,} of {r['cells_in_region']:,}, "
+        f"{100 * r['share']:.1f} % | {r['seconds_to_certify']:.1f} s | {says} |"
+    )
+
+
+def row_of_search(name):
+    """A row of the page's table of searches."""
+    r = RECORD["largest"][name]
+    asked = "one cell" if r["share"] == 0 else f"{100 * r['share']:g} %"
+    low = f"{math.floor(1000 * r['low']) / 1000:.3f}"  # no more than is proved
+    high = f"{math.ceil(1000 * r['high']) / 1000:.3f}"
+    return (
+        f"| `{r['scenario']}` | {r['name']} | {asked} | {low} {r['unit']}, "
+        f"{100 * r['share_certified']:.1f} % | {high} {r['unit']} |"
+    )
+
+
+@pytest.mark.parametrize("name", RECORD["certified"])
+def test_certificates_of_the_page_are_those_of_the_record(name):
+    assert row(name) in PAGE
+
+
+@pytest.mark.parametrize("name", RECORD["largest"])
+def test_largest_numbers_of_the_page_are_those_of_the_record(name):
+    assert RECORD["largest"][name]["valid"]
+    assert row_of_search(name) in PAGE
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_record_is_what_is_certified_and_the_checker_finds_no_cell_wrong(name, tmp_path):
+    found, r = proof(name), RECORD["certified"][name]
+    assert len(found.kept.members) == r["cells_certified"]
+    assert found.kept.inside == r["cells_in_region"]
+    assert r["valid"]
+    assert check(str(found.write(tmp_path / "c.holdfast")), share=300 / len(found.kept.members))
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_certified_inputs_keep_the_region_against_adversaries_in_closed_loop(name):
+    """500 starts in certified cells, 150 holds; at every step the corner that is worst for the
+    constraint that is nearest, or a random one."""
+    found = proof(name)
+    worst = closed_loop(found, starts=500, holds=150, seed=3)
+    assert worst < 2e-4  # the error of the steps
+
+
+def window(leader_speed):
+    """The gains k2 of chapter 6, corrected, for the numbers of leader-gains."""
+    return hf.visibility_gains(
+        k1=0.6, distance=1.0, range_max=2.5, half_angle=np.deg2rad(35), leader_speed=leader_speed,
+        robot_radius=0.2,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("k2", "share"), [(0.66, 0.0), (0.68, 0.995)])
+def test_gains_of_chapter_6_are_certified_down_to_near_the_end_of_their_window(k2, share):
+    found = certified("leader-gains", [f"system.parameters.k2.value={k2}"], sample_time=0.01)
+    assert found.kept.share == pytest.approx(share, abs=1e-3)
+    assert window(0.25).low == pytest.approx(0.640, abs=1e-3)
+    assert window(0.25).high == pytest.approx(1.027, abs=1e-3)
+
+
+@pytest.mark.heavy
+def test_finer_cells_certify_smaller_gains_of_chapter_6():
+    found = certified(
+        "leader-gains", ["system.parameters.k2.value=0.66"], cells=401, sample_time=0.005
+    )
+    assert found.kept.share > 0.997
+
+
+def test_largest_leader_is_near_the_one_for_which_the_window_ends():
+    assert RECORD["largest"]["leader-gains"]["low"] == pytest.approx(0.296, abs=1e-3)
+    assert window(0.314).low < 0.8 < window(0.317).low
+
+
+def closed_loop(found, *, starts, holds, seed, steps=4):
+    """The largest value of a constraint; fails where a state is in no certified cell."""
+    cells, kept = found.cells, found.kept
+    names = [n for n, _ in (*found.states, *found.inputs, *found.disturbances, *found.parameters)]
+    symbols = {
+        s.name: s
+        for e in (*found.rates, *(c for *_, c in found.constraints))
+        for s in e.free_symbols
+    }
+    order = [symbols.get(n, sp.Symbol(n, real=True)) for n in names]
+    rates = sp.lambdify(order, list(found.rates), FUNCTIONS)
+    limits = sp.lambdify(order, [c for *_, c in found.constraints], FUNCTIONS)
+    free = [n for n, _ in (*found.disturbances, *found.parameters)]
+    low, high = (np.array([found.ranges[n][k] for n in free]) for k in (0, 1))
+    generator = np.random.default_rng(seed)
+    table = np.full(int(np.prod(cells.counts)), -1)
+    table[kept.members] = kept.inputs
+    a, b = cells.corners(generator.choice(kept.members, starts))
+    q = a + (b - a) * generator.random(a.shape)
+
+    def at(function, q, u, d):
+        values = function(*q.T, *u.T, *d.T)
+        return np.stack([np.broadcast_to(v, len(q)) for v in values], axis=1)
+
+    def moved(q, u, d, step):
+        k1 = at(rates, q, u, d)
+        k2 = at(rates, q + 0.5 * step * k1, u, d)
+        return q + step * k2
+
+    step, most = found.hold / steps, -np.inf
+    for _ in range(holds):
+        for k, turns in enumerate(cells.periodic):
+            if turns:
+                q[:, k] = (q[:, k] - cells.edges[k][0]) % (2 * np.pi) + cells.edges[k][0]
+        place = [np.searchsorted(e, q[:, k], side="right") - 1 for k, e in enumerate(cells.edges)]
+        assert all(((p >= 0) & (p < c)).all() for p, c in zip(place, cells.counts, strict=True))
+        choice = table[np.ravel_multi_index(place, cells.counts)]
+        assert (choice >= 0).all()
+        u = found.candidates[choice]
+        for _ in range(steps):
+            tried = generator.random((6, starts, len(free))) < 0.5
+            values = np.where(tried, low, high)
+            after = np.stack([at(limits, moved(q, u, d, step), u, d).max(axis=1) for d in values])
+            adverse = generator.random(starts) < 0.8
+            best = np.where(adverse, after.argmax(axis=0), 0)
+            q = moved(q, u, values[best, np.arange(starts)], step)
+            most = max(most, float(at(limits, q, u, values[0]).max()))
+    return most
