@@ -229,6 +229,15 @@ def test_uncertain_cart_is_kept_for_every_drag_in_its_range():
         hf.CertifiedFilter(found, other_drag(system))
 
 
+def test_cart_at_rest_in_the_middle_may_stay_there():
+    """A state is enclosed by a box with a width: without one no way from rest is enclosed."""
+    system, walls = cart()
+    found = hf.certify(system, walls, box=CART, cells=41, sample_time=0.2)
+    keep = hf.CertifiedFilter(found, system)
+    for state in ([0.0, 0.0], [0.3, 0.0], [0.0, 0.2]):
+        assert keep.step(state, [0.0]).status is hf.Status.PASSED
+
+
 def other_drag(system):
     changed = hf.Parameter("drag", "1/s", value=0.5)
     return hf.System(

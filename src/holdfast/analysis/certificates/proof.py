@@ -14,6 +14,10 @@ from holdfast.execution.intervals.held_flow import HeldFlow
 from holdfast.execution.scalar import called
 from holdfast.maths.definitions.quantity import symbol
 
+AROUND = (1e-6, 0.1)
+"""Parts of a cell by which a state is enclosed. The way from a narrow box may have no room for the
+inclusion that proves it: where it is not enclosed, a wider one is tried."""
+
 
 class Proof:
     """The cells of a certificate, and the enclosures that they were certified with.
@@ -36,6 +40,7 @@ class Proof:
             certificate.sampling,
         )
         self.lasts = certificate.kept.holds is not None
+        self._widths = np.array([np.diff(e).min() for e in self.cells.edges])
         self._table: Any = cell_table(certificate)
         self._levels = np.full(math.prod(self.cells.counts), -1, dtype=np.int64)
         if self.lasts:  # with no period left a state is in the region
@@ -75,12 +80,19 @@ class Proof:
 
         Proved, with every rounding, of states at which the constraints hold.
         """
-        found = self.flow.held(states, states, inputs)
-        first, last, inside = self.cells.touched(found.low, found.high)
-        fine = found.kept & inside
-        for level in set(needed[fine].tolist()):
-            some = np.flatnonzero(fine & (needed == level))
-            fine[some] = self._set(level).all_of(first[some], last[some])
+        fine = np.zeros(len(states), dtype=bool)
+        left = np.arange(len(states))
+        for part in AROUND:
+            x, room = states[left], part * self._widths
+            found = self.flow.held(x - room, x + room, inputs[left])
+            first, last, inside = self.cells.touched(found.low, found.high)
+            kept = found.kept & inside
+            for level in set(needed[left[kept]].tolist()):
+                some = np.flatnonzero(kept & (needed[left] == level))
+                fine[left[some]] = self._set(level).all_of(first[some], last[some])
+            left = left[~found.kept]
+            if not len(left):
+                break
         return fine
 
     def _set(self, level: int) -> Counted:
