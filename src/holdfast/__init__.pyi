@@ -10,6 +10,9 @@ from .analysis.certificates.certified_law import certified_law as certified_law
 from .analysis.certificates.certified_law import certified_system as certified_system
 from .analysis.certificates.certify import certify as certify
 from .analysis.certificates.largest import LargestCertified as LargestCertified
+from .analysis.certificates.law_keeps import LawJudgement as LawJudgement
+from .analysis.certificates.law_keeps import Leaving as Leaving
+from .analysis.certificates.law_keeps import judge_law as judge_law
 from .analysis.certificates.reading import read_certificate as read_certificate
 from .analysis.identification.identified import Identified as Identified
 from .analysis.identification.identify import identify as identify

@@ -84,7 +84,7 @@ def test_command_names_what_is_wrong(tmp_path, arguments, message):
 
 def test_reach_is_no_kernel():
     with pytest.raises(ScenarioError, match="is no kernel of a region"):
-        certified("ch7-capture-basin")
+        certified("ch7-forward-reach")
     assert tomllib.loads(read_tables("seen-target")[1])["scenario"]["kind"].endswith("kernel")
 
 
@@ -123,3 +123,32 @@ def test_cart_in_four_states_is_certified_for_ever(tmp_path):
     assert found.cells.counts == (13, 13, 13, 13)
     assert 0.3 < found.kept.share < 1
     assert check(str(found.write(tmp_path / "c.holdfast")), share=200 / len(found.kept.members))
+
+
+def test_errors_and_a_delay_cost_cells_of_the_view(tmp_path):
+    given = ["--error", "left=0.01", "--delay", "0.02", "--out", str(tmp_path), "--no-figures"]
+    answer = holdfast("certify", "seen-target", *given)
+    assert "certified      3624 of 5036 cells in the region (72.0 %), for ever" in answer.stdout
+    assert "measured       left to 0.01 m" in answer.stdout
+    assert "late           inputs, by up to 0.02 s" in answer.stdout
+
+
+def test_capture_basin_is_certified_to_its_goal(tmp_path):
+    given = ["--cells", "41", "--sample-time", "0.3", "--out", str(tmp_path), "--no-figures"]
+    answer = holdfast("certify", "ch7-capture-basin", *given)
+    assert "to the target within" in answer.stdout
+    assert json.loads((tmp_path / "certificate.json").read_text("utf-8"))["kind"] == "reach"
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (("--error", "left"), "--error left; expected NAME=SIZE"),
+        (("--error", "up=1"), "'up', which is no state"),
+        (("--delay", "0.1"), "below the sample time"),
+    ],
+)
+def test_errors_and_delays_that_are_none_are_refused(given, said, tmp_path):
+    answer = holdfast("certify", "seen-target", *given, "--out", str(tmp_path))
+    assert answer.returncode == 2
+    assert said in answer.stderr

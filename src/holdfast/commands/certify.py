@@ -31,6 +31,15 @@ from holdfast.studies.progress import bar
     help="A parameter that is any number in a range (repeatable).",
 )
 @click.option(
+    "--error",
+    multiple=True,
+    metavar="NAME=SIZE",
+    help="By how much a state may be measured wrong (repeatable).",
+)
+@click.option(
+    "--delay", type=float, default=0.0, help="Seconds by which an input may come late [default: 0]."
+)
+@click.option(
     "--room",
     multiple=True,
     metavar="KEY=VALUE",
@@ -65,6 +74,8 @@ def command(
     horizon: float | None,
     inputs: int,
     uncertain: tuple[str, ...],
+    error: tuple[str, ...],
+    delay: float,
     room: tuple[str, ...],
     largest: str | None,
     between: tuple[float, float] | None,
@@ -76,7 +87,8 @@ def command(
 ) -> None:
     """Prove from which cells of SCENARIO's grid held inputs keep its region.
 
-    Between samples too, for every disturbance within its bounds, with every rounding counted. The
+    In a capture basin: from which they lead to its goal, in the region until then. Between samples
+    too, for every disturbance within its bounds, with every rounding counted. The
     file certificate.holdfast is checked by another program: holdfast-check FILE. The exit status is
     1 if no cell is certified, and with --largest if the limit was not found.
     """
@@ -92,6 +104,8 @@ def command(
         "horizon": horizon,
         "inputs": inputs,
         "uncertain": dict(_range(text) for text in uncertain),
+        "errors": dict(_error(text) for text in error),
+        "delay": delay,
     }
     search = {"between": between, "tolerance": tolerance, "share": share}
     search = {name: value for name, value in search.items() if value is not None}
@@ -102,7 +116,7 @@ def command(
         return
     if search:
         raise ScenarioError(f"--{next(iter(search))} without --largest", remedy="name a number")
-    with bar("images of cells") as tell:
+    with bar("cells") as tell:
         options["progress"] = tell
         if room:
             found = certified_with_room(scenario, overrides, room, **options)
@@ -145,3 +159,14 @@ def _range(text: str) -> tuple[str, tuple[float, float]]:
     if not (sign and name.strip()):
         raise ScenarioError(f"--uncertain {text}", expected="NAME=LOW,HIGH, such as mass=4,6")
     return name.strip(), (low, high)
+
+
+def _error(text: str) -> tuple[str, float]:
+    name, sign, size = text.partition("=")
+    try:
+        value = float(size)
+    except ValueError:
+        sign, value = "", 0.0
+    if not (sign and name.strip()):
+        raise ScenarioError(f"--error {text}", expected="NAME=SIZE, such as x=0.01")
+    return name.strip(), value

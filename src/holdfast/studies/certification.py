@@ -16,7 +16,8 @@ from holdfast.scenario.kinds.kernel import KernelScenario
 from holdfast.scenario.load import load_scenario
 
 FILE = "certificate.holdfast"
-KINDS = ("viability-kernel", "discriminating-kernel")
+REACHES = "capture-basin"
+KINDS = ("viability-kernel", "discriminating-kernel", REACHES)
 
 
 def certified(
@@ -28,15 +29,18 @@ def certified(
     horizon: float | None = None,
     inputs: int | Mapping[str, int] = INPUTS,
     uncertain: Mapping[str, Range] | None = None,
+    errors: Mapping[str, float] | None = None,
+    delay: float = 0.0,
     progress: Callable[[str, float], None] | None = None,
 ) -> Certificate:
     """`hf.certify` for the system, the region, the grid's box and the disturbance of a kernel.
 
-    cells: by default as many as the grid has nodes. horizon [s]: None is for ever. Raises
-    `ScenarioError` for a scenario of another kind.
+    The goal of a capture basin is the target. cells: by default as many as the grid has nodes.
+    horizon [s]: None is for ever. Raises `ScenarioError` for a scenario of another kind.
     """
     loaded = check_kernel(load_scenario(scenario, overrides), scenario)
-    assert loaded.region is not None
+    if loaded.region is None:
+        raise ScenarioError(f"'{scenario}' has no region", remedy="add a [region]")
     axes = loaded.grid.axes
     return certify(
         loaded.system,
@@ -48,6 +52,9 @@ def certified(
         inputs=inputs,
         uncertain=uncertain,
         disturbance=loaded.options.get("disturbance"),
+        target=loaded.goal if loaded.kind == REACHES else None,
+        errors=errors,
+        delay=delay,
         progress=progress,
     )
 

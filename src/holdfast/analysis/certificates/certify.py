@@ -128,12 +128,11 @@ def certify(
         sampling,
         [e for _, _, e in arrival],
     )
-    tell = progress or (lambda what, share: None)
     proved = reached if target is not None else kept
     tried = np.empty((1, 0)) if law else candidates
     if target is not None and not len(where(flow.arrived, grid)):
         raise SimulationError(f"no cell lies in '{target.name}'", remedy="take smaller cells")
-    found = proved(flow, grid, tried, holds, lambda share: tell("images of cells", share))
+    found = proved(flow, grid, tried, holds, progress)
     title = f"{system.name} in {region.name}" + (f" to {target.name}" if target else "")
     return Certificate(
         title=title + (f", by {law.name}" if law else ""),

@@ -45,16 +45,19 @@ def images(
     cells: Cells,
     candidates: Floats,
     of: Wholes,
-    tell: Callable[[float], None],
+    tell: Callable[[str, float], None],
 ) -> Images:
-    """Of these cells by every input, shape (inputs, ...)."""
+    """Of these cells by every input, shape (inputs, ...).
+
+    tell: called with what is computed, the memory that it takes, and the finished fraction.
+    """
     axes, most = len(cells.counts), len(candidates)
     shape = (len(of), most, axes)
-    check_memory(
-        len(of) * most * (8 * axes + 1),
-        f"{len(of):,} cells in the region times {most} inputs",
-        "take fewer cells or inputs",
-    )
+    size = len(of) * most * (8 * axes + 1)
+    what = f"{len(of):,} cells in the region times {most} inputs"
+    check_memory(size, what, "take fewer cells or inputs")
+    label = f"{what}, {size / 2**20:,.0f} MiB"
+    tell(label, 0.0)
     first, last = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=np.int32)
     usable = np.zeros(shape[:2], dtype=bool)
     corners = cells.corners(of)
@@ -73,7 +76,7 @@ def images(
     with ThreadPoolExecutor(available_cores()) as pool:
         try:
             for done, _ in enumerate(pool.map(led, tasks), 1):
-                tell(done / len(tasks))
+                tell(label, done / len(tasks))
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise

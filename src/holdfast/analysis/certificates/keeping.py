@@ -45,7 +45,7 @@ def kept(
     cells: Cells,
     candidates: Floats,
     holds: int | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[str, float], None] | None = None,
 ) -> Kept:
     """The cells in the region from which a held input leads to others of them, again and again.
 
@@ -54,7 +54,7 @@ def kept(
     input that does not keep a cell will not do so later.
     """
     inside = where(flow.inside, cells)
-    found = images(flow, cells, candidates, inside, progress or (lambda share: None))
+    found = images(flow, cells, candidates, inside, progress or (lambda what, share: None))
     first, last, usable = found.first, found.last, found.usable
     count, most = len(inside), len(candidates)
     choice = np.zeros(count, dtype=np.int64)

@@ -22,7 +22,7 @@ def reached(
     cells: Cells,
     candidates: Floats,
     holds: int | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: Callable[[str, float], None] | None = None,
 ) -> Kept:
     """The cells from which an input leads all states to cells that are closer to the target.
 
@@ -36,7 +36,7 @@ def reached(
     within[where(flow.inside, cells)] = True
     within[arrived] = False
     region = np.flatnonzero(within)
-    found = images(flow, cells, candidates, region, progress or (lambda share: None))
+    found = images(flow, cells, candidates, region, progress or (lambda what, share: None))
     waiting = _Waiting(found, cells.counts)
     captured = np.zeros(len(within), dtype=bool)
     captured[arrived] = True

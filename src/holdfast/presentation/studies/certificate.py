@@ -53,26 +53,43 @@ def certificate_figure(found: Certificate) -> Figure:
 def certificate_text(found: Certificate, files: Sequence[Path] = ()) -> str:
     """What is proved, of how many cells, and what is assumed."""
     kept = found.kept
-    lasts = "for ever" if kept.holds is None else f"for {kept.holds * found.hold:g} s"
+    seconds = f"{(kept.holds or 0) * found.hold:g} s"
+    lasts = "for ever" if kept.holds is None else f"for {seconds}"
+    if found.target:
+        lasts = f"to the target within {seconds}"
     lines = [
         found.title,
         "",
         f"  certified      {len(kept.members)} of {kept.inside} cells in the region "
         f"({100 * kept.share:.1f} %), {lasts}",
-        f"  inputs         {len(found.candidates)} tried, each held for {found.hold:g} s",
+        _inputs(found),
         f"  cells          {' x '.join(map(str, found.cells.counts))}, {kept.sweeps} sweeps",
     ]
     for name, unit in (*found.disturbances, *found.parameters):
         low, high = found.ranges[name]
         if low < high:
             lines.append(f"  any {name:<10} from {low:.4g} to {high:.4g} {unit}")
+    for (name, unit), error in zip(found.states, found.sampling.errors, strict=True):
+        if error:
+            lines.append(f"  measured       {name} to {error:.4g} {unit}")
+    if found.sampling.delay:
+        lines.append(f"  late           inputs, by up to {found.sampling.delay:g} s")
+    whose = "the law" if found.sampling.law is not None else "an input of the certificate"
     lines += [
         "",
-        "  From every state of these cells an input of the certificate, held from sample to",
-        "  sample, keeps every constraint at every instant, if the model and the bounds hold.",
+        f"  From every state of these cells {whose}, held from sample to sample,",
+        "  keeps every constraint at every instant, if the model and the bounds hold"
+        + (", until the" if found.target else "."),
     ]
+    if found.target:
+        lines.append("  target is reached.")
     if files:
         names = ", ".join(f.name for f in files)
         lines += ["", f"  files in {files[0].parent}: {names}",
                   f"  check it: holdfast-check {files[0]}"]  # fmt: skip
     return "\n".join(lines)
+
+
+def _inputs(found: Certificate) -> str:
+    whose = f"{len(found.candidates)} tried" if found.sampling.law is None else "those of the law"
+    return f"  inputs         {whose}, each held for {found.hold:g} s"
