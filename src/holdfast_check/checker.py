@@ -138,7 +138,17 @@ def applied(name: str, *x: Any) -> Any:
     return arb_series([value(terms[0][0]), slope(terms[0][0]) * terms[0][1]])
 
 
-OPERATIONS = {ast.Add: add, ast.Sub: sub, ast.Mult: mul, ast.Div: truediv}
+def _times(a: Any, b: Any) -> Any:
+    """A product; of two balls by their ends, which is narrower than that of middles and radii."""
+    if isinstance(a, arb_series) or isinstance(b, arb_series) or a.is_exact() or b.is_exact():
+        return a * b
+    if not (a.is_finite() and b.is_finite()):
+        return a * b
+    ends = itertools.product((a.lower(), a.upper()), (b.lower(), b.upper()))
+    return functools.reduce(arb.union, itertools.starmap(mul, ends))
+
+
+OPERATIONS = {ast.Add: add, ast.Sub: sub, ast.Mult: _times, ast.Div: truediv}
 
 
 class Expression:
@@ -157,7 +167,10 @@ class Expression:
         return None
 
     def at(self, values: Values) -> Any:
-        return self._value(self.tree, values)
+        try:
+            return self._value(self.tree, values)
+        except ValueError:  # a series whose first term may be 0 divides
+            raise NoSlopeError from None
 
     def _value(self, node: ast.expr, values: Values) -> Any:
         match node:
@@ -180,10 +193,13 @@ class Expression:
         if twice.denominator != 1:
             raise NotValidError(f"the exponent {twice / 2} is no half of a whole number")
         whole, half = divmod(abs(int(twice)), 2)
-        series = isinstance(base, arb_series)
-        found = arb(1) if series or not whole else base**whole
-        for _ in range(whole if series else 0):
-            found = found * base
+        if isinstance(base, arb_series) or whole % 2 or not base.is_finite():
+            found = arb(1)
+            for _ in range(whole):
+                found = _times(found, base)
+        else:
+            low, high = abs(base).lower().max(arb(0)), abs(base).upper()
+            found = (low**whole).union(high**whole)
         if half:
             found = found * applied("sqrt", base)
         return 1 / found if twice < 0 else found
@@ -220,6 +236,7 @@ class Checker:
         self.kept: dict[int, int] = {}
         self.others: dict[int, bool] = {}
         self.shape, self.turning = [len(e) - 1 for e in self.edges], h["periodic"]
+        self.still = [t == "0" and e == 0 for t, e in zip(h["rates"], self.errors, strict=True)]
         self._well_formed(h["holds"], entries)
         last = [v for v in self.kept.values() if self.target or v == (h["holds"] or 0)]
         if len(last) != h["cells_kept"]:
@@ -416,8 +433,9 @@ class Checker:
     ) -> bool:  # fmt: skip
         """Whether c <= 0 on (start, way, end), from a cell if there; ends: known at the end."""
         if parts := c.parts():
-            which, ends = (any, False) if parts[0] == "least" else (all, ends)
-            return which(self._kept(p, cell, boxes, fixed, hold, ends) for p in parts[1])
+            which, known = (any, False) if parts[0] == "least" else (all, ends)
+            if which(self._kept(p, cell, boxes, fixed, hold, known) for p in parts[1]):
+                return True
         places = [{**fixed, **dict(zip(self.states, q, strict=True))} for q in boxes]
         first, during, last = (c.at(place) for place in places)
         if during <= 0:
@@ -439,8 +457,10 @@ class Checker:
     def _cells(self, end: Balls) -> Iterator[int | None]:
         """The cells that a box touches; None beyond the grid."""
         ranges = []
-        for q, axis, turns in zip(end, self.edges, self.turning, strict=True):
-            if not q.is_finite() or (not turns and (_down(q) < axis[0] or -_down(-q) > axis[-1])):
+        each = zip(end, self.edges, self.turning, self.still, strict=True)
+        for q, axis, turns, still in each:  # a state that is still does not leave the grid
+            beyond = not (turns or still) and (_down(q) < axis[0] or -_down(-q) > axis[-1])
+            if not q.is_finite() or beyond:
                 yield None
                 return
             turn = 2 * arb.pi()
@@ -487,7 +507,7 @@ def _during(hold: Any, rate: Any) -> Any:
 
 
 def _dot(a: Balls, b: Balls) -> Any:
-    return sum((p * q for p, q in zip(a, b, strict=True)), arb(0))
+    return sum((_times(p, q) for p, q in zip(a, b, strict=True)), arb(0))
 
 
 def _common(a: Any, b: Any) -> Any:
