@@ -41,8 +41,6 @@ class Case:
     room: tuple[str, ...] = ()
 
 
-ROOM = ("system.parameters.current.value=0.06", "region.parameters.clearance.value=0.01")
-
 CERTIFIED = {
     "seen-target": Case("seen-target", "target in view, any current up to 0.1 m/s"),
     "seen-leader": Case("seen-leader", "leader in view, up to 0.25 m/s in any direction"),
@@ -68,15 +66,7 @@ CERTIFIED = {
         "seen-with-lasers",
         "target in view of camera and lasers, any current up to 0.05 m/s",
         {"sample_time": 0.2, "inputs": {"u": 5, "r": 9}},
-        room=ROOM,
-    ),
-    "seen-with-lasers-fast": Case(
-        "seen-with-lasers",
-        "the same, any current up to 0.2 m/s",
-        {"sample_time": 0.2, "inputs": {"u": 5, "r": 9}, "horizon": 3.0},
-        ("system.parameters.current.value=0.2",),
-        share=0.1,
-        room=("system.parameters.current.value=0.21", ROOM[1]),
+        room=("system.parameters.current.value=0.065", "region.parameters.clearance.value=0.01"),
     ),
     "pushed-cart": Case(
         "pushed-cart",

@@ -95,6 +95,7 @@ def test_certificate_with_room_is_that_of_a_harder_current_stated_for_the_scenar
     roomy = certified_with_room("seen-target", (), [WIDER], cells=41)
     harder, own = certified("seen-target", [WIDER], cells=41), certified("seen-target", cells=41)
     assert roomy.ranges == own.ranges
+    assert list(roomy.kept.region) == list(own.kept.region)
     assert list(roomy.kept.members) == list(harder.kept.members)
     assert len(harder.kept.members) < len(own.kept.members)
     assert check(str(roomy.write(tmp_path / "c.holdfast")), share=0.3)

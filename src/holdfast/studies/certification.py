@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,9 @@ from holdfast.host.output import make_folder, write_summary
 from holdfast.scenario.kinds.kernel import KernelScenario
 from holdfast.scenario.load import load_scenario
 
+SAMPLE_TIME = 0.1
+"""For which inputs are held, unless another time is asked for [s]."""
+
 FILE = "certificate.holdfast"
 REACHES = "capture-basin"
 KINDS = ("viability-kernel", "discriminating-kernel", REACHES)
@@ -25,7 +29,7 @@ def certified(
     overrides: Iterable[str] = (),
     *,
     cells: int | Mapping[str, int] | None = None,
-    sample_time: float = 0.1,
+    sample_time: float = SAMPLE_TIME,
     horizon: float | None = None,
     inputs: int | Mapping[str, int] = INPUTS,
     uncertain: Mapping[str, Range] | None = None,
@@ -65,17 +69,20 @@ def certified_with_room(
     """`certified` for a harder case, and stated for the scenario: the checker has room to agree.
 
     room: overrides that only widen bounds of disturbances or tighten constraints, such as a larger
-    current (`narrowed`). Raises `SimulationError` for others.
+    current (`narrowed`). The share is of the cells in the region of the scenario. Raises
+    `SimulationError` for others.
     """
     changes, harder = list(overrides), list(room)
-    stated = certified(scenario, changes, **{**options, "cells": 1, "progress": None})
+    once = {"horizon": options.get("sample_time", SAMPLE_TIME), "inputs": 2, "progress": None}
+    stated = certified(scenario, changes, **{**options, **once})  # its ranges and its region
     found = certified(scenario, [*changes, *harder], **options)
     same = found.rates == stated.rates and found.constraints == stated.constraints
     if not same:
         raise ScenarioError(
             "room changes rates or constraints", expected="wider bounds of disturbances"
         )
-    return narrowed(found, stated.ranges)
+    kept = replace(found.kept, region=stated.kept.region)
+    return replace(narrowed(found, stated.ranges), kept=kept)
 
 
 def check_kernel(loaded: object, scenario: str) -> KernelScenario:
