@@ -414,6 +414,15 @@ class Checker:
         found = [e.at({**values, n: arb_series([values[n], 1])}) for n in names]
         return [f[1] if isinstance(f, arb_series) else arb(0) for f in found]
 
+    def _rate(self, c: Expression, way: Balls, fixed: Values) -> Any:
+        """The derivative of an expression by time over a box: two enclosures, what both say."""
+        rates = self._rates(way, fixed)
+        slopes = _dot(self._slopes(c, way, fixed, self.states), rates)
+        flint.ctx.cap = 2
+        moving = {n: arb_series([q, r]) for n, q, r in zip(self.states, way, rates, strict=True)}
+        found = c.at({**fixed, **moving})
+        return _common(slopes, found[1] if isinstance(found, arb_series) else arb(0))
+
     def _series(self, x: Balls, fixed: Values, terms: int) -> list[Balls]:
         """Taylor coefficients of the trajectory from x."""
         flint.ctx.cap = terms
@@ -443,7 +452,7 @@ class Checker:
         begins = bool(first <= 0) if cell is None else self._holds(c, cell)
         ends = ends or bool(last <= 0)
         try:
-            rate = _dot(self._slopes(c, boxes[1], fixed, self.states), self._rates(boxes[1], fixed))
+            rate = self._rate(c, boxes[1], fixed)
         except NoSlopeError:
             return False
         if rate <= 0 or rate >= 0:

@@ -206,7 +206,7 @@ FUNCTIONS = {
     "march_memory": lambda: {"grid": over(), "capture": True, "moving": False, "times": 1, "least_times": True},
     "largest_certified": lambda: {
         "scenario": "loaded-cart", "of": "slope", "between": (0.1, 0.2), "tolerance": 0.09, "share": 0.1, "cells": 5,
-        "sample_time": 0.2, "horizon": 0.2, "inputs": 2, "uncertain": {"mass": (19.0, 21.0)}, "overrides": ["grid.nodes=7"],
+        "sample_time": 0.2, "horizon": 0.2, "inputs": 2, "uncertain": {"mass": (19.0, 21.0)}, "errors": {"x": 0.01}, "delay": 0.02, "overrides": ["grid.nodes=7"],
     },
     "margin_figure": lambda: {
         "values": [0.1, 0.2], "fractions": [0.5, 0.0], "name": "current", "unit": "m/s", "threshold": 0.0, "answers": None,

@@ -56,6 +56,8 @@ def largest_certified(
     horizon: float | None = None,
     inputs: int | Mapping[str, int] = INPUTS,
     uncertain: Mapping[str, Range] | None = None,
+    errors: Mapping[str, float] | None = None,
+    delay: float = 0.0,
     overrides: Iterable[str] = (),
     progress: Callable[[str, float], None] | None = None,
 ) -> LargestCertified:
@@ -116,6 +118,8 @@ def largest_certified(
             horizon=horizon,
             inputs=inputs,
             uncertain={**given, **searched.uncertain(value)},
+            errors=errors,
+            delay=delay,
             progress=tell,
         )
         kept = found.kept
