@@ -23,6 +23,7 @@ import functools
 import hashlib
 import itertools
 import json
+import keyword
 import math
 import random
 import struct
@@ -162,8 +163,8 @@ class Expression:
     def parts(self) -> tuple[str, list[Expression]] | None:
         """The arguments of a least or a greatest."""
         match self.tree:
-            case ast.Call(func=ast.Name(id="least" | "greatest" as name), args=arguments):
-                return name, [Expression(a) for a in arguments]
+            case ast.Call(func=ast.Name(id="least" | "greatest" as name), args=[_, _] as both):
+                return name, [Expression(a) for a in both]
         return None
 
     def at(self, values: Values) -> Any:
@@ -174,7 +175,7 @@ class Expression:
 
     def _value(self, node: ast.expr, values: Values) -> Any:
         match node:
-            case ast.Constant(value=int(number)):
+            case ast.Constant(value=int(number)) if type(number) is int:
                 return arb(number)
             case ast.Name(id=name):
                 return arb.pi() if name == "pi" else values[name]
@@ -217,6 +218,9 @@ class Checker:
     """The claims of a certificate, cell by cell."""
 
     def __init__(self, h: Values, entries: Entries) -> None:
+        lists = ("rates", "constraints", "target", "law", "edges", "errors", "candidates")
+        if not all(type(h[k]) is list for k in lists) or set(map(type, h["periodic"])) - {bool}:
+            raise NotValidError("the header has another form")
         self.edges = [_floats(axis) for axis in h["edges"]]
         self.inputs = [_floats(row) for row in h["candidates"]]
         self.rates = _expressions(h["rates"])
@@ -244,9 +248,9 @@ class Checker:
 
     def _well_formed(self, most: int | None, entries: Entries) -> None:
         names = [*self.states, *self.input_names, *self.bound_names]
-        known = set(names) - NAMES
+        known = {n for n in names if n.isascii() and n.isidentifier()} - {*NAMES, *keyword.kwlist}
         if len(known) < len(names):
-            raise NotValidError("a name stands twice, or is that of a function or number")
+            raise NotValidError("a name stands twice, is none, or is that of a function or number")
         for e in (*self.rates, *self.constraints, *self.target):
             if odd := e.names - known:
                 raise NotValidError(f"an expression uses the undeclared name {min(odd)}")
@@ -265,7 +269,9 @@ class Checker:
         numbers = [v for row in self.inputs for v in row]
         whole = (most is None and not self.target) or (type(most) is int and most >= 1)
         times = self.hold.is_finite() and 0 <= self.delay < self.hold
-        finite = all(map(math.isfinite, numbers)) and all(e.is_finite() for e in self.errors)
+        finite = all(map(math.isfinite, numbers)) and all(
+            e.is_finite() and e >= 0 for e in self.errors
+        )
         if not (times and whole and self.constraints and finite and rows):
             raise NotValidError("the hold, the horizon, the constraints or the inputs are none")
         if self.law and self.delay > 0:
@@ -479,6 +485,9 @@ class Checker:
                 low, high = _down(q - k * turn), -_down(k * turn - q)
                 first = max(bisect.bisect_left(axis, low) - 1, 0)
                 places |= set(range(first, min(bisect.bisect_right(axis, high), len(axis) - 1)))
+            if not places:  # so many turns that doubles do not count them
+                yield None
+                return
             ranges.append(sorted(places))
         for place in itertools.product(*ranges):
             cell = 0

@@ -380,4 +380,39 @@ def test_checker_is_short_enough_to_be_read():
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
             explained |= set(range(node.lineno, node.end_lineno + 1))
     code = {k for k, line in enumerate(source.splitlines(), 1) if line.strip()} - explained
-    assert len(code) == 457
+    assert len(code) == 466
+
+
+def test_angle_that_turns_faster_than_doubles_count_leaves_no_cell_unchecked(tmp_path):
+    """x leaves in one hold; the turns of an angle at 1e19 rad/s are not the doubles' to count."""
+    x = hf.symbol("x")
+    system = hf.System(
+        "top", (hf.Quantity("th", "rad"), hf.Quantity("x", "m")), (),
+        {"th": sp.Integer(2), "x": sp.Rational(-1, 4) * x},
+    )  # fmt: skip
+    end = hf.Region("end", system.states, (hf.Inequality("c", x - sp.Rational(3, 2), "m"),))
+    found = certify(system, end, box={"th": (-math.pi, math.pi), "x": (-3, 3)},
+                    cells={"th": 2, "x": 6}, sample_time=0.25)  # fmt: skip
+    assert found.cells.periodic == (True, False)
+    path = found.write(tmp_path / "top.certificate")
+    assert "entries hold" in check(str(path))
+    with pytest.raises(NotValidError):
+        check(str(changed(path, lambda h: h.update(rates=["10**19", "1"]))))
+
+
+@pytest.mark.parametrize(
+    "alter",
+    [
+        lambda h: h.update(errors=[(-0.1).hex(), (0.0).hex()]),
+        lambda h: h["states"][0].update(name="True"),
+        lambda h: h["states"][0].update(name="\ufb01"),
+        lambda h: h.update(periodic=["false", False]),
+        lambda h: h.update(rates=dict.fromkeys(h["rates"])),
+        lambda h: h["constraints"][0].update(expression="greatest()"),
+        lambda h: h["constraints"][0].update(expression="True"),
+    ],
+)
+def test_header_of_another_form_is_refused(seen, tmp_path, alter):
+    path = changed(seen.write(tmp_path / "view.certificate"), alter)
+    with pytest.raises((NotValidError, TypeError, KeyError)):
+        check(str(path), share=0.01)

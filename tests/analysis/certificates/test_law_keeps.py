@@ -1,10 +1,13 @@
 """Does this law keep this set: each of the three answers, and the trajectory that refutes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import holdfast as hf
 from holdfast.analysis.certificates.law_keeps import judge_law
+from holdfast.errors import SimulationError
 
 X, V, W = (hf.symbol(n) for n in ("x", "v", "w"))
 
@@ -64,3 +67,40 @@ def test_law_that_holds_just_so_is_undecided_and_says_where():
 def test_horizon_bounds_both_the_proof_and_the_trajectory():
     assert judged(0.1, horizon=0.1).verdict == "refuted"
     assert judged(0.3 / 0.999, horizon=0.2).leaving is None
+
+
+def test_limit_of_the_inputs_that_is_uncertain_is_refused():
+    """With the nominal limit the line is kept, with the least one it is not."""
+    limit = hf.Parameter("p", "m/s", value=1.0)
+    system, line = slider()
+    system = replace(
+        system, parameters=(limit,), input_bounds=hf.Box((-limit.symbol,), (limit.symbol,))
+    )
+    given = {"box": {"x": (-1, 1)}, "cells": 32}
+    assert judge_law(system, line, back(1.0), **given).verdict == "proved"
+    with pytest.raises(SimulationError, match="use 'p', which is uncertain"):
+        judge_law(system, line, back(1.0), uncertain={"p": (0.1, 1.0)}, **given)
+
+
+def test_number_that_the_law_and_the_system_have_otherwise_is_refused():
+    k = hf.symbol("k")
+    system, line = slider()
+    system = replace(system, parameters=(hf.Parameter("k", "1/s", value=2.0),))
+    law = hf.Law("back", system.states, {"v": -k * X}, (hf.Parameter("k", "1/s", value=0.1),))
+    with pytest.raises(SimulationError, match="'k' is 2 in system 'slider' and"):
+        judge_law(system, line, law, box={"x": (-1, 1)}, cells=32)
+
+
+def test_trajectory_of_which_no_box_is_found_refutes_nothing():
+    """x' = 8 x, z' = 1 - (x/850)^8: z stays below 0.83, and no box contains a way of one second."""
+    z, v = hf.symbol("z"), V
+    system = hf.System(
+        "fast", (hf.Quantity("x", "m"), hf.Quantity("z", "m")), (hf.Quantity("v", "m/s"),),
+        {"x": 8 * X, "z": 1 - (X / 850) ** 8 + v}, input_bounds=hf.Box((-1.0,), (1.0,)),
+    )  # fmt: skip
+    low = hf.Region("low", system.states, (hf.Inequality("c", z - 0.86, "m"),))
+    still = hf.Law("still", system.states, {"v": 0 * X})
+    found = judge_law(
+        system, low, still, box={"x": (0.99, 1.01), "z": (-0.01, 0.01)}, cells=1, sample_time=1.0
+    )
+    assert found.verdict == "undecided"

@@ -90,7 +90,7 @@ def certify(
         for r in (region, target or region)
     )
     arrival = arrival if target is not None else ()
-    given = None if law is None else inputs_of_law(system, law)
+    given = None if law is None else inputs_of_law(system, law, ranges)
     rates = tuple(system.rates[q.name] for q in system.states)
     expressions = [*rates, *(e for _, _, e in (*constraints, *arrival)), *(given or ())]
     check_functions(expressions)

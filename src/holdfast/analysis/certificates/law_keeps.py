@@ -151,6 +151,7 @@ def _run(
     low, high = [starts], [starts]
     for _ in range(holds):
         after = flow.held(low[-1], high[-1], np.empty((len(starts), 0)))
-        low.append(after.low)
-        high.append(after.high)
+        unknown = ~after.kept[:, None]  # no box of the way was found
+        low.append(np.where(unknown, np.nan, after.low))
+        high.append(np.where(unknown, np.nan, after.high))
         yield low, high

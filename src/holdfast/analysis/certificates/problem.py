@@ -28,7 +28,7 @@ INPUTS = 5
 """Values of each input that are tried, evenly between its bounds."""
 
 
-def inputs_of_law(system: System, law: Law) -> tuple[sp.Expr, ...]:
+def inputs_of_law(system: System, law: Law, ranges: Mapping[str, Range]) -> tuple[sp.Expr, ...]:
     """The inputs that a law gives, limited as the system limits them, of the states alone."""
     if set(law.outputs) != set(system.input_names):
         raise SimulationError(
@@ -42,6 +42,19 @@ def inputs_of_law(system: System, law: Law) -> tuple[sp.Expr, ...]:
     asked = [law.outputs[n] for n in system.input_names]
     if system.input_bounds is not None:
         asked = list(system.input_bounds.saturate(asked))
+    used = symbols_of(asked)
+    own = {p.name: p for p in law.parameters}
+    for p in system.parameters:
+        if p.name in own and own[p.name].value != p.value:
+            raise SimulationError(
+                f"'{p.name}' is {p.value:g} in system '{system.name}' and "
+                f"{own[p.name].value:g} in law '{law.name}'"
+            )
+        if p.symbol in used and ranges[p.name] != (p.value, p.value):
+            raise SimulationError(
+                f"law '{law.name}' or the limits of its inputs use '{p.name}', which is uncertain",
+                expected="a law whose inputs do not depend on it",
+            )
     numbers = {p.symbol: exact(p.value) for p in (*law.parameters, *system.parameters)}
     given = tuple(exact(e).xreplace(numbers) for e in asked)
     if odd := symbols_of(given) - {q.symbol for q in system.states}:

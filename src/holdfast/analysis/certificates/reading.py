@@ -7,6 +7,7 @@ import json
 import math
 import zlib
 from collections.abc import Mapping, Sequence
+from keyword import iskeyword
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +55,9 @@ def read_certificate(path: str | Path) -> Certificate:
         header = json.loads(text, object_pairs_hook=_once)
         if not isinstance(header, dict):
             raise ValueError("its header is no table")
+        lists = ("rates", "constraints", "target", "law", "edges", "errors", "candidates")
+        if odd := [k for k in lists if k in header and type(header[k]) is not list]:
+            raise ValueError(f"its {odd[0]} are no list")
         if unknown := sorted(header.keys() ^ KEYS):
             which = f"says '{unknown[0]}'" if unknown[0] in header else f"lacks '{unknown[0]}'"
             raise OutputError(
@@ -92,6 +96,8 @@ def _certificate(header: Mapping[str, Any], packed: bytes) -> Certificate:
     if len(set(names)) < len(names):
         raise ValueError("a name stands twice")
     check_names(names)
+    if odd := [n for n in names if not (n.isascii() and n.isidentifier()) or iskeyword(n)]:
+        raise ValueError(f"'{odd[0]}' is no name")
     symbols = {name: symbol(name) for name in names}
     ranges = {q["name"]: _range(q["range"]) for group in groups[2:] for q in header[group]}
     rates = tuple(exact_expression(e, symbols) for e in header["rates"])
