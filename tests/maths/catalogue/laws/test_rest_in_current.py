@@ -203,6 +203,11 @@ def test_otter_stays_in_view_and_comes_to_rest_from_most_starts(speed, counts):
     assert settled(speed, "run.record_every=300", scenario="otter-current") == counts
 
 
+def test_otter_comes_to_rest_in_a_slow_current_with_more_time():
+    longer = "run.horizon=600", "run.record_every=600"
+    assert settled(0.05, *longer, scenario="otter-current") == (600, 559, 556, 548)
+
+
 def test_long_legs_and_a_heading_that_leads_bring_the_otter_upstream():
     """What is missing has a current along the wall, but for two starts."""
     fast = "varied.draws.speed.range=[0.3, 0.3]"
