@@ -67,6 +67,8 @@ def test_law_that_holds_just_so_is_undecided_and_says_where():
 def test_horizon_bounds_both_the_proof_and_the_trajectory():
     assert judged(0.1, horizon=0.1).verdict == "refuted"
     assert judged(0.3 / 0.999, horizon=0.2).leaving is None
+    path = judged(0.1, horizon=0.24).leaving  # three holds, of proof and trajectory
+    assert len(path.time) <= judged(0.1, horizon=0.24).certificate.kept.holds + 1 == 4
 
 
 def test_limit_of_the_inputs_that_is_uncertain_is_refused():

@@ -85,12 +85,13 @@ def judge_law(
     errors: Mapping[str, float] | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> LawJudgement:
-    """Whether `law`, sampled and held for `sample_time` [s], keeps `region` from all of its states.
+    """Whether `law`, sampled and held for `sample_time` [s], keeps `region` from all of its cells.
 
-    Proved: from every cell in the region, for every disturbance within its bounds, between samples
-    too. Refuted: a trajectory from the middle of a cell leaves; disturbances are constant, at a
-    corner of their bounds, for at most a minute or the horizon; every rounding is counted, and no
-    error of measurement. Undecided: neither; `undecided` says where. The arguments are those of
+    Proved: from every cell in the region, not from those that its edge cuts, for every disturbance
+    within its bounds, between samples too. Refuted: a trajectory from the middle of a cell leaves;
+    disturbances are constant, at a corner of their bounds, for at most a minute or the horizon, in
+    whole holds; every rounding is counted, and no error of measurement. Undecided: neither;
+    `undecided` says where. The arguments are those of
     `hf.certify`, which also says what is raised.
     """
     found = certify(
@@ -99,11 +100,10 @@ def judge_law(
     )  # fmt: skip
     if found.kept.share == 1:
         return LawJudgement(found, None)
-    seconds = SECONDS if horizon is None else horizon
-    return LawJudgement(found, _leaving(found, seconds))
+    return LawJudgement(found, _leaving(found))
 
 
-def _leaving(found: Certificate, seconds: float) -> Leaving | None:
+def _leaving(found: Certificate) -> Leaving | None:
     """The first trajectory that surely leaves the region, from a cell that is not certified."""
     middles = LawJudgement(found, None).undecided
     if len(middles) > STARTS:
@@ -114,7 +114,7 @@ def _leaving(found: Certificate, seconds: float) -> Leaving | None:
     limits = Enclosure(
         [exact(e) for _, _, e in found.constraints], [*states, *(symbol(n) for n in free)]
     )
-    holds = max(round(seconds / found.hold), 1)
+    holds = found.kept.holds or max(round(SECONDS / found.hold), 1)
     for corner in itertools.product(*(sorted(set(found.ranges[n])) for n in free)):
         held = dict(zip(free, corner, strict=True))
         path = _run(found, states, held, middles, holds)

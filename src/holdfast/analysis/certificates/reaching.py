@@ -60,7 +60,7 @@ class _Waiting:
     """
 
     def __init__(self, found: Images, counts: tuple[int, ...]) -> None:
-        self._images, self._counts = found, counts
+        self._counts = counts
         inputs = found.usable.shape[1]
         axes = len(counts)
         self._first = found.first.reshape(-1, axes)
