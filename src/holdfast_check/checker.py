@@ -240,10 +240,14 @@ class Checker:
         self.kept: dict[int, int] = {}
         self.others: dict[int, bool] = {}
         self.shape, self.turning = [len(e) - 1 for e in self.edges], h["periodic"]
+        self.total, depth = math.prod(self.shape), min(h.get("depth", 0), 31)
+        self.widths = [2**k for k in range(depth + 1)]
         self.still = [t == "0" and e == 0 for t, e in zip(h["rates"], self.errors, strict=True)]
         self._well_formed(h["holds"], entries)
-        last = [v for v in self.kept.values() if self.target or v == (h["holds"] or 0)]
-        if len(last) != h["cells_kept"]:
+        last = {c for c, v in self.kept.items() if self.target or v == (h["holds"] or 0)}
+        places = ((c, *self._place(c)) for c in last)
+        whole = [w for c, w, place in places if c == max(last.intersection(self._numbers(place)))]
+        if sum(wide ** len(self.shape) for wide in whole) != h["cells_kept"]:
             raise NotValidError("the cells of the horizon are not as many as it says")
 
     def _well_formed(self, most: int | None, entries: Entries) -> None:
@@ -276,10 +280,10 @@ class Checker:
             raise NotValidError("the hold, the horizon, the constraints or the inputs are none")
         if self.law and self.delay > 0:
             raise NotValidError("a law has no inputs that a delay could leave from before")
-        total, better = math.prod(self.shape), min if self.target else max
+        better = min if self.target else max
         for cell, choice, level in entries:
             horizon = level == 0 if most is None else 1 <= level <= most
-            if not (cell < total and choice < len(rows) and horizon):
+            if not (cell < self.total * len(self.widths) and choice < len(rows) and horizon):
                 raise NotValidError(f"entry of cell {cell}: no such cell, input or level")
             self.kept[cell] = better(level, self.kept.get(cell, level))
 
@@ -311,7 +315,7 @@ class Checker:
             x = end
         for led in self._cells(self._with_errors(x)):
             if led is None or not self._reached(led, level):
-                raise NotValidError(f"{where} may lead to cell {led}, which is not kept")
+                raise NotValidError(f"{where} may lead to cell {led and led[0]}, which is not kept")
 
     def _legs(self, seen: Balls, choice: int) -> Iterator[tuple[Any, Values]]:
         """Durations, and all quantities but the states: first any input that may be under way."""
@@ -327,12 +331,28 @@ class Checker:
             {**self.bounds, **dict(zip(self.input_names, inputs, strict=True))},
         )
 
-    def _box(self, cell: int) -> list[tuple[float, float]]:
-        place: list[int] = []
+    def _place(self, cell: int) -> tuple[int, list[int]]:
+        """The width of a cell in the smallest ones, and the place of the first of these in it."""
+        doubled, rest = divmod(cell, self.total)
+        wide, place = self.widths[doubled], list[int]()
         for count in reversed(self.shape):
-            cell, k = divmod(cell, count)
+            rest, k = divmod(rest, count)
+            if k % wide or k + wide > count:
+                raise NotValidError(f"there is no cell {cell}")
             place.insert(0, k)
-        return [(e[k], e[k + 1]) for e, k in zip(self.edges, place, strict=True)]
+        return wide, place
+
+    def _numbers(self, place: Sequence[int]) -> Iterator[int]:
+        """The cells of all sizes that one of the smallest is in, itself the first."""
+        for doubled, wide in enumerate(self.widths):
+            cell = doubled
+            for k, count in zip(place, self.shape, strict=True):
+                cell = cell * count + k - k % wide
+            yield cell
+
+    def _box(self, cell: int) -> list[tuple[float, float]]:
+        wide, place = self._place(cell)
+        return [(e[k], e[k + wide]) for e, k in zip(self.edges, place, strict=True)]
 
     def _with_errors(self, x: Balls) -> Balls:
         return [q + e * ball(-1, 1) for q, e in zip(x, self.errors, strict=True)]
@@ -350,14 +370,17 @@ class Checker:
                  for q, (a, b), s in zip(x, box, slopes, strict=True)]  # fmt: skip
         return bool(c.at({**self.bounds, **dict(zip(self.states, x, strict=True))}) <= 0)
 
-    def _reached(self, cell: int, level: int) -> bool:
-        """Whether a cell is of the set: where time is counted, of a level one closer to its end."""
-        if cell in self.kept:
-            if self.target:
-                return self.kept[cell] < level
-            return self.kept[cell] >= level - 1
+    def _reached(self, cells: list[int], level: int) -> bool:
+        """Whether a cell, or one that it is part of, is of the set.
+
+        Where time is counted, of a level one closer to its end.
+        """
+        known = [self.kept[cell] for cell in cells if cell in self.kept]
+        if any(k < level if self.target else k >= level - 1 for k in known):
+            return True
         if level == 0 or (level > 1 and not self.target):
             return False
+        cell = cells[0]
         if cell not in self.others:  # level 0: in the region, and in the target where there is one
             self.others[cell] = all(self._holds(c, cell) for c in (*self.constraints, *self.target))
         return self.others[cell]
@@ -469,8 +492,8 @@ class Checker:
         c0, c1 = (v.upper().min(arb(0)) for v in (first, last))
         return bool(c0 + up * (c1 - c0 - hold * down) / (up - down) <= 0)
 
-    def _cells(self, end: Balls) -> Iterator[int | None]:
-        """The cells that a box touches; None beyond the grid."""
+    def _cells(self, end: Balls) -> Iterator[list[int] | None]:
+        """The smallest cells that a box touches, and those they are in; None beyond the grid."""
         ranges = []
         each = zip(end, self.edges, self.turning, self.still, strict=True)
         for q, axis, turns, still in each:  # a state that is still does not leave the grid
@@ -490,10 +513,7 @@ class Checker:
                 return
             ranges.append(sorted(places))
         for place in itertools.product(*ranges):
-            cell = 0
-            for k, count in zip(place, self.shape, strict=True):
-                cell = cell * count + k
-            yield cell
+            yield list(self._numbers(place))
 
 
 def _turns_with(node: ast.AST, name: str) -> bool:

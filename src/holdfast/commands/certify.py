@@ -40,6 +40,13 @@ from holdfast.studies.progress import bar
     "--delay", type=float, default=0.0, help="Seconds by which an input may come late [default: 0]."
 )
 @click.option(
+    "--refine",
+    type=WHOLE,
+    default=0,
+    show_default=True,
+    help="How often cells beside certified ones are halved along each state.",
+)
+@click.option(
     "--room",
     multiple=True,
     metavar="KEY=VALUE",
@@ -76,6 +83,7 @@ def command(
     uncertain: tuple[str, ...],
     error: tuple[str, ...],
     delay: float,
+    refine: int,
     room: tuple[str, ...],
     largest: str | None,
     between: tuple[float, float] | None,
@@ -106,6 +114,7 @@ def command(
         "uncertain": dict(_range(text) for text in uncertain),
         "errors": dict(_error(text) for text in error),
         "delay": delay,
+        "refine": refine,
     }
     search = {"between": between, "tolerance": tolerance, "share": share}
     search = {name: value for name, value in search.items() if value is not None}

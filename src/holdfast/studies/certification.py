@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from holdfast.analysis.certificates.certificate import Certificate, Range
 from holdfast.analysis.certificates.certify import certify
 from holdfast.analysis.certificates.narrowed import narrowed
@@ -35,6 +37,7 @@ def certified(
     uncertain: Mapping[str, Range] | None = None,
     errors: Mapping[str, float] | None = None,
     delay: float = 0.0,
+    refine: int = 0,
     progress: Callable[[str, float], None] | None = None,
 ) -> Certificate:
     """`hf.certify` for the system, the region, the grid's box and the disturbance of a kernel.
@@ -59,6 +62,7 @@ def certified(
         target=loaded.goal if loaded.kind == REACHES else None,
         errors=errors,
         delay=delay,
+        refine=refine,
         progress=progress,
     )
 
@@ -81,7 +85,8 @@ def certified_with_room(
         raise ScenarioError(
             "room changes rates or constraints", expected="wider bounds of disturbances"
         )
-    kept = replace(found.kept, region=stated.kept.region)
+    region = np.union1d(stated.kept.region, found.kept.members)
+    kept = replace(found.kept, region=region)
     return replace(narrowed(found, stated.ranges), kept=kept)
 
 

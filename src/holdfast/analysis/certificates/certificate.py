@@ -15,7 +15,7 @@ import sympy as sp
 from sympy.printing.str import StrPrinter
 
 from holdfast.analysis.certificates.cells import Cells, Floats, Wholes
-from holdfast.analysis.certificates.keeping import Kept
+from holdfast.analysis.certificates.kept_set import Kept
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.intervals.held_flow import Sampling, exact
 from holdfast.host.writing import atomic_file
@@ -23,7 +23,7 @@ from holdfast.maths.definitions.quantity import TIME
 
 MAGIC = "holdfast-certificate 1"
 ENTRY = np.dtype([("cell", "<u4"), ("input", "<u2"), ("level", "<u4")])
-MOST_CELLS, MOST_INPUTS = 2**32, 2**16
+MOST_CELLS, MOST_INPUTS, MOST_DEPTH = 2**32, 2**16, 31
 
 KNOWN = (
     "sin", "cos", "tan", "atan", "exp", "log", "tanh", "Abs", "magnitude", "least", "greatest",
@@ -74,6 +74,7 @@ class Certificate:
     def header(self) -> dict[str, Any]:
         """What the file says before its entries; numbers in hexadecimal digits, which are exact."""
         kept = self.kept
+        halved = {"depth": kept.depth} if kept.depth else {}
         return {
             "title": self.title,
             "states": _named(self.states),
@@ -91,6 +92,7 @@ class Certificate:
             "edges": [[float(e).hex() for e in axis] for axis in kept.cells.edges],
             "periodic": list(kept.cells.periodic),
             "candidates": [[float(v).hex() for v in row] for row in self.candidates],
+            **halved,
             "cells_in_region": kept.inside,
             "cells_kept": len(kept.members),
             "entries": len(kept.entries),
@@ -112,15 +114,18 @@ class Certificate:
             "law": self.sampling.law is not None,
             "inputs_tried": len(self.candidates),
             "cells": list(kept.cells.counts),
+            "halved": kept.depth,
+            "entries": len(kept.entries),
             "sweeps": kept.sweeps,
             "ranges": {name: list(ends) for name, ends in self.ranges.items()},
         }
 
     def write(self, path: Path) -> Path:
         """The file: its kind and digest, one line of JSON, and the packed entries."""
-        if np.prod(self.cells.counts) >= MOST_CELLS or len(self.candidates) >= MOST_INPUTS:
+        total = self.cells.total * (self.kept.depth + 1)  # numbers of cells of all sizes
+        if total >= MOST_CELLS or len(self.candidates) >= MOST_INPUTS:
             raise SimulationError(
-                f"{int(np.prod(self.cells.counts))} cells and {len(self.candidates)} inputs",
+                f"{total} cells and {len(self.candidates)} inputs",
                 expected=f"fewer than {MOST_CELLS} and {MOST_INPUTS} in a certificate",
             )
         packed = zlib.compress(_packed(self.kept.entries), 6)

@@ -125,7 +125,7 @@ def lasting(certificate: Certificate) -> tuple[Wholes, Wholes, Wholes]:
     An input that leads to cells of one level lower does so for all lower levels, so that the entry
     of the highest level of a cell is enough. The level is 0 for ever.
     """
-    entries = certificate.kept.entries
+    entries = certificate.kept.spread()
     order = np.lexsort((entries[:, 2], entries[:, 0]))
     last = np.r_[entries[order[1:], 0] != entries[order[:-1], 0], True]
     cell, tried, level = entries[order[last]].T

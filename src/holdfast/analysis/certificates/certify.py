@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 import sympy as sp
 
 from holdfast.analysis.certificates.cells import Cells, Floats
 from holdfast.analysis.certificates.certificate import (
+    MOST_CELLS,
+    MOST_DEPTH,
     Certificate,
     Range,
     check_functions,
@@ -56,6 +58,7 @@ def certify(
     law: Law | None = None,
     errors: Mapping[str, float] | None = None,
     delay: float = 0.0,
+    refine: int = 0,
     progress: Callable[[str, float], None] | None = None,
 ) -> Certificate:
     """The largest set of cells in `region` that inputs held for `sample_time` [s] keep there.
@@ -71,6 +74,9 @@ def certify(
     the system limits them, and the set is what that law keeps. errors: state -> by how much it may
     be measured wrong: the cell that is measured has the input. delay [s]: by how long an input may
     come late, below `sample_time`; until it comes any other that was tried may be under way.
+    refine: how often cells are halved along each axis: those that are left beside certified ones,
+    at the edge of the region too. `kept.members` are cells of the smallest size, `kept.entries`
+    those that were found, of all sizes.
 
     box: state -> (low, high), the cells of which are tried; an angle over a whole turn comes back
     to itself where rates and constraints have it in sines and cosines alone. cells: how many along
@@ -98,6 +104,7 @@ def certify(
     parameters = parameters_of(system, regions)
     check_names(parameters)
     grid = _cells(system, box, cells, expressions)
+    _check_refine(refine, grid)
     if not (math.isfinite(sample_time) and sample_time > 0):
         raise SimulationError(f"sample_time is {sample_time:g}", expected="seconds, above 0")
     holds = None
@@ -130,9 +137,9 @@ def certify(
     )
     proved = reached if target is not None else kept
     tried = np.empty((1, 0)) if law else candidates
-    if target is not None and not len(where(flow.arrived, grid)):
+    if target is not None and not any(len(where(flow.arrived, g)) for g in _halves(grid, refine)):
         raise SimulationError(f"no cell lies in '{target.name}'", remedy="take smaller cells")
-    found = proved(flow, grid, tried, holds, progress)
+    found = proved(flow, grid, tried, holds, progress, refine)
     title = f"{system.name} in {region.name}" + (f" to {target.name}" if target else "")
     return Certificate(
         title=title + (f", by {law.name}" if law else ""),
@@ -181,6 +188,25 @@ def _cells(
         edges.append(np.linspace(low, high, count + 1))
         periodic.append(turns)
     return Cells(tuple(edges), tuple(periodic))
+
+
+def _halves(cells: Cells, refine: int) -> Iterator[Cells]:
+    """The cells, their halves, and so on."""
+    yield cells
+    for _ in range(refine):
+        yield (cells := cells.halved())
+
+
+def _check_refine(refine: int, cells: Cells) -> None:
+    if not 0 <= refine <= MOST_DEPTH:
+        raise SimulationError(f"refine is {refine}", expected=f"from 0 to {MOST_DEPTH}")
+    total = cells.total << refine * len(cells.counts)
+    if total * (refine + 1) >= MOST_CELLS:
+        raise SimulationError(
+            f"{total:,} cells of the smallest size",
+            expected=f"fewer than {MOST_CELLS // (refine + 1):,}",
+            remedy="refine less, or take fewer cells",
+        )
 
 
 def _edges(name: str, edges: Floats, low: float, high: float) -> Floats:

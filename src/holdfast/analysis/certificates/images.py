@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
@@ -30,12 +30,14 @@ class Images:
     usable: Truths
 
 
-def where(sure: Callable[[Floats, Floats], Truths], cells: Cells) -> Wholes:
-    """Numbers of the cells all over which something is sure."""
-    total = int(np.prod(cells.counts))
-    found = []
-    for begin in range(0, total, BLOCK):
-        flat = np.arange(begin, min(begin + BLOCK, total))
+def where(
+    sure: Callable[[Floats, Floats], Truths], cells: Cells, among: Wholes | None = None
+) -> Wholes:
+    """Numbers of the cells all over which something is sure, of all or among some."""
+    among = np.arange(cells.total) if among is None else among
+    found = [among[:0]]
+    for begin in range(0, len(among), BLOCK):
+        flat = among[begin : begin + BLOCK]
         found.append(flat[sure(*cells.corners(flat))])
     return np.concatenate(found)
 
@@ -81,3 +83,12 @@ def images(
             pool.shutdown(wait=False, cancel_futures=True)
             raise
     return Images(of, first, last, usable)
+
+
+def joined(*several: Images) -> Images:
+    """Those of all their cells."""
+    size = sum(i.first.nbytes + i.last.nbytes + i.usable.nbytes for i in several)
+    what = f"images of {sum(len(i.cells) for i in several):,} cells"
+    check_memory(size, what, "take fewer cells or inputs")
+    names = [f.name for f in fields(Images)]
+    return Images(*(np.concatenate([getattr(i, n) for i in several]) for n in names))

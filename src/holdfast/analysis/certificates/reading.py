@@ -14,16 +14,27 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from holdfast.analysis.certificates.cells import Cells, Floats, Wholes
-from holdfast.analysis.certificates.certificate import ENTRY, MAGIC, Certificate, Range, check_names
+from holdfast.analysis.certificates.cells import Cells, Floats, Halvings, Truths, Wholes
+from holdfast.analysis.certificates.certificate import (
+    ENTRY,
+    MAGIC,
+    MOST_DEPTH,
+    Certificate,
+    Range,
+    check_names,
+)
 from holdfast.analysis.certificates.certified_law import KEYS
 from holdfast.analysis.certificates.exact_text import exact_expression
-from holdfast.analysis.certificates.keeping import Kept
+from holdfast.analysis.certificates.kept_set import Kept
+from holdfast.analysis.certificates.refining import sure_of
 from holdfast.arguments import checked
 from holdfast.errors import HoldfastError, OutputError
 from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.execution.intervals.held_flow import Sampling
 from holdfast.maths.definitions.quantity import symbol
+
+OPTIONAL = {"depth"}
+"""What a header says of cells that were halved, and otherwise not."""
 
 
 @checked
@@ -58,7 +69,7 @@ def read_certificate(path: str | Path) -> Certificate:
         lists = ("rates", "constraints", "target", "law", "edges", "errors", "candidates")
         if odd := [k for k in lists if k in header and type(header[k]) is not list]:
             raise ValueError(f"its {odd[0]} are no list")
-        if unknown := sorted(header.keys() ^ KEYS):
+        if unknown := sorted(header.keys() - OPTIONAL ^ KEYS):
             which = f"says '{unknown[0]}'" if unknown[0] in header else f"lacks '{unknown[0]}'"
             raise OutputError(
                 f"{file} {which}, and this version reads certificates without it"
@@ -122,11 +133,13 @@ def _certificate(header: Mapping[str, Any], packed: bytes) -> Certificate:
         raise ValueError(f"it holds inputs {holds} times")
     parameters = {symbols[n]: ranges[n] for n, _ in named["parameters"]}
     states = [symbols[n] for n, _ in named["states"]]
-    region = _region(cells, [e for _, _, e in constraints], states, parameters, sampling.errors)
+    halvings = Halvings(cells, _depth(header, cells))
+    region = _region(halvings, [e for *_, e in constraints], states, parameters, sampling.errors)
     if target:
-        both = [e for _, _, e in (*constraints, *target)]
-        region = np.setdiff1d(region, _region(cells, both, states, parameters, sampling.errors))
-    kept = _kept(header, packed, cells, region)
+        both = [e for *_, e in (*constraints, *target)]
+        arrived = _region(halvings, both, states, parameters, sampling.errors)
+        region = np.setdiff1d(region, arrived)
+    kept = _kept(header, packed, halvings, region)
     return Certificate(
         title=_text(header["title"]), states=named["states"], inputs=named["inputs"],
         disturbances=named["disturbances"], parameters=named["parameters"], ranges=ranges,
@@ -155,7 +168,17 @@ def _cells(header: Mapping[str, Any], axes: int) -> Cells:
     return Cells(edges, periodic)
 
 
-def _kept(header: Mapping[str, Any], packed: bytes, cells: Cells, region: Wholes) -> Kept:
+def _depth(header: Mapping[str, Any], cells: Cells) -> int:
+    """How often the largest cells were halved."""
+    depth = header.get("depth", 0)
+    if type(depth) is not int or not 0 <= depth <= MOST_DEPTH:
+        raise ValueError(f"its cells were halved {depth!r} times")
+    if any(count % 2**depth for count in cells.counts):
+        raise ValueError(f"its cells cannot have been halved {depth} times")
+    return depth
+
+
+def _kept(header: Mapping[str, Any], packed: bytes, halvings: Halvings, region: Wholes) -> Kept:
     count, holds = header["entries"], header["holds"]
     if not (type(count) is int and count >= 0):
         raise ValueError(f"it has {count!r} entries")
@@ -169,37 +192,40 @@ def _kept(header: Mapping[str, Any], packed: bytes, cells: Cells, region: Wholes
     cell, tried, level = entries.T
     inputs = 1 if header["law"] else len(header["candidates"])
     if count and (
-        cell.max() >= math.prod(cells.counts) or tried.max() >= inputs
+        not halvings.has(cell) or tried.max() >= inputs
         or level.max() > (holds or 0) or (holds is not None and level.min() < 1)
     ):  # fmt: skip
         raise ValueError("an entry has a cell, an input or a level that there is none of")
-    final = entries if header["target"] else entries[level == (holds or 0)]
-    if len(final) != header["cells_kept"] or len(np.unique(final[:, 0])) != len(final):
+    kept = Kept.of(halvings, entries, holds, 0, region, target=bool(header["target"]))
+    members = kept.members
+    if len(members) != header["cells_kept"] or (members[1:] == members[:-1]).any():
         raise ValueError(f"the cells that are kept are not {header['cells_kept']}")
-    return Kept(cells, final[:, 0], final[:, 1], holds, 0, entries, region)
+    return kept
 
 
 def _region(
-    cells: Cells,
+    halvings: Halvings,
     constraints: Sequence[sp.Expr],
     states: Sequence[Any],
     of: Mapping[Any, Range],
     errors: Sequence[float],
 ) -> Wholes:
     """The cells that lie in the region wherever they are measured."""
-    flat = np.arange(math.prod(cells.counts))
-    if not constraints:
-        return flat
-    low, high = cells.corners(flat)
-    for axis, error in enumerate(errors):
-        if error:
-            low[:, axis] = np.nextafter(low[:, axis] - error, -np.inf)
-            high[:, axis] = np.nextafter(high[:, axis] + error, np.inf)
-    ends = [np.tile([r[k] for r in of.values()], (len(flat), 1)) for k in (0, 1)]
-    enclosure = Enclosure(constraints, [*states, *of])
-    most = enclosure.over(np.hstack([low, ends[0]]), np.hstack([high, ends[1]]))[1]
-    found: Wholes = flat[(most <= 0).all(axis=1)]
-    return found
+    enclosure = Enclosure(constraints, [*states, *of]) if constraints else None
+
+    def sure(low: Floats, high: Floats) -> Truths:
+        if enclosure is None:
+            return np.ones(len(low), dtype=bool)
+        for axis, error in enumerate(errors):
+            if error:
+                low[:, axis] = np.nextafter(low[:, axis] - error, -np.inf)
+                high[:, axis] = np.nextafter(high[:, axis] + error, np.inf)
+        ends = [np.tile([r[k] for r in of.values()], (len(low), 1)) for k in (0, 1)]
+        most = enclosure.over(np.hstack([low, ends[0]]), np.hstack([high, ends[1]]))[1]
+        found: Truths = np.asarray((most <= 0).all(axis=1))
+        return found
+
+    return sure_of(sure, halvings)
 
 
 def _quantities(rows: Any) -> tuple[tuple[str, str], ...]:

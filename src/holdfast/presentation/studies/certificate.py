@@ -53,6 +53,7 @@ def certificate_figure(found: Certificate) -> Figure:
 def certificate_text(found: Certificate, files: Sequence[Path] = ()) -> str:
     """What is proved, of how many cells, and what is assumed."""
     kept = found.kept
+    sizes = f", of up to {2**kept.depth} times that width, {len(kept.entries)} in all"
     seconds = f"{(kept.holds or 0) * found.hold:g} s"
     lasts = "for ever" if kept.holds is None else f"for {seconds}"
     if found.target:
@@ -63,7 +64,8 @@ def certificate_text(found: Certificate, files: Sequence[Path] = ()) -> str:
         f"  certified      {len(kept.members)} of {kept.inside} cells in the region "
         f"({100 * kept.share:.1f} %), {lasts}",
         _inputs(found),
-        f"  cells          {' x '.join(map(str, found.cells.counts))}, {kept.sweeps} sweeps",
+        f"  cells          {' x '.join(map(str, found.cells.counts))}"
+        f"{sizes if kept.depth else ''}, {kept.sweeps} sweeps",
     ]
     for name, unit in (*found.disturbances, *found.parameters):
         low, high = found.ranges[name]
