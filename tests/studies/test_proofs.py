@@ -84,6 +84,34 @@ def test_certificates_of_the_page_are_those_of_the_record(name):
     assert row(name) in PAGE
 
 
+@pytest.mark.parametrize("name", RECORD["halved"])
+def test_halved_cells_of_the_page_are_those_of_the_record(name):
+    """What they certify is what all cells that small do, from half of the entries at most."""
+    few, all_small = RECORD["halved"][name]
+    for r in (few, all_small):
+        says = ""
+        if r["halved"]:
+            whole = r["checked_share"] == 1
+            says = "valid" if whole else f"{100 * r['checked_share']:g} % checked"
+        told = (
+            f"| `{r['scenario']}` | {' x '.join(map(str, r['cells']))} | {r['halved']} | "
+            f"{percent(r['volume'])} | {r['entries']:,} | {r['file_bytes'] / 1000:,.0f} kB | "
+            f"{r['seconds']:.1f} s | {says} |"
+        )
+        assert told in PAGE
+    assert abs(few["volume"] - all_small["volume"]) < 5e-4
+    assert 2 * few["entries"] < all_small["entries"]
+
+
+@pytest.mark.parametrize("name", ["seen-target", "held-station", "ferry-banks"])
+def test_halved_cells_of_the_record_keep_the_region_against_adversaries_in_closed_loop(name):
+    case, (few, _) = benchmark().HALVED[name], RECORD["halved"][name]
+    found = certified(case.scenario, case.overrides, **case.options)
+    assert len(found.kept.entries) == few["entries"]
+    assert benchmark().certified_volume(found) == pytest.approx(few["volume"], abs=2e-4)
+    assert closed_loop(found, starts=500, holds=100, seed=4) < 2e-4
+
+
 @pytest.mark.parametrize("name", RECORD["largest"])
 def test_largest_numbers_of_the_page_are_those_of_the_record(name):
     assert RECORD["largest"][name]["valid"]

@@ -261,6 +261,12 @@ def test_three_states_are_kept_for_as_long_as_is_said():
         assert set(np.round(says / 0.3)) == {1, 2, 3, 4}
 
 
+def halved():
+    """Cells of three sizes, for a while."""
+    system = camera(0.45)
+    return system, None, hf.certify(system, view(system), box=BOX, cells=20, horizon=0.5, refine=2)
+
+
 # -- C -----------------------------------------------------------------------------------------
 
 MANY = """
@@ -287,7 +293,7 @@ def edges_of(cells, count, rng):
 
 
 @needs_gcc
-@pytest.mark.parametrize("kind", ["for ever", "for a while", "around", "three states"])
+@pytest.mark.parametrize("kind", ["for ever", "for a while", "around", "three states", "halved"])
 def test_law_in_c_has_the_bits_of_the_simulated_one_inside_outside_and_at_edges(
     kind, seen, briefly, tmp_path
 ):
@@ -296,6 +302,7 @@ def test_law_in_c_has_the_bits_of_the_simulated_one_inside_outside_and_at_edges(
         "for a while": lambda: (camera(0.6), None, briefly),
         "around": turning,
         "three states": three,
+        "halved": halved,
     }[kind]()
     law = hf.certified_law(found, system)
     c = built(tmp_path, hf.export_c(system, law, "law"), "law", MANY)

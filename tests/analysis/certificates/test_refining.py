@@ -237,6 +237,32 @@ def test_law_of_halved_cells_is_simulated_and_no_run_leaves_the_view():
     assert result.outcomes["stayed"] == 500
 
 
+def test_halved_cells_of_a_heading_that_turns_around_are_kept():
+    system, region, _ = PROBLEMS["lane"]()
+    found = certified("lane", 20, 2)
+    starts = starts_in(found, found.kept.members, 500, 5, corners=0)
+    starts[:, 1] += 2 * math.pi * np.arange(-2, 3).repeat(100)
+    result = hf.simulate(
+        system, hf.certified_law(found, system), starts=starts, region=region, horizon=10.0,
+        sample_time=0.2, record_every=0.2, substeps=10,
+    )  # fmt: skip
+    assert result.outcomes["stayed"] == 500
+    assert found.kept.share > certified("lane", 20).kept.share
+
+
+def test_filter_of_halved_cells_lets_no_target_leave_the_view():
+    """Commands at random, most of which lose it; the disturbance takes its worst corner."""
+    keep = hf.CertifiedFilter(certified("view", 20, 2), camera())
+    rng = np.random.default_rng(9)
+
+    def answer(states):
+        decided = keep.step_many(states, rng.uniform([-0.5, -0.8], [0.5, 0.8], states.shape))
+        assert hf.Status.OUTSIDE_GRID not in decided.status
+        return decided.input
+
+    assert worst_of(certified("view", 20, 2), answer, 200, 30, 5, 10) <= 0
+
+
 # -- what is wrong is found ------------------------------------------------------------------------
 
 
