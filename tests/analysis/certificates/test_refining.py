@@ -3,6 +3,7 @@
 import math
 from functools import cache, partial
 
+import flint
 import numpy as np
 import pytest
 import sympy as sp
@@ -10,10 +11,13 @@ import sympy as sp
 import holdfast as hf
 from holdfast.analysis.certificates.cells import Cells, Halvings
 from holdfast.analysis.certificates.certificate import ENTRY
+from holdfast.analysis.certificates.images import Images
+from holdfast.analysis.certificates.keeping import settled
 from holdfast.analysis.certificates.proof import Proof
+from holdfast.analysis.certificates.refining import BEST
 from holdfast.errors import OutputError, SimulationError
 from holdfast.maths.expressions.functions import sgn
-from holdfast_check.checker import NotValidError, check
+from holdfast_check.checker import BITS, Checker, NotValidError, check, read
 from tests.adversary import most, moved, starts_in, worst_of
 from tests.certified_systems import AHEAD, BOX, CART, LEFT, camera, cart, changed, view
 
@@ -130,6 +134,16 @@ def test_target_that_only_small_cells_lie_in_is_reached():
     with pytest.raises(SimulationError, match="no cell lies in 'strip'"):
         hf.certify(system, region, **strip, cells=14)
     assert hf.certify(system, region, **strip, cells=14, refine=2).kept.share > 0.5
+
+
+def test_cell_outlasts_what_it_leads_to_by_one_hold():
+    """Of two cells the first is kept for 3 holds, and the second leads there, however long."""
+    block = np.zeros((1, 1, 1), dtype=np.int32)
+    leads = Images(np.array([1]), block, block, np.ones((1, 1), dtype=bool))
+    cells = Cells.even(((0.0, 1.0),), (2,), (False,))
+    known = np.array([3, 0], dtype=np.int32)
+    assert settled(leads, cells, known, 9)[0].tolist() == [4]
+    assert settled(leads, cells, np.array([BEST, 0], dtype=np.int32), None)[0].tolist() == [BEST]
 
 
 # -- in closed loop ------------------------------------------------------------------------------
@@ -330,6 +344,28 @@ def test_leaf_that_is_said_to_be_larger_is_found(braked, tmp_path, which):
     assert kept > len(braked.kept.members)
     with pytest.raises(NotValidError, match=r"which is not kept|may fail on the way|not inside"):
         check(str(changed(path, lambda h: h.update(cells_kept=kept), entries=wider)))
+
+
+@pytest.mark.parametrize(("name", "own", "claimed"), [("for a while", 2, 3), ("to a target", 3, 2)])
+def test_level_that_is_one_better_than_was_found_is_refused(tmp_path, name, own, claimed):
+    """Of one smallest cell: it would have to lead to cells that are one better too."""
+    found = certified(name, 20, 2)
+    small = (found.kept.entries[:, 0] < found.cells.total) & (found.kept.entries[:, 2] == own)
+    row = found.kept.entries[np.flatnonzero(small)[:1]]
+    number = row[0, 0]
+    path = found.write(tmp_path / "some.holdfast")
+
+    def better(raw):
+        rows = rows_of(raw)
+        one = rows["cell"] == number
+        rows["level"][one] = claimed
+        return np.concatenate([rows[one], rows[~one]]).tobytes()
+
+    truth, lies = (Checker(*read(str(p))) for p in (path, changed(path, dict, entries=better)))
+    flint.ctx.prec = BITS
+    truth.entry(number, row[0, 1], own)
+    with pytest.raises(NotValidError, match=f"cell {number} .* which is not kept"):
+        lies.entry(number, row[0, 1], claimed)
 
 
 @pytest.mark.parametrize("depth", [0, 1, 2.0, -1, "2", True, None, 1000])
