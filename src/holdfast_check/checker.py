@@ -238,7 +238,8 @@ class Checker:
         self.hold, self.delay, *errors = map(arb, _floats([h["hold"], h["delay"], *h["errors"]]))
         self.errors = errors
         self.kept: dict[int, int] = {}
-        self.others: dict[int, bool] = {}
+        both = (*self.constraints, *self.target)
+        self.ends = functools.cache(lambda cell: all(self._holds(c, cell) for c in both))
         self.shape, self.turning = [len(e) - 1 for e in self.edges], h["periodic"]
         self.total, depth = math.prod(self.shape), min(h.get("depth", 0), 31)
         self.widths = [2**k for k in range(depth + 1)]
@@ -280,12 +281,11 @@ class Checker:
             raise NotValidError("the hold, the horizon, the constraints or the inputs are none")
         if self.law and self.delay > 0:
             raise NotValidError("a law has no inputs that a delay could leave from before")
-        better = min if self.target else max
         for cell, choice, level in entries:
             horizon = level == 0 if most is None else 1 <= level <= most
             if not (cell < self.total * len(self.widths) and choice < len(rows) and horizon):
                 raise NotValidError(f"entry of cell {cell}: no such cell, input or level")
-            self.kept[cell] = better(level, self.kept.get(cell, level))
+            self.kept[cell] = (min if self.target else max)(level, self.kept.get(cell, level))
 
     def _turns(self, name: str, axis: list[float]) -> None:
         """An angle: all rates have it in sines and cosines alone, and a turn is in the axis."""
@@ -371,19 +371,15 @@ class Checker:
         return bool(c.at({**self.bounds, **dict(zip(self.states, x, strict=True))}) <= 0)
 
     def _reached(self, cells: list[int], level: int) -> bool:
-        """Whether a cell, or one that it is part of, is of the set.
+        """Whether a cell is of the set, or part of one that is.
 
         Where time is counted, of a level one closer to its end.
         """
         known = [self.kept[cell] for cell in cells if cell in self.kept]
         if any(k < level if self.target else k >= level - 1 for k in known):
             return True
-        if level == 0 or (level > 1 and not self.target):
-            return False
-        cell = cells[0]
-        if cell not in self.others:  # level 0: in the region, and in the target where there is one
-            self.others[cell] = all(self._holds(c, cell) for c in (*self.constraints, *self.target))
-        return self.others[cell]
+        # level 0: in the region, and in the target where there is one
+        return (level == 1 or bool(self.target)) and self.ends(cells[0])
 
     def _rates(self, x: Balls, fixed: Values) -> Balls:
         values = {**fixed, **dict(zip(self.states, x, strict=True))}
@@ -512,8 +508,7 @@ class Checker:
                 yield None
                 return
             ranges.append(sorted(places))
-        for place in itertools.product(*ranges):
-            yield list(self._numbers(place))
+        yield from map(list, map(self._numbers, itertools.product(*ranges)))
 
 
 def _turns_with(node: ast.AST, name: str) -> bool:
@@ -572,10 +567,8 @@ def check(path: str, share: float = 1.0, seed: int = 0) -> str:
         if k % 2000 == 1999 and sys.stderr.isatty():
             print(f"\r{k + 1} of {len(entries)} ", end="", file=sys.stderr)
     holds = header["holds"]
-    seconds = f"{(holds or 0) * float(checker.hold.mid()):g} s"
-    lasts = "for ever" if holds is None else f"for {seconds}"
-    if checker.target:
-        lasts = f"reach the target within {seconds}"
+    how = "reach the target within" if checker.target else "for"
+    lasts = "for ever" if holds is None else f"{how} {holds * float(checker.hold.mid()):g} s"
     told = f"{header['cells_kept']} cells {lasts}: {len(entries)} of {len(every)} entries hold"
     if len(entries) == len(every):
         return told
