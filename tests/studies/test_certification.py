@@ -58,14 +58,16 @@ def test_command_writes_a_certificate_and_the_other_one_checks_it(tmp_path):
 
 
 def test_command_halves_cells_and_says_so(tmp_path):
-    given = ["--cells", "25", "--refine", "2", "--out", str(tmp_path)]
+    given = ["--cells", "25", "--refine", "4", "--out", str(tmp_path)]
     answer = CliRunner().invoke(command, ["seen-target", *given])
     assert answer.exit_code == 0, answer.output
     told = json.loads((tmp_path / "certificate.json").read_text())
-    assert told["cells"] == [100, 100]
-    assert told["halved"] == 2
-    assert f"100 x 100, of up to 4 times that width, {told['entries']} in all" in answer.output
-    assert told["entries"] < 0.2 * told["cells_certified"]
+    assert told["cells"] == [400, 400]
+    assert told["halved"] == 4
+    assert f"400 x 400, of up to 16 times that width, {told['entries']} in all" in answer.output
+    assert told["entries"] < 0.03 * told["cells_certified"]
+    assert 0.9995 < told["share"] < 1
+    assert "(99.9 %), for ever" in answer.output
     assert (tmp_path / "certificate.png").exists()
     assert "with 99.9 % confidence" in check(str(tmp_path / "certificate.holdfast"), share=0.2)
 

@@ -54,6 +54,7 @@ def certificate_text(found: Certificate, files: Sequence[Path] = ()) -> str:
     """What is proved, of how many cells, and what is assumed."""
     kept = found.kept
     sizes = f", of up to {2**kept.depth} times that width, {len(kept.entries)} in all"
+    share = kept.share if kept.share == 1 else min(kept.share, 0.999)  # all are certified, or not
     seconds = f"{(kept.holds or 0) * found.hold:g} s"
     lasts = "for ever" if kept.holds is None else f"for {seconds}"
     if found.target:
@@ -62,7 +63,7 @@ def certificate_text(found: Certificate, files: Sequence[Path] = ()) -> str:
         found.title,
         "",
         f"  certified      {len(kept.members)} of {kept.inside} cells in the region "
-        f"({100 * kept.share:.1f} %), {lasts}",
+        f"({100 * share:.1f} %), {lasts}",
         _inputs(found),
         f"  cells          {' x '.join(map(str, found.cells.counts))}"
         f"{sizes if kept.depth else ''}, {kept.sweeps} sweeps",
