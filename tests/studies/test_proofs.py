@@ -40,8 +40,8 @@ def benchmark():
 
 
 @cache
-def proof(name):
-    case = benchmark().CERTIFIED[name]
+def proof(name, part="CERTIFIED"):
+    case = getattr(benchmark(), part)[name]
     room = {"room": case.room} if case.room else {}
     certify = certified_with_room if room else certified
     return certify(case.scenario, case.overrides, **room, **case.options)
@@ -103,10 +103,14 @@ def test_halved_cells_of_the_page_are_those_of_the_record(name):
     assert 2 * few["entries"] < all_small["entries"]
 
 
-@pytest.mark.parametrize("name", ["seen-target", "held-station", "ferry-banks"])
+HALVED = [
+    pytest.param(n, marks=[pytest.mark.heavy] if n in LARGE else []) for n in RECORD["halved"]
+]
+
+
+@pytest.mark.parametrize("name", HALVED)
 def test_halved_cells_of_the_record_keep_the_region_against_adversaries_in_closed_loop(name):
-    case, (few, _) = benchmark().HALVED[name], RECORD["halved"][name]
-    found = certified(case.scenario, case.overrides, **case.options)
+    found, (few, _) = proof(name, "HALVED"), RECORD["halved"][name]
     assert len(found.kept.entries) == few["entries"]
     assert benchmark().certified_volume(found) == pytest.approx(few["volume"], abs=2e-4)
     assert closed_loop(found, starts=500, holds=100, seed=4) < 2e-4
