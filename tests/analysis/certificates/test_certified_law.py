@@ -25,6 +25,15 @@ def seen():
 
 
 @pytest.fixture(scope="module")
+def inexact():
+    """With inputs that are late, and one state that is measured wrong."""
+    return hf.certify(
+        camera(), view(camera()), box=BOX, cells=61, sample_time=0.1, delay=0.02,
+        errors={"left": 0.01},
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
 def briefly():
     """In a current too strong for a certificate for ever."""
     return hf.certify(camera(0.6), view(camera()), box=BOX, cells=41, horizon=0.5)
@@ -147,13 +156,51 @@ def test_other_sample_times_and_continuous_control_are_refused(seen):
 
 @pytest.mark.parametrize(
     ("more", "named"),
-    [({"delay": 0.1}, "a delay of 0.1 s"), ({"noise_uniform": {"left": 0.1}}, "noise")],
+    [
+        ({"delay": 0.1}, r"everything 0\.1 s late, .* late by up to 0\.02 s: its promise"),
+        ({"noise_uniform": {"left": 0.011}}, r"'left' is up to 0\.011, .* with up to 0\.01: its"),
+        ({"noise_uniform": {"ahead": 0.001}}, r"'ahead' is up to 0\.001, .* with up to 0: its"),
+        ({"noise_normal": {"left": 0.001}}, "'left' has no bound"),
+    ],
 )
-def test_what_the_certificate_does_not_count_with_is_said(seen, more, named):
+def test_what_is_beyond_that_the_certificate_counts_with_is_said(inexact, more, named):
     with pytest.warns(ModelWarning, match=named):
         hf.simulate(
-            camera(), seen_law(seen), starts=[[1.2, 0.0]], horizon=0.2, sample_time=0.1, **more
+            camera(), seen_law(inexact), starts=[[1.2, 0.0]], horizon=0.2, sample_time=0.1, **more
         )
+
+
+def test_noise_that_the_certificate_counts_with_is_no_warning_and_no_run_leaves(inexact):
+    """Starts are a noise away from the edges of certified cells; warnings fail tests."""
+    starts = starts_in(inexact, inexact.kept.members, 1000, 12)
+    near = [seen_in(inexact, starts + np.array([0, e])) for e in (-0.01, 0, 0.01)]
+    known = np.array(near).all(axis=0)
+    starts = starts[known]
+    assert len(starts) > 500
+    result = hf.simulate(
+        camera(), seen_law(inexact), starts=starts, region=view(camera()), horizon=5.0,
+        sample_time=0.1, substeps=20, noise_uniform={"left": 0.01},
+        disturbance={"wa": sgn(1.2 - AHEAD) / 10, "wb": -3 * sgn(LEFT) / 20},
+    )  # fmt: skip
+    assert result.outcomes["stayed"] == len(starts)
+
+
+def test_with_delay_and_errors_at_their_limits_no_target_leaves_the_view(inexact, seen):
+    """Two thousand runs of 5 s: inputs 20 ms late, each measurement a centimetre off."""
+    answer = certain(answers(camera(), seen_law(inexact), inexact, 2000))
+    worst = worst_of(inexact, answer, 2000, 50, 10, 13, late=2, error=0.01)
+    assert -0.02 < worst <= 0
+    careless = hf.certified_law(seen, camera())
+    asked = answers(camera(), careless, seen, 2000)
+    assert worst_of(seen, lambda q: asked(q)[0], 2000, 50, 10, 13, late=2, error=0.01) > 0
+
+
+def seen_in(certificate, states):
+    """Whether states are in certified cells."""
+    places = [np.searchsorted(e, q, "right") - 1
+              for e, q in zip(certificate.cells.edges, states.T, strict=True)]  # fmt: skip
+    flat = np.ravel_multi_index(places, certificate.cells.counts, mode="clip")
+    return np.isin(flat, certificate.kept.members)
 
 
 def test_another_vehicle_is_refused(seen):
@@ -323,4 +370,12 @@ def test_file_alone_is_a_law_in_c(seen, tmp_path):
     text = hf.export_c(alone, hf.certified_law(read), "law")
     assert text == hf.export_c(alone, hf.certified_law(seen, alone), "law")
     assert "outside: 1 if the state was in no certified cell" in text
+    assert "inputs that are held for 0.1 s, without delay" in text
+    assert "exact measurements" in text
     built(tmp_path, text, "law")
+
+
+def test_law_in_c_says_what_its_certificate_counts_with(inexact):
+    text = hf.export_c(camera(), hf.certified_law(inexact), "law")
+    assert "inputs that are held for 0.1 s, late by up to 0.02 s" in text
+    assert "certified for left measured to 0.01\n" in text.replace(" */", "\n")

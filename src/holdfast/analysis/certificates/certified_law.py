@@ -59,6 +59,8 @@ def certified_law(certificate: Certificate, system: System | None = None) -> Law
         unit="s",
         width=len(certificate.inputs),
         hold=certificate.hold,
+        errors=certificate.sampling.errors,
+        delay=certificate.sampling.delay,
     )
     inputs = [n for n, _ in certificate.inputs]
     return Law(
