@@ -153,6 +153,29 @@ def exact_share(found: hf.Certificate) -> tuple[float, int]:
     )
 
 
+def driven(found: hf.Certificate) -> dict[str, object]:
+    """A thousand runs of the law from certified cells: how many arrive, and how near to a wall."""
+    system = hf.certified_system(found)
+    square, goal = (
+        region(name, system, [e for _, _, e in limits])
+        for name, limits in (("square", found.constraints), ("goal", found.target))
+    )
+    generator = np.random.default_rng(0)
+    low, high = found.cells.corners(generator.choice(found.kept.members, 1000))
+    result = hf.simulate(
+        system, hf.certified_law(found), starts=low + (high - low) * generator.random(low.shape),
+        region=square, goal=goal, horizon=found.kept.holds * found.hold, sample_time=found.hold,
+        record_every=found.hold, substeps=20, until_goal=True,
+    )  # fmt: skip
+    took, says = result.arrays["goal_time"].values, result.arrays["signal"].values[:, 0, 0]
+    return {
+        "arrived": result.outcomes["reached goal"],
+        "arrived_in_time": int((took <= says + 1e-9).sum()),
+        "worst_constraint": float(result.arrays["worst_constraint"].values.max()),
+        "longest_s": float(took.max()),
+    }
+
+
 PROBLEMS: dict[str, Callable[[], hf.Certificate]] = {
     "vehicle": vehicle,
     "converter": converter,
@@ -179,7 +202,7 @@ def judged(name: str, share: float) -> dict[str, object]:
     if name == "vehicle":
         low, high = found.cells.corners(found.kept.members)
         begins = (low[:, :2] <= START).all(axis=1) & (high[:, :2] >= START).all(axis=1)
-        row |= {"start_headings": int(begins.sum()), "holds": found.kept.holds}
+        row |= {"start_headings": int(begins.sum()), "holds": found.kept.holds, **driven(found)}
     if name.startswith("cart"):
         row["of_exact"], row["outside_exact"] = exact_share(found)
         row["of_exact"] = round(row["of_exact"], 4)

@@ -1,6 +1,5 @@
 """The law of a certificate keeps its promise in closed loops, against the worst disturbances."""
 
-import ctypes
 import math
 
 import numpy as np
@@ -9,13 +8,11 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError, ModelWarning, SimulationError
-from holdfast.execution.codegen.closed_loop_program import closed_loop_program
-from holdfast.execution.simulation.control_sample import ControlSamples
-from holdfast.execution.simulation.steppers import RK4
 from holdfast.maths.definitions.quantity import TIME
 from holdfast.maths.expressions.functions import sgn
 from tests.adversary import starts_in, worst_of
-from tests.c_code import built, needs_gcc, pointer
+from tests.c_code import built, needs_gcc
+from tests.certified_laws import MANY, answers, in_c
 from tests.certified_systems import AHEAD, BOX, LEFT, U, X, camera, cart, view
 
 
@@ -37,18 +34,6 @@ def inexact():
 def briefly():
     """In a current too strong for a certificate for ever."""
     return hf.certify(camera(0.6), view(camera()), box=BOX, cells=41, horizon=0.5)
-
-
-def answers(system, law, certificate, count):
-    """The compiled law of many vehicles at a sample: inputs, and whether it knows the cells."""
-    program = closed_loop_program(system, law, region=None, goal=None, disturbance={}, stepper=RK4)
-    samples = ControlSamples(program, certificate.hold, count)
-
-    def answer(states):
-        found = samples.answers(0.0, states)
-        return found[:, samples.rows.command], np.isnan(found[:, samples.rows.outside])
-
-    return answer
 
 
 def certain(answer):
@@ -310,19 +295,6 @@ def test_three_states_are_kept_for_as_long_as_is_said():
 
 # -- C -----------------------------------------------------------------------------------------
 
-MANY = """
-void many(int count, const double *seen, double *commands, int *outside) {
-    law_state s;
-    double actuators[ACTUATORS];
-    law_start(&s);
-    for (int k = 0; k < count; k++) {
-        law_step(&s, 0.0, 0.1, seen + k * LAW_SEEN, law_parameters, commands + k * INPUTS,
-                 actuators);
-        outside[k] = s.outside;
-    }
-}
-"""
-
 
 def edges_of(cells, count, rng):
     """Corners of cells, places on one edge, and the floats on both sides of an edge."""
@@ -350,12 +322,7 @@ def test_law_in_c_has_the_bits_of_the_simulated_one_inside_outside_and_at_edges(
     low, high = (np.array([e[k] for e in found.cells.edges]) for k in (0, -1))
     wide = rng.uniform(low - 0.3 * (high - low), high + 0.3 * (high - low), (20_000, len(low)))
     states = np.ascontiguousarray(np.concatenate([wide, edges_of(found.cells, 20_000, rng)]))
-    commands = np.empty((len(states), len(system.inputs)))
-    outside = np.empty(len(states), dtype=np.int32)
-    c.many(
-        len(states), pointer(states), pointer(commands),
-        outside.ctypes.data_as(ctypes.POINTER(ctypes.c_int)),
-    )  # fmt: skip
+    commands, outside = in_c(c, states, len(system.inputs))
     expected, known = answers(system, law, found, len(states))(states)
     assert np.array_equal(commands.view(np.int64), expected.view(np.int64))
     assert np.array_equal(outside == 0, known)

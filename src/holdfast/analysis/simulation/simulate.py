@@ -69,7 +69,7 @@ def simulate(
     where the law is handed its command (`commanded`, `SafetyFilter.law`): called at every sample
     with t and the measured states, shape (runs, states), it returns shape (runs, inputs); or an
     object with the methods of `Commander`. The other settings are
-    those of `Settings` (sample_time, substeps, record_every, continuous, tolerance,
+    those of `Settings` (sample_time, substeps, record_every, continuous, tolerance, until_goal,
     noise_uniform, noise_normal, seed, threads, absolute, relative).
 
     Warns with `GainWarning` when the gains violate a condition of the law. Raises
@@ -85,6 +85,8 @@ def simulate(
                 f"unknown setting '{name}'", remedy=suggestion(name, Settings.__dataclass_fields__)
             )
     chosen = Settings(horizon=horizon, **settings)
+    if chosen.until_goal and goal is None:
+        raise SimulationError("until_goal without a goal", key="until_goal")
     for name in reference or {}:
         if name not in system.state_names:
             raise SimulationError(f"reference of '{name}', which is not a state", key="reference")
