@@ -177,7 +177,7 @@ FUNCTIONS = {
     "critical_points": lambda: {"field": hf.fields.dipole_in_current(), "box": ((-2.0, 2.0), (-2.0, 2.0))},
     "certify": lambda: {
         "system": line(), "region": end(), "box": {"x": (-1.0, 1.0)}, "cells": 5, "sample_time": 0.1, "horizon": 0.2, "inputs": 2,
-        "uncertain": {"push": (0.1, 0.2)}, "disturbance": {"d": 0.1}, "errors": {"x": 0.01}, "delay": 0.02,
+        "uncertain": {"push": (0.1, 0.2)}, "disturbance": {"d": 0.1}, "errors": {"x": 0.01}, "delay": 0.02, "store": tempfile.mkdtemp(),
     },
     "judge_law": lambda: {
         "system": line(), "region": end(), "law": push_law(), "box": {"x": (-1.0, 1.0)}, "cells": 5, "sample_time": 0.1,

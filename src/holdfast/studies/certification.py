@@ -35,6 +35,7 @@ def certified(
     uncertain: Mapping[str, Range] | None = None,
     errors: Mapping[str, float] | None = None,
     delay: float = 0.0,
+    store: Path | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> Certificate:
     """`hf.certify` for the system, the region, the grid's box and the disturbance of a kernel.
@@ -45,6 +46,8 @@ def certified(
     loaded = check_kernel(load_scenario(scenario, overrides), scenario)
     if loaded.region is None:
         raise ScenarioError(f"'{scenario}' has no region", remedy="add a [region]")
+    if store is not None:
+        make_folder(store)
     axes = loaded.grid.axes
     return certify(
         loaded.system,
@@ -59,6 +62,7 @@ def certified(
         target=loaded.goal if loaded.kind == REACHES else None,
         errors=errors,
         delay=delay,
+        store=store,
         progress=progress,
     )
 
@@ -73,7 +77,12 @@ def certified_with_room(
     `SimulationError` for others.
     """
     changes, harder = list(overrides), list(room)
-    once = {"horizon": options.get("sample_time", SAMPLE_TIME), "inputs": 2, "progress": None}
+    once = {
+        "horizon": options.get("sample_time", SAMPLE_TIME),
+        "inputs": 2,
+        "store": None,
+        "progress": None,
+    }
     stated = certified(scenario, changes, **{**options, **once})  # its ranges and its region
     found = certified(scenario, [*changes, *harder], **options)
     same = found.rates == stated.rates and found.constraints == stated.constraints

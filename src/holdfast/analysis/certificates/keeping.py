@@ -9,6 +9,7 @@ import numpy as np
 
 from holdfast.analysis.certificates.cells import Cells, Counted, Floats, Wholes
 from holdfast.analysis.certificates.images import images, where
+from holdfast.analysis.certificates.stored_images import Store
 from holdfast.execution.intervals.held_flow import HeldFlow
 
 
@@ -46,6 +47,7 @@ def kept(
     candidates: Floats,
     holds: int | None = None,
     progress: Callable[[str, float], None] | None = None,
+    store: Store | None = None,
 ) -> Kept:
     """The cells in the region from which a held input leads to others of them, again and again.
 
@@ -54,7 +56,7 @@ def kept(
     input that does not keep a cell will not do so later.
     """
     inside = where(flow.inside, cells)
-    found = images(flow, cells, candidates, inside, progress or (lambda what, share: None))
+    found = images(flow, cells, candidates, inside, progress or (lambda what, share: None), store)
     first, last, usable = found.first, found.last, found.usable
     count, most = len(inside), len(candidates)
     choice = np.zeros(count, dtype=np.int64)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from holdfast.analysis.certificates.cells import Cells, Floats, Truths, Wholes
 from holdfast.analysis.certificates.images import Images, images, where
 from holdfast.analysis.certificates.keeping import Kept
+from holdfast.analysis.certificates.stored_images import Store
 from holdfast.execution.intervals.held_flow import HeldFlow
 
 NONE = -1
@@ -23,6 +24,7 @@ def reached(
     candidates: Floats,
     holds: int | None = None,
     progress: Callable[[str, float], None] | None = None,
+    store: Store | None = None,
 ) -> Kept:
     """The cells from which an input leads all states to cells that are closer to the target.
 
@@ -36,7 +38,7 @@ def reached(
     within[where(flow.inside, cells)] = True
     within[arrived] = False
     region = np.flatnonzero(within)
-    found = images(flow, cells, candidates, region, progress or (lambda what, share: None))
+    found = images(flow, cells, candidates, region, progress or (lambda what, share: None), store)
     waiting = _Waiting(found, cells.counts)
     captured = np.zeros(len(within), dtype=bool)
     captured[arrived] = True
