@@ -54,16 +54,15 @@ class Store:
             digest.update(np.ascontiguousarray(part).tobytes())
         self._asked += 1
         path = self.folder / f"{NAME}.{self._asked}.{digest.hexdigest()[:24]}"
-        for other in self.folder.glob(f"{NAME}.{self._asked}.*"):
-            if other != path:
-                warnings.warn(
-                    f"what an earlier run left in {self.folder} is of another problem or version: "
-                    "this one begins anew",
-                    CacheWarning,
-                    stacklevel=2,
-                )
-                _remove(self.folder.glob(f"{NAME}.*"))
-                break
+        others = [f for f in self.folder.glob(f"{NAME}.{self._asked}.*") if f != path]
+        if others:
+            warnings.warn(
+                f"what an earlier run left in {self.folder} is of another problem or version: "
+                "this one begins anew",
+                CacheWarning,
+                stacklevel=2,
+            )
+            _remove(others)
         return Blocks(path, (len(of), len(candidates), len(cells.counts)), len(tasks))
 
 
