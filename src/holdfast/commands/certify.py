@@ -97,8 +97,9 @@ def command(
 
     In a capture basin: from which they lead to its goal, in the region until then. Between samples
     too, for every disturbance within its bounds, with every rounding counted. The
-    file certificate.holdfast is checked by another program: holdfast-check FILE. The exit status is
-    1 if no cell is certified, and with --largest if the limit was not found.
+    file certificate.holdfast is checked by another program: holdfast-check FILE. An interrupted
+    run, but for --largest, resumes when it is repeated. The exit status is 1 if no cell is
+    certified, and with --largest if the limit was not found.
     """
     from holdfast.presentation.studies.certificate import certificate_text
     from holdfast.scenario.files import scenario_title
@@ -126,7 +127,7 @@ def command(
     if search:
         raise ScenarioError(f"--{next(iter(search))} without --largest", remedy="name a number")
     with bar("cells") as tell:
-        options["progress"] = tell
+        options |= {"progress": tell, "store": folder}
         if room:
             found = certified_with_room(scenario, overrides, room, **options)
         else:

@@ -38,6 +38,7 @@ def certified(
     errors: Mapping[str, float] | None = None,
     delay: float = 0.0,
     refine: int = 0,
+    store: Path | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> Certificate:
     """`hf.certify` for the system, the region, the grid's box and the disturbance of a kernel.
@@ -48,6 +49,8 @@ def certified(
     loaded = check_kernel(load_scenario(scenario, overrides), scenario)
     if loaded.region is None:
         raise ScenarioError(f"'{scenario}' has no region", remedy="add a [region]")
+    if store is not None:
+        make_folder(store)
     axes = loaded.grid.axes
     return certify(
         loaded.system,
@@ -63,6 +66,7 @@ def certified(
         errors=errors,
         delay=delay,
         refine=refine,
+        store=store,
         progress=progress,
     )
 
@@ -77,7 +81,12 @@ def certified_with_room(
     `SimulationError` for others.
     """
     changes, harder = list(overrides), list(room)
-    once = {"horizon": options.get("sample_time", SAMPLE_TIME), "inputs": 2, "progress": None}
+    once = {
+        "horizon": options.get("sample_time", SAMPLE_TIME),
+        "inputs": 2,
+        "store": None,
+        "progress": None,
+    }
     stated = certified(scenario, changes, **{**options, **once})  # its ranges and its region
     found = certified(scenario, [*changes, *harder], **options)
     same = found.rates == stated.rates and found.constraints == stated.constraints

@@ -16,6 +16,7 @@ from sympy.printing.str import StrPrinter
 
 from holdfast.analysis.certificates.cells import Cells, Floats, Wholes
 from holdfast.analysis.certificates.kept_set import Kept
+from holdfast.analysis.certificates.stored_images import forget
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.intervals.held_flow import Sampling, exact
 from holdfast.host.writing import atomic_file
@@ -134,6 +135,7 @@ class Certificate:
         digest = hashlib.sha256(content).hexdigest()
         with atomic_file(path) as partial:
             partial.write_bytes(f"{MAGIC} {digest}\n".encode() + content)
+        forget(path.parent)
         return path
 
 

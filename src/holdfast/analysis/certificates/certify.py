@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 import sympy as sp
@@ -29,6 +30,7 @@ from holdfast.analysis.certificates.problem import (
     ranges_of,
 )
 from holdfast.analysis.certificates.reaching import reached
+from holdfast.analysis.certificates.stored_images import Store
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.intervals.held_flow import HeldFlow, Sampling
@@ -59,6 +61,7 @@ def certify(
     errors: Mapping[str, float] | None = None,
     delay: float = 0.0,
     refine: int = 0,
+    store: str | Path | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> Certificate:
     """The largest set of cells in `region` that inputs held for `sample_time` [s] keep there.
@@ -83,7 +86,9 @@ def certify(
     each state, or their edges. horizon [s]: None is for ever. inputs: how many values of each input
     are tried between its bounds. uncertain: parameter -> range, such as a mass that is wrong by a
     fifth. disturbance: those that are known and constant; others are any within their bounds, at
-    every instant.
+    every instant. store: a folder in which what is found is kept until a certificate is written
+    there: the same call goes on where it was interrupted, or its process killed, and ends with the
+    same answer.
 
     Raises `SimulationError` for a box that lacks a state, inputs without bounds, numbers out of
     range and a law that does not give the inputs from the states alone, `DefinitionError` for
@@ -139,7 +144,8 @@ def certify(
     tried = np.empty((1, 0)) if law else candidates
     if target is not None and not any(len(where(flow.arrived, g)) for g in _halves(grid, refine)):
         raise SimulationError(f"no cell lies in '{target.name}'", remedy="take smaller cells")
-    found = proved(flow, grid, tried, holds, progress, refine)
+    kept_in = None if store is None else Store(store)
+    found = proved(flow, grid, tried, holds, progress, refine, kept_in)
     title = f"{system.name} in {region.name}" + (f" to {target.name}" if target else "")
     return Certificate(
         title=title + (f", by {law.name}" if law else ""),

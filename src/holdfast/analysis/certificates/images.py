@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.analysis.certificates.cells import Cells, Floats, Truths, Wholes
+from holdfast.analysis.certificates.stored_images import Blocks, Store
 from holdfast.execution.intervals.held_flow import HeldFlow
 from holdfast.execution.resources import available_cores, check_memory
 
@@ -48,10 +49,12 @@ def images(
     candidates: Floats,
     of: Wholes,
     tell: Callable[[str, float], None],
+    store: Store | None = None,
 ) -> Images:
     """Of these cells by every input, shape (inputs, ...).
 
-    tell: called with what is computed, the memory that it takes, and the finished fraction.
+    tell: called with what is computed, the memory that it takes, and the finished fraction. store:
+    where they are kept, and blocks of them are found that an earlier run has left.
     """
     axes, most = len(cells.counts), len(candidates)
     shape = (len(of), most, axes)
@@ -60,8 +63,11 @@ def images(
     check_memory(size, what, "take fewer cells or inputs")
     label = f"{what}, {size / 2**20:,.0f} MiB"
     tell(label, 0.0)
-    first, last = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=np.int32)
-    usable = np.zeros(shape[:2], dtype=bool)
+    tasks = [(begin, k) for begin in range(0, len(of), BLOCK) for k in range(most)]
+    blocks = Blocks(None, shape, len(tasks)) if store is None else store.blocks(
+        flow, cells, candidates, of, tasks
+    )  # fmt: skip
+    first, last, usable = blocks.first, blocks.last, blocks.usable
     corners = cells.corners(of)
 
     def led(task: tuple[int, int]) -> None:
@@ -74,14 +80,18 @@ def images(
         fine = usable[part, k][:, None]
         first[part, k], last[part, k] = np.where(fine, a, 0), np.where(fine, b, 0)
 
-    tasks = [(begin, k) for begin in range(0, len(of), BLOCK) for k in range(most)]
+    left = np.flatnonzero(~blocks.done).tolist()
     with ThreadPoolExecutor(available_cores()) as pool:
         try:
-            for done, _ in enumerate(pool.map(led, tasks), 1):
-                tell(label, done / len(tasks))
+            found = pool.map(led, [tasks[k] for k in left])
+            for done, (k, _) in enumerate(zip(left, found, strict=True), 1):
+                blocks.note(k)
+                tell(label, (len(tasks) - len(left) + done) / len(tasks))
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
+        finally:
+            blocks.write()
     return Images(of, first, last, usable)
 
 

@@ -10,6 +10,7 @@ from holdfast.analysis.certificates.cells import Cells, Counted, Floats, Wholes
 from holdfast.analysis.certificates.images import Images
 from holdfast.analysis.certificates.kept_set import Kept
 from holdfast.analysis.certificates.refining import BEST, REGION, Ranks, refined
+from holdfast.analysis.certificates.stored_images import Store
 from holdfast.execution.intervals.held_flow import HeldFlow
 
 
@@ -20,6 +21,7 @@ def kept(
     holds: int | None = None,
     progress: Callable[[str, float], None] | None = None,
     refine: int = 0,
+    store: Store | None = None,
 ) -> Kept:
     """The cells in the region from which a held input leads to others of them, again and again.
 
@@ -31,7 +33,7 @@ def kept(
         return settled(found, cells, ranks, holds)
 
     enough = BEST if holds is None else holds
-    found = refined(flow, cells, candidates, refine, settle, enough, progress=progress)
+    found = refined(flow, cells, candidates, refine, settle, enough, progress=progress, store=store)
     entries = found.entries
     if holds is None:
         entries[:, 2] = 0

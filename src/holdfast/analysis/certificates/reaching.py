@@ -13,6 +13,7 @@ from holdfast.analysis.certificates.cells import Cells, Floats, Truths, Wholes
 from holdfast.analysis.certificates.images import Images
 from holdfast.analysis.certificates.kept_set import Kept
 from holdfast.analysis.certificates.refining import BEST, REGION, Ranks, refined
+from holdfast.analysis.certificates.stored_images import Store
 from holdfast.execution.intervals.held_flow import HeldFlow
 
 NONE = -1
@@ -25,6 +26,7 @@ def reached(
     holds: int | None = None,
     progress: Callable[[str, float], None] | None = None,
     refine: int = 0,
+    store: Store | None = None,
 ) -> Kept:
     """The cells from which an input leads all states to cells that are closer to the target.
 
@@ -39,7 +41,15 @@ def reached(
         return settled(found, cells, ranks, holds)
 
     found = refined(
-        flow, cells, candidates, refine, settle, REGION + 1, target=True, progress=progress
+        flow,
+        cells,
+        candidates,
+        refine,
+        settle,
+        REGION + 1,
+        target=True,
+        progress=progress,
+        store=store,
     )
     entries = found.entries[np.argsort(found.entries[:, 0], kind="stable")]
     entries[:, 2] = BEST - entries[:, 2]

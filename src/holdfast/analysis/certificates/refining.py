@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from holdfast.analysis.certificates.cells import Cells, Floats, Halvings, Truths, Wholes
 from holdfast.analysis.certificates.images import Images, images, joined, where
+from holdfast.analysis.certificates.stored_images import Store
 from holdfast.execution.intervals.held_flow import HeldFlow
 from holdfast.execution.resources import check_memory
 
@@ -47,12 +48,14 @@ def refined(
     *,
     target: bool = False,
     progress: Callable[[str, float], None] | None = None,
+    store: Store | None = None,
 ) -> Refined:
     """What is found of the cells, of half of those that are left near it, and so on.
 
     At each depth those cells are halved that have less than `enough` and a better one beside them,
     again and again as long as that gains something; all of them where nothing is found yet. What
-    was found of larger cells stands: an input leads from a cell to ranks that only grow.
+    was found of larger cells stands: an input leads from a cell to ranks that only grow. store:
+    where images are kept, so that an interrupted search goes on.
     """
     tell = progress or (lambda what, share: None)
     _check_memory(cells, depth)
@@ -69,7 +72,7 @@ def refined(
         if target:
             ranks[where(flow.arrived, cells, np.flatnonzero(ranks < BEST))] = BEST
         before = ranks.copy()
-        some = partial(images, flow, cells, candidates, tell=tell)
+        some = partial(images, flow, cells, candidates, tell=tell, store=store)
         inputs, count = _gained(cells, ranks, enough, times > 0, some, settle)
         gained = np.flatnonzero(ranks > before)
         found.append((gained, np.stack([inputs[gained], ranks[gained]], axis=1)))

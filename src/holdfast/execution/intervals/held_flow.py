@@ -126,6 +126,7 @@ class HeldFlow:
             arrived = [*self.constraints, *(exact(e) for e in target)]
             leaves["arrived"] = self._inside_leaf(arrived)
         self._leaves = compiled_leaves(leaves)
+        self.digest = self._leaves.digest
 
     def inside(self, low: Array, high: Array) -> Truths:
         """Whether the constraints surely hold where each box is measured, shape (boxes,)."""
