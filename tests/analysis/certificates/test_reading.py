@@ -64,7 +64,7 @@ def test_file_that_is_not_what_was_written_is_refused(spoil, named, tmp_path):
         ({"goal": []}, "says 'goal'"),
         ({"delay": "0x1p+4"}, "s late"),
         ({"errors": ["0x0p+0"]}, "with errors"),
-        ({"law": ["0"]}, "a law, and inputs"),
+        ({"law": ["0"]}, "of an earlier version"),
         ({"hold": None}, "is no text"),
         ({"hold": "nan"}, "not finite"),
         ({"holds": 0}, "holds inputs 0 times"),

@@ -16,6 +16,7 @@ from sympy.printing.str import StrPrinter
 
 from holdfast.analysis.certificates.cells import Cells, Floats, Wholes
 from holdfast.analysis.certificates.keeping import Kept
+from holdfast.analysis.certificates.law_written import written
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.intervals.held_flow import Sampling, exact
 from holdfast.host.writing import atomic_file
@@ -73,7 +74,7 @@ class Certificate:
 
     def header(self) -> dict[str, Any]:
         """What the file says before its entries; numbers in hexadecimal digits, which are exact."""
-        kept = self.kept
+        kept, law = self.kept, self.sampling.law
         return {
             "title": self.title,
             "states": _named(self.states),
@@ -83,7 +84,7 @@ class Certificate:
             "rates": [_text(r) for r in self.rates],
             "constraints": _written(self.constraints),
             "target": _written(self.target),
-            "law": [_text(e) for e in self.sampling.law or ()],
+            "law": [] if law is None else written(law, self.sampling.under_way, _text),
             "hold": self.hold.hex(),
             "delay": self.sampling.delay.hex(),
             "errors": [float(e).hex() for e in self.sampling.errors],
