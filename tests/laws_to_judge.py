@@ -5,9 +5,7 @@ import sympy as sp
 import holdfast as hf
 
 X, V, W = (hf.symbol(n) for n in ("x", "v", "w"))
-AHEAD, BEARING, U, R, WA, WB = (
-    hf.symbol(n) for n in ("ahead", "bearing", "u", "r", "wa", "wb")
-)
+AHEAD, BEARING, U, R, WA, WB = (hf.symbol(n) for n in ("ahead", "bearing", "u", "r", "wa", "wb"))
 
 
 def slider(limit=1.0, current=0.3):
@@ -70,3 +68,19 @@ def guarded(system, law):
 def forward(system):
     """Drives on whatever it sees: without a safeguard it loses the target."""
     return hf.Law("forward", system.states, {"u": sp.Float(0.3), "r": 0.8 * BEARING})
+
+
+def boat():
+    """A boat that moves in any direction, in a round berth, with a current across."""
+    x, y, u, v, a, b = (hf.symbol(n) for n in ("x", "y", "u", "v", "a", "b"))
+    system = hf.System(
+        "boat",
+        (hf.Quantity("x", "m"), hf.Quantity("y", "m")),
+        (hf.Quantity("u", "m/s"), hf.Quantity("v", "m/s")),
+        {"x": u + a, "y": v + b},
+        disturbances=(hf.Quantity("a", "m/s"), hf.Quantity("b", "m/s")),
+        disturbance_bounds=hf.Box((-0.1, -0.1), (0.1, 0.1)),
+        input_bounds=hf.Box((-0.5, -0.5), (0.5, 0.5)),
+    )
+    rim = (hf.Inequality("rim", (x**2 + y**2 - 1) / 2, "m"),)
+    return system, hf.Region("berth", system.states, rim)

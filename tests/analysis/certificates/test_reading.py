@@ -10,7 +10,7 @@ import holdfast as hf
 from holdfast.analysis.certificates.certificate import KNOWN
 from holdfast.analysis.certificates.exact_text import exact_expression
 from holdfast.errors import DefinitionError, ExpressionError, OutputError
-from holdfast.execution.intervals.held_flow import exact
+from holdfast.maths.expressions.traversal import exact
 from tests.certified_systems import AHEAD, BOX, CART, LEFT, camera, cart, changed, view
 
 

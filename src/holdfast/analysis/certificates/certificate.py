@@ -18,9 +18,10 @@ from holdfast.analysis.certificates.cells import Cells, Floats, Wholes
 from holdfast.analysis.certificates.keeping import Kept
 from holdfast.analysis.certificates.law_written import written
 from holdfast.errors import DefinitionError, SimulationError
-from holdfast.execution.intervals.held_flow import Sampling, exact
+from holdfast.execution.intervals.held_flow import Sampling
 from holdfast.host.writing import atomic_file
 from holdfast.maths.definitions.quantity import TIME
+from holdfast.maths.expressions.traversal import exact
 
 MAGIC = "holdfast-certificate 1"
 ENTRY = np.dtype([("cell", "<u4"), ("input", "<u2"), ("level", "<u4")])

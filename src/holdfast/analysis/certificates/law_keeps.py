@@ -15,13 +15,14 @@ from holdfast.analysis.certificates.certify import CELLS, certify
 from holdfast.analysis.certificates.problem import INPUTS
 from holdfast.arguments import checked
 from holdfast.execution.intervals.enclosure import Enclosure
-from holdfast.execution.intervals.held_flow import HeldFlow, Sampling, exact
+from holdfast.execution.intervals.held_flow import HeldFlow, Sampling
 from holdfast.execution.intervals.law_ranges import LawRanges
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import symbol
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.traversal import exact
 
 STARTS = 2000
 """Cells from whose middles a trajectory that leaves is looked for."""

@@ -10,7 +10,6 @@ import sympy as sp
 from holdfast.analysis.certificates.certificate import Range
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.codegen.controller_program import ControllerProgram, controller_program
-from holdfast.execution.intervals.held_flow import exact
 from holdfast.maths.control.active_sets import options_of
 from holdfast.maths.definitions.bounds import Box
 from holdfast.maths.definitions.law import Law, Safeguard
@@ -21,7 +20,7 @@ from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.branches import branches
 from holdfast.maths.expressions.functions import least
-from holdfast.maths.expressions.traversal import exchanged, symbols_of
+from holdfast.maths.expressions.traversal import exact, exchanged, symbols_of
 
 Parts = tuple[tuple[float, ...], ...]
 _Branch = tuple[Conditions, tuple[Option, ...]]
@@ -133,10 +132,17 @@ class _Cases:
         )
         free = bool(self.handed & symbols_of(wanted))
         where, options = options_of(
-            given, self.inputs, None if free else wanted, self._saturated, self._free().when, prefix
-        )
+            given, self.inputs, None if free else wanted, self._saturated, self._free().when,
+            self._box(), prefix,
+        )  # fmt: skip
         self.definitions += where
         return options
+
+    def _box(self) -> Box | None:
+        bounds = self.system.input_bounds
+        if not isinstance(bounds, Box):
+            return None
+        return Box(tuple(self._exact(bounds.lower)), tuple(self._exact(bounds.upper)))
 
     def _saturated(self, values: Sequence[sp.Expr]) -> tuple[sp.Expr, ...]:
         """The inputs that the actuators make of those that are asked for."""

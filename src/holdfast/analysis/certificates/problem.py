@@ -13,11 +13,11 @@ from holdfast.analysis.certificates.cells import Floats
 from holdfast.analysis.certificates.certificate import Range
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.intervals.enclosure import Enclosure
-from holdfast.execution.intervals.held_flow import exact
 from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.quantity import Parameter
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.traversal import exact
 
 ROUNDED = 1e-12
 """By which an input on a bound may exceed it, as floats do."""

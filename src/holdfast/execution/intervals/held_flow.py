@@ -51,7 +51,7 @@ from holdfast.execution.intervals.rows import (
 )
 from holdfast.execution.leaf import compiled_leaves
 from holdfast.maths.definitions.law_cases import LawCases
-from holdfast.maths.expressions.traversal import derivatives
+from holdfast.maths.expressions.traversal import derivatives, exact
 
 JUMPS = ("sgn", "sign", "select", "wrap", "angle", "atan2", "floor", "ceiling", "length")
 """Functions that are not continuous everywhere, or of which the slope is not exact."""
@@ -329,12 +329,6 @@ class HeldFlow:
         meet = c0 + up * (c1 - c0 - step * down) * (up - down).inverse()
         between = (moving.low >= 0.0) | (moving.high <= 0.0) | (meet.high <= 0.0)
         return kept | (between if ends else between & (last.high <= 0.0))
-
-
-def exact(e: Any) -> sp.Expr:
-    """With floats as the rational numbers that they are: derivatives of these are exact."""
-    e = sp.sympify(e)
-    return e.xreplace({f: sp.Rational(f) for f in e.atoms(sp.Float)})
 
 
 def _of(lowering: IntervalLowering, e: Any) -> Interval:

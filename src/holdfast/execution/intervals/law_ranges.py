@@ -24,6 +24,9 @@ from holdfast.maths.definitions.law_cases import LawCases, Option
 from holdfast.maths.definitions.quantity import TIME_IN_MODE
 from holdfast.maths.expressions.traversal import symbols_of
 
+TOGETHER = 12
+"""Options of one leaf: longer ones take longer than in proportion to compile."""
+
 
 @dataclass(frozen=True)
 class Given:
@@ -126,7 +129,7 @@ class LawRanges:
         for option in options:
             used = symbols_of([*option.when, *option.inputs])
             free = not used.isdisjoint(self._inputs)
-            if free or not found or found[-1][0]:
+            if free or not found or found[-1][0] or len(found[-1][1]) == TOGETHER:
                 found.append((free, []))
             found[-1][1].append(option)
         return found

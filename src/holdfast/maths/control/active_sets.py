@@ -9,6 +9,15 @@ With y = u / s, v = w / s and a_j = s n_j: where there is a minimiser, it is
 for a set S of conditions whose normals A are independent (Karush, Kuhn, Tucker; at most as many as
 there are inputs). Multiplied by det(A A') >= 0, the second is without a division. The program has
 no admissible input only where each y_S violates a condition outside S.
+
+Then conditions are relaxed by the least slack. If it is one condition a . y <= b, and the others
+are bounds of each input, this is
+
+    minimise  |y - v|^2 + (s + P)^2   subject to   a . y - b <= |a| s,    P = 1e6 max(1, |v_i|)
+
+with s > 0 everywhere, so that y_i is at its lower bound where a_i > |a| max |y_i - v_i| / P, at the
+upper one where a_i is below the opposite of this, and may be any between. Of several conditions
+nothing is said but that the inputs are within their bounds.
 """
 
 from __future__ import annotations
@@ -20,12 +29,17 @@ from functools import reduce
 import sympy as sp
 
 from holdfast.errors import DefinitionError
+from holdfast.maths.definitions.bounds import Box
 from holdfast.maths.definitions.law import Safeguard
 from holdfast.maths.definitions.law_cases import Conditions, Definitions, Option
 from holdfast.maths.expressions.functions import greatest
+from holdfast.maths.expressions.traversal import exact
 
 MOST = 400
 """Sets of conditions."""
+
+PULL = -1e6
+"""Where the slack is wanted in the simulated program, in units of what inputs are wanted."""
 
 Saturate = Callable[[Sequence[sp.Expr]], Sequence[sp.Expr]]
 
@@ -36,17 +50,17 @@ def options_of(
     wanted: Sequence[sp.Expr] | None,
     saturate: Saturate,
     within: Conditions,
+    box: Box | None,
     prefix: str = "",
 ) -> tuple[Definitions, tuple[Option, ...]]:
     """What a safeguard may make of the inputs that a law wants; None: these may be anything.
 
-    saturate: what limits the inputs afterwards. within: conditions that limited inputs meet. An
-    input that is relaxed is any within its limits; so is one that follows from any wanted input,
-    within the conditions too. prefix: of the names that are defined.
+    saturate: what limits the inputs afterwards. within: conditions that limited inputs meet. box:
+    the bounds of the inputs, if they are one. prefix: of the names that are defined.
 
     Raises `DefinitionError` for more than `MOST` sets of conditions.
     """
-    return _Program(guard, inputs, wanted, prefix).options(saturate, within)
+    return _Program(guard, inputs, wanted, prefix).options(saturate, within, box)
 
 
 def _open(conditions: Conditions) -> Conditions | None:
@@ -70,7 +84,7 @@ class _Program:
         self.definitions: list[tuple[sp.Symbol, sp.Expr]] = []
         names = [u.name for u in inputs]
         self.scales = sp.Matrix([guard.scales[n] for n in names])
-        self.count = len(guard.offsets)
+        self.count, self.hard = len(guard.offsets), guard.hard
         normals = [[guard.normals[n][j] for n in names] for j in range(self.count)]
         self.exact = sp.Matrix(self.count, len(names), [e for row in normals for e in row])
         self.normals = self.exact.copy()
@@ -95,7 +109,7 @@ class _Program:
         return symbol
 
     def options(
-        self, saturate: Saturate, within: Conditions
+        self, saturate: Saturate, within: Conditions, box: Box | None
     ) -> tuple[Definitions, tuple[Option, ...]]:
         found, missed = [], []
         for chosen in self._sets():
@@ -116,8 +130,35 @@ class _Program:
             rows = self.normals * sp.Matrix(self.inputs) - self.offsets
             found.append(Option(tuple(rows), tuple(self.inputs)))
         if sp.S.One not in missed:
-            found.append(Option((*missed, *within), tuple(self.inputs)))
+            single = box is not None and self._one_beside(box)
+            ways = self._pushed(box) if box is not None and single else [((), self.inputs)]
+            found += [Option((*missed, *when, *within), tuple(u)) for when, u in ways]
         return tuple(self.definitions), tuple(found)
+
+    def _one_beside(self, box: Box) -> bool:
+        """Whether one condition is relaxed, and the others are the bounds of a box."""
+        rows = {(*self.exact[j, :], self.offsets[j]) for j in range(self.hard)}
+        sides = {(*map(exact, normal), exact(most)) for normal, most in box.half_spaces()}
+        full = all(e.is_finite for e in (*box.lower, *box.upper))
+        return full and self.count == self.hard + 1 and rows == sides
+
+    def _pushed(self, box: Box) -> list[tuple[Conditions, list[sp.Expr]]]:
+        """Where the one condition that is relaxed pushes the inputs: to a bound, or anywhere."""
+        a = self.scaled[self.hard, :]
+        size = sp.sqrt(sp.Add(*(e**2 for e in a)))
+        ways: list[list[tuple[Conditions, sp.Expr]]] = []
+        for i, (low, high) in enumerate(zip(box.lower, box.upper, strict=True)):
+            low, high = exact(low), exact(high)
+            most = sp.Max(abs(low / self.scales[i]), abs(high / self.scales[i]))
+            little = (1 + most) * exact(-1 / PULL) * size
+            ways.append([
+                ((little - a[i],), low), ((little + a[i],), high),
+                ((a[i] - little, -a[i] - little), self.inputs[i]),
+            ])  # fmt: skip
+        return [
+            (tuple(c for when, _ in way for c in when), [u for _, u in way])
+            for way in itertools.product(*ways)
+        ]
 
     def _sets(self) -> list[tuple[int, ...]]:
         most = len(self.inputs)
