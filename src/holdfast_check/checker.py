@@ -356,7 +356,7 @@ class Checker:
                 at.update(zip(self.input_names, part, strict=bool(part)))
                 if not any(e.at(at) > 0 for e in when):
                     yield [e.at(at) for e in inputs], to
-                    sure |= all(e.at(at) <= 0 for e in when)
+                    sure |= all(e.at(at) < 0 for e in when)
             if sure:
                 return
 

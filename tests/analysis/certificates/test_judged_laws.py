@@ -146,6 +146,19 @@ def test_law_that_jumps_is_split_at_its_jump_and_checked(tmp_path, law):
     check(str(found.certificate.write(tmp_path / "bang.certificate")))
 
 
+def test_state_on_the_edge_of_a_cell_at_a_jump_has_both_inputs():
+    """At x = 1/2, an edge of cells, a law turns to pushing outward: it does so from there on."""
+    back = select(X - 0.5, 0.9 + 0 * X, -X)
+    states = slider()[0].states
+    modes = {"in": hf.Law("in", states, {"v": -X}),
+             "out": hf.Law("out", states, {"v": 0.9 + 0 * X})}  # fmt: skip
+    turns = (hf.Transition("in", "out", X - 0.5), hf.Transition("out", "in", 0.5 - X - 1e-9))
+    for law in (hf.Law("jump", states, {"v": back}), hf.Switching("turns", modes, turns)):
+        kept = judged(law).certificate.kept
+        _, high = kept.cells.corners(kept.members)
+        assert high.max() == 0.46875  # the cell below that of which x = 1/2 is the edge
+
+
 def test_law_with_a_delay_may_have_given_any_of_its_inputs_before(tmp_path):
     law = hf.Law("back", slider()[0].states, {"v": -2 * X})
     found = judged(law, delay=0.02, errors={"x": 0.005}).certificate

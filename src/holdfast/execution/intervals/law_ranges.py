@@ -157,7 +157,8 @@ class LawRanges:
         for option in options:
             conditions = [value(c) for c in option.when]
             may = every(steps, [~(c.low > 0.0) for c in conditions])
-            sure = every(steps, [c.high <= 0.0 for c in conditions])
+            # where a condition is 0 the next option may be taken as well
+            sure = every(steps, [c.high < 0.0 for c in conditions])
             given = [value(e) for e in option.inputs]
             results += [choose(flag, 1.0, 0.0) for flag in (may, sure)]
             results += [*(e.low for e in given), *(e.high for e in given)]

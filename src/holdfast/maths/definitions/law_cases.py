@@ -17,7 +17,9 @@ Definitions = tuple[tuple[sp.Symbol, sp.Expr], ...]
 
 @dataclass(frozen=True)
 class Option:
-    """Inputs that are given where `when` <= 0, and no option before has its own conditions.
+    """Inputs that are given where `when` < 0, and no option before has its own conditions.
+
+    Where one of `when` is 0 and none is above, they may be given or those of a later option.
 
     inputs: expressions, one for each input. The symbol of an input itself stands for any number
     that the input may be, the same one in `when`. to: the number of the mode afterwards.
