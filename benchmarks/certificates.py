@@ -101,13 +101,14 @@ JUDGED = {
         "seen-guarded",
         "target in view by a law that runs into it and its safeguard, any current up to 0.05 m/s",
         {"box": {"ahead": (0.35, 2.0), "bearing": (-0.5235, 0.5235)}},
+        share=0.1,
     ),
     "berth-filter": Case(
         "berth-filter",
         "boat in its berth by the filter of a kernel, whatever is commanded",
         {"box": {"x": (-1.0, 1.0), "y": (-1.0, 1.0)}, "cells": 80, "inputs": 10},
         overrides=("law={external=true}",),
-        share=0.1,
+        share=0.02,
     ),
     "ferry-tacks": Case(
         "ferry-tacks",
