@@ -28,6 +28,7 @@ from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.maths.definitions.quantity import symbol
 from holdfast.studies.certification import certified, certified_with_room
 from holdfast.studies.largest_certified import largest_certified
+from holdfast.studies.law_certification import judged_law
 from holdfast_check.checker import NotValidError, check
 
 RECORD = Path(__file__).with_suffix(".json")
@@ -100,6 +101,28 @@ CERTIFIED = {
 
 """By name: what is certified."""
 
+JUDGED = {
+    "seen-guarded": Case(
+        "seen-guarded",
+        "target in view by a law that runs into it and its safeguard, any current up to 0.05 m/s",
+        {"box": {"ahead": (0.35, 2.0), "bearing": (-0.5235, 0.5235)}},
+        share=0.1,
+    ),
+    "berth-filter": Case(
+        "berth-filter",
+        "boat in its berth by the filter of a kernel, whatever is commanded",
+        {"box": {"x": (-1.0, 1.0), "y": (-1.0, 1.0)}, "cells": 80, "inputs": 10},
+        overrides=("law={external=true}",),
+        share=0.02,
+    ),
+    "ferry-tacks": Case(
+        "ferry-tacks",
+        "ferry off the banks by a law of two modes",
+        {"box": {"y": (-3.0, 3.0), "psi": (-0.8, 0.8)}, "cells": 161},
+    ),
+}
+"""By name: of which law of a closed loop it is asked what it keeps."""
+
 LARGEST = {
     "seen-target": Case("seen-target", "current"),
     "seen-target-most": Case("seen-target", "current", {"share": 0.9}),
@@ -167,10 +190,24 @@ def searched(name: str) -> dict[str, Any]:
     }
 
 
+def _by_its_law(*scenario: Any, **options: Any) -> Certificate:
+    return judged_law(*scenario, **options).certificate
+
+
 def measured(name: str) -> dict[str, Any]:
     """A case: what is certified, and in what time and memory; what the checker says of the file."""
-    case = CERTIFIED[name]
-    certify = partial(certified_with_room, room=case.room) if case.room else certified
+    return recorded(CERTIFIED[name])
+
+
+def judged(name: str) -> dict[str, Any]:
+    """The same of what a law keeps."""
+    return recorded(JUDGED[name])
+
+
+def recorded(case: Case) -> dict[str, Any]:
+    certify: Callable[..., Certificate] = _by_its_law if "box" in case.options else certified
+    if case.room:
+        certify = partial(certified_with_room, room=case.room)
     certify(case.scenario, case.overrides, **{**case.options, "cells": 5})  # compiled
     begun = time.perf_counter()
     found = certify(case.scenario, case.overrides, **case.options)
@@ -253,8 +290,8 @@ def main() -> None:
     record = json.loads(RECORD.read_text("utf-8")) if RECORD.exists() else {}
     context = multiprocessing.get_context("spawn")
     parts: list[tuple[str, dict[str, Case], Callable[[str], Any]]] = [
-        ("certified", CERTIFIED, measured), ("largest", LARGEST, searched),
-        ("halved", HALVED, halved),
+        ("certified", CERTIFIED, measured), ("judged", JUDGED, judged),
+        ("largest", LARGEST, searched), ("halved", HALVED, halved),
     ]  # fmt: skip
     for part, cases, run in parts:
         kept = record.setdefault(part, {})

@@ -182,7 +182,7 @@ FUNCTIONS = {
     },
     "judge_law": lambda: {
         "system": line(), "region": end(), "law": push_law(), "box": {"x": (-1.0, 1.0)}, "cells": 5, "sample_time": 0.1,
-        "horizon": 0.2, "uncertain": {"push": (0.1, 0.2)}, "disturbance": {"d": 0.1}, "errors": {"x": 0.01},
+        "horizon": 0.2, "uncertain": {"push": (0.1, 0.2)}, "disturbance": {"d": 0.1}, "errors": {"x": 0.01}, "delay": 0.02, "inputs": 2,
     },
     "certificate_figure": lambda: {"found": certificate()},
     "certified_law": lambda: {

@@ -11,10 +11,10 @@ from holdfast.analysis.certificates.certificate import Certificate
 from holdfast.analysis.certificates.certified_law import certified_law
 from holdfast.analysis.certificates.reading import read_certificate
 from holdfast.errors import ScenarioError
-from holdfast.execution.intervals.held_flow import exact
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Inequality, Region
 from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.traversal import exact
 from holdfast.scenario.schema.values import Section, Text
 from holdfast.scenario.validation import validated
 

@@ -47,11 +47,6 @@ PROBLEMS = {
     "measured and late": lambda: (
         camera(), view(camera()), {"box": BOX, "errors": {"left": 0.005}, "delay": 0.01},
     ),
-    "a law": lambda: (
-        *cart(),
-        {"box": CART, "sample_time": 0.2,
-         "law": hf.Law("s", cart()[0].states, {"a": -hf.symbol("x") - hf.symbol("v")})},
-    ),
     "for a while": lambda: (camera(STRONG), view(camera()), {"box": BOX, "horizon": 0.6}),
     "to a target": lambda: (
         camera(), view(camera()), {"box": BOX, "target": near(camera()), "sample_time": 0.2},

@@ -16,11 +16,13 @@ from sympy.printing.str import StrPrinter
 
 from holdfast.analysis.certificates.cells import Cells, Floats, Wholes
 from holdfast.analysis.certificates.kept_set import Kept
+from holdfast.analysis.certificates.law_written import written
 from holdfast.analysis.certificates.stored_images import forget
 from holdfast.errors import DefinitionError, SimulationError
-from holdfast.execution.intervals.held_flow import Sampling, exact
+from holdfast.execution.intervals.held_flow import Sampling
 from holdfast.host.writing import atomic_file
 from holdfast.maths.definitions.quantity import TIME
+from holdfast.maths.expressions.traversal import exact
 
 MAGIC = "holdfast-certificate 1"
 ENTRY = np.dtype([("cell", "<u4"), ("input", "<u2"), ("level", "<u4")])
@@ -74,7 +76,7 @@ class Certificate:
 
     def header(self) -> dict[str, Any]:
         """What the file says before its entries; numbers in hexadecimal digits, which are exact."""
-        kept = self.kept
+        kept, law = self.kept, self.sampling.law
         halved = {"depth": kept.depth} if kept.depth else {}
         return {
             "title": self.title,
@@ -85,7 +87,7 @@ class Certificate:
             "rates": [_text(r) for r in self.rates],
             "constraints": _written(self.constraints),
             "target": _written(self.target),
-            "law": [_text(e) for e in self.sampling.law or ()],
+            "law": [] if law is None else written(law, self.sampling.under_way, _text),
             "hold": self.hold.hex(),
             "delay": self.sampling.delay.hex(),
             "errors": [float(e).hex() for e in self.sampling.errors],

@@ -16,12 +16,12 @@ from holdfast.analysis.certificates.problem import ROUNDED
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.execution.evaluate import Evaluator
-from holdfast.execution.intervals.held_flow import exact
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.lookup import CellLookup
 from holdfast.maths.definitions.quantity import Parameter, Quantity
 from holdfast.maths.definitions.sets.box import Box
 from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.traversal import exact
 
 KEYS = {
     "title", "states", "inputs", "disturbances", "parameters", "rates", "constraints", "target",

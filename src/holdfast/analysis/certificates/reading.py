@@ -7,6 +7,7 @@ import json
 import math
 import zlib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from keyword import iskeyword
 from pathlib import Path
 from typing import Any
@@ -26,11 +27,13 @@ from holdfast.analysis.certificates.certificate import (
 from holdfast.analysis.certificates.certified_law import KEYS
 from holdfast.analysis.certificates.exact_text import exact_expression
 from holdfast.analysis.certificates.kept_set import Kept
+from holdfast.analysis.certificates.law_written import Ranges, read
 from holdfast.analysis.certificates.refining import sure_of
 from holdfast.arguments import checked
 from holdfast.errors import HoldfastError, OutputError
 from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.execution.intervals.held_flow import Sampling
+from holdfast.maths.definitions.law_cases import LawCases
 from holdfast.maths.definitions.quantity import symbol
 
 OPTIONAL = {"depth"}
@@ -66,7 +69,7 @@ def read_certificate(path: str | Path) -> Certificate:
         header = json.loads(text, object_pairs_hook=_once)
         if not isinstance(header, dict):
             raise ValueError("its header is no table")
-        lists = ("rates", "constraints", "target", "law", "edges", "errors", "candidates")
+        lists = ("rates", "constraints", "target", "edges", "errors", "candidates")
         if odd := [k for k in lists if k in header and type(header[k]) is not list]:
             raise ValueError(f"its {odd[0]} are no list")
         if unknown := sorted(header.keys() - OPTIONAL ^ KEYS):
@@ -121,14 +124,18 @@ def _certificate(header: Mapping[str, Any], packed: bytes) -> Certificate:
     )
     cells = _cells(header, len(rates))
     candidates = np.array([[_finite(v) for v in row] for row in header["candidates"]])
-    law = tuple(exact_expression(e, symbols) for e in header["law"])
+    if header["law"] and not isinstance(header["law"], dict):
+        raise ValueError("its law is one of an earlier version")
+    law, late = read(header["law"], symbols, exact_expression) if header["law"] else (None, ())
     if law and len(candidates):
         raise ValueError("it has a law, and inputs that were tried")
     candidates = candidates.reshape(len(candidates), 0 if law else -1)
-    given = len(law) if law else candidates.shape[1]
-    if len(rates) != len(named["states"]) or given != len(named["inputs"]):
+    given = {candidates.shape[1]}
+    if law:
+        given = {len(o.inputs) for mode in law.options for o in mode}
+    if len(rates) != len(named["states"]) or given != {len(named["inputs"])}:
         raise ValueError("rates, states, inputs and their values are not as many")
-    sampling, holds = _sampling(header, candidates, law), header["holds"]
+    sampling, holds = _sampling(header, candidates, law, late), header["holds"]
     if not (holds is None or (type(holds) is int and holds > 0)):
         raise ValueError(f"it holds inputs {holds} times")
     parameters = {symbols[n]: ranges[n] for n, _ in named["parameters"]}
@@ -148,14 +155,18 @@ def _certificate(header: Mapping[str, Any], packed: bytes) -> Certificate:
     )  # fmt: skip
 
 
-def _sampling(header: Mapping[str, Any], candidates: Floats, law: tuple[sp.Expr, ...]) -> Sampling:
+def _sampling(
+    header: Mapping[str, Any], candidates: Floats, law: LawCases | None, late: Ranges
+) -> Sampling:
     hold, delay, *errors = (
         _finite(v) for v in (header["hold"], header["delay"], *header["errors"])
     )
     if not 0 <= delay < hold or len(errors) != len(header["states"]) or min(errors) < 0:
         raise ValueError(f"inputs are held for {hold:g} s, {delay:g} s late, with errors {errors}")
-    under_way = tuple((float(c.min()), float(c.max())) for c in candidates.T)
-    return Sampling(hold, tuple(errors), delay, under_way, law or None)
+    under_way = (
+        tuple(late) if law else tuple((float(c.min()), float(c.max())) for c in candidates.T)
+    )
+    return Sampling(hold, tuple(errors), delay, under_way, law)
 
 
 def _cells(header: Mapping[str, Any], axes: int) -> Cells:
@@ -190,17 +201,19 @@ def _kept(header: Mapping[str, Any], packed: bytes, halvings: Halvings, region: 
     names = ENTRY.names or ()
     entries = np.stack([found[n].astype(np.int64) for n in names], axis=1)
     cell, tried, level = entries.T
-    inputs = 1 if header["law"] else len(header["candidates"])
+    law = header["law"]
+    inputs = len(law["modes"]) if law else len(header["candidates"])
     if count and (
         not halvings.has(cell) or tried.max() >= inputs
         or level.max() > (holds or 0) or (holds is not None and level.min() < 1)
     ):  # fmt: skip
         raise ValueError("an entry has a cell, an input or a level that there is none of")
-    kept = Kept.of(halvings, entries, holds, 0, region, target=bool(header["target"]))
+    first = entries[tried == law["initial"]] if law else entries
+    kept = Kept.of(halvings, first, holds, 0, region, target=bool(header["target"]))
     members = kept.members
     if len(members) != header["cells_kept"] or (members[1:] == members[:-1]).any():
         raise ValueError(f"the cells that are kept are not {header['cells_kept']}")
-    return kept
+    return replace(kept, entries=entries)
 
 
 def _region(

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from holdfast.analysis.certificates.certificate import Certificate
+from holdfast.analysis.certificates.law_keeps import LawJudgement
 from holdfast.arguments import checked
 from holdfast.presentation.figures import style
 
@@ -91,6 +92,26 @@ def certificate_text(found: Certificate, files: Sequence[Path] = ()) -> str:
         lines += ["", f"  files in {files[0].parent}: {names}",
                   f"  check it: holdfast-check {files[0]}"]  # fmt: skip
     return "\n".join(lines)
+
+
+def judgement_text(found: LawJudgement, files: list[Path]) -> str:
+    """The verdict on a law, what is certified of it, and the trajectory that refutes it."""
+    says = {
+        "proved": "the law keeps the region from every cell that lies in it",
+        "refuted": "a trajectory under the law surely leaves the region",
+        "undecided": "of some cells in the region neither is known",
+    }
+    lines = [f"{found.verdict}: {says[found.verdict]}", ""]
+    if (path := found.leaving) is not None:
+        numbers = {**path.start, **path.held}
+        lines += [
+            f"  from {', '.join(f'{n} = {v:.4g}' for n, v in path.start.items())}"
+            + (f", under {', '.join(f'{n} = {v:.4g}' for n, v in path.held.items())}:"
+               if len(numbers) > len(path.start) else ":"),
+            f"  after {path.time[-1]:g} s {path.constraint} is violated by at least {path.by:.3g}",
+            "",
+        ]  # fmt: skip
+    return "\n".join([*lines, certificate_text(found.certificate, files)])
 
 
 def _inputs(found: Certificate) -> str:
