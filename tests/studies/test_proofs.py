@@ -207,6 +207,18 @@ def test_gains_of_chapter_6_are_certified_down_to_near_the_end_of_their_window(k
     assert window(0.25).high == pytest.approx(1.027, abs=1e-3)
 
 
+@pytest.mark.parametrize(("gains", "share"), [((0.68, 0.9), 0.995), ((0.9, 1.027), 0.916)])
+def test_any_gain_of_the_window_of_chapter_6_keeps_the_leader_in_view(gains, share):
+    found = certified("leader-gains", uncertain={"k2": gains}, sample_time=0.01)
+    assert found.kept.share == pytest.approx(share, abs=1e-3)
+
+
+@pytest.mark.heavy
+def test_finer_cells_certify_the_smallest_gains_of_the_window():
+    found = certified("leader-gains", uncertain={"k2": (0.65, 0.68)}, cells=801, sample_time=0.0025)
+    assert found.kept.share == pytest.approx(0.9988, abs=5e-4)
+
+
 @pytest.mark.heavy
 def test_finer_cells_certify_smaller_gains_of_chapter_6():
     found = certified(
