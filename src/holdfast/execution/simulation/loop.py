@@ -24,7 +24,7 @@ from functools import lru_cache
 from holdfast.execution.codegen.crossing_leaves import crossing_leaves
 from holdfast.execution.codegen.lane_leaves import note_leaves, step_leaves
 from holdfast.execution.codegen.llvm_text import Leaf
-from holdfast.execution.codegen.loop_text import WIDTH, Instructions, LoopText
+from holdfast.execution.codegen.loop_text import Instructions, LoopText
 from holdfast.execution.codegen.mode_leaves import mode_leaves
 from holdfast.execution.codegen.random_leaves import noise_leaf
 from holdfast.execution.simulation.crossings import look_closely
@@ -49,9 +49,14 @@ class Loop:
 
 
 @lru_cache(KEPT)
-def built(shape: Shape, *, noisy: bool, late: bool, switch_limit: int) -> Loop:
-    """The loop of programs of this shape, whose states are measured with noise, or late."""
-    return _Builder(shape, noisy=noisy, late=late, switch_limit=switch_limit).loop()
+def built(
+    shape: Shape, *, noisy: bool, late: bool, switch_limit: int, direct: bool = False
+) -> Loop:
+    """The loop of programs of this shape, whose states are measured with noise, or late.
+
+    direct: it calls the leaves and parts by their names.
+    """
+    return _Builder(shape, noisy=noisy, late=late, switch_limit=switch_limit).loop(direct)
 
 
 class _Builder:
@@ -76,8 +81,8 @@ class _Builder:
         if noisy:
             self.leaves["noise"] = noise_leaf(n)
 
-    def loop(self) -> Loop:
-        text = LoopText()
+    def loop(self, direct: bool) -> Loop:
+        text = LoopText(self.shape.width, direct=direct)
         with text.function("holdfast_begin") as body:
             self._prepare(body)
             if self.shape.remembered:
@@ -133,7 +138,9 @@ class _Builder:
         """The rows behind the parameters."""
         for numbers in ("plant", "gains") if self.shape.prepared else ():
             rows = self.layout.counts[numbers] - self.shape.prepared
-            body.call("prepared", p=self.at[numbers], out=self.at[numbers] + rows * WIDTH)
+            body.call(
+                "prepared", p=self.at[numbers], out=self.at[numbers] + rows * self.shape.width
+            )
 
     def _remember_first(self, body: Instructions) -> None:
         at = self.at
@@ -166,7 +173,7 @@ class _Builder:
         """The mode, the command and the memory after what the law sees."""
         shape, at = self.shape, self.at
         if shape.remembered:
-            behind = (shape.states + shape.measured + shape.handed) * WIDTH
+            behind = (shape.states + shape.measured + shape.handed) * self.shape.width
             body.copy(at["memory"], at["seen"] + behind, shape.remembered)
         self._share(body, at["time"], at["seen"])
         self._turn(body)
@@ -186,7 +193,7 @@ class _Builder:
         else:
             body.copy(at["q"], at["seen"], n)
         if self.shape.measured:
-            felt = at["seen"] + n * WIDTH
+            felt = at["seen"] + n * self.shape.width
             body.call("felt", t=at["seen_at"], q=at["seen"], p=at["plant"], out=felt)
         if self.noisy:
             body.copy(at["back"], at["draw"], 1)
@@ -196,7 +203,7 @@ class _Builder:
         """What several leaves need of what the law sees."""
         if self.shape.shared:
             rows = self.layout.counts["seen"] - self.shape.shared
-            body.call("shared", t=t, q=seen, p=self.at["gains"], out=seen + rows * WIDTH)
+            body.call("shared", t=t, q=seen, p=self.at["gains"], out=seen + rows * self.shape.width)
 
     def _turn(self, body: Instructions) -> None:
         """The modes after their guards are tried in order."""
@@ -208,7 +215,7 @@ class _Builder:
             return
         for k, targets in enumerate(self.shape.targets):
             if targets:
-                with body.if_any(at["in_modes"] + k * WIDTH):
+                with body.if_any(at["in_modes"] + k * self.shape.width):
                     body.call(
                         f"guards{k}", t=at["time"], q=at["seen"], x=at["time_in_mode"],
                         p=at["gains"], out=at["levels"],
@@ -237,7 +244,7 @@ class _Builder:
         answer = at["command" if modes == 1 and not shape.safeguarded else "answer"]
         for k in range(modes):
             if modes > 1:
-                with body.if_any(at["in_modes"] + k * WIDTH):
+                with body.if_any(at["in_modes"] + k * self.shape.width):
                     self._law(body, k, t, seen, answer)
             else:
                 self._law(body, k, t, seen, answer)
@@ -271,11 +278,11 @@ class _Builder:
             inner = at["inner"]
             body.copy(q, inner, n)
             if shape.measured:
-                body.call("felt", t=t, q=q, p=at["plant"], out=inner + n * WIDTH)
+                body.call("felt", t=t, q=q, p=at["plant"], out=inner + n * self.shape.width)
             self._share(body, t, inner)
             self._look(body, t, inner, noted=False)
             self._command(body, t, inner)
-        inputs = at["actuation"] + 2 * shape.limited * WIDTH
+        inputs = at["actuation"] + 2 * shape.limited * self.shape.width
         body.call("rates", t=t, q=q, x=inputs, p=at["plant"], out=out)
 
     def _constraint_rates(self, body: Instructions, t: int, q: int, rates: int, out: int) -> None:
@@ -301,7 +308,7 @@ class _Builder:
                 body.call("lengths", t=t, out=at["h"])
             for stage in range(1, len(shape.stepper.b)):
                 body.call(f"stage{stage}", t=t, q=q, x=k0, out=at["between"])
-                self._field(body, at["at"], at["between"], k0 + stage * n * WIDTH)
+                self._field(body, at["at"], at["between"], k0 + stage * n * self.shape.width)
             body.call("new", t=t, q=q, x=k0, out=at["then"])
             if adaptive:
                 body.call("judge", t=t, q=q, x=new, p=k0, out=at["trial"])
