@@ -1,0 +1,525 @@
+// The page: what is changed, runs of the loop in workers, and what is drawn of them.
+"use strict";
+
+const data = JSON.parse(document.getElementById("data").textContent);
+const loopSource = document.getElementById("loop").textContent;
+const byId = (id) => document.getElementById(id);
+const n = data.states.length, [planeX, planeY] = data.plane;
+const HANDLER = `
+let loop = null;
+onmessage = async ({ data: job }) => {
+  if (job.spec) { loop = await ClosedLoop.of(job.spec); postMessage({ ready: true }); return; }
+  const runs = loop.runs(job.starts, job.given, job.own);
+  postMessage({ id: job.id, runs });
+};`;
+
+// -- what can be changed -----------------------------------------------------------------------
+
+const initial = () => ({
+  start: [...data.starts[0]], values: [...data.values], truth: {}, disturbance: [...data.disturbance],
+  uniform: [...data.noise.uniform], normal: [...data.noise.normal], delay: data.settings.delay,
+  seed: data.settings.seed, run: 0,
+});
+let state = initial();
+if (data.drawn.length && data.drawn[0].length) takeDrawn(0);
+
+function takeDrawn(run) {
+  [...Object.keys(data.draws), ...data.cases].forEach((name, k) => {
+    state.values[data.loop.parameters.indexOf(name)] = data.drawn[run][k];
+  });
+}
+
+function given() {
+  const plant = state.values.map((v, row) => state.truth[row] ?? truthOf(row, v));
+  return {
+    gains: state.values, plant, disturbance: state.disturbance,
+    noise: { uniform: state.uniform, normal: state.normal },
+    delay: Math.round(state.delay / data.settings.sample_time), seed: state.seed, first: state.run,
+    sampleTime: data.settings.sample_time,
+  };
+}
+
+// A number of the plant that the file gives stays; others are what the law believes.
+function truthOf(row, value) {
+  return data.plant[row] !== data.values[row] ? data.plant[row] : value;
+}
+
+// -- workers -------------------------------------------------------------------------------------
+
+class Pool {
+  constructor(count) {
+    const url = URL.createObjectURL(new Blob([loopSource, HANDLER], { type: "text/javascript" }));
+    this.idle = [];
+    this.waiting = [];
+    for (let k = 0; k < count; k++) {
+      const worker = new Worker(url);
+      worker.onmessage = ({ data: answer }) => {
+        if (worker.done) worker.done(answer);
+        worker.done = null;
+        this.idle.push(worker);
+        this.next();
+      };
+      worker.onerror = (error) => { say(`The loop failed: ${error.message}`); };
+      worker.postMessage({ spec: data.loop });
+    }
+  }
+
+  run(job) { return new Promise((done) => { this.waiting.push({ job, done }); this.next(); }); }
+  drop() { this.waiting.length = 0; }
+  next() {
+    while (this.idle.length && this.waiting.length) {
+      const worker = this.idle.pop(), { job, done } = this.waiting.shift();
+      worker.done = done;
+      worker.postMessage(job);
+    }
+  }
+}
+
+const cores = Math.max(1, Math.min(4, navigator.hardwareConcurrency || 2));
+const first = new Pool(1), many = new Pool(cores);
+let asked = 0, running = false, stale = true, fanAsked = 0;
+
+// The one run follows at once; what is asked while it runs is asked once more.
+async function follow() {
+  if (running) { stale = true; return; }
+  running = true;
+  while (stale) {
+    stale = false;
+    const { runs } = await first.run({ id: ++asked, starts: [state.start], given: given() });
+    page.run = withModes(runs[0]);
+    page.drawn = false;
+    tell();
+  }
+  running = false;
+}
+
+async function fan() {
+  const own = ++fanAsked;
+  many.drop();
+  page.fan = [];
+  page.drawn = false;
+  if (!byId("fan").checked) { tellFan(); return; }
+  const starts = data.starts.map((s) => s), part = Math.ceil(starts.length / (4 * cores));
+  const jobs = [];
+  const began = performance.now();
+  for (let a = 0; a < starts.length; a += part) {
+    const some = starts.slice(a, a + part);
+    const own_numbers = some.map((_, k) => drawnOf(a + k)), now = { ...given(), first: a };
+    jobs.push(many.run({ starts: some, given: now, own: own_numbers[0] && own_numbers }).then(({ runs }) => {
+      if (own !== fanAsked) return;
+      runs.forEach((run) => page.fan.push(pathOf(run)));
+      page.drawn = false;
+    }));
+  }
+  await Promise.all(jobs);
+  if (own !== fanAsked) return;
+  page.fanSeconds = (performance.now() - began) / 1000;
+  tellFan();
+}
+
+// What the scenario draws for a run of the fan.
+function drawnOf(run) {
+  const names = [...Object.keys(data.draws), ...data.cases];
+  if (!names.length) return null;
+  const now = given(), set = (values) => {
+    const found = [...values];
+    names.forEach((name, k) => { found[data.loop.parameters.indexOf(name)] = data.drawn[run][k]; });
+    return found;
+  };
+  return { gains: set(now.gains), plant: set(now.plant) };
+}
+
+function withModes(run) {
+  if (!(data.modes.length > 1)) delete run.mode;
+  return run;
+}
+
+function pathOf(run) {
+  const xy = new Float64Array(2 * run.count);
+  for (let k = 0; k < run.count; k++) {
+    xy[2 * k] = run.state[k * n + planeX];
+    xy[2 * k + 1] = run.state[k * n + planeY];
+  }
+  let left = null;
+  if (run.outcome === LEFT && run.count) {
+    const k = Math.min(run.count - 1, Math.floor(run.exitTime / page.recordEvery));
+    left = [xy[2 * k], xy[2 * k + 1]];
+  }
+  return { xy, outcome: run.outcome, left };
+}
+
+// -- the page ------------------------------------------------------------------------------------
+
+const HEADING = data.states.findIndex((q) => q.angle);
+const metric = data.states[planeX].unit === "m" && data.states[planeY].unit === "m";
+const page = {
+  data, run: null, fan: [], slice: null, sceneNow: null, time: 0, playing: false, drawn: false,
+  equal: data.states[planeX].unit === data.states[planeY].unit, recordEvery: data.settings.record_every,
+  fanSeconds: null,
+  axisLabel(k) { const q = data.states[data.plane[k]]; return q.unit === "1" ? q.name : `${q.name} [${q.unit}]`; },
+  colours() {
+    if (page.look) return page.look;
+    const style = getComputedStyle(document.documentElement), of = (name) => style.getPropertyValue(`--${name}`).trim();
+    const dark = of("dark") === "1", shown = (c) => (dark && c === "#222222" ? "#e4e8ec" : c);
+    page.look = {
+      page: of("page"), card: of("card"), line: of("line"), text: of("text"), soft: of("soft"), accent: of("accent"),
+      wall: of("soft"), goals: "#CC79A7", view: "#E69F00", current: "#0072B2", set: of("set"), limit: "#D55E00",
+      outcomes: Object.values(data.look.outcomes).map(shown), modes: data.look.modes, lines: data.look.lines.map(shown),
+    };
+    return page.look;
+  },
+  stateAt(time) {
+    const run = page.run;
+    if (!run || !run.count) return state.start;
+    const at = Math.min(time / page.recordEvery, run.count - 1), k = Math.floor(at), part = at - k;
+    return data.states.map((q, i) => {
+      const a = run.state[k * n + i], b = k + 1 < run.count ? run.state[(k + 1) * n + i] : a;
+      let change = b - a;
+      if (q.angle) change -= 2 * Math.PI * Math.round(change / (2 * Math.PI));
+      return a + part * change;
+    });
+  },
+  posesNow() {
+    const now = page.stateAt(page.time), views = data.scene.filter((s) => s.kind === "Cone" || s.kind === "Footprint");
+    if (views.length && page.sceneNow) {
+      return views.map(({ at }) => ({ x: page.sceneNow[at], y: page.sceneNow[at + 1], heading: page.sceneNow[at + 2] }));
+    }
+    return [{ x: now[planeX], y: now[planeY], heading: metric && HEADING >= 0 ? now[HEADING] : null }];
+  },
+  startPose() {
+    return { x: state.start[planeX], y: state.start[planeY], heading: metric && HEADING >= 0 ? state.start[HEADING] : null };
+  },
+  current() {
+    const [a, b] = currentRows();
+    if (a === undefined) return null;
+    return { value: [state.disturbance[a], state.disturbance[b]], most: data.most_current, unit: "m/s" };
+  },
+};
+
+function currentRows() {
+  const a = data.given.indexOf("Vx"), b = data.given.indexOf("Vy");
+  return metric && a >= 0 && b >= 0 ? [a, b] : [];
+}
+
+const plane = new Plane(byId("plane"), page), strips = new Strips(byId("strips"), page);
+const controls = new Controls(byId("controls"));
+let mainLoop = null;
+
+function changed() {
+  stale = true;
+  follow();
+  clearTimeout(changed.timer);
+  if (byId("fan").checked) changed.timer = setTimeout(fan, 120);
+  controls.show();
+}
+
+function say(text) { byId("status").textContent = text; }
+
+function tell() {
+  const run = page.run, labels = Object.keys(data.look.outcomes);
+  const parts = [`${labels[run.outcome]}`];
+  if (run.outcome === LEFT) {
+    const broken = data.constraints[run.exitConstraint];
+    parts[0] = `left the region at ${short(run.exitTime)} s` + (broken ? `, by ${broken[0].replaceAll("_", " ")}` : "");
+  } else if (run.outcome === REACHED) parts[0] = `reached the goal at ${short(run.goalTime)} s`;
+  else if (run.outcome === STAYED) parts[0] = data.constraints.length ? `stayed for ${short(data.settings.horizon)} s` : `ran for ${short(data.settings.horizon)} s`;
+  else if (run.outcome === DIVERGED) parts[0] = "diverged";
+  if (run.infeasible > 0) parts.push(`no admissible input at ${run.infeasible} samples`);
+  if (run.overruled > 0) parts.push(`the filter changed the command at ${run.overruled} samples`);
+  if (data.modes.length > 1) parts.push(`${run.switches} changes of mode`);
+  say(parts.join("; ") + ".");
+  byId("status").dataset.outcome = labels[run.outcome];
+}
+
+function tellFan() {
+  const counts = {};
+  for (const path of page.fan) counts[path.outcome] = (counts[path.outcome] || 0) + 1;
+  const list = byId("outcomes");
+  list.replaceChildren();
+  const labels = Object.keys(data.look.outcomes);
+  for (const [outcome, count] of Object.entries(counts)) {
+    const item = document.createElement("li"), mark = document.createElement("span");
+    mark.className = "mark";
+    mark.style.background = page.colours().outcomes[outcome];
+    item.append(mark, `${labels[outcome]}: ${count} of ${page.fan.length}`);
+    list.append(item);
+  }
+  list.dataset.seconds = page.fanSeconds ?? "";
+}
+
+function groups() {
+  const run = page.run, look = page.colours(), found = [];
+  const colour = (k) => look.lines[k % look.lines.length];
+  const units = [...new Set(data.constraints.map((c) => c[1]))], m = data.constraints.length;
+  for (const unit of units) {
+    found.push({ title: `constraints${unit === "1" ? "" : ` [${unit}]`}, violated above 0:`, limit: 0, lines: data.constraints
+      .map(([name], j) => ({ name: name.replaceAll("_", " "), j, unit: data.constraints[j][1] }))
+      .filter((line) => line.unit === unit)
+      .map((line, k) => ({ name: line.name, colour: colour(k), values: (r) => run.constraint[r * m + line.j] })) });
+  }
+  const inputs = data.inputs.length;
+  for (const unit of [...new Set(data.inputs.map((q) => q.unit))]) {
+    const lines = [];
+    data.inputs.forEach((q, j) => {
+      if (q.unit !== unit) return;
+      if (run.nominal) lines.push({ name: `${q.name} asked for`, colour: look.soft, dash: [3, 3], values: (r) => run.nominal[r * inputs + j] });
+      lines.push({ name: q.name, colour: colour(j), values: (r) => run.input[r * inputs + j] });
+    });
+    found.push({ title: `inputs${unit === "1" ? "" : ` [${unit}]`}:`, lines });
+  }
+  return found;
+}
+
+let lastFrame = 0;
+const frames = [];
+function frame(now) {
+  const passed = Math.min((now - lastFrame) / 1000, 0.1);
+  frames.push(now - lastFrame);
+  if (frames.length > 240) frames.shift();
+  lastFrame = now;
+  if (page.playing && page.run) {
+    page.time += passed * Number(byId("speed").value);
+    if (page.time >= data.settings.horizon) { page.time = data.settings.horizon; play(false); }
+    byId("time").value = page.time;
+    page.drawn = false;
+  }
+  if (!page.drawn && page.run) {
+    page.drawn = true;
+    if (mainLoop) { mainLoop.setParameters(given, given()); mainLoop.prepare(); }
+    if (mainLoop) page.sceneNow = mainLoop.scene(page.stateAt(page.time), page.time);
+    plane.draw();
+    strips.draw(groups(), data.settings.horizon, page.time);
+    byId("now").textContent = `${page.time.toFixed(1)} s` + (page.run.mode ? `, ${data.modes[modeNow()].replaceAll("_", " ")}` : "");
+  }
+  requestAnimationFrame(frame);
+}
+
+function modeNow() {
+  return page.run.mode[Math.min(Math.floor(page.time / page.recordEvery), page.run.count - 1)];
+}
+
+function play(on) {
+  page.playing = on;
+  if (on && page.time >= data.settings.horizon) page.time = 0;
+  byId("play").textContent = on ? "Pause" : "Play";
+}
+
+// -- dragging ------------------------------------------------------------------------------------
+
+let held = null;
+const canvas = byId("plane");
+const point = (event) => { const box = canvas.getBoundingClientRect(); return [event.clientX - box.left, event.clientY - box.top]; };
+canvas.addEventListener("pointerdown", (event) => {
+  held = plane.handleAt(...point(event));
+  if (held) { canvas.setPointerCapture(event.pointerId); event.preventDefault(); }
+});
+canvas.addEventListener("pointermove", (event) => {
+  if (!held) { canvas.style.cursor = plane.handleAt(...point(event)) ? "grab" : "default"; return; }
+  const [px, py] = point(event), [x, y] = plane.place(px, py);
+  if (held.kind === "start") { state.start[planeX] = x; state.start[planeY] = y; }
+  else if (held.kind === "heading") {
+    const [sx, sy] = plane.at(state.start[planeX], state.start[planeY]);
+    state.start[HEADING] = Math.atan2(sy - py, px - sx);
+  } else {
+    const { cx, cy, size, most } = plane.dial, [a, b] = currentRows();
+    let vx = ((px - cx) / size) * most, vy = ((cy - py) / size) * most;
+    const speed = Math.hypot(vx, vy);
+    if (speed > most) { vx *= most / speed; vy *= most / speed; }
+    state.disturbance[a] = vx; state.disturbance[b] = vy;
+  }
+  changed();
+});
+for (const kind of ["pointerup", "pointercancel"]) canvas.addEventListener(kind, () => { held = null; });
+canvas.addEventListener("keydown", (event) => {
+  const v = plane.view, step = event.shiftKey ? 0.002 : 0.01;
+  const moves = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+  if (moves[event.key]) {
+    state.start[planeX] += moves[event.key][0] * step * (v.x1 - v.x0);
+    state.start[planeY] += moves[event.key][1] * step * (v.y1 - v.y0);
+  } else if ((event.key === "[" || event.key === "]") && HEADING >= 0) {
+    state.start[HEADING] += (event.key === "[" ? 1 : -1) * step * 6;
+  } else if (event.key === " ") play(!page.playing);
+  else return;
+  event.preventDefault();
+  changed();
+});
+for (const kind of ["pointerdown", "pointermove"]) {
+  byId("strips").addEventListener(kind, (event) => {
+    if (kind === "pointermove" && event.buttons !== 1) return;
+    page.time = strips.timeAt(event.clientX - byId("strips").getBoundingClientRect().left);
+    byId("time").value = page.time;
+    page.drawn = false;
+  });
+}
+
+// -- the controls --------------------------------------------------------------------------------
+
+function spread(values, least) {
+  const low = Math.min(...values), high = Math.max(...values), pad = Math.max(0.25 * (high - low), least);
+  return [low - pad, high + pad];
+}
+
+function addControls() {
+  data.states.forEach((q, i) => {
+    const [low, high] = q.angle ? [-Math.PI, Math.PI] : spread(data.starts.map((s) => s[i]), q.unit === "m" ? 0.5 : 0.2);
+    controls.add({ ...q, group: "start", low, high, get: () => state.start[i], set: (v) => { state.start[i] = v; changed(); } });
+  });
+  data.given.forEach((name, k) => {
+    const q = data.disturbances.find((d) => d.name === name), most = data.most[k] ?? (Math.abs(state.disturbance[k]) * 2 || data.most_current);
+    controls.add({ ...q, group: "disturbance", low: -most, high: most, get: () => state.disturbance[k],
+      set: (v) => { state.disturbance[k] = v; changed(); } });
+  });
+  for (const [name, [low, high]] of Object.entries(data.draws)) {
+    const row = data.loop.parameters.indexOf(name);
+    controls.add({ name, unit: data.units[name] || "1", group: "draws", low, high, get: () => state.values[row],
+      set: (v) => { state.values[row] = v; changed(); } });
+  }
+  for (const knob of data.knobs) {
+    const base = knob.of === "plant" ? data.plant[knob.row] : data.values[knob.row];
+    const wide = knob.of === "plant" ? 0.5 : 1, ends = [base - wide * Math.abs(base), base + wide * Math.abs(base)].map(
+      (v) => (knob.above !== null && v <= knob.above ? knob.above + 1e-3 * Math.abs(base) : v));
+    if (!base) continue;
+    controls.add({ ...knob, low: ends[0], high: ends[1],
+      get: knob.of === "plant" ? () => given().plant[knob.row] : () => state.values[knob.row],
+      set: (v) => { if (knob.of === "plant") state.truth[knob.row] = v; else state.values[knob.row] = v; changed(); } });
+  }
+  if (!data.settings.continuous) {
+    controls.add({ name: "delay", unit: "s", says: "by how long the law sees everything late", group: "sensing", low: 0,
+      high: data.loop.latest * data.settings.sample_time, get: () => state.delay,
+      set: (v) => { state.delay = Math.round(v / data.settings.sample_time) * data.settings.sample_time; changed(); } });
+    data.states.forEach((q, i) => controls.add({ ...q, name: `noise of ${q.name}`, says: "half the width of uniform noise", group: "sensing",
+      low: 0, high: q.unit === "rad" ? 0.1 : 0.05, above: null, get: () => state.uniform[i], set: (v) => { state.uniform[i] = Math.max(v, 0); changed(); } }));
+  }
+}
+
+// -- copies --------------------------------------------------------------------------------------
+
+// The scenario that reproduces what is seen: its tables with these numbers and one start.
+function asScenario() {
+  const tables = structuredClone(data.tables), into = (key, value) => {
+    const [table, ...rest] = key.split(".");
+    tables[table] ??= {};
+    tables[table][rest.join(".")] = value;
+  };
+  for (const knob of data.knobs) {
+    if (knob.of === "both" && state.values[knob.row] !== data.values[knob.row]) into(knob.key, state.values[knob.row]);
+    if (knob.of === "plant" && knob.row in state.truth) into(knob.key, state.truth[knob.row]);
+  }
+  delete tables.compare;
+  tables.starts = { states: [Object.fromEntries(data.states.map((q, i) => [q.name, state.start[i]]))], start_outside: true };
+  if (data.given.some((_, k) => state.disturbance[k] !== data.disturbance[k])) {
+    data.given.forEach((name, k) => into(`disturbance.${name}`, state.disturbance[k]));
+  }
+  const names = Object.keys(data.draws);
+  if (names.length) {
+    tables.varied.draws = Object.fromEntries(names.map((name) => {
+      const value = state.values[data.loop.parameters.indexOf(name)];
+      return [name, data.units[name] ? { range: [value, value], unit: data.units[name] } : [value, value]];
+    }));
+    delete tables.varied.vertices;
+  }
+  if (!data.settings.continuous) {
+    if (state.delay) into("run.delay", state.delay); else delete tables.run.delay;
+    for (const kind of ["uniform", "normal"]) {
+      const entries = data.states.map((q, i) => [q.name, state[kind][i]]).filter(([, v]) => v > 0);
+      if (entries.length) { tables.noise ??= {}; tables.noise[kind] = Object.fromEntries(entries); }
+      else if (tables.noise) delete tables.noise[kind];
+    }
+  }
+  into("run.seed", state.seed);
+  return toml(tables);
+}
+
+async function copied(text, what) {
+  try { await navigator.clipboard.writeText(text); say(`${what} is on the clipboard.`); }
+  catch { const area = byId("copy"); area.hidden = false; area.value = text; area.select(); say(`${what}: press Ctrl+C.`); }
+}
+
+function saved(url, name) {
+  const link = document.createElement("a");
+  link.href = url; link.download = name;
+  link.click();
+}
+
+// -- the set of the law's value -------------------------------------------------------------------
+
+function slices() {
+  const grid = data.grid;
+  if (!grid) return null;
+  const of = { float32: Float32Array, float64: Float64Array }[grid.type];
+  const values = new of(mainLoop.table.buffer, mainLoop.table.byteOffset, mainLoop.table.byteLength / of.BYTES_PER_ELEMENT);
+  const axes = grid.states, last = axes.length, strides = grid.shape.map((_, i) => grid.shape.slice(i + 1).reduce((a, b) => a * b, 1));
+  const timed = grid.shape.length - last;
+  return (now, left) => {
+    const weights = axes.map((s, i) => s === planeX || s === planeY ? null : near(i, now[s]));
+    const time = timed ? near(-1, left) : null;
+    return (x, y) => {
+      let total = 0;
+      const parts = axes.map((s, i) => (s === planeX ? near(i, x) : s === planeY ? near(i, y) : weights[i]));
+      if (time) parts.unshift(time);
+      if (parts.some((p) => !p)) return NaN;
+      for (let corner = 0; corner < 1 << parts.length; corner++) {
+        let weight = 1, at = 0;
+        parts.forEach((p, i) => { const up = corner >> i & 1; weight *= up ? p.part : 1 - p.part; at += strides[i] * (up ? p.next : p.node); });
+        if (weight) total += weight * values[at];
+      }
+      return total;
+    };
+  };
+  function near(axis, value) {
+    const i = axis + timed, count = grid.shape[i];
+    let q = (value - grid.low[i]) / grid.steps[i];
+    if (grid.periodic[i]) q -= count * Math.floor(q / count);
+    else if (i < timed) q = Math.min(Math.max(q, 0), count - 1);
+    else if (!(q >= 0 && q <= count - 1)) return null;
+    const node = Math.min(Math.floor(q), grid.periodic[i] ? count - 1 : count - 2);
+    return { node, next: (node + 1) % count, part: q - node };
+  }
+}
+
+// -- the beginning ---------------------------------------------------------------------------------
+
+function theme(next) {
+  if (next) document.documentElement.dataset.theme = next;
+  page.look = null;
+  page.drawn = false;
+  tellFan();
+}
+
+async function begin() {
+  const time = byId("time");
+  time.max = data.settings.horizon;
+  time.step = page.recordEvery / 4;
+  addControls();
+  byId("play").addEventListener("click", () => play(!page.playing));
+  time.addEventListener("input", () => { page.time = Number(time.value); page.drawn = false; });
+  byId("fan").addEventListener("change", fan);
+  byId("reset").addEventListener("click", () => { state = initial(); if (data.drawn.length && data.drawn[0].length) takeDrawn(0); page.time = 0; changed(); });
+  byId("toml").addEventListener("click", () => copied(asScenario(), "The scenario"));
+  byId("png").addEventListener("click", () => saved(canvas.toDataURL("image/png"), `${data.name}.png`));
+  byId("theme").addEventListener("click", () => {
+    const dark = getComputedStyle(document.documentElement).getPropertyValue("--dark").trim() === "1";
+    theme(dark ? "light" : "dark");
+  });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => theme());
+  new ResizeObserver(() => { page.drawn = false; }).observe(canvas);
+  mainLoop = await ClosedLoop.of(data.loop);
+  mainLoop.setParameters(given, given());
+  mainLoop.prepare();
+  page.sceneNow = mainLoop.scene(state.start, 0);
+  const fixed = data.scene.filter((s) => s.kind === "Segment").flatMap(({ at }) =>
+    [[page.sceneNow[at], page.sceneNow[at + 1]], [page.sceneNow[at + 2], page.sceneNow[at + 3]]]);
+  const targets = data.scene.some((s) => s.role === "target") ? data.scene.filter((s) => s.role === "target") : [];
+  const shown = targets.flatMap(({ at, kind }) => kind === "Segment"
+    ? [[page.sceneNow[at], page.sceneNow[at + 1]], [page.sceneNow[at + 2], page.sceneNow[at + 3]]] : [[page.sceneNow[at], page.sceneNow[at + 1]]]);
+  await follow();
+  const path = pathOf(page.run).xy, points = [];
+  for (let k = 0; k + 1 < path.length; k += 2) points.push([path[k], path[k + 1]]);
+  plane.fit([...data.starts.map((s) => [s[planeX], s[planeY]]), ...points, ...(shown.length ? shown : fixed)]);
+  page.drawn = false;
+  requestAnimationFrame((now) => { lastFrame = now; frame(now); });
+  fan();
+  document.body.dataset.ready = "1";
+}
+
+begin().catch((error) => say(`This page needs WebAssembly with SIMD: ${error.message}`));
