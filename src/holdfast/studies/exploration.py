@@ -100,6 +100,7 @@ def _described(loaded: Scenario, tables: Mapping[str, Any]) -> dict[str, Any]:
         "draws": {n: list(r) for n, r in loaded.varied.draws.items()},
         "cases": list(loaded.varied.cases),
         "scene": [{"kind": type(s).__name__, "role": s.role, "at": k} for s, k in loop.scene],
+        "grid": loop.grid,
         "noise": {"uniform": noise[0].tolist(), "normal": noise[1].tolist()},
         "settings": {
             "horizon": settings.horizon, "sample_time": settings.sample_time, "seed": settings.seed,
@@ -124,8 +125,8 @@ def _starts(loaded: Scenario, settings: Settings) -> tuple[Array, Array]:
 def _packed(loop: WebLoop) -> dict[str, str]:
     table = b"" if loop.table is None else loop.table.tobytes()
     parts = {
-        "exact": loop.exact, "noisy": loop.noisy or b"", "numbers": loop.numbers.tobytes(), "whole": loop.whole.tobytes(),
-        "table": table,
+        "exact": loop.exact, "noisy": loop.noisy or b"", "numbers": loop.numbers.tobytes(),
+        "whole": loop.whole.tobytes(), "table": table,
     }  # fmt: skip
     return {name: _text(content) if content else "" for name, content in parts.items()}
 
@@ -163,7 +164,7 @@ def _knobs(
     A gain, or a number of a table of the file that is the value of the parameter of its name; and
     for every number of the vehicle, what it is in truth while the law believes another.
     """
-    keys = {}
+    keys: dict[str, tuple[str, float]] = {}
     for table in TABLES:
         for name, value in _numbers(tables.get(table, {})):
             keys.setdefault(name, (f"{table}.{name}", value))

@@ -20,6 +20,7 @@ from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.steppers import BY_NAME
 from holdfast.execution.web_assembly import LANES, web_module
 from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.lookup import CellLookup
 from holdfast.maths.definitions.quantity import TIME
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.scene import Circle, Cone, Footprint, Segment, Shape
@@ -54,6 +55,7 @@ class WebLoop:
     latest: int
     scene: tuple[tuple[Shape, int], ...]
     width_of_scene: int
+    grid: Mapping[str, Any] | None
 
     def described(self) -> dict[str, Any]:
         """Where the numbers are, as plain data."""
@@ -129,9 +131,30 @@ def web_loop(
             block.s[:, k] = 0  # the browser has it elsewhere
     return WebLoop(
         web_module(exact, leaves, exported),
-        None if still else web_module(noisy, leaves, exported), program, exact.layout, block.w[0, : block.log_at],
-        block.s[0], table, block.records, latest, scene, 0 if leaf is None else len(leaf.results),
+        None if still else web_module(noisy, leaves, exported),
+        program, exact.layout, block.w[0, : block.log_at], block.s[0], table, block.records,
+        latest, scene, 0 if leaf is None else len(leaf.results), _grid(program, law),
     )  # fmt: skip
+
+
+def _grid(program: ClosedLoopProgram, law: Law | Switching) -> dict[str, Any] | None:
+    """The grid of the law's value, where it is of states (and of the time to go) themselves.
+
+    states: which state each of its last axes is.
+    """
+    lookup = law.lookup
+    if lookup is None or isinstance(lookup, CellLookup):
+        return None
+    names = [q.symbol for q in program.states]
+    places = lookup.places[int(lookup.timed) :]
+    if any(place not in names for place in places):
+        return None
+    values, low, steps, shape, periodic = program.table[:5]
+    return {
+        "type": values.dtype.name, "states": [names.index(place) for place in places],
+        "low": [float(v) for v in low], "steps": [float(v) for v in steps],
+        "shape": [int(v) for v in shape], "periodic": [bool(v) for v in periodic],
+    }  # fmt: skip
 
 
 def _scene(

@@ -18,7 +18,7 @@ onmessage = async ({ data: job }) => {
 const initial = () => ({
   start: [...data.starts[0]], values: [...data.values], truth: {}, disturbance: [...data.disturbance],
   uniform: [...data.noise.uniform], normal: [...data.noise.normal], delay: data.settings.delay,
-  seed: data.settings.seed, run: 0,
+  seed: data.settings.seed, run: 0, offset: [0, 0],
 });
 let state = initial();
 if (data.drawn.length && data.drawn[0].length) takeDrawn(0);
@@ -189,6 +189,11 @@ const page = {
   startPose() {
     return { x: state.start[planeX], y: state.start[planeY], heading: metric && HEADING >= 0 ? state.start[HEADING] : null };
   },
+  get offset() { return state.offset; },
+  targetPlace() {
+    const target = data.scene.find((s) => s.role === "target" && s.kind === "Segment"), v = page.sceneNow;
+    return target && metric && v ? [(v[target.at] + v[target.at + 2]) / 2, (v[target.at + 1] + v[target.at + 3]) / 2] : null;
+  },
   current() {
     const [a, b] = currentRows();
     if (a === undefined) return null;
@@ -203,7 +208,7 @@ function currentRows() {
 
 const plane = new Plane(byId("plane"), page), strips = new Strips(byId("strips"), page);
 const controls = new Controls(byId("controls"));
-let mainLoop = null;
+let mainLoop = null, makeSlice = null;
 
 function changed() {
   stale = true;
@@ -226,7 +231,7 @@ function tell() {
   else if (run.outcome === DIVERGED) parts[0] = "diverged";
   if (run.infeasible > 0) parts.push(`no admissible input at ${run.infeasible} samples`);
   if (run.overruled > 0) parts.push(`the filter changed the command at ${run.overruled} samples`);
-  if (data.modes.length > 1) parts.push(`${run.switches} changes of mode`);
+  if (run.switches > 0) parts.push(`${run.switches} changes of mode`);
   say(parts.join("; ") + ".");
   byId("status").dataset.outcome = labels[run.outcome];
 }
@@ -287,6 +292,7 @@ function frame(now) {
     page.drawn = true;
     if (mainLoop) { mainLoop.setParameters(given, given()); mainLoop.prepare(); }
     if (mainLoop) page.sceneNow = mainLoop.scene(page.stateAt(page.time), page.time);
+    page.slice = makeSlice ? makeSlice(page.stateAt(page.time), data.settings.horizon - page.time) : null;
     plane.draw();
     strips.draw(groups(), data.settings.horizon, page.time);
     byId("now").textContent = `${page.time.toFixed(1)} s` + (page.run.mode ? `, ${data.modes[modeNow()].replaceAll("_", " ")}` : "");
@@ -316,7 +322,11 @@ canvas.addEventListener("pointerdown", (event) => {
 canvas.addEventListener("pointermove", (event) => {
   if (!held) { canvas.style.cursor = plane.handleAt(...point(event)) ? "grab" : "default"; return; }
   const [px, py] = point(event), [x, y] = plane.place(px, py);
-  if (held.kind === "start") { state.start[planeX] = x; state.start[planeY] = y; }
+  if (held.kind === "target") { // the vehicle stays where it is, and its coordinates follow
+    const [tx, ty] = page.targetPlace(), dx = x - tx, dy = y - ty;
+    state.offset = [state.offset[0] + dx, state.offset[1] + dy];
+    state.start[planeX] -= dx; state.start[planeY] -= dy;
+  } else if (held.kind === "start") { state.start[planeX] = x; state.start[planeY] = y; }
   else if (held.kind === "heading") {
     const [sx, sy] = plane.at(state.start[planeX], state.start[planeY]);
     state.start[HEADING] = Math.atan2(sy - py, px - sx);
@@ -497,6 +507,11 @@ async function begin() {
   byId("reset").addEventListener("click", () => { state = initial(); if (data.drawn.length && data.drawn[0].length) takeDrawn(0); page.time = 0; changed(); });
   byId("toml").addEventListener("click", () => copied(asScenario(), "The scenario"));
   byId("png").addEventListener("click", () => saved(canvas.toDataURL("image/png"), `${data.name}.png`));
+  byId("svg").addEventListener("click", () => {
+    const context = new SvgContext(plane.view.width, plane.view.height);
+    plane.draw(context);
+    saved(URL.createObjectURL(new Blob([context.text(page.colours().page)], { type: "image/svg+xml" })), `${data.name}.svg`);
+  });
   byId("theme").addEventListener("click", () => {
     const dark = getComputedStyle(document.documentElement).getPropertyValue("--dark").trim() === "1";
     theme(dark ? "light" : "dark");
@@ -506,6 +521,7 @@ async function begin() {
   mainLoop = await ClosedLoop.of(data.loop);
   mainLoop.setParameters(given, given());
   mainLoop.prepare();
+  makeSlice = slices();
   page.sceneNow = mainLoop.scene(state.start, 0);
   const fixed = data.scene.filter((s) => s.kind === "Segment").flatMap(({ at }) =>
     [[page.sceneNow[at], page.sceneNow[at + 1]], [page.sceneNow[at + 2], page.sceneNow[at + 3]]]);

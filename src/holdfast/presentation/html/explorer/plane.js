@@ -52,18 +52,31 @@ class Plane {
       x0: cx - wide / 2, x1: cx + wide / 2, y0: cy - high / 2, y1: cy + high / 2, width, height };
   }
 
+  // On the canvas, of the coordinates of the states, which move with the target.
   at(x, y) {
-    const v = this.view;
-    return [v.left + (x - v.x0) * v.sx, v.bottom - (y - v.y0) * v.sy];
+    const v = this.view, [ox, oy] = this.page.offset;
+    return [v.left + (x + ox - v.x0) * v.sx, v.bottom - (y + oy - v.y0) * v.sy];
   }
   place(px, py) {
-    const v = this.view;
-    return [v.x0 + (px - v.left) / v.sx, v.y0 + (v.bottom - py) / v.sy];
+    const v = this.view, [ox, oy] = this.page.offset;
+    return [v.x0 + (px - v.left) / v.sx - ox, v.y0 + (v.bottom - py) / v.sy - oy];
   }
 
-  draw() {
+  // context: another one that is drawn on, for a file without handles.
+  draw(context = null) {
     if (!this.box) return;
-    this.arrange();
+    if (context === null) this.arrange();
+    const screen = this.context;
+    this.context = context || screen;
+    this.paint();
+    this.context = screen;
+    if (context !== null) return;
+    this.startHandles();
+    this.targetHandle();
+    this.currentHandle();
+  }
+
+  paint() {
     const { context: c, page, view } = this, look = page.colours();
     this.look = look;
     this.handles = [];
@@ -81,8 +94,6 @@ class Plane {
     if (page.run) this.path(page.run);
     this.vehicles();
     c.restore();
-    this.startHandles();
-    this.currentHandle();
   }
 
   axes() {
@@ -91,13 +102,14 @@ class Plane {
     c.font = "12px system-ui, sans-serif";
     const sx = niceStep(v.x1 - v.x0, TICKS), sy = this.page.equal ? sx : niceStep(v.y1 - v.y0, TICKS);
     c.textAlign = "center"; c.textBaseline = "top";
-    for (let x = Math.ceil(v.x0 / sx) * sx; x <= v.x1 + 1e-9; x += sx) {
+    const [ox, oy] = page.offset; // ticks are coordinates of the states
+    for (let x = Math.ceil((v.x0 - ox) / sx) * sx; x + ox <= v.x1 + 1e-9; x += sx) {
       const [px] = this.at(x, 0);
       c.beginPath(); c.moveTo(px, v.top); c.lineTo(px, v.bottom); c.stroke();
       c.fillText(short(x), px, v.bottom + 5);
     }
     c.textAlign = "right"; c.textBaseline = "middle";
-    for (let y = Math.ceil(v.y0 / sy) * sy; y <= v.y1 + 1e-9; y += sy) {
+    for (let y = Math.ceil((v.y0 - oy) / sy) * sy; y + oy <= v.y1 + 1e-9; y += sy) {
       const [, py] = this.at(0, y);
       c.beginPath(); c.moveTo(v.left, py); c.lineTo(v.right, py); c.stroke();
       c.fillText(short(y), v.left - 6, py);
@@ -241,8 +253,17 @@ class Plane {
     c.strokeStyle = colour; c.lineWidth = 2.5; c.stroke();
     if (!label) return;
     c.font = "12px system-ui, sans-serif"; c.fillStyle = look.text;
-    c.textAlign = "left"; c.textBaseline = "bottom";
-    c.fillText(label, px + 10, py - 6);
+    c.textAlign = "right"; c.textBaseline = "middle";
+    c.lineWidth = 3; c.strokeStyle = look.page;
+    c.strokeText(label, px - 12, py); c.fillText(label, px - 12, py);
+  }
+
+  targetHandle() {
+    const place = this.page.targetPlace();
+    if (!place) return;
+    const [px, py] = this.at(...place);
+    this.dot(px, py, this.look.text, "");
+    this.handles.push({ kind: "target", px, py });
   }
 
   // The current as an arrow from the middle of a dial in the corner.

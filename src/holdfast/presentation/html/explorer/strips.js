@@ -12,7 +12,8 @@ class Strips {
   draw(groups, horizon, now) {
     const { canvas, context: c, page } = this, ratio = window.devicePixelRatio || 1;
     const width = canvas.clientWidth, height = canvas.clientHeight, look = page.colours();
-    canvas.width = Math.round(width * ratio); canvas.height = Math.round(height * ratio);
+    const size = [Math.round(width * ratio), Math.round(height * ratio)];
+    if (canvas.width !== size[0] || canvas.height !== size[1]) [canvas.width, canvas.height] = size;
     c.setTransform(ratio, 0, 0, ratio, 0, 0);
     c.clearRect(0, 0, width, height);
     const left = 54, right = 10, bottom = 34, gap = 24, count = groups.length;

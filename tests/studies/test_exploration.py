@@ -1,0 +1,167 @@
+"""A scenario in a page: its runs are those of `simulate`, and what is dragged changes them."""
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import holdfast as hf
+from holdfast.errors import ScenarioError
+from tests.browser import browser, needs_browser, opened
+
+pytestmark = needs_browser
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    with browser() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """The page of a scenario, written once."""
+    pages = {}
+
+    def page(name, *overrides):
+        key = (name, overrides)
+        if key not in pages:
+            pages[key] = tmp_path_factory.mktemp("page") / "explorer.html"
+            pages[key].write_text(hf.explore(name, overrides), "utf-8")
+        return pages[key]
+
+    return page
+
+
+RUNS = """(() => {
+  const drawn = data.starts.map((_, k) => drawnOf(k)), own = drawn[0] ? drawn : undefined;
+  return mainLoop.runs(data.starts, { ...given(), first: 0 }, own);
+})()"""
+
+PADDED = """(() => {{
+  const out = new Float64Array(all.length * {1}).fill({2});
+  all.forEach((run, k) => out.set(run.{0} || [], k * {1}));
+  return out;
+}})()"""
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides"),
+    [
+        ("inspection", ()),  # modes, a safeguard, 200 random starts
+        ("inspection-current", ("run.horizon=30",)),  # an observer, a current of any direction
+        ("ch3-noise", ("run.horizon=10",)),
+        ("ch5-any-current", ("run.delay=0.1", "run.horizon=20")),  # a vehicle that differs
+        ("ch6-corridor", ()),  # a formation among walls
+    ],
+)
+def test_every_sample_of_200_runs_is_that_of_simulate(chromium, written, name, overrides):
+    found = hf.load_scenario(name, overrides).run().arrays
+    count = min(200, found.sizes["run"])
+    with opened(chromium, written(name, *overrides)) as page:
+        page.page.evaluate(f"window.all = {RUNS}")
+        for quantity, ended in (
+            ("state", "NaN"),
+            ("input", "NaN"),
+            ("constraint", "NaN"),
+            ("mode", "-1"),
+        ):
+            wanted = found[quantity].values[:count].astype(float)
+            got = page.numbers(PADDED.format(quantity, wanted[0].size, ended))
+            np.testing.assert_array_equal(got.reshape(wanted.shape), wanted, err_msg=quantity)
+        outcome = page.numbers("Float64Array.from(all, (r) => r.outcome)")
+        np.testing.assert_array_equal(outcome, found["outcome"].values[:count])
+        left = page.numbers("Float64Array.from(all, (r) => r.exitTime)")
+        np.testing.assert_array_equal(left, found["exit_time"].values[:count])
+        assert not page.errors
+
+
+def test_the_page_asks_for_nothing_and_is_not_blank(chromium, written):
+    with opened(chromium, written("inspection")) as page:
+        page.page.wait_for_selector("#outcomes li")
+        assert "200 of 200" in page.page.inner_text("#outcomes")
+        for canvas in ("plane", "strips"):
+            shot = Image.open(io.BytesIO(page.page.locator(f"#{canvas}").screenshot()))
+            assert len(shot.convert("RGB").getcolors(10**6)) > 50
+        assert page.requests == [page.page.url]
+        assert not page.errors
+
+
+def test_the_start_and_the_current_are_dragged_and_the_run_follows(chromium, written):
+    with opened(chromium, written("inspection")) as page:
+        before = page.page.inner_text("#status")
+        for kind, by in (
+            ("start", (60, -80)),
+            ("heading", (10, 40)),
+            ("current", (20, 10)),
+            ("target", (15, 25)),
+        ):
+            old = page.page.evaluate("JSON.stringify([state, page.run.goalTime])")
+            place = page.page.evaluate(
+                f"""(() => {{
+                  const box = canvas.getBoundingClientRect(), h = plane.handles.find((x) => x.kind === "{kind}");
+                  return [box.x + h.px, box.y + h.py];
+                }})()"""
+            )
+            page.page.mouse.move(*place)
+            page.page.mouse.down()
+            page.page.mouse.move(place[0] + by[0], place[1] + by[1], steps=5)
+            page.page.mouse.up()
+            page.page.evaluate("follow()")
+            page.until("!running && !stale")
+            assert page.page.evaluate("JSON.stringify([state, page.run.goalTime])") != old, kind
+        assert page.page.inner_text("#status") != before
+        assert not page.errors
+
+
+def test_a_copied_scenario_reproduces_what_is_seen(chromium, written, tmp_path):
+    with opened(chromium, written("inspection")) as page:
+        page.page.evaluate(
+            """(() => {
+              const knob = (key) => data.knobs.find((k) => k.key === key);
+              Object.assign(state, { delay: 0.06, seed: 7 });
+              state.start[0] = -1.7; state.start[2] = 0.123456789; state.disturbance[1] = 0.05;
+              state.values[knob("law.k1").row] = 0.17; state.values[knob("system.thrust_limit").row] = 4.2;
+              state.truth[knob("plant.mass").row] = 4.1; state.uniform[0] = 0.002;
+              changed();
+            })()"""
+        )
+        page.until("!running && !stale")
+        run = page.page.evaluate("({ count: page.run.count, outcome: page.run.outcome })")
+        state = page.numbers("page.run.state")
+        file = tmp_path / "seen.toml"
+        file.write_text(page.page.evaluate("asScenario()"), "utf-8")
+    found = hf.load_scenario(str(file)).run().arrays
+    assert int(found["outcome"].values[0]) == run["outcome"]
+    seen = found["state"].values[0][: run["count"]]
+    np.testing.assert_array_equal(state.reshape(seen.shape), seen)
+
+
+def test_a_phone_shows_the_whole_page_without_scrolling_sideways(chromium, written):
+    with opened(chromium, written("inspection"), width=390, height=844) as page:
+        assert page.page.evaluate("document.documentElement.scrollWidth") <= 390
+        assert page.page.locator("#plane").bounding_box()["width"] > 340
+
+
+def test_keys_move_the_start_and_play(chromium, written):
+    with opened(chromium, written("inspection")) as page:
+        before = page.page.evaluate("state.start[0]")
+        page.page.focus("#plane")
+        page.page.keyboard.press("ArrowRight")
+        assert page.page.evaluate("state.start[0]") > before
+        page.page.keyboard.press("Space")
+        assert page.page.inner_text("#play") == "Pause"
+        page.until("page.time > 0")
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides", "says"),
+    [
+        ("seen-target", (), "expected a scenario of closed loops"),
+        ("nowhere", (), "nowhere"),
+    ],
+)
+def test_what_is_no_page_is_said_before_anything_is_written(name, overrides, says):
+    with pytest.raises(ScenarioError, match=says):
+        hf.explore(name, overrides)
