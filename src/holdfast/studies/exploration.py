@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import base64
+import math
+import warnings
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from holdfast.analysis.simulation.web_loop import WebLoop, web_loop
-from holdfast.errors import HoldfastError, ScenarioError
+from holdfast.errors import GainWarning, HoldfastError, ModelWarning, ScenarioError
 from holdfast.execution.arrays import Array
 from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.settings import Settings
@@ -19,7 +21,8 @@ from holdfast.maths.definitions.units import in_base_units
 from holdfast.presentation.html.explorer import explorer_page
 from holdfast.scenario.files import read_tables
 from holdfast.scenario.kinds.closed_loop import Scenario
-from holdfast.scenario.load import load_scenario
+from holdfast.scenario.load import load_scenario, scenario_of
+from holdfast.scenario.overrides import substance
 
 MOST_BYTES = 10 * 2**20
 """A page with a larger table would be slow to open."""
@@ -54,8 +57,7 @@ def explore(
             f"'{scenario}' has no plane to draw in",
             remedy='name two states: [figures] plane = ["x", "y"]',
         )
-    _, _, tables = read_tables(scenario, changes)
-    return explorer_page(_described(loaded.kept(progress), tables))
+    return explorer_page(_described(loaded.kept(progress), scenario, changes))
 
 
 def write_explorer(page: str, path: Path) -> Path:
@@ -65,7 +67,8 @@ def write_explorer(page: str, path: Path) -> Path:
     return path
 
 
-def _described(loaded: Scenario, tables: Mapping[str, Any]) -> dict[str, Any]:
+def _described(loaded: Scenario, scenario: str, changes: Sequence[str]) -> dict[str, Any]:
+    _, _, tables = read_tables(scenario, changes)
     settings = Settings(
         **{k: v for k, v in loaded.settings.items() if k in Settings.__dataclass_fields__}
     )
@@ -96,7 +99,7 @@ def _described(loaded: Scenario, tables: Mapping[str, Any]) -> dict[str, Any]:
         "values": [p.value for p in program.parameters],
         "plant": [loaded.plant.get(p.name, p.value) for p in program.parameters],
         "disturbance": list(program.given),
-        "knobs": list(_knobs(loaded, program.parameters, tables)),
+        "knobs": list(_knobs(loaded, program.parameters, scenario, changes)),
         "draws": {n: list(r) for n, r in loaded.varied.draws.items()},
         "cases": list(loaded.varied.cases),
         "scene": [{"kind": type(s).__name__, "role": s.role, "at": k} for s, k in loop.scene],
@@ -157,30 +160,71 @@ def _most(loaded: Scenario) -> list[float | None]:
 
 
 def _knobs(
-    loaded: Scenario, parameters: Sequence[Parameter], tables: Mapping[str, Any]
+    loaded: Scenario, parameters: Sequence[Parameter], scenario: str, changes: Sequence[str]
 ) -> Iterator[dict[str, Any]]:
     """Numbers that can be changed in the page, with the key of the file that says the same.
 
-    A gain, or a number of a table of the file that is the value of the parameter of its name; and
-    for every number of the vehicle, what it is in truth while the law believes another.
+    A number of a table of the file that is the value of the parameter of its name; and for every
+    number of the vehicle, what it is in truth while the law believes another.
     """
-    keys: dict[str, tuple[str, float]] = {}
-    for table in TABLES:
-        for name, value in _numbers(tables.get(table, {})):
-            keys.setdefault(name, (f"{table}.{name}", value))
     varied = {*loaded.varied.names, *loaded.varied.plant}
+    found = {n: k for n, k in _keys(loaded, scenario, changes).items() if n not in varied}
     of_vehicle = {p.name for p in loaded.system.parameters}
     for row, p in enumerate(parameters):
-        if p.name in varied:
-            continue
-        about = {**_quantity(p), "row": row, "above": p.above if p.above > -1e300 else None}
-        key, value = keys.get(p.name, ("", None))
-        if key and value == p.value:
+        about = {**_quantity(p), "row": row, "above": p.above if math.isfinite(p.above) else None}
+        if p.name in found:
+            key = found[p.name]
             yield {**about, "key": key, "of": "both", "group": key.partition(".")[0]}
-        elif p.gain:
-            continue
-        if p.name in of_vehicle and p.value:
+        if p.name in of_vehicle and p.name not in varied and p.value:
             yield {**about, "key": f"plant.{p.name}", "of": "plant", "group": "plant"}
+
+
+def _keys(loaded: Scenario, scenario: str, changes: Sequence[str]) -> dict[str, str]:
+    """Parameter -> the key of its number, where another number changes that parameter alone.
+
+    All keys are tried at once, and each for itself where that changes more.
+    """
+    _, _, tables = read_tables(scenario, changes)
+    own = _parameters(loaded)
+    keys = {}
+    for table in TABLES:
+        for name, value in _numbers(tables.get(table, {})):
+            if name not in keys and own.get(name) == value:
+                keys[name] = f"{table}.{name}"
+
+    def fits(names: Iterable[str]) -> bool:
+        beside = {n: _beside(own[n]) for n in names}
+        more = [f"{keys[n]}={v!r}" for n, v in beside.items()]
+        try:
+            with warnings.catch_warnings():
+                for kind in (GainWarning, ModelWarning):
+                    warnings.simplefilter("ignore", kind)
+                other = scenario_of(*read_tables(scenario, [*changes, *more]))
+        except HoldfastError:
+            return False
+        same = substance(_law_of(other)) == substance(_law_of(loaded))
+        return same and _parameters(other) == own | beside
+
+    return keys if fits(keys) else {n: k for n, k in keys.items() if fits([n])}
+
+
+def _beside(value: float) -> float:
+    """Another number, near the given one."""
+    return value * (1 - 2.0**-10) or 2.0**-10
+
+
+def _law_of(loaded: Scenario) -> tuple[object, ...]:
+    """What a run depends on."""
+    return (
+        loaded.system, loaded.model, loaded.law, loaded.region, loaded.goal, loaded.disturbance,
+        loaded.plant, loaded.varied,
+    )  # fmt: skip
+
+
+def _parameters(loaded: Scenario) -> dict[str, float]:
+    regions = [r for r in (loaded.region, loaded.goal) if r is not None]
+    groups = (p.parameters for p in (loaded.system, loaded.law, *regions))
+    return {p.name: float(p.value) for group in groups for p in group}
 
 
 def _numbers(table: Any) -> Iterator[tuple[str, float]]:
