@@ -7,6 +7,7 @@ import math
 import warnings
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,18 @@ from holdfast.execution.arrays import Array
 from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.settings import Settings
 from holdfast.host.writing import atomic_file
+from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import Parameter
+from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.units import in_base_units
+from holdfast.maths.definitions.variation import Varied
+from holdfast.maths.expressions.numeric import Expression
 from holdfast.presentation.html.explorer import explorer_page
 from holdfast.scenario.files import read_tables
 from holdfast.scenario.kinds.closed_loop import Scenario
+from holdfast.scenario.kinds.kernel import KernelScenario
 from holdfast.scenario.load import load_scenario, scenario_of
 from holdfast.scenario.overrides import substance
 
@@ -37,27 +45,55 @@ TABLES = ("law", "system", "region", "goal", "tracking", "observer", "field")
 """Tables whose numbers are parameters of the same name."""
 
 
+@dataclass(frozen=True)
+class Explored:
+    """What a page shows: a closed loop with its starts, and what is drawn for each of them.
+
+    keys: parameter -> the key of the file whose number it is. tables: of a file that reproduces a
+    run; None where no file does. note: what the page says of itself.
+    """
+
+    name: str
+    title: str
+    source: str
+    system: System
+    law: Law | Switching
+    region: Region | None
+    goal: Region | None
+    disturbance: Mapping[str, Expression]
+    plant: Mapping[str, float]
+    varied: Varied
+    settings: Settings
+    stepper: str
+    plane: tuple[str, str]
+    starts: Array
+    drawn: Array
+    keys: Mapping[str, str]
+    tables: Mapping[str, Any] | None
+    note: str = ""
+
+
 def explore(
     scenario: str, overrides: Iterable[str] = (), *, progress: Progress | None = None
 ) -> str:
-    """The page of a scenario of closed loops: one self-contained HTML file, as text.
+    """The page of a scenario: one self-contained HTML file, as text.
 
     What moves in it is the loop of `simulate`, compiled to WebAssembly; its numbers are those of
-    `simulate`, bit for bit. Raises `ScenarioError` for a scenario of another kind, one without a
-    plane, a law that another controller commands, and a kernel that is too large for a page.
+    `simulate`, bit for bit. A kernel or a capture basin is shown with the law that keeps it. Raises
+    `ScenarioError` for a scenario without a plane or without a law, a law that another controller
+    commands, and a kernel that is too large for a page.
     """
     changes = list(overrides)
     loaded = load_scenario(scenario, changes)
-    if not isinstance(loaded, Scenario):
-        raise ScenarioError(
-            f"'{scenario}' is a {loaded.kind}", expected="a scenario of closed loops"
-        )
-    if loaded.plane is None:
-        raise ScenarioError(
-            f"'{scenario}' has no plane to draw in",
-            remedy='name two states: [figures] plane = ["x", "y"]',
-        )
-    return explorer_page(_described(loaded.kept(progress), scenario, changes))
+    if isinstance(loaded, Scenario):
+        return explorer_page(_described(_of_loop(loaded, scenario, changes, progress)))
+    if isinstance(loaded, KernelScenario):
+        from holdfast.studies.explored_kernel import explored_kernel
+
+        return explorer_page(_described(explored_kernel(loaded, progress)))
+    raise ScenarioError(
+        f"'{scenario}' is a {loaded.kind}", expected="closed loops, a kernel or a capture basin"
+    )
 
 
 def write_explorer(page: str, path: Path) -> Path:
@@ -67,62 +103,72 @@ def write_explorer(page: str, path: Path) -> Path:
     return path
 
 
-def _described(loaded: Scenario, scenario: str, changes: Sequence[str]) -> dict[str, Any]:
-    _, _, tables = read_tables(scenario, changes)
-    settings = Settings(
-        **{k: v for k, v in loaded.settings.items() if k in Settings.__dataclass_fields__}
-    )
-    loop = web_loop(
-        loaded.system, loaded.law, settings, region=loaded.region, goal=loaded.goal,
-        disturbance=loaded.disturbance, varied=loaded.varied,
-        stepper=loaded.settings.get("stepper", "rk4"),
-    )  # fmt: skip
-    if loop.table is not None and loop.table.nbytes > MOST_BYTES:
+def _of_loop(
+    loaded: Scenario, scenario: str, changes: Sequence[str], progress: Progress | None
+) -> Explored:
+    if loaded.plane is None:
         raise ScenarioError(
-            f"the kernel of '{loaded.name}' has {loop.table.nbytes / 2**20:.0f} MiB",
-            expected=f"at most {MOST_BYTES / 2**20:.0f} MiB in a page",
-            remedy="compute it with fewer nodes, or in single precision",
+            f"'{scenario}' has no plane to draw in",
+            remedy='name two states: [figures] plane = ["x", "y"]',
         )
-    program = loop.program
-    noise = settings.noise_of([q.name for q in loaded.system.states])
-    assert loaded.plane is not None
-    starts, draws = _starts(loaded, settings)
-    return {
-        "title": loaded.title, "name": loaded.name, "source": loaded.source,
-        "loop": {**loop.described(), **_packed(loop), "states": len(loaded.system.states)},
-        "states": [_quantity(q) | {"angle": q.angle} for q in program.states],
-        "inputs": [_quantity(q) for q in program.inputs],
-        "disturbances": [_quantity(q) for q in program.disturbances],
-        "given": [n for n in loaded.system.disturbance_names if _is_number(loaded, n)],
-        "modes": list(program.modes), "constraints": [list(c) for c in program.constraints],
-        "plane": [loaded.system.state_names.index(n) for n in loaded.plane],
-        "values": [p.value for p in program.parameters],
-        "plant": [loaded.plant.get(p.name, p.value) for p in program.parameters],
-        "disturbance": list(program.given),
-        "knobs": list(_knobs(loaded, program.parameters, scenario, changes)),
-        "draws": {n: list(r) for n, r in loaded.varied.draws.items()},
-        "cases": list(loaded.varied.cases),
-        "scene": [{"kind": type(s).__name__, "role": s.role, "at": k} for s, k in loop.scene],
-        "grid": loop.grid,
-        "noise": {"uniform": noise[0].tolist(), "normal": noise[1].tolist()},
-        "settings": {
-            "horizon": settings.horizon, "sample_time": settings.sample_time, "seed": settings.seed,
-            "delay": settings.delay, "record_every": settings.record_every,
-            "continuous": settings.continuous,
-        },
-        "most": _most(loaded), "most_current": MOST_CURRENT, "units": dict(loaded.varied.units),
-        "starts": starts.tolist(), "drawn": draws.tolist(), "tables": tables,
-    }  # fmt: skip
+    kept = loaded.kept(progress)
+    starts, drawn = _starts(kept)
+    own = {k: v for k, v in kept.settings.items() if k in Settings.__dataclass_fields__}
+    return Explored(
+        name=kept.name, title=kept.title, source=kept.source, system=kept.system, law=kept.law,
+        region=kept.region, goal=kept.goal, disturbance=kept.disturbance, plant=kept.plant,
+        varied=kept.varied, settings=Settings(**own), stepper=kept.settings["stepper"],
+        plane=loaded.plane, starts=starts, drawn=drawn, keys=_keys(loaded, scenario, changes),
+        tables=read_tables(scenario, changes)[2],
+    )  # fmt: skip
 
 
-def _starts(loaded: Scenario, settings: Settings) -> tuple[Array, Array]:
+def _starts(loaded: Scenario) -> tuple[Array, Array]:
     """The first starts of the scenario, and what is drawn for each of these runs."""
-    count = min(loaded.runs, FAN)
-    step = settings.sample_time
+    count, step = min(loaded.runs, FAN), loaded.settings["sample_time"]
     brief = loaded.with_settings(horizon=step, record_every=step, delay=0.0)
     found = brief.run(part=range(count) if loaded.independent_runs else None).arrays
     drawn = [*loaded.varied.draws, *loaded.varied.cases]
     return found["state"].values[:, 0], found["varied"].values[:, : len(drawn)]
+
+
+def _described(shown: Explored) -> dict[str, Any]:
+    """The data of the page."""
+    system, settings, varied = shown.system, shown.settings, shown.varied
+    loop = web_loop(
+        system, shown.law, settings, region=shown.region, goal=shown.goal,
+        disturbance=shown.disturbance, varied=varied, stepper=shown.stepper,
+    )  # fmt: skip
+    if loop.table is not None and loop.table.nbytes > MOST_BYTES:
+        raise ScenarioError(
+            f"the kernel of '{shown.name}' has {loop.table.nbytes / 2**20:.0f} MiB",
+            expected=f"at most {MOST_BYTES / 2**20:.0f} MiB in a page",
+            remedy="compute it with fewer nodes",
+        )
+    program = loop.program
+    noise = settings.noise_of(system.state_names)
+    return {
+        "title": shown.title, "name": shown.name, "source": shown.source, "note": shown.note,
+        "loop": {**loop.described(), **_packed(loop), "states": len(system.states)},
+        "states": [_quantity(q) | {"angle": q.angle} for q in program.states],
+        "inputs": [_quantity(q) for q in program.inputs],
+        "disturbances": [_quantity(q) for q in program.disturbances],
+        "given": _given(shown), "most": _most(shown), "most_current": MOST_CURRENT,
+        "modes": list(program.modes), "constraints": [list(c) for c in program.constraints],
+        "plane": [system.state_names.index(n) for n in shown.plane],
+        "values": [p.value for p in program.parameters],
+        "plant": [shown.plant.get(p.name, p.value) for p in program.parameters],
+        "disturbance": list(program.given), "knobs": list(_knobs(shown, program.parameters)),
+        "draws": {n: list(r) for n, r in varied.draws.items()}, "cases": list(varied.cases),
+        "units": dict(varied.units), "grid": loop.grid,
+        "scene": [{"kind": type(s).__name__, "role": s.role, "at": k} for s, k in loop.scene],
+        "noise": {"uniform": noise[0].tolist(), "normal": noise[1].tolist()},
+        "settings": {
+            name: getattr(settings, name)
+            for name in ("horizon", "sample_time", "seed", "delay", "record_every", "continuous")
+        },
+        "starts": shown.starts.tolist(), "drawn": shown.drawn.tolist(), "tables": shown.tables,
+    }  # fmt: skip
 
 
 def _packed(loop: WebLoop) -> dict[str, str]:
@@ -142,40 +188,38 @@ def _quantity(q: Any) -> dict[str, Any]:
     return {"name": q.name, "unit": q.unit, "says": q.description}
 
 
-def _is_number(loaded: Scenario, disturbance: str) -> bool:
-    """Whether it is a number in a run: not given, or given as one."""
-    given = loaded.disturbance.get(disturbance)
-    return given is None or bool(given.is_Number)
+def _given(shown: Explored) -> list[str]:
+    """The disturbances that are numbers in a run: not given, or given as one."""
+    found = ((n, shown.disturbance.get(n)) for n in shown.system.disturbance_names)
+    return [n for n, e in found if e is None or e.is_Number]
 
 
-def _most(loaded: Scenario) -> list[float | None]:
+def _most(shown: Explored) -> list[float | None]:
     """The largest size of each disturbance that is a number; None where the system has no bound."""
-    bounds, names = loaded.system.disturbance_bounds, loaded.system.disturbance_names
-    given = [n for n in names if _is_number(loaded, n)]
+    bounds, names = shown.system.disturbance_bounds, shown.system.disturbance_names
     if bounds is None:
-        return [None for _ in given]
-    ends = bounds.at({p.symbol: p.value for p in loaded.system.parameters}).ranges()
+        return [None for _ in _given(shown)]
+    ends = bounds.at({p.symbol: p.value for p in shown.system.parameters}).ranges()
     sizes = {n: max(abs(float(a)), abs(float(b))) for n, (a, b) in zip(names, ends, strict=True)}
-    return [sizes[n] if sizes[n] < float("inf") else None for n in given]
+    return [sizes[n] if math.isfinite(sizes[n]) else None for n in _given(shown)]
 
 
-def _knobs(
-    loaded: Scenario, parameters: Sequence[Parameter], scenario: str, changes: Sequence[str]
-) -> Iterator[dict[str, Any]]:
+def _knobs(shown: Explored, parameters: Sequence[Parameter]) -> Iterator[dict[str, Any]]:
     """Numbers that can be changed in the page, with the key of the file that says the same.
 
-    A number of a table of the file that is the value of the parameter of its name; and for every
-    number of the vehicle, what it is in truth while the law believes another.
+    Those that have a key; and for every number of the vehicle, what it is in truth while the law
+    believes another.
     """
-    varied = {*loaded.varied.names, *loaded.varied.plant}
-    found = {n: k for n, k in _keys(loaded, scenario, changes).items() if n not in varied}
-    of_vehicle = {p.name for p in loaded.system.parameters}
+    varied = {*shown.varied.names, *shown.varied.plant}
+    of_vehicle = {p.name for p in shown.system.parameters}
     for row, p in enumerate(parameters):
+        if p.name in varied:
+            continue
         about = {**_quantity(p), "row": row, "above": p.above if math.isfinite(p.above) else None}
-        if p.name in found:
-            key = found[p.name]
+        if p.name in shown.keys:
+            key = shown.keys[p.name]
             yield {**about, "key": key, "of": "both", "group": key.partition(".")[0]}
-        if p.name in of_vehicle and p.name not in varied and p.value:
+        if p.name in of_vehicle and p.value:
             yield {**about, "key": f"plant.{p.name}", "of": "plant", "group": "plant"}
 
 

@@ -28,6 +28,7 @@ def explorer_page(data: Mapping[str, Any]) -> str:
         "explorer",
         title=data["title"],
         source=data["source"],
+        note=data["note"],
         css=(folder / "page.css").read_text("utf-8"),
         data=_embedded({**data, "look": look}),
         loop=scripts["loop"],

@@ -505,6 +505,7 @@ async function begin() {
   time.addEventListener("input", () => { page.time = Number(time.value); page.drawn = false; });
   byId("fan").addEventListener("change", fan);
   byId("reset").addEventListener("click", () => { state = initial(); if (data.drawn.length && data.drawn[0].length) takeDrawn(0); page.time = 0; changed(); });
+  byId("toml").hidden = data.tables === null;
   byId("toml").addEventListener("click", () => copied(asScenario(), "The scenario"));
   byId("png").addEventListener("click", () => saved(canvas.toDataURL("image/png"), `${data.name}.png`));
   byId("svg").addEventListener("click", () => {
