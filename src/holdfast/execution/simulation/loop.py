@@ -28,7 +28,8 @@ from holdfast.execution.codegen.loop_text import Instructions, LoopText
 from holdfast.execution.codegen.mode_leaves import mode_leaves
 from holdfast.execution.codegen.random_leaves import noise_leaf
 from holdfast.execution.simulation.crossings import look_closely
-from holdfast.execution.simulation.layout import FORGOTTEN, LATE, RECORDS, STRIDE, Layout, Shape
+from holdfast.execution.simulation.layout import LATE, RECORDS, STRIDE, Layout, Shape
+from holdfast.execution.simulation.turns import turn
 
 KEPT = 64
 """Loops that a process keeps: runs of another program of the same shape begin at once."""
@@ -176,7 +177,7 @@ class _Builder:
             behind = (shape.states + shape.measured + shape.handed) * self.shape.width
             body.copy(at["memory"], at["seen"] + behind, shape.remembered)
         self._share(body, at["time"], at["seen"])
-        self._turn(body)
+        turn(body, self.at, self.shape)
         self._look(body, at["time"], at["seen"], noted=True)
         self._command(body, at["time"], at["seen"])
         if shape.remembered:
@@ -204,31 +205,6 @@ class _Builder:
         if self.shape.shared:
             rows = self.layout.counts["seen"] - self.shape.shared
             body.call("shared", t=t, q=seen, p=self.at["gains"], out=seen + rows * self.shape.width)
-
-    def _turn(self, body: Instructions) -> None:
-        """The modes after their guards are tried in order."""
-        at, rows = self.at, {"t": self.at["length"], "q": self.at["since"]}
-        rows["x"] = at["time_in_mode"]
-        if self.shape.modes > 1:
-            body.call("where", **rows, out=at["in_modes"])
-        if not any(self.shape.targets):
-            return
-        for k, targets in enumerate(self.shape.targets):
-            if targets:
-                with body.if_any(at["in_modes"] + k * self.shape.width):
-                    body.call(
-                        f"guards{k}", t=at["time"], q=at["seen"], x=at["time_in_mode"],
-                        p=at["gains"], out=at["levels"],
-                    )  # fmt: skip
-                    body.call(
-                        f"turn{k}", t=at["mode"], q=at["levels"], x=at["next_mode"],
-                        out=at["next_mode"],
-                    )  # fmt: skip
-        body.call("changed", **rows, out=at["changed"])
-        body.late(FORGOTTEN, at["changed"], at["forgotten"], 1)
-        body.call("switch", **rows, out=at["since"])
-        with body.if_any(at["changed"]):
-            body.call("chatter", **rows, out=at["outcome"])
 
     def _look(self, body: Instructions, t: int, seen: int, *, noted: bool) -> None:
         """What the law's table says."""
