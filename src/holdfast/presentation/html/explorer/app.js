@@ -95,6 +95,7 @@ async function follow() {
 
 async function fan() {
   const own = ++fanAsked;
+  page.fanNumber = own;
   many.drop();
   page.fan = [];
   page.drawn = false;

@@ -17,7 +17,7 @@ class Plane {
   constructor(canvas, page) {
     this.canvas = canvas;
     this.page = page;
-    this.context = canvas.getContext("2d");
+    this.screen = this.context = canvas.getContext("2d");
     this.box = null; // {x0, x1, y0, y1} in the units of the states
     this.handles = [];
   }
@@ -66,10 +66,9 @@ class Plane {
   draw(context = null) {
     if (!this.box) return;
     if (context === null) this.arrange();
-    const screen = this.context;
-    this.context = context || screen;
+    this.context = context || this.screen;
     this.paint();
-    this.context = screen;
+    this.context = this.screen;
     if (context !== null) return;
     this.startHandles();
     this.targetHandle();
@@ -88,8 +87,7 @@ class Plane {
     c.clip();
     if (page.slice) this.set(page.slice);
     this.shapes(page.sceneNow, true);
-    for (const path of page.fan) this.line(path.xy, look.outcomes[path.outcome], 1, 0.55);
-    for (const path of page.fan) if (path.left) this.cross(path.left, look.text);
+    if (c === this.screen) this.layer(); else this.fan();
     this.shapes(page.sceneNow, false);
     if (page.run) this.path(page.run);
     this.vehicles();
@@ -141,6 +139,31 @@ class Plane {
     c.beginPath();
     c.moveTo(px - 4, py - 4); c.lineTo(px + 4, py + 4); c.moveTo(px + 4, py - 4); c.lineTo(px - 4, py + 4);
     c.stroke();
+  }
+
+  // All paths, the rarest outcome on top.
+  fan() {
+    const { page, look } = this, counts = {};
+    for (const { outcome } of page.fan) counts[outcome] = (counts[outcome] || 0) + 1;
+    const sorted = [...page.fan].sort((a, b) => counts[b.outcome] - counts[a.outcome]);
+    for (const path of sorted) this.line(path.xy, look.outcomes[path.outcome], 1, 0.55);
+    for (const path of sorted) if (path.left) this.cross(path.left, look.text);
+  }
+
+  // They are drawn once, and copied until they or the view change.
+  layer() {
+    const { page, canvas, view, look } = this;
+    const key = JSON.stringify([page.fan.length, page.fanNumber, view, page.offset, look.text, canvas.width]);
+    this.kept ??= document.createElement("canvas");
+    if (this.keptKey !== key) {
+      this.keptKey = key;
+      [this.kept.width, this.kept.height] = [canvas.width, canvas.height];
+      this.context = this.kept.getContext("2d");
+      this.context.setTransform(this.screen.getTransform());
+      this.fan();
+      this.context = this.screen;
+    }
+    this.context.drawImage(this.kept, 0, 0, view.width, view.height);
   }
 
   // One run, coloured by its mode.
