@@ -1,6 +1,7 @@
 """A scenario in a page: its runs are those of `simulate`, and what is dragged changes them."""
 
 import io
+import re
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from PIL import Image
 
 import holdfast as hf
 from holdfast.errors import ScenarioError
+from holdfast.scenario.files import read_text
 from tests.browser import browser, needs_browser, opened
 
 pytestmark = needs_browser
@@ -36,7 +38,7 @@ def written(tmp_path_factory):
 
 RUNS = """(() => {
   const drawn = data.starts.map((_, k) => drawnOf(k)), own = drawn[0] ? drawn : undefined;
-  return mainLoop.runs(data.starts, { ...given(), first: 0 }, own);
+  return mainLoops[0].runs(data.starts, { ...given(), first: 0 }, own);
 })()"""
 
 PADDED = """(() => {{
@@ -119,11 +121,10 @@ def test_a_copied_scenario_reproduces_what_is_seen(chromium, written, tmp_path):
     with opened(chromium, written("inspection")) as page:
         page.page.evaluate(
             """(() => {
-              const knob = (key) => data.knobs.find((k) => k.key === key);
-              Object.assign(state, { delay: 0.06, seed: 7 });
+                            Object.assign(state, { delay: 0.06, seed: 7 });
               state.start[0] = -1.7; state.start[2] = 0.123456789; state.disturbance[1] = 0.05;
-              state.values[knob("law.k1").row] = 0.17; state.values[knob("system.thrust_limit").row] = 4.2;
-              state.truth[knob("plant.mass").row] = 4.1; state.uniform[0] = 0.002;
+              state.values.k1 = 0.17; state.values.thrust_limit = 4.2;
+              state.truth.mass = 4.1; state.uniform[0] = 0.002;
               changed();
             })()"""
         )
@@ -158,10 +159,45 @@ def test_keys_move_the_start_and_play(chromium, written):
 @pytest.mark.parametrize(
     ("name", "overrides", "says"),
     [
-        ("seen-target", (), "expected a scenario of closed loops"),
+        ("ch7-forward-reach", (), "no law decides"),
+        ("ch7-six-states", (), "take fewer nodes"),
         ("nowhere", (), "nowhere"),
     ],
 )
 def test_what_is_no_page_is_said_before_anything_is_written(name, overrides, says):
     with pytest.raises(ScenarioError, match=says):
         hf.explore(name, overrides)
+
+
+def test_the_law_alone_is_that_of_the_file_without_its_filter(chromium, written, tmp_path):
+    with opened(chromium, written("inspection")) as page:
+        page.page.select_option("#variant", label="the law alone")
+        page.until("!running && !stale")
+        assert page.page.evaluate("page.run.nominal === undefined")
+        state, file = page.numbers("page.run.state"), tmp_path / "alone.toml"
+        file.write_text(page.page.evaluate("asScenario()"), "utf-8")
+        assert "[safeguard]" not in file.read_text("utf-8")
+    seen = hf.load_scenario(str(file)).run().arrays["state"].values[0]
+    seen = seen[np.isfinite(seen).all(axis=1)]
+    np.testing.assert_array_equal(state.reshape(seen.shape), seen)
+
+
+def test_a_kernel_has_its_law_and_its_slice(chromium, written):
+    with opened(chromium, written("seen-target", "grid.nodes=31")) as page:
+        page.page.wait_for_selector("#outcomes li")
+        assert page.page.inner_text("#outcomes") == "stayed: 200 of 200"
+        inside = page.page.evaluate("[page.slice(1.2, 0) > 0, page.slice(0.4, 1) > 0]")
+        assert inside == [True, False]
+        assert not page.errors
+
+
+def test_a_law_of_another_controller_is_refused(tmp_path):
+    text = re.sub(
+        r"\[law\].*?\[safeguard\]",
+        "[law]\nexternal = true\n\n[safeguard]",
+        read_text("inspection")[1],
+        flags=re.S,
+    )
+    (tmp_path / "mine.toml").write_text(text, "utf-8")
+    with pytest.raises(ScenarioError, match="commanded by another controller"):
+        hf.explore(str(tmp_path / "mine.toml"))

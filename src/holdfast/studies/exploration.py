@@ -41,6 +41,11 @@ FAN = 200
 MOST_CURRENT = 0.3
 """The largest current that can be dragged [m/s], where the system has no bounds of it."""
 
+FILTERS = ("safeguard", "safety")
+"""Tables of a safety filter."""
+
+FILTERED, ALONE = "with the safety filter", "the law alone"
+
 TABLES = ("law", "system", "region", "goal", "tracking", "observer", "field")
 """Tables whose numbers are parameters of the same name."""
 
@@ -49,8 +54,9 @@ TABLES = ("law", "system", "region", "goal", "tracking", "observer", "field")
 class Explored:
     """What a page shows: a closed loop with its starts, and what is drawn for each of them.
 
-    keys: parameter -> the key of the file whose number it is. tables: of a file that reproduces a
-    run; None where no file does. note: what the page says of itself.
+    alone: the law without its safety filter, if it has one. keys: parameter -> the key of the file
+    whose number it is. tables: of a file that reproduces a run; None where no file does. note: what
+    the page says of itself.
     """
 
     name: str
@@ -58,6 +64,7 @@ class Explored:
     source: str
     system: System
     law: Law | Switching
+    alone: Law | Switching | None
     region: Region | None
     goal: Region | None
     disturbance: Mapping[str, Expression]
@@ -111,11 +118,17 @@ def _of_loop(
             f"'{scenario}' has no plane to draw in",
             remedy='name two states: [figures] plane = ["x", "y"]',
         )
+    if loaded.law.handed:
+        raise ScenarioError(
+            f"the law of '{scenario}' is commanded by another controller, which no page has",
+            remedy="name the law in the file",
+        )
     kept = loaded.kept(progress)
     starts, drawn = _starts(kept)
     own = {k: v for k, v in kept.settings.items() if k in Settings.__dataclass_fields__}
     return Explored(
         name=kept.name, title=kept.title, source=kept.source, system=kept.system, law=kept.law,
+        alone=_alone(loaded, scenario, changes),
         region=kept.region, goal=kept.goal, disturbance=kept.disturbance, plant=kept.plant,
         varied=kept.varied, settings=Settings(**own), stepper=kept.settings["stepper"],
         plane=loaded.plane, starts=starts, drawn=drawn, keys=_keys(loaded, scenario, changes),
@@ -132,12 +145,62 @@ def _starts(loaded: Scenario) -> tuple[Array, Array]:
     return found["state"].values[:, 0], found["varied"].values[:, : len(drawn)]
 
 
+def _alone(loaded: Scenario, scenario: str, changes: Sequence[str]) -> Law | Switching | None:
+    """The law of the file without its tables of a safety filter; None where it has none."""
+    shown, text, tables = read_tables(scenario, changes)
+    bare = {name: table for name, table in tables.items() if name not in FILTERS}
+    if len(bare) == len(tables):
+        return None
+    try:
+        other = scenario_of(shown, text, bare)
+    except HoldfastError:  # a law that others command has to have a filter
+        return None
+    alone: Law | Switching = other.law
+    return alone
+
+
 def _described(shown: Explored) -> dict[str, Any]:
     """The data of the page."""
     system, settings, varied = shown.system, shown.settings, shown.varied
+    laws = {FILTERED: shown.law, ALONE: shown.alone} if shown.alone is not None else {"": shown.law}
+    loops = {label: _loop(shown, law) for label, law in laws.items() if law is not None}
+    loop = next(iter(loops.values()))
+    noise = settings.noise_of(system.state_names)
+    return {
+        "title": shown.title, "name": shown.name, "source": shown.source, "note": shown.note,
+        "states": [_quantity(q) | {"angle": q.angle} for q in system.states],
+        "inputs": [_quantity(q) for q in system.inputs],
+        "disturbances": [_quantity(q) for q in system.disturbances],
+        "given": _given(shown), "most": _most(shown), "most_current": MOST_CURRENT,
+        "constraints": [list(c) for c in loop.program.constraints],
+        "plane": [system.state_names.index(n) for n in shown.plane],
+        "disturbance": list(loop.program.given),
+        "draws": {n: list(r) for n, r in varied.draws.items()}, "cases": list(varied.cases),
+        "units": dict(varied.units),
+        "scene": [{"kind": type(s).__name__, "role": s.role, "at": k} for s, k in loop.scene],
+        "noise": {"uniform": noise[0].tolist(), "normal": noise[1].tolist()},
+        "settings": {
+            name: getattr(settings, name)
+            for name in ("horizon", "sample_time", "seed", "delay", "record_every", "continuous")
+        },
+        "variants": [
+            {
+                "label": label, "modes": list(own.program.modes), "grid": own.grid,
+                "loop": {**own.described(), **_packed(own), "states": len(system.states)},
+                "values": {p.name: p.value for p in own.program.parameters},
+                "knobs": list(_knobs(shown, own.program.parameters)),
+            }
+            for label, own in loops.items()
+        ],
+        "plant": dict(shown.plant), "filters": FILTERS,
+        "starts": shown.starts.tolist(), "drawn": shown.drawn.tolist(), "tables": shown.tables,
+    }  # fmt: skip
+
+
+def _loop(shown: Explored, law: Law | Switching) -> WebLoop:
     loop = web_loop(
-        system, shown.law, settings, region=shown.region, goal=shown.goal,
-        disturbance=shown.disturbance, varied=varied, stepper=shown.stepper,
+        shown.system, law, shown.settings, region=shown.region, goal=shown.goal,
+        disturbance=shown.disturbance, varied=shown.varied, stepper=shown.stepper,
     )  # fmt: skip
     if loop.table is not None and loop.table.nbytes > MOST_BYTES:
         raise ScenarioError(
@@ -145,30 +208,7 @@ def _described(shown: Explored) -> dict[str, Any]:
             expected=f"at most {MOST_BYTES / 2**20:.0f} MiB in a page",
             remedy="compute it with fewer nodes",
         )
-    program = loop.program
-    noise = settings.noise_of(system.state_names)
-    return {
-        "title": shown.title, "name": shown.name, "source": shown.source, "note": shown.note,
-        "loop": {**loop.described(), **_packed(loop), "states": len(system.states)},
-        "states": [_quantity(q) | {"angle": q.angle} for q in program.states],
-        "inputs": [_quantity(q) for q in program.inputs],
-        "disturbances": [_quantity(q) for q in program.disturbances],
-        "given": _given(shown), "most": _most(shown), "most_current": MOST_CURRENT,
-        "modes": list(program.modes), "constraints": [list(c) for c in program.constraints],
-        "plane": [system.state_names.index(n) for n in shown.plane],
-        "values": [p.value for p in program.parameters],
-        "plant": [shown.plant.get(p.name, p.value) for p in program.parameters],
-        "disturbance": list(program.given), "knobs": list(_knobs(shown, program.parameters)),
-        "draws": {n: list(r) for n, r in varied.draws.items()}, "cases": list(varied.cases),
-        "units": dict(varied.units), "grid": loop.grid,
-        "scene": [{"kind": type(s).__name__, "role": s.role, "at": k} for s, k in loop.scene],
-        "noise": {"uniform": noise[0].tolist(), "normal": noise[1].tolist()},
-        "settings": {
-            name: getattr(settings, name)
-            for name in ("horizon", "sample_time", "seed", "delay", "record_every", "continuous")
-        },
-        "starts": shown.starts.tolist(), "drawn": shown.drawn.tolist(), "tables": shown.tables,
-    }  # fmt: skip
+    return loop
 
 
 def _packed(loop: WebLoop) -> dict[str, str]:
@@ -212,10 +252,10 @@ def _knobs(shown: Explored, parameters: Sequence[Parameter]) -> Iterator[dict[st
     """
     varied = {*shown.varied.names, *shown.varied.plant}
     of_vehicle = {p.name for p in shown.system.parameters}
-    for row, p in enumerate(parameters):
+    for p in parameters:
         if p.name in varied:
             continue
-        about = {**_quantity(p), "row": row, "above": p.above if math.isfinite(p.above) else None}
+        about = {**_quantity(p), "above": p.above if math.isfinite(p.above) else None}
         if p.name in shown.keys:
             key = shown.keys[p.name]
             yield {**about, "key": key, "of": "both", "group": key.partition(".")[0]}

@@ -52,7 +52,8 @@ def explored_kernel(loaded: KernelScenario, progress: Progress | None = None) ->
     records = max(round(loaded.horizon / (stride * step)), 1)
     return Explored(
         name=loaded.name, title=loaded.title, source=loaded.source,
-        system=decided(loaded.system, shown), law=law, region=loaded.region, goal=loaded.goal,
+        system=decided(loaded.system, shown), law=law, alone=loaded.law,
+        region=loaded.region, goal=loaded.goal,
         disturbance={}, plant={}, varied=Varied(),
         settings=Settings(
             horizon=records * stride * step, sample_time=step, record_every=stride * step

@@ -6,42 +6,40 @@ const loopSource = document.getElementById("loop").textContent;
 const byId = (id) => document.getElementById(id);
 const n = data.states.length, [planeX, planeY] = data.plane;
 const HANDLER = `
-let loop = null;
+let loops = null;
 onmessage = async ({ data: job }) => {
-  if (job.spec) { loop = await ClosedLoop.of(job.spec); postMessage({ ready: true }); return; }
-  const runs = loop.runs(job.starts, job.given, job.own);
+  if (job.specs) { loops = await Promise.all(job.specs.map((s) => ClosedLoop.of(s))); postMessage({ ready: true }); return; }
+  const runs = loops[job.variant].runs(job.starts, job.given, job.own);
   postMessage({ id: job.id, runs });
 };`;
 
 // -- what can be changed -----------------------------------------------------------------------
 
+// Numbers by name; `truth` is what the vehicle is while the law believes `values`.
 const initial = () => ({
-  start: [...data.starts[0]], values: [...data.values], truth: {}, disturbance: [...data.disturbance],
+  variant: 0, start: [...data.starts[0]], values: allValues(), truth: { ...data.plant }, disturbance: [...data.disturbance],
   uniform: [...data.noise.uniform], normal: [...data.noise.normal], delay: data.settings.delay,
   seed: data.settings.seed, run: 0, offset: [0, 0],
 });
 let state = initial();
 if (data.drawn.length && data.drawn[0].length) takeDrawn(0);
 
+function allValues() { return Object.assign({}, ...data.variants.map((v) => v.values)); }
+
 function takeDrawn(run) {
-  [...Object.keys(data.draws), ...data.cases].forEach((name, k) => {
-    state.values[data.loop.parameters.indexOf(name)] = data.drawn[run][k];
-  });
+  [...Object.keys(data.draws), ...data.cases].forEach((name, k) => { state.values[name] = data.drawn[run][k]; });
 }
 
-function given() {
-  const plant = state.values.map((v, row) => state.truth[row] ?? truthOf(row, v));
+const variant = () => data.variants[state.variant];
+
+function given(more = {}) {
+  const names = variant().loop.parameters, values = { ...state.values, ...more };
   return {
-    gains: state.values, plant, disturbance: state.disturbance,
-    noise: { uniform: state.uniform, normal: state.normal },
+    gains: names.map((name) => values[name]), plant: names.map((name) => state.truth[name] ?? values[name]),
+    disturbance: state.disturbance, noise: { uniform: state.uniform, normal: state.normal },
     delay: Math.round(state.delay / data.settings.sample_time), seed: state.seed, first: state.run,
     sampleTime: data.settings.sample_time,
   };
-}
-
-// A number of the plant that the file gives stays; others are what the law believes.
-function truthOf(row, value) {
-  return data.plant[row] !== data.values[row] ? data.plant[row] : value;
 }
 
 // -- workers -------------------------------------------------------------------------------------
@@ -60,7 +58,7 @@ class Pool {
         this.next();
       };
       worker.onerror = (error) => { say(`The loop failed: ${error.message}`); };
-      worker.postMessage({ spec: data.loop });
+      worker.postMessage({ specs: data.variants.map((v) => v.loop) });
     }
   }
 
@@ -85,7 +83,7 @@ async function follow() {
   running = true;
   while (stale) {
     stale = false;
-    const { runs } = await first.run({ id: ++asked, starts: [state.start], given: given() });
+    const { runs } = await first.run({ id: ++asked, variant: state.variant, starts: [state.start], given: given() });
     page.run = withModes(runs[0]);
     page.drawn = false;
     tell();
@@ -106,7 +104,7 @@ async function fan() {
   for (let a = 0; a < starts.length; a += part) {
     const some = starts.slice(a, a + part);
     const own_numbers = some.map((_, k) => drawnOf(a + k)), now = { ...given(), first: a };
-    jobs.push(many.run({ starts: some, given: now, own: own_numbers[0] && own_numbers }).then(({ runs }) => {
+    jobs.push(many.run({ variant: state.variant, starts: some, given: now, own: own_numbers[0] && own_numbers }).then(({ runs }) => {
       if (own !== fanAsked) return;
       runs.forEach((run) => page.fan.push(pathOf(run)));
       page.drawn = false;
@@ -122,16 +120,12 @@ async function fan() {
 function drawnOf(run) {
   const names = [...Object.keys(data.draws), ...data.cases];
   if (!names.length) return null;
-  const now = given(), set = (values) => {
-    const found = [...values];
-    names.forEach((name, k) => { found[data.loop.parameters.indexOf(name)] = data.drawn[run][k]; });
-    return found;
-  };
-  return { gains: set(now.gains), plant: set(now.plant) };
+  const { gains, plant } = given(Object.fromEntries(names.map((name, k) => [name, data.drawn[run][k]])));
+  return { gains, plant };
 }
 
 function withModes(run) {
-  if (!(data.modes.length > 1)) delete run.mode;
+  if (!(variant().modes.length > 1)) delete run.mode;
   return run;
 }
 
@@ -209,7 +203,7 @@ function currentRows() {
 
 const plane = new Plane(byId("plane"), page), strips = new Strips(byId("strips"), page);
 const controls = new Controls(byId("controls"));
-let mainLoop = null, makeSlice = null;
+let mainLoops = [], makeSlices = [];
 
 function changed() {
   stale = true;
@@ -291,12 +285,14 @@ function frame(now) {
   }
   if (!page.drawn && page.run) {
     page.drawn = true;
-    if (mainLoop) { mainLoop.setParameters(given, given()); mainLoop.prepare(); }
-    if (mainLoop) page.sceneNow = mainLoop.scene(page.stateAt(page.time), page.time);
-    page.slice = makeSlice ? makeSlice(page.stateAt(page.time), data.settings.horizon - page.time) : null;
+    const loop = mainLoops[state.variant], set = makeSlices[state.variant];
+    loop.setParameters(() => given(), given());
+    loop.prepare();
+    page.sceneNow = loop.scene(page.stateAt(page.time), page.time);
+    page.slice = set ? set(page.stateAt(page.time), data.settings.horizon - page.time) : null;
     plane.draw();
     strips.draw(groups(), data.settings.horizon, page.time);
-    byId("now").textContent = `${page.time.toFixed(1)} s` + (page.run.mode ? `, ${data.modes[modeNow()].replaceAll("_", " ")}` : "");
+    byId("now").textContent = `${page.time.toFixed(1)} s` + (page.run.mode ? `, ${variant().modes[modeNow()].replaceAll("_", " ")}` : "");
   }
   requestAnimationFrame(frame);
 }
@@ -370,6 +366,11 @@ function spread(values, least) {
   return [low - pad, high + pad];
 }
 
+// The numbers of all variants, each once.
+function knobs() {
+  return [...new Map(data.variants.flatMap((v) => v.knobs).map((knob) => [knob.key, knob])).values()];
+}
+
 function addControls() {
   data.states.forEach((q, i) => {
     const [low, high] = q.angle ? [-Math.PI, Math.PI] : spread(data.starts.map((s) => s[i]), q.unit === "m" ? 0.5 : 0.2);
@@ -381,22 +382,22 @@ function addControls() {
       set: (v) => { state.disturbance[k] = v; changed(); } });
   });
   for (const [name, [low, high]] of Object.entries(data.draws)) {
-    const row = data.loop.parameters.indexOf(name);
-    controls.add({ name, unit: data.units[name] || "1", group: "draws", low, high, get: () => state.values[row],
-      set: (v) => { state.values[row] = v; changed(); } });
+    controls.add({ name, unit: data.units[name] || "1", group: "draws", low, high, get: () => state.values[name],
+      set: (v) => { state.values[name] = v; changed(); } });
   }
-  for (const knob of data.knobs) {
-    const base = knob.of === "plant" ? data.plant[knob.row] : data.values[knob.row];
-    const wide = knob.of === "plant" ? 0.5 : 1, ends = [base - wide * Math.abs(base), base + wide * Math.abs(base)].map(
-      (v) => (knob.above !== null && v <= knob.above ? knob.above + 1e-3 * Math.abs(base) : v));
+  for (const knob of knobs()) {
+    const { name } = knob, values = allValues(), of_plant = knob.of === "plant";
+    const base = of_plant ? data.plant[name] ?? values[name] : values[name];
     if (!base) continue;
+    const wide = of_plant ? 0.5 : 1, ends = [base - wide * Math.abs(base), base + wide * Math.abs(base)].map(
+      (v) => (knob.above !== null && v <= knob.above ? knob.above + 1e-3 * Math.abs(base) : v));
     controls.add({ ...knob, low: ends[0], high: ends[1],
-      get: knob.of === "plant" ? () => given().plant[knob.row] : () => state.values[knob.row],
-      set: (v) => { if (knob.of === "plant") state.truth[knob.row] = v; else state.values[knob.row] = v; changed(); } });
+      get: of_plant ? () => state.truth[name] ?? state.values[name] : () => state.values[name],
+      set: (v) => { (of_plant ? state.truth : state.values)[name] = v; changed(); } });
   }
   if (!data.settings.continuous) {
     controls.add({ name: "delay", unit: "s", says: "by how long the law sees everything late", group: "sensing", low: 0,
-      high: data.loop.latest * data.settings.sample_time, get: () => state.delay,
+      high: data.variants[0].loop.latest * data.settings.sample_time, get: () => state.delay,
       set: (v) => { state.delay = Math.round(v / data.settings.sample_time) * data.settings.sample_time; changed(); } });
     data.states.forEach((q, i) => controls.add({ ...q, name: `noise of ${q.name}`, says: "half the width of uniform noise", group: "sensing",
       low: 0, high: q.unit === "rad" ? 0.1 : 0.05, above: null, get: () => state.uniform[i], set: (v) => { state.uniform[i] = Math.max(v, 0); changed(); } }));
@@ -412,9 +413,11 @@ function asScenario() {
     tables[table] ??= {};
     tables[table][rest.join(".")] = value;
   };
-  for (const knob of data.knobs) {
-    if (knob.of === "both" && state.values[knob.row] !== data.values[knob.row]) into(knob.key, state.values[knob.row]);
-    if (knob.of === "plant" && knob.row in state.truth) into(knob.key, state.truth[knob.row]);
+  if (variant().label && state.variant > 0) for (const name of data.filters) delete tables[name];
+  const own = allValues();
+  for (const { name, key, of } of knobs()) {
+    if (of === "both" && state.values[name] !== own[name]) into(key, state.values[name]);
+    if (of === "plant" && name in state.truth) into(key, state.truth[name]);
   }
   delete tables.compare;
   tables.starts = { states: [Object.fromEntries(data.states.map((q, i) => [q.name, state.start[i]]))], start_outside: true };
@@ -424,7 +427,7 @@ function asScenario() {
   const names = Object.keys(data.draws);
   if (names.length) {
     tables.varied.draws = Object.fromEntries(names.map((name) => {
-      const value = state.values[data.loop.parameters.indexOf(name)];
+      const value = state.values[name];
       return [name, data.units[name] ? { range: [value, value], unit: data.units[name] } : [value, value]];
     }));
     delete tables.varied.vertices;
@@ -454,11 +457,10 @@ function saved(url, name) {
 
 // -- the set of the law's value -------------------------------------------------------------------
 
-function slices() {
-  const grid = data.grid;
+function slices(loop, grid) {
   if (!grid) return null;
   const of = { float32: Float32Array, float64: Float64Array }[grid.type];
-  const values = new of(mainLoop.table.buffer, mainLoop.table.byteOffset, mainLoop.table.byteLength / of.BYTES_PER_ELEMENT);
+  const values = new of(loop.table.buffer, loop.table.byteOffset, loop.table.byteLength / of.BYTES_PER_ELEMENT);
   const axes = grid.states, last = axes.length, strides = grid.shape.map((_, i) => grid.shape.slice(i + 1).reduce((a, b) => a * b, 1));
   const timed = grid.shape.length - last;
   return (now, left) => {
@@ -502,10 +504,14 @@ async function begin() {
   time.max = data.settings.horizon;
   time.step = page.recordEvery / 4;
   addControls();
+  const choice = byId("variant");
+  choice.parentElement.hidden = data.variants.length < 2;
+  data.variants.forEach(({ label }, k) => choice.add(new Option(label, k)));
+  choice.addEventListener("change", () => { state.variant = Number(choice.value); changed(); });
   byId("play").addEventListener("click", () => play(!page.playing));
   time.addEventListener("input", () => { page.time = Number(time.value); page.drawn = false; });
   byId("fan").addEventListener("change", fan);
-  byId("reset").addEventListener("click", () => { state = initial(); if (data.drawn.length && data.drawn[0].length) takeDrawn(0); page.time = 0; changed(); });
+  byId("reset").addEventListener("click", () => { state = initial(); if (data.drawn.length && data.drawn[0].length) takeDrawn(0); page.time = 0; choice.value = 0; changed(); });
   byId("toml").hidden = data.tables === null;
   byId("toml").addEventListener("click", () => copied(asScenario(), "The scenario"));
   byId("png").addEventListener("click", () => saved(canvas.toDataURL("image/png"), `${data.name}.png`));
@@ -520,11 +526,11 @@ async function begin() {
   });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => theme());
   new ResizeObserver(() => { page.drawn = false; }).observe(canvas);
-  mainLoop = await ClosedLoop.of(data.loop);
-  mainLoop.setParameters(given, given());
-  mainLoop.prepare();
-  makeSlice = slices();
-  page.sceneNow = mainLoop.scene(state.start, 0);
+  mainLoops = await Promise.all(data.variants.map((v) => ClosedLoop.of(v.loop)));
+  makeSlices = mainLoops.map((loop, k) => slices(loop, data.variants[k].grid));
+  mainLoops[0].setParameters(() => given(), given());
+  mainLoops[0].prepare();
+  page.sceneNow = mainLoops[0].scene(state.start, 0);
   const fixed = data.scene.filter((s) => s.kind === "Segment").flatMap(({ at }) =>
     [[page.sceneNow[at], page.sceneNow[at + 1]], [page.sceneNow[at + 2], page.sceneNow[at + 3]]]);
   const targets = data.scene.some((s) => s.role === "target") ? data.scene.filter((s) => s.role === "target") : [];
