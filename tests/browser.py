@@ -58,12 +58,12 @@ def browser():
 
 
 @contextmanager
-def opened(found, path, *, width=1280, height=900, **options):
+def opened(found, path, *, link="", width=1280, height=900, **options):
     """The page of a file, once it runs."""
     context = found.new_context(viewport={"width": width, "height": height}, **options)
     try:
         one = Opened(context.new_page())
-        one.page.goto(path.as_uri())
+        one.page.goto(path.as_uri() + link)
         one.page.wait_for_selector("body[data-ready]", timeout=60_000)
         yield one
     finally:

@@ -201,3 +201,15 @@ def test_a_law_of_another_controller_is_refused(tmp_path):
     (tmp_path / "mine.toml").write_text(text, "utf-8")
     with pytest.raises(ScenarioError, match="commanded by another controller"):
         hf.explore(str(tmp_path / "mine.toml"))
+
+
+def test_a_link_holds_what_is_seen(chromium, written):
+    with opened(chromium, written("inspection")) as page:
+        page.page.evaluate("state.start[1] = 0.7; state.values.k1 = 0.15; state.variant = 1; changed()")
+        page.until("!running && !stale")
+        state, link = page.numbers("page.run.state"), page.page.evaluate("asLink()")
+    with opened(chromium, written("inspection"), link=link) as page:
+        assert page.page.input_value("#variant") == "1"
+        np.testing.assert_array_equal(page.numbers("page.run.state"), state)
+    with opened(chromium, written("inspection"), link="#%7B%22start%22%3A%5B1%5D%7D") as page:
+        assert "not understood" in page.page.inner_text("#notice")

@@ -16,20 +16,18 @@ onmessage = async ({ data: job }) => {
 // -- what can be changed -----------------------------------------------------------------------
 
 // Numbers by name; `truth` is what the vehicle is while the law believes `values`.
-const initial = () => ({
-  variant: 0, start: [...data.starts[0]], values: allValues(), truth: { ...data.plant }, disturbance: [...data.disturbance],
-  uniform: [...data.noise.uniform], normal: [...data.noise.normal], delay: data.settings.delay,
-  seed: data.settings.seed, run: 0, offset: [0, 0],
-});
-let state = initial();
-if (data.drawn.length && data.drawn[0].length) takeDrawn(0);
-
-function allValues() { return Object.assign({}, ...data.variants.map((v) => v.values)); }
-
-function takeDrawn(run) {
-  [...Object.keys(data.draws), ...data.cases].forEach((name, k) => { state.values[name] = data.drawn[run][k]; });
+function initial() {
+  const drawn = drawnNames().map((name, k) => [name, data.drawn[0][k]]);
+  return {
+    variant: 0, start: [...data.starts[0]], values: { ...allValues(), ...Object.fromEntries(drawn) },
+    truth: { ...data.plant }, disturbance: [...data.disturbance], uniform: [...data.noise.uniform],
+    normal: [...data.noise.normal], delay: data.settings.delay, seed: data.settings.seed, run: 0, offset: [0, 0],
+  };
 }
+function allValues() { return Object.assign({}, ...data.variants.map((v) => v.values)); }
+function drawnNames() { return [...Object.keys(data.draws), ...data.cases]; }
 
+let state = initial();
 const variant = () => data.variants[state.variant];
 
 function given(more = {}) {
@@ -118,7 +116,7 @@ async function fan() {
 
 // What the scenario draws for a run of the fan.
 function drawnOf(run) {
-  const names = [...Object.keys(data.draws), ...data.cases];
+  const names = drawnNames();
   if (!names.length) return null;
   const { gains, plant } = given(Object.fromEntries(names.map((name, k) => [name, data.drawn[run][k]])));
   return { gains, plant };
@@ -214,6 +212,7 @@ function changed() {
 }
 
 function say(text) { byId("status").textContent = text; }
+function notice(text) { byId("notice").textContent = text; }
 
 function tell() {
   const run = page.run, labels = Object.keys(data.look.outcomes);
@@ -445,14 +444,40 @@ function asScenario() {
 }
 
 async function copied(text, what) {
-  try { await navigator.clipboard.writeText(text); say(`${what} is on the clipboard.`); }
-  catch { const area = byId("copy"); area.hidden = false; area.value = text; area.select(); say(`${what}: press Ctrl+C.`); }
+  try { await navigator.clipboard.writeText(text); notice(`${what} is on the clipboard.`); }
+  catch { const area = byId("copy"); area.hidden = false; area.value = text; area.select(); notice(`${what}: press Ctrl+C.`); }
 }
 
 function saved(url, name) {
   const link = document.createElement("a");
   link.href = url; link.download = name;
   link.click();
+}
+
+// What is seen as the end of the page's address: what differs from the beginning.
+function asLink() {
+  const own = initial(), changes = {};
+  for (const [name, value] of Object.entries(state)) {
+    if (name === "values") {
+      const other = Object.entries(value).filter(([key, v]) => v !== own.values[key]);
+      if (other.length) changes.values = Object.fromEntries(other);
+    } else if (JSON.stringify(value) !== JSON.stringify(own[name])) changes[name] = value;
+  }
+  return `#${encodeURIComponent(JSON.stringify(changes))}`;
+}
+
+function fromLink(text) {
+  if (text.length < 2) return;
+  const number = (v) => typeof v === "number" && Number.isFinite(v);
+  const like = (value, own) => (Array.isArray(own) ? Array.isArray(value) && value.length === own.length && value.every(number)
+    : number(own) ? number(value) : typeof value === "object" && value !== null && Object.values(value).every(number));
+  try {
+    for (const [name, value] of Object.entries(JSON.parse(decodeURIComponent(text.slice(1))))) {
+      if (!(name in state) || !like(value, state[name])) throw new Error(name);
+      if (name === "variant" && !(value in data.variants)) throw new Error(name);
+      state[name] = name === "values" ? { ...state.values, ...value } : value;
+    }
+  } catch (error) { notice(`The end of this page's address is not understood: ${error.message}`); }
 }
 
 // -- the set of the law's value -------------------------------------------------------------------
@@ -507,13 +532,18 @@ async function begin() {
   const choice = byId("variant");
   choice.parentElement.hidden = data.variants.length < 2;
   data.variants.forEach(({ label }, k) => choice.add(new Option(label, k)));
+  fromLink(location.hash);
+  choice.value = state.variant;
+  controls.show();
   choice.addEventListener("change", () => { state.variant = Number(choice.value); changed(); });
   byId("play").addEventListener("click", () => play(!page.playing));
   time.addEventListener("input", () => { page.time = Number(time.value); page.drawn = false; });
   byId("fan").addEventListener("change", fan);
-  byId("reset").addEventListener("click", () => { state = initial(); if (data.drawn.length && data.drawn[0].length) takeDrawn(0); page.time = 0; choice.value = 0; changed(); });
+  byId("reset").addEventListener("click", () => { state = initial(); page.time = 0; choice.value = 0; changed(); });
   byId("toml").hidden = data.tables === null;
   byId("toml").addEventListener("click", () => copied(asScenario(), "The scenario"));
+  byId("link").addEventListener("click", () => copied(location.href.split("#")[0] + asLink(), "The link"));
+  window.addEventListener("hashchange", () => { state = initial(); fromLink(location.hash); choice.value = state.variant; changed(); });
   byId("png").addEventListener("click", () => saved(canvas.toDataURL("image/png"), `${data.name}.png`));
   byId("svg").addEventListener("click", () => {
     const context = new SvgContext(plane.view.width, plane.view.height);
