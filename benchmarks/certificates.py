@@ -1,6 +1,6 @@
 """What is proved of shipped scenarios: cells, shares, seconds, memory, what the checker says.
 
-    python benchmarks/certificates.py [--only NAME ...]
+    python benchmarks/certificates.py [--part PART] [--only NAME ...]
 
 writes `benchmarks/certificates.json`. Every case runs in a process of its own, compiled code in the
 cache, and `holdfast-check` reads the file that it writes: all entries, or a random share of them.
@@ -14,13 +14,21 @@ import multiprocessing
 import resource
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from scipy.stats import qmc
+
+from holdfast.analysis.certificates.certificate import Certificate
+from holdfast.execution.intervals.enclosure import Enclosure
+from holdfast.maths.definitions.quantity import symbol
 from holdfast.studies.certification import certified, certified_with_room
 from holdfast.studies.largest_certified import largest_certified
+from holdfast.studies.law_certification import judged_law
 from holdfast_check.checker import NotValidError, check
 
 RECORD = Path(__file__).with_suffix(".json")
@@ -93,6 +101,28 @@ CERTIFIED = {
 
 """By name: what is certified."""
 
+JUDGED = {
+    "seen-guarded": Case(
+        "seen-guarded",
+        "target in view by a law that runs into it and its safeguard, any current up to 0.05 m/s",
+        {"box": {"ahead": (0.35, 2.0), "bearing": (-0.5235, 0.5235)}},
+        share=0.1,
+    ),
+    "berth-filter": Case(
+        "berth-filter",
+        "boat in its berth by the filter of a kernel, whatever is commanded",
+        {"box": {"x": (-1.0, 1.0), "y": (-1.0, 1.0)}, "cells": 80, "inputs": 10},
+        overrides=("law={external=true}",),
+        share=0.02,
+    ),
+    "ferry-tacks": Case(
+        "ferry-tacks",
+        "ferry off the banks by a law of two modes",
+        {"box": {"y": (-3.0, 3.0), "psi": (-0.8, 0.8)}, "cells": 161},
+    ),
+}
+"""By name: of which law of a closed loop it is asked what it keeps."""
+
 LARGEST = {
     "seen-target": Case("seen-target", "current"),
     "seen-target-most": Case("seen-target", "current", {"share": 0.9}),
@@ -106,6 +136,32 @@ LARGEST = {
     "loaded-cart": Case("loaded-cart", "uncertain.mass", {"sample_time": 0.2, "share": 0.5}),
 }
 """By name: the number of which the largest certified value is searched."""
+
+HALVED = {
+    "seen-target": Case("seen-target", "", {"cells": 51, "refine": 2}),
+    "held-station": Case("held-station", "", {"cells": 51, "refine": 2, "sample_time": 0.02}),
+    "ferry-banks": Case("ferry-banks", "", {"cells": 81, "refine": 2, "sample_time": 0.5}),
+    "seen-with-sway": Case(
+        "seen-with-sway",
+        "",
+        {"cells": {"ahead": 31, "left": 41, "v": 11}, "refine": 2, "sample_time": 0.2},
+        room=CERTIFIED["seen-with-sway"].room,
+    ),
+    "pushed-cart": Case(
+        "pushed-cart", "", {"cells": 16, "refine": 1, "sample_time": 0.5, "inputs": 3}, share=0.02
+    ),
+    "seen-by-thrust": Case(
+        "seen-by-thrust",
+        "",
+        {"cells": {"ahead": 25, "left": 33, "u": 17, "v": 9}, "refine": 1, "sample_time": 0.2},
+        share=0.02,
+        room=CERTIFIED["seen-by-thrust"].room,
+    ),
+}
+"""By name: cells that are halved near certified ones, to compare with all cells that small."""
+
+POINTS = 1 << 18
+"""Spread evenly over the box: those in certified cells, of those in the region."""
 
 
 def searched(name: str) -> dict[str, Any]:
@@ -134,10 +190,24 @@ def searched(name: str) -> dict[str, Any]:
     }
 
 
+def _by_its_law(*scenario: Any, **options: Any) -> Certificate:
+    return judged_law(*scenario, **options).certificate
+
+
 def measured(name: str) -> dict[str, Any]:
     """A case: what is certified, and in what time and memory; what the checker says of the file."""
-    case = CERTIFIED[name]
-    certify = partial(certified_with_room, room=case.room) if case.room else certified
+    return recorded(CERTIFIED[name])
+
+
+def judged(name: str) -> dict[str, Any]:
+    """The same of what a law keeps."""
+    return recorded(JUDGED[name])
+
+
+def recorded(case: Case) -> dict[str, Any]:
+    certify: Callable[..., Certificate] = _by_its_law if "box" in case.options else certified
+    if case.room:
+        certify = partial(certified_with_room, room=case.room)
     certify(case.scenario, case.overrides, **{**case.options, "cells": 5})  # compiled
     begun = time.perf_counter()
     found = certify(case.scenario, case.overrides, **case.options)
@@ -168,16 +238,67 @@ def measured(name: str) -> dict[str, Any]:
     }
 
 
+def certified_volume(found: Certificate) -> float:
+    """The part of the region's volume that lies in certified cells."""
+    edges, free = found.cells.edges, [n for n, _ in found.parameters]
+    low, high = (np.array([e[k] for e in edges]) for k in (0, -1))
+    points = low + (high - low) * qmc.Sobol(len(low), seed=1).random(POINTS)
+    names = [symbol(n) for n in (*(n for n, _ in found.states), *free)]
+    limits = Enclosure([e for *_, e in found.constraints], names)
+    ends = [np.tile([found.ranges[n][k] for n in free], (POINTS, 1)) for k in (0, 1)]
+    most = limits.over(*(np.hstack([points, end]) for end in ends))[1]
+    kept = np.zeros(found.cells.total, dtype=bool)
+    kept[found.kept.members] = True
+    places = [np.searchsorted(e, points[:, k], side="right") - 1 for k, e in enumerate(edges)]
+    inside = kept[np.ravel_multi_index(places, found.cells.counts, mode="clip")]
+    return float(inside[(most <= 0).all(axis=1)].mean())
+
+
+def halved(name: str) -> list[dict[str, Any]]:
+    """A case: cells that are halved, and all cells as small as the smallest of them."""
+    case = HALVED[name]
+    certify = partial(certified_with_room, room=case.room) if case.room else certified
+    certify(case.scenario, case.overrides, **{**case.options, "cells": 5, "refine": 0})  # compiled
+    cells, times = case.options["cells"], case.options["refine"]
+    small = cells << times if isinstance(cells, int) else {n: c << times for n, c in cells.items()}
+    rows = []
+    for options in (case.options, {**case.options, "cells": small, "refine": 0}):
+        begun = time.perf_counter()
+        found = certify(case.scenario, case.overrides, **options)
+        row: dict[str, Any] = {
+            "scenario": case.scenario,
+            "cells": [c >> options["refine"] for c in found.cells.counts],
+            "halved": options["refine"],
+            "entries": len(found.kept.entries),
+            "seconds": round(time.perf_counter() - begun, 2),
+            "volume": round(certified_volume(found), 4),
+        }
+        with tempfile.TemporaryDirectory() as folder:
+            path = found.write(Path(folder) / "certificate.holdfast")
+            row["file_bytes"] = path.stat().st_size
+            if options["refine"]:
+                row |= {"checked_share": case.share, "checker": check(str(path), case.share)}
+        rows.append(row)
+    return rows
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--only", nargs="*", help="cases by name, certificates and searches")
+    parser.add_argument("--only", nargs="*", help="cases by name")
+    parser.add_argument("--part", choices=("certified", "largest", "halved"), help="of the record")
     asked = parser.parse_args()
     record = json.loads(RECORD.read_text("utf-8")) if RECORD.exists() else {}
     context = multiprocessing.get_context("spawn")
-    for part, cases, run in (("certified", CERTIFIED, measured), ("largest", LARGEST, searched)):
+    parts: list[tuple[str, dict[str, Case], Callable[[str], Any]]] = [
+        ("certified", CERTIFIED, measured), ("judged", JUDGED, judged),
+        ("largest", LARGEST, searched), ("halved", HALVED, halved),
+    ]  # fmt: skip
+    for part, cases, run in parts:
         kept = record.setdefault(part, {})
         for name in cases:
             if asked.only is not None and name not in asked.only:
+                continue
+            if asked.part is not None and part != asked.part:
                 continue
             with context.Pool(1) as pool:
                 kept[name] = pool.apply(run, (name,))

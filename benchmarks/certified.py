@@ -9,6 +9,12 @@ writes `benchmarks/certified.json`. Problems:
 * converter: the safety of a DC-DC converter with two modes (the same source, after A. Girard).
 * cart, cart3: between two walls, pushed; and pushed by an unknown bias that is a third state. Their
   exact kernels are known: the share of the exact cells that is certified.
+* population: its growth is steered and its size is kept (J.-P. Aubin and P. Saint-Pierre, 2007; the
+  example of Viabilitree). Its exact kernel is known: the share of its area that is certified,
+  beside that of the set which Viabilitree's repository has (`testTest`, depth 10, commit 49676ea).
+* hill: a car on a hill, the viability kernel that integralibex (T. Le Mezo, intervals, Ibex) finds
+  from inside and from outside: `car_on_the_hill_kernel` of its main.cpp. No figure is published
+  with it but its picture.
 
 share: of the entries that `holdfast-check` checks. Seconds are those of this machine; the second of
 two runs, after the machine code is made.
@@ -32,6 +38,7 @@ import numpy as np
 import sympy as sp
 
 import holdfast as hf
+from holdfast.analysis.certificates.narrowed import narrowed
 from holdfast.execution.resources import available_cores
 from holdfast.maths.expressions.functions import least
 
@@ -138,6 +145,79 @@ def cart(bias: bool) -> hf.Certificate:
     return hf.certify(system, walls, box=box, cells=201, sample_time=0.2, inputs=tried)
 
 
+KEPT = (0.2, 3.0)
+"""The least and the greatest size of the population."""
+
+FOUND_BY_KD_TREE = (6.8141, 0.7303)
+"""The area of Viabilitree's set of 183 boxes, and the share of it that is in the exact kernel."""
+
+
+ROOM = (5e-4, 5e-4), (0.005, 0.15)
+"""Pushes on the two rates of population and hill that are searched with and not stated, so that the
+checker agrees."""
+
+
+def pushed(
+    name: str,
+    states: tuple[hf.Quantity, hf.Quantity],
+    rates: tuple[sp.Expr, sp.Expr],
+    input: hf.Quantity,
+    most: float,
+    room: tuple[float, float],
+) -> hf.System:
+    """A system of two states whose rates may be off by `room`."""
+    pushes = tuple(hf.Quantity(f"push{k}", f"{q.unit}/s") for k, q in enumerate(states))
+    return hf.System(
+        name, states, (input,),
+        {q.name: r + p.symbol for q, r, p in zip(states, rates, pushes, strict=True)},
+        disturbances=pushes, disturbance_bounds=hf.Box(tuple(-r for r in room), room),
+        input_bounds=hf.Box((-most,), (most,)),
+    )  # fmt: skip
+
+
+def unpushed(found: hf.Certificate) -> hf.Certificate:
+    return narrowed(found, {"push0": (0.0, 0.0), "push1": (0.0, 0.0)})
+
+
+def population() -> hf.Certificate:
+    """x' = x y, y' = u: the growth y changes by at most 1/2."""
+    x, y, u = (hf.symbol(n) for n in "xyu")
+    states = hf.Quantity("x", "1"), hf.Quantity("y", "1/s")
+    growth = hf.Quantity("u", "1/s^2")
+    system = pushed("population", states, (x * y, u), growth, 0.5, ROOM[0])
+    a, b = KEPT
+    size = region("size", system, [a - x, x - b, -2 - y, y - 2])
+    box = {"x": KEPT, "y": (-2, 2)}
+    return unpushed(hf.certify(system, size, box=box, cells=800, sample_time=0.1, inputs=3))
+
+
+def of_exact_population(found: hf.Certificate) -> tuple[float, int]:
+    """Of the area of the exact kernel; how many cells are not in it.
+
+    y <= sqrt(log(b/x)) and y >= -sqrt(log(x/a)): the growth ends before the size does.
+    """
+    a, b = KEPT
+    low, high = found.cells.corners(found.kept.members)
+    fine = high[:, 1] <= np.sqrt(np.log(b / high[:, 0]))
+    fine &= low[:, 1] >= -np.sqrt(np.log(low[:, 0] / a))
+    x = a + (b - a) * (np.arange(1_000_000) + 0.5) / 1_000_000
+    exact = (b - a) * float(np.mean(np.sqrt(np.log(b / x)) + np.sqrt(np.log(x / a))))
+    return float((high - low).prod(axis=1).sum() / exact), int((~fine).sum())
+
+
+def hill() -> hf.Certificate:
+    """x' = v, v' = -9.81 sin(slope) - 0.7 v + u, with the numbers of the source."""
+    x, v, u = (hf.symbol(n) for n in "xvu")
+    eleven = sp.Rational(11, 10)
+    slope = (-eleven / sp.Rational(6, 5) * sp.sin(x) - sp.Rational(6, 5) * sp.sin(eleven * x)) / 2
+    rates = v, -sp.Rational(981, 100) * sp.sin(slope) - sp.Rational(7, 10) * v + u
+    states = hf.Quantity("x", "m"), hf.Quantity("v", "m/s")
+    car = pushed("car", states, rates, hf.Quantity("u", "m/s^2"), 0.5, ROOM[1])
+    box = {"x": (-1.0, 13.0), "v": (-16.0, 16.0)}
+    track = region("track", car, [-1 - x, x - 13, -16 - v, v - 16])
+    return unpushed(hf.certify(car, track, box=box, cells=400, sample_time=0.05, inputs=3))
+
+
 def exact_share(found: hf.Certificate) -> tuple[float, int]:
     """Certified cells of those in the exact kernel; how many certified ones are not in it."""
     low, high = found.cells.corners(np.arange(int(np.prod(found.cells.counts))))
@@ -153,11 +233,41 @@ def exact_share(found: hf.Certificate) -> tuple[float, int]:
     )
 
 
+def driven(found: hf.Certificate) -> dict[str, object]:
+    """A thousand runs of the law from certified cells: how many arrive, and how near to a wall."""
+    system = hf.certified_system(found)
+    square, goal = (
+        region(name, system, [e for _, _, e in limits])
+        for name, limits in (("square", found.constraints), ("goal", found.target))
+    )
+    generator = np.random.default_rng(0)
+    low, high = found.cells.corners(generator.choice(found.kept.members, 1000))
+    starts = low + (high - low) * generator.random(low.shape)
+    ends, goes_on = (
+        hf.simulate(
+            system, hf.certified_law(found), starts=starts, region=square, goal=goal,
+            horizon=found.kept.holds * found.hold, sample_time=found.hold,
+            record_every=found.hold, substeps=20, until_goal=until_goal,
+        )
+        for until_goal in (True, False)
+    )  # fmt: skip
+    took, says = ends.arrays["goal_time"].values, ends.arrays["signal"].values[:, 0, 0]
+    return {
+        "arrived": ends.outcomes["reached goal"],
+        "arrived_in_time": int((took <= says + 1e-9).sum()),
+        "longest_s": float(took.max()),
+        "at_the_goal_at_the_end": goes_on.outcomes["reached goal"],
+        "worst_constraint": float(goes_on.arrays["worst_constraint"].values.max()),
+    }
+
+
 PROBLEMS: dict[str, Callable[[], hf.Certificate]] = {
     "vehicle": vehicle,
     "converter": converter,
     "cart": lambda: cart(False),
     "cart3": lambda: cart(True),
+    "population": population,
+    "hill": hill,
 }
 PUBLISHED = {"vehicle": 597.96, "converter": 93.06}
 """Seconds of SCOTS, on other hardware."""
@@ -179,10 +289,15 @@ def judged(name: str, share: float) -> dict[str, object]:
     if name == "vehicle":
         low, high = found.cells.corners(found.kept.members)
         begins = (low[:, :2] <= START).all(axis=1) & (high[:, :2] >= START).all(axis=1)
-        row |= {"start_headings": int(begins.sum()), "holds": found.kept.holds}
+        row |= {"start_headings": int(begins.sum()), "holds": found.kept.holds, **driven(found)}
     if name.startswith("cart"):
         row["of_exact"], row["outside_exact"] = exact_share(found)
         row["of_exact"] = round(row["of_exact"], 4)
+    if name == "population":
+        of_exact, outside = of_exact_population(found)
+        area, inside = FOUND_BY_KD_TREE
+        row |= {"of_exact": round(of_exact, 4), "outside_exact": outside}
+        row |= {"published_area": area, "published_inside": inside}
     with tempfile.TemporaryDirectory() as folder:
         path = found.write(Path(folder) / "some.certificate")
         row["bytes"] = path.stat().st_size

@@ -32,23 +32,34 @@ def moved(z, u, r, push, step):
     return turned * z - (u + push) * lever
 
 
-def worst_of(certificate, answer, count, samples, pieces, seed):
+def worst_of(certificate, answer, count, samples, pieces, seed, late=0, error=0.0):
     """The largest constraint in runs against corners of the disturbance, chosen piece by piece.
 
-    answer: the inputs at states, shape (count, 2) both.
+    answer: the inputs at states, shape (count, 2) both. late: of how many pieces the inputs are,
+    until when those of before act, or any at first. error: by which `left` is measured wrong, on
+    the side that is worst for the run, or any; the first measurement is in a certified cell.
     """
     rng = np.random.default_rng(seed)
     start = starts_in(certificate, certificate.kept.members, count, seed)
-    z = start[:, 0] + 1j * start[:, 1]
+    seen = start[:, 0] + 1j * start[:, 1]
     kind = np.arange(count) % 3  # the corner that is worst then, any corner, one for a sample
+    z = seen + 1j * error * _sides(seen, kind, rng)
     worst, step = most(z).max(), certificate.hold / pieces
+    before = certificate.candidates[rng.integers(0, len(certificate.candidates), count)]
     for _ in range(samples):
-        inputs = answer(np.stack([z.real, z.imag], axis=1))
+        inputs = answer(np.stack([seen.real, seen.imag], axis=1))
         fixed = rng.integers(0, 4, count)
-        for _ in range(pieces):
-            ends = moved(z[:, None], inputs[:, :1], inputs[:, 1:], CORNERS, step)
+        for piece in range(pieces):
+            acts = before if piece < late else inputs
+            ends = moved(z[:, None], acts[:, :1], acts[:, 1:], CORNERS, step)
             bad = most(ends).argmax(axis=1)
             chosen = np.choose(kind, [bad, rng.integers(0, 4, count), fixed])
             z = ends[np.arange(count), chosen]
             worst = max(worst, most(z).max())
+        before, seen = inputs, z - 1j * error * _sides(z, kind, rng)
     return worst
+
+
+def _sides(z, kind, rng):
+    """Farther out than it is seen, or on any side."""
+    return np.where(kind == 0, np.sign(z.imag), rng.choice([-1.0, 1.0], len(z)))

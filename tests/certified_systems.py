@@ -2,14 +2,16 @@
 
 import hashlib
 import json
+import math
 import zlib
 
 import sympy as sp
 
 import holdfast as hf
+from holdfast.maths.expressions.functions import least
 
 AHEAD, LEFT, U, R, WA, WB = (hf.symbol(n) for n in ("ahead", "left", "u", "r", "wa", "wb"))
-X, V, A, W = (hf.symbol(n) for n in ("x", "v", "a", "w"))
+X, Y, PSI, V, A, W = (hf.symbol(n) for n in ("x", "y", "psi", "v", "a", "w"))
 BOX = {"ahead": (0.3, 2.1), "left": (-1.2, 1.2)}
 
 
@@ -45,6 +47,34 @@ def cart():
 
 
 CART = {"x": (-1, 1), "v": (-2, 2)}
+
+
+def rows(name, system, limits):
+    """The region of these limits."""
+    found = tuple(hf.Inequality(f"c{k}", e, "m") for k, e in enumerate(limits))
+    return hf.Region(name, system.states, found)
+
+
+def vehicle():
+    """A unicycle in a room of 3 m x 2 m, a block between it and its goal, in a current."""
+    system = hf.System(
+        "vehicle", (hf.Quantity("x", "m"), hf.Quantity("y", "m"), hf.Quantity("psi", "rad")),
+        (hf.Quantity("u", "m/s"), hf.Quantity("r", "rad/s")),
+        {"x": U * sp.cos(PSI) + W, "y": U * sp.sin(PSI), "psi": R},
+        disturbances=(hf.Quantity("w", "m/s"),), disturbance_bounds=hf.Box((-0.05,), (0.05,)),
+        input_bounds=hf.Box((-1.0, -1.5), (1.0, 1.5)),
+    )  # fmt: skip
+    block = least(least(X - 1.0, 1.4 - X), 1.1 - Y)
+    room = rows("room", system, (-X, X - 3, -Y, Y - 2, block))
+    return system, room, rows("goal", system, (2.2 - X, Y - 0.8))
+
+
+def to_goal():
+    """The certificate of the vehicle: to its goal from most of the room."""
+    system, room, goal = vehicle()
+    box = {"x": (0, 3), "y": (0, 2), "psi": (-math.pi, math.pi)}
+    cells = {"x": 30, "y": 20, "psi": 30}
+    return hf.certify(system, room, target=goal, box=box, cells=cells, sample_time=0.25, inputs=5)
 
 
 def changed(path, alter, *, entries=None):

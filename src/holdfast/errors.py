@@ -62,7 +62,8 @@ class RenamedWarning(FutureWarning):
 
 
 class CacheWarning(UserWarning):
-    """A cache of compiled code that is not used, because other users could change its content."""
+    """A cache of compiled code that is not used, because other users could change its content; or
+    what an earlier run has left, because it is of another problem."""
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:

@@ -9,14 +9,17 @@ for T and any disturbance within the bounds
 3. c <= 0 on the way: all over B, or from both ends by the least and greatest rate of c over B;
 4. every state at the end lies in cells of the set (of a level one lower, for a finite horizon).
 
-Then the set is never left. Numbers are balls of Arb (python-flint) with 80 bits. The states at the
-end are a Taylor polynomial of the middle and what others differ from it by (mean value form).
+Then the set is never left. Where a law gives the inputs, an entry is a cell and the mode of the law
+before the sample, and all that the law may do all over the cell leads to entries. Numbers are balls
+of Arb (python-flint) with 80 bits. The states at the end are a Taylor polynomial of the middle and
+what others differ from it by (mean value form).
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
+import base64
 import bisect
 import contextlib
 import functools
@@ -50,6 +53,8 @@ class NotValidError(Exception):
     """Where and why a certificate does not prove what it says."""
 
 
+Choice = tuple[list["Expression"], list["Expression"], int, Sequence[tuple[Any, ...]]]
+"""Conditions, inputs, the mode of a law afterwards, and what inputs that are left free may be."""
 Entries = list[tuple[int, int, int]]
 """Cells, the numbers of their inputs, and levels: 0 is for ever."""
 
@@ -81,10 +86,6 @@ def _once(pairs: Any) -> Values:
 
 def ball(low: float, high: float) -> Any:
     return arb(low).union(arb(high))
-
-
-class NoSlopeError(Exception):
-    """A function that has no Taylor series, or no slope."""
 
 
 def _sign(x: Any) -> Any:
@@ -130,7 +131,7 @@ def applied(name: str, *x: Any) -> Any:
     if name in SMOOTH:
         return getattr(x[0], name)()
     if name in JUMPS or flint.ctx.cap > 2:
-        raise NoSlopeError
+        raise ValueError
     terms = [v if isinstance(v, arb_series) else arb_series([v]) for v in x]
     if name in CHOICES:
         a, b = terms
@@ -141,9 +142,7 @@ def applied(name: str, *x: Any) -> Any:
 
 def _times(a: Any, b: Any) -> Any:
     """A product; of two balls by their ends, which is narrower than that of middles and radii."""
-    if isinstance(a, arb_series) or isinstance(b, arb_series) or a.is_exact() or b.is_exact():
-        return a * b
-    if not (a.is_finite() and b.is_finite()):
+    if any(isinstance(q, arb_series) or q.is_exact() or not q.is_finite() for q in (a, b)):
         return a * b
     ends = itertools.product((a.lower(), a.upper()), (b.lower(), b.upper()))
     return functools.reduce(arb.union, itertools.starmap(mul, ends))
@@ -168,10 +167,8 @@ class Expression:
         return None
 
     def at(self, values: Values) -> Any:
-        try:
-            return self._value(self.tree, values)
-        except ValueError:  # a series whose first term may be 0 divides
-            raise NoSlopeError from None
+        """Raises `ValueError` for a function that has no Taylor series, or no slope."""
+        return self._value(self.tree, values)
 
     def _value(self, node: ast.expr, values: Values) -> Any:
         match node:
@@ -195,9 +192,7 @@ class Expression:
             raise NotValidError(f"the exponent {twice / 2} is no half of a whole number")
         whole, half = divmod(abs(int(twice)), 2)
         if isinstance(base, arb_series) or whole % 2 or not base.is_finite():
-            found = arb(1)
-            for _ in range(whole):
-                found = _times(found, base)
+            found = functools.reduce(_times, whole * [base], arb(1))
         else:
             low, high = abs(base).lower().max(arb(0)), abs(base).upper()
             found = (low**whole).union(high**whole)
@@ -218,76 +213,105 @@ class Checker:
     """The claims of a certificate, cell by cell."""
 
     def __init__(self, h: Values, entries: Entries) -> None:
-        lists = ("rates", "constraints", "target", "law", "edges", "errors", "candidates")
+        lists = ("rates", "constraints", "target", "edges", "errors", "candidates")
         if not all(type(h[k]) is list for k in lists) or set(map(type, h["periodic"])) - {bool}:
             raise NotValidError("the header has another form")
-        self.edges = [_floats(axis) for axis in h["edges"]]
-        self.inputs = [_floats(row) for row in h["candidates"]]
+        self.edges, self.inputs = ([_floats(r) for r in h[k]] for k in ("edges", "candidates"))
         self.rates = _expressions(h["rates"])
         self.constraints = _expressions(c["expression"] for c in h["constraints"])
         self.target = _expressions(c["expression"] for c in h["target"])
-        self.law = _expressions(h["law"])
-        self.states = [q["name"] for q in h["states"]]
-        self.input_names = [q["name"] for q in h["inputs"]]
+        self.states, self.input_names = ([q["name"] for q in h[k]] for k in ("states", "inputs"))
         free = [*h["disturbances"], *h["parameters"]]
         self.bound_names = [q["name"] for q in free]
         ranges = [_floats(q["range"]) for q in free]
         if not all(-math.inf < a <= b < math.inf for a, b in ranges):
             raise NotValidError("a range is reversed or not finite")
         self.bounds = {n: ball(*r) for n, r in zip(self.bound_names, ranges, strict=True)}
-        self.hold, self.delay, *errors = map(arb, _floats([h["hold"], h["delay"], *h["errors"]]))
-        self.errors = errors
-        self.kept: dict[int, int] = {}
-        self.others: dict[int, bool] = {}
+        numbers = _floats([h["hold"], h["delay"], *h["errors"]])
+        self.hold, self.delay, *self.errors = map(arb, numbers)
+        self.kept: dict[tuple[int, int], int] = {}
+        both = (*self.constraints, *self.target)
+        self.ends = functools.cache(lambda cell: all(self._holds(c, cell) for c in both))
         self.shape, self.turning = [len(e) - 1 for e in self.edges], h["periodic"]
+        self.total, depth = math.prod(self.shape), min(h.get("depth", 0), 31)
+        self.widths = [2**k for k in range(depth + 1)]
         self.still = [t == "0" and e == 0 for t, e in zip(h["rates"], self.errors, strict=True)]
+        self._choices(h["law"])
         self._well_formed(h["holds"], entries)
-        last = [v for v in self.kept.values() if self.target or v == (h["holds"] or 0)]
-        if len(last) != h["cells_kept"]:
+        first, ends = self.law["initial"], h["holds"] or 0
+        last = {c for (c, k), v in self.kept.items() if k == first and (self.target or v == ends)}
+        places = ((c, *self._place(c)) for c in last)
+        whole = [w for c, w, place in places if c == max(last.intersection(self._numbers(place)))]
+        if sum(wide ** len(self.shape) for wide in whole) != h["cells_kept"]:
             raise NotValidError("the cells of the horizon are not as many as it says")
+
+    def _choices(self, law: Values) -> None:
+        """What may be given: inputs that were tried, one each, or the options of a law's modes."""
+        names, tried = _expressions(self.input_names), [tuple(map(arb, r)) for r in self.inputs]
+        self.choices: list[list[Choice]] = [[([], names, 0, [row])] for row in tried]
+        self.under_way = [ball(min(c), max(c)) for c in zip(*self.inputs, strict=True)]
+        self.law = law or {"where": [], "modes": [], "initial": 0, "table": None}
+        self.where = [(name, *_expressions([text])) for name, text in self.law["where"]]
+        table = self.law["table"] or {"axes": [], "nodes": {}}
+        self.axes = [(*_expressions([place]), *_floats(ends), n, turns)
+                     for place, ends, n, turns in table["axes"]]  # fmt: skip
+        every = list(itertools.product(*(range(n) for _, _, n, _ in table["axes"])))
+        packed = {name: [zlib.decompress(base64.b64decode(end)) for end in ends]
+                  for name, ends in table["nodes"].items()}  # fmt: skip
+        self.nodes = {name: [dict(zip(every, struct.unpack(f"<{len(every)}d", end), strict=True))
+                             for end in ends] for name, ends in packed.items()}  # fmt: skip
+        if law:
+            parts = [list(itertools.starmap(ball, itertools.pairwise(_floats(e))))
+                     for e in law["parts"]]  # fmt: skip
+            self.under_way = [ball(*_floats(ends)) for ends in law["under_way"]]
+            self.choices = [[self._option(parts, *o) for o in mode] for mode in law["modes"]]
+        both = [e for options in self.choices for when, u, *_ in options for e in (*when, *u)]
+        self.told = [*both, *(e for _, e in self.where), *(place for place, *_ in self.axes)]
+
+    def _option(self, parts: list[Balls], when: list[str], inputs: list[str], to: int) -> Choice:
+        """Its conditions and inputs, the mode then, and what inputs that it leaves free may be."""
+        both = [_expressions(when), _expressions(inputs)]
+        free = any(e.names & {*self.input_names} for e in itertools.chain(*both))
+        return both[0], both[1], to, list(itertools.product(*parts)) if free else [()]
 
     def _well_formed(self, most: int | None, entries: Entries) -> None:
         names = [*self.states, *self.input_names, *self.bound_names]
         known = {n for n in names if n.isascii() and n.isidentifier()} - {*NAMES, *keyword.kwlist}
         if len(known) < len(names):
             raise NotValidError("a name stands twice, is none, or is that of a function or number")
-        for e in (*self.rates, *self.constraints, *self.target):
+        known |= {*(name for name, _ in self.where), *self.nodes, "time_in_mode"}
+        for e in (*self.rates, *self.constraints, *self.target, *self.told):
             if odd := e.names - known:
                 raise NotValidError(f"an expression uses the undeclared name {min(odd)}")
-        if any(e.names - set(self.states) for e in self.law):
-            raise NotValidError("the law uses what is no state")
+        given = {len(u) for options in self.choices for _, u, _, _ in options}
         if {len(self.rates), len(self.edges), len(self.errors)} != {len(self.states)}:
             raise NotValidError("there is not one rate, axis and error for each state")
-        rows = self.inputs if not self.law else [self.law]
-        if any(len(row) != len(self.input_names) for row in rows):
+        if {*given, *map(len, self.inputs)} != {len(self.input_names)}:
             raise NotValidError("an input has not one number for each name")
         for name, axis, turns in zip(self.states, self.edges, self.turning, strict=True):
             if not all(a < b for a, b in itertools.pairwise(axis)):
                 raise NotValidError(f"the edges of {name} do not grow")
             if turns:
                 self._turns(name, axis)
-        numbers = [v for row in self.inputs for v in row]
         whole = (most is None and not self.target) or (type(most) is int and most >= 1)
         times = self.hold.is_finite() and 0 <= self.delay < self.hold
-        finite = all(map(math.isfinite, numbers)) and all(
-            e.is_finite() and e >= 0 for e in self.errors
-        )
-        if not (times and whole and self.constraints and finite and rows):
+        finite = all(map(math.isfinite, itertools.chain(*self.inputs)))
+        finite = finite and all(e.is_finite() and e >= 0 for e in self.errors)
+        if not (times and whole and self.constraints and finite and self.choices):
             raise NotValidError("the hold, the horizon, the constraints or the inputs are none")
-        if self.law and self.delay > 0:
-            raise NotValidError("a law has no inputs that a delay could leave from before")
-        total, better = math.prod(self.shape), min if self.target else max
+        count, better = self.total * len(self.widths), min if self.target else max
         for cell, choice, level in entries:
             horizon = level == 0 if most is None else 1 <= level <= most
-            if not (cell < total and choice < len(rows) and horizon):
+            if not (cell < count and choice < len(self.choices) and horizon):
                 raise NotValidError(f"entry of cell {cell}: no such cell, input or level")
-            self.kept[cell] = better(level, self.kept.get(cell, level))
+            place = cell, choice if self.law["modes"] else 0
+            self.kept[place] = better(level, self.kept.get(place, level))
 
     def _turns(self, name: str, axis: list[float]) -> None:
         """An angle: all rates have it in sines and cosines alone, and a turn is in the axis."""
         if not arb(axis[-1]) - arb(axis[0]) >= 2 * arb.pi():
             raise NotValidError(f"the axis of {name} is less than a turn")
-        for e in (*self.rates, *self.constraints, *self.target, *self.law):
+        for e in (*self.rates, *self.constraints, *self.target, *self.told):
             if not _turns_with(e.tree, name):
                 raise NotValidError(f"{name} comes back after a turn, {ast.unparse(e.tree)} not")
 
@@ -299,40 +323,81 @@ class Checker:
         for k, c in enumerate(self.constraints):
             if not self._holds(c, cell):
                 raise NotValidError(f"{where} is not inside constraint {k}")
-        x = self._with_errors(seen)
-        legs = list(self._legs(seen, choice))
-        for leg, (hold, fixed) in enumerate(legs):
-            way = self._way(x, fixed, hold, where)
-            end = self._end(x, way, fixed, hold)
-            for k, c in enumerate(self.constraints):
-                begun = cell if leg == 0 else None
-                if not self._kept(c, begun, (x, way, end), fixed, hold, leg == len(legs) - 1):
-                    raise NotValidError(f"{where}: constraint {k} may fail on the way")
-            x = end
-        for led in self._cells(self._with_errors(x)):
-            if led is None or not self._reached(led, level):
-                raise NotValidError(f"{where} may lead to cell {led}, which is not kept")
+        if next(self._given([q.mid() for q in seen], choice), None) is None:
+            raise NotValidError(f"{where}: the law does nothing in the middle")
+        for inputs, mode in self._given(seen, choice):
+            x = self._with_errors(seen)
+            legs = [(self.hold - self.delay, inputs)]
+            if self.delay > 0:  # first any input that may be under way
+                if not all(q.contains(u) for q, u in zip(self.under_way, inputs, strict=True)):
+                    raise NotValidError(f"{where}: an input is none that may be under way")
+                legs.insert(0, (self.delay, self.under_way))
+            for leg, (hold, u) in enumerate(legs):
+                fixed = {**self.bounds, **dict(zip(self.input_names, u, strict=True))}
+                way = self._way(x, fixed, hold, where)
+                end = self._end(x, way, fixed, hold)
+                begun, ends = cell if leg == 0 else None, leg == len(legs) - 1
+                for k, c in enumerate(self.constraints):
+                    if not self._kept(c, begun, (x, way, end), fixed, hold, ends):
+                        raise NotValidError(f"{where}: constraint {k} may fail on the way")
+                x = end
+            for led in self._cells(self._with_errors(x)):
+                if led is None or not self._reached(led, mode, level):
+                    raise NotValidError(f"{where} may lead to {led and led[0]}, which is not kept")
 
-    def _legs(self, seen: Balls, choice: int) -> Iterator[tuple[Any, Values]]:
-        """Durations, and all quantities but the states: first any input that may be under way."""
-        if self.law:
-            inputs = [e.at(dict(zip(self.states, seen, strict=True))) for e in self.law]
-        else:
-            inputs = [arb(v) for v in self.inputs[choice]]
-        if self.delay > 0:
-            ranges = [ball(min(column), max(column)) for column in zip(*self.inputs, strict=True)]
-            yield self.delay, {**self.bounds, **dict(zip(self.input_names, ranges, strict=True))}
-        yield (
-            self.hold - self.delay,
-            {**self.bounds, **dict(zip(self.input_names, inputs, strict=True))},
-        )
+    def _given(self, seen: Balls, choice: int) -> Iterator[tuple[Balls, int]]:
+        """All inputs that may be given with states measured there, and the mode of the law then.
+
+        Of a law these are of the first option whose conditions hold.
+        """
+        at = self.bounds | dict(zip(self.states, seen, strict=True)) | {"time_in_mode": arb("nan")}
+        at.update(self._looked_up(at))
+        for name, e in self.where:
+            at[name] = e.at(at)
+        for when, inputs, to, parts in self.choices[choice]:
+            sure = False
+            for part in parts:
+                at.update(zip(self.input_names, part, strict=bool(part)))
+                if not any(e.at(at) > 0 for e in when):
+                    yield [e.at(at) for e in inputs], to
+                    sure |= all(e.at(at) < 0 for e in when)
+            if sure:
+                return
+
+    def _looked_up(self, at: Values) -> Values:
+        """The values of a law's table, between those at the nodes around a place."""
+        blocks = []
+        for place, low, step, n, turns in self.axes:
+            q = (place.at(at) - low) / step
+            first, last = (int(k) if turns else min(max(k, 0), n - 1)
+                           for k in (math.floor(_down(q)), math.ceil(-_down(-q))))  # fmt: skip
+            blocks.append([k % n for k in range(first, last + 1)])
+        around = list(itertools.product(*blocks))
+        return {name: ball(min(low[k] for k in around), max(high[k] for k in around))
+                for name, (low, high) in self.nodes.items()}  # fmt: skip
+
+    def _place(self, cell: int) -> tuple[int, list[int]]:
+        """The width of a cell in the smallest ones, and the place of the first of these in it."""
+        doubled, rest = divmod(cell, self.total)
+        wide, place = self.widths[doubled], list[int]()
+        for count in reversed(self.shape):
+            rest, k = divmod(rest, count)
+            if k % wide or k + wide > count:
+                raise NotValidError(f"there is no cell {cell}")
+            place.insert(0, k)
+        return wide, place
+
+    def _numbers(self, place: Sequence[int]) -> Iterator[int]:
+        """The cells of all sizes that one of the smallest is in, itself the first."""
+        for doubled, wide in enumerate(self.widths):
+            cell = doubled
+            for k, count in zip(place, self.shape, strict=True):
+                cell = cell * count + k - k % wide
+            yield cell
 
     def _box(self, cell: int) -> list[tuple[float, float]]:
-        place: list[int] = []
-        for count in reversed(self.shape):
-            cell, k = divmod(cell, count)
-            place.insert(0, k)
-        return [(e[k], e[k + 1]) for e, k in zip(self.edges, place, strict=True)]
+        wide, place = self._place(cell)
+        return [(e[k], e[k + wide]) for e, k in zip(self.edges, place, strict=True)]
 
     def _with_errors(self, x: Balls) -> Balls:
         return [q + e * ball(-1, 1) for q, e in zip(x, self.errors, strict=True)]
@@ -344,23 +409,22 @@ class Checker:
             return which(self._holds(part, cell) for part in parts[1])
         box = [(a - e, b + e) for (a, b), e in zip(self._box(cell), self.errors, strict=True)]
         x = [a.union(b) for a, b in box]
-        with contextlib.suppress(NoSlopeError):
+        with contextlib.suppress(ValueError):
             slopes = self._slopes(c, x, self.bounds, self.states)
             x = [b if s >= 0 else a if s <= 0 else q
                  for q, (a, b), s in zip(x, box, slopes, strict=True)]  # fmt: skip
         return bool(c.at({**self.bounds, **dict(zip(self.states, x, strict=True))}) <= 0)
 
-    def _reached(self, cell: int, level: int) -> bool:
-        """Whether a cell is of the set: where time is counted, of a level one closer to its end."""
-        if cell in self.kept:
-            if self.target:
-                return self.kept[cell] < level
-            return self.kept[cell] >= level - 1
-        if level == 0 or (level > 1 and not self.target):
-            return False
-        if cell not in self.others:  # level 0: in the region, and in the target where there is one
-            self.others[cell] = all(self._holds(c, cell) for c in (*self.constraints, *self.target))
-        return self.others[cell]
+    def _reached(self, cells: list[int], mode: int, level: int) -> bool:
+        """Whether a cell is of the set, or part of one that is.
+
+        Where time is counted, of a level one closer to its end.
+        """
+        known = [self.kept[cell, mode] for cell in cells if (cell, mode) in self.kept]
+        if any(k < level if self.target else k >= level - 1 for k in known):
+            return True
+        # level 0: in the region, and in the target where there is one
+        return (level == 1 or bool(self.target)) and self.ends(cells[0])
 
     def _rates(self, x: Balls, fixed: Values) -> Balls:
         values = {**fixed, **dict(zip(self.states, x, strict=True))}
@@ -385,14 +449,14 @@ class Checker:
         free = [name for name, q in fixed.items() if not q.is_exact()]
         try:
             slopes = [self._slopes(r, way, fixed, [*self.states, *free]) for r in self.rates]
-        except NoSlopeError:
+        except ValueError:
             return plain
         a = [row[:n] for row in slopes]
         try:
             first, rest = self._series(middle, still, 3), self._series(way, still, 4)
             nominal = [c[0] + c[1] * h + c[2] * h**2 + r[3] * h**3
                        for c, r in zip(first, rest, strict=True)]  # fmt: skip
-        except NoSlopeError:
+        except ValueError:
             begun, during = self._rates(middle, still), self._rates(way, still)
             nominal = [c + h * f + h**2 / 2 * _dot(row, during)
                        for c, f, row in zip(middle, begun, a, strict=True)]  # fmt: skip
@@ -417,8 +481,8 @@ class Checker:
         """The derivatives of an expression by these names over a box."""
         flint.ctx.cap = 2
         values = {**fixed, **dict(zip(self.states, way, strict=True))}
-        found = [e.at({**values, n: arb_series([values[n], 1])}) for n in names]
-        return [f[1] if isinstance(f, arb_series) else arb(0) for f in found]
+        zero = arb_series([0])
+        return [(e.at({**values, n: arb_series([values[n], 1])}) + zero)[1] for n in names]
 
     def _rate(self, c: Expression, way: Balls, fixed: Values) -> Any:
         """The derivative of an expression by time over a box: two enclosures, what both say."""
@@ -426,8 +490,7 @@ class Checker:
         slopes = _dot(self._slopes(c, way, fixed, self.states), rates)
         flint.ctx.cap = 2
         moving = {n: arb_series([q, r]) for n, q, r in zip(self.states, way, rates, strict=True)}
-        found = c.at({**fixed, **moving})
-        return _common(slopes, found[1] if isinstance(found, arb_series) else arb(0))
+        return _common(slopes, (c.at({**fixed, **moving}) + arb_series([0]))[1])
 
     def _series(self, x: Balls, fixed: Values, terms: int) -> list[Balls]:
         """Taylor coefficients of the trajectory from x."""
@@ -437,19 +500,14 @@ class Checker:
             values = {n: arb_series([v]) for n, v in fixed.items()}
             values |= {n: arb_series(c) for n, c in zip(self.states, coefficients, strict=True)}
             for c, r in zip(coefficients, self.rates, strict=True):
-                found = r.at(values)
-                told = found[k] if isinstance(found, arb_series) else (arb(found) if k == 0 else 0)
-                c.append(arb(told) / (k + 1))
+                c.append((r.at(values) + arb_series([0]))[k] / (k + 1))
         return coefficients
 
-    def _kept(
-        self, c: Expression, cell: int | None, boxes: Sequence[Balls], fixed: Values, hold: Any,
-        ends: bool,
-    ) -> bool:  # fmt: skip
+    def _kept(self, c: Expression, cell: Any, boxes: Any, fixed: Values, h: Any, ends: Any) -> bool:
         """Whether c <= 0 on (start, way, end), from a cell if there; ends: known at the end."""
         if parts := c.parts():
             which, known = (any, False) if parts[0] == "least" else (all, ends)
-            if which(self._kept(p, cell, boxes, fixed, hold, known) for p in parts[1]):
+            if which(self._kept(p, cell, boxes, fixed, h, known) for p in parts[1]):
                 return True
         places = [{**fixed, **dict(zip(self.states, q, strict=True))} for q in boxes]
         first, during, last = (c.at(place) for place in places)
@@ -459,7 +517,7 @@ class Checker:
         ends = ends or bool(last <= 0)
         try:
             rate = self._rate(c, boxes[1], fixed)
-        except NoSlopeError:
+        except ValueError:
             return False
         if rate <= 0 or rate >= 0:
             return begins if rate <= 0 else ends
@@ -467,10 +525,10 @@ class Checker:
             return False
         up, down = rate.upper(), rate.lower()
         c0, c1 = (v.upper().min(arb(0)) for v in (first, last))
-        return bool(c0 + up * (c1 - c0 - hold * down) / (up - down) <= 0)
+        return bool(c0 + up * (c1 - c0 - h * down) / (up - down) <= 0)
 
-    def _cells(self, end: Balls) -> Iterator[int | None]:
-        """The cells that a box touches; None beyond the grid."""
+    def _cells(self, end: Balls) -> Iterator[list[int] | None]:
+        """The smallest cells that a box touches, and those they are in; None beyond the grid."""
         ranges = []
         each = zip(end, self.edges, self.turning, self.still, strict=True)
         for q, axis, turns, still in each:  # a state that is still does not leave the grid
@@ -478,22 +536,17 @@ class Checker:
             if not q.is_finite() or beyond:
                 yield None
                 return
-            turn = 2 * arb.pi()
             around = math.floor((_down(q) - axis[0]) / (2 * math.pi)) if turns else 0
             places = set()
             for k in (around - 1, around, around + 1) if turns else (0,):
-                low, high = _down(q - k * turn), -_down(k * turn - q)
+                low, high = _down(q - 2 * k * arb.pi()), -_down(2 * k * arb.pi() - q)
                 first = max(bisect.bisect_left(axis, low) - 1, 0)
                 places |= set(range(first, min(bisect.bisect_right(axis, high), len(axis) - 1)))
             if not places:  # so many turns that doubles do not count them
                 yield None
                 return
             ranges.append(sorted(places))
-        for place in itertools.product(*ranges):
-            cell = 0
-            for k, count in zip(place, self.shape, strict=True):
-                cell = cell * count + k
-            yield cell
+        yield from map(list, map(self._numbers, itertools.product(*ranges)))
 
 
 def _turns_with(node: ast.AST, name: str) -> bool:
@@ -530,9 +583,9 @@ def _dot(a: Balls, b: Balls) -> Any:
 
 def _common(a: Any, b: Any) -> Any:
     """What two balls of one number have in common; one of them where the other says nothing."""
-    if not a.is_finite():
-        return b
-    return a.intersection(b) if b.is_finite() and a.overlaps(b) else a
+    if a.is_finite() and b.is_finite() and a.overlaps(b):
+        return a.intersection(b)
+    return a if a.is_finite() else b
 
 
 def _down(q: Any) -> float:
@@ -544,18 +597,15 @@ def check(path: str, share: float = 1.0, seed: int = 0) -> str:
     """What was checked, in a sentence. Raises `NotValidError` where the certificate is wrong."""
     flint.ctx.prec = BITS
     header, every = read(path)
-    checker, entries = Checker(header, every), every
-    if share < 1:
-        entries = random.Random(seed).sample(entries, max(round(share * len(entries)), 1))
+    checker, count = Checker(header, every), max(round(share * len(every)), 1)
+    entries = every if share == 1 else random.Random(seed).sample(every, count)
     for k, entry in enumerate(entries):
         checker.entry(*entry)
         if k % 2000 == 1999 and sys.stderr.isatty():
             print(f"\r{k + 1} of {len(entries)} ", end="", file=sys.stderr)
     holds = header["holds"]
-    seconds = f"{(holds or 0) * float(checker.hold.mid()):g} s"
-    lasts = "for ever" if holds is None else f"for {seconds}"
-    if checker.target:
-        lasts = f"reach the target within {seconds}"
+    how = "reach the target within" if checker.target else "for"
+    lasts = "for ever" if holds is None else f"{how} {holds * float(checker.hold.mid()):g} s"
     told = f"{header['cells_kept']} cells {lasts}: {len(entries)} of {len(every)} entries hold"
     if len(entries) == len(every):
         return told

@@ -178,13 +178,16 @@ FUNCTIONS = {
     "certify": lambda: {
         "system": line(), "region": end(), "box": {"x": (-1.0, 1.0)}, "cells": 5, "sample_time": 0.1, "horizon": 0.2, "inputs": 2,
         "uncertain": {"push": (0.1, 0.2)}, "disturbance": {"d": 0.1}, "errors": {"x": 0.01}, "delay": 0.02,
+        "refine": 1, "store": tempfile.mkdtemp(),
     },
     "judge_law": lambda: {
         "system": line(), "region": end(), "law": push_law(), "box": {"x": (-1.0, 1.0)}, "cells": 5, "sample_time": 0.1,
-        "horizon": 0.2, "uncertain": {"push": (0.1, 0.2)}, "disturbance": {"d": 0.1}, "errors": {"x": 0.01},
+        "horizon": 0.2, "uncertain": {"push": (0.1, 0.2)}, "disturbance": {"d": 0.1}, "errors": {"x": 0.01}, "delay": 0.02, "inputs": 2,
     },
     "certificate_figure": lambda: {"found": certificate()},
-    "certified_law": lambda: {"certificate": certificate(), "system": hf.load_scenario("seen-target").system},
+    "certified_law": lambda: {
+        "certificate": certificate(), "system": hf.load_scenario("seen-target").system, "disturbance": {"wa": 0.1},
+    },
     "certified_system": lambda: {"certificate": certificate()},
     "read_certificate": lambda: {"path": certificate_file()},
     "disturbance_margin": lambda: {
@@ -278,7 +281,7 @@ FUNCTIONS = {
         "system": line(), "law": push_law(), "starts": [[0.1]], "part": range(1), "region": end(), "goal": end(), "horizon": 0.2,
         "stepper": "rk4", "disturbance": {"d": 0.1}, "plant": {"push": 0.3}, "varied": hf.Varied(), "reference": {"x": 0.0},
         "start_outside": False, "sample_time": 0.02, "substeps": 2, "record_every": 0.1, "tolerance": 0.0, "seed": 1,
-        "delay": 0.0, "switch_limit": 5, "noise_normal": {"x": 0.01}, "noise_uniform": {"x": 0.01},
+        "delay": 0.0, "until_goal": True, "switch_limit": 5, "noise_normal": {"x": 0.01}, "noise_uniform": {"x": 0.01},
     },
     "station_keeping_limits": lambda: {"speed_bound": 0.3, "lam": 3.0, "k1": 1.5, "r0": 0.1, "k2": 5.0},
     "station_statistics": lambda: {"result": station(), "radius": 0.1, "settled": 0.5, "heading": 0.1},

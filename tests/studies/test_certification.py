@@ -57,6 +57,30 @@ def test_command_writes_a_certificate_and_the_other_one_checks_it(tmp_path):
     assert (tmp_path / "c" / "certificate.png").exists()
 
 
+def test_command_halves_cells_and_says_so(tmp_path):
+    given = ["--cells", "25", "--refine", "4", "--out", str(tmp_path)]
+    answer = CliRunner().invoke(command, ["seen-target", *given])
+    assert answer.exit_code == 0, answer.output
+    told = json.loads((tmp_path / "certificate.json").read_text())
+    assert told["cells"] == [400, 400]
+    assert told["halved"] == 4
+    assert f"400 x 400, of up to 16 times that width, {told['entries']} in all" in answer.output
+    assert told["entries"] < 0.03 * told["cells_certified"]
+    assert 0.9995 < told["share"] < 1
+    assert "(99.9 %), for ever" in answer.output
+    assert (tmp_path / "certificate.png").exists()
+    assert "with 99.9 % confidence" in check(str(tmp_path / "certificate.holdfast"), share=0.2)
+
+
+def test_halved_cells_with_room_are_stated_for_the_scenario(tmp_path):
+    options = {"cells": 20, "refine": 2}
+    roomy = certified_with_room("seen-target", (), [WIDER], **options)
+    own = certified("seen-target", **options)
+    assert list(roomy.kept.region) == list(own.kept.region)
+    assert 0 < len(roomy.kept.members) <= len(own.kept.members)
+    assert check(str(roomy.write(tmp_path / "c.holdfast")), share=0.2)
+
+
 def test_command_says_where_nothing_is_certified(tmp_path):
     answer = holdfast(
         "certify", "seen-target", "--cells", "15", "--no-figures",

@@ -49,6 +49,14 @@ def test_what_is_proved_is_below_what_the_margin_of_the_kernel_finds():
     assert proved.low < 0.5 < margin.low
 
 
+def test_trials_of_a_largest_current_halve_cells():
+    asked = {"between": (0.1, 0.6), "tolerance": 0.3, "cells": 25, "refine": 1}
+    found = largest_certified("seen-target", "current", **asked)
+    assert found.low == pytest.approx(0.35)
+    assert found.found.kept.depth == 1
+    assert found.found.cells.counts == (50, 50)
+
+
 def test_mass_may_be_off_by_a_ninth_with_half_of_the_states_certified(tmp_path):
     found = searched("loaded-cart", "uncertain.mass", share=0.5, sample_time=0.2)
     assert found.low == pytest.approx(2.344, abs=1e-3)

@@ -13,6 +13,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.studies.certification import certified, certified_with_room
+from holdfast.studies.law_certification import judged_law
 from holdfast_check.checker import check
 
 ROOT = Path(__file__).parents[2]
@@ -40,8 +41,8 @@ def benchmark():
 
 
 @cache
-def proof(name):
-    case = benchmark().CERTIFIED[name]
+def proof(name, part="CERTIFIED"):
+    case = getattr(benchmark(), part)[name]
     room = {"room": case.room} if case.room else {}
     certify = certified_with_room if room else certified
     return certify(case.scenario, case.overrides, **room, **case.options)
@@ -67,6 +68,20 @@ def row(name):
     )
 
 
+def row_of_law(name):
+    """A row of the page's table of laws."""
+    r = RECORD["judged"][name]
+    says = f"{100 * r['checked_share']:g} % checked" if r["checked_share"] < 1 else "valid"
+    assert r["valid"]
+    assert r["horizon"] is None
+    cells = " x ".join(map(str, r["cells"]))
+    return (
+        f"| `{r['scenario']}` | {r['what']} | {cells} | {r['sample_time']:g} s | "
+        f"{r['cells_certified']:,} of {r['cells_in_region']:,}, {percent(r['share'])} | "
+        f"{r['seconds_to_certify']:.1f} s | {says} |"
+    )
+
+
 def row_of_search(name):
     """A row of the page's table of searches."""
     r = RECORD["largest"][name]
@@ -82,6 +97,74 @@ def row_of_search(name):
 @pytest.mark.parametrize("name", RECORD["certified"])
 def test_certificates_of_the_page_are_those_of_the_record(name):
     assert row(name) in PAGE
+
+
+@pytest.mark.parametrize("name", RECORD["halved"])
+def test_halved_cells_of_the_page_are_those_of_the_record(name):
+    """What they certify is what all cells that small do, from half of the entries at most."""
+    few, all_small = RECORD["halved"][name]
+    for r in (few, all_small):
+        says = ""
+        if r["halved"]:
+            whole = r["checked_share"] == 1
+            says = "valid" if whole else f"{100 * r['checked_share']:g} % checked"
+        told = (
+            f"| `{r['scenario']}` | {' x '.join(map(str, r['cells']))} | {r['halved']} | "
+            f"{percent(r['volume'])} | {r['entries']:,} | {r['file_bytes'] / 1000:,.0f} kB | "
+            f"{r['seconds']:.1f} s | {says} |"
+        )
+        assert told in PAGE
+    assert abs(few["volume"] - all_small["volume"]) < 5e-4
+    assert 2 * few["entries"] < all_small["entries"]
+
+
+HALVED = [
+    pytest.param(n, marks=[pytest.mark.heavy] if n in LARGE else []) for n in RECORD["halved"]
+]
+
+
+@pytest.mark.parametrize("name", HALVED)
+def test_halved_cells_of_the_record_keep_the_region_against_adversaries_in_closed_loop(name):
+    found, (few, _) = proof(name, "HALVED"), RECORD["halved"][name]
+    assert len(found.kept.entries) == few["entries"]
+    assert benchmark().certified_volume(found) == pytest.approx(few["volume"], abs=2e-4)
+    assert closed_loop(found, starts=500, holds=100, seed=4) < 2e-4
+
+
+@pytest.mark.parametrize("name", RECORD["judged"])
+def test_laws_of_the_page_are_those_of_the_record(name):
+    assert row_of_law(name) in PAGE
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(n, marks=() if n == "ferry-tacks" else pytest.mark.heavy)
+        for n in RECORD["judged"]
+    ],
+)
+def test_law_of_the_record_is_judged_so_and_the_checker_finds_no_cell_wrong(name, tmp_path):
+    case, r = benchmark().JUDGED[name], RECORD["judged"][name]
+    found = judged_law(case.scenario, case.overrides, **case.options).certificate
+    assert len(found.kept.members) == r["cells_certified"]
+    assert found.kept.inside == r["cells_in_region"]
+    assert check(str(found.write(tmp_path / "c.holdfast")), share=100 / len(found.kept.members))
+
+
+def test_ferry_that_tacks_stays_off_the_banks_from_its_certified_cells():
+    case = benchmark().JUDGED["ferry-tacks"]
+    found = judged_law(case.scenario, case.overrides, **case.options)
+    assert found.verdict == "refuted"  # from the corners, heading for the bank
+    loaded = hf.load_scenario(case.scenario)
+    rng = np.random.default_rng(1)
+    low, high = found.certificate.cells.corners(rng.choice(found.certificate.kept.members, 500))
+    starts = low + (high - low) * rng.random(low.shape)
+    for drift in (-0.15, 0.15):
+        runs = hf.simulate(
+            loaded.system, loaded.law, starts=starts, region=loaded.region, horizon=60,
+            sample_time=0.5, substeps=10, record_every=0.5, disturbance={"drift": drift},
+        )  # fmt: skip
+        assert runs.outcomes["stayed"] == 500
 
 
 @pytest.mark.parametrize("name", RECORD["largest"])

@@ -18,7 +18,14 @@ from holdfast.studies.progress import bar
 @click.argument("scenario")
 @click.option("--cells", type=WHOLE, help="Cells along each state [default: the grid's nodes].")
 @click.option(
-    "--sample-time", type=float, default=0.1, show_default=True, help="For which inputs are held."
+    "--sample-time", type=float, help="For which inputs are held [default: 0.1, or the run's]."
+)
+@click.option(
+    "--box",
+    multiple=True,
+    metavar="NAME=LOW,HIGH",
+    help="The range of a state whose cells are tried: of a closed loop, whose own law is certified "
+    "(once for each state).",
 )
 @click.option("--horizon", type=float, help="Seconds for which it is proved [default: for ever].")
 @click.option(
@@ -37,7 +44,16 @@ from holdfast.studies.progress import bar
     help="By how much a state may be measured wrong (repeatable).",
 )
 @click.option(
-    "--delay", type=float, default=0.0, help="Seconds by which an input may come late [default: 0]."
+    "--delay",
+    type=float,
+    help="Seconds by which an input may come late [default: 0, or the run's].",
+)
+@click.option(
+    "--refine",
+    type=WHOLE,
+    default=0,
+    show_default=True,
+    help="How often cells beside certified ones are halved along each state.",
 )
 @click.option(
     "--room",
@@ -70,12 +86,14 @@ from holdfast.studies.progress import bar
 def command(
     scenario: str,
     cells: int | None,
-    sample_time: float,
+    sample_time: float | None,
+    box: tuple[str, ...],
     horizon: float | None,
     inputs: int,
     uncertain: tuple[str, ...],
     error: tuple[str, ...],
-    delay: float,
+    delay: float | None,
+    refine: int,
     room: tuple[str, ...],
     largest: str | None,
     between: tuple[float, float] | None,
@@ -88,9 +106,11 @@ def command(
     """Prove from which cells of SCENARIO's grid held inputs keep its region.
 
     In a capture basin: from which they lead to its goal, in the region until then. Between samples
-    too, for every disturbance within its bounds, with every rounding counted. The
-    file certificate.holdfast is checked by another program: holdfast-check FILE. The exit status is
-    1 if no cell is certified, and with --largest if the limit was not found.
+    too, for every disturbance within its bounds, with every rounding counted. With --box SCENARIO
+    is a closed loop, and its own law is what keeps the region, or is refuted by a trajectory. The
+    file certificate.holdfast is checked by another program: holdfast-check FILE. An interrupted
+    run, but for --largest and --box, resumes when it is repeated. The exit status is 1 if no cell
+    is certified, and with --largest if the limit was not found.
     """
     from holdfast.presentation.studies.certificate import certificate_text
     from holdfast.scenario.files import scenario_title
@@ -100,15 +120,24 @@ def command(
     check_writable(folder)
     options: dict[str, Any] = {
         "cells": cells,
-        "sample_time": sample_time,
         "horizon": horizon,
         "inputs": inputs,
         "uncertain": dict(_range(text) for text in uncertain),
         "errors": dict(_error(text) for text in error),
-        "delay": delay,
+        "refine": refine,
     }
+    timing = {"sample_time": sample_time, "delay": delay}
+    options |= {name: value for name, value in timing.items() if value is not None}
     search = {"between": between, "tolerance": tolerance, "share": share}
     search = {name: value for name, value in search.items() if value is not None}
+    if box:
+        if largest is not None or room or search or options.pop("refine"):
+            raise ScenarioError(
+                "--box with --largest, --room or --refine", expected="a law's cells as they are"
+            )
+        _law(scenario, dict(_range(text, "--box") for text in box), overrides, options, folder,
+             not no_figures)  # fmt: skip
+        return
     if largest is not None and room:
         raise ScenarioError("--room with --largest", expected="one of them")
     if largest is not None:
@@ -117,7 +146,7 @@ def command(
     if search:
         raise ScenarioError(f"--{next(iter(search))} without --largest", remedy="name a number")
     with bar("cells") as tell:
-        options["progress"] = tell
+        options |= {"progress": tell, "store": folder}
         if room:
             found = certified_with_room(scenario, overrides, room, **options)
         else:
@@ -126,6 +155,28 @@ def command(
     click.echo(certificate_text(found, files))
     if not len(found.kept.members):
         click.echo("holdfast: no cell is certified; try more cells or inputs", err=True)
+        sys.exit(NOT_ANSWERED)
+
+
+def _law(
+    scenario: str,
+    box: dict[str, tuple[float, float]],
+    overrides: tuple[str, ...],
+    options: dict[str, Any],
+    folder: Path,
+    figures: bool,
+) -> None:
+    from holdfast.presentation.studies.certificate import judgement_text
+    from holdfast.studies.certification import write_certificate
+    from holdfast.studies.law_certification import judged_law
+
+    with bar("cells") as tell:
+        found = judged_law(scenario, overrides, box=box, **options, progress=tell)
+    files = []
+    if len(found.certificate.kept.members):
+        files = write_certificate(found.certificate, folder, figures=figures)
+    click.echo(judgement_text(found, files))
+    if found.verdict != "proved":
         sys.exit(NOT_ANSWERED)
 
 
@@ -150,14 +201,14 @@ def _largest(
         sys.exit(NOT_ANSWERED)
 
 
-def _range(text: str) -> tuple[str, tuple[float, float]]:
+def _range(text: str, option: str = "--uncertain") -> tuple[str, tuple[float, float]]:
     name, sign, ends = text.partition("=")
     try:
         low, high = (float(e) for e in ends.split(","))
     except ValueError:
         sign = ""
     if not (sign and name.strip()):
-        raise ScenarioError(f"--uncertain {text}", expected="NAME=LOW,HIGH, such as mass=4,6")
+        raise ScenarioError(f"{option} {text}", expected="NAME=LOW,HIGH, such as mass=4,6")
     return name.strip(), (low, high)
 
 

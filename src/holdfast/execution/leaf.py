@@ -31,10 +31,12 @@ _compiling = threading.RLock()
 class Leaves:
     """Compiled leaves.
 
-    addresses[name]: of `void (double *arguments..., *out, i64 stride, i64 count)`.
+    addresses[name]: of `void (double *arguments..., *out, i64 stride, i64 count)`. digest: of their
+    text.
     """
 
     def __init__(self, text: str, digest: str, names: Mapping[str, int]) -> None:
+        self.digest = digest
         self._engine = _engine(_object_code(text, digest))  # which holds the machine code
         self.addresses = {n: self._engine.get_function_address(_symbol(n)) for n in names}
         self._functions = {

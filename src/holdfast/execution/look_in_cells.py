@@ -94,9 +94,11 @@ def look_in_cells_many(
     number: int, entries: Table, points: Floats, numbers: Floats, shape: Wholes, periodic: Wholes,
     axes: int, rows: int, found: int, out: Floats, whole: Wholes,
 ) -> None:  # fmt: skip
-    """`look_in_cells` at many points; a cell that is not known lasts 0."""
+    """`look_in_cells` at many points; a cell that is not known lasts -1."""
     for k in range(number):
-        look_in_cells(
+        known = look_in_cells(
             entries, points[k * axes :], numbers, shape, periodic, axes, rows, found,
             out[k * found :], whole,
         )  # fmt: skip
+        if not known:
+            out[k * found] = -1.0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import sympy as sp
@@ -11,10 +11,10 @@ from holdfast.analysis.certificates.certificate import Certificate
 from holdfast.analysis.certificates.certified_law import certified_law
 from holdfast.analysis.certificates.reading import read_certificate
 from holdfast.errors import ScenarioError
-from holdfast.execution.intervals.held_flow import exact
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.region import Inequality, Region
 from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.traversal import exact
 from holdfast.scenario.schema.values import Section, Text
 from holdfast.scenario.validation import validated
 
@@ -30,31 +30,57 @@ class CertificateSpec(Section):
 
 
 def law_of_certificate(
-    file: str, table: Mapping[str, Any], system: System, region: Region | None
+    file: str,
+    table: Mapping[str, Any],
+    system: System,
+    region: Region | None,
+    goal: Region | None,
+    disturbance: Mapping[str, float],
 ) -> Law:
-    """The law of the certificate that [law] names, for this system and region.
+    """The law of the certificate that [law] names, for this system, region, goal and disturbance.
 
-    Raises `ScenarioError` for a region with an inequality that is not certified.
+    Raises `ScenarioError` for a region with an inequality that is not certified, and for a goal
+    with one that need not hold at the target of the certificate.
     """
     found = read_certificate(validated(CertificateSpec, dict(table), file, "law").certificate)
     if region is not None:
         _check_region(found, region)
-    return certified_law(found, system)
+    if goal is not None and found.target:
+        _check_goal(found, goal)
+    return certified_law(found, system, disturbance=disturbance)
 
 
 def _check_region(certificate: Certificate, region: Region) -> None:
-    certified = [exact(e) for _, _, e in certificate.constraints]
     for c in region.inequalities:
-        if not any(sp.expand(exact(c.expression) - e) == 0 for e in certified):
+        if not _among(c, certificate.constraints):
             raise ScenarioError(
                 f"'{c.name}' of region '{region.name}' is not certified",
                 expected="a region with the inequalities of the certificate: "
                 + ", ".join(name for name, _, _ in certificate.constraints),
             )
+    _check_parameters(certificate, region, "region")
+
+
+def _check_goal(certificate: Certificate, goal: Region) -> None:
+    for c in goal.inequalities:
+        if not _among(c, (*certificate.target, *certificate.constraints)):
+            raise ScenarioError(
+                f"'{c.name}' of the goal is not what the certificate leads to",
+                expected="a goal with the inequalities of its target: "
+                + ", ".join(name for name, _, _ in certificate.target),
+            )
+    _check_parameters(certificate, goal, "goal")
+
+
+def _among(c: Inequality, certified: Iterable[tuple[str, str, sp.Expr]]) -> bool:
+    return any(sp.expand(exact(c.expression) - exact(e)) == 0 for _, _, e in certified)
+
+
+def _check_parameters(certificate: Certificate, region: Region, what: str) -> None:
     for p in region.parameters:
         low, high = certificate.ranges.get(p.name, (p.value, p.value))
         if not low <= p.value <= high:
             raise ScenarioError(
-                f"{p.name} of region '{region.name}' is {p.value:g}",
+                f"{p.name} of {what} '{region.name}' is {p.value:g}",
                 expected=f"{low:g} to {high:g}, for which it is certified",
             )

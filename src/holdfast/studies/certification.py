@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from holdfast.analysis.certificates.certificate import Certificate, Range
 from holdfast.analysis.certificates.certify import certify
 from holdfast.analysis.certificates.narrowed import narrowed
@@ -35,6 +37,8 @@ def certified(
     uncertain: Mapping[str, Range] | None = None,
     errors: Mapping[str, float] | None = None,
     delay: float = 0.0,
+    refine: int = 0,
+    store: Path | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> Certificate:
     """`hf.certify` for the system, the region, the grid's box and the disturbance of a kernel.
@@ -45,6 +49,8 @@ def certified(
     loaded = check_kernel(load_scenario(scenario, overrides), scenario)
     if loaded.region is None:
         raise ScenarioError(f"'{scenario}' has no region", remedy="add a [region]")
+    if store is not None:
+        make_folder(store)
     axes = loaded.grid.axes
     return certify(
         loaded.system,
@@ -59,6 +65,8 @@ def certified(
         target=loaded.goal if loaded.kind == REACHES else None,
         errors=errors,
         delay=delay,
+        refine=refine,
+        store=store,
         progress=progress,
     )
 
@@ -73,7 +81,12 @@ def certified_with_room(
     `SimulationError` for others.
     """
     changes, harder = list(overrides), list(room)
-    once = {"horizon": options.get("sample_time", SAMPLE_TIME), "inputs": 2, "progress": None}
+    once = {
+        "horizon": options.get("sample_time", SAMPLE_TIME),
+        "inputs": 2,
+        "store": None,
+        "progress": None,
+    }
     stated = certified(scenario, changes, **{**options, **once})  # its ranges and its region
     found = certified(scenario, [*changes, *harder], **options)
     same = found.rates == stated.rates and found.constraints == stated.constraints
@@ -81,7 +94,8 @@ def certified_with_room(
         raise ScenarioError(
             "room changes rates or constraints", expected="wider bounds of disturbances"
         )
-    kept = replace(found.kept, region=stated.kept.region)
+    region = np.union1d(stated.kept.region, found.kept.members)
+    kept = replace(found.kept, region=region)
     return replace(narrowed(found, stated.ranges), kept=kept)
 
 

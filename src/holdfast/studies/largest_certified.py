@@ -58,6 +58,7 @@ def largest_certified(
     uncertain: Mapping[str, Range] | None = None,
     errors: Mapping[str, float] | None = None,
     delay: float = 0.0,
+    refine: int = 0,
     overrides: Iterable[str] = (),
     progress: Callable[[str, float], None] | None = None,
 ) -> LargestCertified:
@@ -120,6 +121,7 @@ def largest_certified(
             uncertain={**given, **searched.uncertain(value)},
             errors=errors,
             delay=delay,
+            refine=refine,
             progress=tell,
         )
         kept = found.kept

@@ -7,7 +7,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.analysis.certificates.law_keeps import judge_law
-from holdfast.errors import SimulationError
+from holdfast.errors import DefinitionError, SimulationError
 
 X, V, W = (hf.symbol(n) for n in ("x", "v", "w"))
 
@@ -89,7 +89,7 @@ def test_number_that_the_law_and_the_system_have_otherwise_is_refused():
     system, line = slider()
     system = replace(system, parameters=(hf.Parameter("k", "1/s", value=2.0),))
     law = hf.Law("back", system.states, {"v": -k * X}, (hf.Parameter("k", "1/s", value=0.1),))
-    with pytest.raises(SimulationError, match="'k' is 2 in system 'slider' and"):
+    with pytest.raises(DefinitionError, match="'k' is declared twice: 2 1/s"):
         judge_law(system, line, law, box={"x": (-1, 1)}, cells=32)
 
 

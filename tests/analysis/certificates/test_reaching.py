@@ -2,20 +2,13 @@
 
 import numpy as np
 import pytest
-import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import SimulationError
-from holdfast.maths.expressions.functions import least
 from holdfast_check.checker import NotValidError, check
-from tests.certified_systems import changed
+from tests.certified_systems import changed, rows, to_goal
 
-X, Y, PSI, U, R, W, V = (hf.symbol(n) for n in ("x", "y", "psi", "u", "r", "w", "v"))
-
-
-def region(name, system, limits):
-    rows = tuple(hf.Inequality(f"c{k}", e, "m") for k, e in enumerate(limits))
-    return hf.Region(name, system.states, rows)
+X, W, V = (hf.symbol(n) for n in "xwv")
 
 
 def runner(push=0.0):
@@ -25,29 +18,12 @@ def runner(push=0.0):
         disturbances=(hf.Quantity("w", "m/s"),), disturbance_bounds=hf.Box((-push,), (push,)),
         input_bounds=hf.Box((-1.0,), (1.0,)),
     )  # fmt: skip
-    return system, region("line", system, (-X, X - 1)), region("goal", system, (X - 0.125,))
-
-
-def vehicle():
-    """A unicycle in a room of 3 m x 2 m, a block between it and its goal, in a current."""
-    system = hf.System(
-        "vehicle", (hf.Quantity("x", "m"), hf.Quantity("y", "m"), hf.Quantity("psi", "rad")),
-        (hf.Quantity("u", "m/s"), hf.Quantity("r", "rad/s")),
-        {"x": U * sp.cos(PSI) + W, "y": U * sp.sin(PSI), "psi": R},
-        disturbances=(hf.Quantity("w", "m/s"),), disturbance_bounds=hf.Box((-0.05,), (0.05,)),
-        input_bounds=hf.Box((-1.0, -1.5), (1.0, 1.5)),
-    )  # fmt: skip
-    block = least(least(X - 1.0, 1.4 - X), 1.1 - Y)
-    room = region("room", system, (-X, X - 3, -Y, Y - 2, block))
-    return system, room, region("goal", system, (2.2 - X, Y - 0.8))
+    return system, rows("line", system, (-X, X - 1)), rows("goal", system, (X - 0.125,))
 
 
 @pytest.fixture(scope="module")
 def parked():
-    system, room, goal = vehicle()
-    box = {"x": (0, 3), "y": (0, 2), "psi": (-np.pi, np.pi)}
-    cells = {"x": 30, "y": 20, "psi": 30}
-    return hf.certify(system, room, target=goal, box=box, cells=cells, sample_time=0.25, inputs=5)
+    return to_goal()
 
 
 def test_cells_are_as_many_holds_away_as_the_distance_needs():
@@ -135,6 +111,6 @@ def test_checker_agrees_and_finds_what_is_wrong(parked, tmp_path):
 
 def test_goal_that_no_cell_lies_in_is_refused():
     system, line, _ = runner()
-    tiny = region("tiny", system, (X - 0.01,))
+    tiny = rows("tiny", system, (X - 0.01,))
     with pytest.raises(SimulationError, match="no cell lies in 'tiny'"):
         hf.certify(system, line, target=tiny, box={"x": (0, 1)}, cells=16)

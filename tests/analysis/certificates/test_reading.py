@@ -10,7 +10,7 @@ import holdfast as hf
 from holdfast.analysis.certificates.certificate import KNOWN
 from holdfast.analysis.certificates.exact_text import exact_expression
 from holdfast.errors import DefinitionError, ExpressionError, OutputError
-from holdfast.execution.intervals.held_flow import exact
+from holdfast.maths.expressions.traversal import exact
 from tests.certified_systems import AHEAD, BOX, CART, LEFT, camera, cart, changed, view
 
 
@@ -64,7 +64,7 @@ def test_file_that_is_not_what_was_written_is_refused(spoil, named, tmp_path):
         ({"goal": []}, "says 'goal'"),
         ({"delay": "0x1p+4"}, "s late"),
         ({"errors": ["0x0p+0"]}, "with errors"),
-        ({"law": ["0"]}, "a law, and inputs"),
+        ({"law": ["0"]}, "of an earlier version"),
         ({"hold": None}, "is no text"),
         ({"hold": "nan"}, "not finite"),
         ({"holds": 0}, "holds inputs 0 times"),
@@ -133,8 +133,9 @@ def test_delay_errors_a_target_and_a_law_come_back_from_the_file(tmp_path):
         again = hf.read_certificate(found.write(tmp_path / "some.certificate"))
         assert again.sampling.errors == found.sampling.errors
         assert again.header() == found.header()
-        if "delay" not in more:
-            with pytest.raises(DefinitionError, match=r"is of a law|ends at a target"):
+        if "law" in more:
+            with pytest.raises(DefinitionError, match="is of a law"):
                 hf.certified_law(again)
         else:
-            hf.certified_law(again)
+            law, same = hf.certified_law(again), hf.certified_law(found)
+            assert hf.export_c(system, law) == hf.export_c(system, same)

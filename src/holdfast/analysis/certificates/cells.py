@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+
+from holdfast.errors import SimulationError
 
 Floats = npt.NDArray[np.float64]
 Wholes = npt.NDArray[np.int64]
@@ -34,6 +37,14 @@ class Cells:
     @cached_property
     def counts(self) -> tuple[int, ...]:
         return tuple(len(e) - 1 for e in self.edges)
+
+    @cached_property
+    def total(self) -> int:
+        return math.prod(self.counts)
+
+    def halved(self) -> Cells:
+        """Every cell in two along each axis. Raises `SimulationError` where floats end."""
+        return Cells(tuple(_with_middles(e) for e in self.edges), self.periodic)
 
     def corners(self, flat: Wholes) -> tuple[Floats, Floats]:
         """The low and the high corners of cells by their flat numbers, shapes (cells, axes)."""
@@ -77,6 +88,60 @@ class Cells:
             lasts.append(last)
         inside &= np.isfinite(low).all(axis=1) & np.isfinite(high).all(axis=1)
         return np.stack(firsts, axis=1), np.stack(lasts, axis=1), inside
+
+
+def _with_middles(edges: Floats) -> Floats:
+    found = np.empty(2 * len(edges) - 1)
+    found[::2], found[1::2] = edges, 0.5 * edges[:-1] + 0.5 * edges[1:]
+    if not (np.diff(found) > 0).all():
+        raise SimulationError("a cell is too narrow to be halved", remedy="refine less")
+    return found
+
+
+@dataclass(frozen=True)
+class Halvings:
+    """Cells of several sizes: those of depth g are the largest, halved g times along each axis.
+
+    finest: the cells of the greatest depth, which is `depth`. The number of a cell is that of the
+    first of the finest cells in it, and `finest.total` more for each time that it is twice as wide.
+    """
+
+    finest: Cells
+    depth: int
+
+    def grid(self, depth: int) -> Cells:
+        """All cells of one depth."""
+        step = 1 << (self.depth - depth)
+        return Cells(tuple(e[::step] for e in self.finest.edges), self.finest.periodic)
+
+    def numbers(self, flat: Wholes, depth: int) -> Wholes:
+        """Of the cells that have these numbers in the grid of their depth."""
+        doubled = self.depth - depth
+        places = np.unravel_index(flat, self.grid(depth).counts)
+        first = np.ravel_multi_index([p << doubled for p in places], self.finest.counts)
+        found: Wholes = first + doubled * self.finest.total
+        return found
+
+    def has(self, numbers: Wholes) -> bool:
+        """Whether all are numbers of cells."""
+        doubled, first = np.divmod(numbers, self.finest.total)
+        if not ((doubled >= 0) & (doubled <= self.depth)).all():
+            return False
+        return all(not (p % (1 << doubled)).any()
+                   for p in np.unravel_index(first, self.finest.counts))  # fmt: skip
+
+    def spread(self, numbers: Wholes) -> tuple[Wholes, Wholes]:
+        """The finest cells in cells, and for each of them the row of `numbers` that it is of."""
+        rows, found = [], []
+        doubled, first = np.divmod(numbers, self.finest.total)
+        axes = len(self.finest.counts)
+        for k in range(self.depth + 1):
+            some = np.flatnonzero(doubled == k)
+            block = np.indices(axes * (1 << k,)).reshape(axes, -1)
+            inside: Wholes = np.asarray(np.ravel_multi_index(list(block), self.finest.counts))
+            rows.append(np.repeat(some, len(inside)))
+            found.append((first[some, None] + inside).reshape(-1))
+        return np.concatenate(found), np.concatenate(rows)
 
 
 class Counted:

@@ -15,15 +15,18 @@ import sympy as sp
 from sympy.printing.str import StrPrinter
 
 from holdfast.analysis.certificates.cells import Cells, Floats, Wholes
-from holdfast.analysis.certificates.keeping import Kept
+from holdfast.analysis.certificates.kept_set import Kept
+from holdfast.analysis.certificates.law_written import written
+from holdfast.analysis.certificates.stored_images import forget
 from holdfast.errors import DefinitionError, SimulationError
-from holdfast.execution.intervals.held_flow import Sampling, exact
+from holdfast.execution.intervals.held_flow import Sampling
 from holdfast.host.writing import atomic_file
 from holdfast.maths.definitions.quantity import TIME
+from holdfast.maths.expressions.traversal import exact
 
 MAGIC = "holdfast-certificate 1"
 ENTRY = np.dtype([("cell", "<u4"), ("input", "<u2"), ("level", "<u4")])
-MOST_CELLS, MOST_INPUTS = 2**32, 2**16
+MOST_CELLS, MOST_INPUTS, MOST_DEPTH = 2**32, 2**16, 31
 
 KNOWN = (
     "sin", "cos", "tan", "atan", "exp", "log", "tanh", "Abs", "magnitude", "least", "greatest",
@@ -73,7 +76,8 @@ class Certificate:
 
     def header(self) -> dict[str, Any]:
         """What the file says before its entries; numbers in hexadecimal digits, which are exact."""
-        kept = self.kept
+        kept, law = self.kept, self.sampling.law
+        halved = {"depth": kept.depth} if kept.depth else {}
         return {
             "title": self.title,
             "states": _named(self.states),
@@ -83,7 +87,7 @@ class Certificate:
             "rates": [_text(r) for r in self.rates],
             "constraints": _written(self.constraints),
             "target": _written(self.target),
-            "law": [_text(e) for e in self.sampling.law or ()],
+            "law": [] if law is None else written(law, self.sampling.under_way, _text),
             "hold": self.hold.hex(),
             "delay": self.sampling.delay.hex(),
             "errors": [float(e).hex() for e in self.sampling.errors],
@@ -91,6 +95,7 @@ class Certificate:
             "edges": [[float(e).hex() for e in axis] for axis in kept.cells.edges],
             "periodic": list(kept.cells.periodic),
             "candidates": [[float(v).hex() for v in row] for row in self.candidates],
+            **halved,
             "cells_in_region": kept.inside,
             "cells_kept": len(kept.members),
             "entries": len(kept.entries),
@@ -112,15 +117,18 @@ class Certificate:
             "law": self.sampling.law is not None,
             "inputs_tried": len(self.candidates),
             "cells": list(kept.cells.counts),
+            "halved": kept.depth,
+            "entries": len(kept.entries),
             "sweeps": kept.sweeps,
             "ranges": {name: list(ends) for name, ends in self.ranges.items()},
         }
 
     def write(self, path: Path) -> Path:
         """The file: its kind and digest, one line of JSON, and the packed entries."""
-        if np.prod(self.cells.counts) >= MOST_CELLS or len(self.candidates) >= MOST_INPUTS:
+        total = self.cells.total * (self.kept.depth + 1)  # numbers of cells of all sizes
+        if total >= MOST_CELLS or len(self.candidates) >= MOST_INPUTS:
             raise SimulationError(
-                f"{int(np.prod(self.cells.counts))} cells and {len(self.candidates)} inputs",
+                f"{total} cells and {len(self.candidates)} inputs",
                 expected=f"fewer than {MOST_CELLS} and {MOST_INPUTS} in a certificate",
             )
         packed = zlib.compress(_packed(self.kept.entries), 6)
@@ -129,6 +137,7 @@ class Certificate:
         digest = hashlib.sha256(content).hexdigest()
         with atomic_file(path) as partial:
             partial.write_bytes(f"{MAGIC} {digest}\n".encode() + content)
+        forget(path.parent)
         return path
 
 

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 import sympy as sp
 
+from holdfast.analysis.certificates.arrival import NONE, inputs_at_target
 from holdfast.analysis.certificates.cells import Cells, Floats, Wholes
 from holdfast.analysis.certificates.certificate import Certificate
 from holdfast.analysis.certificates.problem import ROUNDED
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.execution.evaluate import Evaluator
-from holdfast.execution.intervals.held_flow import exact
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.lookup import CellLookup
 from holdfast.maths.definitions.quantity import Parameter, Quantity
 from holdfast.maths.definitions.sets.box import Box
 from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.traversal import exact
 
 KEYS = {
     "title", "states", "inputs", "disturbances", "parameters", "rates", "constraints", "target",
@@ -29,11 +31,16 @@ KEYS = {
 """What a header says: another key could change what is proved."""
 
 REMAINING = "remaining"
-"""The signal of the law of a certificate for a horizon: for how long it still keeps the state."""
+"""The signal for how long the state is kept still, or in what time it is at the target."""
 
 
 @checked
-def certified_law(certificate: Certificate, system: System | None = None) -> Law:
+def certified_law(
+    certificate: Certificate,
+    system: System | None = None,
+    *,
+    disturbance: Mapping[str, float] | None = None,
+) -> Law:
     """The law of a certificate: u = u_X for a state in the certified cell X, held for T.
 
     certificate: found by `certify`, or read from its file (`read_certificate`). A state on the edge
@@ -42,8 +49,13 @@ def certified_law(certificate: Certificate, system: System | None = None) -> Law
     sample times than T are refused. A certificate for a horizon has the signal `remaining` [s]: how
     long the state is kept from now on, 0 where it is not.
 
+    With a target `remaining` is when the state is at the target at the latest, 0 at the target. The
+    input there is one that keeps the target at every sample from now on; where none that was tried
+    does, one that leads back to it, and else that of the nearest cell.
+
     system: the vehicle, whose rates have to be those of the certificate, and its numbers and bounds
-    within those of it; by default `certified_system(certificate)`.
+    within those of it; by default `certified_system(certificate)`. disturbance: those that are
+    known and constant, of which the bounds do not count.
 
     Raises `DefinitionError` for a certificate without a cell and for another system.
     """
@@ -51,7 +63,7 @@ def certified_law(certificate: Certificate, system: System | None = None) -> Law
     if system is None:
         states = tuple(Quantity(n, u) for n, u in certificate.states)
     else:
-        check_fits(certificate, system)
+        check_fits(certificate, system, disturbance or {})
         states = system.states
     lookup = CellLookup(
         tuple(q.symbol for q in states),
@@ -59,6 +71,8 @@ def certified_law(certificate: Certificate, system: System | None = None) -> Law
         unit="s",
         width=len(certificate.inputs),
         hold=certificate.hold,
+        errors=certificate.sampling.errors,
+        delay=certificate.sampling.delay,
     )
     inputs = [n for n, _ in certificate.inputs]
     return Law(
@@ -123,22 +137,36 @@ def lasting(certificate: Certificate) -> tuple[Wholes, Wholes, Wholes]:
     """The cells with an entry, the input of each, and for how many periods it keeps it.
 
     An input that leads to cells of one level lower does so for all lower levels, so that the entry
-    of the highest level of a cell is enough. The level is 0 for ever.
+    of the highest level of a cell is enough. The level is 0 for ever. With a target it is in how
+    many periods the cell leads there, of which the lowest counts.
     """
-    entries = certificate.kept.entries
-    order = np.lexsort((entries[:, 2], entries[:, 0]))
+    entries = certificate.kept.spread()
+    better = -entries[:, 2] if certificate.target else entries[:, 2]
+    order = np.lexsort((better, entries[:, 0]))
     last = np.r_[entries[order[1:], 0] != entries[order[:-1], 0], True]
     cell, tried, level = entries[order[last]].T
     return cell, tried, level
 
 
-def cell_table(certificate: Certificate) -> tuple[object, ...]:
-    """The table of `look_in_cells.py`: every cell has the input of itself or of the nearest one."""
+def cell_table(certificate: Certificate) -> tuple[Any, ...]:
+    """The table of `look_in_cells.py`: every cell has the input of itself or of the nearest one.
+
+    Cells of a target are known too, for no time.
+    """
     cells, rows = certificate.cells, len(certificate.candidates)
     cell, tried, level = lasting(certificate)
+    arrived = np.empty(0, dtype=np.int64)
+    if certificate.target:
+        arrived, best = inputs_at_target(certificate)
+        outside = ~np.isin(cell, arrived)
+        some, lasts = arrived[best != NONE], np.zeros((best != NONE).sum(), dtype=np.int64)
+        cell = np.concatenate([cell[outside], some])
+        tried = np.concatenate([tried[outside], best[best != NONE]])
+        level = np.concatenate([level[outside], lasts])
     entries = np.full(math.prod(cells.counts), 2 * rows, dtype=np.int64)
     entries[cell] = tried
     entries = np.where(entries < rows, entries, entries[_nearest(cells, cell)] + rows)
+    entries[arrived] %= rows
     last, parts = math.inf, [entries.astype(np.float64)]
     if certificate.kept.holds is not None:
         levels = np.zeros(len(entries))
@@ -188,15 +216,15 @@ def check_usable(certificate: Certificate) -> None:
         raise DefinitionError(
             f"the certificate '{certificate.title}' is of a law", remedy="take that law"
         )
-    if certificate.target:
-        raise DefinitionError(
-            f"the certificate '{certificate.title}' ends at a target, beyond which it has no input",
-            expected="one of a region that is kept",
-        )
 
 
-def check_fits(certificate: Certificate, system: System) -> None:
-    """Raises `DefinitionError` where a system is not the one that the certificate is of."""
+def check_fits(
+    certificate: Certificate, system: System, known: Mapping[str, float] | None = None
+) -> None:
+    """Raises `DefinitionError` where a system is not the one that the certificate is of.
+
+    known: disturbances that are constant.
+    """
     for what, own, said in (
         ("states", system.states, certificate.states),
         ("inputs", system.inputs, certificate.inputs),
@@ -222,7 +250,7 @@ def check_fits(certificate: Certificate, system: System) -> None:
                 f"the rate of '{name}' of system '{system.name}' is not the certified one",
                 remedy="certify this system",
             )
-    _check_bounds(certificate, system)
+    _check_bounds(certificate, system, known or {})
 
 
 def _same(system: System, name: str, rate: sp.Expr) -> bool:
@@ -231,20 +259,22 @@ def _same(system: System, name: str, rate: sp.Expr) -> bool:
     return found
 
 
-def _check_bounds(certificate: Certificate, system: System) -> None:
-    if system.disturbances:
+def _check_bounds(certificate: Certificate, system: System, known: Mapping[str, float]) -> None:
+    ends = {name: (value, value) for name, value in known.items()}
+    if any(q.name not in known for q in system.disturbances):
         if system.disturbance_bounds is None:
             raise DefinitionError(f"system '{system.name}' has no bounds of its disturbances")
         numbers = {p.symbol: p.value for p in system.parameters}
-        ends = system.disturbance_bounds.at(numbers).ranges()
-        for q, (low, high) in zip(system.disturbances, ends, strict=True):
-            least, most = certificate.ranges[q.name]
-            if low < least - ROUNDED or high > most + ROUNDED:
-                raise DefinitionError(
-                    f"'{q.name}' of system '{system.name}' is {low:g} to {high:g}",
-                    expected=f"within {least:g} to {most:g}, for which it is certified",
-                    remedy="take certified_system(certificate), which has these bounds",
-                )
+        bounds = system.disturbance_bounds.at(numbers).ranges()
+        ends = dict(zip(system.disturbance_names, bounds, strict=True)) | ends
+    for q in system.disturbances:
+        (low, high), (least, most) = ends[q.name], certificate.ranges[q.name]
+        if low < least - ROUNDED or high > most + ROUNDED:
+            raise DefinitionError(
+                f"'{q.name}' of system '{system.name}' is {float(low):g} to {float(high):g}",
+                expected=f"within {least:g} to {most:g}, for which it is certified",
+                remedy="take certified_system(certificate), which has these bounds",
+            )
     if system.input_bounds is not None:
         inputs = [q.symbol for q in system.inputs]
         limited = Evaluator(system.input_bounds.saturate(inputs), inputs, system.parameters)

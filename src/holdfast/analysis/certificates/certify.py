@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import sympy as sp
 
 from holdfast.analysis.certificates.cells import Cells, Floats
 from holdfast.analysis.certificates.certificate import (
+    MOST_CELLS,
+    MOST_DEPTH,
     Certificate,
     Range,
     check_functions,
@@ -17,22 +21,30 @@ from holdfast.analysis.certificates.certificate import (
 )
 from holdfast.analysis.certificates.images import where
 from holdfast.analysis.certificates.keeping import kept
+from holdfast.analysis.certificates.law_cells import (
+    inputs_under_way,
+    kept_by_law,
+    reached_by_law,
+)
+from holdfast.analysis.certificates.law_of_cases import law_of_cases
 from holdfast.analysis.certificates.problem import (
     INPUTS,
     candidates_of,
     delay_of,
     errors_of,
-    inputs_of_law,
     parameters_of,
+    parts_of,
     ranges_of,
 )
 from holdfast.analysis.certificates.reaching import reached
+from holdfast.analysis.certificates.stored_images import Store
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.intervals.held_flow import HeldFlow, Sampling
 from holdfast.execution.intervals.interval import TURN
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.traversal import symbols_of
 
@@ -53,9 +65,11 @@ def certify(
     uncertain: Mapping[str, Range] | None = None,
     disturbance: Mapping[str, float] | None = None,
     target: Region | None = None,
-    law: Law | None = None,
+    law: Law | Switching | None = None,
     errors: Mapping[str, float] | None = None,
     delay: float = 0.0,
+    refine: int = 0,
+    store: str | Path | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> Certificate:
     """The largest set of cells in `region` that inputs held for `sample_time` [s] keep there.
@@ -68,20 +82,29 @@ def certify(
 
     target: where the system has to arrive (reach-avoid): from a cell of the set the inputs lead to
     `target` within `horizon`, and keep `region` until then. law: it gives the inputs, limited as
-    the system limits them, and the set is what that law keeps. errors: state -> by how much it may
-    be measured wrong: the cell that is measured has the input. delay [s]: by how long an input may
-    come late, below `sample_time`; until it comes any other that was tried may be under way.
+    the system limits them, and the set is what that law keeps when it begins there in its first
+    mode: with its modes, safeguard and table, in exact arithmetic. What others hand it may be
+    anything, and a disturbance that it measures is any within its bounds. errors: state -> by how
+    much it may be measured wrong: the cell that is measured has the input. delay [s]: by how long
+    an input may come late, below `sample_time`; until it comes any other that was tried, or that
+    the law may give in the region, may be under way.
+    refine: how often cells are halved along each axis: those that are left beside certified ones,
+    at the edge of the region too. `kept.members` are cells of the smallest size, `kept.entries`
+    those that were found, of all sizes.
 
     box: state -> (low, high), the cells of which are tried; an angle over a whole turn comes back
     to itself where rates and constraints have it in sines and cosines alone. cells: how many along
     each state, or their edges. horizon [s]: None is for ever. inputs: how many values of each input
-    are tried between its bounds. uncertain: parameter -> range, such as a mass that is wrong by a
+    are tried between its bounds; of a law into how many parts its range is divided, where the input
+    may be anything. uncertain: parameter -> range, such as a mass that is wrong by a
     fifth. disturbance: those that are known and constant; others are any within their bounds, at
-    every instant.
+    every instant. store: a folder in which what is found is kept until a certificate is written
+    there: the same call goes on where it was interrupted, or its process killed, and ends with the
+    same answer.
 
     Raises `SimulationError` for a box that lacks a state, inputs without bounds, numbers out of
-    range and a law that does not give the inputs from the states alone, `DefinitionError` for
-    functions without a proved enclosure.
+    range and a law that remembers or depends on time, `DefinitionError` for functions without a
+    proved enclosure, and for a law that does not fit the system.
     """
     regions = (region, target) if target is not None else (region,)
     ranges = ranges_of(system, regions, dict(uncertain or {}), dict(disturbance or {}))
@@ -90,14 +113,19 @@ def certify(
         for r in (region, target or region)
     )
     arrival = arrival if target is not None else ()
-    given = None if law is None else inputs_of_law(system, law, ranges)
+    given, sample_time = None, float(sample_time)
+    if law is not None:
+        parts = parts_of(system, inputs, {n: ranges[n] for n in parameters_of(system, regions)})
+        given = law_of_cases(system, law, ranges, sample_time, parts)
     rates = tuple(system.rates[q.name] for q in system.states)
-    expressions = [*rates, *(e for _, _, e in (*constraints, *arrival)), *(given or ())]
+    expressions = [*rates, *(e for _, _, e in (*constraints, *arrival))]
+    expressions += given.expressions if given is not None else ()
     check_functions(expressions)
     check_names([q.name for q in (*system.states, *system.inputs, *system.disturbances)])
     parameters = parameters_of(system, regions)
     check_names(parameters)
     grid = _cells(system, box, cells, expressions)
+    _check_refine(refine, grid)
     if not (math.isfinite(sample_time) and sample_time > 0):
         raise SimulationError(f"sample_time is {sample_time:g}", expected="seconds, above 0")
     holds = None
@@ -108,31 +136,46 @@ def certify(
     symbols = {q.name: q.symbol for q in system.disturbances}
     used = symbols_of(expressions)
     told = [p for p in parameters.values() if p.symbol in used]
-    candidates = np.empty((0 if law else 1, 0))
-    if law is None:
+    candidates = np.empty((0, 0))
+    if given is None:
         candidates = candidates_of(system, inputs, {n: ranges[n] for n in parameters})
     sampling = Sampling(
-        float(sample_time),
+        sample_time,
         errors_of(system, errors or {}),
-        delay_of(float(delay), float(sample_time), law),
+        delay_of(float(delay), sample_time),
         tuple((float(c.min()), float(c.max())) for c in candidates.T),
         given,
     )
-    flow = HeldFlow(
-        rates,
-        [e for _, _, e in constraints],
-        [q.symbol for q in system.states],
-        [q.symbol for q in system.inputs],
-        {symbols[q.name]: ranges[q.name] for q in system.disturbances},
-        {p.symbol: ranges[p.name] for p in told},
-        sampling,
-        [e for _, _, e in arrival],
-    )
-    proved = reached if target is not None else kept
-    tried = np.empty((1, 0)) if law else candidates
-    if target is not None and not len(where(flow.arrived, grid)):
+
+    def flow_of(sampling: Sampling) -> HeldFlow:
+        return HeldFlow(
+            rates,
+            [e for _, _, e in constraints],
+            [q.symbol for q in system.states],
+            [q.symbol for q in system.inputs],
+            {symbols[q.name]: ranges[q.name] for q in system.disturbances},
+            {p.symbol: ranges[p.name] for p in told},
+            sampling,
+            [e for _, _, e in arrival],
+        )
+
+    if given is not None and sampling.delay:
+        late = inputs_under_way(flow_of(replace(sampling, delay=0.0)), grid)
+        sampling = replace(sampling, under_way=late)
+    flow = flow_of(sampling)
+    if target is not None and not any(len(where(flow.arrived, g)) for g in _halves(grid, refine)):
         raise SimulationError(f"no cell lies in '{target.name}'", remedy="take smaller cells")
-    found = proved(flow, grid, tried, holds, progress)
+    if given is not None:
+        if refine or store is not None:
+            raise SimulationError(
+                "a law with refine or store", expected="cells as they are, judged in one go"
+            )
+        by_law = reached_by_law if target is not None else kept_by_law
+        found = by_law(flow, grid, holds, progress)
+    else:
+        proved = reached if target is not None else kept
+        kept_in = None if store is None else Store(store)
+        found = proved(flow, grid, candidates, holds, progress, refine, kept_in)
     title = f"{system.name} in {region.name}" + (f" to {target.name}" if target else "")
     return Certificate(
         title=title + (f", by {law.name}" if law else ""),
@@ -181,6 +224,25 @@ def _cells(
         edges.append(np.linspace(low, high, count + 1))
         periodic.append(turns)
     return Cells(tuple(edges), tuple(periodic))
+
+
+def _halves(cells: Cells, refine: int) -> Iterator[Cells]:
+    """The cells, their halves, and so on."""
+    yield cells
+    for _ in range(refine):
+        yield (cells := cells.halved())
+
+
+def _check_refine(refine: int, cells: Cells) -> None:
+    if not 0 <= refine <= MOST_DEPTH:
+        raise SimulationError(f"refine is {refine}", expected=f"from 0 to {MOST_DEPTH}")
+    total = cells.total << refine * len(cells.counts)
+    if total * (refine + 1) >= MOST_CELLS:
+        raise SimulationError(
+            f"{total:,} cells of the smallest size",
+            expected=f"fewer than {MOST_CELLS // (refine + 1):,}",
+            remedy="refine less, or take fewer cells",
+        )
 
 
 def _edges(name: str, edges: Floats, low: float, high: float) -> Floats:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
 
 from holdfast.analysis.certificates.cells import Cells, Floats, Truths, Wholes
+from holdfast.analysis.certificates.stored_images import Blocks, Store
 from holdfast.execution.intervals.held_flow import HeldFlow
 from holdfast.execution.resources import available_cores, check_memory
 
@@ -30,12 +31,14 @@ class Images:
     usable: Truths
 
 
-def where(sure: Callable[[Floats, Floats], Truths], cells: Cells) -> Wholes:
-    """Numbers of the cells all over which something is sure."""
-    total = int(np.prod(cells.counts))
-    found = []
-    for begin in range(0, total, BLOCK):
-        flat = np.arange(begin, min(begin + BLOCK, total))
+def where(
+    sure: Callable[[Floats, Floats], Truths], cells: Cells, among: Wholes | None = None
+) -> Wholes:
+    """Numbers of the cells all over which something is sure, of all or among some."""
+    among = np.arange(cells.total) if among is None else among
+    found = [among[:0]]
+    for begin in range(0, len(among), BLOCK):
+        flat = among[begin : begin + BLOCK]
         found.append(flat[sure(*cells.corners(flat))])
     return np.concatenate(found)
 
@@ -46,10 +49,12 @@ def images(
     candidates: Floats,
     of: Wholes,
     tell: Callable[[str, float], None],
+    store: Store | None = None,
 ) -> Images:
     """Of these cells by every input, shape (inputs, ...).
 
-    tell: called with what is computed, the memory that it takes, and the finished fraction.
+    tell: called with what is computed, the memory that it takes, and the finished fraction. store:
+    where they are kept, and blocks of them are found that an earlier run has left.
     """
     axes, most = len(cells.counts), len(candidates)
     shape = (len(of), most, axes)
@@ -58,8 +63,11 @@ def images(
     check_memory(size, what, "take fewer cells or inputs")
     label = f"{what}, {size / 2**20:,.0f} MiB"
     tell(label, 0.0)
-    first, last = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=np.int32)
-    usable = np.zeros(shape[:2], dtype=bool)
+    tasks = [(begin, k) for begin in range(0, len(of), BLOCK) for k in range(most)]
+    blocks = Blocks(None, shape, len(tasks)) if store is None else store.blocks(
+        flow, cells, candidates, of, tasks
+    )  # fmt: skip
+    first, last, usable = blocks.first, blocks.last, blocks.usable
     corners = cells.corners(of)
 
     def led(task: tuple[int, int]) -> None:
@@ -72,12 +80,25 @@ def images(
         fine = usable[part, k][:, None]
         first[part, k], last[part, k] = np.where(fine, a, 0), np.where(fine, b, 0)
 
-    tasks = [(begin, k) for begin in range(0, len(of), BLOCK) for k in range(most)]
+    left = np.flatnonzero(~blocks.done).tolist()
     with ThreadPoolExecutor(available_cores()) as pool:
         try:
-            for done, _ in enumerate(pool.map(led, tasks), 1):
-                tell(label, done / len(tasks))
+            found = pool.map(led, [tasks[k] for k in left])
+            for done, (k, _) in enumerate(zip(left, found, strict=True), 1):
+                blocks.note(k)
+                tell(label, (len(tasks) - len(left) + done) / len(tasks))
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
+        finally:
+            blocks.write()
     return Images(of, first, last, usable)
+
+
+def joined(*several: Images) -> Images:
+    """Those of all their cells."""
+    size = sum(i.first.nbytes + i.last.nbytes + i.usable.nbytes for i in several)
+    what = f"images of {sum(len(i.cells) for i in several):,} cells"
+    check_memory(size, what, "take fewer cells or inputs")
+    names = [f.name for f in fields(Images)]
+    return Images(*(np.concatenate([getattr(i, n) for i in several]) for n in names))

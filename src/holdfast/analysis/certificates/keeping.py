@@ -3,41 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from holdfast.analysis.certificates.cells import Cells, Counted, Floats, Wholes
-from holdfast.analysis.certificates.images import images, where
+from holdfast.analysis.certificates.images import Images
+from holdfast.analysis.certificates.kept_set import Kept
+from holdfast.analysis.certificates.refining import BEST, REGION, Ranks, refined
+from holdfast.analysis.certificates.stored_images import Store
 from holdfast.execution.intervals.held_flow import HeldFlow
-
-
-@dataclass(frozen=True)
-class Kept:
-    """members: numbers of the cells that are kept; inputs: for each the one that keeps it.
-
-    region: the cells that lie in the region. holds: sampling periods, None for ever. entries: rows
-    (cell, input, level): the input leads from that cell to cells of a level one lower, as many
-    periods as are left at most; the level is 0 for ever.
-    """
-
-    cells: Cells
-    members: Wholes
-    inputs: Wholes
-    holds: int | None
-    sweeps: int
-    entries: Wholes
-    region: Wholes
-
-    @property
-    def inside(self) -> int:
-        """How many cells lie in the region."""
-        return len(self.region)
-
-    @property
-    def share(self) -> float:
-        """Of the cells that lie in the region."""
-        return len(self.members) / self.inside if self.inside else 0.0
 
 
 def kept(
@@ -46,46 +20,64 @@ def kept(
     candidates: Floats,
     holds: int | None = None,
     progress: Callable[[str, float], None] | None = None,
+    refine: int = 0,
+    store: Store | None = None,
 ) -> Kept:
     """The cells in the region from which a held input leads to others of them, again and again.
 
     candidates: inputs that are tried, shape (inputs, ...). holds: how many sampling periods; None
-    for ever. Where a cell's input leads is the same at every sweep, and the set only shrinks: an
-    input that does not keep a cell will not do so later.
+    for ever. refine: how often cells are halved that are left near those that are kept.
     """
-    inside = where(flow.inside, cells)
-    found = images(flow, cells, candidates, inside, progress or (lambda what, share: None))
-    first, last, usable = found.first, found.last, found.usable
-    count, most = len(inside), len(candidates)
-    choice = np.zeros(count, dtype=np.int64)
-    alive = np.ones(count, dtype=bool)
-    sweeps = 0
-    earlier: list[Wholes] = []
-    while holds is None or sweeps < holds:
-        now = np.zeros(int(np.prod(cells.counts)), dtype=bool)
-        now[inside[alive]] = True
+
+    def settle(found: Images, cells: Cells, ranks: Ranks) -> tuple[Ranks, Wholes, int]:
+        return settled(found, cells, ranks, holds)
+
+    enough = BEST if holds is None else holds
+    found = refined(flow, cells, candidates, refine, settle, enough, progress=progress, store=store)
+    entries = found.entries
+    if holds is None:
+        entries[:, 2] = 0
+    return Kept.of(found.halvings, entries, holds, found.sweeps, found.region)
+
+
+def settled(
+    found: Images, cells: Cells, ranks: Ranks, holds: int | None
+) -> tuple[Ranks, Wholes, int]:
+    """For how many periods inputs keep the cells of images, those inputs, and how many sweeps.
+
+    ranks: for how many what is known keeps cells, BEST for ever. Where a cell's input leads is the
+    same at every sweep, and the set only shrinks: an input that does not keep a cell will not do so
+    later.
+    """
+    usable, most = found.usable, found.usable.shape[1]
+    longest = BEST if holds is None else holds
+    reached = ranks[found.cells]
+    alive = reached < longest
+    choice = np.zeros(len(alive), dtype=np.int64)
+    chosen, sweeps, now = choice.copy(), 0, ranks >= REGION
+    older = ranks[ranks < longest].max(initial=REGION)
+    while sweeps < longest:
         counted = Counted(cells, now)
         waiting = np.flatnonzero(alive)
-        before = choice.copy()
         while len(waiting):
-            choice_of = choice[waiting]
-            fine = usable[waiting, choice_of]
+            at = waiting, choice[waiting]
+            fine = usable[at]
             some = np.flatnonzero(fine)
-            at = waiting[some], choice_of[some]
-            fine[some] = counted.all_of(first[at].astype(np.int64), last[at].astype(np.int64))
+            at = waiting[some], choice[waiting[some]]
+            blocks = found.first[at].astype(np.int64), found.last[at].astype(np.int64)
+            fine[some] = counted.all_of(*blocks)
             waiting = waiting[~fine]
             choice[waiting] += 1
             lost = choice[waiting] >= most
             alive[waiting[lost]] = False
             waiting = waiting[~lost]
-        if holds is not None and sweeps:  # inputs that led far enough until now
-            changed = np.flatnonzero(before != choice)
-            level = np.full(len(changed), sweeps)
-            earlier.append(np.stack([inside[changed], before[changed], level], axis=1))
         sweeps += 1
-        if alive.sum() == now.sum():
+        if holds is not None:
+            reached[alive], chosen[alive] = np.maximum(reached[alive], sweeps), choice[alive]
+        after = ranks >= sweeps
+        after[found.cells[alive]] = True
+        if sweeps > older and np.array_equal(after, now):
             break
-    members, inputs = inside[alive], choice[alive]
-    level = np.full(len(members), 0 if holds is None else holds)
-    entries = np.concatenate([np.stack([members, inputs, level], axis=1), *earlier])
-    return Kept(cells, members, inputs, holds, sweeps, entries, inside)
+        now = after
+    reached[alive], chosen[alive] = longest, choice[alive]
+    return reached, chosen, sweeps

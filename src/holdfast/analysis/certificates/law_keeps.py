@@ -9,16 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.analysis.certificates.cells import Floats
+from holdfast.analysis.certificates.cells import Floats, Wholes
 from holdfast.analysis.certificates.certificate import Certificate, Range
 from holdfast.analysis.certificates.certify import CELLS, certify
+from holdfast.analysis.certificates.problem import INPUTS
 from holdfast.arguments import checked
 from holdfast.execution.intervals.enclosure import Enclosure
-from holdfast.execution.intervals.held_flow import HeldFlow, Sampling, exact
+from holdfast.execution.intervals.held_flow import HeldFlow, Sampling
+from holdfast.execution.intervals.law_ranges import LawRanges
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import symbol
 from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.traversal import exact
 
 STARTS = 2000
 """Cells from whose middles a trajectory that leaves is looked for."""
@@ -74,15 +78,17 @@ class LawJudgement:
 def judge_law(
     system: System,
     region: Region,
-    law: Law,
+    law: Law | Switching,
     *,
     box: Mapping[str, Range],
     cells: int | Mapping[str, int | Sequence[float]] = CELLS,
     sample_time: float = 0.1,
     horizon: float | None = None,
+    inputs: int | Mapping[str, int] = INPUTS,
     uncertain: Mapping[str, Range] | None = None,
     disturbance: Mapping[str, float] | None = None,
     errors: Mapping[str, float] | None = None,
+    delay: float = 0.0,
     progress: Callable[[str, float], None] | None = None,
 ) -> LawJudgement:
     """Whether `law`, sampled and held for `sample_time` [s], keeps `region` from all of its cells.
@@ -90,13 +96,17 @@ def judge_law(
     Proved: from every cell in the region, not from those that its edge cuts, for every disturbance
     within its bounds, between samples too. Refuted: a trajectory from the middle of a cell leaves;
     disturbances are constant, at a corner of their bounds, for at most a minute or the horizon, in
-    whole holds; every rounding is counted, and no error of measurement. Undecided: neither;
-    `undecided` says where. The arguments are those of
-    `hf.certify`, which also says what is raised.
+    whole holds; every rounding is counted, and no error of measurement or delay; where it is not
+    certain what the law does, such as which of two modes it takes, the trajectory says nothing.
+    Undecided: neither; `undecided` says where.
+
+    law: with its modes, safeguard and table; it begins in its first mode. The arguments are those
+    of `hf.certify`, which also says what is raised.
     """
     found = certify(
         system, region, box=box, cells=cells, sample_time=sample_time, horizon=horizon,
-        uncertain=uncertain, disturbance=disturbance, law=law, errors=errors, progress=progress,
+        inputs=inputs, uncertain=uncertain, disturbance=disturbance, law=law, errors=errors,
+        delay=delay, progress=progress,
     )  # fmt: skip
     if found.kept.share == 1:
         return LawJudgement(found, None)
@@ -148,10 +158,30 @@ def _run(
         found.rates, [], states, [symbol(n) for n, _ in found.inputs], disturbances, parameters,
         Sampling(found.hold, law=found.sampling.law),
     )  # fmt: skip
+    assert flow.law is not None
     low, high = [starts], [starts]
+    mode = np.full(len(starts), flow.law.initial)
     for _ in range(holds):
-        after = flow.held(low[-1], high[-1], np.empty((len(starts), 0)))
-        unknown = ~after.kept[:, None]  # no box of the way was found
-        low.append(np.where(unknown, np.nan, after.low))
-        high.append(np.where(unknown, np.nan, after.high))
+        row, least, most, mode = _certain(flow.law, mode, low[-1], high[-1])
+        after = flow.held(low[-1][row], high[-1][row], least, most)
+        known = row[after.kept]  # of others no box of the way was found
+        for ends, led in ((low, after.low), (high, after.high)):
+            ends.append(np.full(starts.shape, np.nan))
+            ends[-1][known] = led[after.kept]
         yield low, high
+
+
+def _certain(
+    law: LawRanges, mode: Wholes, low: Floats, high: Floats
+) -> tuple[Wholes, Floats, Floats, Wholes]:
+    """The boxes with which the law surely does one thing, its inputs, and all modes afterwards."""
+    rows, least, most, after = [], [], [], mode.copy()
+    for k in range(law.modes):
+        own = np.flatnonzero((mode == k) & np.isfinite(low).all(axis=1))
+        given = law.given(k, low[own], high[own])
+        sure = np.bincount(given.row, minlength=len(own))[given.row] == 1
+        rows.append(own[given.row[sure]])
+        least.append(given.low[sure])
+        most.append(given.high[sure])
+        after[rows[-1]] = given.to[sure]
+    return np.concatenate(rows), np.concatenate(least), np.concatenate(most), after

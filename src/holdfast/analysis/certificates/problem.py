@@ -13,55 +13,17 @@ from holdfast.analysis.certificates.cells import Floats
 from holdfast.analysis.certificates.certificate import Range
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.intervals.enclosure import Enclosure
-from holdfast.execution.intervals.held_flow import exact
 from holdfast.maths.definitions.bounds import Bounds
-from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import Parameter
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
-from holdfast.maths.expressions.traversal import symbols_of
+from holdfast.maths.expressions.traversal import exact
 
 ROUNDED = 1e-12
 """By which an input on a bound may exceed it, as floats do."""
 
 INPUTS = 5
 """Values of each input that are tried, evenly between its bounds."""
-
-
-def inputs_of_law(system: System, law: Law, ranges: Mapping[str, Range]) -> tuple[sp.Expr, ...]:
-    """The inputs that a law gives, limited as the system limits them, of the states alone."""
-    if set(law.outputs) != set(system.input_names):
-        raise SimulationError(
-            f"law '{law.name}' gives {', '.join(law.outputs)}",
-            expected=f"the inputs of system '{system.name}': {', '.join(system.input_names)}",
-        )
-    if law.safeguard is not None or law.lookup is not None:
-        raise SimulationError(
-            f"law '{law.name}' has a safeguard or a table", expected="a law of expressions alone"
-        )
-    asked = [law.outputs[n] for n in system.input_names]
-    if system.input_bounds is not None:
-        asked = list(system.input_bounds.saturate(asked))
-    used = symbols_of(asked)
-    own = {p.name: p for p in law.parameters}
-    for p in system.parameters:
-        if p.name in own and own[p.name].value != p.value:
-            raise SimulationError(
-                f"'{p.name}' is {p.value:g} in system '{system.name}' and "
-                f"{own[p.name].value:g} in law '{law.name}'"
-            )
-        if p.symbol in used and ranges[p.name] != (p.value, p.value):
-            raise SimulationError(
-                f"law '{law.name}' or the limits of its inputs use '{p.name}', which is uncertain",
-                expected="a law whose inputs do not depend on it",
-            )
-    numbers = {p.symbol: exact(p.value) for p in (*law.parameters, *system.parameters)}
-    given = tuple(exact(e).xreplace(numbers) for e in asked)
-    if odd := symbols_of(given) - {q.symbol for q in system.states}:
-        raise SimulationError(
-            f"law '{law.name}' uses {', '.join(sorted(map(str, odd)))}", expected="states alone"
-        )
-    return given
 
 
 def errors_of(system: System, errors: Mapping[str, float]) -> tuple[float, ...]:
@@ -76,14 +38,10 @@ def errors_of(system: System, errors: Mapping[str, float]) -> tuple[float, ...]:
     return tuple(float(errors.get(q.name, 0.0)) for q in system.states)
 
 
-def delay_of(delay: float, sample_time: float, law: Law | None) -> float:
+def delay_of(delay: float, sample_time: float) -> float:
     if not 0 <= delay < sample_time:
         raise SimulationError(
             f"delay is {delay:g} s", expected=f"from 0 to below the sample time, {sample_time:g} s"
-        )
-    if delay and law is not None:
-        raise SimulationError(
-            "a law with a delay is not certified", remedy="leave out law or delay"
         )
     return delay
 
@@ -155,6 +113,22 @@ def _over_parameters(
     enclosure = Enclosure([exact(e) for e in expressions], [p.symbol for p in known])
     low, high = enclosure.over(corners[0], corners[1])
     return np.stack([low[0], high[0]], axis=1)
+
+
+def parts_of(
+    system: System, counts: int | Mapping[str, int], ranges: Mapping[str, Range]
+) -> tuple[tuple[float, ...], ...]:
+    """The edges of so many parts of the range of each input; none where inputs have no bounds."""
+    if system.input_bounds is None:
+        return ()
+    ends = _ends(system, system.input_bounds, ranges)
+    found = []
+    for q, (least, most) in zip(system.inputs, ends, strict=True):
+        count = counts if isinstance(counts, int) else counts.get(q.name, INPUTS)
+        if count < 1:
+            raise SimulationError(f"{q.name}: {count} parts")
+        found.append(tuple(np.linspace(least[0], most[1], count + 1).tolist()))
+    return tuple(found)
 
 
 def candidates_of(

@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.analysis.certificates.arrival import flow_of
 from holdfast.analysis.certificates.cells import Counted, Floats, Truths, Wholes
 from holdfast.analysis.certificates.certificate import Certificate
-from holdfast.analysis.certificates.certified_law import cell_table, lasting
-from holdfast.execution.intervals.held_flow import HeldFlow
+from holdfast.analysis.certificates.certified_law import cell_table
 from holdfast.execution.scalar import called
-from holdfast.maths.definitions.quantity import symbol
 
 AROUND = (1e-6, 0.1)
 """Parts of a cell by which a state is enclosed. The way from a narrow box may have no room for the
@@ -29,28 +28,25 @@ class Proof:
     def __init__(self, certificate: Certificate) -> None:
         self.certificate, self.cells = certificate, certificate.cells
         self.candidates = np.ascontiguousarray(certificate.candidates)
-        ranges = certificate.ranges
-        self.flow = HeldFlow(
-            certificate.rates,
-            [e for _, _, e in certificate.constraints],
-            [symbol(n) for n, _ in certificate.states],
-            [symbol(n) for n, _ in certificate.inputs],
-            {symbol(n): ranges[n] for n, _ in certificate.disturbances},
-            {symbol(n): ranges[n] for n, _ in certificate.parameters},
-            certificate.sampling,
-        )
+        self.flow = flow_of(certificate)
         self.lasts = certificate.kept.holds is not None
         self._widths = np.array([np.diff(e).min() for e in self.cells.edges])
-        self._table: Any = cell_table(certificate)
-        self._levels = np.full(math.prod(self.cells.counts), -1, dtype=np.int64)
-        if self.lasts:  # with no period left a state is in the region
-            self._levels[certificate.kept.region] = 0
-        cell, _, level = lasting(certificate)
-        self._levels[cell] = level
+        self._table: tuple[Any, ...] = cell_table(certificate)
+        total = math.prod(self.cells.counts)
+        entries: Floats = self._table[0]
+        levels = entries[total:] if self.lasts else np.zeros(total)
+        levels = np.where(entries[:total] < len(self.candidates), levels, -1).astype(np.int64)
+        if self.lasts and not certificate.target:  # with no period left a state is in the region
+            left = certificate.kept.region
+            levels[left] = np.maximum(levels[left], 0)
+        self._levels = levels
         self._sets: dict[int, Counted] = {}
 
     def looked_up(self, states: Floats) -> tuple[Floats, Floats]:
-        """For how long the cell of each state keeps it [s], 0 where none does, and its inputs."""
+        """For how long the cell of each state keeps it [s], -1 where none does, and its inputs.
+
+        With a target: in what time it leads there, 0 where the state is there.
+        """
         entries, _, _, shape, periodic, numbers, rows = self._table
         axes, found = states.shape[1], 1 + self.candidates.shape[1]
         out = np.empty((len(states), found))
@@ -64,12 +60,14 @@ class Proof:
     def needed(self, kept: Floats) -> Wholes:
         """The level that an input has to lead to, for states that are kept so long [s].
 
-        One less than that of their cell; to any certified cell from where none is.
+        One less than that of their cell; to any certified cell from where none is, and from the
+        target.
         """
         if not self.lasts:
             return np.zeros(len(kept), dtype=np.int64)
         levels = np.rint(kept / self.certificate.hold).astype(np.int64)
-        return np.where(levels > 0, levels - 1, 1)
+        least = (self.certificate.kept.holds or 0) if self.certificate.target else 1
+        return np.where(levels > 0, levels - 1, least)
 
     def inside(self, states: Floats) -> Truths:
         """Whether the constraints surely hold at states."""
@@ -96,7 +94,9 @@ class Proof:
         return fine
 
     def _set(self, level: int) -> Counted:
-        """The cells of at least that level."""
+        """The cells of at least that level, or that are so near to the target."""
         if level not in self._sets:
-            self._sets[level] = Counted(self.cells, self._levels >= level)
+            target = bool(self.certificate.target)
+            fine = self._levels <= level if target else self._levels >= level
+            self._sets[level] = Counted(self.cells, fine & (self._levels >= 0))
         return self._sets[level]

@@ -10,8 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.analysis.certificates.cells import Cells, Floats, Truths, Wholes
-from holdfast.analysis.certificates.images import Images, images, where
-from holdfast.analysis.certificates.keeping import Kept
+from holdfast.analysis.certificates.images import Images
+from holdfast.analysis.certificates.kept_set import Kept
+from holdfast.analysis.certificates.refining import BEST, REGION, Ranks, refined
+from holdfast.analysis.certificates.stored_images import Store
 from holdfast.execution.intervals.held_flow import HeldFlow
 
 NONE = -1
@@ -23,34 +25,61 @@ def reached(
     candidates: Floats,
     holds: int | None = None,
     progress: Callable[[str, float], None] | None = None,
+    refine: int = 0,
+    store: Store | None = None,
 ) -> Kept:
     """The cells from which an input leads all states to cells that are closer to the target.
 
     Those of the target are 0 sampling periods away from it; a cell from which an input leads to
     cells of up to n periods, in the region on the way, is n + 1 away. holds: how many periods at
-    most; None is as many as there are. The result's `holds` is the largest number, its entries'
-    levels are the numbers of each.
+    most; None is as many as there are. refine: how often cells are halved that are left near those
+    that are found. The result's `holds` is the largest number, its entries' levels are the numbers
+    of each.
     """
-    arrived = where(flow.arrived, cells)
-    within = np.zeros(int(np.prod(cells.counts)), dtype=bool)
-    within[where(flow.inside, cells)] = True
-    within[arrived] = False
-    region = np.flatnonzero(within)
-    found = images(flow, cells, candidates, region, progress or (lambda what, share: None))
-    waiting = _Waiting(found, cells.counts)
-    captured = np.zeros(len(within), dtype=bool)
-    captured[arrived] = True
-    entries, level, fresh = [], 0, arrived
-    while len(fresh) and (holds is None or level < holds):
+
+    def settle(found: Images, cells: Cells, ranks: Ranks) -> tuple[Ranks, Wholes, int]:
+        return settled(found, cells, ranks, holds)
+
+    found = refined(
+        flow,
+        cells,
+        candidates,
+        refine,
+        settle,
+        REGION + 1,
+        target=True,
+        progress=progress,
+        store=store,
+    )
+    entries = found.entries[np.argsort(found.entries[:, 0], kind="stable")]
+    entries[:, 2] = BEST - entries[:, 2]
+    farthest = int(entries[:, 2].max(initial=1))
+    return Kept.of(found.halvings, entries, farthest, found.sweeps, found.region, target=True)
+
+
+def settled(
+    found: Images, cells: Cells, ranks: Ranks, holds: int | None
+) -> tuple[Ranks, Wholes, int]:
+    """How far the cells of images are away, the inputs that lead there, and how many periods.
+
+    ranks: BEST less how many periods cells are known to be away.
+    """
+    away = np.where(ranks > REGION, BEST - ranks.astype(np.int64), NONE)
+    known = np.flatnonzero(away > 0)
+    known = known[np.argsort(away[known], kind="stable")]
+    far = away[known]
+    captured = away == 0
+    waiting = _Waiting(found, cells.counts, away[found.cells] >= 0)
+    reached, chosen = ranks[found.cells], np.zeros(len(found.cells), dtype=np.int64)
+    level, fresh = 0, np.flatnonzero(captured)
+    while (len(fresh) or level < far.max(initial=0)) and (holds is None or level < holds):
         level += 1
         rows, inputs = waiting.led_into(captured, fresh)
-        fresh = region[rows]
+        reached[rows], chosen[rows] = BEST - level, inputs
+        older = known[slice(*np.searchsorted(far, (level, level + 1)))]
+        fresh = np.concatenate([found.cells[rows], older])
         captured[fresh] = True
-        entries.append(np.stack([fresh, inputs, np.full(len(rows), level)], axis=1))
-    every = np.concatenate(entries) if entries else np.empty((0, 3), dtype=np.int64)
-    every = every[np.argsort(every[:, 0])]
-    farthest = int(every[:, 2].max()) if len(every) else 1
-    return Kept(cells, every[:, 0], every[:, 1], farthest, level, every, region)
+    return reached, chosen, level
 
 
 class _Waiting:
@@ -59,7 +88,7 @@ class _Waiting:
     Lists by cell: `_head` the first image that waits for a cell, `_next` the one after an image.
     """
 
-    def __init__(self, found: Images, counts: tuple[int, ...]) -> None:
+    def __init__(self, found: Images, counts: tuple[int, ...], done: Truths) -> None:
         self._counts = counts
         inputs = found.usable.shape[1]
         axes = len(counts)
@@ -68,7 +97,7 @@ class _Waiting:
         self._corner = self._cell(self._first)
         self._row = np.repeat(np.arange(len(found.cells)), inputs)
         self._input = np.tile(np.arange(inputs), len(found.cells))
-        self._done = np.zeros(len(found.cells), dtype=bool)
+        self._done = done
         self._head = np.full(int(np.prod(counts)), NONE, dtype=np.int64)
         self._next = np.full(len(self._row), NONE, dtype=np.int64)
         self._unseen = np.flatnonzero(found.usable.reshape(-1))

@@ -7,6 +7,7 @@ import json
 import math
 import zlib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from keyword import iskeyword
 from pathlib import Path
 from typing import Any
@@ -14,16 +15,29 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from holdfast.analysis.certificates.cells import Cells, Floats, Wholes
-from holdfast.analysis.certificates.certificate import ENTRY, MAGIC, Certificate, Range, check_names
+from holdfast.analysis.certificates.cells import Cells, Floats, Halvings, Truths, Wholes
+from holdfast.analysis.certificates.certificate import (
+    ENTRY,
+    MAGIC,
+    MOST_DEPTH,
+    Certificate,
+    Range,
+    check_names,
+)
 from holdfast.analysis.certificates.certified_law import KEYS
 from holdfast.analysis.certificates.exact_text import exact_expression
-from holdfast.analysis.certificates.keeping import Kept
+from holdfast.analysis.certificates.kept_set import Kept
+from holdfast.analysis.certificates.law_written import Ranges, read
+from holdfast.analysis.certificates.refining import sure_of
 from holdfast.arguments import checked
 from holdfast.errors import HoldfastError, OutputError
 from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.execution.intervals.held_flow import Sampling
+from holdfast.maths.definitions.law_cases import LawCases
 from holdfast.maths.definitions.quantity import symbol
+
+OPTIONAL = {"depth"}
+"""What a header says of cells that were halved, and otherwise not."""
 
 
 @checked
@@ -55,10 +69,10 @@ def read_certificate(path: str | Path) -> Certificate:
         header = json.loads(text, object_pairs_hook=_once)
         if not isinstance(header, dict):
             raise ValueError("its header is no table")
-        lists = ("rates", "constraints", "target", "law", "edges", "errors", "candidates")
+        lists = ("rates", "constraints", "target", "edges", "errors", "candidates")
         if odd := [k for k in lists if k in header and type(header[k]) is not list]:
             raise ValueError(f"its {odd[0]} are no list")
-        if unknown := sorted(header.keys() ^ KEYS):
+        if unknown := sorted(header.keys() - OPTIONAL ^ KEYS):
             which = f"says '{unknown[0]}'" if unknown[0] in header else f"lacks '{unknown[0]}'"
             raise OutputError(
                 f"{file} {which}, and this version reads certificates without it"
@@ -110,23 +124,29 @@ def _certificate(header: Mapping[str, Any], packed: bytes) -> Certificate:
     )
     cells = _cells(header, len(rates))
     candidates = np.array([[_finite(v) for v in row] for row in header["candidates"]])
-    law = tuple(exact_expression(e, symbols) for e in header["law"])
+    if header["law"] and not isinstance(header["law"], dict):
+        raise ValueError("its law is one of an earlier version")
+    law, late = read(header["law"], symbols, exact_expression) if header["law"] else (None, ())
     if law and len(candidates):
         raise ValueError("it has a law, and inputs that were tried")
     candidates = candidates.reshape(len(candidates), 0 if law else -1)
-    given = len(law) if law else candidates.shape[1]
-    if len(rates) != len(named["states"]) or given != len(named["inputs"]):
+    given = {candidates.shape[1]}
+    if law:
+        given = {len(o.inputs) for mode in law.options for o in mode}
+    if len(rates) != len(named["states"]) or given != {len(named["inputs"])}:
         raise ValueError("rates, states, inputs and their values are not as many")
-    sampling, holds = _sampling(header, candidates, law), header["holds"]
+    sampling, holds = _sampling(header, candidates, law, late), header["holds"]
     if not (holds is None or (type(holds) is int and holds > 0)):
         raise ValueError(f"it holds inputs {holds} times")
     parameters = {symbols[n]: ranges[n] for n, _ in named["parameters"]}
     states = [symbols[n] for n, _ in named["states"]]
-    region = _region(cells, [e for _, _, e in constraints], states, parameters, sampling.errors)
+    halvings = Halvings(cells, _depth(header, cells))
+    region = _region(halvings, [e for *_, e in constraints], states, parameters, sampling.errors)
     if target:
-        both = [e for _, _, e in (*constraints, *target)]
-        region = np.setdiff1d(region, _region(cells, both, states, parameters, sampling.errors))
-    kept = _kept(header, packed, cells, region)
+        both = [e for *_, e in (*constraints, *target)]
+        arrived = _region(halvings, both, states, parameters, sampling.errors)
+        region = np.setdiff1d(region, arrived)
+    kept = _kept(header, packed, halvings, region)
     return Certificate(
         title=_text(header["title"]), states=named["states"], inputs=named["inputs"],
         disturbances=named["disturbances"], parameters=named["parameters"], ranges=ranges,
@@ -135,14 +155,18 @@ def _certificate(header: Mapping[str, Any], packed: bytes) -> Certificate:
     )  # fmt: skip
 
 
-def _sampling(header: Mapping[str, Any], candidates: Floats, law: tuple[sp.Expr, ...]) -> Sampling:
+def _sampling(
+    header: Mapping[str, Any], candidates: Floats, law: LawCases | None, late: Ranges
+) -> Sampling:
     hold, delay, *errors = (
         _finite(v) for v in (header["hold"], header["delay"], *header["errors"])
     )
     if not 0 <= delay < hold or len(errors) != len(header["states"]) or min(errors) < 0:
         raise ValueError(f"inputs are held for {hold:g} s, {delay:g} s late, with errors {errors}")
-    under_way = tuple((float(c.min()), float(c.max())) for c in candidates.T)
-    return Sampling(hold, tuple(errors), delay, under_way, law or None)
+    under_way = (
+        tuple(late) if law else tuple((float(c.min()), float(c.max())) for c in candidates.T)
+    )
+    return Sampling(hold, tuple(errors), delay, under_way, law)
 
 
 def _cells(header: Mapping[str, Any], axes: int) -> Cells:
@@ -155,7 +179,17 @@ def _cells(header: Mapping[str, Any], axes: int) -> Cells:
     return Cells(edges, periodic)
 
 
-def _kept(header: Mapping[str, Any], packed: bytes, cells: Cells, region: Wholes) -> Kept:
+def _depth(header: Mapping[str, Any], cells: Cells) -> int:
+    """How often the largest cells were halved."""
+    depth = header.get("depth", 0)
+    if type(depth) is not int or not 0 <= depth <= MOST_DEPTH:
+        raise ValueError(f"its cells were halved {depth!r} times")
+    if any(count % 2**depth for count in cells.counts):
+        raise ValueError(f"its cells cannot have been halved {depth} times")
+    return depth
+
+
+def _kept(header: Mapping[str, Any], packed: bytes, halvings: Halvings, region: Wholes) -> Kept:
     count, holds = header["entries"], header["holds"]
     if not (type(count) is int and count >= 0):
         raise ValueError(f"it has {count!r} entries")
@@ -167,39 +201,44 @@ def _kept(header: Mapping[str, Any], packed: bytes, cells: Cells, region: Wholes
     names = ENTRY.names or ()
     entries = np.stack([found[n].astype(np.int64) for n in names], axis=1)
     cell, tried, level = entries.T
-    inputs = 1 if header["law"] else len(header["candidates"])
+    law = header["law"]
+    inputs = len(law["modes"]) if law else len(header["candidates"])
     if count and (
-        cell.max() >= math.prod(cells.counts) or tried.max() >= inputs
+        not halvings.has(cell) or tried.max() >= inputs
         or level.max() > (holds or 0) or (holds is not None and level.min() < 1)
     ):  # fmt: skip
         raise ValueError("an entry has a cell, an input or a level that there is none of")
-    final = entries if header["target"] else entries[level == (holds or 0)]
-    if len(final) != header["cells_kept"] or len(np.unique(final[:, 0])) != len(final):
+    first = entries[tried == law["initial"]] if law else entries
+    kept = Kept.of(halvings, first, holds, 0, region, target=bool(header["target"]))
+    members = kept.members
+    if len(members) != header["cells_kept"] or (members[1:] == members[:-1]).any():
         raise ValueError(f"the cells that are kept are not {header['cells_kept']}")
-    return Kept(cells, final[:, 0], final[:, 1], holds, 0, entries, region)
+    return replace(kept, entries=entries)
 
 
 def _region(
-    cells: Cells,
+    halvings: Halvings,
     constraints: Sequence[sp.Expr],
     states: Sequence[Any],
     of: Mapping[Any, Range],
     errors: Sequence[float],
 ) -> Wholes:
     """The cells that lie in the region wherever they are measured."""
-    flat = np.arange(math.prod(cells.counts))
-    if not constraints:
-        return flat
-    low, high = cells.corners(flat)
-    for axis, error in enumerate(errors):
-        if error:
-            low[:, axis] = np.nextafter(low[:, axis] - error, -np.inf)
-            high[:, axis] = np.nextafter(high[:, axis] + error, np.inf)
-    ends = [np.tile([r[k] for r in of.values()], (len(flat), 1)) for k in (0, 1)]
-    enclosure = Enclosure(constraints, [*states, *of])
-    most = enclosure.over(np.hstack([low, ends[0]]), np.hstack([high, ends[1]]))[1]
-    found: Wholes = flat[(most <= 0).all(axis=1)]
-    return found
+    enclosure = Enclosure(constraints, [*states, *of]) if constraints else None
+
+    def sure(low: Floats, high: Floats) -> Truths:
+        if enclosure is None:
+            return np.ones(len(low), dtype=bool)
+        for axis, error in enumerate(errors):
+            if error:
+                low[:, axis] = np.nextafter(low[:, axis] - error, -np.inf)
+                high[:, axis] = np.nextafter(high[:, axis] + error, np.inf)
+        ends = [np.tile([r[k] for r in of.values()], (len(low), 1)) for k in (0, 1)]
+        most = enclosure.over(np.hstack([low, ends[0]]), np.hstack([high, ends[1]]))[1]
+        found: Truths = np.asarray((most <= 0).all(axis=1))
+        return found
+
+    return sure_of(sure, halvings)
 
 
 def _quantities(rows: Any) -> tuple[tuple[str, str], ...]:

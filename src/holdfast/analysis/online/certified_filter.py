@@ -45,7 +45,8 @@ class CertifiedFilter:
     w is the command of your own controller, within the bounds of the inputs; u_k are the inputs
     that were tried for the certificate. The enclosures are those of `certify`, from the measured
     state itself. For a horizon an input has to lead to cells that are kept for as long as the
-    input of the certificate would keep the state.
+    input of the certificate would keep the state. With a target it has to lead to cells that are
+    closer to it by one T, so that the state arrives whatever passes; from the target, to any.
 
     certificate: found, or read from its file. system: the vehicle, see `certified_law`; by default
     `certified_system(certificate)`. scales: input -> the change of it that counts as 1, by default
@@ -55,7 +56,8 @@ class CertifiedFilter:
     A loop calls it every T (`sample_time`). From a state in no certified cell an input that surely
     leads to one counts too; where there is none the status is OUTSIDE_GRID, the input is that of
     the nearest cell, and nothing is promised. `Decision.value` is for how long the state is kept
-    [s], infinite for ever and 0 where nothing is promised.
+    [s], infinite for ever and 0 where nothing is promised; with a target it is when the state is
+    there at the latest, 0 at the target.
 
     Raises `DefinitionError` for a certificate without a cell, for another system, and for one whose
     inputs have no bounds, or bounds that an uncertain number changes.
@@ -77,6 +79,8 @@ class CertifiedFilter:
         self.certificate, self.sample_time = certificate, certificate.hold
         _check_bounds(certificate, self.system)
         self._proof = Proof(certificate)
+        cells = "the target or cells that lead to it" if certificate.target else "certified cells"
+        self._cells = cells
         self._scales = _scales(certificate, scales or {})
         inputs = [q.symbol for q in self.system.inputs]
         limited = self.system.limited(self.system.allocated(inputs))
@@ -191,6 +195,7 @@ class CertifiedFilter:
             chosen[k], found = self._nearest(x[k], chosen[k], needed[k], own[k], known[k], sure[k])
             held[k] |= found
         lasts = np.where(known, kept, (needed + 1) * self.sample_time if proof.lasts else math.inf)
+        lasts[kept == 0] = 0.0
         chosen[~finite] = self._fallback
         rows = np.zeros((len(x), 2 * m + self._limits.count - m + 4))
         rows[:, : self._limits.count] = self._limits.values(chosen)
@@ -241,15 +246,16 @@ class CertifiedFilter:
             return f"{faulty}, so that the input is the fallback"
         if status is Status.OUTSIDE_GRID:
             return (
-                "the state is in no certified cell, and no input that was tried surely leads to "
-                "one: nothing is promised"
+                "the state is in no certified cell that leads on, and no input that was tried "
+                f"surely leads to {self._cells}: nothing is promised"
             )
         if not decision.overruled:
-            surely = f"{hold}, surely leads to certified cells"
+            surely = f"{hold}, surely leads to {self._cells}"
             if status is Status.PASSED:
                 return f"the command, {surely}"
             return f"the command is beyond the bounds of the inputs; within them it, {surely}"
-        return f"the command, {hold}, need not lead to certified cells; the nearest input does"
+        closer = "cells that are closer to the target" if self.certificate.target else self._cells
+        return f"the command, {hold}, need not lead to {closer}; the nearest input does"
 
     def gave_way(self, decision: Decision) -> tuple[str, ...]:
         """`Decision.gave_way`: nothing does."""

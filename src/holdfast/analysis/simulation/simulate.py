@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,7 @@ from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.steppers import BY_NAME
 from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.lookup import CellLookup
 from holdfast.maths.definitions.quantity import DELAY, SAMPLE_TIME, symbol
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
@@ -68,7 +69,7 @@ def simulate(
     where the law is handed its command (`commanded`, `SafetyFilter.law`): called at every sample
     with t and the measured states, shape (runs, states), it returns shape (runs, inputs); or an
     object with the methods of `Commander`. The other settings are
-    those of `Settings` (sample_time, substeps, record_every, continuous, tolerance,
+    those of `Settings` (sample_time, substeps, record_every, continuous, tolerance, until_goal,
     noise_uniform, noise_normal, seed, threads, absolute, relative).
 
     Warns with `GainWarning` when the gains violate a condition of the law. Raises
@@ -84,6 +85,8 @@ def simulate(
                 f"unknown setting '{name}'", remedy=suggestion(name, Settings.__dataclass_fields__)
             )
     chosen = Settings(horizon=horizon, **settings)
+    if chosen.until_goal and goal is None:
+        raise SimulationError("until_goal without a goal", key="until_goal")
     for name in reference or {}:
         if name not in system.state_names:
             raise SimulationError(f"reference of '{name}', which is not a state", key="reference")
@@ -118,7 +121,8 @@ def simulate(
         continuous=chosen.continuous,
         varied=varied,
     )
-    _check_held(program, chosen)
+    if isinstance(law.lookup, CellLookup):
+        _check_held(law.lookup, program, chosen)
     loop = ClosedLoop(program)
     values = {p.symbol: p.value for p in program.parameters}
     real = values | {symbol(name): float(value) for name, value in (plant or {}).items()}
@@ -180,25 +184,38 @@ def simulate(
     )
 
 
-def _check_held(program: ClosedLoopProgram, chosen: Settings) -> None:
-    """Refuse other samples than those of a certificate, and say what it does not count with."""
-    if program.hold is None:
-        return
+def _check_held(lookup: CellLookup, program: ClosedLoopProgram, chosen: Settings) -> None:
+    """Refuse other samples than those of a certificate, and say what is beyond what it counts."""
     if chosen.continuous:
         raise SimulationError(
-            f"the inputs of a certificate are held for {program.hold:g} s",
+            f"the inputs of a certificate are held for {lookup.hold:g} s",
             expected="sampled control",
             key="continuous",
         )
     program.check_sample_time(chosen.sample_time)
-    noise = {**chosen.noise_uniform, **chosen.noise_normal}
-    late = f"a delay of {chosen.delay:g} s" if chosen.delay else ""
-    if more := late or (any(noise.values()) and "noise of measurements"):
-        warnings.warn(
-            f"the certificate of the law does not count with {more}: its promise does not hold",
-            ModelWarning,
-            stacklevel=4,
+    for more in _beyond(lookup, chosen):
+        warnings.warn(f"{more}: its promise does not hold", ModelWarning, stacklevel=4)
+
+
+def _beyond(lookup: CellLookup, chosen: Settings) -> Iterator[str]:
+    """What a run has more of than the certificate of its law counts with.
+
+    A delay is of whole samples; a certificate counts with inputs that are less than one late.
+    """
+    if chosen.delay > lookup.delay:
+        yield (
+            f"the law sees everything {chosen.delay:g} s late, and its certificate counts with "
+            f"inputs that are late by up to {lookup.delay:g} s"
         )
+    for name, size in chosen.noise_uniform.items():
+        if size > (error := lookup.error_of(name)):
+            yield (
+                f"the noise of '{name}' is up to {size:g}, and the certificate of the law counts "
+                f"with up to {error:g}"
+            )
+    for name, size in chosen.noise_normal.items():
+        if size > 0:
+            yield f"the noise of '{name}' has no bound, and the certificate of the law needs one"
 
 
 def _limits(

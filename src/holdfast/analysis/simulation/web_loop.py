@@ -14,6 +14,7 @@ from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.loop_text import RING
 from holdfast.execution.codegen.lowering import leaf_of
 from holdfast.execution.simulation.block_numbers import BlockNumbers, Whole
+from holdfast.execution.simulation.kind import Kind
 from holdfast.execution.simulation.layout import LATE, RECORDS, Layout, shape_of
 from holdfast.execution.simulation.loop import built
 from holdfast.execution.simulation.settings import Settings
@@ -115,8 +116,9 @@ def web_loop(
     latest = min(latest, settings.samples)
     roomy = replace(settings, delay=latest * settings.sample_time)
     limit = settings.switch_limit if any(program.targets) else 1
+    kind = Kind(False, False, limit, settings.until_goal, direct=True)
     exact, noisy = (
-        built(shape_of(program, LANES), noisy=some, late=some, switch_limit=limit, direct=True)
+        built(shape_of(program, LANES), kind._replace(noisy=some, late=some))
         for some in (False, True)
     )
     shapes = (*(region.scene if region else ()), *(goal.scene if goal else ()))

@@ -23,9 +23,11 @@ class CTable:
 
     text: the numbers; needed: the scalar functions that look them up. found: the statements that
     fill `look` with what the table says; asked: those that note whether the state was outside.
+    said: what is to be known of whoever calls it.
     """
 
     needed: tuple[str, ...]
+    said: tuple[str, ...] = ()
 
     def __init__(self, lookup: Lookup) -> None:
         axes, count = len(lookup.places), len(lookup.symbols)
@@ -36,6 +38,7 @@ class CTable:
                 f"{rows}, {count}, look, near)"
             )
             self.text, self.needed = _cells(lookup), ("look_in_cells",)
+            self.said = _counted(lookup)
             room = f"    double look[{count}];\n    long near[{2 * axes}];\n"
             self.found = f"{_placed(axes, 'kept')}{room}    (void){call};\n"
             self.asked = (
@@ -90,6 +93,20 @@ def _cells(lookup: CellLookup) -> str:
         f"{_axes(shape, periodic)}{_doubles('numbers', numbers)}"
         f"static const hf_table hf_entries[{len(entries)}] = {{\n"
         f"{_listed([int(e) for e in entries], 16)}\n}};\n"
+    )
+
+
+def _counted(lookup: CellLookup) -> tuple[str, ...]:
+    """What the certificate of a table of cells promises for."""
+    late = f"late by up to {lookup.delay!r} s" if lookup.delay else "without delay"
+    errors = [
+        f"{place} measured to {error!r}"
+        for place, error in zip(lookup.places, lookup.errors, strict=False)
+        if error
+    ]
+    return (
+        f"certified for inputs that are held for {lookup.hold!r} s, {late}",
+        f"certified for {', '.join(errors)}" if errors else "certified for exact measurements",
     )
 
 

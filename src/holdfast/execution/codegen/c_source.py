@@ -130,6 +130,7 @@ class _File:
             *(f"mode {i}: {m}" for i, m in enumerate(self.program.modes)),
             *([f"{n}_state.slack: {SLACK}"] if self.program.safeguards else []),
             *([f"{n}_state.outside: {self.table.outside}"] if self.table else []),
+            *(self.table.said if self.table else ()),
         )
 
     def _interface(self) -> list[str]:

@@ -70,6 +70,7 @@ def note_leaves(actuation: int, peaks: Sequence[int], bounded: int = 0) -> dict[
     return {
         "exceed": made(_exceed, t=len(CLOCK), q=1 + bounded, x=1 + bounded),
         "arrive": made(_arrive, t=len(CLOCK), q=1, x=1),
+        "rest": made(_rest, t=len(CLOCK), q=1),
         "peaks": made(_peaks(peaks), t=len(CLOCK), q=actuation, p=len(peaks)),
     }
 
@@ -269,6 +270,12 @@ def _arrive(steps: Steps, values: Rows) -> list[Value]:
     nan = steps.constant(float("nan"), FLOAT)
     begins = since.differs(since) & at["alive"].differs(0.0)
     return [choose(level <= 0.0, choose(begins, at["time"], since), nan)]
+
+
+def _rest(steps: Steps, values: Rows) -> list[Value]:
+    """alive: no longer where a lane is in the goal since the time q."""
+    (since,) = values["q"]
+    return [choose(since.differs(since), clock(values)["alive"], 0.0)]
 
 
 def _exceed(steps: Steps, values: Rows) -> list[Value]:

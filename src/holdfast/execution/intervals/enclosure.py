@@ -121,6 +121,6 @@ class Enclosure:
                 f"corners have the shapes {low.shape} and {high.shape}",
                 expected=f"(count, {self.width}), both",
             )
-        ends = np.stack([low, high], axis=2).reshape(len(low), -1)
+        ends = np.stack([low, high], axis=2).reshape(len(low), 2 * self.width)
         found = self._leaves.values("enclosure", len(low), 2 * self.count, ends)
         return found[:, 0::2], found[:, 1::2]

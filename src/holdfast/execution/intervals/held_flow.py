@@ -14,8 +14,8 @@ For xdot = f(x, u, d) with u held for T, d in D at every instant, from a box X w
 
 States that are measured with errors up to e, and an input that arrives up to a delay late, are sets
 too: X and the states at the end are wider by e, and the way begins with a leg of that delay, on
-which the input is any that may be under way. The input of a law is its value all over the box that
-is measured.
+which the input is any that may be under way. The inputs of a law are those that it may give all
+over the box that is measured (`law_ranges.py`).
 
 Every operation is of intervals that are rounded outward. Rates with jumps have no df/dx: then the
 end is X + T f(B, u, D), and a constraint is looked at over all of B.
@@ -36,6 +36,7 @@ from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.intervals.enclosure import IntervalLowering
 from holdfast.execution.intervals.interval import Interval, hull, smallest
+from holdfast.execution.intervals.law_ranges import LawRanges
 from holdfast.execution.intervals.rows import (
     Row,
     common,
@@ -49,7 +50,8 @@ from holdfast.execution.intervals.rows import (
     share,
 )
 from holdfast.execution.leaf import compiled_leaves
-from holdfast.maths.expressions.traversal import derivatives
+from holdfast.maths.definitions.law_cases import LawCases
+from holdfast.maths.expressions.traversal import derivatives, exact
 
 JUMPS = ("sgn", "sign", "select", "wrap", "angle", "atan2", "floor", "ceiling", "length")
 """Functions that are not continuous everywhere, or of which the slope is not exact."""
@@ -81,14 +83,14 @@ class Sampling:
 
     errors: by how much each state may be measured wrong. delay: by how long an input may come late
     [s], at most. under_way: the least and the greatest of each input that may still be under way.
-    law: the inputs as expressions of the states, None where they are given.
+    law: what gives the inputs, None where they are tried.
     """
 
     hold: float
     errors: tuple[float, ...] = ()
     delay: float = 0.0
     under_way: tuple[tuple[float, float], ...] = ()
-    law: tuple[Any, ...] | None = None
+    law: LawCases | None = None
 
 
 class HeldFlow:
@@ -114,18 +116,21 @@ class HeldFlow:
         self.states, self.inputs = list(states), list(inputs)
         self.rates, self.constraints = ([exact(e) for e in g] for g in (rates, constraints))
         sampling = sampling if isinstance(sampling, Sampling) else Sampling(sampling)
-        self.law = None if sampling.law is None else [exact(e) for e in sampling.law]
         wide = {s: ends for s, ends in parameters.items() if ends[0] < ends[1]}
         self.disturbances = {**disturbances, **wide}  # constant ones, which is one way of varying
         self.parameters = {s: ends for s, ends in parameters.items() if s not in wide}
         self.sampling = sampling
+        self.law = None
+        if sampling.law is not None:
+            measured = {**disturbances, **parameters}
+            self.law = LawRanges(sampling.law, self.states, self.inputs, measured)
         self.errors = sampling.errors or (0.0,) * len(self.states)
         self.smooth = not any(_has(JUMPS, e) for e in self.rates)
         leaves = {"flow": self._flow_leaf(), "inside": self._inside_leaf(self.constraints)}
         if target:
-            arrived = [*self.constraints, *(exact(e) for e in target)]
-            leaves["arrived"] = self._inside_leaf(arrived)
+            leaves["arrived"] = self._inside_leaf([*self.constraints, *map(exact, target)])
         self._leaves = compiled_leaves(leaves)
+        self.digest = self._leaves.digest
 
     def inside(self, low: Array, high: Array) -> Truths:
         """Whether the constraints surely hold where each box is measured, shape (boxes,)."""
@@ -136,15 +141,21 @@ class HeldFlow:
         return self._sure("arrived", low, high)
 
     def _sure(self, leaf: str, low: Array, high: Array) -> Truths:
-        ends = np.stack([low, high], axis=2).reshape(len(low), -1)
+        ends = np.stack([low, high], axis=2).reshape(len(low), 2 * low.shape[1])
         found: Truths = self._leaves.values(leaf, len(low), 1, ends)[:, 0] > 0
         return found
 
-    def held(self, low: Array, high: Array, inputs: Array) -> Held:
-        """What one input for each box leads to; inputs: shape (boxes, inputs), unused by a law."""
+    def held(self, low: Array, high: Array, inputs: Array, most: Array | None = None) -> Held:
+        """What one input for each box leads to; inputs: shape (boxes, inputs).
+
+        most: of a law any input from `inputs` to these.
+        """
         n = len(self.states)
-        ends = np.stack([low, high], axis=2).reshape(len(low), -1)
-        given = ends if self.law is not None else np.concatenate([ends, inputs], axis=1)
+        ends = np.stack([low, high], axis=2).reshape(len(low), 2 * low.shape[1])
+        if self.law is not None:
+            both = (inputs, inputs if most is None else most)
+            inputs = np.stack(both, axis=2).reshape(len(low), 2 * inputs.shape[1])
+        given = np.concatenate([ends, inputs], axis=1)
         found = self._leaves.values("flow", len(low), 4 * n + 1, given)
         low, high, way_low, way_high = (found[:, k * n : (k + 1) * n] for k in range(4))
         return Held(low, high, way_low, way_high, found[:, 4 * n] > 0)
@@ -169,12 +180,12 @@ class HeldFlow:
     def _flow_leaf(self) -> Leaf:
         steps = Steps(expanded=True)
         n = len(self.states)
-        rows = [f"q{i}" for i in range(2 * n + (len(self.inputs) if self.law is None else 0))]
+        rows = [f"q{i}" for i in range(2 * n + len(self.inputs) * (1 if self.law is None else 2))]
         seen = pairs(steps, rows[: 2 * n])
         if self.law is None:
             inputs = [Interval(v, v) for v in (steps.input(name) for name in rows[2 * n :])]
         else:
-            inputs = self._values(steps, self.law, seen, {})
+            inputs = pairs(steps, rows[2 * n :])
         x, kept = self._with_errors(steps, seen), []
         ways = []
         free = self._free(steps)
@@ -318,12 +329,6 @@ class HeldFlow:
         meet = c0 + up * (c1 - c0 - step * down) * (up - down).inverse()
         between = (moving.low >= 0.0) | (moving.high <= 0.0) | (meet.high <= 0.0)
         return kept | (between if ends else between & (last.high <= 0.0))
-
-
-def exact(e: Any) -> sp.Expr:
-    """With floats as the rational numbers that they are: derivatives of these are exact."""
-    e = sp.sympify(e)
-    return e.xreplace({f: sp.Rational(f) for f in e.atoms(sp.Float)})
 
 
 def _of(lowering: IntervalLowering, e: Any) -> Interval:

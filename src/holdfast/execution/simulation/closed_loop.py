@@ -27,6 +27,7 @@ from holdfast.execution.simulation.blocks import (
     most_blocks,
 )
 from holdfast.execution.simulation.handed import Commander, advance_handed
+from holdfast.execution.simulation.kind import Kind
 from holdfast.execution.simulation.layout import shape_of
 from holdfast.execution.simulation.loop import Loop, built
 from holdfast.execution.simulation.settings import Settings
@@ -47,17 +48,17 @@ class ClosedLoop:
     def __init__(self, program: ClosedLoopProgram) -> None:
         self.program, self.shape = program, shape_of(program)
         self.leaves = compiled_leaves(program.leaves)
-        self._loops: dict[tuple[bool, bool, int], tuple[Loop, Functions]] = {}
+        self._loops: dict[Kind, tuple[Loop, Functions]] = {}
 
-    def loop(
-        self, *, noisy: bool = False, late: bool = False, switch_limit: int = 1
-    ) -> tuple[Loop, Functions]:
-        """The loop with such measurements, and its compiled functions."""
-        key = (noisy, late, switch_limit if any(self.program.targets) else 1)
-        if key not in self._loops:
-            made = built(self.shape, noisy=noisy, late=late, switch_limit=key[2])
-            self._loops[key] = made, functions_of(made, self.leaves)
-        return self._loops[key]
+    def loop(self, kind: Kind | None = None) -> tuple[Loop, Functions]:
+        """The loop of this kind, and its compiled functions."""
+        kind = kind or Kind()
+        if not any(self.program.targets):
+            kind = kind._replace(switch_limit=1)
+        if kind not in self._loops:
+            made = built(self.shape, kind)
+            self._loops[kind] = made, functions_of(made, self.leaves)
+        return self._loops[kind]
 
     def parameter_array(
         self, overrides: Mapping[str, float] | None = None, sample_time: float = 0.0
@@ -284,11 +285,9 @@ class ClosedLoop:
             own_gains=varied[:, :shared],
             noise=noise,
         )
-        loop, functions = self.loop(
-            noisy=bool(noise.any()),
-            late=settings.delay_samples > 0,
-            switch_limit=settings.switch_limit,
-        )
+        late = settings.delay_samples > 0
+        kind = Kind(bool(noise.any()), late, settings.switch_limit, settings.until_goal)
+        loop, functions = self.loop(kind)
 
         def work(start: int, stop_at: int, counter: npt.NDArray[np.int64]) -> None:
             some = Blocks(loop, functions, program, settings, stop_at - start)

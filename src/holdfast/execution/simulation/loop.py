@@ -28,6 +28,7 @@ from holdfast.execution.codegen.loop_text import Instructions, LoopText
 from holdfast.execution.codegen.mode_leaves import mode_leaves
 from holdfast.execution.codegen.random_leaves import noise_leaf
 from holdfast.execution.simulation.crossings import look_closely
+from holdfast.execution.simulation.kind import Kind
 from holdfast.execution.simulation.layout import LATE, RECORDS, STRIDE, Layout, Shape
 from holdfast.execution.simulation.turns import turn
 
@@ -50,19 +51,14 @@ class Loop:
 
 
 @lru_cache(KEPT)
-def built(
-    shape: Shape, *, noisy: bool, late: bool, switch_limit: int, direct: bool = False
-) -> Loop:
-    """The loop of programs of this shape, whose states are measured with noise, or late.
-
-    direct: it calls the leaves and parts by their names.
-    """
-    return _Builder(shape, noisy=noisy, late=late, switch_limit=switch_limit).loop(direct)
+def built(shape: Shape, kind: Kind) -> Loop:
+    """The loop of programs of this shape and kind."""
+    return _Builder(shape, kind).loop()
 
 
 class _Builder:
-    def __init__(self, shape: Shape, *, noisy: bool, late: bool, switch_limit: int) -> None:
-        self.shape, self.noisy, self.late = shape, noisy, late
+    def __init__(self, shape: Shape, kind: Kind) -> None:
+        self.shape, self.kind = shape, kind
         self.layout = Layout(shape)
         self.at = self.layout.at
         n, m, limited = shape.states, shape.inputs, shape.limited
@@ -70,20 +66,16 @@ class _Builder:
         produced = range(2 * limited, 2 * limited + m)
         peaks = [*produced, *range(limited, limited + shape.actuators)]
         self.leaves = (
-            step_leaves(
-                weights[:stages], *weights[stages:], order=shape.stepper.order, states=n,
-                constraints=shape.constraints,
-            )
+            step_leaves(weights[:stages], *weights[stages:], order=shape.stepper.order,
+                        states=n, constraints=shape.constraints)
             | note_leaves(2 * limited + m, peaks, shape.bounded)
-            | mode_leaves(shape.targets, shape.conditions, m, switch_limit)
+            | mode_leaves(shape.targets, shape.conditions, m, kind.switch_limit)
+            | (crossing_leaves(n) if shape.constraints else {})
+            | ({"noise": noise_leaf(n)} if kind.noisy else {})
         )  # fmt: skip
-        if shape.constraints:
-            self.leaves |= crossing_leaves(n)
-        if noisy:
-            self.leaves["noise"] = noise_leaf(n)
 
-    def loop(self, direct: bool) -> Loop:
-        text = LoopText(self.shape.width, direct=direct)
+    def loop(self) -> Loop:
+        text = LoopText(self.shape.width, direct=self.kind.direct)
         with text.function("holdfast_begin") as body:
             self._prepare(body)
             if self.shape.remembered:
@@ -127,7 +119,7 @@ class _Builder:
         """What `holdfast_advance` does, in parts between which others hand a command."""
         with text.function("holdfast_measure") as body:
             body.call("clock", t=self.at["length"], out=self.at["sample"])
-            self._measure(body, late=self.late)
+            self._measure(body, late=self.kind.late)
         with text.function("holdfast_control") as body:
             self._respond(body)
         with text.function("holdfast_record") as body:
@@ -153,7 +145,7 @@ class _Builder:
         """The clock, what the law sees, its mode, its command, and what is noted of them."""
         if begins:
             body.call("clock", t=self.at["length"], out=self.at["sample"])
-        self._measure(body, late=begins and self.late)
+        self._measure(body, late=begins and self.kind.late)
         self._respond(body)
 
     def _respond(self, body: Instructions) -> None:
@@ -196,7 +188,7 @@ class _Builder:
         if self.shape.measured:
             felt = at["seen"] + n * self.shape.width
             body.call("felt", t=at["seen_at"], q=at["seen"], p=at["plant"], out=felt)
-        if self.noisy:
+        if self.kind.noisy:
             body.copy(at["back"], at["draw"], 1)
             body.call("noise", t=at["run"], x=at["seen"], p=at["noise"], out=at["seen"])
 
@@ -269,6 +261,8 @@ class _Builder:
         shape, at, n = self.shape, self.at, self.shape.states
         t, adaptive, watched = at["length"], shape.stepper.adaptive, shape.constraints
         time, q, k0, new, k1 = (at[name] for name in ("time", "q", "stages", "new", "k1"))
+        if self.kind.until_goal:
+            body.call("rest", t=t, q=at["inside_since"], out=at["alive"])
         rates_at_both_ends = adaptive or watched
         body.call("start", t=t, out=at["h"])
         if rates_at_both_ends:

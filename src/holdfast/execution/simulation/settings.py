@@ -23,8 +23,8 @@ class Settings:
     between recorded samples. tolerance: c_j above this counts as leaving the region.
     noise_uniform, noise_normal: half-width and standard deviation of the measurement noise
     of each state. switch_limit: changes of mode within one second beyond which a run counts
-    as chattering. delay: seconds by which the law sees everything late. seed: of every random
-    number. threads: 0 for one per core.
+    as chattering. delay: seconds by which the law sees everything late. until_goal: whether a run
+    ends at its first sample in the goal. seed: of every random number. threads: 0 for one per core.
     """
 
     horizon: float
@@ -39,6 +39,7 @@ class Settings:
     noise_normal: Mapping[str, float] = field(default_factory=dict)
     switch_limit: int = 10
     delay: float = 0.0
+    until_goal: bool = False
     seed: int = 0
     threads: int = 0
 
@@ -55,6 +56,8 @@ class Settings:
             raise SimulationError(
                 "a delay with continuous control", remedy="sample the control", key="delay"
             )
+        if not isinstance(self.until_goal, bool):
+            raise SimulationError(f"until_goal is {self.until_goal!r}", expected="true or false")
         for name, least in (("substeps", 1), ("switch_limit", 1), ("threads", 0)):
             value = getattr(self, name)
             if not (isinstance(value, int) and value >= least):

@@ -8,6 +8,8 @@ from typing import TypeVar
 
 import sympy as sp
 
+from holdfast.maths.definitions.quantity import symbol
+
 T = TypeVar("T", bound="Lookup")
 
 
@@ -49,11 +51,19 @@ class CellLookup(Lookup):
     """What is known of the cell that `places` are in, in place of a value between nodes.
 
     `value` is how long the cell lasts, `entries` are its `width` numbers. hold: the sampling period
-    [s] for which these are; a law that uses them is run at no other.
+    [s] for which these are; a law that uses them is run at no other. errors: by how much each place
+    may be measured wrong; delay [s]: by how long an input may come late.
     """
 
     width: int = 0
     hold: float = 0.0
+    errors: tuple[float, ...] = ()
+    delay: float = 0.0
+
+    def error_of(self, state: str) -> float:
+        """By how much a state may be measured wrong: not at all where it is no place."""
+        among = [e for p, e in zip(self.places, self.errors, strict=False) if p == symbol(state)]
+        return among[0] if among else 0.0
 
     @property
     def entries(self) -> tuple[sp.Symbol, ...]:

@@ -6,6 +6,7 @@ SymPy's own methods walk the tree, whose size may be a thousand times that of th
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
 
 import sympy as sp
 
@@ -41,6 +42,12 @@ def exchanged(expressions: Iterable[sp.Expr], values: Mapping[sp.Expr, sp.Expr])
         return known[part]
 
     return [found(e) for e in expressions]
+
+
+def exact(e: Any) -> sp.Expr:
+    """With floats as the rational numbers that they are: derivatives of these are exact."""
+    e = sp.sympify(e)
+    return e.xreplace({f: sp.Rational(f) for f in e.atoms(sp.Float)})
 
 
 def derivatives(expression: sp.Expr, by: Iterable[sp.Symbol]) -> dict[sp.Symbol, sp.Expr]:

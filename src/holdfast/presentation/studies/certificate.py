@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from holdfast.analysis.certificates.certificate import Certificate
+from holdfast.analysis.certificates.law_keeps import LawJudgement
 from holdfast.arguments import checked
 from holdfast.presentation.figures import style
 
@@ -53,6 +54,8 @@ def certificate_figure(found: Certificate) -> Figure:
 def certificate_text(found: Certificate, files: Sequence[Path] = ()) -> str:
     """What is proved, of how many cells, and what is assumed."""
     kept = found.kept
+    sizes = f", of up to {2**kept.depth} times that width, {len(kept.entries)} in all"
+    share = kept.share if kept.share == 1 else min(kept.share, 0.999)  # all are certified, or not
     seconds = f"{(kept.holds or 0) * found.hold:g} s"
     lasts = "for ever" if kept.holds is None else f"for {seconds}"
     if found.target:
@@ -61,9 +64,10 @@ def certificate_text(found: Certificate, files: Sequence[Path] = ()) -> str:
         found.title,
         "",
         f"  certified      {len(kept.members)} of {kept.inside} cells in the region "
-        f"({100 * kept.share:.1f} %), {lasts}",
+        f"({100 * share:.1f} %), {lasts}",
         _inputs(found),
-        f"  cells          {' x '.join(map(str, found.cells.counts))}, {kept.sweeps} sweeps",
+        f"  cells          {' x '.join(map(str, found.cells.counts))}"
+        f"{sizes if kept.depth else ''}, {kept.sweeps} sweeps",
     ]
     for name, unit in (*found.disturbances, *found.parameters):
         low, high = found.ranges[name]
@@ -88,6 +92,26 @@ def certificate_text(found: Certificate, files: Sequence[Path] = ()) -> str:
         lines += ["", f"  files in {files[0].parent}: {names}",
                   f"  check it: holdfast-check {files[0]}"]  # fmt: skip
     return "\n".join(lines)
+
+
+def judgement_text(found: LawJudgement, files: list[Path]) -> str:
+    """The verdict on a law, what is certified of it, and the trajectory that refutes it."""
+    says = {
+        "proved": "the law keeps the region from every cell that lies in it",
+        "refuted": "a trajectory under the law surely leaves the region",
+        "undecided": "of some cells in the region neither is known",
+    }
+    lines = [f"{found.verdict}: {says[found.verdict]}", ""]
+    if (path := found.leaving) is not None:
+        numbers = {**path.start, **path.held}
+        lines += [
+            f"  from {', '.join(f'{n} = {v:.4g}' for n, v in path.start.items())}"
+            + (f", under {', '.join(f'{n} = {v:.4g}' for n, v in path.held.items())}:"
+               if len(numbers) > len(path.start) else ":"),
+            f"  after {path.time[-1]:g} s {path.constraint} is violated by at least {path.by:.3g}",
+            "",
+        ]  # fmt: skip
+    return "\n".join([*lines, certificate_text(found.certificate, files)])
 
 
 def _inputs(found: Certificate) -> str:

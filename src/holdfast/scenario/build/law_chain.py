@@ -110,7 +110,9 @@ def _certified(
     """The law of a certificate, whose file is given."""
     from holdfast.scenario.certificate import law_of_certificate  # with proofs
 
-    return law_of_certificate(composer.file, spec.law, system, region)
+    goal = composer.region(spec.goal, "goal") if spec.goal is not None else None
+    known = {n: float(v) for n, v in spec.disturbance.items() if isinstance(v, (int, float))}
+    return law_of_certificate(composer.file, spec.law, system, region, goal, known)
 
 
 def _observed(

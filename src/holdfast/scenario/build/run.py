@@ -62,6 +62,7 @@ def settings_of(
         "relative",
         "tolerance",
         "switch_limit",
+        "until_goal",
         "seed",
         "continuous",
     ):

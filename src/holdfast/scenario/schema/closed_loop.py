@@ -233,6 +233,7 @@ class RunSpec(Section):
     tolerance: float = 0.0
     switch_limit: int = 10
     delay: Value = 0.0
+    until_goal: bool = False
     seed: int = 0
 
 

@@ -1,0 +1,114 @@
+"""The cases of a law as the header of a certificate has them, and read from there."""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from holdfast.execution.intervals.table_ranges import TableRanges
+from holdfast.maths.definitions.law_cases import LawCases, Option
+from holdfast.maths.definitions.lookup import Lookup
+from holdfast.maths.definitions.quantity import TIME_IN_MODE
+
+Ranges = Sequence[tuple[float, float]]
+Read = Callable[[object, Mapping[str, sp.Expr]], sp.Expr]
+
+
+def written(law: LawCases, under_way: Ranges, text: Callable[[sp.Expr], str]) -> dict[str, Any]:
+    """Plain data; text: of an expression."""
+
+    def texts(expressions: Sequence[sp.Expr]) -> list[str]:
+        return [text(e) for e in expressions]
+
+    return {
+        "names": list(law.modes),
+        "initial": law.initial,
+        "where": [[symbol.name, text(e)] for symbol, e in law.where],
+        "modes": [[[texts(o.when), texts(o.inputs), o.to] for o in mode] for mode in law.options],
+        "parts": [_hexadecimal(edges) for edges in law.parts],
+        "under_way": [_hexadecimal(ends) for ends in under_way],
+        "table": None if law.lookup is None else _table(law.lookup, texts(law.lookup.places)),
+    }
+
+
+def read(given: Any, names: Mapping[str, sp.Expr], read: Read) -> tuple[LawCases, Ranges]:
+    """The law of a header, and its inputs that may be under way; read: of the text of expressions.
+
+    Raises what `read` does, and `ValueError`, `KeyError` or `TypeError` for other content.
+    """
+    table = given["table"]
+    lookup = None if table is None else _lookup(table, names, read)
+    known = {**names, TIME_IN_MODE.name: TIME_IN_MODE}
+    known |= {s.name: s for s in (lookup.symbols if lookup else ())}
+    where = []
+    for name, text in given["where"]:
+        if not (isinstance(name, str) and name.isidentifier()) or name in known:
+            raise ValueError(f"the law defines {name!r:.40}")
+        where.append((sp.Symbol(name, real=True), read(text, known)))
+        known[name] = where[-1][0]
+    modes, initial = tuple(map(str, given["names"])), given["initial"]
+    numbers = [initial, *(to for mode in given["modes"] for _, _, to in mode)]
+    if len(modes) != len(given["modes"]) or any(
+        type(k) is not int or not 0 <= k < len(modes) for k in numbers
+    ):
+        raise ValueError("the law has a mode that there is none of")
+    options = tuple(
+        tuple(
+            Option(tuple(read(e, known) for e in when), tuple(read(e, known) for e in inputs), to)
+            for when, inputs, to in mode
+        )
+        for mode in given["modes"]
+    )
+    parts = tuple(tuple(map(float.fromhex, edges)) for edges in given["parts"])
+    under_way = tuple((float.fromhex(a), float.fromhex(b)) for a, b in given["under_way"])
+    return LawCases(modes, initial, options, tuple(where), parts, lookup), under_way
+
+
+def _table(lookup: Lookup, places: list[str]) -> dict[str, Any]:
+    """Its nodes, and those of its slopes, between what these lie as differences of floats."""
+    ranges = TableRanges(lookup.table)
+    nodes = zip(lookup.symbols, ranges.nodes, strict=True)
+    ends = [_hexadecimal(e) for e in zip(ranges.low, ranges.steps, strict=True)]
+    axes = zip(places, ends, ranges.shape, ranges.periodic, strict=True)
+    return {
+        "axes": [list(axis) for axis in axes],
+        "nodes": {s.name: [_packed(end) for end in ends] for s, ends in nodes},
+    }
+
+
+def _lookup(table: Any, names: Mapping[str, sp.Expr], read: Read) -> Lookup:
+    texts, ends, shape, periodic = zip(*table["axes"], strict=True)
+    low, steps = np.array([[float.fromhex(v) for v in axis] for axis in ends]).T
+    found = Lookup(tuple(read(e, names) for e in texts), None)
+    nodes = {name: [_unpacked(end) for end in ends] for name, ends in table["nodes"].items()}
+    if nodes.keys() != {s.name for s in found.symbols}:
+        raise ValueError("a table has other names")
+    values = nodes[found.value.name][0]
+    counts = np.array(shape, dtype=np.int64)
+    if len(values) != counts.prod() or counts.min() < 2 or not (steps > 0).all():
+        raise ValueError("the nodes of a table are not as many as its axes say")
+    numbers = (values, low, steps, counts, np.array(periodic, dtype=bool))
+    own = TableRanges(numbers).nodes
+    for s, ends in zip(found.symbols, own, strict=True):
+        if not all(map(np.array_equal, nodes[s.name], (e.ravel() for e in ends))):
+            raise ValueError("the slopes of a table are not those of its values")
+    return replace(found, table=numbers)
+
+
+def _unpacked(text: str) -> Any:
+    return np.frombuffer(zlib.decompress(base64.b64decode(text)), dtype="<f8").astype(np.float64)
+
+
+def _packed(values: Any) -> str:
+    numbers = np.ascontiguousarray(values, dtype="<f8").tobytes()
+    return base64.b64encode(zlib.compress(numbers, 6)).decode("ascii")
+
+
+def _hexadecimal(values: Any) -> list[str]:
+    return [float(v).hex() for v in values]
