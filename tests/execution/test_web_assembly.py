@@ -9,9 +9,7 @@ import wasmtime
 import holdfast as hf
 from holdfast.analysis.simulation.web_loop import web_loop
 from holdfast.execution.simulation.settings import Settings
-from holdfast.execution.web_assembly import LANES
-
-STACK = 1 << 20
+from holdfast.execution.web_assembly import LANES, STACK
 
 
 class Instance:

@@ -205,7 +205,9 @@ def test_a_law_of_another_controller_is_refused(tmp_path):
 
 def test_a_link_holds_what_is_seen(chromium, written):
     with opened(chromium, written("inspection")) as page:
-        page.page.evaluate("state.start[1] = 0.7; state.values.k1 = 0.15; state.variant = 1; changed()")
+        page.page.evaluate(
+            "state.start[1] = 0.7; state.values.k1 = 0.15; state.variant = 1; changed()"
+        )
         page.until("!running && !stale")
         state, link = page.numbers("page.run.state"), page.page.evaluate("asLink()")
     with opened(chromium, written("inspection"), link=link) as page:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from holdfast.host.output import check_writable
+from holdfast.host.output import check_writable, make_folder
 
 
 @click.command("explore")
@@ -26,7 +26,7 @@ from holdfast.host.output import check_writable
 )
 @click.option("--open", "shown", is_flag=True, help="Open the page in the browser.")
 def command(scenario: str, out: Path | None, overrides: tuple[str, ...], shown: bool) -> None:
-    """Write SCENARIO, a closed loop, as one HTML file in which it runs.
+    """Write SCENARIO, closed loops or a kernel, as one HTML file in which it runs.
 
     Drag the start, the current and the numbers of the law: paths, modes and constraints follow. The
     file needs no server and no network, and its runs have the numbers of `holdfast run`.
@@ -39,7 +39,7 @@ def command(scenario: str, out: Path | None, overrides: tuple[str, ...], shown: 
     check_writable(path.parent)
     with bar(f"{scenario}, preparing") as tell:
         page = explore(scenario, overrides, progress=lambda done: tell(scenario, done))
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     write_explorer(page, path)
     click.echo(f"{path}, {len(page) / 2**20:.2f} MiB: open it in a browser")
     if shown:

@@ -31,10 +31,13 @@ from holdfast.execution.simulation.loop import SINGLE, Loop
 LANES = 2
 """Values of a step that are computed together: one register of WebAssembly."""
 
+STACK = 1 << 20
+"""Where the stack begins, and grows down from, in the memory; constants lie below it."""
+
 FEATURES = "+simd128,+bulk-memory,+nontrapping-fptoint,+sign-ext,+mutable-globals"
 
 _ROOT = re.compile(r"^define void @(holdfast_\w+)\(", re.MULTILINE)
-_CUSTOM, _IMPORT, _EXPORT = 0, 2, 7
+_CUSTOM, _IMPORT, _EXPORT, _ELEMENTS, _CONSTANTS = 0, 2, 7, 9, 11
 _FUNCTIONS, _MEMORY, _TABLE, _GLOBAL = 0, 2, 1, 3
 _SYMBOLS, _DATA, _SECTION, _UNDEFINED, _NAMED = 8, 1, 3, 0x10, 0x40
 
@@ -99,6 +102,7 @@ def _object(text: str) -> bytes:
 def _with_exports(content: bytes, names: Sequence[str]) -> bytes:
     """The object as a module that exports these functions; what is for a linker is left out."""
     sections = list(_sections(content))
+    _check_memory(dict(sections))
     numbers = {n: k for kind, body in sections if kind == _CUSTOM for n, k in _functions(body)}
     _check_imports(b"".join(body for kind, body in sections if kind == _IMPORT))
     entries = [_string(n) + bytes([_FUNCTIONS]) + _number(numbers[n]) for n in names]
@@ -107,6 +111,20 @@ def _with_exports(content: bytes, names: Sequence[str]) -> bytes:
     before = sum(kind < _EXPORT for kind, _ in kept)
     kept.insert(before, exports)
     return content[:8] + b"".join(bytes([k]) + _number(len(b)) + b for k, b in kept)
+
+
+def _check_memory(sections: Mapping[int, bytes]) -> None:
+    """Raises `HoldfastError` for addresses of functions, and constants that the stack may reach."""
+    if _ELEMENTS in sections:
+        raise HoldfastError("the module has a table of functions, which nothing fills")
+    read = _Reader(sections.get(_CONSTANTS, b"\0"))
+    for _ in range(read.number()):
+        if read.number() != 0 or read.byte() != 0x41:  # active, at a constant number
+            raise HoldfastError("the module has constants at no fixed place")
+        first, _, size = read.number(), read.byte(), read.number()
+        read.bytes(size)
+        if first + size > STACK // 4:
+            raise HoldfastError(f"the module has {first + size} bytes of constants")
 
 
 def _check_imports(body: bytes) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import math
+import tomllib
 import warnings
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -26,8 +27,9 @@ from holdfast.maths.definitions.units import in_base_units
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.numeric import Expression
 from holdfast.presentation.html.explorer import explorer_page
-from holdfast.scenario.files import read_tables
+from holdfast.scenario.files import overridden, read_tables, read_text
 from holdfast.scenario.kinds.closed_loop import Scenario
+from holdfast.scenario.kinds.formation import FormationScenario
 from holdfast.scenario.kinds.kernel import KernelScenario
 from holdfast.scenario.load import load_scenario, scenario_of
 from holdfast.scenario.overrides import substance
@@ -114,10 +116,7 @@ def _of_loop(
     loaded: Scenario, scenario: str, changes: Sequence[str], progress: Progress | None
 ) -> Explored:
     if loaded.plane is None:
-        raise ScenarioError(
-            f"'{scenario}' has no plane to draw in",
-            remedy='name two states: [figures] plane = ["x", "y"]',
-        )
+        raise ScenarioError(f"'{scenario}' has one state", expected="two states to draw in")
     if loaded.law.handed:
         raise ScenarioError(
             f"the law of '{scenario}' is commanded by another controller, which no page has",
@@ -132,7 +131,7 @@ def _of_loop(
         region=kept.region, goal=kept.goal, disturbance=kept.disturbance, plant=kept.plant,
         varied=kept.varied, settings=Settings(**own), stepper=kept.settings["stepper"],
         plane=loaded.plane, starts=starts, drawn=drawn, keys=_keys(loaded, scenario, changes),
-        tables=read_tables(scenario, changes)[2],
+        tables=_tables(loaded, scenario, changes),
     )  # fmt: skip
 
 
@@ -143,6 +142,21 @@ def _starts(loaded: Scenario) -> tuple[Array, Array]:
     found = brief.run(part=range(count) if loaded.independent_runs else None).arrays
     drawn = [*loaded.varied.draws, *loaded.varied.cases]
     return found["state"].values[:, 0], found["varied"].values[:, : len(drawn)]
+
+
+def _tables(loaded: Scenario, scenario: str, changes: Sequence[str]) -> dict[str, Any] | None:
+    """Those of the file that one run needs, with paths as the file has them.
+
+    None for a formation, whose starts follow from its leader.
+    """
+    if isinstance(loaded, FormationScenario):
+        return None
+    _, text = read_text(scenario)
+    _, tables = overridden(text, tomllib.loads(text), changes)
+    kept = {name: table for name, table in tables.items() if name not in ("compare", "kernels")}
+    named = str(tables.get("safety", ""))
+    kernels = {n: k for n, k in tables.get("kernels", {}).items() if n in named}
+    return kept | ({"kernels": kernels} if kernels else {})
 
 
 def _alone(loaded: Scenario, scenario: str, changes: Sequence[str]) -> Law | Switching | None:
@@ -181,8 +195,8 @@ def _described(shown: Explored) -> dict[str, Any]:
         "noise": {"uniform": noise[0].tolist(), "normal": noise[1].tolist()},
         "settings": {
             name: getattr(settings, name)
-            for name in ("horizon", "sample_time", "seed", "delay", "record_every", "continuous")
-        },
+            for name in ("horizon", "sample_time", "delay", "record_every", "continuous")
+        } | {"seed": str(settings.seed)},
         "variants": [
             {
                 "label": label, "modes": list(own.program.modes), "grid": own.grid,
@@ -272,9 +286,9 @@ def _keys(loaded: Scenario, scenario: str, changes: Sequence[str]) -> dict[str, 
     own = _parameters(loaded)
     keys = {}
     for table in TABLES:
-        for name, value in _numbers(tables.get(table, {})):
+        for name, key, value in _numbers(tables.get(table, {})):
             if name not in keys and own.get(name) == value:
-                keys[name] = f"{table}.{name}"
+                keys[name] = f"{table}.{key}"
 
     def fits(names: Iterable[str]) -> bool:
         beside = {n: _beside(own[n]) for n in names}
@@ -311,11 +325,17 @@ def _parameters(loaded: Scenario) -> dict[str, float]:
     return {p.name: float(p.value) for group in groups for p in group}
 
 
-def _numbers(table: Any) -> Iterator[tuple[str, float]]:
-    """The numbers of a table, in SI units."""
-    for name, value in table.items() if isinstance(table, Mapping) else ():
+def _numbers(table: Any) -> Iterator[tuple[str, str, float]]:
+    """The numbers of a table, and of its parameters, in SI units: name, key, value."""
+    own = table if isinstance(table, Mapping) else {}
+    named = [(name, name, value) for name, value in own.items()]
+    for name, value in own.get("parameters", {}).items():
+        told = isinstance(value, Mapping)
+        key = f"parameters.{name}" + (".value" if told else "")
+        named.append((name, key, value.get("value") if told else value))
+    for name, key, value in named:
         if isinstance(value, int | float | str) and not isinstance(value, bool):
             try:
-                yield name, in_base_units(value)
+                yield name, key, in_base_units(value)
             except HoldfastError:
                 continue

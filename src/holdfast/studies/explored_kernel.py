@@ -8,7 +8,7 @@ import numpy as np
 
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.depth import inside_states
-from holdfast.analysis.safety.safety_filter import LAWFUL, decided, safety_law
+from holdfast.analysis.safety.safety_filter import LAWFUL, decided, safety_law, sampled_margin
 from holdfast.errors import ScenarioError
 from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.settings import Settings
@@ -47,7 +47,8 @@ def explored_kernel(loaded: KernelScenario, progress: Progress | None = None) ->
     shown, note = _thinned(value)
     step = float((loaded.promised or {}).get("sample_time", SAMPLE_TIME))
     law = safety_law(loaded.system, shown, loaded.law, sample_time=step)
-    starts, _, _ = inside_states(shown, np.random.default_rng(loaded.seed), FAN, 0.0, 0.0)
+    loss = sampled_margin(loaded.system, shown, step) if loaded.system.inputs else 0.0
+    starts, _, _ = inside_states(shown, np.random.default_rng(loaded.seed), FAN, None, loss)
     stride = max(round(RECORDED / step), 1)
     records = max(round(loaded.horizon / (stride * step)), 1)
     return Explored(
@@ -56,7 +57,8 @@ def explored_kernel(loaded: KernelScenario, progress: Progress | None = None) ->
         region=loaded.region, goal=loaded.goal,
         disturbance={}, plant={}, varied=Varied(),
         settings=Settings(
-            horizon=records * stride * step, sample_time=step, record_every=stride * step
+            horizon=records * stride * step, sample_time=step, record_every=stride * step,
+            until_goal=loaded.goal is not None,
         ),
         stepper="rk4", plane=loaded.figures.plane or (names[0], names[1]), starts=starts,
         drawn=np.empty((len(starts), 0)), keys={}, tables=None, note=note,

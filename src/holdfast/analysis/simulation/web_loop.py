@@ -19,7 +19,7 @@ from holdfast.execution.simulation.layout import LATE, RECORDS, Layout, shape_of
 from holdfast.execution.simulation.loop import built
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.steppers import BY_NAME
-from holdfast.execution.web_assembly import LANES, web_module
+from holdfast.execution.web_assembly import LANES, STACK, web_module
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.lookup import CellLookup
 from holdfast.maths.definitions.quantity import TIME
@@ -67,6 +67,7 @@ class WebLoop:
         }
         return {
             "lanes": LANES,
+            "stack": STACK,
             "rows": rows,
             "record": records,
             "record_rows": layout.record,
@@ -77,7 +78,6 @@ class WebLoop:
             "entry_of_records": RECORDS,
             "tables": list(layout.tables) if self.table is not None else [],
             "parameters": [p.name for p in program.parameters],
-            "given": len(program.given),
             "varied": [*program.varied.names, *program.varied.plant],
             "varied_known": len(program.varied.names),
             "drawn": len(program.varied.draws) + len(program.varied.cases),

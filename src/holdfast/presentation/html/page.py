@@ -17,7 +17,7 @@ WIDTH, QUALITY = 1100, 82
 
 
 def rendered(template: str, **values: Any) -> str:
-    """of this folder with these values and the script `plotly`."""
+    """The page from a template of this folder with these values."""
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     text = (resources.files(__package__) / f"{template}.html.jinja").read_text("utf-8")
     return environment.from_string(text).render(**values)

@@ -8,9 +8,11 @@ const n = data.states.length, [planeX, planeY] = data.plane;
 const HANDLER = `
 let loops = null;
 onmessage = async ({ data: job }) => {
-  if (job.specs) { loops = await Promise.all(job.specs.map((s) => ClosedLoop.of(s))); postMessage({ ready: true }); return; }
-  const runs = loops[job.variant].runs(job.starts, job.given, job.own);
-  postMessage({ id: job.id, runs });
+  try {
+    if (job.specs) loops = await Promise.all(job.specs.map((s) => ClosedLoop.of(s)));
+    else postMessage({ runs: loops[job.variant].runs(job.starts, job.given, job.own) });
+    if (job.specs) postMessage({ ready: true });
+  } catch (error) { postMessage({ error: error.message }); }
 };`;
 
 // -- what can be changed -----------------------------------------------------------------------
@@ -50,8 +52,9 @@ class Pool {
     for (let k = 0; k < count; k++) {
       const worker = new Worker(url);
       worker.onmessage = ({ data: answer }) => {
-        if (worker.done) worker.done(answer);
-        worker.done = null;
+        if (worker.ends) { if (answer.error) worker.ends.failed(new Error(answer.error)); else worker.ends.done(answer); }
+        else if (answer.error) say(`The loop failed: ${answer.error}`);
+        worker.ends = null;
         this.idle.push(worker);
         this.next();
       };
@@ -60,12 +63,12 @@ class Pool {
     }
   }
 
-  run(job) { return new Promise((done) => { this.waiting.push({ job, done }); this.next(); }); }
+  run(job) { return new Promise((done, failed) => { this.waiting.push({ job, done, failed }); this.next(); }); }
   drop() { this.waiting.length = 0; }
   next() {
     while (this.idle.length && this.waiting.length) {
-      const worker = this.idle.pop(), { job, done } = this.waiting.shift();
-      worker.done = done;
+      const worker = this.idle.pop(), { job, ...ends } = this.waiting.shift();
+      worker.ends = ends;
       worker.postMessage(job);
     }
   }
@@ -73,19 +76,21 @@ class Pool {
 
 const cores = Math.max(1, Math.min(4, navigator.hardwareConcurrency || 2));
 const first = new Pool(1), many = new Pool(cores);
-let asked = 0, running = false, stale = true, fanAsked = 0;
+let running = false, stale = true, fanAsked = 0;
 
 // The one run follows at once; what is asked while it runs is asked once more.
 async function follow() {
   if (running) { stale = true; return; }
   running = true;
-  while (stale) {
-    stale = false;
-    const { runs } = await first.run({ id: ++asked, variant: state.variant, starts: [state.start], given: given() });
-    page.run = withModes(runs[0]);
-    page.drawn = false;
-    tell();
-  }
+  try {
+    while (stale) {
+      stale = false;
+      const { runs } = await first.run({ variant: state.variant, starts: [state.start], given: given() });
+      page.run = withModes(runs[0]);
+      page.drawn = false;
+      tell();
+    }
+  } catch (error) { say(`The loop failed: ${error.message}`); }
   running = false;
 }
 
@@ -96,7 +101,7 @@ async function fan() {
   page.fan = [];
   page.drawn = false;
   if (!byId("fan").checked) { tellFan(); return; }
-  const starts = data.starts.map((s) => s), part = Math.ceil(starts.length / (4 * cores));
+  const { starts } = data, part = Math.ceil(starts.length / (4 * cores));
   const jobs = [];
   const began = performance.now();
   for (let a = 0; a < starts.length; a += part) {
@@ -108,8 +113,9 @@ async function fan() {
       page.drawn = false;
     }));
   }
-  await Promise.all(jobs);
+  try { await Promise.all(jobs); } catch (error) { notice(`Some runs failed: ${error.message}`); }
   if (own !== fanAsked) return;
+  if (!page.fitted) { page.fitted = true; fit(); }
   page.fanSeconds = (performance.now() - began) / 1000;
   tellFan();
 }
@@ -157,7 +163,8 @@ const page = {
     page.look = {
       page: of("page"), card: of("card"), line: of("line"), text: of("text"), soft: of("soft"), accent: of("accent"),
       wall: of("soft"), goals: "#CC79A7", view: "#E69F00", current: "#0072B2", set: of("set"), limit: "#D55E00",
-      outcomes: Object.values(data.look.outcomes).map(shown), modes: data.look.modes, lines: data.look.lines.map(shown),
+      outcomes: Object.values(data.look.outcomes).map(shown), lines: data.look.lines.map(shown),
+      modes: ["#0072B2", "#E69F00", "#CC79A7", of("text"), "#999999"], // no colour of an outcome
     };
     return page.look;
   },
@@ -174,10 +181,9 @@ const page = {
   },
   posesNow() {
     const now = page.stateAt(page.time), views = data.scene.filter((s) => s.kind === "Cone" || s.kind === "Footprint");
-    if (views.length && page.sceneNow) {
-      return views.map(({ at }) => ({ x: page.sceneNow[at], y: page.sceneNow[at + 1], heading: page.sceneNow[at + 2] }));
-    }
-    return [{ x: now[planeX], y: now[planeY], heading: metric && HEADING >= 0 ? now[HEADING] : null }];
+    const own = { x: now[planeX], y: now[planeY], heading: metric && HEADING >= 0 ? now[HEADING] : null };
+    const others = page.sceneNow ? views.map(({ at }) => ({ x: page.sceneNow[at], y: page.sceneNow[at + 1], heading: page.sceneNow[at + 2] })) : [];
+    return others.some((p) => Math.hypot(p.x - own.x, p.y - own.y) < 1e-9) ? others : [own, ...others];
   },
   startPose() {
     return { x: state.start[planeX], y: state.start[planeY], heading: metric && HEADING >= 0 ? state.start[HEADING] : null };
@@ -190,7 +196,8 @@ const page = {
   current() {
     const [a, b] = currentRows();
     if (a === undefined) return null;
-    return { value: [state.disturbance[a], state.disturbance[b]], most: data.most_current, unit: "m/s" };
+    return { value: [state.disturbance[a], state.disturbance[b]], unit: "m/s",
+      most: Math.max(data.most[a] ?? data.most_current, data.most[b] ?? data.most_current) };
   },
 };
 
@@ -228,6 +235,16 @@ function tell() {
   if (run.switches > 0) parts.push(`${run.switches} changes of mode`);
   say(parts.join("; ") + ".");
   byId("status").dataset.outcome = labels[run.outcome];
+  byId("modes").replaceChildren(...(run.mode ? variant().modes : []).map((name, k) =>
+    marked(page.colours().modes[k % page.colours().modes.length], name.replaceAll("_", " "))));
+}
+
+function marked(colour, text) {
+  const item = document.createElement("li"), mark = document.createElement("span");
+  mark.className = "mark";
+  mark.style.background = colour;
+  item.append(mark, text);
+  return item;
 }
 
 function tellFan() {
@@ -237,11 +254,7 @@ function tellFan() {
   list.replaceChildren();
   const labels = Object.keys(data.look.outcomes);
   for (const [outcome, count] of Object.entries(counts)) {
-    const item = document.createElement("li"), mark = document.createElement("span");
-    mark.className = "mark";
-    mark.style.background = page.colours().outcomes[outcome];
-    item.append(mark, `${labels[outcome]}: ${count} of ${page.fan.length}`);
-    list.append(item);
+    list.append(marked(page.colours().outcomes[outcome], `${labels[outcome]}: ${count} of ${page.fan.length}`));
   }
   list.dataset.seconds = page.fanSeconds ?? "";
 }
@@ -254,15 +267,15 @@ function groups() {
     found.push({ title: `constraints${unit === "1" ? "" : ` [${unit}]`}, violated above 0:`, limit: 0, lines: data.constraints
       .map(([name], j) => ({ name: name.replaceAll("_", " "), j, unit: data.constraints[j][1] }))
       .filter((line) => line.unit === unit)
-      .map((line, k) => ({ name: line.name, colour: colour(k), values: (r) => run.constraint[r * m + line.j] })) });
+      .map((line, k) => ({ name: line.name, colour: colour(k), dash: k < look.lines.length ? [] : [6, 3], values: (r) => run.constraint[r * m + line.j] })) });
   }
   const inputs = data.inputs.length;
   for (const unit of [...new Set(data.inputs.map((q) => q.unit))]) {
     const lines = [];
     data.inputs.forEach((q, j) => {
       if (q.unit !== unit) return;
-      if (run.nominal) lines.push({ name: `${q.name} asked for`, colour: look.soft, dash: [3, 3], values: (r) => run.nominal[r * inputs + j] });
-      lines.push({ name: q.name, colour: colour(j), values: (r) => run.input[r * inputs + j] });
+      if (run.nominal) lines.push({ steps: !data.settings.continuous, name: `${q.name} asked for`, colour: look.soft, dash: [3, 3], values: (r) => run.nominal[r * inputs + j] });
+      lines.push({ steps: !data.settings.continuous, name: q.name, colour: colour(j), values: (r) => run.input[r * inputs + j] });
     });
     found.push({ title: `inputs${unit === "1" ? "" : ` [${unit}]`}:`, lines });
   }
@@ -270,11 +283,8 @@ function groups() {
 }
 
 let lastFrame = 0;
-const frames = [];
 function frame(now) {
   const passed = Math.min((now - lastFrame) / 1000, 0.1);
-  frames.push(now - lastFrame);
-  if (frames.length > 240) frames.shift();
   lastFrame = now;
   if (page.playing && page.run) {
     page.time += passed * Number(byId("speed").value);
@@ -312,12 +322,13 @@ let held = null;
 const canvas = byId("plane");
 const point = (event) => { const box = canvas.getBoundingClientRect(); return [event.clientX - box.left, event.clientY - box.top]; };
 canvas.addEventListener("pointerdown", (event) => {
-  held = plane.handleAt(...point(event));
+  held = plane.handleAt(...point(event)) || { kind: "plane", from: point(event) };
   if (held) { canvas.setPointerCapture(event.pointerId); event.preventDefault(); }
 });
 canvas.addEventListener("pointermove", (event) => {
   if (!held) { canvas.style.cursor = plane.handleAt(...point(event)) ? "grab" : "default"; return; }
   const [px, py] = point(event), [x, y] = plane.place(px, py);
+  if (held.kind === "plane") { plane.pan(px - held.from[0], py - held.from[1]); held.from = [px, py]; page.drawn = false; return; }
   if (held.kind === "target") { // the vehicle stays where it is, and its coordinates follow
     const [tx, ty] = page.targetPlace(), dx = x - tx, dy = y - ty;
     state.offset = [state.offset[0] + dx, state.offset[1] + dy];
@@ -331,11 +342,17 @@ canvas.addEventListener("pointermove", (event) => {
     let vx = ((px - cx) / size) * most, vy = ((cy - py) / size) * most;
     const speed = Math.hypot(vx, vy);
     if (speed > most) { vx *= most / speed; vy *= most / speed; }
-    state.disturbance[a] = vx; state.disturbance[b] = vy;
+    const within = (v, row) => Math.min(Math.max(v, -(data.most[row] ?? most)), data.most[row] ?? most);
+    state.disturbance[a] = within(vx, a); state.disturbance[b] = within(vy, b);
   }
   changed();
 });
 for (const kind of ["pointerup", "pointercancel"]) canvas.addEventListener(kind, () => { held = null; });
+canvas.addEventListener("wheel", (event) => {
+  event.preventDefault();
+  plane.zoom(...point(event), Math.exp(0.0015 * event.deltaY));
+  page.drawn = false;
+}, { passive: false });
 canvas.addEventListener("keydown", (event) => {
   const v = plane.view, step = event.shiftKey ? 0.002 : 0.01;
   const moves = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
@@ -377,7 +394,7 @@ function addControls() {
   });
   data.given.forEach((name, k) => {
     const q = data.disturbances.find((d) => d.name === name), most = data.most[k] ?? (Math.abs(state.disturbance[k]) * 2 || data.most_current);
-    controls.add({ ...q, group: "disturbance", low: -most, high: most, get: () => state.disturbance[k],
+    controls.add({ ...q, group: "disturbance", low: -most, high: most, least: data.most[k] === null ? undefined : -most, most: data.most[k] ?? undefined, get: () => state.disturbance[k],
       set: (v) => { state.disturbance[k] = v; changed(); } });
   });
   for (const [name, [low, high]] of Object.entries(data.draws)) {
@@ -396,10 +413,10 @@ function addControls() {
   }
   if (!data.settings.continuous) {
     controls.add({ name: "delay", unit: "s", says: "by how long the law sees everything late", group: "sensing", low: 0,
-      high: data.variants[0].loop.latest * data.settings.sample_time, get: () => state.delay,
+      high: data.variants[0].loop.latest * data.settings.sample_time, least: 0, most: data.variants[0].loop.latest * data.settings.sample_time, get: () => state.delay,
       set: (v) => { state.delay = Math.round(v / data.settings.sample_time) * data.settings.sample_time; changed(); } });
     data.states.forEach((q, i) => controls.add({ ...q, name: `noise of ${q.name}`, says: "half the width of uniform noise", group: "sensing",
-      low: 0, high: q.unit === "rad" ? 0.1 : 0.05, above: null, get: () => state.uniform[i], set: (v) => { state.uniform[i] = Math.max(v, 0); changed(); } }));
+      low: 0, high: q.unit === "rad" ? 0.1 : 0.05, least: 0, get: () => state.uniform[i], set: (v) => { state.uniform[i] = v; changed(); } }));
   }
 }
 
@@ -408,17 +425,15 @@ function addControls() {
 // The scenario that reproduces what is seen: its tables with these numbers and one start.
 function asScenario() {
   const tables = structuredClone(data.tables), into = (key, value) => {
-    const [table, ...rest] = key.split(".");
-    tables[table] ??= {};
-    tables[table][rest.join(".")] = value;
+    const names = key.split("."), last = names.pop();
+    names.reduce((table, name) => (table[name] ??= {}), tables)[last] = value;
   };
-  if (variant().label && state.variant > 0) for (const name of data.filters) delete tables[name];
+  if (variant().label && state.variant > 0) for (const name of [...data.filters, "kernels"]) delete tables[name];
   const own = allValues();
   for (const { name, key, of } of knobs()) {
     if (of === "both" && state.values[name] !== own[name]) into(key, state.values[name]);
     if (of === "plant" && name in state.truth) into(key, state.truth[name]);
   }
-  delete tables.compare;
   tables.starts = { states: [Object.fromEntries(data.states.map((q, i) => [q.name, state.start[i]]))], start_outside: true };
   if (data.given.some((_, k) => state.disturbance[k] !== data.disturbance[k])) {
     data.given.forEach((name, k) => into(`disturbance.${name}`, state.disturbance[k]));
@@ -439,13 +454,24 @@ function asScenario() {
       else if (tables.noise) delete tables.noise[kind];
     }
   }
-  into("run.seed", state.seed);
+  into("run.seed", BigInt(state.seed));
   return toml(tables);
 }
 
 async function copied(text, what) {
   try { await navigator.clipboard.writeText(text); notice(`${what} is on the clipboard.`); }
   catch { const area = byId("copy"); area.hidden = false; area.value = text; area.select(); notice(`${what}: press Ctrl+C.`); }
+}
+
+// The plane without handles, on the colour of the page.
+function picture() {
+  const found = document.createElement("canvas"), scale = 2, context = found.getContext("2d");
+  [found.width, found.height] = [scale * plane.view.width, scale * plane.view.height];
+  context.scale(scale, scale);
+  context.fillStyle = page.colours().page;
+  context.fillRect(0, 0, plane.view.width, plane.view.height);
+  plane.draw(context);
+  return found;
 }
 
 function saved(url, name) {
@@ -470,7 +496,7 @@ function fromLink(text) {
   if (text.length < 2) return;
   const number = (v) => typeof v === "number" && Number.isFinite(v);
   const like = (value, own) => (Array.isArray(own) ? Array.isArray(value) && value.length === own.length && value.every(number)
-    : number(own) ? number(value) : typeof value === "object" && value !== null && Object.values(value).every(number));
+    : number(own) ? number(value) : typeof own === "string" ? /^[0-9]{1,20}$/.test(value) : typeof value === "object" && value !== null && Object.values(value).every(number));
   try {
     for (const [name, value] of Object.entries(JSON.parse(decodeURIComponent(text.slice(1))))) {
       if (!(name in state) || !like(value, state[name])) throw new Error(name);
@@ -515,6 +541,19 @@ function slices(loop, grid) {
   }
 }
 
+// All starts, paths and targets in view; walls where there is no target.
+function fit() {
+  const v = page.sceneNow, ends = ({ at, kind }) => (kind === "Segment"
+    ? [[v[at], v[at + 1]], [v[at + 2], v[at + 3]]] : [[v[at] - v[at + 2], v[at + 1] - v[at + 2]], [v[at] + v[at + 2], v[at + 1] + v[at + 2]]]);
+  const fixed = data.scene.filter((s) => s.kind === "Segment" || s.kind === "Circle"), targets = fixed.filter((s) => s.role !== "wall");
+  const points = [...data.starts.map((s) => [s[planeX], s[planeY]]), ...(targets.length ? targets : fixed).flatMap(ends)];
+  for (const { xy } of [...page.fan, ...(page.run ? [pathOf(page.run)] : [])]) {
+    for (let k = 0; k + 1 < xy.length; k += 2) points.push([xy[k], xy[k + 1]]);
+  }
+  plane.fit(points.map(([x, y]) => [x + state.offset[0], y + state.offset[1]]));
+  page.drawn = false;
+}
+
 // -- the beginning ---------------------------------------------------------------------------------
 
 function theme(next) {
@@ -539,12 +578,13 @@ async function begin() {
   byId("play").addEventListener("click", () => play(!page.playing));
   time.addEventListener("input", () => { page.time = Number(time.value); page.drawn = false; });
   byId("fan").addEventListener("change", fan);
-  byId("reset").addEventListener("click", () => { state = initial(); page.time = 0; choice.value = 0; changed(); });
+  byId("reset").addEventListener("click", () => { state = initial(); page.time = 0; time.value = 0; choice.value = 0; fit(); changed(); });
   byId("toml").hidden = data.tables === null;
   byId("toml").addEventListener("click", () => copied(asScenario(), "The scenario"));
   byId("link").addEventListener("click", () => copied(location.href.split("#")[0] + asLink(), "The link"));
   window.addEventListener("hashchange", () => { state = initial(); fromLink(location.hash); choice.value = state.variant; changed(); });
-  byId("png").addEventListener("click", () => saved(canvas.toDataURL("image/png"), `${data.name}.png`));
+  byId("png").addEventListener("click", () => saved(picture().toDataURL("image/png"), `${data.name}.png`));
+  byId("fit").addEventListener("click", fit);
   byId("svg").addEventListener("click", () => {
     const context = new SvgContext(plane.view.width, plane.view.height);
     plane.draw(context);
@@ -561,15 +601,8 @@ async function begin() {
   mainLoops[0].setParameters(() => given(), given());
   mainLoops[0].prepare();
   page.sceneNow = mainLoops[0].scene(state.start, 0);
-  const fixed = data.scene.filter((s) => s.kind === "Segment").flatMap(({ at }) =>
-    [[page.sceneNow[at], page.sceneNow[at + 1]], [page.sceneNow[at + 2], page.sceneNow[at + 3]]]);
-  const targets = data.scene.some((s) => s.role === "target") ? data.scene.filter((s) => s.role === "target") : [];
-  const shown = targets.flatMap(({ at, kind }) => kind === "Segment"
-    ? [[page.sceneNow[at], page.sceneNow[at + 1]], [page.sceneNow[at + 2], page.sceneNow[at + 3]]] : [[page.sceneNow[at], page.sceneNow[at + 1]]]);
   await follow();
-  const path = pathOf(page.run).xy, points = [];
-  for (let k = 0; k + 1 < path.length; k += 2) points.push([path[k], path[k + 1]]);
-  plane.fit([...data.starts.map((s) => [s[planeX], s[planeY]]), ...points, ...(shown.length ? shown : fixed)]);
+  fit();
   page.drawn = false;
   requestAnimationFrame((now) => { lastFrame = now; frame(now); });
   fan();

@@ -15,14 +15,15 @@ class Controls {
     this.entries = [];
   }
 
-  // knob: { group, name, unit, says, low, high, get, set, degrees }.
+  // knob: { group, name, unit, says, low, high, get, set; above, least, most: limits of the number }.
   add(knob) {
     const scale = knob.unit === "rad" ? 180 / Math.PI : 1, unit = knob.unit === "rad" ? "deg" : knob.unit;
     const row = document.createElement("div");
     row.className = "knob";
+    const truth = knob.group === "plant" ? " in truth" : "";
     const label = document.createElement("label"), id = `knob${this.entries.length}`;
     label.htmlFor = id;
-    label.textContent = unit === "1" ? knob.name : `${knob.name} [${unit}]`;
+    label.textContent = `${knob.name}${truth}` + (unit === "1" ? "" : ` [${unit}]`);
     if (knob.says) label.title = knob.says;
     const slider = document.createElement("input"), field = document.createElement("input");
     Object.assign(slider, { type: "range", id, min: knob.low * scale, max: knob.high * scale, step: "any" });
@@ -35,8 +36,11 @@ class Controls {
     slider.addEventListener("input", () => { knob.set(Number(slider.value) / scale); });
     field.addEventListener("change", () => {
       const value = Number(field.value) / scale;
-      const fits = field.value !== "" && Number.isFinite(value) && !(knob.above !== null && knob.above !== undefined && value <= knob.above);
-      field.setCustomValidity(fits ? "" : `a number${knob.above !== null && knob.above !== undefined ? ` above ${knob.above * scale}` : ""}`);
+      const limits = [["above", (v) => value > v], ["least", (v) => value >= v], ["most", (v) => value <= v]];
+      const broken = limits.filter(([name, fits]) => knob[name] !== null && knob[name] !== undefined && !fits(knob[name]));
+      const fits = field.value !== "" && Number.isFinite(value) && !broken.length;
+      const says = { above: "above", least: "at least", most: "at most" };
+      field.setCustomValidity(fits ? "" : ["a number", ...broken.map(([name]) => `${says[name]} ${short(knob[name] * scale)}`)].join(" "));
       if (fits) knob.set(value); else field.reportValidity();
     });
     row.append(label, slider, field);
@@ -50,6 +54,7 @@ class Controls {
       const details = document.createElement("details"), summary = document.createElement("summary");
       summary.textContent = GROUPS[name] || name;
       details.open = OPEN.includes(name);
+      details.setAttribute("aria-label", summary.textContent);
       details.append(summary);
       this.place.append(details);
       this.groups[name] = details;

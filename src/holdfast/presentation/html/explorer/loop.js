@@ -3,7 +3,6 @@
 // for each run, and an array s of whole numbers; `spec` says where what is.
 "use strict";
 
-const STACK = 1 << 20; // constants of the module lie below, the stack grows down from here
 const PAGE = 65536;
 const STAYED = 0, REACHED = 1, LEFT = 2, DIVERGED = 3;
 
@@ -44,7 +43,7 @@ class ClosedLoop {
     this.numbers = new Float64Array(numbers.buffer);
     this.whole = new BigInt64Array(whole.slice().buffer);
     const log = spec.records * spec.record_rows * this.lanes;
-    this.atTable = STACK;
+    this.atTable = spec.stack; // constants of the module lie below, the stack grows down from here
     this.atW = this.atTable + 16 * Math.ceil((table ? table.length : 0) / 16);
     this.atS = this.atW + 8 * (this.numbers.length + log);
     this.atStop = this.atS + 8 * this.whole.length;
@@ -53,7 +52,7 @@ class ClosedLoop {
     const memory = new WebAssembly.Memory({ initial: Math.ceil(size / PAGE) + 1 });
     const instance = new WebAssembly.Instance(module, { env: {
       __linear_memory: memory,
-      __stack_pointer: new WebAssembly.Global({ value: "i32", mutable: true }, STACK),
+      __stack_pointer: new WebAssembly.Global({ value: "i32", mutable: true }, spec.stack),
       __indirect_function_table: new WebAssembly.Table({ initial: 0, element: "anyfunc" }),
     } });
     this.call = instance.exports;
@@ -105,8 +104,8 @@ class ClosedLoop {
   }
 
   // Runs from `starts`, an array of states; one result for each (see `result`).
-  // given: { gains, plant, disturbance, noise: {uniform, normal}, delay (samples), seed, first,
-  // sampleTime, records }. own: gains and plant of each run, where they are not those.
+  // given: { gains, plant, disturbance, noise: {uniform, normal}, delay (samples), seed (its digits),
+  // first, sampleTime }. own: gains and plant of each run, where they are not those.
   runs(starts, given, own) {
     const loop = this.for(given), found = [];
     for (let first = 0; first < starts.length; first += this.lanes) {
@@ -138,19 +137,17 @@ class ClosedLoop {
     const call = (name) => this.call[name](this.atW, this.atS, 0, this.atStop);
     call("holdfast_begin");
     this.look();
-    const records = Math.min(given.records || spec.records, spec.records);
     i[this.s] = BigInt(spec.log);
-    if (records > 1) {
-      i[this.s + spec.entry_of_records] = BigInt(records - 1);
-      call("holdfast_advance");
-    }
+    i[this.s + spec.entry_of_records] = BigInt(spec.records - 1);
+    call("holdfast_advance");
     call("holdfast_finish");
-    return starts.map((_, lane) => this.result(lane, records));
+    return starts.map((_, lane) => this.result(lane));
   }
 
   setDelay(samples) {
     const { f, i, spec, lanes } = this, late = this.s + spec.late;
-    const slots = Math.min(samples, spec.latest) + 1, size = spec.states * lanes;
+    if (!(samples >= 0 && samples <= spec.latest)) throw new RangeError(`a delay of ${samples} samples`);
+    const slots = samples + 1, size = spec.states * lanes;
     i[late] = 0n;
     i[late + 1] = BigInt(slots);
     this.fill("delay", slots - 1);
@@ -176,9 +173,9 @@ class ClosedLoop {
   }
 
   // A run: arrays of its records, one after the other, and how it ended.
-  result(lane, records) {
+  result(lane) {
     const { f, i, spec, lanes } = this, size = spec.record_rows * lanes;
-    const done = Math.min(records, (Number(i[this.s]) - spec.log) / size);
+    const done = Math.min(spec.records, (Number(i[this.s]) - spec.log) / size);
     const log = this.w + spec.log + lane;
     let count = 0;
     while (count < done && f[log + count * size] !== 0) count++;

@@ -34,6 +34,17 @@ class Plane {
     this.box = { x0: x0 - pad, x1: x1 + pad, y0: y0 - pad, y1: y1 + pad };
   }
 
+  pan(dx, dy) {
+    const { view: v, box } = this;
+    box.x0 -= dx / v.sx; box.x1 -= dx / v.sx; box.y0 += dy / v.sy; box.y1 += dy / v.sy;
+  }
+
+  // By a factor around a place on the canvas.
+  zoom(px, py, factor) {
+    const [x, y] = this.place(px, py), [ox, oy] = this.page.offset, { box } = this;
+    for (const [k, at] of [["x0", x + ox], ["x1", x + ox], ["y0", y + oy], ["y1", y + oy]]) box[k] = at + factor * (box[k] - at);
+  }
+
   // The size of the canvas in points, its scale, and where the plane is on it.
   arrange() {
     const { canvas, box } = this, ratio = window.devicePixelRatio || 1;
@@ -170,7 +181,10 @@ class Plane {
   path(run) {
     const { page, look } = this, [i, j] = page.data.plane, n = page.data.states.length;
     let piece = [], mode = run.mode ? run.mode[0] : 0;
-    const flush = () => this.line(piece, look.modes[mode % look.modes.length], 2.5);
+    const flush = () => {
+      this.line(piece, look.page, 5.5);
+      this.line(piece, look.modes[mode % look.modes.length], 3);
+    };
     for (let k = 0; k < run.count; k++) {
       const x = run.state[k * n + i], y = run.state[k * n + j];
       piece.push(x, y);
@@ -259,7 +273,7 @@ class Plane {
     const { context: c, page, look } = this, pose = page.startPose();
     if (!pose) return;
     const [px, py] = this.at(pose.x, pose.y);
-    this.dot(px, py, look.accent, "start");
+    this.dot(px, py, look.accent, "start", true);
     this.handles.push({ kind: "start", px, py });
     if (pose.heading === null) return;
     const hx = px + 34 * Math.cos(pose.heading), hy = py - 34 * Math.sin(pose.heading);
@@ -269,10 +283,10 @@ class Plane {
     this.handles.push({ kind: "heading", px: hx, py: hy });
   }
 
-  dot(px, py, colour, label) {
+  dot(px, py, colour, label, hollow = false) {
     const { context: c, look } = this;
     c.beginPath(); c.arc(px, py, HANDLE - 2, 0, 2 * Math.PI);
-    c.fillStyle = look.page; c.fill();
+    if (!hollow) { c.fillStyle = look.page; c.fill(); }
     c.strokeStyle = colour; c.lineWidth = 2.5; c.stroke();
     if (!label) return;
     c.font = "12px system-ui, sans-serif"; c.fillStyle = look.text;
