@@ -12,7 +12,7 @@ from holdfast.execution.simulation.outcomes import OUTCOMES, Outcome
 from holdfast.presentation.figures import style
 from holdfast.presentation.html.page import rendered
 
-SCRIPTS = ("loop", "svg", "plane", "strips", "controls", "app")
+SCRIPTS = ("loop", "svg", "plane", "strips", "controls", "runs", "slices", "copies", "app")
 """The scripts of the page in the order in which they stand in it; `loop` runs in workers too."""
 
 
