@@ -155,6 +155,7 @@ from .studies.comparison.compare import compare as compare
 from .studies.derivation import Derivation as Derivation
 from .studies.derivation import explain as explain
 from .studies.disturbance_margin import disturbance_margin as disturbance_margin
+from .studies.exploration import explore as explore
 from .studies.largest_certified import largest_certified as largest_certified
 from .studies.sweep.sweep import sweep as sweep
 from .studies.tuning.tune import tune as tune

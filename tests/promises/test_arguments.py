@@ -200,6 +200,7 @@ FUNCTIONS = {
     "export_c_header": lambda: {"system": line(), "law": push_law(), "name": "push"},
     "field_facts": lambda: {"field": hf.fields.dipolar()},
     "flow_line": lambda: {"field": hf.fields.dipolar(lam=2.0), "start": [1.0, 0.5]},
+    "explore": lambda: {"scenario": "ch2-unicycle", "overrides": ["run.horizon=1"]},
     "flow_lines_figure": lambda: {"field": hf.fields.dipolar(), "reach": 1.0, "planes": 2},
     "grid": lambda: {"system": line(), "box": {"x": (-1.0, 1.0)}, "nodes": 11, "ends": {"x": "extrapolated"}},
     "hamiltonian": lambda: {"system": line(), "inputs": "max", "disturbances": "min", "samples": None},
@@ -581,7 +582,7 @@ def close():
 
 
 SLOW = (
-    "check_promise", "compare", "critical_points", "disturbance_margin", "explain", "identify", "largest_certified", "load_scenario",
+    "check_promise", "compare", "critical_points", "disturbance_margin", "explain", "explore", "identify", "largest_certified", "load_scenario",
     "tune",
 )  # fmt: skip
 """Functions, and laws below, that derive or simulate much before they refuse."""

@@ -176,13 +176,13 @@ def _object_code(text: str, digest: str, optimised: bool = False) -> bytes:
         module.data_layout = str(target.target_data)
         module.verify()
         if optimised:
-            _optimise(module, target)
+            optimise(module, target)
         found = target.emit_object(module)
         stored.save(key, found)
     return found
 
 
-def _optimise(module: Any, target: Any) -> None:
+def optimise(module: Any, target: Any) -> None:
     """Inlined functions, variables in registers; loops stay as they are.
 
     Unrolling and vectors took four times as long to compile, and were no faster.

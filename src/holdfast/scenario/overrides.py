@@ -41,7 +41,7 @@ def check_overrides(overrides: Iterable[str], composed: Sequence[object], compos
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", GainWarning)
-                same = _substance(compose(beside)) == _substance(composed)
+                same = substance(compose(beside)) == substance(composed)
         except HoldfastError:  # the other number is refused, so the scenario depends on it
             continue
         if same:
@@ -71,7 +71,7 @@ def _found(value: object, kind: type) -> Iterator[Any]:
             yield from _found(part, kind)
 
 
-def _substance(value: object) -> object:
+def substance(value: object) -> object:
     """The value without the numbers of parameters: equal where nothing else differs."""
     if isinstance(value, Parameter):
         return value.name
@@ -80,7 +80,7 @@ def _substance(value: object) -> object:
     if isinstance(value, np.ndarray):
         return value.shape, value.tobytes()
     parts = _parts(value)
-    return value if parts is None else (type(value).__name__, *map(_substance, parts))
+    return value if parts is None else (type(value).__name__, *map(substance, parts))
 
 
 def _parts(value: object) -> Sequence[object] | None:

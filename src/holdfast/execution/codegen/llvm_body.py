@@ -46,7 +46,6 @@ class Format:
         return self.splat(self.real, f"0x{pattern:016X}")
 
 
-_DOUBLE = Format()
 _TWO = {
     "add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv", "lt": "fcmp olt", "le": "fcmp ole",
     "eq": "fcmp oeq", "ne": "fcmp une", "both": "and", "either": "or", "iadd": "add",
@@ -58,8 +57,9 @@ _ONE = {"abs": "fabs", "sqrt": "sqrt", "floor": "floor", "ceil": "ceil", "rint":
 
 @dataclass
 class Module:
-    """The functions and tables that the leaves of one text share."""
+    """The functions and tables that the leaves of one text share; double: their usual format."""
 
+    double: Format = Format()
     functions: dict[str, str] = field(default_factory=dict)
     tables: dict[tuple[int, ...], str] = field(default_factory=dict)
     intrinsics: set[str] = field(default_factory=set)
@@ -107,13 +107,13 @@ class Body:
         module: Module,
         steps: Steps,
         results: Sequence[Value],
-        form: Format = _DOUBLE,
+        form: Format | None = None,
         given: Mapping[str, str] | None = None,
         letter: str = "v",
         read: Mapping[int, str] = MappingProxyType({}),
         label: str = "loop",
     ) -> None:
-        self.module, self.steps, self.form = module, steps, form
+        self.module, self.steps, self.form = module, steps, form or module.double
         self.given, self.letter = given or {}, letter
         self.lines: list[str] = []
         self.names: dict[int, str] = {}
@@ -188,28 +188,30 @@ class Body:
 
     def _entry(self, name: str, place: str, table: tuple[int, ...]) -> None:
         where = self.module.tables.setdefault(table, f"@table{len(self.module.tables)}")
-        kind, found = _DOUBLE.vector(WHOLE), "zeroinitializer"
-        for lane in range(LANES):
+        double = self.module.double
+        kind, found = double.vector(WHOLE), "zeroinitializer"
+        for lane in range(double.lanes):
             own = f"{name}.{lane}"
             self._line(f"{own}.i = extractelement {kind} {place}, i32 {lane}")
             self._line(
                 f"{own}.p = getelementptr [{len(table)} x i64], ptr {where}, i64 0, i64 {own}.i"
             )
             self._line(f"{own}.w = load i64, ptr {own}.p, align 8")
-            into = name if lane == LANES - 1 else f"{own}.v"
+            into = name if lane == double.lanes - 1 else f"{own}.v"
             self._line(f"{into} = insertelement {kind} {found}, i64 {own}.w, i32 {lane}")
             found = into
 
     def _rare(self, number: int, a: Sequence[str], step: Step) -> None:
         function: Function = step.given
+        double = self.module.double
         count = len(function.kinds)
         when, usual, arguments = a[0], a[1 : 1 + count], a[1 + count :]
         self._function(function)
-        kinds = [_DOUBLE.vector(k) for k in function.kinds]
-        several, truth = f"{{ {', '.join(kinds)} }}", _DOUBLE.vector(TRUTH)
-        reduce = f"@llvm.vector.reduce.or.v{LANES}i1"
+        kinds = [double.vector(k) for k in function.kinds]
+        several, truth = f"{{ {', '.join(kinds)} }}", double.vector(TRUTH)
+        reduce = f"@llvm.vector.reduce.or.v{double.lanes}i1"
         self.module.intrinsics.add(f"declare i1 {reduce}({truth})")
-        given = ", ".join(f"{_DOUBLE.vector(FLOAT)} {x}" for x in arguments)
+        given = ", ".join(f"{double.vector(FLOAT)} {x}" for x in arguments)
         own, before = f"%{self.letter}{number}", self.label
         self._line(f"{own}.any = call i1 {reduce}({truth} {when})")
         self._line(f"br i1 {own}.any, label %rare{number}, label %join{number}")
@@ -234,10 +236,10 @@ class Body:
         if function.name in self.module.functions:
             return
         steps, results = function.traced(expanded=True)
-        body = Body(self.module, steps, results)
-        several = f"{{ {', '.join(_DOUBLE.vector(k) for k in function.kinds)} }}"
+        body, double = Body(self.module, steps, results), self.module.double
+        several = f"{{ {', '.join(double.vector(k) for k in function.kinds)} }}"
         inputs = ", ".join(
-            f"{_DOUBLE.vector(FLOAT)} %v{body.inputs[p]}" for p in function.parameters
+            f"{double.vector(FLOAT)} %v{body.inputs[p]}" for p in function.parameters
         )
         lines = [
             f"define internal {several} @{function.name}({inputs}) noinline nounwind {{",
@@ -246,7 +248,7 @@ class Body:
         ]
         whole = "poison"
         for i, value in enumerate(results):
-            kind = _DOUBLE.vector(function.kinds[i])
+            kind = double.vector(function.kinds[i])
             lines.append(
                 f"  %r{i} = insertvalue {several} {whole}, {kind} {body.names[value.number]}, {i}"
             )

@@ -14,9 +14,9 @@ from holdfast.execution.arithmetic.steps import FLOAT, Steps, Value
 from holdfast.execution.codegen.llvm_body import LANES, Body, Format, Module, repeated
 
 
-def leaves_text(leaves: Mapping[str, Leaf]) -> str:
-    """The text of a module with these functions."""
-    module = Module()
+def leaves_text(leaves: Mapping[str, Leaf], lanes: int = LANES) -> str:
+    """The text of a module with these functions, of so many values of a step at a time."""
+    module = Module(Format(lanes))
     return module.text([_leaf(module, name, leaf) for name, leaf in leaves.items()])
 
 
@@ -45,9 +45,10 @@ class Leaf:
 
 
 def _leaf(module: Module, name: str, leaf: Leaf) -> str:
-    kind = Format(fused=leaf.fused)
+    lanes = module.double.lanes
+    kind = Format(lanes, fused=leaf.fused)
     if leaf.single and leaf.algebraic:
-        kind = Format(2 * LANES, "float", leaf.fused)
+        kind = Format(2 * lanes, "float", leaf.fused)
     stored = "float" if leaf.single else "double"
     body = Body(module, leaf.steps, leaf.results, kind, read=leaf.read)
     lines = []

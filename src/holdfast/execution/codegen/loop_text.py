@@ -2,7 +2,7 @@
 
 Such a function has the arguments `w`, the numbers of a block of runs; `s`, whole numbers of the
 block; `leaves`, the addresses of leaves and parts; and `stop`, which another thread may set.
-A row is `WIDTH` values of w, one for each run of the block; a flag is a row of 1 and 0.
+A row is `width` values of w, one for each run of the block; a flag is a row of 1 and 0.
 """
 
 from __future__ import annotations
@@ -11,21 +11,24 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 WIDTH = 16
-"""Runs that advance together, the lanes of a block."""
+"""Runs that advance together, the lanes of a block, on a processor with wide registers."""
 
-LOG, RING = 0, 1
-"""Entries of s: the place in w of the next row of the log; from RING on three for each ring: the
-next slot, the number of slots, and the place of the first."""
+LOG, LANES_OF_BLOCK, RING = 0, 1, 2
+"""Entries of s: the place in w of the next row of the log; the width; from RING on three for each
+ring: the next slot, the number of slots, and the place of the first."""
+
+LEAF = "leaf_"
+"""How the name of a leaf begins where it is called by its name."""
 
 ARGUMENTS = "ptr %w, ptr %s, ptr %leaves, ptr %stop"
-_FLAGS, _TRUTHS = f"<{WIDTH} x double>", f"i{WIDTH}"
 
 
 class LoopText:
     """The text of the functions of one loop; `called` are the leaves and parts, in the order of
-    their addresses."""
+    their addresses. direct: they are called by their names, as functions of the same module."""
 
-    def __init__(self) -> None:
+    def __init__(self, width: int, *, direct: bool = False) -> None:
+        self.width, self.direct = width, direct
         self.called: list[str] = []
         self.functions: list[str] = []
 
@@ -53,7 +56,7 @@ class Instructions:
     """The instructions of a function, in order. Arguments named after rows are places in w."""
 
     def __init__(self, text: LoopText) -> None:
-        self.text = text
+        self.text, self.width = text, text.width
         self.lines: list[str] = []
         self.counters: list[str] = []
         self._values = 0
@@ -61,7 +64,9 @@ class Instructions:
     def call(self, leaf: str, *, out: int, t: int = 0, q: int = 0, x: int = 0, p: int = 0) -> None:
         """Call a leaf with the places of its arguments and of its results."""
         places = ", ".join(f"ptr {self._at(place)}" for place in (t, q, x, p, out))
-        self._line(f"call void {self._address(leaf)}({places}, i64 {WIDTH}, i64 {WIDTH})")
+        self._line(
+            f"call void {self._address(leaf, LEAF)}({places}, i64 {self.width}, i64 {self.width})"
+        )
 
     def part(self, name: str, number: int) -> None:
         """Call a part, a function of s, w and the place in s of what belongs to it."""
@@ -80,7 +85,7 @@ class Instructions:
         entry = self._entry(LOG)
         place = self._value(f"load i64, ptr {entry}")
         self._copied(self._at(source), self._pointer(place), rows)
-        self._line(f"store i64 {self._value(f'add i64 {place}, {rows * WIDTH}')}, ptr {entry}")
+        self._line(f"store i64 {self._value(f'add i64 {place}, {rows * self.width}')}, ptr {entry}")
 
     def late(self, ring: int, source: int, target: int, rows: int) -> None:
         """Store rows in a ring; the oldest rows of it to `target`."""
@@ -88,7 +93,7 @@ class Instructions:
         start = self._value(f"load i64, ptr {first}")
 
         def slot(number: str) -> str:
-            offset = self._value(f"mul i64 {number}, {rows * WIDTH}")
+            offset = self._value(f"mul i64 {number}, {rows * self.width}")
             return self._pointer(self._value(f"add i64 {start}, {offset}"))
 
         now, count = self._value(f"load i64, ptr {at}"), self._value(f"load i64, ptr {slots}")
@@ -162,21 +167,25 @@ class Instructions:
         return self._value(f"sub i64 {value}, 1")
 
     def _any(self, row: int) -> str:
-        loaded = self._value(f"load {_FLAGS}, ptr {self._at(row)}, align 8")
-        flags = self._value(f"fcmp une {_FLAGS} {loaded}, zeroinitializer")
-        whole = self._value(f"bitcast <{WIDTH} x i1> {flags} to {_TRUTHS}")
-        return self._value(f"icmp ne {_TRUTHS} {whole}, 0")
+        row_of, truths = f"<{self.width} x double>", f"i{self.width}"
+        loaded = self._value(f"load {row_of}, ptr {self._at(row)}, align 8")
+        flags = self._value(f"fcmp une {row_of} {loaded}, zeroinitializer")
+        whole = self._value(f"bitcast <{self.width} x i1> {flags} to {truths}")
+        return self._value(f"icmp ne {truths} {whole}, 0")
 
     def _going(self) -> str:
         stopped = self._value("load volatile i64, ptr %stop")
         return self._value(f"icmp eq i64 {stopped}, 0")
 
-    def _address(self, name: str) -> str:
-        place = self._value(f"getelementptr i64, ptr %leaves, i64 {self.text.number(name)}")
+    def _address(self, name: str, kind: str = "") -> str:
+        number = self.text.number(name)
+        if self.text.direct:
+            return f"@{kind}{name}"
+        place = self._value(f"getelementptr i64, ptr %leaves, i64 {number}")
         return self._value(f"load ptr, ptr {place}")
 
     def _copied(self, source: str, target: str, rows: int) -> None:
-        size = 8 * WIDTH * rows
+        size = 8 * self.width * rows
         self._line(f"call void @{_COPY}(ptr {target}, ptr {source}, i64 {size}, i1 false)")
 
     def _at(self, place: int) -> str:

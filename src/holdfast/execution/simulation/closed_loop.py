@@ -19,10 +19,10 @@ from holdfast.execution.codegen.random_leaves import starts_leaf, varied_leaf
 from holdfast.execution.codegen.shared_rows import PREPARED, SHARED
 from holdfast.execution.leaf import Leaves, compiled_leaves
 from holdfast.execution.resources import Progress, available_cores, check_memory, run_threads
+from holdfast.execution.simulation.block_numbers import Numbers
 from holdfast.execution.simulation.blocks import (
     Blocks,
     Functions,
-    Numbers,
     functions_of,
     most_blocks,
 )

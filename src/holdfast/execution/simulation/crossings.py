@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from holdfast.execution.codegen.crossing_leaves import BISECTION_STEPS, GOLDEN_STEPS
-from holdfast.execution.codegen.loop_text import WIDTH, Instructions
+from holdfast.execution.codegen.loop_text import Instructions
 
 Places = Mapping[str, int]
 """Where the rows of a block are."""
@@ -15,7 +15,7 @@ def look_closely(body: Instructions, at: Places, constraints: int) -> None:
     """The largest c_j inside the step, and which of them first exceeds the tolerance, and when."""
     _search(body, at, "search", "number")
     for j in range(constraints):
-        _look_at(body, at, j * WIDTH)
+        _look_at(body, at, j * body.width)
     _search(body, at, "leave", "outcome")
 
 

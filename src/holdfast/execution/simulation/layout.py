@@ -28,7 +28,8 @@ SAFEGUARD_ENTRIES, TABLE_ENTRIES = 11 + MOST_LEVELS, 16
 class Shape(NamedTuple):
     """What the loop of a program depends on: its kinds, and the numbers of its quantities.
 
-    of_cells: how many numbers a table of cells has beside its entries. Programs of one shape share
+    of_cells: how many numbers a table of cells has beside its entries. width: how many runs advance
+    together. Programs of one shape share
     the loop and its compiled functions.
     """
 
@@ -55,9 +56,10 @@ class Shape(NamedTuple):
     single: bool
     safeguarded: bool
     continuous: bool
+    width: int
 
 
-def shape_of(program: ClosedLoopProgram) -> Shape:
+def shape_of(program: ClosedLoopProgram, width: int = WIDTH) -> Shape:
     """The shape of a program."""
     return Shape(
         stepper=program.stepper,
@@ -83,6 +85,7 @@ def shape_of(program: ClosedLoopProgram) -> Shape:
         single=program.table is not None and program.table[0].dtype == "float32",
         safeguarded=program.safeguarded,
         continuous=program.continuous,
+        width=width,
     )
 
 
@@ -96,12 +99,13 @@ class Layout:
     """
 
     def __init__(self, shape: Shape) -> None:
+        self.width = shape.width
         self.counts = _counts(shape)
         self.at: dict[str, int] = {}
         self.size = 0
         for name, count in self.counts.items():
             self.at[name] = self.size
-            self.size += count * WIDTH
+            self.size += count * self.width
         self.recorded = self._recorded(shape)
         self.records: dict[str, slice] = {}
         self.record = 0
@@ -119,10 +123,10 @@ class Layout:
         """The place and the number of the rows of each quantity that is recorded."""
         at, m = self.at, shape.inputs
         limited, actuators = shape.limited, shape.actuators
-        first = at["actuation"] + limited * WIDTH
+        first = at["actuation"] + limited * self.width
         found = {
             "alive": (at["alive"], 1), "state": (at["q"], shape.states),
-            "input": (first + limited * WIDTH, m), "actuator": (first, actuators),
+            "input": (first + limited * self.width, m), "actuator": (first, actuators),
             "mode": (at["mode"], 1), "signal": (at["signals"], shape.signals),
             "constraint": (at["c0"], shape.constraints),
         }  # fmt: skip
@@ -158,7 +162,7 @@ def _counts(shape: Shape) -> dict[str, int]:
         "look_at": shape.places, "look": shape.found,
         "actuation": actuation, "believed": actuation, "signals": shape.signals,
         "plant": parameters, "gains": parameters,
-        **{name: -(-count // WIDTH) for name, count in _room(shape).items()},
+        **{name: -(-count // shape.width) for name, count in _room(shape).items()},
     }  # fmt: skip
 
 

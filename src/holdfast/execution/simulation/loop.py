@@ -24,12 +24,13 @@ from functools import lru_cache
 from holdfast.execution.codegen.crossing_leaves import crossing_leaves
 from holdfast.execution.codegen.lane_leaves import note_leaves, step_leaves
 from holdfast.execution.codegen.llvm_text import Leaf
-from holdfast.execution.codegen.loop_text import WIDTH, Instructions, LoopText
+from holdfast.execution.codegen.loop_text import Instructions, LoopText
 from holdfast.execution.codegen.mode_leaves import mode_leaves
 from holdfast.execution.codegen.random_leaves import noise_leaf
 from holdfast.execution.simulation.crossings import look_closely
 from holdfast.execution.simulation.kind import Kind
-from holdfast.execution.simulation.layout import FORGOTTEN, LATE, RECORDS, STRIDE, Layout, Shape
+from holdfast.execution.simulation.layout import LATE, RECORDS, STRIDE, Layout, Shape
+from holdfast.execution.simulation.turns import turn
 
 KEPT = 64
 """Loops that a process keeps: runs of another program of the same shape begin at once."""
@@ -74,7 +75,7 @@ class _Builder:
         )  # fmt: skip
 
     def loop(self) -> Loop:
-        text = LoopText()
+        text = LoopText(self.shape.width, direct=self.kind.direct)
         with text.function("holdfast_begin") as body:
             self._prepare(body)
             if self.shape.remembered:
@@ -130,7 +131,9 @@ class _Builder:
         """The rows behind the parameters."""
         for numbers in ("plant", "gains") if self.shape.prepared else ():
             rows = self.layout.counts[numbers] - self.shape.prepared
-            body.call("prepared", p=self.at[numbers], out=self.at[numbers] + rows * WIDTH)
+            body.call(
+                "prepared", p=self.at[numbers], out=self.at[numbers] + rows * self.shape.width
+            )
 
     def _remember_first(self, body: Instructions) -> None:
         at = self.at
@@ -163,10 +166,10 @@ class _Builder:
         """The mode, the command and the memory after what the law sees."""
         shape, at = self.shape, self.at
         if shape.remembered:
-            behind = (shape.states + shape.measured + shape.handed) * WIDTH
+            behind = (shape.states + shape.measured + shape.handed) * self.shape.width
             body.copy(at["memory"], at["seen"] + behind, shape.remembered)
         self._share(body, at["time"], at["seen"])
-        self._turn(body)
+        turn(body, self.at, self.shape)
         self._look(body, at["time"], at["seen"], noted=True)
         self._command(body, at["time"], at["seen"])
         if shape.remembered:
@@ -183,7 +186,7 @@ class _Builder:
         else:
             body.copy(at["q"], at["seen"], n)
         if self.shape.measured:
-            felt = at["seen"] + n * WIDTH
+            felt = at["seen"] + n * self.shape.width
             body.call("felt", t=at["seen_at"], q=at["seen"], p=at["plant"], out=felt)
         if self.kind.noisy:
             body.copy(at["back"], at["draw"], 1)
@@ -193,32 +196,7 @@ class _Builder:
         """What several leaves need of what the law sees."""
         if self.shape.shared:
             rows = self.layout.counts["seen"] - self.shape.shared
-            body.call("shared", t=t, q=seen, p=self.at["gains"], out=seen + rows * WIDTH)
-
-    def _turn(self, body: Instructions) -> None:
-        """The modes after their guards are tried in order."""
-        at, rows = self.at, {"t": self.at["length"], "q": self.at["since"]}
-        rows["x"] = at["time_in_mode"]
-        if self.shape.modes > 1:
-            body.call("where", **rows, out=at["in_modes"])
-        if not any(self.shape.targets):
-            return
-        for k, targets in enumerate(self.shape.targets):
-            if targets:
-                with body.if_any(at["in_modes"] + k * WIDTH):
-                    body.call(
-                        f"guards{k}", t=at["time"], q=at["seen"], x=at["time_in_mode"],
-                        p=at["gains"], out=at["levels"],
-                    )  # fmt: skip
-                    body.call(
-                        f"turn{k}", t=at["mode"], q=at["levels"], x=at["next_mode"],
-                        out=at["next_mode"],
-                    )  # fmt: skip
-        body.call("changed", **rows, out=at["changed"])
-        body.late(FORGOTTEN, at["changed"], at["forgotten"], 1)
-        body.call("switch", **rows, out=at["since"])
-        with body.if_any(at["changed"]):
-            body.call("chatter", **rows, out=at["outcome"])
+            body.call("shared", t=t, q=seen, p=self.at["gains"], out=seen + rows * self.shape.width)
 
     def _look(self, body: Instructions, t: int, seen: int, *, noted: bool) -> None:
         """What the law's table says."""
@@ -234,7 +212,7 @@ class _Builder:
         answer = at["command" if modes == 1 and not shape.safeguarded else "answer"]
         for k in range(modes):
             if modes > 1:
-                with body.if_any(at["in_modes"] + k * WIDTH):
+                with body.if_any(at["in_modes"] + k * self.shape.width):
                     self._law(body, k, t, seen, answer)
             else:
                 self._law(body, k, t, seen, answer)
@@ -268,11 +246,11 @@ class _Builder:
             inner = at["inner"]
             body.copy(q, inner, n)
             if shape.measured:
-                body.call("felt", t=t, q=q, p=at["plant"], out=inner + n * WIDTH)
+                body.call("felt", t=t, q=q, p=at["plant"], out=inner + n * self.shape.width)
             self._share(body, t, inner)
             self._look(body, t, inner, noted=False)
             self._command(body, t, inner)
-        inputs = at["actuation"] + 2 * shape.limited * WIDTH
+        inputs = at["actuation"] + 2 * shape.limited * self.shape.width
         body.call("rates", t=t, q=q, x=inputs, p=at["plant"], out=out)
 
     def _constraint_rates(self, body: Instructions, t: int, q: int, rates: int, out: int) -> None:
@@ -300,7 +278,7 @@ class _Builder:
                 body.call("lengths", t=t, out=at["h"])
             for stage in range(1, len(shape.stepper.b)):
                 body.call(f"stage{stage}", t=t, q=q, x=k0, out=at["between"])
-                self._field(body, at["at"], at["between"], k0 + stage * n * WIDTH)
+                self._field(body, at["at"], at["between"], k0 + stage * n * self.shape.width)
             body.call("new", t=t, q=q, x=k0, out=at["then"])
             if adaptive:
                 body.call("judge", t=t, q=q, x=new, p=k0, out=at["trial"])

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from holdfast.execution.arrays import Array
-from holdfast.execution.simulation.blocks import Blocks, Numbers
+from holdfast.execution.simulation.block_numbers import Numbers
+from holdfast.execution.simulation.blocks import Blocks
 from holdfast.execution.simulation.closed_loop import ClosedLoop
 from holdfast.execution.simulation.settings import Settings
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from holdfast.execution.arrays import Floats, Table, Wholes
-from holdfast.execution.codegen.loop_text import WIDTH
+from holdfast.execution.codegen.loop_text import LANES_OF_BLOCK
 from holdfast.execution.interpolate import beyond_grid, look_up
 from holdfast.execution.look_in_cells import look_in_cells
 from holdfast.execution.simulation.outcomes import Outcome
@@ -24,23 +24,24 @@ def table_at(address: int) -> Table:
 def keep_lanes(s: Wholes, w: Floats, k: int) -> None:
     """The program of a safeguard for the lanes that need it: from the answer of the law and its
     conditions to the command, the slack, and whether the law was overruled."""
+    width = s[LANES_OF_BLOCK]
     m, most, hard, answer, command = s[k], s[k + 1], s[k + 2], s[k + 3], s[k + 4]
     rows = most * (m + 1)
     point, counts = w[s[k + 8] :], s[s[k + 9] :]
     levels, ends = s[k + 10], s[k + 11 :]
     given = point[m + rows + m :]
     room = given[m:]
-    for lane in range(WIDTH):
+    for lane in range(width):
         if w[s[k + 7] + lane] == 0.0:
             continue
         for i in range(m + rows + m):
-            point[i] = w[answer + i * WIDTH + lane]
+            point[i] = w[answer + i * width + lane]
         conditions, scales = point[m:], point[m + rows :]
         slack = keep_in_order(
             point, scales, conditions, m, most, hard, ends, levels, given, room, counts
         )  # fmt: skip
         for i in range(m):
-            w[command + i * WIDTH + lane] = given[i]
+            w[command + i * width + lane] = given[i]
         w[s[k + 5] + lane] = slack
         overruled = overrules(point, given, slack, conditions, m, most, hard)
         w[s[k + 6] + lane] = 1.0 if overruled else 0.0
@@ -51,7 +52,7 @@ def look_up_lanes(s: Wholes, w: Floats, k: int) -> None:
 
     When the entry `noted` is set, also the first time outside of the table.
     """
-    values = table_at(s[k])
+    values, width = table_at(s[k]), s[LANES_OF_BLOCK]
     first, noted, axes = s[k + 1], s[k + 2], s[k + 3]
     look_at, look, alive, now, off = s[k + 4], s[k + 5], s[k + 6], s[k + 7], s[k + 8]
     outcome, ended = s[k + 9], s[k + 10]
@@ -59,14 +60,14 @@ def look_up_lanes(s: Wholes, w: Floats, k: int) -> None:
     low, steps = w[s[k + 11] :], w[s[k + 11] + axes :]
     point, found = steps[axes:], steps[2 * axes :]
     rest = found[axes + 1 :]
-    for lane in range(WIDTH):
+    for lane in range(width):
         if w[alive + lane] == 0.0:
             continue
         for i in range(axes):
-            point[i] = w[look_at + i * WIDTH + lane]
+            point[i] = w[look_at + i * width + lane]
         look_up(values, point, low, steps, shape, periodic, axes, found, rest, whole)
         for i in range(axes + 1):
-            w[look + i * WIDTH + lane] = found[i]
+            w[look + i * width + lane] = found[i]
         if not noted or not math.isnan(w[off + lane]):
             continue
         if beyond_grid(point, low, steps, shape, periodic, axes, first):
@@ -81,7 +82,7 @@ def look_in_cells_lanes(s: Wholes, w: Floats, k: int) -> None:
 
     When the entry `noted` is set, also the first time in no cell that is known.
     """
-    entries = table_at(s[k])
+    entries, width = table_at(s[k]), s[LANES_OF_BLOCK]
     noted, axes = s[k + 2], s[k + 3]
     look_at, look, alive, now, off = s[k + 4], s[k + 5], s[k + 6], s[k + 7], s[k + 8]
     outcome, ended = s[k + 9], s[k + 10]
@@ -89,16 +90,16 @@ def look_in_cells_lanes(s: Wholes, w: Floats, k: int) -> None:
     numbers, rows, count = w[s[k + 13] :], s[k + 14], s[k + 15]
     point = w[s[k + 11] + 2 * axes :]
     found = point[axes:]
-    for lane in range(WIDTH):
+    for lane in range(width):
         if w[alive + lane] == 0.0:
             continue
         for i in range(axes):
-            point[i] = w[look_at + i * WIDTH + lane]
+            point[i] = w[look_at + i * width + lane]
         known = look_in_cells(
             entries, point, numbers, shape, periodic, axes, rows, count, found, whole
         )  # fmt: skip
         for i in range(count):
-            w[look + i * WIDTH + lane] = found[i]
+            w[look + i * width + lane] = found[i]
         if not known and noted != 0 and math.isnan(w[off + lane]):
             w[off + lane] = w[now + lane]
             if w[outcome + lane] == Outcome.STAYED:

@@ -17,10 +17,15 @@ WIDTH, QUALITY = 1100, 82
 
 
 def rendered(template: str, **values: Any) -> str:
-    """The page from a template of this folder with these values and the script `plotly`."""
+    """The page from a template of this folder with these values."""
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     text = (resources.files(__package__) / f"{template}.html.jinja").read_text("utf-8")
-    return environment.from_string(text).render(plotly=get_plotlyjs(), **values)
+    return environment.from_string(text).render(**values)
+
+
+def plotly_script() -> str:
+    """The script that draws interactive figures."""
+    return str(get_plotlyjs())
 
 
 def picture(path: Path) -> str:

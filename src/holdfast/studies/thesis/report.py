@@ -10,7 +10,7 @@ from typing import Any
 
 from holdfast._version import __version__
 from holdfast.host.writing import atomic_file
-from holdfast.presentation.html.page import picture, rendered
+from holdfast.presentation.html.page import picture, plotly_script, rendered
 from holdfast.scenario.files import read_text
 from holdfast.scenario.schema.claims import TrialSpec
 from holdfast.studies.thesis.reproduce import CONDITION, FAILS, HOLDS, Found, Judged, chapter
@@ -36,6 +36,7 @@ def write_report(judged: Sequence[Judged], path: Path) -> Path:
     counts = {v: sum(j.verdict == v for j in judged) for v in (HOLDS, CONDITION, FAILS)}
     page = rendered(
         "report",
+        plotly=plotly_script(),
         version=__version__,
         chapters=chapters,
         counts=counts,

@@ -1,0 +1,332 @@
+// The page: what is drawn of the runs, and what is dragged.
+"use strict";
+
+// -- the page ------------------------------------------------------------------------------------
+
+const HEADING = data.states.findIndex((q) => q.angle);
+const metric = data.states[planeX].unit === "m" && data.states[planeY].unit === "m";
+const page = {
+  data, run: null, fan: [], slice: null, sceneNow: null, time: 0, playing: false, drawn: false,
+  equal: data.states[planeX].unit === data.states[planeY].unit, recordEvery: data.settings.record_every,
+  fanSeconds: null,
+  axisLabel(k) { const q = data.states[data.plane[k]]; return q.unit === "1" ? q.name : `${q.name} [${q.unit}]`; },
+  colours() {
+    if (page.look) return page.look;
+    const style = getComputedStyle(document.documentElement), of = (name) => style.getPropertyValue(`--${name}`).trim();
+    const dark = of("dark") === "1", shown = (c) => (dark && c === "#222222" ? "#e4e8ec" : c);
+    page.look = {
+      page: of("page"), card: of("card"), line: of("line"), text: of("text"), soft: of("soft"), accent: of("accent"),
+      wall: of("soft"), goals: "#CC79A7", view: "#E69F00", current: "#0072B2", set: of("set"), limit: "#D55E00",
+      outcomes: Object.values(data.look.outcomes).map(shown), lines: data.look.lines.map(shown),
+      modes: ["#0072B2", "#E69F00", "#CC79A7", of("text"), "#999999"], // no colour of an outcome
+    };
+    return page.look;
+  },
+  stateAt(time) {
+    const run = page.run;
+    if (!run || !run.count) return state.start;
+    const at = Math.min(time / page.recordEvery, run.count - 1), k = Math.floor(at), part = at - k;
+    return data.states.map((q, i) => {
+      const a = run.state[k * n + i], b = k + 1 < run.count ? run.state[(k + 1) * n + i] : a;
+      let change = b - a;
+      if (q.angle) change -= 2 * Math.PI * Math.round(change / (2 * Math.PI));
+      return a + part * change;
+    });
+  },
+  posesNow() {
+    const now = page.stateAt(page.time), views = data.scene.filter((s) => s.kind === "Cone" || s.kind === "Footprint");
+    const own = { x: now[planeX], y: now[planeY], heading: metric && HEADING >= 0 ? now[HEADING] : null };
+    const others = page.sceneNow ? views.map(({ at }) => ({ x: page.sceneNow[at], y: page.sceneNow[at + 1], heading: page.sceneNow[at + 2] })) : [];
+    return others.some((p) => Math.hypot(p.x - own.x, p.y - own.y) < 1e-9) ? others : [own, ...others];
+  },
+  startPose() {
+    return { x: state.start[planeX], y: state.start[planeY], heading: metric && HEADING >= 0 ? state.start[HEADING] : null };
+  },
+  get offset() { return state.offset; },
+  targetPlace() {
+    const target = data.scene.find((s) => s.role === "target" && s.kind === "Segment"), v = page.sceneNow;
+    return target && metric && v ? [(v[target.at] + v[target.at + 2]) / 2, (v[target.at + 1] + v[target.at + 3]) / 2] : null;
+  },
+  current() {
+    const [a, b] = currentRows();
+    if (a === undefined) return null;
+    return { value: [state.disturbance[a], state.disturbance[b]], unit: "m/s",
+      most: Math.max(data.most[a] ?? data.most_current, data.most[b] ?? data.most_current) };
+  },
+};
+
+function currentRows() {
+  const a = data.given.indexOf("Vx"), b = data.given.indexOf("Vy");
+  return metric && a >= 0 && b >= 0 ? [a, b] : [];
+}
+
+const plane = new Plane(byId("plane"), page), strips = new Strips(byId("strips"), page);
+const controls = new Controls(byId("controls"));
+let mainLoops = [], makeSlices = [];
+
+function changed() {
+  stale = true;
+  follow();
+  clearTimeout(changed.timer);
+  if (byId("fan").checked) changed.timer = setTimeout(fan, 120);
+  controls.show();
+}
+
+function say(text) { byId("status").textContent = text; }
+function notice(text) { byId("notice").textContent = text; }
+
+function tell() {
+  const run = page.run, labels = Object.keys(data.look.outcomes);
+  const parts = [`${labels[run.outcome]}`];
+  if (run.outcome === LEFT) {
+    const broken = data.constraints[run.exitConstraint];
+    parts[0] = `left the region at ${short(run.exitTime)} s` + (broken ? `, by ${broken[0].replaceAll("_", " ")}` : "");
+  } else if (run.outcome === REACHED) parts[0] = `reached the goal at ${short(run.goalTime)} s`;
+  else if (run.outcome === STAYED) parts[0] = data.constraints.length ? `stayed for ${short(data.settings.horizon)} s` : `ran for ${short(data.settings.horizon)} s`;
+  else if (run.outcome === DIVERGED) parts[0] = "diverged";
+  if (run.infeasible > 0) parts.push(`no admissible input at ${run.infeasible} samples`);
+  if (run.overruled > 0) parts.push(`the filter changed the command at ${run.overruled} samples`);
+  if (run.switches > 0) parts.push(`${run.switches} changes of mode`);
+  say(parts.join("; ") + ".");
+  byId("status").dataset.outcome = labels[run.outcome];
+  byId("modes").replaceChildren(...(run.mode ? variant().modes : []).map((name, k) =>
+    marked(page.colours().modes[k % page.colours().modes.length], name.replaceAll("_", " "))));
+}
+
+function marked(colour, text) {
+  const item = document.createElement("li"), mark = document.createElement("span");
+  mark.className = "mark";
+  mark.style.background = colour;
+  item.append(mark, text);
+  return item;
+}
+
+function tellFan() {
+  const counts = {};
+  for (const path of page.fan) counts[path.outcome] = (counts[path.outcome] || 0) + 1;
+  const list = byId("outcomes");
+  list.replaceChildren();
+  const labels = Object.keys(data.look.outcomes);
+  for (const [outcome, count] of Object.entries(counts)) {
+    list.append(marked(page.colours().outcomes[outcome], `${labels[outcome]}: ${count} of ${page.fan.length}`));
+  }
+  list.dataset.seconds = page.fanSeconds ?? "";
+}
+
+function groups() {
+  const run = page.run, look = page.colours(), found = [];
+  const colour = (k) => look.lines[k % look.lines.length];
+  const units = [...new Set(data.constraints.map((c) => c[1]))], m = data.constraints.length;
+  for (const unit of units) {
+    found.push({ title: `constraints${unit === "1" ? "" : ` [${unit}]`}, violated above 0:`, limit: 0, lines: data.constraints
+      .map(([name], j) => ({ name: name.replaceAll("_", " "), j, unit: data.constraints[j][1] }))
+      .filter((line) => line.unit === unit)
+      .map((line, k) => ({ name: line.name, colour: colour(k), dash: k < look.lines.length ? [] : [6, 3], values: (r) => run.constraint[r * m + line.j] })) });
+  }
+  const inputs = data.inputs.length;
+  for (const unit of [...new Set(data.inputs.map((q) => q.unit))]) {
+    const lines = [];
+    data.inputs.forEach((q, j) => {
+      if (q.unit !== unit) return;
+      if (run.nominal) lines.push({ steps: !data.settings.continuous, name: `${q.name} asked for`, colour: look.soft, dash: [3, 3], values: (r) => run.nominal[r * inputs + j] });
+      lines.push({ steps: !data.settings.continuous, name: q.name, colour: colour(j), values: (r) => run.input[r * inputs + j] });
+    });
+    found.push({ title: `inputs${unit === "1" ? "" : ` [${unit}]`}:`, lines });
+  }
+  return found;
+}
+
+let lastFrame = 0;
+function frame(now) {
+  const passed = Math.min((now - lastFrame) / 1000, 0.1);
+  lastFrame = now;
+  if (page.playing && page.run) {
+    page.time += passed * Number(byId("speed").value);
+    if (page.time >= data.settings.horizon) { page.time = data.settings.horizon; play(false); }
+    byId("time").value = page.time;
+    page.drawn = false;
+  }
+  if (!page.drawn && page.run) {
+    page.drawn = true;
+    const loop = mainLoops[state.variant], set = makeSlices[state.variant];
+    loop.setParameters(() => given(), given());
+    loop.prepare();
+    page.sceneNow = loop.scene(page.stateAt(page.time), page.time);
+    page.slice = set ? set(page.stateAt(page.time), data.settings.horizon - page.time) : null;
+    plane.draw();
+    strips.draw(groups(), data.settings.horizon, page.time);
+    byId("now").textContent = `${page.time.toFixed(1)} s` + (page.run.mode ? `, ${variant().modes[modeNow()].replaceAll("_", " ")}` : "");
+  }
+  requestAnimationFrame(frame);
+}
+
+function modeNow() {
+  return page.run.mode[Math.min(Math.floor(page.time / page.recordEvery), page.run.count - 1)];
+}
+
+function play(on) {
+  page.playing = on;
+  if (on && page.time >= data.settings.horizon) page.time = 0;
+  byId("play").textContent = on ? "Pause" : "Play";
+}
+
+// -- dragging ------------------------------------------------------------------------------------
+
+let held = null;
+const canvas = byId("plane");
+const point = (event) => { const box = canvas.getBoundingClientRect(); return [event.clientX - box.left, event.clientY - box.top]; };
+canvas.addEventListener("pointerdown", (event) => {
+  held = plane.handleAt(...point(event)) || { kind: "plane", from: point(event) };
+  if (held) { canvas.setPointerCapture(event.pointerId); event.preventDefault(); }
+});
+canvas.addEventListener("pointermove", (event) => {
+  if (!held) { canvas.style.cursor = plane.handleAt(...point(event)) ? "grab" : "default"; return; }
+  const [px, py] = point(event), [x, y] = plane.place(px, py);
+  if (held.kind === "plane") { plane.pan(px - held.from[0], py - held.from[1]); held.from = [px, py]; page.drawn = false; return; }
+  if (held.kind === "target") { // the vehicle stays where it is, and its coordinates follow
+    const [tx, ty] = page.targetPlace(), dx = x - tx, dy = y - ty;
+    state.offset = [state.offset[0] + dx, state.offset[1] + dy];
+    state.start[planeX] -= dx; state.start[planeY] -= dy;
+  } else if (held.kind === "start") { state.start[planeX] = x; state.start[planeY] = y; }
+  else if (held.kind === "heading") {
+    const [sx, sy] = plane.at(state.start[planeX], state.start[planeY]);
+    state.start[HEADING] = Math.atan2(sy - py, px - sx);
+  } else {
+    const { cx, cy, size, most } = plane.dial, [a, b] = currentRows();
+    let vx = ((px - cx) / size) * most, vy = ((cy - py) / size) * most;
+    const speed = Math.hypot(vx, vy);
+    if (speed > most) { vx *= most / speed; vy *= most / speed; }
+    const within = (v, row) => Math.min(Math.max(v, -(data.most[row] ?? most)), data.most[row] ?? most);
+    state.disturbance[a] = within(vx, a); state.disturbance[b] = within(vy, b);
+  }
+  changed();
+});
+for (const kind of ["pointerup", "pointercancel"]) canvas.addEventListener(kind, () => { held = null; });
+canvas.addEventListener("wheel", (event) => {
+  event.preventDefault();
+  plane.zoom(...point(event), Math.exp(0.0015 * event.deltaY));
+  page.drawn = false;
+}, { passive: false });
+canvas.addEventListener("keydown", (event) => {
+  const v = plane.view, step = event.shiftKey ? 0.002 : 0.01;
+  const moves = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+  if (moves[event.key]) {
+    state.start[planeX] += moves[event.key][0] * step * (v.x1 - v.x0);
+    state.start[planeY] += moves[event.key][1] * step * (v.y1 - v.y0);
+  } else if ((event.key === "[" || event.key === "]") && HEADING >= 0) {
+    state.start[HEADING] += (event.key === "[" ? 1 : -1) * step * 6;
+  } else if (event.key === " ") play(!page.playing);
+  else return;
+  event.preventDefault();
+  changed();
+});
+for (const kind of ["pointerdown", "pointermove"]) {
+  byId("strips").addEventListener(kind, (event) => {
+    if (kind === "pointermove" && event.buttons !== 1) return;
+    page.time = strips.timeAt(event.clientX - byId("strips").getBoundingClientRect().left);
+    byId("time").value = page.time;
+    page.drawn = false;
+  });
+}
+
+// -- the controls --------------------------------------------------------------------------------
+
+function spread(values, least) {
+  const low = Math.min(...values), high = Math.max(...values), pad = Math.max(0.25 * (high - low), least);
+  return [low - pad, high + pad];
+}
+
+// The numbers of all variants, each once.
+function knobs() {
+  return [...new Map(data.variants.flatMap((v) => v.knobs).map((knob) => [knob.key, knob])).values()];
+}
+
+function addControls() {
+  data.states.forEach((q, i) => {
+    const [low, high] = q.angle ? [-Math.PI, Math.PI] : spread(data.starts.map((s) => s[i]), q.unit === "m" ? 0.5 : 0.2);
+    controls.add({ ...q, group: "start", low, high, get: () => state.start[i], set: (v) => { state.start[i] = v; changed(); } });
+  });
+  data.given.forEach((name, k) => {
+    const q = data.disturbances.find((d) => d.name === name), most = data.most[k] ?? (Math.abs(state.disturbance[k]) * 2 || data.most_current);
+    controls.add({ ...q, group: "disturbance", low: -most, high: most, least: data.most[k] === null ? undefined : -most, most: data.most[k] ?? undefined, get: () => state.disturbance[k],
+      set: (v) => { state.disturbance[k] = v; changed(); } });
+  });
+  for (const [name, [low, high]] of Object.entries(data.draws)) {
+    controls.add({ name, unit: data.units[name] || "1", group: "draws", low, high, get: () => state.values[name],
+      set: (v) => { state.values[name] = v; changed(); } });
+  }
+  for (const knob of knobs()) {
+    const { name } = knob, values = allValues(), of_plant = knob.of === "plant";
+    const base = of_plant ? data.plant[name] ?? values[name] : values[name];
+    if (!base) continue;
+    const wide = of_plant ? 0.5 : 1, ends = [base - wide * Math.abs(base), base + wide * Math.abs(base)].map(
+      (v) => (knob.above !== null && v <= knob.above ? knob.above + 1e-3 * Math.abs(base) : v));
+    controls.add({ ...knob, low: ends[0], high: ends[1],
+      get: of_plant ? () => state.truth[name] ?? state.values[name] : () => state.values[name],
+      set: (v) => { (of_plant ? state.truth : state.values)[name] = v; changed(); } });
+  }
+  if (!data.settings.continuous) {
+    controls.add({ name: "delay", unit: "s", says: "by how long the law sees everything late", group: "sensing", low: 0,
+      high: data.variants[0].loop.latest * data.settings.sample_time, least: 0, most: data.variants[0].loop.latest * data.settings.sample_time, get: () => state.delay,
+      set: (v) => { state.delay = Math.round(v / data.settings.sample_time) * data.settings.sample_time; changed(); } });
+    data.states.forEach((q, i) => controls.add({ ...q, name: `noise of ${q.name}`, says: "half the width of uniform noise", group: "sensing",
+      low: 0, high: q.unit === "rad" ? 0.1 : 0.05, least: 0, get: () => state.uniform[i], set: (v) => { state.uniform[i] = v; changed(); } }));
+  }
+}
+
+// -- the beginning ---------------------------------------------------------------------------------
+
+function theme(next) {
+  if (next) document.documentElement.dataset.theme = next;
+  page.look = null;
+  page.drawn = false;
+  tellFan();
+}
+
+async function begin() {
+  const time = byId("time");
+  time.max = data.settings.horizon;
+  time.step = page.recordEvery / 4;
+  addControls();
+  const choice = byId("variant");
+  choice.parentElement.hidden = data.variants.length < 2;
+  data.variants.forEach(({ label }, k) => choice.add(new Option(label, k)));
+  fromLink(location.hash);
+  choice.value = state.variant;
+  controls.show();
+  choice.addEventListener("change", () => { state.variant = Number(choice.value); changed(); });
+  byId("play").addEventListener("click", () => play(!page.playing));
+  time.addEventListener("input", () => { page.time = Number(time.value); page.drawn = false; });
+  byId("fan").addEventListener("change", fan);
+  byId("reset").addEventListener("click", () => { state = initial(); page.time = 0; time.value = 0; choice.value = 0; fit(); changed(); });
+  byId("toml").hidden = data.tables === null;
+  byId("toml").addEventListener("click", () => copied(asScenario(), "The scenario"));
+  byId("link").addEventListener("click", () => copied(location.href.split("#")[0] + asLink(), "The link"));
+  window.addEventListener("hashchange", () => { state = initial(); fromLink(location.hash); choice.value = state.variant; changed(); });
+  byId("png").addEventListener("click", () => saved(picture().toDataURL("image/png"), `${data.name}.png`));
+  byId("fit").addEventListener("click", fit);
+  byId("svg").addEventListener("click", () => {
+    const context = new SvgContext(plane.view.width, plane.view.height);
+    plane.draw(context);
+    saved(URL.createObjectURL(new Blob([context.text(page.colours().page)], { type: "image/svg+xml" })), `${data.name}.svg`);
+  });
+  byId("theme").addEventListener("click", () => {
+    const dark = getComputedStyle(document.documentElement).getPropertyValue("--dark").trim() === "1";
+    theme(dark ? "light" : "dark");
+  });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => theme());
+  new ResizeObserver(() => { page.drawn = false; }).observe(canvas);
+  mainLoops = await Promise.all(data.variants.map((v) => ClosedLoop.of(v.loop)));
+  makeSlices = mainLoops.map((loop, k) => slices(loop, data.variants[k].grid));
+  mainLoops[0].setParameters(() => given(), given());
+  mainLoops[0].prepare();
+  page.sceneNow = mainLoops[0].scene(state.start, 0);
+  await follow();
+  fit();
+  page.drawn = false;
+  requestAnimationFrame((now) => { lastFrame = now; frame(now); });
+  fan();
+  document.body.dataset.ready = "1";
+}
+
+begin().catch((error) => say(`This page needs WebAssembly with SIMD: ${error.message}`));

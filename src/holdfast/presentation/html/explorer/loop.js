@@ -1,0 +1,217 @@
+// The closed loop of `simulate` as WebAssembly: the same text, compiled for a browser, so that a run
+// has the same numbers to the last bit. A block of runs has an array w of numbers in rows, one lane
+// for each run, and an array s of whole numbers; `spec` says where what is.
+"use strict";
+
+const PAGE = 65536;
+const STAYED = 0, REACHED = 1, LEFT = 2, DIVERGED = 3;
+
+function decoded(text) {
+  const binary = atob(text);
+  const bytes = new Uint8Array(binary.length);
+  for (let i = 0; i < bytes.length; i++) bytes[i] = binary.charCodeAt(i);
+  return bytes;
+}
+
+async function unpacked(text) {
+  const stream = new Blob([decoded(text)]).stream().pipeThrough(new DecompressionStream("deflate"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
+class ClosedLoop {
+  // spec: as `WebLoop.described` says it, with the module and its numbers compressed. The loop of
+  // measurements that are exact and in time is the faster one.
+  static async of(spec) {
+    const [exact, noisy, numbers, whole, table] = await Promise.all(
+      [spec.exact, spec.noisy, spec.numbers, spec.whole, spec.table].map((t) => (t ? unpacked(t) : null)));
+    const made = async (code) => new ClosedLoop(spec, await WebAssembly.compile(code), numbers, whole, table);
+    const loop = await made(exact);
+    loop.measured = noisy ? await made(noisy) : loop;
+    return loop;
+  }
+
+  // The loop for what is measured so.
+  for(given) {
+    const exact = !given.delay && !(given.noise && [...given.noise.uniform, ...given.noise.normal].some((v) => v > 0));
+    return exact ? this : this.measured;
+  }
+
+  constructor(spec, module, numbers, whole, table) {
+    this.spec = spec;
+    this.lanes = spec.lanes;
+    this.columns = BigInt(spec.lanes);
+    this.numbers = new Float64Array(numbers.buffer);
+    this.whole = new BigInt64Array(whole.slice().buffer);
+    const log = spec.records * spec.record_rows * this.lanes;
+    this.atTable = spec.stack; // constants of the module lie below, the stack grows down from here
+    this.atW = this.atTable + 16 * Math.ceil((table ? table.length : 0) / 16);
+    this.atS = this.atW + 8 * (this.numbers.length + log);
+    this.atStop = this.atS + 8 * this.whole.length;
+    this.atOut = this.atStop + 16;
+    const size = this.atOut + 16 * this.lanes * (spec.scene + spec.varied.length + spec.states + 8);
+    const memory = new WebAssembly.Memory({ initial: Math.ceil(size / PAGE) + 1 });
+    const instance = new WebAssembly.Instance(module, { env: {
+      __linear_memory: memory,
+      __stack_pointer: new WebAssembly.Global({ value: "i32", mutable: true }, spec.stack),
+      __indirect_function_table: new WebAssembly.Table({ initial: 0, element: "anyfunc" }),
+    } });
+    this.call = instance.exports;
+    this.f = new Float64Array(memory.buffer);
+    this.i = new BigInt64Array(memory.buffer);
+    this.table = table ? new Uint8Array(memory.buffer, this.atTable, table.length) : null;
+    if (table) this.table.set(table);
+    for (const k of spec.tables) this.whole[k] = BigInt(this.atTable);
+    this.w = this.atW / 8;
+    this.s = this.atS / 8;
+    this.out = this.atOut / 8;
+  }
+
+  // The place of a row of a quantity in f.
+  row(name, row = 0) { return this.w + this.spec.rows[name][0] + row * this.lanes; }
+  has(name) { return name in this.spec.rows; }
+  fill(name, value, row = 0) {
+    const at = this.row(name, row);
+    this.f.fill(value, at, at + this.lanes);
+  }
+  // The values of a quantity in one lane.
+  set(name, values, lane) {
+    for (let row = 0, at = this.row(name) + lane; row < values.length; row++, at += this.lanes) this.f[at] = values[row];
+  }
+
+  // Set what the law of each lane believes and what its plant is: parameters by their order, then
+  // disturbances that are numbers, then the sample time. What [varied] makes of them follows.
+  setParameters(ofLane, given) {
+    for (let lane = 0; lane < this.lanes; lane++) {
+      const { gains, plant } = ofLane(lane), more = [...given.disturbance, given.sampleTime];
+      this.set("gains", [...gains, ...more], lane);
+      this.set("plant", [...plant, ...more], lane);
+    }
+    const { varied, drawn, varied_known, parameters } = this.spec;
+    if (!varied.length) return;
+    const address = (name) => 8 * this.row(name);
+    if (this.call.leaf_varied) {
+      this.call.leaf_varied(0, 0, 0, address("gains"), this.atOut, this.columns, this.columns);
+    }
+    varied.forEach((name, k) => {
+      const row = parameters.indexOf(name);
+      for (let lane = 0; lane < this.lanes; lane++) {
+        const value = k < drawn ? this.f[this.row("gains", row) + lane]
+          : this.f[this.out + (k - drawn) * this.lanes + lane];
+        this.f[this.row("plant", row) + lane] = value;
+        if (k < varied_known) this.f[this.row("gains", row) + lane] = value;
+      }
+    });
+  }
+
+  // Runs from `starts`, an array of states; one result for each (see `result`).
+  // given: { gains, plant, disturbance, noise: {uniform, normal}, delay (samples), seed (its digits),
+  // first, sampleTime }. own: gains and plant of each run, where they are not those.
+  runs(starts, given, own) {
+    const loop = this.for(given), found = [];
+    for (let first = 0; first < starts.length; first += this.lanes) {
+      const part = [first, first + this.lanes];
+      found.push(...loop.block(starts.slice(...part), given, first, own && own.slice(...part)));
+    }
+    return found;
+  }
+
+  block(starts, given, first, own) {
+    const { f, i, spec, lanes } = this, last = starts.length - 1, of = (lane) => Math.min(lane, last);
+    f.set(this.numbers, this.w);
+    i.set(this.whole, this.s);
+    this.setParameters((lane) => (own ? own[of(lane)] : given), given);
+    const n = spec.states;
+    for (let lane = 0; lane < lanes; lane++) {
+      this.set("q", starts[of(lane)], lane);
+      f[this.row("run") + lane] = (given.first || 0) + first + of(lane);
+      f[this.row("alive") + lane] = lane <= last ? 1 : 0;
+    }
+    for (let k = 0; k < n; k++) {
+      this.fill("noise", given.noise ? given.noise.uniform[k] : 0, k);
+      this.fill("noise", given.noise ? given.noise.normal[k] : 0, n + k);
+    }
+    const seed = BigInt(given.seed || 0);
+    this.fill("seed_low", Number(seed & 0xffffffffn));
+    this.fill("seed_high", Number(seed >> 32n));
+    this.setDelay(given.delay || 0);
+    const call = (name) => this.call[name](this.atW, this.atS, 0, this.atStop);
+    call("holdfast_begin");
+    this.look();
+    i[this.s] = BigInt(spec.log);
+    i[this.s + spec.entry_of_records] = BigInt(spec.records - 1);
+    call("holdfast_advance");
+    call("holdfast_finish");
+    return starts.map((_, lane) => this.result(lane));
+  }
+
+  setDelay(samples) {
+    const { f, i, spec, lanes } = this, late = this.s + spec.late;
+    if (!(samples >= 0 && samples <= spec.latest)) throw new RangeError(`a delay of ${samples} samples`);
+    const slots = samples + 1, size = spec.states * lanes;
+    i[late] = 0n;
+    i[late + 1] = BigInt(slots);
+    this.fill("delay", slots - 1);
+    const ring = this.w + Number(i[late + 2]), q = this.row("q");
+    for (let slot = 0; slot < slots; slot++) f.copyWithin(ring + slot * size, q, q + size);
+  }
+
+  // What is known of the constraints before the first sample.
+  look() {
+    if (!this.has("c0")) return;
+    const { f, lanes } = this, count = this.spec.rows.c0[1];
+    for (let lane = 0; lane < lanes; lane++) {
+      const tolerance = f[this.row("tolerance") + lane];
+      for (let j = count - 1; j >= 0; j--) {
+        const c = f[this.row("c0", j) + lane];
+        f[this.row("worst", j) + lane] = c;
+        if (!(c > tolerance)) continue;
+        f[this.row("outcome") + lane] = LEFT;
+        f[this.row("exit_time") + lane] = 0;
+        f[this.row("exit_constraint") + lane] = j;
+      }
+    }
+  }
+
+  // A run: arrays of its records, one after the other, and how it ended.
+  result(lane) {
+    const { f, i, spec, lanes } = this, size = spec.record_rows * lanes;
+    const done = Math.min(spec.records, (Number(i[this.s]) - spec.log) / size);
+    const log = this.w + spec.log + lane;
+    let count = 0;
+    while (count < done && f[log + count * size] !== 0) count++;
+    const found = { count };
+    for (const [name, [first, rows]] of Object.entries(spec.record)) {
+      if (name === "alive") continue;
+      const values = new Float64Array(count * rows);
+      for (let r = 0, at = 0; r < count; r++) {
+        const from = log + r * size + first * lanes;
+        for (let k = 0; k < rows; k++) values[at++] = f[from + k * lanes];
+      }
+      found[name] = values;
+    }
+    const end = (name, row = 0) => (this.has(name) ? f[this.row(name, row) + lane] : NaN);
+    found.outcome = end("outcome");
+    found.goalTime = found.outcome === DIVERGED ? NaN : end("inside_since");
+    if (found.outcome === STAYED && !Number.isNaN(end("inside_since"))) found.outcome = REACHED;
+    found.exitTime = end("exit_time");
+    found.exitConstraint = end("exit_constraint");
+    found.switches = end("switches");
+    found.overruled = end("overrules");
+    found.infeasible = end("infeasible");
+    found.worst = Array.from({ length: this.has("worst") ? spec.rows.worst[1] : 0 }, (_, j) => end("worst", j));
+    return found;
+  }
+
+  // Fill what follows from the parameters of the plant, without a run.
+  prepare() { this.call.holdfast_first(this.atW, this.atS, 0, this.atStop); }
+
+  // The numbers of the scene in a state at a time, with the parameters of the plant last set.
+  scene(state, time) {
+    if (!this.spec.scene) return new Float64Array(0);
+    const { f, lanes } = this, q = this.out, t = q + this.spec.states * lanes, out = t + lanes;
+    for (let k = 0; k < this.spec.states; k++) f.fill(state[k], q + k * lanes, q + (k + 1) * lanes);
+    f.fill(time, t, t + lanes);
+    this.call.leaf_scene(8 * t, 8 * q, 0, 8 * this.row("plant"), 8 * out, this.columns, this.columns);
+    return Float64Array.from({ length: this.spec.scene }, (_, k) => f[out + k * lanes]);
+  }
+}

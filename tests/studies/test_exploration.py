@@ -1,0 +1,267 @@
+"""A scenario in a page: its runs are those of `simulate`, and what is dragged changes them."""
+
+import io
+import re
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import holdfast as hf
+from holdfast.errors import ScenarioError
+from holdfast.scenario.files import read_text
+from tests.browser import browser, needs_browser, opened
+
+pytestmark = needs_browser
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    with browser() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """The page of a scenario, written once."""
+    pages = {}
+
+    def page(name, *overrides):
+        key = (name, overrides)
+        if key not in pages:
+            pages[key] = tmp_path_factory.mktemp("page") / "explorer.html"
+            pages[key].write_text(hf.explore(name, overrides), "utf-8")
+        return pages[key]
+
+    return page
+
+
+RUNS = """(() => {
+  const drawn = data.starts.map((_, k) => drawnOf(k)), own = drawn[0] ? drawn : undefined;
+  return mainLoops[0].runs(data.starts, { ...given(), first: 0 }, own);
+})()"""
+
+PADDED = """(() => {{
+  const out = new Float64Array(all.length * {1}).fill({2});
+  all.forEach((run, k) => out.set(run.{0} || [], k * {1}));
+  return out;
+}})()"""
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides"),
+    [
+        ("inspection", ()),  # modes, a safeguard, 200 random starts
+        ("inspection-current", ("run.horizon=30",)),  # an observer, a current of any direction
+        ("ch3-noise", ("run.horizon=10", "run.seed=9007199254740993")),  # no double has this seed
+        ("ch5-any-current", ("run.delay=0.1", "run.horizon=20")),  # a vehicle that differs
+        ("ch6-corridor", ()),  # a formation among walls
+    ],
+)
+def test_every_sample_of_200_runs_is_that_of_simulate(chromium, written, name, overrides):
+    found = hf.load_scenario(name, overrides).run().arrays
+    count = min(200, found.sizes["run"])
+    with opened(chromium, written(name, *overrides)) as page:
+        page.page.evaluate(f"window.all = {RUNS}")
+        for quantity, ended in (
+            ("state", "NaN"),
+            ("input", "NaN"),
+            ("constraint", "NaN"),
+            ("mode", "-1"),
+        ):
+            wanted = found[quantity].values[:count].astype(float)
+            got = page.numbers(PADDED.format(quantity, wanted[0].size, ended))
+            np.testing.assert_array_equal(got.reshape(wanted.shape), wanted, err_msg=quantity)
+        outcome = page.numbers("Float64Array.from(all, (r) => r.outcome)")
+        np.testing.assert_array_equal(outcome, found["outcome"].values[:count])
+        left = page.numbers("Float64Array.from(all, (r) => r.exitTime)")
+        np.testing.assert_array_equal(left, found["exit_time"].values[:count])
+        assert not page.errors
+
+
+def test_the_page_asks_for_nothing_and_is_not_blank(chromium, written):
+    with opened(chromium, written("inspection")) as page:
+        page.page.wait_for_selector("#outcomes li")
+        assert "200 of 200" in page.page.inner_text("#outcomes")
+        for canvas in ("plane", "strips"):
+            shot = Image.open(io.BytesIO(page.page.locator(f"#{canvas}").screenshot()))
+            assert len(shot.convert("RGB").getcolors(10**6)) > 50
+        assert page.requests == [page.page.url]
+        assert not page.errors
+
+
+def test_the_start_and_the_current_are_dragged_and_the_run_follows(chromium, written):
+    with opened(chromium, written("inspection")) as page:
+        before = page.page.inner_text("#status")
+        for kind, by in (
+            ("start", (60, -80)),
+            ("heading", (10, 40)),
+            ("current", (20, 10)),
+            ("target", (15, 25)),
+        ):
+            old = page.page.evaluate("JSON.stringify([state, page.run.goalTime])")
+            place = page.page.evaluate(
+                f"""(() => {{
+                  const box = canvas.getBoundingClientRect(), h = plane.handles.find((x) => x.kind === "{kind}");
+                  return [box.x + h.px, box.y + h.py];
+                }})()"""
+            )
+            page.page.mouse.move(*place)
+            page.page.mouse.down()
+            page.page.mouse.move(place[0] + by[0], place[1] + by[1], steps=5)
+            page.page.mouse.up()
+            page.page.evaluate("follow()")
+            page.until("!running && !stale")
+            assert page.page.evaluate("JSON.stringify([state, page.run.goalTime])") != old, kind
+        assert page.page.inner_text("#status") != before
+        assert not page.errors
+
+
+def test_a_copied_scenario_reproduces_what_is_seen(chromium, written, tmp_path):
+    with opened(chromium, written("inspection")) as page:
+        page.page.evaluate(
+            """(() => {
+                            Object.assign(state, { delay: 0.06, seed: 7 });
+              state.start[0] = -1.7; state.start[2] = 0.123456789; state.disturbance[1] = 0.05;
+              state.values.k1 = 0.17; state.values.thrust_limit = 4.2;
+              state.truth.mass = 4.1; state.uniform[0] = 0.002;
+              changed();
+            })()"""
+        )
+        page.until("!running && !stale")
+        run = page.page.evaluate("({ count: page.run.count, outcome: page.run.outcome })")
+        state = page.numbers("page.run.state")
+        file = tmp_path / "seen.toml"
+        file.write_text(page.page.evaluate("asScenario()"), "utf-8")
+    found = hf.load_scenario(str(file)).run().arrays
+    assert int(found["outcome"].values[0]) == run["outcome"]
+    seen = found["state"].values[0][: run["count"]]
+    np.testing.assert_array_equal(state.reshape(seen.shape), seen)
+
+
+def test_a_phone_shows_the_whole_page_without_scrolling_sideways(chromium, written):
+    with opened(chromium, written("inspection"), width=390, height=844) as page:
+        assert page.page.evaluate("document.documentElement.scrollWidth") <= 390
+        assert page.page.locator("#plane").bounding_box()["width"] > 340
+
+
+def test_keys_move_the_start_and_play(chromium, written):
+    with opened(chromium, written("inspection")) as page:
+        before = page.page.evaluate("state.start[0]")
+        page.page.focus("#plane")
+        page.page.keyboard.press("ArrowRight")
+        assert page.page.evaluate("state.start[0]") > before
+        page.page.keyboard.press("Space")
+        assert page.page.inner_text("#play") == "Pause"
+        page.until("page.time > 0")
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides", "says"),
+    [
+        ("ch7-forward-reach", (), "no law decides"),
+        ("ch7-six-states", (), "take fewer nodes"),
+        ("nowhere", (), "nowhere"),
+    ],
+)
+def test_what_is_no_page_is_said_before_anything_is_written(name, overrides, says):
+    with pytest.raises(ScenarioError, match=says):
+        hf.explore(name, overrides)
+
+
+def test_the_law_alone_is_that_of_the_file_without_its_filter(chromium, written, tmp_path):
+    with opened(chromium, written("inspection")) as page:
+        page.page.select_option("#variant", label="the law alone")
+        page.until("!running && !stale")
+        assert page.page.evaluate("page.run.nominal === undefined")
+        state, file = page.numbers("page.run.state"), tmp_path / "alone.toml"
+        file.write_text(page.page.evaluate("asScenario()"), "utf-8")
+        assert "[safeguard]" not in file.read_text("utf-8")
+    seen = hf.load_scenario(str(file)).run().arrays["state"].values[0]
+    seen = seen[np.isfinite(seen).all(axis=1)]
+    np.testing.assert_array_equal(state.reshape(seen.shape), seen)
+
+
+def test_a_kernel_has_its_law_and_its_slice(chromium, written):
+    with opened(chromium, written("seen-target", "grid.nodes=31")) as page:
+        page.page.wait_for_selector("#outcomes li")
+        assert page.page.inner_text("#outcomes") == "stayed: 200 of 200"
+        inside = page.page.evaluate("[page.slice(1.2, 0) > 0, page.slice(0.4, 1) > 0]")
+        assert inside == [True, False]
+        assert not page.errors
+
+
+def test_a_law_of_another_controller_is_refused(tmp_path):
+    text = re.sub(
+        r"\[law\].*?\[safeguard\]",
+        "[law]\nexternal = true\n\n[safeguard]",
+        read_text("inspection")[1],
+        flags=re.S,
+    )
+    (tmp_path / "mine.toml").write_text(text, "utf-8")
+    with pytest.raises(ScenarioError, match="commanded by another controller"):
+        hf.explore(str(tmp_path / "mine.toml"))
+
+
+def test_a_link_holds_what_is_seen(chromium, written):
+    with opened(chromium, written("inspection")) as page:
+        page.page.evaluate(
+            "state.start[1] = 0.7; state.values.k1 = 0.15; state.variant = 1; changed()"
+        )
+        page.until("!running && !stale")
+        state, link = page.numbers("page.run.state"), page.page.evaluate("asLink()")
+    with opened(chromium, written("inspection"), link=link) as page:
+        assert page.page.input_value("#variant") == "1"
+        np.testing.assert_array_equal(page.numbers("page.run.state"), state)
+    with opened(chromium, written("inspection"), link="#%7B%22start%22%3A%5B1%5D%7D") as page:
+        assert "not understood" in page.page.inner_text("#notice")
+
+
+def test_a_number_outside_its_limits_is_refused_and_the_page_goes_on(chromium, written):
+    with opened(chromium, written("inspection")) as page:
+        for what, value in (("delay [s]", "-0.5"), ("delay [s]", "4.5"), ("noise of x [m]", "-1")):
+            field = page.page.get_by_label(f"{what}, number")
+            field.fill(value)
+            field.press("Enter")
+            assert page.page.evaluate("[state.delay, state.uniform[0]]") == [0, 0]
+            assert not field.evaluate("(x) => x.validity.valid")
+        page.page.evaluate("state.delay = 99; changed()")  # as no control does
+        page.until("!running")
+        assert "The loop failed" in page.page.inner_text("#status")
+        page.page.evaluate("state.delay = 0; changed()")
+        page.until("!running && !stale")
+        assert "reached the goal" in page.page.inner_text("#status")
+
+
+def test_a_capture_basin_ends_at_its_goal_as_its_promise_does(chromium, written):
+    with opened(chromium, written("ch7-capture-basin", "grid.nodes=31", "march.times=5")) as page:
+        page.until("page.fanSeconds !== null")
+        assert page.page.inner_text("#outcomes") == "reached goal: 200 of 200"
+
+
+SHIPPED = [p.stem for p in sorted(Path(str(resources.files("holdfast.scenarios"))).glob("*.toml"))]
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_shipped_scenario_has_a_page_whose_copy_runs_or_is_refused(chromium, name, tmp_path):
+    try:
+        (tmp_path / "page.html").write_text(hf.explore(name), "utf-8")
+    except ScenarioError:
+        return
+    with opened(chromium, tmp_path / "page.html") as page:
+        page.page.evaluate("state.start[0] += 0.01; changed()")
+        page.until("!running && !stale")
+        assert not page.errors
+        if page.page.evaluate("data.tables === null"):
+            return
+        state, file = page.numbers("page.run.state"), tmp_path / "copy.toml"
+        file.write_text(page.page.evaluate("asScenario()"), "utf-8")
+    loaded = hf.load_scenario(str(file))
+    if not hasattr(loaded, "starts"):
+        return
+    seen = loaded.run().arrays["state"].values[0]
+    seen = seen[np.isfinite(seen).all(axis=1)]
+    np.testing.assert_array_equal(state.reshape(-1, seen.shape[1])[: len(seen)], seen)
