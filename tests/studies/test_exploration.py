@@ -53,7 +53,7 @@ PADDED = """(() => {{
 @pytest.mark.parametrize(
     ("name", "overrides"),
     [
-        ("inspection", ()),  # modes, a safeguard, 200 random starts
+        ("inspection", ("run.horizon=40",)),  # modes, a safeguard, 200 random starts
         ("inspection-current", ("run.horizon=30",)),  # an observer, a current of any direction
         ("ch3-noise", ("run.horizon=10", "run.seed=9007199254740993")),  # no double has this seed
         ("ch5-any-current", ("run.delay=0.1", "run.horizon=20")),  # a vehicle that differs

@@ -124,7 +124,7 @@ def web_loop(
     shapes = (*(region.scene if region else ()), *(goal.scene if goal else ()))
     scene, leaf = _scene(program, shapes)
     leaves = {**program.leaves, **({SCENE: leaf} if leaf is not None else {})}
-    exported = [n for n in (SCENE, "varied", "disturbance", "constraints") if n in leaves]
+    exported = [n for n in (SCENE, "varied") if n in leaves]
     block = BlockNumbers(exact.layout, program, roomy, LANES)
     table = None
     if program.table is not None:
