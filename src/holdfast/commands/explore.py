@@ -8,6 +8,7 @@ from pathlib import Path
 import click
 
 from holdfast.host.output import check_writable, make_folder
+from holdfast.host.writing import atomic_file
 
 
 @click.command("explore")
@@ -32,7 +33,7 @@ def command(scenario: str, out: Path | None, overrides: tuple[str, ...], shown: 
     file needs no server and no network, and its runs have the numbers of `holdfast run`.
     """
     from holdfast.scenario.files import scenario_title
-    from holdfast.studies.exploration import explore, write_explorer
+    from holdfast.studies.exploration import explore
     from holdfast.studies.progress import bar
 
     path = out if out is not None else Path("runs") / scenario_title(scenario) / "explorer.html"
@@ -40,7 +41,8 @@ def command(scenario: str, out: Path | None, overrides: tuple[str, ...], shown: 
     with bar(f"{scenario}, preparing") as tell:
         page = explore(scenario, overrides, progress=lambda done: tell(scenario, done))
     make_folder(path.parent)
-    write_explorer(page, path)
+    with atomic_file(path) as partial:
+        partial.write_text(page, "utf-8")
     click.echo(f"{path}, {len(page) / 2**20:.2f} MiB: open it in a browser")
     if shown:
         webbrowser.open(path.resolve().as_uri())

@@ -9,7 +9,6 @@ import warnings
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from holdfast.analysis.simulation.web_loop import WebLoop, web_loop
@@ -17,7 +16,6 @@ from holdfast.errors import GainWarning, HoldfastError, ModelWarning, ScenarioEr
 from holdfast.execution.arrays import Array
 from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.settings import Settings
-from holdfast.host.writing import atomic_file
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import Parameter
 from holdfast.maths.definitions.region import Region
@@ -89,8 +87,8 @@ def explore(
 
     What moves in it is the loop of `simulate`, compiled to WebAssembly; its numbers are those of
     `simulate`, bit for bit. A kernel or a capture basin is shown with the law that keeps it. Raises
-    `ScenarioError` for a scenario without a plane or without a law, a law that another controller
-    commands, and a kernel that is too large for a page.
+    `ScenarioError` for a scenario of one state or without a law, a law that another controller has,
+    and a kernel that is too large.
     """
     changes = list(overrides)
     loaded = load_scenario(scenario, changes)
@@ -103,13 +101,6 @@ def explore(
     raise ScenarioError(
         f"'{scenario}' is a {loaded.kind}", expected="closed loops, a kernel or a capture basin"
     )
-
-
-def write_explorer(page: str, path: Path) -> Path:
-    """The page as a file."""
-    with atomic_file(path) as partial:
-        partial.write_text(page, "utf-8")
-    return path
 
 
 def _of_loop(
