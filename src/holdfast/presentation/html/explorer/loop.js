@@ -105,7 +105,8 @@ class ClosedLoop {
 
   // Runs from `starts`, an array of states; one result for each (see `result`).
   // given: { gains, plant, disturbance, noise: {uniform, normal}, delay (samples), seed (its digits),
-  // first, sampleTime }. own: gains and plant of each run, where they are not those.
+  // first, sampleTime; only: the quantities whose records are asked for }. own: gains and plant of
+  // each run, where they are not those.
   runs(starts, given, own) {
     const loop = this.for(given), found = [];
     for (let first = 0; first < starts.length; first += this.lanes) {
@@ -141,7 +142,7 @@ class ClosedLoop {
     i[this.s + spec.entry_of_records] = BigInt(spec.records - 1);
     call("holdfast_advance");
     call("holdfast_finish");
-    return starts.map((_, lane) => this.result(lane));
+    return starts.map((_, lane) => this.result(lane, given.only));
   }
 
   setDelay(samples) {
@@ -173,7 +174,7 @@ class ClosedLoop {
   }
 
   // A run: arrays of its records, one after the other, and how it ended.
-  result(lane) {
+  result(lane, only) {
     const { f, i, spec, lanes } = this, size = spec.record_rows * lanes;
     const done = Math.min(spec.records, (Number(i[this.s]) - spec.log) / size);
     const log = this.w + spec.log + lane;
@@ -181,7 +182,7 @@ class ClosedLoop {
     while (count < done && f[log + count * size] !== 0) count++;
     const found = { count };
     for (const [name, [first, rows]] of Object.entries(spec.record)) {
-      if (name === "alive") continue;
+      if (name === "alive" || (only && !only.includes(name))) continue;
       const values = new Float64Array(count * rows);
       for (let r = 0, at = 0; r < count; r++) {
         const from = log + r * size + first * lanes;

@@ -106,7 +106,7 @@ async function fan() {
   const began = performance.now();
   for (let a = 0; a < starts.length; a += part) {
     const some = starts.slice(a, a + part);
-    const own_numbers = some.map((_, k) => drawnOf(a + k)), now = { ...given(), first: a };
+    const own_numbers = some.map((_, k) => drawnOf(a + k)), now = { ...given(), first: a, only: ["state"] };
     jobs.push(many.run({ variant: state.variant, starts: some, given: now, own: own_numbers[0] && own_numbers }).then(({ runs }) => {
       if (own !== fanAsked) return;
       runs.forEach((run) => page.fan.push(pathOf(run)));
