@@ -275,11 +275,11 @@ class Checker:
         return both[0], both[1], to, list(itertools.product(*parts)) if free else [()]
 
     def _well_formed(self, most: int | None, entries: Entries) -> None:
-        names = [*self.states, *self.input_names, *self.bound_names]
+        names = [*self.states, *self.input_names, *self.bound_names, *self.nodes, "time_in_mode"]
+        names += [name for name, _ in self.where]
         known = {n for n in names if n.isascii() and n.isidentifier()} - {*NAMES, *keyword.kwlist}
         if len(known) < len(names):
             raise NotValidError("a name stands twice, is none, or is that of a function or number")
-        known |= {*(name for name, _ in self.where), *self.nodes, "time_in_mode"}
         for e in (*self.rates, *self.constraints, *self.target, *self.told):
             if odd := e.names - known:
                 raise NotValidError(f"an expression uses the undeclared name {min(odd)}")
@@ -373,7 +373,7 @@ class Checker:
                            for k in (math.floor(_down(q)), math.ceil(-_down(-q))))  # fmt: skip
             blocks.append([k % n for k in range(first, last + 1)])
         around = list(itertools.product(*blocks))
-        return {name: ball(min(low[k] for k in around), max(high[k] for k in around))
+        return {name: functools.reduce(arb.union, (ball(low[k], high[k]) for k in around))
                 for name, (low, high) in self.nodes.items()}  # fmt: skip
 
     def _place(self, cell: int) -> tuple[int, list[int]]:

@@ -310,12 +310,23 @@ def test_forged_table_is_found(tmp_path):
         values = np.frombuffer(decompress(b64decode(ends[0]))) + 5.0
         ends[:] = 2 * [b64encode(compress(values.tobytes())).decode()]
 
+    def holed(law):
+        """NaN at every second node, and deep places at the others."""
+        ends = law["table"]["nodes"]["_V"]
+        values = np.frombuffer(decompress(b64decode(ends[0]))).copy() + 5.0
+        values[1::2] = np.nan
+        ends[:] = 2 * [b64encode(compress(values.tobytes())).decode()]
+
+    def named_twice(law):
+        law["where"].insert(0, ["x", "0"])
+
     def flat(law):
         nodes = law["table"]["nodes"]
         nodes["_V0"] = nodes["_V"]
 
-    with pytest.raises(NotValidError):
-        check(alter(path, deeper))
+    for forged in (deeper, holed, named_twice):
+        with pytest.raises(NotValidError):
+            check(alter(path, forged))
     with pytest.raises(hf.HoldfastError, match="not those of its values"):
         hf.read_certificate(alter(path, flat))
 
