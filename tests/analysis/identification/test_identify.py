@@ -228,7 +228,7 @@ def test_fits_from_other_first_guesses_agree_within_their_intervals():
 
 def test_commands_that_are_zero_are_refused_and_those_of_the_wrong_sign_are_said():
     otter = hf.load_vehicle("otter")
-    log = vehicle_log(otter)
+    log = vehicle_log(otter, seconds=40.0)
     some = ["Xu", "Nr"]
 
     def with_commands(change):
