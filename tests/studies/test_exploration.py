@@ -161,8 +161,7 @@ def test_keys_move_the_start_and_play(chromium, written):
 @pytest.mark.parametrize(
     ("name", "overrides", "says"),
     [
-        ("ch7-forward-reach", (), "no law decides"),
-        ("ch7-six-states", (), "take fewer nodes"),
+        ("ch7-six-states", ("grid.nodes=31",), "take fewer: --set grid.nodes"),
         ("nowhere", (), "nowhere"),
     ],
 )
@@ -188,8 +187,62 @@ def test_a_kernel_has_its_law_and_its_slice(chromium, written):
     with opened(chromium, written("seen-target", "grid.nodes=31")) as page:
         page.page.wait_for_selector("#outcomes li")
         assert page.page.inner_text("#outcomes") == "stayed: 200 of 200"
-        inside = page.page.evaluate("[page.slice(1.2, 0) > 0, page.slice(0.4, 1) > 0]")
+        inside = page.page.evaluate("[page.slice.at(1.2, 0) > 0, page.slice.at(0.4, 1) > 0]")
         assert inside == [True, False]
+        assert not page.errors
+
+
+REACH = ("grid.nodes=15", "march.horizon=3", 'march.times=["1 s", "2 s", "3 s"]')
+
+
+def test_a_set_without_a_law_is_cut_by_any_two_states_at_any_of_its_times(chromium, written):
+    value = hf.load_scenario("ch7-forward-reach", REACH).solve()
+    places = np.random.default_rng(0).uniform((-0.7, -2.5), (0.7, 2.5), (500, 2))
+    wanted = value.at(np.column_stack([np.full(500, 0.31), places]), time=2)
+    with opened(chromium, written("ch7-forward-reach", *REACH)) as page:
+        assert "The set alone: no law decides" in page.page.inner_text("header")
+        assert page.page.inner_text("#status") == "The state is in the set."
+        page.page.select_option("[aria-label='state across']", "v")
+        assert page.page.evaluate("state.axes") == [1, 0]  # they change places
+        page.page.select_option("[aria-label='state up']", "r")
+        page.page.evaluate(
+            f"""(() => {{ state.start = [0.31, 0.7, 0]; page.time = 2; changed();
+            window.places = {places.tolist()}; }})()"""
+        )
+        page.until("page.drawn")
+        assert page.page.inner_text("#status") == "The state is outside the set."
+        levels = page.numbers("Float64Array.from(places, ([x, y]) => page.slice.at(x, y))")
+        link = page.page.evaluate("asLink()")
+        assert not page.errors
+    near = np.abs(wanted) < 0.01 * np.abs(value.values()).max()
+    assert 0.05 < (wanted > 0).mean() < 0.95
+    assert near.mean() < 0.1
+    np.testing.assert_array_equal((levels > 0)[~near], (wanted > 0)[~near])
+    with opened(chromium, written("ch7-forward-reach", *REACH), link=link) as page:
+        assert page.page.evaluate("[planeX, planeY]") == [1, 2]
+
+
+def test_a_kernel_too_large_for_its_law_is_shown_alone(chromium, written, monkeypatch):
+    monkeypatch.setattr("holdfast.studies.explored_kernel.MOST_BYTES", 1000)
+    with opened(chromium, written("seen-target", "grid.nodes=21")) as page:
+        assert "its law needs 0 MiB" in page.page.inner_text("header")
+        assert page.page.inner_text("#status") == "The state is in the set."
+        assert page.page.locator("#strips").is_hidden()
+        assert page.page.locator("#play").is_hidden()
+
+
+def test_the_plane_shows_any_two_states_of_a_run(chromium, written):
+    with opened(chromium, written("inspection")) as page:
+        page.page.select_option("[aria-label='state across']", "u")
+        page.page.select_option("[aria-label='state up']", "r")
+        page.until("!running && !stale && page.drawn && page.fanSeconds !== null")
+        assert page.page.evaluate("page.sceneNow") is None
+        ends = page.page.evaluate("page.fan.map(({ xy }) => Array.from(xy.slice(0, 2)))")
+        assert ends == [[0, 0]] * 200
+        before = page.page.evaluate("state.start[3]")
+        page.page.focus("#plane")
+        page.page.keyboard.press("ArrowRight")
+        assert page.page.evaluate("state.start[3]") > before
         assert not page.errors
 
 

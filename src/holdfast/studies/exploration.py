@@ -56,7 +56,8 @@ class Explored:
 
     alone: the law without its safety filter, if it has one. keys: parameter -> the key of the file
     whose number it is. tables: of a file that reproduces a run; None where no file does. note: what
-    the page says of itself.
+    the page says of itself. slices: of a set that is shown without a law, its grid and its values
+    (`packed_slices`).
     """
 
     name: str
@@ -78,6 +79,7 @@ class Explored:
     keys: Mapping[str, str]
     tables: Mapping[str, Any] | None
     note: str = ""
+    slices: tuple[Mapping[str, Any], Sequence[bytes]] | None = None
 
 
 def explore(
@@ -197,7 +199,7 @@ def _described(shown: Explored) -> dict[str, Any]:
             }
             for label, own in loops.items()
         ],
-        "plant": dict(shown.plant), "filters": FILTERS,
+        "plant": dict(shown.plant), "filters": FILTERS, "slices": _slices(shown),
         "starts": shown.starts.tolist(), "drawn": shown.drawn.tolist(), "tables": shown.tables,
     }  # fmt: skip
 
@@ -214,6 +216,13 @@ def _loop(shown: Explored, law: Law | Switching) -> WebLoop:
             remedy="compute it with fewer nodes",
         )
     return loop
+
+
+def _slices(shown: Explored) -> dict[str, Any] | None:
+    if shown.slices is None:
+        return None
+    grid, parts = shown.slices
+    return {**grid, "values": [base64.b64encode(part).decode("ascii") for part in parts]}
 
 
 def _packed(loop: WebLoop) -> dict[str, str]:

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.depth import inside_states
 from holdfast.analysis.safety.safety_filter import LAWFUL, decided, safety_law, sampled_margin
-from holdfast.errors import ScenarioError
+from holdfast.errors import ScenarioError, SimulationError
+from holdfast.execution.arrays import Array
 from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.settings import Settings
+from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.variation import Varied
 from holdfast.scenario.kinds.kernel import KernelScenario
 from holdfast.studies.exploration import FAN, MOST_BYTES, Explored
+from holdfast.studies.packed_slices import check_size, packed_slices
 
 SAMPLE_TIME, RECORDED = 0.02, 0.1
 """Of a kernel whose scenario tries no promise [s]."""
@@ -23,27 +28,26 @@ SAMPLE_TIME, RECORDED = 0.02, 0.1
 def explored_kernel(loaded: KernelScenario, progress: Progress | None = None) -> Explored:
     """The set with its law: the optimal inputs, or the least change of those of its [law].
 
-    Raises `ScenarioError` for a set that no law keeps, one that is empty, one of a single state,
-    and one that is too large for a page.
+    A set that no law keeps, and one whose law is too large for a page, has its slices alone. Raises
+    `ScenarioError` for a set that is empty, one of a single state, and one that is too large for
+    slices too.
     """
-    if loaded.kind not in LAWFUL:
-        raise ScenarioError(
-            f"'{loaded.name}' is a {loaded.kind}, in which no law decides",
-            expected="one of " + ", ".join(LAWFUL),
-        )
-    names = loaded.system.state_names
-    if len(names) < 2:
+    if len(loaded.system.state_names) < 2:
         raise ScenarioError(f"'{loaded.name}' has one state", expected="two states to draw in")
-    size = 8 * int(np.prod([a.count for a in loaded.grid.axes]))
-    if size > 2 * MOST_BYTES:
-        raise ScenarioError(
-            f"the kernel of '{loaded.name}' has {size / 2**20:.0f} MiB at one time",
-            expected=f"at most {2 * MOST_BYTES / 2**20:.0f} MiB for a page",
-            remedy="take fewer nodes: --set grid.nodes=...",
-        )
+    check_size(loaded.name, math.prod(a.count for a in loaded.grid.axes))
     value = loaded.solve(progress)
     if value.values().max() <= 0:
         raise ScenarioError(f"the set of '{loaded.name}' is empty", remedy="take a smaller bound")
+    if loaded.kind not in LAWFUL:
+        return _alone(loaded, value, f"no law decides in a {loaded.kind.replace('-', ' ')}")
+    try:
+        return _with_law(loaded, value)
+    except SimulationError as error:
+        return _alone(loaded, value, error.cause)
+
+
+def _with_law(loaded: KernelScenario, value: ValueFunction) -> Explored:
+    known = decided(loaded.system, value)
     shown, note = _thinned(value)
     step = float((loaded.promised or {}).get("sample_time", SAMPLE_TIME))
     law = safety_law(loaded.system, shown, loaded.law, sample_time=step)
@@ -51,17 +55,38 @@ def explored_kernel(loaded: KernelScenario, progress: Progress | None = None) ->
     starts, _, _ = inside_states(shown, np.random.default_rng(loaded.seed), FAN, None, loss)
     stride = max(round(RECORDED / step), 1)
     records = max(round(loaded.horizon / (stride * step)), 1)
+    settings = Settings(
+        horizon=records * stride * step, sample_time=step, record_every=stride * step,
+        until_goal=loaded.goal is not None,
+    )  # fmt: skip
+    return _explored(
+        loaded, system=known, law=law, alone=loaded.law, settings=settings, starts=starts, note=note
+    )
+
+
+def _alone(loaded: KernelScenario, value: ValueFunction, reason: str) -> Explored:
+    """The slices of the set, and the scene in the state that is deepest in it."""
+    grid, packed, note = packed_slices(value)
+    values = value.values()
+    deepest = np.unravel_index(int(values.argmax()), values.shape)
+    start = [a.nodes[k] for a, k in zip(value.grid.axes, deepest, strict=True)]
+    horizon = max(grid["times"], default=1.0)
+    still = Law("still", (), {q.name: 0 * q.symbol for q in loaded.system.inputs})
+    return _explored(
+        loaded, system=loaded.system, law=still, alone=None,
+        settings=Settings(horizon=horizon, sample_time=horizon, record_every=horizon),
+        starts=np.array([start]), note=f"The set alone: {reason}; {note}.",
+        slices=(grid, packed),
+    )  # fmt: skip
+
+
+def _explored(loaded: KernelScenario, starts: Array, **own: Any) -> Explored:
+    names = loaded.system.state_names
     return Explored(
         name=loaded.name, title=loaded.title, source=loaded.source,
-        system=decided(loaded.system, shown), law=law, alone=loaded.law,
-        region=loaded.region, goal=loaded.goal,
-        disturbance={}, plant={}, varied=Varied(),
-        settings=Settings(
-            horizon=records * stride * step, sample_time=step, record_every=stride * step,
-            until_goal=loaded.goal is not None,
-        ),
+        region=loaded.region, goal=loaded.goal, disturbance={}, plant={}, varied=Varied(),
         stepper="rk4", plane=loaded.figures.plane or (names[0], names[1]), starts=starts,
-        drawn=np.empty((len(starts), 0)), keys={}, tables=None, note=note,
+        drawn=np.empty((len(starts), 0)), keys={}, tables=None, **own,
     )  # fmt: skip
 
 
@@ -80,10 +105,10 @@ def _thinned(value: ValueFunction) -> tuple[ValueFunction, str]:
             return ValueFunction(
                 some, value.grid
             ), f"The kernel is in single precision here{fewer}."
-    raise ScenarioError(
-        f"the kernel has {single['value'].nbytes / times / 2**20:.0f} MiB at one time",
-        expected=f"at most {MOST_BYTES / 2**20:.0f} MiB in a page", remedy="take fewer nodes",
-    )  # fmt: skip
+    raise SimulationError(
+        f"its law needs {single['value'].nbytes / times / 2**20:.0f} MiB at one time, "
+        f"and a page has at most {MOST_BYTES / 2**20:.0f}"
+    )
 
 
 def _divisors(number: int) -> Iterable[int]:

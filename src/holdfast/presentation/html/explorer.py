@@ -12,7 +12,7 @@ from holdfast.execution.simulation.outcomes import OUTCOMES, Outcome
 from holdfast.presentation.figures import style
 from holdfast.presentation.html.page import rendered
 
-SCRIPTS = ("loop", "svg", "plane", "strips", "controls", "runs", "slices", "copies", "app")
+SCRIPTS = ("loop", "svg", "plane", "strips", "controls", "runs", "slices", "copies", "axes", "app")
 """The scripts of the page in the order in which they stand in it; `loop` runs in workers too."""
 
 
@@ -29,6 +29,7 @@ def explorer_page(data: Mapping[str, Any]) -> str:
         title=data["title"],
         source=data["source"],
         note=data["note"],
+        moved="start" if data["slices"] is None else "state",
         css=(folder / "page.css").read_text("utf-8"),
         data=_embedded({**data, "look": look}),
         loop=scripts["loop"],

@@ -4,12 +4,12 @@
 // -- the page ------------------------------------------------------------------------------------
 
 const HEADING = data.states.findIndex((q) => q.angle);
-const metric = data.states[planeX].unit === "m" && data.states[planeY].unit === "m";
+let metric; // whether the plane is that of the vehicle's positions
 const page = {
   data, run: null, fan: [], slice: null, sceneNow: null, time: 0, playing: false, drawn: false,
-  equal: data.states[planeX].unit === data.states[planeY].unit, recordEvery: data.settings.record_every,
+  equal: false, recordEvery: data.settings.record_every,
   fanSeconds: null,
-  axisLabel(k) { const q = data.states[data.plane[k]]; return q.unit === "1" ? q.name : `${q.name} [${q.unit}]`; },
+  axisLabel(k) { const q = data.states[state.axes[k]]; return q.unit === "1" ? q.name : `${q.name} [${q.unit}]`; },
   colours() {
     if (page.look) return page.look;
     const style = getComputedStyle(document.documentElement), of = (name) => style.getPropertyValue(`--${name}`).trim();
@@ -42,7 +42,7 @@ const page = {
   startPose() {
     return { x: state.start[planeX], y: state.start[planeY], heading: metric && HEADING >= 0 ? state.start[HEADING] : null };
   },
-  get offset() { return state.offset; },
+  get offset() { return atHome() ? state.offset : [0, 0]; },
   targetPlace() {
     const target = data.scene.find((s) => s.role === "target" && s.kind === "Segment"), v = page.sceneNow;
     return target && metric && v ? [(v[target.at] + v[target.at + 2]) / 2, (v[target.at + 1] + v[target.at + 3]) / 2] : null;
@@ -57,7 +57,7 @@ const page = {
 
 function currentRows() {
   const a = data.given.indexOf("Vx"), b = data.given.indexOf("Vy");
-  return metric && a >= 0 && b >= 0 ? [a, b] : [];
+  return metric && !still && a >= 0 && b >= 0 ? [a, b] : [];
 }
 
 const plane = new Plane(byId("plane"), page), strips = new Strips(byId("strips"), page);
@@ -146,14 +146,16 @@ function frame(now) {
     byId("time").value = page.time;
     page.drawn = false;
   }
-  if (!page.drawn && page.run) {
+  if (!page.drawn && (page.run || still)) {
     page.drawn = true;
     const loop = mainLoops[state.variant], set = makeSlices[state.variant];
     loop.setParameters(() => given(), given());
     loop.prepare();
-    page.sceneNow = loop.scene(page.stateAt(page.time), page.time);
-    page.slice = set ? set(page.stateAt(page.time), data.settings.horizon - page.time) : null;
+    const at = page.stateAt(page.time);
+    page.sceneNow = atHome() ? loop.scene(at, page.time) : null;
+    page.slice = set ? set(at, still ? page.time : data.settings.horizon - page.time, planeX, planeY) : null;
     plane.draw();
+    if (still) { tellSet(); requestAnimationFrame(frame); return; }
     strips.draw(groups(), data.settings.horizon, page.time);
     byId("now").textContent = `${page.time.toFixed(1)} s` + (page.run.mode ? `, ${variant().modes[modeNow()].replaceAll("_", " ")}` : "");
   }
@@ -166,7 +168,7 @@ function modeNow() {
 
 function play(on) {
   page.playing = on;
-  if (on && page.time >= data.settings.horizon) page.time = 0;
+  if (on && page.time >= data.settings.horizon) page.time = Number(byId("time").min);
   byId("play").textContent = on ? "Pause" : "Play";
 }
 
@@ -243,9 +245,10 @@ function knobs() {
 
 function addControls() {
   data.states.forEach((q, i) => {
-    const [low, high] = q.angle ? [-Math.PI, Math.PI] : spread(data.starts.map((s) => s[i]), q.unit === "m" ? 0.5 : 0.2);
+    const [low, high] = boxOf(i) ?? (q.angle ? [-Math.PI, Math.PI] : spread(data.starts.map((s) => s[i]), q.unit === "m" ? 0.5 : 0.2));
     controls.add({ ...q, group: "start", low, high, get: () => state.start[i], set: (v) => { state.start[i] = v; changed(); } });
   });
+  if (still) return;
   data.given.forEach((name, k) => {
     const q = data.disturbances.find((d) => d.name === name), most = data.most[k] ?? (Math.abs(state.disturbance[k]) * 2 || data.most_current);
     controls.add({ ...q, group: "disturbance", low: -most, high: most, least: data.most[k] === null ? undefined : -most, most: data.most[k] ?? undefined, get: () => state.disturbance[k],
@@ -291,18 +294,21 @@ async function begin() {
   const choice = byId("variant");
   choice.parentElement.hidden = data.variants.length < 2;
   data.variants.forEach(({ label }, k) => choice.add(new Option(label, k)));
+  addAxes();
   fromLink(location.hash);
+  applyAxes();
+  if (still) withoutRuns();
   choice.value = state.variant;
   controls.show();
   choice.addEventListener("change", () => { state.variant = Number(choice.value); changed(); });
   byId("play").addEventListener("click", () => play(!page.playing));
   time.addEventListener("input", () => { page.time = Number(time.value); page.drawn = false; });
   byId("fan").addEventListener("change", fan);
-  byId("reset").addEventListener("click", () => { state = initial(); page.time = 0; time.value = 0; choice.value = 0; fit(); changed(); });
+  byId("reset").addEventListener("click", () => { state = initial(); applyAxes(); page.time = still ? data.settings.horizon : 0; time.value = page.time; choice.value = 0; fit(); changed(); });
   byId("toml").hidden = data.tables === null;
   byId("toml").addEventListener("click", () => copied(asScenario(), "The scenario"));
   byId("link").addEventListener("click", () => copied(location.href.split("#")[0] + asLink(), "The link"));
-  window.addEventListener("hashchange", () => { state = initial(); fromLink(location.hash); choice.value = state.variant; changed(); });
+  window.addEventListener("hashchange", () => { state = initial(); fromLink(location.hash); applyAxes(); choice.value = state.variant; changed(); });
   byId("png").addEventListener("click", () => saved(picture().toDataURL("image/png"), `${data.name}.png`));
   byId("fit").addEventListener("click", fit);
   byId("svg").addEventListener("click", () => {
@@ -317,10 +323,10 @@ async function begin() {
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => theme());
   new ResizeObserver(() => { page.drawn = false; }).observe(canvas);
   mainLoops = await Promise.all(data.variants.map((v) => ClosedLoop.of(v.loop)));
-  makeSlices = mainLoops.map((loop, k) => slices(loop, data.variants[k].grid));
+  makeSlices = still ? [await ofSet(data.slices)] : mainLoops.map((loop, k) => ofLaw(loop, data.variants[k].grid));
   mainLoops[0].setParameters(() => given(), given());
   mainLoops[0].prepare();
-  page.sceneNow = mainLoops[0].scene(state.start, 0);
+  page.sceneNow = atHome() ? mainLoops[0].scene(state.start, 0) : null;
   await follow();
   fit();
   page.drawn = false;

@@ -52,7 +52,7 @@ class Controls {
   group(name) {
     if (!this.groups[name]) {
       const details = document.createElement("details"), summary = document.createElement("summary");
-      summary.textContent = GROUPS[name] || name;
+      summary.textContent = still && name === "start" ? "State" : GROUPS[name] || name;
       details.open = OPEN.includes(name);
       details.setAttribute("aria-label", summary.textContent);
       details.append(summary);

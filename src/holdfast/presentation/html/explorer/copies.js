@@ -80,6 +80,7 @@ function fromLink(text) {
     for (const [name, value] of Object.entries(JSON.parse(decodeURIComponent(text.slice(1))))) {
       if (!(name in state) || !like(value, state[name])) throw new Error(name);
       if (name === "variant" && !(value in data.variants)) throw new Error(name);
+      if (name === "axes" && (value[0] === value[1] || !value.every((k) => k in data.states))) throw new Error(name);
       state[name] = name === "values" ? { ...state.values, ...value } : value;
     }
   } catch (error) { notice(`The end of this page's address is not understood: ${error.message}`); }

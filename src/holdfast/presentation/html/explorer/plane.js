@@ -273,7 +273,7 @@ class Plane {
     const { context: c, page, look } = this, pose = page.startPose();
     if (!pose) return;
     const [px, py] = this.at(pose.x, pose.y);
-    this.dot(px, py, look.accent, "start", true);
+    this.dot(px, py, look.accent, still ? "state" : "start", true);
     this.handles.push({ kind: "start", px, py });
     if (pose.heading === null) return;
     const hx = px + 34 * Math.cos(pose.heading), hy = py - 34 * Math.sin(pose.heading);
@@ -333,13 +333,14 @@ class Plane {
   // -- the set where the value of the law is above zero, in the slice of the other states -------
 
   set(slice) {
-    const { context: c, view: v, look } = this, step = 4;
+    const { context: c, view: v, look } = this, step = 2, columns = [];
     c.fillStyle = look.set;
+    for (let px = v.left; px < v.right; px += step) columns.push(slice.across(this.place(px + step / 2, 0)[0]));
     for (let py = v.top; py < v.bottom; py += step) {
+      const row = slice.up(this.place(0, py + step / 2)[1]);
       let from = null;
-      for (let px = v.left; px <= v.right; px += step) {
-        const [x, y] = this.place(px + step / 2, py + step / 2);
-        const inside = px < v.right && slice(x, y) > 0;
+      for (let px = v.left, k = 0; k <= columns.length; px += step, k++) {
+        const inside = k < columns.length && slice.of(columns[k], row) > 0;
         if (inside && from === null) from = px;
         if (!inside && from !== null) { c.fillRect(from, py, px - from, step); from = null; }
       }

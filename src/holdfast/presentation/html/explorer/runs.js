@@ -4,7 +4,8 @@
 const data = JSON.parse(document.getElementById("data").textContent);
 const loopSource = document.getElementById("loop").textContent;
 const byId = (id) => document.getElementById(id);
-const n = data.states.length, [planeX, planeY] = data.plane;
+const n = data.states.length, home = data.plane, still = data.slices !== null; // still: a set without a law
+let [planeX, planeY] = home;
 const HANDLER = `
 let loops = null;
 onmessage = async ({ data: job }) => {
@@ -23,7 +24,7 @@ function initial() {
   return {
     variant: 0, start: [...data.starts[0]], values: { ...allValues(), ...Object.fromEntries(drawn) },
     truth: { ...data.plant }, disturbance: [...data.disturbance], uniform: [...data.noise.uniform],
-    normal: [...data.noise.normal], delay: data.settings.delay, seed: data.settings.seed, run: 0, offset: [0, 0],
+    normal: [...data.noise.normal], delay: data.settings.delay, seed: data.settings.seed, run: 0, offset: [0, 0], axes: [...home],
   };
 }
 function allValues() { return Object.assign({}, ...data.variants.map((v) => v.values)); }
@@ -80,6 +81,7 @@ let running = false, stale = true, fanAsked = 0;
 
 // The one run follows at once; what is asked while it runs is asked once more.
 async function follow() {
+  if (still) { stale = page.drawn = false; return; }
   if (running) { stale = true; return; }
   running = true;
   try {
@@ -100,7 +102,7 @@ async function fan() {
   many.drop();
   page.fan = [];
   page.drawn = false;
-  if (!byId("fan").checked) { tellFan(); return; }
+  if (still || !byId("fan").checked) { tellFan(); return; }
   const { starts } = data, part = Math.ceil(starts.length / (4 * cores));
   const jobs = [];
   const began = performance.now();
