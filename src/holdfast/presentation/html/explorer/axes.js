@@ -10,6 +10,8 @@ function applyAxes() {
   metric = atHome() && a === "m" && b === "m";
   page.equal = a === b;
   page.sceneNow = null;
+  page.fan = []; // its paths are over other states
+  page.fitted = false;
   [byId("axisX").value, byId("axisY").value] = state.axes;
 }
 
