@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import base64
+import json
 import math
 import tomllib
-import warnings
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from holdfast.analysis.simulation.web_loop import WebLoop, web_loop
-from holdfast.errors import GainWarning, HoldfastError, ModelWarning, ScenarioError
+from holdfast.arguments import checked
+from holdfast.errors import HoldfastError, ScenarioError
 from holdfast.execution.arrays import Array
 from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.settings import Settings
@@ -21,7 +23,6 @@ from holdfast.maths.definitions.quantity import Parameter
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
-from holdfast.maths.definitions.units import in_base_units
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.numeric import Expression
 from holdfast.presentation.html.explorer import explorer_page
@@ -30,7 +31,7 @@ from holdfast.scenario.kinds.closed_loop import Scenario
 from holdfast.scenario.kinds.formation import FormationScenario
 from holdfast.scenario.kinds.kernel import KernelScenario
 from holdfast.scenario.load import load_scenario, scenario_of
-from holdfast.scenario.overrides import substance
+from holdfast.studies.explored_knobs import keys_of
 
 MOST_BYTES = 10 * 2**20
 """A page with a larger table would be slow to open."""
@@ -46,9 +47,6 @@ FILTERS = ("safeguard", "safety")
 
 FILTERED, ALONE = "with the safety filter", "the law alone"
 
-TABLES = ("law", "system", "region", "goal", "tracking", "observer", "field")
-"""Tables whose numbers are parameters of the same name."""
-
 
 @dataclass(frozen=True)
 class Explored:
@@ -56,7 +54,8 @@ class Explored:
 
     alone: the law without its safety filter, if it has one. keys: parameter -> the key of the file
     whose number it is. tables: of a file that reproduces a run; None where no file does. note: what
-    the page says of itself.
+    the page says of itself. latest: the longest delay that has to fit [s]. sweep: the table of a
+    sweep of these loops, as `explored_sweep` has it.
     """
 
     name: str
@@ -78,22 +77,34 @@ class Explored:
     keys: Mapping[str, str]
     tables: Mapping[str, Any] | None
     note: str = ""
+    latest: float = 0.0
+    sweep: Mapping[str, Any] | None = None
 
 
+@checked
 def explore(
-    scenario: str, overrides: Iterable[str] = (), *, progress: Progress | None = None
+    scenario: str | Path, overrides: Iterable[str] = (), *, progress: Progress | None = None
 ) -> str:
     """The page of a scenario: one self-contained HTML file, as text.
 
     What moves in it is the loop of `simulate`, compiled to WebAssembly; its numbers are those of
-    `simulate`, bit for bit. A kernel or a capture basin is shown with the law that keeps it. Raises
-    `ScenarioError` for a scenario of one state or without a law, a law that another controller has,
-    and a kernel that is too large.
+    `simulate`, bit for bit. A kernel or a capture basin is shown with the law that keeps it.
+    scenario may also be the table of a sweep, "runs/inspection/sweep.nc", or its folder: the page
+    of the swept scenario has a map of the table, and the cell under the pointer runs.
+
+    Raises `ScenarioError` for a scenario of one state or without a law, a law that another
+    controller has, a kernel that is too large, and a sweep that the loop of one page cannot follow;
+    `OutputError` for a file that is damaged.
     """
-    changes = list(overrides)
+    from holdfast.studies.explored_sweep import explored_sweep, sweep_file
+
+    scenario, changes = str(scenario), list(overrides)
+    table = sweep_file(scenario)
+    if table is not None:
+        return explorer_page(_described(explored_sweep(table, changes, progress)))
     loaded = load_scenario(scenario, changes)
     if isinstance(loaded, Scenario):
-        return explorer_page(_described(_of_loop(loaded, scenario, changes, progress)))
+        return explorer_page(_described(of_loop(loaded, scenario, changes, progress)))
     if isinstance(loaded, KernelScenario):
         from holdfast.studies.explored_kernel import explored_kernel
 
@@ -103,9 +114,10 @@ def explore(
     )
 
 
-def _of_loop(
+def of_loop(
     loaded: Scenario, scenario: str, changes: Sequence[str], progress: Progress | None
 ) -> Explored:
+    """Closed loops with their first starts; `ScenarioError` where no page can have them."""
     if loaded.plane is None:
         raise ScenarioError(f"'{scenario}' has one state", expected="two states to draw in")
     if loaded.law.handed:
@@ -114,19 +126,19 @@ def _of_loop(
             remedy="name the law in the file",
         )
     kept = loaded.kept(progress)
-    starts, drawn = _starts(kept)
+    starts, drawn = first_starts(kept)
     own = {k: v for k, v in kept.settings.items() if k in Settings.__dataclass_fields__}
     return Explored(
         name=kept.name, title=kept.title, source=kept.source, system=kept.system, law=kept.law,
         alone=_alone(loaded, scenario, changes),
         region=kept.region, goal=kept.goal, disturbance=kept.disturbance, plant=kept.plant,
         varied=kept.varied, settings=Settings(**own), stepper=kept.settings["stepper"],
-        plane=loaded.plane, starts=starts, drawn=drawn, keys=_keys(loaded, scenario, changes),
+        plane=loaded.plane, starts=starts, drawn=drawn, keys=keys_of(loaded, scenario, changes),
         tables=_tables(loaded, scenario, changes),
     )  # fmt: skip
 
 
-def _starts(loaded: Scenario) -> tuple[Array, Array]:
+def first_starts(loaded: Scenario) -> tuple[Array, Array]:
     """The first starts of the scenario, and what is drawn for each of these runs."""
     count, step = min(loaded.runs, FAN), loaded.settings["sample_time"]
     brief = loaded.with_settings(horizon=step, record_every=step, delay=0.0)
@@ -199,13 +211,16 @@ def _described(shown: Explored) -> dict[str, Any]:
         ],
         "plant": dict(shown.plant), "filters": FILTERS,
         "starts": shown.starts.tolist(), "drawn": shown.drawn.tolist(), "tables": shown.tables,
+        "sweep": None if shown.sweep is None else _table(shown),
     }  # fmt: skip
 
 
 def _loop(shown: Explored, law: Law | Switching) -> WebLoop:
+    latest = max(shown.settings.delay, shown.latest)
     loop = web_loop(
-        shown.system, law, shown.settings, region=shown.region, goal=shown.goal,
-        disturbance=shown.disturbance, varied=shown.varied, stepper=shown.stepper,
+        shown.system, law, replace(shown.settings, delay=latest),
+        region=shown.region, goal=shown.goal, disturbance=shown.disturbance, varied=shown.varied,
+        stepper=shown.stepper,
     )  # fmt: skip
     if loop.table is not None and loop.table.nbytes > MOST_BYTES:
         raise ScenarioError(
@@ -223,6 +238,18 @@ def _packed(loop: WebLoop) -> dict[str, str]:
         "whole": loop.whole.tobytes(), "table": table,
     }  # fmt: skip
     return {name: _text(content) if content else "" for name, content in parts.items()}
+
+
+def _table(shown: Explored) -> str:
+    """The table of the sweep, compressed."""
+    found = _text(json.dumps(shown.sweep, allow_nan=False).encode())
+    if len(found) > MOST_BYTES:
+        raise ScenarioError(
+            f"the table of the sweep has {len(found) / 2**20:.0f} MiB, compressed",
+            expected=f"at most {MOST_BYTES / 2**20:.0f} MiB in a page",
+            remedy="sweep fewer cells",
+        )
+    return found
 
 
 def _text(content: bytes) -> str:
@@ -266,67 +293,3 @@ def _knobs(shown: Explored, parameters: Sequence[Parameter]) -> Iterator[dict[st
             yield {**about, "key": key, "of": "both", "group": key.partition(".")[0]}
         if p.name in of_vehicle and p.value:
             yield {**about, "key": f"plant.{p.name}", "of": "plant", "group": "plant"}
-
-
-def _keys(loaded: Scenario, scenario: str, changes: Sequence[str]) -> dict[str, str]:
-    """Parameter -> the key of its number, where another number changes that parameter alone.
-
-    All keys are tried at once, and each for itself where that changes more.
-    """
-    _, _, tables = read_tables(scenario, changes)
-    own = _parameters(loaded)
-    keys = {}
-    for table in TABLES:
-        for name, key, value in _numbers(tables.get(table, {})):
-            if name not in keys and own.get(name) == value:
-                keys[name] = f"{table}.{key}"
-
-    def fits(names: Iterable[str]) -> bool:
-        beside = {n: _beside(own[n]) for n in names}
-        more = [f"{keys[n]}={v!r}" for n, v in beside.items()]
-        try:
-            with warnings.catch_warnings():
-                for kind in (GainWarning, ModelWarning):
-                    warnings.simplefilter("ignore", kind)
-                other = scenario_of(*read_tables(scenario, [*changes, *more]))
-        except HoldfastError:
-            return False
-        same = substance(_law_of(other)) == substance(_law_of(loaded))
-        return same and _parameters(other) == own | beside
-
-    return keys if fits(keys) else {n: k for n, k in keys.items() if fits([n])}
-
-
-def _beside(value: float) -> float:
-    """Another number, near the given one."""
-    return value * (1 - 2.0**-10) or 2.0**-10
-
-
-def _law_of(loaded: Scenario) -> tuple[object, ...]:
-    """What a run depends on."""
-    return (
-        loaded.system, loaded.model, loaded.law, loaded.region, loaded.goal, loaded.disturbance,
-        loaded.plant, loaded.varied,
-    )  # fmt: skip
-
-
-def _parameters(loaded: Scenario) -> dict[str, float]:
-    regions = [r for r in (loaded.region, loaded.goal) if r is not None]
-    groups = (p.parameters for p in (loaded.system, loaded.law, *regions))
-    return {p.name: float(p.value) for group in groups for p in group}
-
-
-def _numbers(table: Any) -> Iterator[tuple[str, str, float]]:
-    """The numbers of a table, and of its parameters, in SI units: name, key, value."""
-    own = table if isinstance(table, Mapping) else {}
-    named = [(name, name, value) for name, value in own.items()]
-    for name, value in own.get("parameters", {}).items():
-        told = isinstance(value, Mapping)
-        key = f"parameters.{name}" + (".value" if told else "")
-        named.append((name, key, value.get("value") if told else value))
-    for name, key, value in named:
-        if isinstance(value, int | float | str) and not isinstance(value, bool):
-            try:
-                yield name, key, in_base_units(value)
-            except HoldfastError:
-                continue

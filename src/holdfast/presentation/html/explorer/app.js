@@ -8,7 +8,7 @@ const metric = data.states[planeX].unit === "m" && data.states[planeY].unit === 
 const page = {
   data, run: null, fan: [], slice: null, sceneNow: null, time: 0, playing: false, drawn: false,
   equal: data.states[planeX].unit === data.states[planeY].unit, recordEvery: data.settings.record_every,
-  fanSeconds: null,
+  fanSeconds: null, fanIsNow: false,
   axisLabel(k) { const q = data.states[data.plane[k]]; return q.unit === "1" ? q.name : `${q.name} [${q.unit}]`; },
   colours() {
     if (page.look) return page.look;
@@ -66,10 +66,12 @@ let mainLoops = [], makeSlices = [];
 
 function changed() {
   stale = true;
+  page.fanIsNow = false;
   follow();
   clearTimeout(changed.timer);
   if (byId("fan").checked) changed.timer = setTimeout(fan, 120);
   controls.show();
+  sweep?.tell();
 }
 
 function say(text) { byId("status").textContent = text; }
@@ -111,6 +113,7 @@ function tellFan() {
     list.append(marked(page.colours().outcomes[outcome], `${labels[outcome]}: ${count} of ${page.fan.length}`));
   }
   list.dataset.seconds = page.fanSeconds ?? "";
+  sweep?.tell();
 }
 
 function groups() {
@@ -287,22 +290,24 @@ async function begin() {
   const time = byId("time");
   time.max = data.settings.horizon;
   time.step = page.recordEvery / 4;
+  if (data.sweep) sweep = await Sweep.of(data.sweep);
   addControls();
   const choice = byId("variant");
   choice.parentElement.hidden = data.variants.length < 2;
   data.variants.forEach(({ label }, k) => choice.add(new Option(label, k)));
   fromLink(location.hash);
+  sweep?.taken();
   choice.value = state.variant;
   controls.show();
   choice.addEventListener("change", () => { state.variant = Number(choice.value); changed(); });
   byId("play").addEventListener("click", () => play(!page.playing));
   time.addEventListener("input", () => { page.time = Number(time.value); page.drawn = false; });
   byId("fan").addEventListener("change", fan);
-  byId("reset").addEventListener("click", () => { state = initial(); page.time = 0; time.value = 0; choice.value = 0; fit(); changed(); });
+  byId("reset").addEventListener("click", () => { state = initial(); sweep?.taken(); page.time = 0; time.value = 0; choice.value = 0; fit(); changed(); });
   byId("toml").hidden = data.tables === null;
   byId("toml").addEventListener("click", () => copied(asScenario(), "The scenario"));
   byId("link").addEventListener("click", () => copied(location.href.split("#")[0] + asLink(), "The link"));
-  window.addEventListener("hashchange", () => { state = initial(); fromLink(location.hash); choice.value = state.variant; changed(); });
+  window.addEventListener("hashchange", () => { state = initial(); fromLink(location.hash); sweep?.taken(); choice.value = state.variant; changed(); });
   byId("png").addEventListener("click", () => saved(picture().toDataURL("image/png"), `${data.name}.png`));
   byId("fit").addEventListener("click", fit);
   byId("svg").addEventListener("click", () => {

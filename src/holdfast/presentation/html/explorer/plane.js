@@ -13,6 +13,9 @@ function short(value) {
   return text.replace("-", "\u2212");
 }
 
+// The unit in which a number is read, and the factor to it: an angle is read in degrees.
+function shownUnit(unit) { return unit === "rad" ? ["deg", 180 / Math.PI] : [unit, 1]; }
+
 class Plane {
   constructor(canvas, page) {
     this.canvas = canvas;
