@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import json
 import math
-import tomllib
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -26,11 +25,11 @@ from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.numeric import Expression
 from holdfast.presentation.html.explorer import explorer_page
-from holdfast.scenario.files import overridden, read_tables, read_text
+from holdfast.scenario.files import read_tables
 from holdfast.scenario.kinds.closed_loop import Scenario
-from holdfast.scenario.kinds.formation import FormationScenario
 from holdfast.scenario.kinds.kernel import KernelScenario
 from holdfast.scenario.load import load_scenario, scenario_of
+from holdfast.studies.explored_copy import copied_kernel, copied_loop
 from holdfast.studies.explored_knobs import keys_of
 
 MOST_BYTES = 10 * 2**20
@@ -53,9 +52,10 @@ class Explored:
     """What a page shows: a closed loop with its starts, and what is drawn for each of them.
 
     alone: the law without its safety filter, if it has one. keys: parameter -> the key of the file
-    whose number it is. tables: of a file that reproduces a run; None where no file does. note: what
-    the page says of itself. latest: the longest delay that has to fit [s]. sweep: the table of a
-    sweep of these loops, as `explored_sweep` has it.
+    whose number it is. tables: of a file that reproduces a run; where no file does they are None,
+    and `uncopied` is the reason. fixed: why a copy has the start of the file. note: what the page
+    says of itself. latest: the longest delay that has to fit [s]. sweep: the table of a sweep of
+    these loops, as `explored_sweep` has it.
     """
 
     name: str
@@ -77,6 +77,8 @@ class Explored:
     keys: Mapping[str, str]
     tables: Mapping[str, Any] | None
     note: str = ""
+    uncopied: str = ""
+    fixed: str = ""
     latest: float = 0.0
     sweep: Mapping[str, Any] | None = None
 
@@ -108,10 +110,22 @@ def explore(
     if isinstance(loaded, KernelScenario):
         from holdfast.studies.explored_kernel import explored_kernel
 
-        return explorer_page(_described(explored_kernel(loaded, progress)))
+        return explorer_page(
+            _described(_with_copy(explored_kernel(loaded, progress), loaded, scenario, changes))
+        )
     raise ScenarioError(
         f"'{scenario}' is a {loaded.kind}", expected="closed loops, a kernel or a capture basin"
     )
+
+
+def _with_copy(
+    shown: Explored, loaded: KernelScenario, scenario: str, changes: Sequence[str]
+) -> Explored:
+    """The page of a kernel with the file of its closed loops, if the kernel is as in that file."""
+    if shown.note:
+        return replace(shown, uncopied="No file has the kernel as it is rounded here.")
+    copy = copied_kernel(loaded, scenario, changes, shown.settings)
+    return replace(shown, tables=copy.tables, uncopied=copy.reason)
 
 
 def of_loop(
@@ -127,6 +141,7 @@ def of_loop(
         )
     kept = loaded.kept(progress)
     starts, drawn = first_starts(kept)
+    copy = copied_loop(loaded, scenario, changes)
     own = {k: v for k, v in kept.settings.items() if k in Settings.__dataclass_fields__}
     return Explored(
         name=kept.name, title=kept.title, source=kept.source, system=kept.system, law=kept.law,
@@ -134,7 +149,7 @@ def of_loop(
         region=kept.region, goal=kept.goal, disturbance=kept.disturbance, plant=kept.plant,
         varied=kept.varied, settings=Settings(**own), stepper=kept.settings["stepper"],
         plane=loaded.plane, starts=starts, drawn=drawn, keys=keys_of(loaded, scenario, changes),
-        tables=_tables(loaded, scenario, changes),
+        tables=copy.tables, fixed=copy.fixed,
     )  # fmt: skip
 
 
@@ -145,21 +160,6 @@ def first_starts(loaded: Scenario) -> tuple[Array, Array]:
     found = brief.run(part=range(count) if loaded.independent_runs else None).arrays
     drawn = [*loaded.varied.draws, *loaded.varied.cases]
     return found["state"].values[:, 0], found["varied"].values[:, : len(drawn)]
-
-
-def _tables(loaded: Scenario, scenario: str, changes: Sequence[str]) -> dict[str, Any] | None:
-    """Those of the file that one run needs, with paths as the file has them.
-
-    None for a formation, whose starts follow from its leader.
-    """
-    if isinstance(loaded, FormationScenario):
-        return None
-    _, text = read_text(scenario)
-    _, tables = overridden(text, tomllib.loads(text), changes)
-    kept = {name: table for name, table in tables.items() if name not in ("compare", "kernels")}
-    named = str(tables.get("safety", ""))
-    kernels = {n: k for n, k in tables.get("kernels", {}).items() if n in named}
-    return kept | ({"kernels": kernels} if kernels else {})
 
 
 def _alone(loaded: Scenario, scenario: str, changes: Sequence[str]) -> Law | Switching | None:
@@ -211,6 +211,8 @@ def _described(shown: Explored) -> dict[str, Any]:
         ],
         "plant": dict(shown.plant), "filters": FILTERS,
         "starts": shown.starts.tolist(), "drawn": shown.drawn.tolist(), "tables": shown.tables,
+        "uncopied": shown.uncopied, "fixed": shown.fixed,
+        "poses": _poses(shown.system, shown.plane),
         "sweep": None if shown.sweep is None else _table(shown),
     }  # fmt: skip
 
@@ -274,6 +276,34 @@ def _most(shown: Explored) -> list[float | None]:
     ends = bounds.at({p.symbol: p.value for p in shown.system.parameters}).ranges()
     sizes = {n: max(abs(float(a)), abs(float(b))) for n, (a, b) in zip(names, ends, strict=True)}
     return [sizes[n] if math.isfinite(sizes[n]) else None for n in _given(shown)]
+
+
+def _poses(system: System, plane: tuple[str, str]) -> list[dict[str, Any]]:
+    """The vehicles whose places are states: that of the plane, then others with names like it.
+
+    Of each the states of its place, and its heading, an angle whose name has the same end.
+    """
+    names, states = list(system.state_names), system.states
+    angles = [k for k, q in enumerate(states) if q.angle]
+    if any(states[names.index(n)].unit != "m" for n in plane):
+        angles = []
+    ends = [plane[0][1:]] if plane[0][:1] == "x" and plane[1] == f"y{plane[0][1:]}" else []
+    ends += [n[1:] for n in names if n[:1] == "x" and f"y{n[1:]}" in names and n not in plane]
+    if not ends:
+        first = angles[0] if angles else None
+        return [{"place": [names.index(n) for n in plane], "heading": first, "label": "start"}]
+
+    def heading(end: str) -> int | None:
+        own = [k for k in angles if names[k].endswith(end)]
+        return own[0] if own else None
+
+    return [
+        {
+            "place": [names.index(f"x{end}"), names.index(f"y{end}")], "heading": heading(end),
+            "label": f"start of {end}" if len(ends) > 1 else "start",
+        }
+        for end in ends
+    ]  # fmt: skip
 
 
 def _knobs(shown: Explored, parameters: Sequence[Parameter]) -> Iterator[dict[str, Any]]:

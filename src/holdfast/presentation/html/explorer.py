@@ -33,6 +33,7 @@ def explorer_page(data: Mapping[str, Any]) -> str:
         title=data["title"],
         source=data["source"],
         note=data["note"],
+        uncopied=data["uncopied"],
         css=(folder / "page.css").read_text("utf-8"),
         data=_embedded({**data, "look": look}),
         swept=data["sweep"] is not None,

@@ -3,13 +3,14 @@
 
 // -- the page ------------------------------------------------------------------------------------
 
-const HEADING = data.states.findIndex((q) => q.angle);
+const HEADING = data.poses[0].heading;
 const metric = data.states[planeX].unit === "m" && data.states[planeY].unit === "m";
 const page = {
   data, run: null, fan: [], slice: null, sceneNow: null, time: 0, playing: false, drawn: false,
   equal: data.states[planeX].unit === data.states[planeY].unit, recordEvery: data.settings.record_every,
   fanSeconds: null, fanIsNow: false,
-  axisLabel(k) { const q = data.states[data.plane[k]]; return q.unit === "1" ? q.name : `${q.name} [${q.unit}]`; },
+  axisUnit(k) { return shownUnit(data.states[data.plane[k]].unit); },
+  axisLabel(k) { const [unit] = page.axisUnit(k), { name } = data.states[data.plane[k]]; return unit === "1" ? name : `${name} [${unit}]`; },
   colours() {
     if (page.look) return page.look;
     const style = getComputedStyle(document.documentElement), of = (name) => style.getPropertyValue(`--${name}`).trim();
@@ -35,12 +36,13 @@ const page = {
   },
   posesNow() {
     const now = page.stateAt(page.time), views = data.scene.filter((s) => s.kind === "Cone" || s.kind === "Footprint");
-    const own = { x: now[planeX], y: now[planeY], heading: metric && HEADING >= 0 ? now[HEADING] : null };
+    const own = { x: now[planeX], y: now[planeY], heading: HEADING === null ? null : now[HEADING] };
     const others = page.sceneNow ? views.map(({ at }) => ({ x: page.sceneNow[at], y: page.sceneNow[at + 1], heading: page.sceneNow[at + 2] })) : [];
     return others.some((p) => Math.hypot(p.x - own.x, p.y - own.y) < 1e-9) ? others : [own, ...others];
   },
-  startPose() {
-    return { x: state.start[planeX], y: state.start[planeY], heading: metric && HEADING >= 0 ? state.start[HEADING] : null };
+  startPoses() {
+    return data.poses.map(({ place: [i, j], heading, label }) => (
+      { x: state.start[i], y: state.start[j], heading: heading === null ? null : state.start[heading], label }));
   },
   get offset() { return state.offset; },
   targetPlace() {
@@ -60,9 +62,22 @@ function currentRows() {
   return metric && a >= 0 && b >= 0 ? [a, b] : [];
 }
 
+// All starts, paths and targets in view; walls where there is no target.
+function fit() {
+  const v = page.sceneNow, ends = ({ at, kind }) => (kind === "Segment"
+    ? [[v[at], v[at + 1]], [v[at + 2], v[at + 3]]] : [[v[at] - v[at + 2], v[at + 1] - v[at + 2]], [v[at] + v[at + 2], v[at + 1] + v[at + 2]]]);
+  const fixed = data.scene.filter((s) => s.kind === "Segment" || s.kind === "Circle"), targets = fixed.filter((s) => s.role !== "wall");
+  const points = [...data.starts.flatMap((s) => data.poses.map(({ place: [i, j] }) => [s[i], s[j]])), ...(targets.length ? targets : fixed).flatMap(ends)];
+  for (const { xy } of [...page.fan, ...(page.run ? [pathOf(page.run)] : [])]) {
+    for (let k = 0; k + 1 < xy.length; k += 2) points.push([xy[k], xy[k + 1]]);
+  }
+  plane.fit(points.map(([x, y]) => [x + state.offset[0], y + state.offset[1]]));
+  page.drawn = false;
+}
+
 const plane = new Plane(byId("plane"), page), strips = new Strips(byId("strips"), page);
 const controls = new Controls(byId("controls"));
-let mainLoops = [], makeSlices = [];
+let mainLoops = [], makeSlices = [], moved = 0; // the pose that keys move
 
 function changed() {
   stale = true;
@@ -121,7 +136,8 @@ function groups() {
   const colour = (k) => look.lines[k % look.lines.length];
   const units = [...new Set(data.constraints.map((c) => c[1]))], m = data.constraints.length;
   for (const unit of units) {
-    found.push({ title: `constraints${unit === "1" ? "" : ` [${unit}]`}, violated above 0:`, limit: 0, lines: data.constraints
+    const [shown, scale] = shownUnit(unit);
+    found.push({ title: `constraints${shown === "1" ? "" : ` [${shown}]`}, violated above 0:`, limit: 0, scale, lines: data.constraints
       .map(([name], j) => ({ name: name.replaceAll("_", " "), j, unit: data.constraints[j][1] }))
       .filter((line) => line.unit === unit)
       .map((line, k) => ({ name: line.name, colour: colour(k), dash: k < look.lines.length ? [] : [6, 3], values: (r) => run.constraint[r * m + line.j] })) });
@@ -149,18 +165,20 @@ function frame(now) {
     byId("time").value = page.time;
     page.drawn = false;
   }
-  if (!page.drawn && page.run) {
-    page.drawn = true;
-    const loop = mainLoops[state.variant], set = makeSlices[state.variant];
-    loop.setParameters(() => given(), given());
-    loop.prepare();
-    page.sceneNow = loop.scene(page.stateAt(page.time), page.time);
-    page.slice = set ? set(page.stateAt(page.time), data.settings.horizon - page.time) : null;
-    plane.draw();
-    strips.draw(groups(), data.settings.horizon, page.time);
-    byId("now").textContent = `${page.time.toFixed(1)} s` + (page.run.mode ? `, ${variant().modes[modeNow()].replaceAll("_", " ")}` : "");
-  }
+  if (!page.drawn && page.run) draw();
   requestAnimationFrame(frame);
+}
+
+function draw() {
+  page.drawn = true;
+  const loop = mainLoops[state.variant], set = makeSlices[state.variant];
+  loop.setParameters(() => given(), given());
+  loop.prepare();
+  page.sceneNow = loop.scene(page.stateAt(page.time), page.time);
+  page.slice = set ? set(page.stateAt(page.time), data.settings.horizon - page.time) : null;
+  plane.draw();
+  strips.draw(groups(), data.settings.horizon, page.time);
+  byId("now").textContent = `${page.time.toFixed(1)} s` + (page.run.mode ? `, ${variant().modes[modeNow()].replaceAll("_", " ")}` : "");
 }
 
 function modeNow() {
@@ -190,10 +208,10 @@ canvas.addEventListener("pointermove", (event) => {
     const [tx, ty] = page.targetPlace(), dx = x - tx, dy = y - ty;
     state.offset = [state.offset[0] + dx, state.offset[1] + dy];
     state.start[planeX] -= dx; state.start[planeY] -= dy;
-  } else if (held.kind === "start") { state.start[planeX] = x; state.start[planeY] = y; }
+  } else if (held.kind === "start") { const [i, j] = data.poses[moved = held.pose].place; state.start[i] = x; state.start[j] = y; }
   else if (held.kind === "heading") {
-    const [sx, sy] = plane.at(state.start[planeX], state.start[planeY]);
-    state.start[HEADING] = Math.atan2(sy - py, px - sx);
+    const { place: [i, j], heading } = data.poses[moved = held.pose], [sx, sy] = plane.at(state.start[i], state.start[j]);
+    state.start[heading] = Math.atan2(sy - py, px - sx);
   } else {
     const { cx, cy, size, most } = plane.dial, [a, b] = currentRows();
     let vx = ((px - cx) / size) * most, vy = ((cy - py) / size) * most;
@@ -213,11 +231,12 @@ canvas.addEventListener("wheel", (event) => {
 canvas.addEventListener("keydown", (event) => {
   const v = plane.view, step = event.shiftKey ? 0.002 : 0.01;
   const moves = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+  const { place: [i, j], heading } = data.poses[moved];
   if (moves[event.key]) {
-    state.start[planeX] += moves[event.key][0] * step * (v.x1 - v.x0);
-    state.start[planeY] += moves[event.key][1] * step * (v.y1 - v.y0);
-  } else if ((event.key === "[" || event.key === "]") && HEADING >= 0) {
-    state.start[HEADING] += (event.key === "[" ? 1 : -1) * step * 6;
+    state.start[i] += moves[event.key][0] * step * (v.x1 - v.x0);
+    state.start[j] += moves[event.key][1] * step * (v.y1 - v.y0);
+  } else if ((event.key === "[" || event.key === "]") && heading !== null) {
+    state.start[heading] += (event.key === "[" ? 1 : -1) * step * 6;
   } else if (event.key === " ") play(!page.playing);
   else return;
   event.preventDefault();
@@ -305,7 +324,7 @@ async function begin() {
   byId("fan").addEventListener("change", fan);
   byId("reset").addEventListener("click", () => { state = initial(); sweep?.taken(); page.time = 0; time.value = 0; choice.value = 0; fit(); changed(); });
   byId("toml").hidden = data.tables === null;
-  byId("toml").addEventListener("click", () => copied(asScenario(), "The scenario"));
+  byId("toml").addEventListener("click", () => { const said = notCopied(); if (said) notice(said); else copied(asScenario(), "The scenario"); });
   byId("link").addEventListener("click", () => copied(location.href.split("#")[0] + asLink(), "The link"));
   window.addEventListener("hashchange", () => { state = initial(); fromLink(location.hash); sweep?.taken(); choice.value = state.variant; changed(); });
   byId("png").addEventListener("click", () => saved(picture().toDataURL("image/png"), `${data.name}.png`));
@@ -321,16 +340,18 @@ async function begin() {
   });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => theme());
   new ResizeObserver(() => { page.drawn = false; }).observe(canvas);
+  const printed = () => { theme(); draw(); sweep?.draw(); };
+  matchMedia("print").addEventListener("change", printed);
+  for (const kind of ["beforeprint", "afterprint"]) window.addEventListener(kind, printed);
   mainLoops = await Promise.all(data.variants.map((v) => ClosedLoop.of(v.loop)));
   makeSlices = mainLoops.map((loop, k) => slices(loop, data.variants[k].grid));
   mainLoops[0].setParameters(() => given(), given());
   mainLoops[0].prepare();
   page.sceneNow = mainLoops[0].scene(state.start, 0);
   await follow();
+  await Promise.race([fan(), new Promise((done) => setTimeout(done, 1000))]); // the view is that of all starts
   fit();
-  page.drawn = false;
   requestAnimationFrame((now) => { lastFrame = now; frame(now); });
-  fan();
   document.body.dataset.ready = "1";
 }
 

@@ -116,7 +116,6 @@ async function fan() {
   }
   try { await Promise.all(jobs); } catch (error) { notice(`Some runs failed: ${error.message}`); }
   if (own !== fanAsked) return;
-  if (!page.fitted) { page.fitted = true; fit(); }
   page.fanIsNow = true;
   page.fanSeconds = (performance.now() - began) / 1000;
   tellFan();

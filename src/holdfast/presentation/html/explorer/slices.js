@@ -33,16 +33,3 @@ function slices(loop, grid) {
     return { node, next: (node + 1) % count, part: q - node };
   }
 }
-
-// All starts, paths and targets in view; walls where there is no target.
-function fit() {
-  const v = page.sceneNow, ends = ({ at, kind }) => (kind === "Segment"
-    ? [[v[at], v[at + 1]], [v[at + 2], v[at + 3]]] : [[v[at] - v[at + 2], v[at + 1] - v[at + 2]], [v[at] + v[at + 2], v[at + 1] + v[at + 2]]]);
-  const fixed = data.scene.filter((s) => s.kind === "Segment" || s.kind === "Circle"), targets = fixed.filter((s) => s.role !== "wall");
-  const points = [...data.starts.map((s) => [s[planeX], s[planeY]]), ...(targets.length ? targets : fixed).flatMap(ends)];
-  for (const { xy } of [...page.fan, ...(page.run ? [pathOf(page.run)] : [])]) {
-    for (let k = 0; k + 1 < xy.length; k += 2) points.push([xy[k], xy[k + 1]]);
-  }
-  plane.fit(points.map(([x, y]) => [x + state.offset[0], y + state.offset[1]]));
-  page.drawn = false;
-}
