@@ -79,3 +79,47 @@ record_every = 0.02
 tolerance = 1e-3
 """
 """The scenario of a controller that is a program."""
+DRIFTING = """
+[scenario]
+title = "A cart that drifts"
+
+[system]
+states = { x = { unit = "m" }, v = { unit = "m/s" } }
+inputs = { a = { unit = "m/s^2", bounds = [-1, 1] } }
+disturbances = { w = { unit = "m/s" } }
+rates = { x = "v + w", v = "a" }
+
+[law]
+outputs = { a = "-k*x - c*v" }
+parameters = { k = { value = 1.0, unit = "1/s^2" }, c = { value = 2.0, unit = "1/s" } }
+
+[region]
+constraints = { right = { expression = "x - wall", unit = "m" } }
+parameters = { wall = { value = 2.0, unit = "m" } }
+
+[goal]
+constraints = { near = "hypot(x, v) - size" }
+parameters = { size = 0.25 }
+
+[starts]
+states = [{ x = 1 }, { x = -1 }]
+random = 30
+box = { x = [-2, 2], v = [-1, 1] }
+
+[varied.draws]
+push = { range = [0.0, 0.3], unit = "m/s" }
+
+[disturbance]
+w = "push"
+
+[noise.normal]
+x = 0.01
+
+[reference]
+x = 0
+
+[run]
+horizon = 10
+sample_time = 0.05
+seed = 7
+"""

@@ -141,6 +141,121 @@ def test_a_copied_scenario_reproduces_what_is_seen(chromium, written, tmp_path):
     np.testing.assert_array_equal(state.reshape(seen.shape), seen)
 
 
+def repeated(page, file):
+    """The states of the page's run, and those of a run of its copy."""
+    file.write_text(page.page.evaluate("asScenario()"), "utf-8")
+    state = page.numbers("page.run.state")
+    seen = hf.load_scenario(str(file)).run().arrays["state"].values[0]
+    seen = seen[np.isfinite(seen).all(axis=1)]
+    return state.reshape(-1, seen.shape[1]), seen
+
+
+def test_a_copied_formation_has_the_start_of_its_file(chromium, written, tmp_path):
+    with opened(chromium, written("ch6-corridor")) as page:
+        np.testing.assert_array_equal(*repeated(page, tmp_path / "formation.toml"))
+        page.page.evaluate("state.start[3] += 0.1; changed()")
+        page.page.click("#toml")
+        assert "planned from its start" in page.page.inner_text("#notice")
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides"),
+    [
+        ("seen-target", ("grid.nodes=31",)),  # optimal inputs
+        *(
+            pytest.param(name, ("grid.nodes=31", "march.times=5"), marks=pytest.mark.heavy)
+            for name in ("ch7-safety-law", "ch7-capture-basin")  # a filter; until the goal
+        ),
+    ],
+)
+def test_a_copied_kernel_is_that_of_closed_loops(chromium, written, tmp_path, name, overrides):
+    with opened(chromium, written(name, *overrides)) as page:
+        page.page.evaluate("if (state.disturbance.length) state.disturbance[0] = 0.01; changed()")
+        page.until("!running && !stale")
+        np.testing.assert_array_equal(*repeated(page, tmp_path / "kept.toml"))
+
+
+def test_every_robot_of_a_formation_is_dragged(chromium, written):
+    with opened(chromium, written("ch6-corridor")) as page:
+        place = page.page.evaluate(
+            """(() => {
+              const box = canvas.getBoundingClientRect(), h = plane.handles.find((x) => x.kind === "start" && x.pose === 1);
+              return [box.x + h.px, box.y + h.py];
+            })()"""
+        )
+        before = page.page.evaluate("state.start")
+        page.page.mouse.move(*place)
+        page.page.mouse.down()
+        page.page.mouse.move(place[0] + 20, place[1] - 10, steps=3)
+        page.page.mouse.up()
+        after = page.page.evaluate("state.start")
+        changed = [a != b for a, b in zip(after, before, strict=True)]
+        assert changed == [False, False, False, True, True, False]
+        page.page.focus("#plane")
+        page.page.keyboard.press("[")  # keys move what was dragged
+        assert page.page.evaluate("state.start[5]") > before[5]
+
+
+def test_the_first_picture_has_all_starts_in_view(chromium, written):
+    with opened(chromium, written("inspection")) as page:
+        box = page.page.evaluate("JSON.stringify(plane.box)")
+        page.page.wait_for_selector("#outcomes li")
+        page.page.wait_for_timeout(200)
+        assert page.page.evaluate("JSON.stringify(plane.box)") == box
+
+
+def test_angles_are_read_in_degrees_and_kept_in_radians(chromium, written):
+    with opened(chromium, written("ch3-noise", 'figures.plane=["x", "psi"]')) as page:
+        assert page.page.evaluate("[page.axisLabel(0), page.axisLabel(1)]") == [
+            "x [m]",
+            "psi [deg]",
+        ]
+        field = page.page.get_by_label("psi [deg], number", exact=True)
+        field.fill("90")
+        field.press("Enter")
+        assert page.page.evaluate("state.start[2]") == np.pi / 2
+        text = page.page.get_by_label("psi [deg]", exact=True).get_attribute("aria-valuetext")
+        assert text == "90 deg"
+
+
+def test_a_page_prints_the_picture_the_status_and_the_numbers_on_white(chromium, written):
+    with opened(chromium, written("inspection"), color_scheme="dark") as page:
+        assert page.page.evaluate("page.colours().page") != "#ffffff"
+        page.page.emulate_media(media="print")
+        page.until("page.colours().page === '#ffffff'")
+        for shown in ("#plane", "#strips", "#status", "#numbers"):
+            assert page.page.locator(shown).is_visible(), shown
+        for control in ("button", "input", "select", "summary"):
+            assert not any(e.is_visible() for e in page.page.locator(control).all()), control
+        assert "psi = " in page.page.inner_text("#numbers")
+        shot = Image.open(io.BytesIO(page.page.screenshot(full_page=True))).convert("RGB")
+        colours = {c: k for k, c in shot.getcolors(10**6)}
+        assert colours[255, 255, 255] > 0.7 * shot.width * shot.height
+
+
+NAMED = {
+    "button", "checkbox", "combobox", "slider", "spinbutton", "textbox", "application", "image",
+}  # fmt: skip
+
+
+def test_every_control_has_a_name_for_a_screen_reader(chromium, written):
+    with opened(chromium, written("inspection")) as page:
+        page.page.evaluate(
+            "document.querySelectorAll('details').forEach((d) => { d.open = true; })"
+        )
+        session = page.page.context.new_cdp_session(page.page)
+        nodes = session.send("Accessibility.getFullAXTree")["nodes"]
+        roles = [n.get("role", {}).get("value", "").lower() for n in nodes]
+        found = [(r, n.get("name", {}).get("value", "")) for r, n in zip(roles, nodes, strict=True)]
+        named = [(role, name) for role, name in found if role in NAMED]
+        assert {"button", "slider", "spinbutton", "application", "image"} <= {r for r, _ in named}
+        assert [role for role, name in named if not name] == []
+        status = page.page.locator("#status")
+        assert (status.get_attribute("role"), status.get_attribute("aria-live")) == (
+            "status", "polite",
+        )  # fmt: skip
+
+
 def test_a_phone_shows_the_whole_page_without_scrolling_sideways(chromium, written):
     with opened(chromium, written("inspection"), width=390, height=844) as page:
         assert page.page.evaluate("document.documentElement.scrollWidth") <= 390

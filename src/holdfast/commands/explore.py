@@ -16,7 +16,7 @@ from holdfast.host.writing import atomic_file
 @click.option(
     "--out",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="The file; by default runs/SCENARIO/explorer.html.",
+    help="The file; by default runs/SCENARIO/explorer.html, or explorer.html beside a sweep.",
 )
 @click.option(
     "--set",
@@ -30,13 +30,17 @@ def command(scenario: str, out: Path | None, overrides: tuple[str, ...], shown: 
     """Write SCENARIO, closed loops or a kernel, as one HTML file in which it runs.
 
     Drag the start, the current and the numbers of the law: paths, modes and constraints follow. The
-    file needs no server and no network, and its runs have the numbers of `holdfast run`.
+    file needs no server and no network, and its runs have the numbers of `holdfast run`. SCENARIO
+    may be the table of a sweep, sweep.nc, or its folder: the cell under the pointer runs.
     """
     from holdfast.scenario.files import scenario_title
     from holdfast.studies.exploration import explore
+    from holdfast.studies.explored_sweep import sweep_file
     from holdfast.studies.progress import bar
 
-    path = out if out is not None else Path("runs") / scenario_title(scenario) / "explorer.html"
+    table = sweep_file(scenario)
+    folder = Path("runs") / scenario_title(scenario) if table is None else table.parent
+    path = out if out is not None else folder / "explorer.html"
     check_writable(path.parent)
     with bar(f"{scenario}, preparing") as tell:
         page = explore(scenario, overrides, progress=lambda done: tell(scenario, done))

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import base64
+import json
 import math
-import tomllib
-import warnings
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from holdfast.analysis.simulation.web_loop import WebLoop, web_loop
-from holdfast.errors import GainWarning, HoldfastError, ModelWarning, ScenarioError
+from holdfast.arguments import checked
+from holdfast.errors import HoldfastError, ScenarioError
 from holdfast.execution.arrays import Array
 from holdfast.execution.resources import Progress
 from holdfast.execution.simulation.settings import Settings
@@ -21,16 +22,15 @@ from holdfast.maths.definitions.quantity import Parameter
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
-from holdfast.maths.definitions.units import in_base_units
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.numeric import Expression
 from holdfast.presentation.html.explorer import explorer_page
-from holdfast.scenario.files import overridden, read_tables, read_text
+from holdfast.scenario.files import read_tables
 from holdfast.scenario.kinds.closed_loop import Scenario
-from holdfast.scenario.kinds.formation import FormationScenario
 from holdfast.scenario.kinds.kernel import KernelScenario
 from holdfast.scenario.load import load_scenario, scenario_of
-from holdfast.scenario.overrides import substance
+from holdfast.studies.explored_copy import copied_kernel, copied_loop
+from holdfast.studies.explored_knobs import keys_of
 
 MOST_BYTES = 10 * 2**20
 """A page with a larger table would be slow to open."""
@@ -46,18 +46,17 @@ FILTERS = ("safeguard", "safety")
 
 FILTERED, ALONE = "with the safety filter", "the law alone"
 
-TABLES = ("law", "system", "region", "goal", "tracking", "observer", "field")
-"""Tables whose numbers are parameters of the same name."""
-
 
 @dataclass(frozen=True)
 class Explored:
     """What a page shows: a closed loop with its starts, and what is drawn for each of them.
 
     alone: the law without its safety filter, if it has one. keys: parameter -> the key of the file
-    whose number it is. tables: of a file that reproduces a run; None where no file does. note: what
-    the page says of itself. slices: of a set that is shown without a law, its grid and its values
-    (`packed_slices`).
+    whose number it is. tables: of a file that reproduces a run; where no file does they are None,
+    and `uncopied` is the reason. fixed: why a copy has the start of the file. note: what the page
+    says of itself. latest: the longest delay that has to fit [s]. sweep: the table of a sweep of
+    these loops, as `explored_sweep` has it. slices: of a set that is shown without a law, its grid
+    and its values (`packed_slices`).
     """
 
     name: str
@@ -80,34 +79,63 @@ class Explored:
     tables: Mapping[str, Any] | None
     note: str = ""
     slices: tuple[Mapping[str, Any], Sequence[bytes]] | None = None
+    uncopied: str = ""
+    fixed: str = ""
+    latest: float = 0.0
+    sweep: Mapping[str, Any] | None = None
 
 
+@checked
 def explore(
-    scenario: str, overrides: Iterable[str] = (), *, progress: Progress | None = None
+    scenario: str | Path, overrides: Iterable[str] = (), *, progress: Progress | None = None
 ) -> str:
     """The page of a scenario: one self-contained HTML file, as text.
 
     What moves in it is the loop of `simulate`, compiled to WebAssembly; its numbers are those of
-    `simulate`, bit for bit. A kernel or a capture basin is shown with the law that keeps it. Raises
-    `ScenarioError` for a scenario of one state or without a law, a law that another controller has,
-    and a kernel that is too large.
+    `simulate`, bit for bit. A kernel or a capture basin is shown with the law that keeps it.
+    scenario may also be the table of a sweep, "runs/inspection/sweep.nc", or its folder: the page
+    of the swept scenario has a map of the table, and the cell under the pointer runs.
+
+    Raises `ScenarioError` for a scenario of one state or without a law, a law that another
+    controller has, a kernel that is too large, and a sweep that the loop of one page cannot follow;
+    `OutputError` for a file that is damaged.
     """
-    changes = list(overrides)
+    from holdfast.studies.explored_sweep import explored_sweep, sweep_file
+
+    scenario, changes = str(scenario), list(overrides)
+    table = sweep_file(scenario)
+    if table is not None:
+        return explorer_page(_described(explored_sweep(table, changes, progress)))
     loaded = load_scenario(scenario, changes)
     if isinstance(loaded, Scenario):
-        return explorer_page(_described(_of_loop(loaded, scenario, changes, progress)))
+        return explorer_page(_described(of_loop(loaded, scenario, changes, progress)))
     if isinstance(loaded, KernelScenario):
         from holdfast.studies.explored_kernel import explored_kernel
 
-        return explorer_page(_described(explored_kernel(loaded, progress)))
+        return explorer_page(
+            _described(_with_copy(explored_kernel(loaded, progress), loaded, scenario, changes))
+        )
     raise ScenarioError(
         f"'{scenario}' is a {loaded.kind}", expected="closed loops, a kernel or a capture basin"
     )
 
 
-def _of_loop(
+def _with_copy(
+    shown: Explored, loaded: KernelScenario, scenario: str, changes: Sequence[str]
+) -> Explored:
+    """The page of a kernel with the file of its closed loops, if the kernel is as in that file."""
+    if shown.slices is not None:
+        return shown
+    if shown.note:
+        return replace(shown, uncopied="No file has the kernel as it is rounded here.")
+    copy = copied_kernel(loaded, scenario, changes, shown.settings)
+    return replace(shown, tables=copy.tables, uncopied=copy.reason)
+
+
+def of_loop(
     loaded: Scenario, scenario: str, changes: Sequence[str], progress: Progress | None
 ) -> Explored:
+    """Closed loops with their first starts; `ScenarioError` where no page can have them."""
     if loaded.plane is None:
         raise ScenarioError(f"'{scenario}' has one state", expected="two states to draw in")
     if loaded.law.handed:
@@ -116,40 +144,26 @@ def _of_loop(
             remedy="name the law in the file",
         )
     kept = loaded.kept(progress)
-    starts, drawn = _starts(kept)
+    starts, drawn = first_starts(kept)
+    copy = copied_loop(loaded, scenario, changes)
     own = {k: v for k, v in kept.settings.items() if k in Settings.__dataclass_fields__}
     return Explored(
         name=kept.name, title=kept.title, source=kept.source, system=kept.system, law=kept.law,
         alone=_alone(loaded, scenario, changes),
         region=kept.region, goal=kept.goal, disturbance=kept.disturbance, plant=kept.plant,
         varied=kept.varied, settings=Settings(**own), stepper=kept.settings["stepper"],
-        plane=loaded.plane, starts=starts, drawn=drawn, keys=_keys(loaded, scenario, changes),
-        tables=_tables(loaded, scenario, changes),
+        plane=loaded.plane, starts=starts, drawn=drawn, keys=keys_of(loaded, scenario, changes),
+        tables=copy.tables, fixed=copy.fixed,
     )  # fmt: skip
 
 
-def _starts(loaded: Scenario) -> tuple[Array, Array]:
+def first_starts(loaded: Scenario) -> tuple[Array, Array]:
     """The first starts of the scenario, and what is drawn for each of these runs."""
     count, step = min(loaded.runs, FAN), loaded.settings["sample_time"]
     brief = loaded.with_settings(horizon=step, record_every=step, delay=0.0)
     found = brief.run(part=range(count) if loaded.independent_runs else None).arrays
     drawn = [*loaded.varied.draws, *loaded.varied.cases]
     return found["state"].values[:, 0], found["varied"].values[:, : len(drawn)]
-
-
-def _tables(loaded: Scenario, scenario: str, changes: Sequence[str]) -> dict[str, Any] | None:
-    """Those of the file that one run needs, with paths as the file has them.
-
-    None for a formation, whose starts follow from its leader.
-    """
-    if isinstance(loaded, FormationScenario):
-        return None
-    _, text = read_text(scenario)
-    _, tables = overridden(text, tomllib.loads(text), changes)
-    kept = {name: table for name, table in tables.items() if name not in ("compare", "kernels")}
-    named = str(tables.get("safety", ""))
-    kernels = {n: k for n, k in tables.get("kernels", {}).items() if n in named}
-    return kept | ({"kernels": kernels} if kernels else {})
 
 
 def _alone(loaded: Scenario, scenario: str, changes: Sequence[str]) -> Law | Switching | None:
@@ -201,13 +215,18 @@ def _described(shown: Explored) -> dict[str, Any]:
         ],
         "plant": dict(shown.plant), "filters": FILTERS, "slices": _slices(shown),
         "starts": shown.starts.tolist(), "drawn": shown.drawn.tolist(), "tables": shown.tables,
+        "uncopied": shown.uncopied, "fixed": shown.fixed,
+        "poses": _poses(shown.system, shown.plane),
+        "sweep": None if shown.sweep is None else _table(shown),
     }  # fmt: skip
 
 
 def _loop(shown: Explored, law: Law | Switching) -> WebLoop:
+    latest = max(shown.settings.delay, shown.latest)
     loop = web_loop(
-        shown.system, law, shown.settings, region=shown.region, goal=shown.goal,
-        disturbance=shown.disturbance, varied=shown.varied, stepper=shown.stepper,
+        shown.system, law, replace(shown.settings, delay=latest),
+        region=shown.region, goal=shown.goal, disturbance=shown.disturbance, varied=shown.varied,
+        stepper=shown.stepper,
     )  # fmt: skip
     if loop.table is not None and loop.table.nbytes > MOST_BYTES:
         raise ScenarioError(
@@ -234,6 +253,18 @@ def _packed(loop: WebLoop) -> dict[str, str]:
     return {name: _text(content) if content else "" for name, content in parts.items()}
 
 
+def _table(shown: Explored) -> str:
+    """The table of the sweep, compressed."""
+    found = _text(json.dumps(shown.sweep, allow_nan=False).encode())
+    if len(found) > MOST_BYTES:
+        raise ScenarioError(
+            f"the table of the sweep has {len(found) / 2**20:.0f} MiB, compressed",
+            expected=f"at most {MOST_BYTES / 2**20:.0f} MiB in a page",
+            remedy="sweep fewer cells",
+        )
+    return found
+
+
 def _text(content: bytes) -> str:
     return base64.b64encode(zlib.compress(content, 9)).decode("ascii")
 
@@ -258,6 +289,34 @@ def _most(shown: Explored) -> list[float | None]:
     return [sizes[n] if math.isfinite(sizes[n]) else None for n in _given(shown)]
 
 
+def _poses(system: System, plane: tuple[str, str]) -> list[dict[str, Any]]:
+    """The vehicles whose places are states: that of the plane, then others with names like it.
+
+    Of each the states of its place, and its heading, an angle whose name has the same end.
+    """
+    names, states = list(system.state_names), system.states
+    angles = [k for k, q in enumerate(states) if q.angle]
+    if any(states[names.index(n)].unit != "m" for n in plane):
+        angles = []
+    ends = [plane[0][1:]] if plane[0][:1] == "x" and plane[1] == f"y{plane[0][1:]}" else []
+    ends += [n[1:] for n in names if n[:1] == "x" and f"y{n[1:]}" in names and n not in plane]
+    if not ends:
+        first = angles[0] if angles else None
+        return [{"place": [names.index(n) for n in plane], "heading": first, "label": "start"}]
+
+    def heading(end: str) -> int | None:
+        own = [k for k in angles if names[k].endswith(end)]
+        return own[0] if own else None
+
+    return [
+        {
+            "place": [names.index(f"x{end}"), names.index(f"y{end}")], "heading": heading(end),
+            "label": f"start of {end}" if len(ends) > 1 else "start",
+        }
+        for end in ends
+    ]  # fmt: skip
+
+
 def _knobs(shown: Explored, parameters: Sequence[Parameter]) -> Iterator[dict[str, Any]]:
     """Numbers that can be changed in the page, with the key of the file that says the same.
 
@@ -275,67 +334,3 @@ def _knobs(shown: Explored, parameters: Sequence[Parameter]) -> Iterator[dict[st
             yield {**about, "key": key, "of": "both", "group": key.partition(".")[0]}
         if p.name in of_vehicle and p.value:
             yield {**about, "key": f"plant.{p.name}", "of": "plant", "group": "plant"}
-
-
-def _keys(loaded: Scenario, scenario: str, changes: Sequence[str]) -> dict[str, str]:
-    """Parameter -> the key of its number, where another number changes that parameter alone.
-
-    All keys are tried at once, and each for itself where that changes more.
-    """
-    _, _, tables = read_tables(scenario, changes)
-    own = _parameters(loaded)
-    keys = {}
-    for table in TABLES:
-        for name, key, value in _numbers(tables.get(table, {})):
-            if name not in keys and own.get(name) == value:
-                keys[name] = f"{table}.{key}"
-
-    def fits(names: Iterable[str]) -> bool:
-        beside = {n: _beside(own[n]) for n in names}
-        more = [f"{keys[n]}={v!r}" for n, v in beside.items()]
-        try:
-            with warnings.catch_warnings():
-                for kind in (GainWarning, ModelWarning):
-                    warnings.simplefilter("ignore", kind)
-                other = scenario_of(*read_tables(scenario, [*changes, *more]))
-        except HoldfastError:
-            return False
-        same = substance(_law_of(other)) == substance(_law_of(loaded))
-        return same and _parameters(other) == own | beside
-
-    return keys if fits(keys) else {n: k for n, k in keys.items() if fits([n])}
-
-
-def _beside(value: float) -> float:
-    """Another number, near the given one."""
-    return value * (1 - 2.0**-10) or 2.0**-10
-
-
-def _law_of(loaded: Scenario) -> tuple[object, ...]:
-    """What a run depends on."""
-    return (
-        loaded.system, loaded.model, loaded.law, loaded.region, loaded.goal, loaded.disturbance,
-        loaded.plant, loaded.varied,
-    )  # fmt: skip
-
-
-def _parameters(loaded: Scenario) -> dict[str, float]:
-    regions = [r for r in (loaded.region, loaded.goal) if r is not None]
-    groups = (p.parameters for p in (loaded.system, loaded.law, *regions))
-    return {p.name: float(p.value) for group in groups for p in group}
-
-
-def _numbers(table: Any) -> Iterator[tuple[str, str, float]]:
-    """The numbers of a table, and of its parameters, in SI units: name, key, value."""
-    own = table if isinstance(table, Mapping) else {}
-    named = [(name, name, value) for name, value in own.items()]
-    for name, value in own.get("parameters", {}).items():
-        told = isinstance(value, Mapping)
-        key = f"parameters.{name}" + (".value" if told else "")
-        named.append((name, key, value.get("value") if told else value))
-    for name, key, value in named:
-        if isinstance(value, int | float | str) and not isinstance(value, bool):
-            try:
-                yield name, key, in_base_units(value)
-            except HoldfastError:
-                continue

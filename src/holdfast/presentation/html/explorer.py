@@ -12,14 +12,18 @@ from holdfast.execution.simulation.outcomes import OUTCOMES, Outcome
 from holdfast.presentation.figures import style
 from holdfast.presentation.html.page import rendered
 
-SCRIPTS = ("loop", "svg", "plane", "strips", "controls", "runs", "slices", "copies", "axes", "app")
-"""The scripts of the page in the order in which they stand in it; `loop` runs in workers too."""
+SCRIPTS = ("svg", "plane", "strips", "controls", "runs", "slices", "copies", "axes", "sweep", "app")
+"""The scripts of the page in the order in which they stand in it; `sweep` where there is one."""
 
 
 def explorer_page(data: Mapping[str, Any]) -> str:
     """The page as one text of HTML, without a request to anything else."""
     folder = resources.files(__package__) / "explorer"
-    scripts = {name: (folder / f"{name}.js").read_text("utf-8") for name in SCRIPTS}
+    named = [name for name in SCRIPTS if name != "sweep" or data["sweep"] is not None]
+
+    def script(name: str) -> str:
+        return (folder / f"{name}.js").read_text("utf-8")
+
     look = {
         "outcomes": {OUTCOMES[o]: style.OUTCOMES[o] for o in Outcome},
         "modes": style.MODES, "lines": style.LINES, "version": __version__,
@@ -30,10 +34,12 @@ def explorer_page(data: Mapping[str, Any]) -> str:
         source=data["source"],
         note=data["note"],
         moved="start" if data["slices"] is None else "state",
+        uncopied=data["uncopied"],
         css=(folder / "page.css").read_text("utf-8"),
         data=_embedded({**data, "look": look}),
-        loop=scripts["loop"],
-        scripts="\n".join(scripts[name] for name in SCRIPTS[1:]),
+        swept=data["sweep"] is not None,
+        loop=script("loop"),  # runs in workers too
+        scripts="\n".join(script(name) for name in named),
     )
 
 

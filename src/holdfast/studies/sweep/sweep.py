@@ -39,6 +39,9 @@ CELLS_FILE = "sweep-cells.db"
 COUNTS = ("starts.random", "starts.states")
 """Keys that would change the number of runs of a cell."""
 
+ASKED = "asked"
+"""The attribute of a table with what was asked for: scenario, overrides, runs, seed, digest."""
+
 TAKEN = ("cell", "note", "settings", "refused", "runs", "success", "viable", "fraction", "volume")
 """Names with another meaning in a table."""
 
@@ -139,6 +142,10 @@ def sweep(
     attributes = {
         "title": own.title, "scenario": own.name, "kind": own.kind, "scenario_text": text,
         "seed": str(own.seed), "command": _command(scenario, overrides, runs, seed),
+        ASKED: json.dumps({
+            "scenario": scenario, "overrides": overrides, "runs": runs, "seed": seed,
+            "digest": content_digest(text, data),
+        }),
     }  # fmt: skip
     shown_settings = [_shown(given) for given in settings]
     return Campaign(
@@ -219,9 +226,16 @@ def _digest(
     asked = [data, settings, runs, seed, PART]
     found = hashlib.sha256((code_digest() + files_digest()).encode())
     found.update(json.dumps(asked, sort_keys=True, default=str).encode())
-    for text in _texts(data):
-        if text.endswith((".toml", ".nc", "json")) and Path(text).is_file():
-            found.update(Path(text).read_bytes())
+    found.update(content_digest("", data).encode())
+    return found.hexdigest()[:20]
+
+
+def content_digest(text: str, data: Mapping[str, Any]) -> str:
+    """The digest of the text of a scenario, and of the files that its tables name."""
+    found = hashlib.sha256(text.encode())
+    for named in _texts(data):
+        if named.endswith((".toml", ".nc", "json")) and Path(named).is_file():
+            found.update(Path(named).read_bytes())
     return found.hexdigest()[:20]
 
 

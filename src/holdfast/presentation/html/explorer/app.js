@@ -3,13 +3,14 @@
 
 // -- the page ------------------------------------------------------------------------------------
 
-const HEADING = data.states.findIndex((q) => q.angle);
+const HEADING = data.poses[0].heading;
 let metric; // whether the plane is that of the vehicle's positions
 const page = {
   data, run: null, fan: [], slice: null, sceneNow: null, time: 0, playing: false, drawn: false,
   equal: false, recordEvery: data.settings.record_every,
-  fanSeconds: null,
-  axisLabel(k) { const q = data.states[state.axes[k]]; return q.unit === "1" ? q.name : `${q.name} [${q.unit}]`; },
+  fanSeconds: null, fanIsNow: false,
+  axisUnit(k) { return shownUnit(data.states[state.axes[k]].unit); },
+  axisLabel(k) { const [unit] = page.axisUnit(k), { name } = data.states[state.axes[k]]; return unit === "1" ? name : `${name} [${unit}]`; },
   colours() {
     if (page.look) return page.look;
     const style = getComputedStyle(document.documentElement), of = (name) => style.getPropertyValue(`--${name}`).trim();
@@ -35,12 +36,13 @@ const page = {
   },
   posesNow() {
     const now = page.stateAt(page.time), views = data.scene.filter((s) => s.kind === "Cone" || s.kind === "Footprint");
-    const own = { x: now[planeX], y: now[planeY], heading: metric && HEADING >= 0 ? now[HEADING] : null };
+    const own = { x: now[planeX], y: now[planeY], heading: HEADING === null || !atHome() ? null : now[HEADING] };
     const others = page.sceneNow ? views.map(({ at }) => ({ x: page.sceneNow[at], y: page.sceneNow[at + 1], heading: page.sceneNow[at + 2] })) : [];
     return others.some((p) => Math.hypot(p.x - own.x, p.y - own.y) < 1e-9) ? others : [own, ...others];
   },
-  startPose() {
-    return { x: state.start[planeX], y: state.start[planeY], heading: metric && HEADING >= 0 ? state.start[HEADING] : null };
+  startPoses() {
+    return poses().map(({ place: [i, j], heading, label }) => (
+      { x: state.start[i], y: state.start[j], heading: heading === null ? null : state.start[heading], label }));
   },
   get offset() { return atHome() ? state.offset : [0, 0]; },
   targetPlace() {
@@ -62,14 +64,16 @@ function currentRows() {
 
 const plane = new Plane(byId("plane"), page), strips = new Strips(byId("strips"), page);
 const controls = new Controls(byId("controls"));
-let mainLoops = [], makeSlices = [];
+let mainLoops = [], makeSlices = [], moved = 0; // the pose that keys move
 
 function changed() {
   stale = true;
+  page.fanIsNow = false;
   follow();
   clearTimeout(changed.timer);
   if (byId("fan").checked) changed.timer = setTimeout(fan, 120);
   controls.show();
+  sweep?.tell();
 }
 
 function say(text) { byId("status").textContent = text; }
@@ -111,6 +115,7 @@ function tellFan() {
     list.append(marked(page.colours().outcomes[outcome], `${labels[outcome]}: ${count} of ${page.fan.length}`));
   }
   list.dataset.seconds = page.fanSeconds ?? "";
+  sweep?.tell();
 }
 
 function groups() {
@@ -118,7 +123,8 @@ function groups() {
   const colour = (k) => look.lines[k % look.lines.length];
   const units = [...new Set(data.constraints.map((c) => c[1]))], m = data.constraints.length;
   for (const unit of units) {
-    found.push({ title: `constraints${unit === "1" ? "" : ` [${unit}]`}, violated above 0:`, limit: 0, lines: data.constraints
+    const [shown, scale] = shownUnit(unit);
+    found.push({ title: `constraints${shown === "1" ? "" : ` [${shown}]`}, violated above 0:`, limit: 0, scale, lines: data.constraints
       .map(([name], j) => ({ name: name.replaceAll("_", " "), j, unit: data.constraints[j][1] }))
       .filter((line) => line.unit === unit)
       .map((line, k) => ({ name: line.name, colour: colour(k), dash: k < look.lines.length ? [] : [6, 3], values: (r) => run.constraint[r * m + line.j] })) });
@@ -146,20 +152,22 @@ function frame(now) {
     byId("time").value = page.time;
     page.drawn = false;
   }
-  if (!page.drawn && (page.run || still)) {
-    page.drawn = true;
-    const loop = mainLoops[state.variant], set = makeSlices[state.variant];
-    loop.setParameters(() => given(), given());
-    loop.prepare();
-    const at = page.stateAt(page.time);
-    page.sceneNow = atHome() ? loop.scene(at, page.time) : null;
-    page.slice = set ? set(at, still ? page.time : data.settings.horizon - page.time, planeX, planeY) : null;
-    plane.draw();
-    if (still) { tellSet(); requestAnimationFrame(frame); return; }
-    strips.draw(groups(), data.settings.horizon, page.time);
-    byId("now").textContent = `${page.time.toFixed(1)} s` + (page.run.mode ? `, ${variant().modes[modeNow()].replaceAll("_", " ")}` : "");
-  }
+  if (!page.drawn && (page.run || still)) draw();
   requestAnimationFrame(frame);
+}
+
+function draw() {
+  page.drawn = true;
+  const loop = mainLoops[state.variant], set = makeSlices[state.variant];
+  loop.setParameters(() => given(), given());
+  loop.prepare();
+  const at = page.stateAt(page.time);
+  page.sceneNow = atHome() ? loop.scene(at, page.time) : null;
+  page.slice = set ? set(at, still ? page.time : data.settings.horizon - page.time, planeX, planeY) : null;
+  plane.draw();
+  if (still) { tellSet(); return; }
+  strips.draw(groups(), data.settings.horizon, page.time);
+  byId("now").textContent = `${page.time.toFixed(1)} s` + (page.run.mode ? `, ${variant().modes[modeNow()].replaceAll("_", " ")}` : "");
 }
 
 function modeNow() {
@@ -189,10 +197,10 @@ canvas.addEventListener("pointermove", (event) => {
     const [tx, ty] = page.targetPlace(), dx = x - tx, dy = y - ty;
     state.offset = [state.offset[0] + dx, state.offset[1] + dy];
     state.start[planeX] -= dx; state.start[planeY] -= dy;
-  } else if (held.kind === "start") { state.start[planeX] = x; state.start[planeY] = y; }
+  } else if (held.kind === "start") { const [i, j] = poses()[moved = held.pose].place; state.start[i] = x; state.start[j] = y; }
   else if (held.kind === "heading") {
-    const [sx, sy] = plane.at(state.start[planeX], state.start[planeY]);
-    state.start[HEADING] = Math.atan2(sy - py, px - sx);
+    const { place: [i, j], heading } = poses()[moved = held.pose], [sx, sy] = plane.at(state.start[i], state.start[j]);
+    state.start[heading] = Math.atan2(sy - py, px - sx);
   } else {
     const { cx, cy, size, most } = plane.dial, [a, b] = currentRows();
     let vx = ((px - cx) / size) * most, vy = ((cy - py) / size) * most;
@@ -212,11 +220,12 @@ canvas.addEventListener("wheel", (event) => {
 canvas.addEventListener("keydown", (event) => {
   const v = plane.view, step = event.shiftKey ? 0.002 : 0.01;
   const moves = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+  const { place: [i, j], heading } = poses()[moved];
   if (moves[event.key]) {
-    state.start[planeX] += moves[event.key][0] * step * (v.x1 - v.x0);
-    state.start[planeY] += moves[event.key][1] * step * (v.y1 - v.y0);
-  } else if ((event.key === "[" || event.key === "]") && HEADING >= 0) {
-    state.start[HEADING] += (event.key === "[" ? 1 : -1) * step * 6;
+    state.start[i] += moves[event.key][0] * step * (v.x1 - v.x0);
+    state.start[j] += moves[event.key][1] * step * (v.y1 - v.y0);
+  } else if ((event.key === "[" || event.key === "]") && heading !== null) {
+    state.start[heading] += (event.key === "[" ? 1 : -1) * step * 6;
   } else if (event.key === " ") play(!page.playing);
   else return;
   event.preventDefault();
@@ -290,6 +299,7 @@ async function begin() {
   const time = byId("time");
   time.max = data.settings.horizon;
   time.step = page.recordEvery / 4;
+  if (data.sweep) sweep = await Sweep.of(data.sweep);
   addControls();
   const choice = byId("variant");
   choice.parentElement.hidden = data.variants.length < 2;
@@ -298,17 +308,18 @@ async function begin() {
   fromLink(location.hash);
   applyAxes();
   if (still) withoutRuns();
+  sweep?.taken();
   choice.value = state.variant;
   controls.show();
   choice.addEventListener("change", () => { state.variant = Number(choice.value); changed(); });
   byId("play").addEventListener("click", () => play(!page.playing));
   time.addEventListener("input", () => { page.time = Number(time.value); page.drawn = false; });
   byId("fan").addEventListener("change", fan);
-  byId("reset").addEventListener("click", () => { state = initial(); applyAxes(); page.time = still ? data.settings.horizon : 0; time.value = page.time; choice.value = 0; fit(); changed(); });
+  byId("reset").addEventListener("click", () => { state = initial(); applyAxes(); sweep?.taken(); page.time = still ? data.settings.horizon : 0; time.value = page.time; choice.value = 0; fit(); changed(); });
   byId("toml").hidden = data.tables === null;
-  byId("toml").addEventListener("click", () => copied(asScenario(), "The scenario"));
+  byId("toml").addEventListener("click", () => { const said = notCopied(); if (said) notice(said); else copied(asScenario(), "The scenario"); });
   byId("link").addEventListener("click", () => copied(location.href.split("#")[0] + asLink(), "The link"));
-  window.addEventListener("hashchange", () => { state = initial(); fromLink(location.hash); applyAxes(); choice.value = state.variant; changed(); });
+  window.addEventListener("hashchange", () => { state = initial(); fromLink(location.hash); applyAxes(); sweep?.taken(); choice.value = state.variant; changed(); });
   byId("png").addEventListener("click", () => saved(picture().toDataURL("image/png"), `${data.name}.png`));
   byId("fit").addEventListener("click", fit);
   byId("svg").addEventListener("click", () => {
@@ -322,16 +333,17 @@ async function begin() {
   });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => theme());
   new ResizeObserver(() => { page.drawn = false; }).observe(canvas);
+  const printed = () => { theme(); draw(); sweep?.draw(); };
+  matchMedia("print").addEventListener("change", printed);
+  for (const kind of ["beforeprint", "afterprint"]) window.addEventListener(kind, printed);
   mainLoops = await Promise.all(data.variants.map((v) => ClosedLoop.of(v.loop)));
   makeSlices = still ? [await ofSet(data.slices)] : mainLoops.map((loop, k) => ofLaw(loop, data.variants[k].grid));
   mainLoops[0].setParameters(() => given(), given());
   mainLoops[0].prepare();
   page.sceneNow = atHome() ? mainLoops[0].scene(state.start, 0) : null;
   await follow();
-  fit();
-  page.drawn = false;
+  await framed();
   requestAnimationFrame((now) => { lastFrame = now; frame(now); });
-  fan();
   document.body.dataset.ready = "1";
 }
 

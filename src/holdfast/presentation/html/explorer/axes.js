@@ -3,6 +3,12 @@
 
 function atHome() { return planeX === home[0] && planeY === home[1]; }
 
+// What the start is dragged by: the vehicles, or the two states of other axes.
+function poses() {
+  const found = atHome() ? data.poses : [{ place: [planeX, planeY], heading: null, label: "start" }];
+  return still ? found.map((p) => ({ ...p, label: "state" })) : found;
+}
+
 // The two states of the plane are those that are chosen; the scene is drawn in the scenario's own.
 function applyAxes() {
   [planeX, planeY] = data.plane = state.axes;
@@ -11,7 +17,7 @@ function applyAxes() {
   page.equal = a === b;
   page.sceneNow = null;
   page.fan = []; // its paths are over other states
-  page.fitted = false;
+  moved = 0;
   [byId("axisX").value, byId("axisY").value] = state.axes;
 }
 
@@ -35,10 +41,17 @@ function addAxes() {
       state.axes[k] = Number(choice.value);
       if (state.axes[1 - k] === state.axes[k]) state.axes[1 - k] = former;
       applyAxes();
-      fit();
       changed();
+      framed();
     });
   }
+}
+
+// The view is that of all paths, where they come soon.
+async function framed() {
+  clearTimeout(changed.timer);
+  await Promise.race([fan(), new Promise((done) => setTimeout(done, 1000))]);
+  fit();
 }
 
 // All starts, paths and targets in view; walls where there is no target.
@@ -46,7 +59,7 @@ function fit() {
   const v = page.sceneNow, corners = [boxOf(planeX), boxOf(planeY)], ends = ({ at, kind }) => (kind === "Segment"
     ? [[v[at], v[at + 1]], [v[at + 2], v[at + 3]]] : [[v[at] - v[at + 2], v[at + 1] - v[at + 2]], [v[at] + v[at + 2], v[at + 1] + v[at + 2]]]);
   const fixed = (v ? data.scene : []).filter((s) => s.kind === "Segment" || s.kind === "Circle"), targets = fixed.filter((s) => s.role !== "wall");
-  const points = [...data.starts.map((s) => [s[planeX], s[planeY]]), ...(targets.length ? targets : fixed).flatMap(ends)];
+  const points = [...data.starts.flatMap((s) => poses().map(({ place: [i, j] }) => [s[i], s[j]])), ...(targets.length ? targets : fixed).flatMap(ends)];
   if (corners[0] && corners[1]) for (const k of [0, 1]) points.push([corners[0][k], corners[1][k]]);
   for (const { xy } of [...page.fan, ...(page.run ? [pathOf(page.run)] : [])]) {
     for (let k = 0; k + 1 < xy.length; k += 2) points.push([xy[k], xy[k + 1]]);

@@ -4,7 +4,7 @@
 const GROUPS = {
   start: "Start", disturbance: "Current and other disturbances", draws: "Drawn numbers of the scenario",
   law: "Law", tracking: "Tracking", system: "Vehicle and its limits", region: "Constraints", goal: "Goal",
-  observer: "Observer", field: "Field", sensing: "Measurements", plant: "The true vehicle, which the law does not know",
+  observer: "Observer", field: "Field", followers: "Followers", leader: "Leader", camera: "Camera", sensing: "Measurements", plant: "The true vehicle, which the law does not know",
 };
 const OPEN = ["start", "disturbance", "sensing"];
 
@@ -30,8 +30,11 @@ class Controls {
     Object.assign(field, { type: "number", step: "any" });
     field.setAttribute("aria-label", `${label.textContent}, number`);
     const entry = { knob, show: () => {
-      slider.value = knob.get() * scale;
-      if (document.activeElement !== field) field.value = Number((knob.get() * scale).toPrecision(6));
+      const value = knob.get() * scale;
+      slider.value = value;
+      entry.text = `${short(value)}${unit === "1" ? "" : ` ${unit}`}`;
+      slider.setAttribute("aria-valuetext", entry.text);
+      if (document.activeElement !== field) field.value = Number(value.toPrecision(6));
     } };
     slider.addEventListener("input", () => { knob.set(Number(slider.value) / scale); });
     field.addEventListener("change", () => {
@@ -62,7 +65,10 @@ class Controls {
     return this.groups[name];
   }
 
-  show() { for (const entry of this.entries) entry.show(); }
+  show() {
+    for (const entry of this.entries) entry.show();
+    byId("numbers").textContent = `${this.entries.map(({ knob, text }) => `${knob.group === "plant" ? "true " : ""}${knob.name} = ${text}`).join("; ")}.`;
+  }
 }
 
 // A table of a scenario as TOML.

@@ -1,6 +1,12 @@
 // What is seen, as a scenario, as a link and as a picture.
 "use strict";
 
+// Why no file reproduces what is seen; empty where one does.
+function notCopied() {
+  const own = initial(), same = (name) => JSON.stringify(state[name]) === JSON.stringify(own[name]);
+  return data.fixed && !(same("start") && same("truth")) ? data.fixed : "";
+}
+
 // The scenario that reproduces what is seen: its tables with these numbers and one start.
 function asScenario() {
   const tables = structuredClone(data.tables), into = (key, value) => {
@@ -13,7 +19,7 @@ function asScenario() {
     if (of === "both" && state.values[name] !== own[name]) into(key, state.values[name]);
     if (of === "plant" && name in state.truth) into(key, state.truth[name]);
   }
-  tables.starts = { states: [Object.fromEntries(data.states.map((q, i) => [q.name, state.start[i]]))], start_outside: true };
+  if (!data.fixed) tables.starts = { states: [Object.fromEntries(data.states.map((q, i) => [q.name, state.start[i]]))], start_outside: true };
   if (data.given.some((_, k) => state.disturbance[k] !== data.disturbance[k])) {
     data.given.forEach((name, k) => into(`disturbance.${name}`, state.disturbance[k]));
   }

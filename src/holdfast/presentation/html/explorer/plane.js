@@ -3,8 +3,12 @@
 
 const PAD = 0.06, TICKS = 6, HANDLE = 9;
 
-function niceStep(span, count) {
-  const raw = span / count, power = 10 ** Math.floor(Math.log10(raw)), rest = raw / power;
+const ANGLES = [1, 2, 5, 10, 15, 30, 45, 90, 180]; // degrees between ticks
+
+function niceStep(span, count, angle = false) {
+  const raw = span / count;
+  if (angle && raw > 0.7 && raw <= 180) return ANGLES.find((step) => step >= 0.9 * raw) || 180;
+  const power = 10 ** Math.floor(Math.log10(raw)), rest = raw / power;
   return power * (rest < 1.5 ? 1 : rest < 3.5 ? 2 : rest < 7.5 ? 5 : 10);
 }
 
@@ -12,6 +16,9 @@ function short(value) {
   const text = Math.abs(value) < 1e-12 ? "0" : String(Number(value.toPrecision(4)));
   return text.replace("-", "\u2212");
 }
+
+// The unit in which a number is read, and the factor to it: an angle is read in degrees.
+function shownUnit(unit) { return unit === "rad" ? ["deg", 180 / Math.PI] : [unit, 1]; }
 
 class Plane {
   constructor(canvas, page) {
@@ -109,19 +116,20 @@ class Plane {
     const { context: c, view: v, look, page } = this;
     c.strokeStyle = look.line; c.fillStyle = look.soft; c.lineWidth = 1;
     c.font = "12px system-ui, sans-serif";
-    const sx = niceStep(v.x1 - v.x0, TICKS), sy = this.page.equal ? sx : niceStep(v.y1 - v.y0, TICKS);
+    const [[ux, kx], [uy, ky]] = [page.axisUnit(0), page.axisUnit(1)], step = (span, unit, k) => niceStep(span * k, TICKS, unit === "deg") / k;
+    const sx = step(v.x1 - v.x0, ux, kx), sy = this.page.equal ? sx : step(v.y1 - v.y0, uy, ky);
     c.textAlign = "center"; c.textBaseline = "top";
     const [ox, oy] = page.offset; // ticks are coordinates of the states
     for (let x = Math.ceil((v.x0 - ox) / sx) * sx; x + ox <= v.x1 + 1e-9; x += sx) {
       const [px] = this.at(x, 0);
       c.beginPath(); c.moveTo(px, v.top); c.lineTo(px, v.bottom); c.stroke();
-      c.fillText(short(x), px, v.bottom + 5);
+      c.fillText(short(x * kx), px, v.bottom + 5);
     }
     c.textAlign = "right"; c.textBaseline = "middle";
     for (let y = Math.ceil((v.y0 - oy) / sy) * sy; y + oy <= v.y1 + 1e-9; y += sy) {
       const [, py] = this.at(0, y);
       c.beginPath(); c.moveTo(v.left, py); c.lineTo(v.right, py); c.stroke();
-      c.fillText(short(y), v.left - 6, py);
+      c.fillText(short(y * ky), v.left - 6, py);
     }
     c.fillStyle = look.text; c.textAlign = "center"; c.textBaseline = "bottom";
     c.fillText(page.axisLabel(0), (v.left + v.right) / 2, v.height - 4);
@@ -270,17 +278,19 @@ class Plane {
   // -- handles ---------------------------------------------------------------------------------
 
   startHandles() {
-    const { context: c, page, look } = this, pose = page.startPose();
-    if (!pose) return;
-    const [px, py] = this.at(pose.x, pose.y);
-    this.dot(px, py, look.accent, still ? "state" : "start", true);
-    this.handles.push({ kind: "start", px, py });
+    this.page.startPoses().forEach((pose, k) => this.startHandle(pose, k));
+  }
+
+  startHandle(pose, number) {
+    const { context: c, look } = this, [px, py] = this.at(pose.x, pose.y);
+    this.dot(px, py, look.accent, pose.label, true);
+    this.handles.push({ kind: "start", pose: number, px, py });
     if (pose.heading === null) return;
     const hx = px + 34 * Math.cos(pose.heading), hy = py - 34 * Math.sin(pose.heading);
     c.strokeStyle = look.accent; c.lineWidth = 2;
     c.beginPath(); c.moveTo(px, py); c.lineTo(hx, hy); c.stroke();
     this.dot(hx, hy, look.accent, "");
-    this.handles.push({ kind: "heading", px: hx, py: hy });
+    this.handles.push({ kind: "heading", pose: number, px: hx, py: hy });
   }
 
   dot(px, py, colour, label, hollow = false) {

@@ -24,13 +24,13 @@ function initial() {
   return {
     variant: 0, start: [...data.starts[0]], values: { ...allValues(), ...Object.fromEntries(drawn) },
     truth: { ...data.plant }, disturbance: [...data.disturbance], uniform: [...data.noise.uniform],
-    normal: [...data.noise.normal], delay: data.settings.delay, seed: data.settings.seed, run: 0, offset: [0, 0], axes: [...home],
+    normal: [...data.noise.normal], delay: data.settings.delay, seed: data.settings.seed, run: 0, offset: [0, 0], cell: -1, axes: [...home],
   };
 }
 function allValues() { return Object.assign({}, ...data.variants.map((v) => v.values)); }
 function drawnNames() { return [...Object.keys(data.draws), ...data.cases]; }
 
-let state = initial();
+let state = initial(), sweep = null; // the table of a sweep, where the page has one
 const variant = () => data.variants[state.variant];
 
 function given(more = {}) {
@@ -101,6 +101,7 @@ async function fan() {
   page.fanNumber = own;
   many.drop();
   page.fan = [];
+  page.fanIsNow = false;
   page.drawn = false;
   if (still || !byId("fan").checked) { tellFan(); return; }
   const { starts } = data, part = Math.ceil(starts.length / (4 * cores));
@@ -117,16 +118,17 @@ async function fan() {
   }
   try { await Promise.all(jobs); } catch (error) { notice(`Some runs failed: ${error.message}`); }
   if (own !== fanAsked) return;
-  if (!page.fitted) { page.fitted = true; fit(); }
+  page.fanIsNow = true;
   page.fanSeconds = (performance.now() - began) / 1000;
   tellFan();
 }
 
 // What the scenario draws for a run of the fan.
 function drawnOf(run) {
-  const names = drawnNames();
+  const fixed = sweep ? sweep.fixed() : [], names = drawnNames();
   if (!names.length) return null;
-  const { gains, plant } = given(Object.fromEntries(names.map((name, k) => [name, data.drawn[run][k]])));
+  const drawn = names.map((name, k) => [name, data.drawn[run][k]]).filter(([name]) => !fixed.includes(name));
+  const { gains, plant } = given(Object.fromEntries(drawn));
   return { gains, plant };
 }
 

@@ -8,7 +8,8 @@ class Strips {
     this.context = canvas.getContext("2d");
   }
 
-  // Groups of lines: { title, unit, lines: [{ name, colour, values: k -> number, dash }], limit }.
+  // Groups of lines: { title, unit, lines: [{ name, colour, values: k -> number, dash }], limit, scale: to the
+  // unit of the title }.
   draw(groups, horizon, now) {
     const { canvas, context: c, page } = this, ratio = window.devicePixelRatio || 1;
     const width = canvas.clientWidth, height = canvas.clientHeight, look = page.colours();
@@ -66,8 +67,8 @@ class Strips {
     const pad = 0.06 * (most - low), py = (v) => top + high - ((v - low + pad) / (most - low + 2 * pad)) * high;
     c.strokeStyle = look.line; c.lineWidth = 1; c.strokeRect(left, top, right - left, high);
     c.font = "12px system-ui, sans-serif"; c.fillStyle = look.soft; c.textAlign = "right"; c.textBaseline = "middle";
-    const step = niceStep(most - low, high < 70 ? 2 : 3);
-    for (let v = Math.ceil(low / step) * step; v <= most + 1e-9; v += step) c.fillText(short(v), left - 5, py(v));
+    const scale = group.scale ?? 1, step = niceStep(scale * (most - low), high < 70 ? 2 : 3, scale !== 1) / scale;
+    for (let v = Math.ceil(low / step) * step; v <= most + 1e-9; v += step) c.fillText(short(scale * v), left - 5, py(v));
     if (group.limit !== undefined) {
       c.strokeStyle = look.limit; c.setLineDash([4, 3]);
       c.beginPath(); c.moveTo(left, py(group.limit)); c.lineTo(right, py(group.limit)); c.stroke(); c.setLineDash([]);
