@@ -38,6 +38,9 @@ def written(tmp_path_factory):
     return page
 
 
+SHORT = ("run.horizon=10",)
+"""For pages of which all starts are drawn, but not looked at."""
+
 RUNS = """(() => {
   const drawn = data.starts.map((_, k) => drawnOf(k)), own = drawn[0] ? drawn : undefined;
   return mainLoops[0].runs(data.starts, { ...given(), first: 0 }, own);
@@ -53,10 +56,10 @@ PADDED = """(() => {{
 @pytest.mark.parametrize(
     ("name", "overrides"),
     [
-        ("inspection", ("run.horizon=40",)),  # modes, a safeguard, 200 random starts
-        ("inspection-current", ("run.horizon=30",)),  # an observer, a current of any direction
+        ("inspection", ("run.horizon=20",)),  # modes, a safeguard, 200 random starts
+        ("inspection-current", ("run.horizon=10",)),  # an observer, a current of any direction
         ("ch3-noise", ("run.horizon=10", "run.seed=9007199254740993")),  # no double has this seed
-        ("ch5-any-current", ("run.delay=0.1", "run.horizon=20")),  # a vehicle that differs
+        ("ch5-any-current", ("run.delay=0.1", "run.horizon=10")),  # a vehicle that differs
         ("ch6-corridor", ()),  # a formation among walls
     ],
 )
@@ -257,13 +260,13 @@ def test_every_control_has_a_name_for_a_screen_reader(chromium, written):
 
 
 def test_a_phone_shows_the_whole_page_without_scrolling_sideways(chromium, written):
-    with opened(chromium, written("inspection"), width=390, height=844) as page:
+    with opened(chromium, written("inspection", *SHORT), width=390, height=844) as page:
         assert page.page.evaluate("document.documentElement.scrollWidth") <= 390
         assert page.page.locator("#plane").bounding_box()["width"] > 340
 
 
 def test_keys_move_the_start_and_play(chromium, written):
-    with opened(chromium, written("inspection")) as page:
+    with opened(chromium, written("inspection", *SHORT)) as page:
         before = page.page.evaluate("state.start[0]")
         page.page.focus("#plane")
         page.page.keyboard.press("ArrowRight")
@@ -286,7 +289,7 @@ def test_what_is_no_page_is_said_before_anything_is_written(name, overrides, say
 
 
 def test_the_law_alone_is_that_of_the_file_without_its_filter(chromium, written, tmp_path):
-    with opened(chromium, written("inspection")) as page:
+    with opened(chromium, written("inspection", *SHORT)) as page:
         page.page.select_option("#variant", label="the law alone")
         page.until("!running && !stale")
         assert page.page.evaluate("page.run.nominal === undefined")
@@ -347,10 +350,10 @@ def test_a_kernel_too_large_for_its_law_is_shown_alone(chromium, written, monkey
 
 
 def test_the_plane_shows_any_two_states_of_a_run(chromium, written):
-    with opened(chromium, written("inspection")) as page:
+    with opened(chromium, written("inspection", *SHORT)) as page:
         page.page.select_option("[aria-label='state across']", "u")
         page.page.select_option("[aria-label='state up']", "r")
-        page.until("!running && !stale && page.drawn && page.fanSeconds !== null")
+        page.until("!running && !stale && page.drawn && page.fanIsNow")
         assert page.page.evaluate("page.sceneNow") is None
         ends = page.page.evaluate("page.fan.map(({ xy }) => Array.from(xy.slice(0, 2)))")
         assert ends == [[0, 0]] * 200
@@ -374,16 +377,16 @@ def test_a_law_of_another_controller_is_refused(tmp_path):
 
 
 def test_a_link_holds_what_is_seen(chromium, written):
-    with opened(chromium, written("inspection")) as page:
+    with opened(chromium, written("inspection", *SHORT)) as page:
         page.page.evaluate(
             "state.start[1] = 0.7; state.values.k1 = 0.15; state.variant = 1; changed()"
         )
         page.until("!running && !stale")
         state, link = page.numbers("page.run.state"), page.page.evaluate("asLink()")
-    with opened(chromium, written("inspection"), link=link) as page:
+    with opened(chromium, written("inspection", *SHORT), link=link) as page:
         assert page.page.input_value("#variant") == "1"
         np.testing.assert_array_equal(page.numbers("page.run.state"), state)
-    with opened(chromium, written("inspection"), link="#%7B%22start%22%3A%5B1%5D%7D") as page:
+    with opened(chromium, written("inspection", *SHORT), link="#%7B%22start%22%3A%5B1%5D%7D") as page:
         assert "not understood" in page.page.inner_text("#notice")
 
 
