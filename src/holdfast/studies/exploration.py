@@ -24,6 +24,7 @@ from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.numeric import Expression
+from holdfast.maths.expressions.parser import parse_expression
 from holdfast.presentation.html.explorer import explorer_page
 from holdfast.scenario.files import read_tables
 from holdfast.scenario.kinds.closed_loop import Scenario
@@ -121,7 +122,13 @@ def explore(
 def _with_copy(
     shown: Explored, loaded: KernelScenario, scenario: str, changes: Sequence[str]
 ) -> Explored:
-    """The page of a kernel with the file of its closed loops, if the kernel is as in that file."""
+    """The page of a kernel with the file of its closed loops, if the kernel is as in that file.
+
+    The disturbances that the kernel knows are those of the file, numbers beside the equations: put
+    into the equations they would be rounded elsewhere.
+    """
+    given = {name: parse_expression(v, {}) for name, v in loaded.given.items()}
+    shown = replace(shown, system=loaded.system, disturbance=given)
     if shown.note:
         return replace(shown, uncopied="No file has the kernel as it is rounded here.")
     copy = copied_kernel(loaded, scenario, changes, shown.settings)
@@ -300,7 +307,7 @@ def _poses(system: System, plane: tuple[str, str]) -> list[dict[str, Any]]:
     return [
         {
             "place": [names.index(f"x{end}"), names.index(f"y{end}")], "heading": heading(end),
-            "label": f"start of {end}" if len(ends) > 1 else "start",
+            "label": end if len(ends) > 1 else "start",
         }
         for end in ends
     ]  # fmt: skip
