@@ -386,7 +386,9 @@ def test_a_link_holds_what_is_seen(chromium, written):
     with opened(chromium, written("inspection", *SHORT), link=link) as page:
         assert page.page.input_value("#variant") == "1"
         np.testing.assert_array_equal(page.numbers("page.run.state"), state)
-    with opened(chromium, written("inspection", *SHORT), link="#%7B%22start%22%3A%5B1%5D%7D") as page:
+    with opened(
+        chromium, written("inspection", *SHORT), link="#%7B%22start%22%3A%5B1%5D%7D"
+    ) as page:
         assert "not understood" in page.page.inner_text("#notice")
 
 

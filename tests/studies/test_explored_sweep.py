@@ -103,14 +103,14 @@ def test_a_cell_runs_with_the_numbers_of_the_table(chromium, swept, cart):
 
 
 def test_the_speed_of_a_current_keeps_its_direction(chromium, swept, boat):
-    found, path = swept(boat, CURRENT, seed=3, overrides=("run.horizon=8",))
+    found, path = swept(boat, CURRENT, seed=3, runs=20, overrides=("run.horizon=8",))
     with opened(chromium, path) as page:
-        compared(page, found, 2, boat, overrides=("run.horizon=8", "run.seed=3"))
+        compared(page, found, 2, boat, runs=20, overrides=("run.horizon=8", "run.seed=3"))
         assert page.page.evaluate("state.disturbance[0]") == -0.3
 
 
 def test_the_cell_under_the_pointer_runs_and_a_click_keeps_it(chromium, swept, boat):
-    _, path = swept(boat, CURRENT, seed=3, overrides=("run.horizon=8",))
+    _, path = swept(boat, CURRENT, seed=3, runs=20, overrides=("run.horizon=8",))
     with opened(chromium, path) as page:
         own = page.page.evaluate("state.values.k")
         box = page.page.locator("#map").bounding_box()
@@ -125,7 +125,11 @@ def test_the_cell_under_the_pointer_runs_and_a_click_keeps_it(chromium, swept, b
         page.page.mouse.click(*place)
         page.page.mouse.move(5, 5)
         assert page.page.evaluate("sweep.cell") == 1
-        page.page.evaluate("state.values.c *= 2; changed()")
+        page.page.evaluate(
+            "document.querySelectorAll('details').forEach((d) => { d.open = true; })"
+        )
+        page.page.get_by_label("c [1/s], number", exact=True).fill("2.5")
+        page.page.keyboard.press("Enter")
         assert "what runs is not this cell" in page.page.inner_text("#cell")
         page.page.focus("#map")
         page.page.keyboard.press("ArrowRight")
@@ -139,7 +143,7 @@ def test_the_cell_under_the_pointer_runs_and_a_click_keeps_it(chromium, swept, b
 
 
 def test_a_tap_chooses_a_cell(chromium, swept, boat):
-    _, path = swept(boat, CURRENT, seed=3, overrides=("run.horizon=8",))
+    _, path = swept(boat, CURRENT, seed=3, runs=20, overrides=("run.horizon=8",))
     with opened(chromium, path, width=390, height=844, has_touch=True) as page:
         page.page.locator("#map").tap(position={"x": 90, "y": 40})
         assert page.page.evaluate("sweep.cell") == 1

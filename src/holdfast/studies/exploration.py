@@ -24,6 +24,7 @@ from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.expressions.numeric import Expression
+from holdfast.maths.expressions.parser import parse_expression
 from holdfast.presentation.html.explorer import explorer_page
 from holdfast.scenario.files import read_tables
 from holdfast.scenario.kinds.closed_loop import Scenario
@@ -31,6 +32,7 @@ from holdfast.scenario.kinds.kernel import KernelScenario
 from holdfast.scenario.load import load_scenario, scenario_of
 from holdfast.studies.explored_copy import copied_kernel, copied_loop
 from holdfast.studies.explored_knobs import keys_of
+from holdfast.studies.explored_poses import poses
 
 MOST_BYTES = 10 * 2**20
 """A page with a larger table would be slow to open."""
@@ -123,9 +125,15 @@ def explore(
 def _with_copy(
     shown: Explored, loaded: KernelScenario, scenario: str, changes: Sequence[str]
 ) -> Explored:
-    """The page of a kernel with the file of its closed loops, if the kernel is as in that file."""
+    """The page of a kernel with the file of its closed loops, if the kernel is as in that file.
+
+    The disturbances that the kernel knows are those of the file, numbers beside the equations: put
+    into the equations they would be rounded elsewhere.
+    """
     if shown.slices is not None:
         return shown
+    given = {name: parse_expression(v, {}) for name, v in loaded.given.items()}
+    shown = replace(shown, system=loaded.system, disturbance=given)
     if shown.note:
         return replace(shown, uncopied="No file has the kernel as it is rounded here.")
     copy = copied_kernel(loaded, scenario, changes, shown.settings)
@@ -216,7 +224,7 @@ def _described(shown: Explored) -> dict[str, Any]:
         "plant": dict(shown.plant), "filters": FILTERS, "slices": _slices(shown),
         "starts": shown.starts.tolist(), "drawn": shown.drawn.tolist(), "tables": shown.tables,
         "uncopied": shown.uncopied, "fixed": shown.fixed,
-        "poses": _poses(shown.system, shown.plane),
+        "poses": poses(shown.system, shown.plane),
         "sweep": None if shown.sweep is None else _table(shown),
     }  # fmt: skip
 
@@ -287,34 +295,6 @@ def _most(shown: Explored) -> list[float | None]:
     ends = bounds.at({p.symbol: p.value for p in shown.system.parameters}).ranges()
     sizes = {n: max(abs(float(a)), abs(float(b))) for n, (a, b) in zip(names, ends, strict=True)}
     return [sizes[n] if math.isfinite(sizes[n]) else None for n in _given(shown)]
-
-
-def _poses(system: System, plane: tuple[str, str]) -> list[dict[str, Any]]:
-    """The vehicles whose places are states: that of the plane, then others with names like it.
-
-    Of each the states of its place, and its heading, an angle whose name has the same end.
-    """
-    names, states = list(system.state_names), system.states
-    angles = [k for k, q in enumerate(states) if q.angle]
-    if any(states[names.index(n)].unit != "m" for n in plane):
-        angles = []
-    ends = [plane[0][1:]] if plane[0][:1] == "x" and plane[1] == f"y{plane[0][1:]}" else []
-    ends += [n[1:] for n in names if n[:1] == "x" and f"y{n[1:]}" in names and n not in plane]
-    if not ends:
-        first = angles[0] if angles else None
-        return [{"place": [names.index(n) for n in plane], "heading": first, "label": "start"}]
-
-    def heading(end: str) -> int | None:
-        own = [k for k in angles if names[k].endswith(end)]
-        return own[0] if own else None
-
-    return [
-        {
-            "place": [names.index(f"x{end}"), names.index(f"y{end}")], "heading": heading(end),
-            "label": f"start of {end}" if len(ends) > 1 else "start",
-        }
-        for end in ends
-    ]  # fmt: skip
 
 
 def _knobs(shown: Explored, parameters: Sequence[Parameter]) -> Iterator[dict[str, Any]]:

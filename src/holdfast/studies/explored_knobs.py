@@ -66,6 +66,7 @@ def keys_of(loaded: Scenario, scenario: str, changes: Sequence[str]) -> dict[str
     """
     _, _, tables = read_tables(scenario, changes)
     own, rest = numbers_of(loaded), rest_of(loaded)
+    runs = loaded.starts.count if loaded.independent_runs else None
     keys = {}
     for table in TABLES:
         for name, key, value in _written(tables.get(table, {})):
@@ -75,7 +76,7 @@ def keys_of(loaded: Scenario, scenario: str, changes: Sequence[str]) -> dict[str
     def fits(names: Iterable[str]) -> bool:
         others = {name: beside(_number(own[VALUES, name])) for name in names}
         more = [f"{keys[n]}={v!r}" for n, v in others.items()]
-        other = composed_quietly(scenario, [*changes, *more])
+        other = composed_quietly(scenario, [*changes, *more], runs)
         if not isinstance(other, Scenario) or rest_of(other) != rest:
             return False
         return numbers_of(other) == own | {(VALUES, n): v for n, v in others.items()}

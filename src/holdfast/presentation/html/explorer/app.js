@@ -8,7 +8,7 @@ let metric; // whether the plane is that of the vehicle's positions
 const page = {
   data, run: null, fan: [], slice: null, sceneNow: null, time: 0, playing: false, drawn: false,
   equal: false, recordEvery: data.settings.record_every,
-  fanSeconds: null, fanIsNow: false,
+  fanSeconds: null, fanIsNow: false, printing: false,
   axisUnit(k) { return shownUnit(data.states[state.axes[k]].unit); },
   axisLabel(k) { const [unit] = page.axisUnit(k), { name } = data.states[state.axes[k]]; return unit === "1" ? name : `${name} [${unit}]`; },
   colours() {
@@ -333,9 +333,18 @@ async function begin() {
   });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => theme());
   new ResizeObserver(() => { page.drawn = false; }).observe(canvas);
-  const printed = () => { theme(); draw(); sweep?.draw(); };
-  matchMedia("print").addEventListener("change", printed);
-  for (const kind of ["beforeprint", "afterprint"]) window.addEventListener(kind, printed);
+  let own = null; // the theme before a print, which is light
+  const printed = (on) => {
+    const root = document.documentElement;
+    if (on === page.printing) return;
+    page.printing = on;
+    if (on) { own = root.dataset.theme; root.dataset.theme = "light"; }
+    else if (own) root.dataset.theme = own;
+    else delete root.dataset.theme;
+    theme(); draw(); sweep?.draw();
+  };
+  matchMedia("print").addEventListener("change", (event) => printed(event.matches));
+  for (const kind of ["beforeprint", "afterprint"]) window.addEventListener(kind, () => printed(kind === "beforeprint"));
   mainLoops = await Promise.all(data.variants.map((v) => ClosedLoop.of(v.loop)));
   makeSlices = still ? [await ofSet(data.slices)] : mainLoops.map((loop, k) => ofLaw(loop, data.variants[k].grid));
   mainLoops[0].setParameters(() => given(), given());

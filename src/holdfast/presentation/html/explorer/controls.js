@@ -67,7 +67,7 @@ class Controls {
 
   show() {
     for (const entry of this.entries) entry.show();
-    byId("numbers").textContent = `${this.entries.map(({ knob, text }) => `${knob.group === "plant" ? "true " : ""}${knob.name} = ${text}`).join("; ")}.`;
+    byId("numbers").textContent = `${this.entries.filter(({ knob }) => knob.group !== "plant" || knob.name in state.truth).map(({ knob, text }) => `${knob.group === "plant" ? "true " : ""}${knob.name} = ${text}`).join("; ")}.`;
   }
 }
 

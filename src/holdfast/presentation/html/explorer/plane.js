@@ -87,7 +87,7 @@ class Plane {
     this.context = context || this.screen;
     this.paint();
     this.context = this.screen;
-    if (context !== null) return;
+    if (context !== null || this.page.printing) return;
     this.startHandles();
     this.targetHandle();
     this.currentHandle();
@@ -300,9 +300,9 @@ class Plane {
     c.strokeStyle = colour; c.lineWidth = 2.5; c.stroke();
     if (!label) return;
     c.font = "12px system-ui, sans-serif"; c.fillStyle = look.text;
-    c.textAlign = "right"; c.textBaseline = "middle";
+    c.textAlign = "center"; c.textBaseline = "bottom";
     c.lineWidth = 3; c.strokeStyle = look.page;
-    c.strokeText(label, px - 12, py); c.fillText(label, px - 12, py);
+    c.strokeText(label, px, py - HANDLE - 2); c.fillText(label, px, py - HANDLE - 2);
   }
 
   targetHandle() {

@@ -12,17 +12,17 @@ class Strips {
   // unit of the title }.
   draw(groups, horizon, now) {
     const { canvas, context: c, page } = this, ratio = window.devicePixelRatio || 1;
+    const left = 54, right = 10, bottom = 34, row = 16, count = groups.length;
+    if (!count) return;
+    c.font = "12px system-ui, sans-serif";
+    const rows = groups.map((group) => this.rows(group, left, canvas.clientWidth - right));
+    const legends = rows.reduce((sum, own) => sum + row * (own.at(-1).row + 1) + 8, 0);
+    canvas.style.height = `${count * 84 + legends + bottom}px`;
     const width = canvas.clientWidth, height = canvas.clientHeight, look = page.colours();
     const size = [Math.round(width * ratio), Math.round(height * ratio)];
     if (canvas.width !== size[0] || canvas.height !== size[1]) [canvas.width, canvas.height] = size;
     c.setTransform(ratio, 0, 0, ratio, 0, 0);
     c.clearRect(0, 0, width, height);
-    const left = 54, right = 10, bottom = 34, row = 16, count = groups.length;
-    if (!count) return;
-    c.font = "12px system-ui, sans-serif";
-    const rows = groups.map((group) => this.rows(group, left, width - right));
-    const legends = rows.reduce((sum, own) => sum + row * (own.at(-1).row + 1) + 8, 0);
-    canvas.style.height = `${count * 84 + legends + bottom}px`;
     const high = Math.max((height - bottom - legends) / count, 20);
     this.area = { left, right: width - right, horizon };
     const px = (t) => left + (t / horizon) * (width - left - right);
