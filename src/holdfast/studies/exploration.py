@@ -91,7 +91,13 @@ def explore(
     and a kernel that is too large.
     """
     changes = list(overrides)
-    loaded = load_scenario(scenario, changes)
+    return page_of(load_scenario(scenario, changes), scenario, changes, progress)
+
+
+def page_of(
+    loaded: Any, scenario: str, changes: Sequence[str], progress: Progress | None = None
+) -> str:
+    """The page of what was loaded from the scenario with these changes; refused as by `explore`."""
     if isinstance(loaded, Scenario):
         return explorer_page(_described(_of_loop(loaded, scenario, changes, progress)))
     if isinstance(loaded, KernelScenario):
