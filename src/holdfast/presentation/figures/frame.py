@@ -15,8 +15,8 @@ FAR = 4.0
 PAD = 0.06
 
 LONGEST, FLAT = 8.0, 1e-12
-"""A frame longer than so many widths has a scale for each axis, of which none is smaller than a part
-of the other."""
+"""A frame longer than so many widths has a scale for each axis; its width is at least a part of its
+length."""
 
 
 @dataclass(frozen=True)

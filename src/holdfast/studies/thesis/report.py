@@ -22,6 +22,9 @@ from holdfast.studies.thesis.reproduce import CONDITION, FAILS, HOLDS, Found, Ju
 SHOWN = ("map", "set", "paths", "law", "constraints", "histories")
 """Figures of a trial by name, in the order of the page."""
 
+ROLES = "as stated", "with the condition"
+"""What is tried in the trials of a claim, where they do not say it."""
+
 
 def write_report(
     judged: Sequence[Judged], path: Path, explorers: Mapping[str, Explorer] | None = None
@@ -79,19 +82,19 @@ def _shown(judged: Judged, folder: Path, explorers: Mapping[str, Explorer]) -> d
         "kind": (judged.verdict or "no answer").replace(" ", "-"),
         "problems": judged.problems,
         "trials": [
-            _trial(spec, found) | _dragged(explorers.get(explored(spec)), folder)
-            for spec, found in judged.trials
+            _trial(role, spec, found) | _dragged(explorers.get(explored(spec)), folder)
+            for role, (spec, found) in zip(ROLES, judged.trials, strict=False)
         ],
     }
 
 
-def _trial(spec: TrialSpec, found: Found) -> dict[str, Any]:
+def _trial(role: str, spec: TrialSpec, found: Found) -> dict[str, Any]:
     low, high = spec.needs
     drawn = found.folder / "interactive.json"
     interactive = json.loads(drawn.read_text("utf-8")) if drawn.exists() else None
     about = (interactive or {}).get("layout", {}).get("meta", {})
     return {
-        "says": spec.says or "as stated",
+        "says": spec.says or role,
         "number": _number(found),
         "refusal": found.refusal,
         "holds": found.within(spec),
