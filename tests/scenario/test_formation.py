@@ -34,10 +34,14 @@ def corridor():
     return load_scenario("ch6-corridor", QUICK)
 
 
-def test_corridor_of_figs_6_7_and_6_8_is_passed_in_view_and_clear_of_walls(corridor):
-    result = corridor.run()
-    assert result.outcomes["reached goal"] == 1
-    found = worst(result)
+@pytest.fixture(scope="module")
+def passed(corridor):
+    return corridor.run()
+
+
+def test_corridor_of_figs_6_7_and_6_8_is_passed_in_view_and_clear_of_walls(passed):
+    assert passed.outcomes["reached goal"] == 1
+    found = worst(passed)
     expected = {
         "bearing1": -0.389,
         "range1": -0.197,
@@ -48,6 +52,18 @@ def test_corridor_of_figs_6_7_and_6_8_is_passed_in_view_and_clear_of_walls(corri
     for name, value in expected.items():
         assert found[name] == pytest.approx(value, abs=2e-3)
     assert found["apart_L_1"] == pytest.approx(-0.6, abs=1e-3)
+
+
+def test_all_robots_are_on_the_map_of_the_browser(corridor, passed):
+    drawn = corridor.interactive(passed)
+    named = {t["name"]: t for t in drawn["data"] if t.get("name")}
+    assert {"wall", "leader", "follower 1", "goal"} <= set(named)
+    assert named["leader"]["line"] != named["follower 1"]["line"]
+    for axis, letter in (("xaxis", "x"), ("yaxis", "y")):
+        low, high = drawn["layout"][axis]["range"]
+        for line in named.values():
+            assert low < min(line[letter]) <= max(line[letter]) < high
+    assert json.dumps(drawn)
 
 
 def test_a_leader_that_follows_its_fields_around_the_corner_leads_the_follower_into_it(corridor):

@@ -27,11 +27,21 @@ from holdfast.studies.progress import bar
     show_default=True,
     help="Folder for the report; claims that are judged there are not computed again.",
 )
-def command(chapters: tuple[int, ...], quick: bool, workers: int | None, out: Path) -> None:
+@click.option(
+    "--no-explorers",
+    "bare",
+    is_flag=True,
+    help="No pages in which the trials run: EXPLORED in explorers/.",
+)
+def command(
+    chapters: tuple[int, ...], quick: bool, workers: int | None, out: Path, bare: bool
+) -> None:
     """Compute the claims of the thesis and write a report: which of them hold?
 
     Every claim has a recorded verdict and number. The exit status is 1 if one of them differs. An
     interrupted reproduction resumes when it is repeated.
+
+    Beside the report are pages in which the trials run and can be dragged, to which it links.
     """
     from holdfast.studies.thesis.reproduce import CHAPTERS, reproduce
 
@@ -40,7 +50,13 @@ def command(chapters: tuple[int, ...], quick: bool, workers: int | None, out: Pa
         judged = reproduce(out, chapters or CHAPTERS, quick=quick, workers=workers, progress=tell)
     from holdfast.studies.thesis.report import report_text, write_report
 
-    report = write_report(judged, out / "report.html")
+    explorers = {}
+    if not bare:
+        from holdfast.studies.thesis.explorers import write_explorers
+
+        with bar("pages to drag") as tell:
+            explorers = write_explorers(judged, out, workers=workers, progress=tell)
+    report = write_report(judged, out / "report.html", explorers)
     click.echo(report_text(judged))
     click.echo(f"  report: {report}")
     if any(j.problems for j in judged):

@@ -108,7 +108,13 @@ def explore(
     table = sweep_file(scenario)
     if table is not None:
         return explorer_page(_described(explored_sweep(table, changes, progress)))
-    loaded = load_scenario(scenario, changes)
+    return page_of(load_scenario(scenario, changes), scenario, changes, progress)
+
+
+def page_of(
+    loaded: Any, scenario: str, changes: Sequence[str], progress: Progress | None = None
+) -> str:
+    """The page of what was loaded from the scenario with these changes; refused as by `explore`."""
     if isinstance(loaded, Scenario):
         return explorer_page(_described(of_loop(loaded, scenario, changes, progress)))
     if isinstance(loaded, KernelScenario):

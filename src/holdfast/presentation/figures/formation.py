@@ -38,7 +38,7 @@ class Ground:
 
 def formation_figure(result: Result, ground: Ground, instants: int = 5, run: int = 0) -> Figure:
     """Paths of all robots of a run, with robots and views at instants evenly spaced in time."""
-    robots, bodies = _robots(result, run), _bodies(result)
+    robots, bodies = robots_of(result, run), _bodies(result)
     with style.look():
         figure, axis = _map(ground, result)
         for number, (name, path) in enumerate(robots.items()):
@@ -79,7 +79,7 @@ def constraints_figure(result: Result, run: int = 0) -> Figure:
     for i, name in enumerate(str(n) for n in data["constraint_name"].values):
         kind, of = re.fullmatch(r"([a-z]+)_?(.*)", name).groups()  # type: ignore[union-attr]
         kinds.setdefault(kind, []).append((i, of))
-    robots = [name.removeprefix("follower ") for name in _robots(result, run)]
+    robots = [name.removeprefix("follower ") for name in robots_of(result, run)]
     time, values = data["time"].values, data["constraint"].values[run]
     rows = -(-len(kinds) // 2)
     with style.look():
@@ -135,7 +135,7 @@ def write_animation(
     progress: Callable[[float], None] | None = None,
 ) -> Path:
     """A GIF of one run, `speed` seconds of it in a second."""
-    robots, bodies = _robots(result, run), _bodies(result)
+    robots, bodies = robots_of(result, run), _bodies(result)
     time = result.arrays["time"].values
     count = len(next(iter(robots.values())))
     end = time[count - 1]
@@ -187,7 +187,7 @@ class _GifWriter(PillowWriter):
         )
 
 
-def _robots(result: Result, run: int) -> dict[str, Array]:
+def robots_of(result: Result, run: int) -> dict[str, Array]:
     """{ leader, follower 1, ...: (x, y, theta) against time }, up to where the record ends."""
     data = result.arrays
     names = [str(n) for n in data["state_name"].values]

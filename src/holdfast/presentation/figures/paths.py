@@ -22,6 +22,7 @@ from holdfast.maths.definitions.quantity import symbol
 from holdfast.maths.definitions.scene import Cone, Footprint, Segment
 from holdfast.maths.expressions.numeric import Values, evaluated, parameter_values
 from holdfast.presentation.figures import style
+from holdfast.presentation.figures.frame import frame_of
 from holdfast.presentation.figures.shapes import draw_fixed, seen_from
 
 _MAX_POINTS = 160
@@ -53,10 +54,12 @@ def paths_figure(
     bold = list(range(min(highlight, runs)))
     with style.look():
         both = runs > len(bold)
-        limits = _limits(xy[:_SHOWN_RUNS], result)
-        (x0, x1), (y0, y1) = limits
+        units = data["state_unit"].values[columns]
+        one = bool(units[0] == units[1])
+        frame = frame_of(xy[:_SHOWN_RUNS], target_ends(result), equal=one)
+        across, up = frame.size
         width = style.WIDTH / 2 if both else style.WIDTH * 0.65
-        height = min(max(0.85 * width * (y1 - y0) / (x1 - x0), 1.8), 4.4) + 1.1
+        height = min(max(0.85 * width * up / across, 1.8), 4.4) + 1.1
         figure, axes = plt.subplots(
             1,
             2 if both else 1,
@@ -70,17 +73,16 @@ def paths_figure(
         for axis in panels:
             draw_fixed(axis, result.scene, result.parameters)
         if both:
-            _draw_ensemble(panels[0], data, xy)
+            _draw_ensemble(panels[0], data, xy, frame.beyond)
         _draw_highlights(panels[-1], result, xy, bold)
         if cones > 0 and cone_run < runs:
             _draw_views(panels[-1], result, xy[cone_run], cone_run, names, cones)
-        units = data["state_unit"].values
         for axis in panels:
-            if units[columns[0]] == units[columns[1]]:
+            if frame.equal:
                 axis.set_aspect("equal")
-            axis.set_xlim(limits[0])
-            axis.set_ylim(limits[1])
-            axis.set_xlabel(style.axis_label(plane[0], str(units[columns[0]])))
+            axis.set_xlim(frame.x)
+            axis.set_ylim(frame.y)
+            axis.set_xlabel(style.axis_label(plane[0], str(units[0])))
         entries: dict[str, Artist] = {}
         for axis in panels:
             entries |= {str(h.get_label()): h for h in axis.get_legend_handles_labels()[0]}
@@ -91,22 +93,16 @@ def paths_figure(
             handlelength=1.6,
             columnspacing=1.4,
         )
-        panels[0].set_ylabel(style.axis_label(plane[1], str(units[columns[1]])))
+        panels[0].set_ylabel(style.axis_label(plane[1], str(units[1])))
     return figure
 
 
-def _limits(xy: Array, result: Result) -> tuple[tuple[float, float], tuple[float, float]]:
-    points = xy[np.isfinite(xy).all(axis=2)]
+def target_ends(result: Result) -> Array:
+    """The ends of the targets of the scene, shape (n, 2)."""
     targets = [x for x in result.scene if isinstance(x, Segment) and x.role == "target"]
     values = parameter_values(result.parameters)
     ends = [evaluated(end, values) for t in targets for end in (t.start, t.end)]
-    points = np.vstack([points, *([ends] if ends else [])])
-    low, high = points.min(axis=0), points.max(axis=0)
-    pad = 0.06 * max(float((high - low).max()), 1e-9)
-    return (
-        (float(low[0] - pad), float(high[0] + pad)),
-        (float(low[1] - pad), float(high[1] + pad)),
-    )
+    return np.array(ends, dtype=float).reshape(-1, 2)
 
 
 def _thinned(path: Array, most: int = _MAX_POINTS) -> Array:
@@ -122,7 +118,7 @@ def _thinned(path: Array, most: int = _MAX_POINTS) -> Array:
     return picked
 
 
-def _draw_ensemble(axis: Axes, data: Any, xy: Array) -> None:
+def _draw_ensemble(axis: Axes, data: Any, xy: Array, beyond: int) -> None:
     outcomes = data["outcome"].values
     shown = min(len(xy), _SHOWN_RUNS)
     # the rarest outcome last, on top
@@ -162,6 +158,8 @@ def _draw_ensemble(axis: Axes, data: Any, xy: Array) -> None:
     title = f"{len(xy)} starts, by outcome"
     if shown < len(xy):
         title += f" ({shown} drawn)"
+    if beyond:
+        title += f"\n{beyond} leave{'s' if beyond == 1 else ''} the frame"
     axis.set_title(title)
 
 

@@ -1,4 +1,4 @@
-"""Interactive figures for a browser: sets of three states, and paths."""
+"""Interactive figures for a browser: sets of three states, paths, and robots on their map."""
 
 from __future__ import annotations
 
@@ -14,11 +14,28 @@ from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.simulation.result import Result
 from holdfast.execution.arrays import Array
 from holdfast.execution.simulation.outcomes import Outcome
+from holdfast.maths.definitions.scene import Circle, Segment
+from holdfast.maths.expressions.numeric import evaluated, parameter_values
+from holdfast.planning.polylines import kept_points
 from holdfast.presentation.figures import level_sets, style
+from holdfast.presentation.figures.formation import Ground, robots_of
+from holdfast.presentation.figures.frame import Frame, frame_of
+from holdfast.presentation.figures.paths import target_ends
 from holdfast.presentation.figures.surface import BODY, DARK, brightness, zero_surface
 
-MOST_RUNS, MOST_PLACES = 40, 150
-"""Most paths, and points of each, that are drawn, to limit the size of the page."""
+MOST_RUNS, OF_EACH = 40, 3
+"""The first runs, and the first of each other outcome, that are drawn, to limit the page's size."""
+
+FINENESS = 1 / 2000
+"""Of the size of the plot: the farthest that a point may be from the line drawn."""
+
+SQUAT = 0.6
+"""The height of a plot in widths whose axes have different units."""
+
+INK = style.BLACK
+"""A line of this colour takes that of the text, in the dark theme too."""
+
+DASHES = ("solid", "dash", "dashdot", "dot")
 
 
 def set_data(value: ValueFunction) -> dict[str, Any] | None:
@@ -60,7 +77,7 @@ def set_data(value: ValueFunction) -> dict[str, Any] | None:
 def paths_data(result: Result, plane: Sequence[str] | None) -> dict[str, Any] | None:
     """The paths of runs in the plane, with the time at every point; None without a plane.
 
-    The colour is that of the outcome; only the first of many runs are drawn.
+    The colour is that of the outcome; the first runs are drawn, and the first of every outcome.
     """
     data = result.arrays
     names = [str(n) for n in data["state_name"].values]
@@ -68,39 +85,128 @@ def paths_data(result: Result, plane: Sequence[str] | None) -> dict[str, Any] | 
         return None
     columns = [names.index(n) for n in plane]
     units = [str(data["state_unit"].values[c]) for c in columns]
-    time = data["time"].values
-    places = np.unique(np.linspace(0, len(time) - 1, MOST_PLACES).astype(int))
-    traces: list[Any] = []
+    equal = units[0] == units[1]
+    outcomes = data["outcome"].values
+    chosen = _chosen(outcomes)
+    paths = data["state"].values[chosen][:, :, columns]
+    frame = frame_of(paths, target_ends(result), equal=equal)
+    traces = [*_scene(result)]
     shown: set[str] = set()
-    for run in range(min(data.sizes["run"], MOST_RUNS)):
-        x, y = data["state"].values[run][np.ix_(places, np.array(columns))].T
-        outcome = Outcome(int(data["outcome"].values[run]))
-        label = outcome.label
-        kept = np.isfinite(x) & np.isfinite(y)
+    for run, path in zip(chosen, paths, strict=True):
+        outcome = Outcome(int(outcomes[run]))
+        own = {"width": 1.3, "color": style.OUTCOMES[outcome]}
         traces.append(
-            go.Scatter(
-                x=_short(x[kept]),
-                y=_short(y[kept]),
-                customdata=_short(time[places][kept]),
-                hovertemplate=f"run {run}, %{{customdata}} s<br>(%{{x}}, %{{y}})<extra></extra>",
-                mode="lines",
-                line={"width": 1.3, "color": style.OUTCOMES[outcome]},
-                name=label,
-                legendgroup=label,
-                showlegend=label not in shown,
-            )
+            _path(f"run {run}", path, data["time"].values, frame, outcome.label, own)
+            | {"showlegend": outcome.label not in shown}
         )
-        shown.add(label)
+        shown.add(outcome.label)
     titles = [_title(n, u) for n, u in zip(plane, units, strict=True)]
-    equal = {"scaleanchor": "x"} if units[0] == units[1] else {}
-    return _figure(
-        traces, xaxis={"title": {"text": titles[0]}}, yaxis={"title": {"text": titles[1]}, **equal}
-    )
+    return _plane(traces, frame, titles, _said(len(chosen), len(outcomes), frame.beyond))
+
+
+def robots_data(result: Result, ground: Ground, run: int = 0) -> dict[str, Any]:
+    """The paths of all robots of a run among the cells, with the time at every point."""
+    robots = {name: path[:, :2] for name, path in robots_of(result, run).items()}
+    cells = [np.array([*cell, cell[0]], dtype=float) for cell in ground.cells]
+    corners = np.vstack([*cells, [ground.goal]])
+    count = len(next(iter(robots.values())))
+    frame = frame_of(corners[None], np.vstack(list(robots.values())))
+    traces = [_line(cell, {"color": style.GREY, "dash": "dot", "width": 1}) for cell in cells]
+    traces += _scene(result)
+    for number, (name, path) in enumerate(robots.items()):
+        own = {
+            "width": 2,
+            "color": style.LINES[number % len(style.LINES)],
+            "dash": DASHES[number % len(DASHES)],
+        }
+        traces.append(_path(name, path, result.arrays["time"].values[:count], frame, name, own))
+    goal = {"mode": "markers", "marker": {"symbol": "star", "size": 12, "color": style.PURPLE}}
+    x, y = ground.goal
+    traces.append({"type": "scatter", "x": [x], "y": [y], "name": "goal", **goal})
+    return _plane(traces, frame, ["x [m]", "y [m]"], "leader and followers")
+
+
+def _said(drawn: int, count: int, beyond: int) -> str:
+    said = "one path" if count == 1 else f"{count} paths"
+    if drawn < count:
+        said = f"{drawn} of {said}"
+    return f"{said}, {beyond} of which leave the frame" if beyond else said
+
+
+def _chosen(outcomes: Array) -> list[int]:
+    """The first runs, and the first of every outcome that is not among them."""
+    first = set(range(min(len(outcomes), MOST_RUNS)))
+    for outcome in set(outcomes.tolist()) - set(outcomes[:MOST_RUNS].tolist()):
+        first |= set(np.flatnonzero(outcomes == outcome)[:OF_EACH].tolist())
+    return sorted(first)
+
+
+def _path(
+    who: str, path: Array, time: Array, frame: Frame, group: str, line: dict[str, Any]
+) -> dict[str, Any]:
+    """One path by as few points as its look needs; what is NaN is left out."""
+    finite = np.isfinite(path).all(axis=1)
+    path, time = path[finite], time[finite]
+    kept = kept_points(frame.scaled(path), FINENESS)
+    x, y = path[kept].T
+    return {
+        **_line(np.empty((0, 2)), line), "x": _short(x), "y": _short(y),
+        "customdata": _short(time[kept]), "name": group, "legendgroup": group,
+        "hovertemplate": f"{who}, %{{customdata}} s<br>(%{{x}}, %{{y}})<extra></extra>",
+        "hoverinfo": "all", "showlegend": True,
+    }  # fmt: skip
+
+
+def _line(points: Array, line: dict[str, Any]) -> dict[str, Any]:
+    x, y = points.T
+    return {
+        "type": "scatter", "mode": "lines", "x": _short(x), "y": _short(y), "line": line,
+        "showlegend": False, "hoverinfo": "skip",
+    }  # fmt: skip
+
+
+def _scene(result: Result) -> list[dict[str, Any]]:
+    """The walls, targets and circles of the scene, each role named once."""
+    values = parameter_values(result.parameters)
+    looks = {
+        "target": {"color": style.BLACK, "width": 5}, "wall": {"color": style.GREY, "width": 2},
+        "goals": {"color": style.BLUE, "width": 1.3, "dash": "dash"},
+    }  # fmt: skip
+    traces: list[dict[str, Any]] = []
+    for shape in result.scene:
+        if isinstance(shape, Segment):
+            points = np.array([evaluated(end, values) for end in (shape.start, shape.end)])
+        elif isinstance(shape, Circle):
+            x, y, radius = evaluated((*shape.centre, shape.radius), values)
+            turn = np.linspace(0.0, 2 * np.pi, 91)
+            points = np.column_stack([x + radius * np.cos(turn), y + radius * np.sin(turn)])
+        else:
+            continue
+        first = all(t["name"] != shape.role for t in traces)
+        look = looks.get(shape.role, {"color": style.BLACK, "width": 1.3})
+        named = {"name": shape.role, "legendgroup": shape.role, "showlegend": first}
+        traces.append(_line(points, look) | named)
+    return traces
+
+
+def _plane(traces: list[Any], frame: Frame, titles: Sequence[str], says: str) -> dict[str, Any]:
+    """A figure of two states; tall: its height in widths. says: what is drawn."""
+    across, up = frame.size
+    axes: dict[str, Any] = {
+        name: {"title": {"text": title}, "range": limits, "constrain": "domain", "zeroline": False}
+        for name, title, limits in zip(
+            ("xaxis", "yaxis"), titles, ([*frame.x], [*frame.y]), strict=True
+        )
+    }
+    if frame.equal:
+        axes["yaxis"]["scaleanchor"] = "x"
+    tall = round(up / across, 3) if frame.equal else SQUAT
+    return _figure(traces, **axes, meta={"tall": tall, "says": says})
 
 
 def _figure(traces: list[Any], **layout: Any) -> dict[str, Any]:
     """Data and layout as plain tables; the page adds the colours of its theme."""
-    margin = {"l": 50, "r": 10, "t": 10, "b": 40}
+    margin = {"l": 56, "r": 10, "t": 34, "b": 44}
     figure = go.Figure(
         traces,
         {
@@ -109,7 +215,7 @@ def _figure(traces: list[Any], **layout: Any) -> dict[str, Any]:
             "template": "none",
             "paper_bgcolor": "rgba(0,0,0,0)",
             "plot_bgcolor": "rgba(0,0,0,0)",
-            "legend": {"orientation": "h"},
+            "legend": {"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom"},
         },
     )
     found: dict[str, Any] = json.loads(figure.to_json())

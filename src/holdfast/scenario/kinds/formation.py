@@ -19,6 +19,7 @@ from holdfast.scenario.validation import validated
 if TYPE_CHECKING:
     from holdfast.analysis.simulation.aggregates import Entry
     from holdfast.planning.course import Course
+    from holdfast.presentation.figures.formation import Ground
 
 
 @dataclass(frozen=True)
@@ -36,19 +37,30 @@ class FormationScenario(Scenario):
 
         return tally_of(self.with_settings(threads=threads).run())
 
+    @property
+    def ground(self) -> Ground:
+        """The background of its map."""
+        from holdfast.presentation.figures.formation import Ground
+
+        cells = [c.corners for c in self.course.environment.cells]
+        return Ground(cells, self.course.arrows(), self.course.goal)
+
+    def interactive(self, answer: Result) -> dict[str, Any] | None:
+        from holdfast.presentation.html.interactive import robots_data
+
+        return robots_data(answer, self.ground)
+
     def drawn(self, answer: Result, folder: Path, bar: Bar | None) -> list[Path]:
         """The map, the constraints, and the animation where it is asked for."""
         from holdfast.presentation.figures import style
         from holdfast.presentation.figures.formation import (
-            Ground,
             constraints_figure,
             formation_figure,
             write_animation,
         )
 
-        course, chosen = self.course, self.figures
+        chosen, ground = self.figures, self.ground
         assert isinstance(chosen, FormationFigures)
-        ground = Ground([c.corners for c in course.environment.cells], course.arrows(), course.goal)
         files = style.write(formation_figure(answer, ground, chosen.cones), folder, "map")
         files += style.write(constraints_figure(answer), folder, "constraints")
         if not chosen.animate:

@@ -3,28 +3,38 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from holdfast._version import __version__
 from holdfast.host.writing import atomic_file
+from holdfast.presentation.html.interactive import INK
 from holdfast.presentation.html.page import picture, plotly_script, rendered
 from holdfast.scenario.files import read_text
 from holdfast.scenario.schema.claims import TrialSpec
+from holdfast.studies.thesis.explorers import Explorer, explored
 from holdfast.studies.thesis.reproduce import CONDITION, FAILS, HOLDS, Found, Judged, chapter
 
 SHOWN = ("map", "set", "paths", "law", "constraints", "histories")
 """Figures of a trial by name, in the order of the page."""
 
+ROLES = "as stated", "with the condition"
+"""What is tried in the trials of a claim, where they do not say it."""
 
-def write_report(judged: Sequence[Judged], path: Path) -> Path:
+
+def write_report(
+    judged: Sequence[Judged], path: Path, explorers: Mapping[str, Explorer] | None = None
+) -> Path:
     """Claims by chapter, with verdicts, numbers, figures and commands to reproduce them, as HTML.
 
-    The page opens without a network: the script of the interactive figures is embedded.
+    The page opens without a network: the script of the interactive figures is embedded. explorers:
+    of `write_explorers`, to which the trials link by paths from the folder of the page.
     """
-    claims = [_shown(j) for j in judged]
+    claims = [_shown(j, path.parent, explorers or {}) for j in judged]
     chapters = [
         {
             "number": number,
@@ -37,6 +47,7 @@ def write_report(judged: Sequence[Judged], path: Path) -> Path:
     page = rendered(
         "report",
         plotly=plotly_script(),
+        ink=INK,
         version=__version__,
         chapters=chapters,
         counts=counts,
@@ -61,7 +72,7 @@ def report_text(judged: Sequence[Judged]) -> str:
     return "\n".join(lines)
 
 
-def _shown(judged: Judged) -> dict[str, Any]:
+def _shown(judged: Judged, folder: Path, explorers: Mapping[str, Explorer]) -> dict[str, Any]:
     claim = judged.claim
     return {
         "id": f"chapter-{judged.chapter}-{claim.name.replace(' ', '-')}",
@@ -70,15 +81,20 @@ def _shown(judged: Judged) -> dict[str, Any]:
         "verdict": judged.verdict or "no answer",
         "kind": (judged.verdict or "no answer").replace(" ", "-"),
         "problems": judged.problems,
-        "trials": [_trial(spec, found) for spec, found in judged.trials],
+        "trials": [
+            _trial(role, spec, found) | _dragged(explorers.get(explored(spec)), folder)
+            for role, (spec, found) in zip(ROLES, judged.trials, strict=False)
+        ],
     }
 
 
-def _trial(spec: TrialSpec, found: Found) -> dict[str, Any]:
+def _trial(role: str, spec: TrialSpec, found: Found) -> dict[str, Any]:
     low, high = spec.needs
     drawn = found.folder / "interactive.json"
+    interactive = json.loads(drawn.read_text("utf-8")) if drawn.exists() else None
+    about = (interactive or {}).get("layout", {}).get("meta", {})
     return {
-        "says": spec.says or "as stated",
+        "says": spec.says or role,
         "number": _number(found),
         "refusal": found.refusal,
         "holds": found.within(spec),
@@ -90,8 +106,17 @@ def _trial(spec: TrialSpec, found: Found) -> dict[str, Any]:
         "scenario": spec.scenario,
         "text": read_text(spec.scenario)[1] if spec.scenario else "",
         "figures": [picture(found.folder / f"{n}.png") for n in SHOWN if n in found.figures],
-        "interactive": json.loads(drawn.read_text("utf-8")) if drawn.exists() else None,
+        "interactive": interactive,
+        "tall": about.get("tall"),
+        "drawn": about.get("says"),
     }
+
+
+def _dragged(explorer: Explorer | None, folder: Path) -> dict[str, str]:
+    """The link to the page in which a trial runs, or why there is none."""
+    if explorer is None or explorer.page is None:
+        return {"page": "", "no_page": explorer.refusal if explorer else ""}
+    return {"page": quote(Path(os.path.relpath(explorer.page, folder)).as_posix()), "no_page": ""}
 
 
 def command(spec: TrialSpec) -> str:
