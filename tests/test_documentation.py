@@ -151,7 +151,7 @@ FEWER = {
     "margin": "--set grid.nodes=11 --tolerance 0.2",
     "sweep": "--runs 2 --workers 1 --set run.horizon=2",
     "sweep of a kernel": "--set grid.nodes=11",
-    "reproduce": "--quick",
+    "reproduce": "--quick --no-explorers",  # pages to drag have tests of their own
 }
 DRAWN = "inspection"
 """The scenario whose figures are drawn here: other tests draw those of every kind."""

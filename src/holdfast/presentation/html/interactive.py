@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import unicodedata
 from collections.abc import Sequence
 from typing import Any
 
@@ -70,8 +72,9 @@ def set_data(value: ValueFunction) -> dict[str, Any] | None:
         f"{letter}axis": {"title": {"text": title}}
         for letter, title in zip("xyz", titles, strict=True)
     }
-    camera = {"eye": {"x": 1.5, "y": 1.5, "z": 1.2}}
-    return _figure([body], scene={**scene, "aspectmode": "cube", "camera": camera})
+    camera = {"eye": {"x": 1.35, "y": 1.35, "z": 0.95}, "center": {"x": 0, "y": 0, "z": -0.12}}
+    shown = {**scene, "aspectmode": "cube", "camera": camera}
+    return _figure([body], scene=shown, margin={"l": 0, "r": 0, "t": 0, "b": 0})
 
 
 def paths_data(result: Result, plane: Sequence[str] | None) -> dict[str, Any] | None:
@@ -210,8 +213,8 @@ def _figure(traces: list[Any], **layout: Any) -> dict[str, Any]:
     figure = go.Figure(
         traces,
         {
-            **layout,
             "margin": margin,
+            **layout,
             "template": "none",
             "paper_bgcolor": "rgba(0,0,0,0)",
             "plot_bgcolor": "rgba(0,0,0,0)",
@@ -223,7 +226,16 @@ def _figure(traces: list[Any], **layout: Any) -> dict[str, Any]:
 
 
 def _title(name: str, unit: str) -> str:
-    return name if unit == "1" else f"{name} [{unit}]"
+    """The name with its unit: psi -> the Greek letter, x1 -> x with a subscript."""
+    head, _, tail = name.partition("_")
+    if not tail and (numbered := re.fullmatch(r"([A-Za-z]+?)(\d+|[LF])", name)):
+        head, tail = numbered.groups()
+    try:
+        shown = unicodedata.lookup(f"GREEK SMALL LETTER {head.upper()}")
+    except KeyError:
+        shown = head
+    shown = f"{shown}<sub>{tail}</sub>" if tail else shown
+    return shown if unit == "1" else f"{shown} [{unit}]"
 
 
 def _short(values: Array) -> list[float]:
