@@ -30,7 +30,7 @@ def data_of(page):
 
 
 def found_in(folder):
-    return Found(1.0, folder)
+    return Found(1.0, folder or Path("nowhere"))
 
 
 def judged(*claims):
@@ -74,10 +74,10 @@ def test_a_kernel_is_not_computed_again(tmp_path, monkeypatch):
 
 
 def test_a_trial_without_a_page_says_why():
-    spec = {"scenario": "ch7-forward-reach", "number": "fraction_of_box", "needs": [0, 1]}
-    page, refusal = module._explored((spec, Path()))
+    spec = {"scenario": "ch7-six-states", "set": ["grid.nodes=31"], "number": "fraction_of_box"}
+    page, refusal = module._explored((spec | {"needs": [0, 1]}, Path()))
     assert not page
-    assert refusal == "'ch7-forward-reach' is a forward-reachable-set, in which no law decides"
+    assert refusal == "the grid of 'ch7-six-states' has 888 million nodes"
 
 
 def test_equal_trials_share_a_page_which_is_kept(asked, tmp_path):
