@@ -31,7 +31,7 @@ from holdfast.studies.progress import bar
     "--no-explorers",
     "bare",
     is_flag=True,
-    help="No pages in which the trials run: EXPLORED in explorers/.",
+    help="Leave out the pages in which the trials run: 57 of 35 MiB, a minute and a half.",
 )
 def command(
     chapters: tuple[int, ...], quick: bool, workers: int | None, out: Path, bare: bool
@@ -59,6 +59,9 @@ def command(
     report = write_report(judged, out / "report.html", explorers)
     click.echo(report_text(judged))
     click.echo(f"  report: {report}")
+    if pages := [e.page for e in explorers.values() if e.page is not None]:
+        size = sum(p.stat().st_size for p in pages) / 2**20
+        click.echo(f"  to drag: {len(pages)} pages, {size:.1f} MiB, in {pages[0].parent}")
     if any(j.problems for j in judged):
         click.echo("holdfast: some verdicts or numbers differ from the recorded ones", err=True)
         sys.exit(NOT_ANSWERED)

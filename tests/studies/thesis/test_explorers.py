@@ -16,7 +16,7 @@ from holdfast.scenario.schema.claims import TrialSpec
 from holdfast.studies.thesis import explorers as module
 from holdfast.studies.thesis.explorers import Explorer, explored, write_explorers
 from holdfast.studies.thesis.report import write_report
-from holdfast.studies.thesis.reproduce import Found, Judged
+from holdfast.studies.thesis.reproduce import CHAPTERS, Found, Judged, chapter
 from tests.judged_claims import SHORT, claim, unicycle
 
 KERNEL = {
@@ -29,12 +29,9 @@ def data_of(page):
     return json.loads(re.search(r'<script id="data"[^>]*>(.*?)</script>', page, re.DOTALL)[1])
 
 
-def found_in(folder):
-    return Found(1.0, folder or Path("nowhere"))
-
-
 def judged(*claims):
-    return [Judged(4, c, found_in(None), found_in(None) if c.conditioned else None) for c in claims]
+    found = Found(1.0, Path("nowhere"))
+    return [Judged(4, c, found, found if c.conditioned else None) for c in claims]
 
 
 @pytest.fixture
@@ -99,6 +96,12 @@ def test_a_page_is_named_by_what_it_shows():
     same = TrialSpec.model_validate(unicycle() | {"number": "runs", "recorded": 7.0})
     assert explored(spec) == explored(same)
     assert explored(spec) != explored(TrialSpec.model_validate(unicycle(runs=5)))
+
+
+def test_equal_trials_of_the_thesis_are_counted_once():
+    trials = [t for n in CHAPTERS for c in chapter(n).claims for t in (c.stated, c.conditioned)]
+    run = [t for t in trials if t is not None and t.scenario is not None and not t.refused]
+    assert len({explored(t) for t in run}) == 62 < len(run)
 
 
 def test_the_report_links_beside_itself_or_says_why_not(asked, tmp_path):

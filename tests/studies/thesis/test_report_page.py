@@ -38,6 +38,7 @@ def report(tmp_path_factory):
 @needs_browser
 def test_nothing_is_wider_than_a_phone_and_every_plot_is_drawn_there(chromium, report):
     with opened(chromium, report, width=390, height=844) as page:
+        page.page.evaluate("plots[1].style.setProperty('--tall', 0.2)")  # a long corridor
         page.page.evaluate("plots.forEach((p) => { if (!p.drawn) draw(p); })")
         page.until(DRAWN)
         assert page.page.evaluate("document.documentElement.scrollWidth") <= 390
