@@ -191,6 +191,13 @@ def test_law_reaches_a_target_in_the_periods_that_are_promised(tmp_path):
 # -- forged files -----------------------------------------------------------------------------
 
 
+@pytest.fixture(scope="module")
+def modes(tmp_path_factory):
+    """The file of a law with two modes."""
+    folder = tmp_path_factory.mktemp("modes")
+    return judged(thermostat()).certificate.write(folder / "modes.certificate")
+
+
 def alter(path, change):
     def changes(header):
         change(header["law"])
@@ -207,13 +214,27 @@ def alter(path, change):
         lambda law: law["modes"][0][0].__setitem__(2, 7),  # to a mode that is none
         lambda law: law["modes"][0][1].__setitem__(1, ["-6"]),
         lambda law: law.update(initial=2),
+        lambda law: law.update(initial=False),
+        lambda law: law["modes"][0][0].__setitem__(0, "x"),  # a text, not a list of one
+        lambda law: law.update(wind=0),
     ],
-    ids=["option", "turn", "guard", "target", "input", "first"],
+    ids=["option", "turn", "guard", "target", "input", "first", "flag", "text", "key"],
 )
-def test_forged_modes_are_found(tmp_path, change):
-    path = judged(thermostat()).certificate.write(tmp_path / "modes.certificate")
+def test_forged_modes_are_found(modes, change):
     with pytest.raises(NotValidError):
-        check(alter(path, change))
+        check(alter(modes, change))
+
+
+@pytest.mark.parametrize("gap", ["33/64", "65/128", "129/256"])
+def test_law_that_does_nothing_in_a_part_of_a_cell_is_found(modes, gap):
+    """It turns from -1/2 - a gap on, and moves on above -1/2: it is told nothing between."""
+    with pytest.raises(NotValidError, match=r"cell 15 .*: the law does nothing in a part of it"):
+        check(alter(modes, lambda law: law["modes"][0][0].__setitem__(0, [f"x + {gap}"])))
+
+
+def test_inputs_that_were_tried_beside_those_of_a_law_are_refused(modes):
+    with pytest.raises(NotValidError, match="the inputs are none"):
+        check(str(changed(modes, lambda h: h.update(candidates=[["0x0.0p+0"]]))))
 
 
 def test_entry_of_a_mode_that_is_not_kept_is_found(tmp_path):
@@ -229,15 +250,14 @@ def test_entry_of_a_mode_that_is_not_kept_is_found(tmp_path):
         check(str(forged))
 
 
-def test_law_of_a_certificate_that_is_read_is_checked_for_its_form(tmp_path):
-    path = judged(thermostat()).certificate.write(tmp_path / "modes.certificate")
+def test_law_of_a_certificate_that_is_read_is_checked_for_its_form(modes):
     for change, says in (
         (lambda law: law["modes"][0][0].__setitem__(2, 7), "a mode that there is none of"),
         (lambda law: law.update(where=[["x", "1"]]), "the law defines 'x'"),
         (lambda law: law["modes"][0][0].__setitem__(1, ["y"]), "y"),
     ):
         with pytest.raises(hf.HoldfastError, match=says):
-            hf.read_certificate(alter(path, change))
+            hf.read_certificate(alter(modes, change))
 
 
 # -- safeguards, tables, and what others command ------------------------------------------------
@@ -324,7 +344,14 @@ def test_forged_table_is_found(tmp_path):
         nodes = law["table"]["nodes"]
         nodes["_V0"] = nodes["_V"]
 
-    for forged in (deeper, holed, named_twice):
+    def axis(place, value):
+        return lambda law: law["table"]["axes"][0].__setitem__(place, value)
+
+    for forged in (
+        deeper, holed, named_twice, axis(0, "log(x - 9)"), axis(0, "0"), axis(1, ["0x0p+0"] * 2),
+        axis(2, 240), axis(2, 0), axis(3, 0), lambda law: law.update(parts=[]),
+        lambda law: law.update(parts=[[]]), lambda law: law["parts"][0].reverse(),
+    ):  # fmt: skip
         with pytest.raises(NotValidError):
             check(alter(path, forged))
     with pytest.raises(hf.HoldfastError, match="not those of its values"):
