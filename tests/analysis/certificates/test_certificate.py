@@ -79,7 +79,7 @@ def test_state_that_does_not_change_stays_in_the_grid(tmp_path):
     )  # fmt: skip
     walls = hf.Region("walls", states, (hf.Inequality("l", -1 - x), hf.Inequality("r", x - 1)))
     found = certify(pushed, walls, box={**CART, "w": (-0.3, 0.3)},
-                    cells={"x": 31, "v": 31, "w": 5}, sample_time=0.25, inputs=3)  # fmt: skip
+                    cells={"x": 27, "v": 27, "w": 5}, sample_time=0.25, inputs=3)  # fmt: skip
     assert {0, 4} <= set((found.kept.members % 5).tolist())
     assert "entries hold" in check(str(found.write(tmp_path / "cart.certificate")))
 

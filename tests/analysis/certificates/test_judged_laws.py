@@ -68,6 +68,17 @@ def starts_in(found, count, seed):
     return low + (high - low) * rng.random(low.shape)
 
 
+def all_stay(system, region, law, found, currents, count=500, **options):
+    """Runs from certified cells never leave the region, under each of these disturbances."""
+    starts = starts_in(found, count, 8)
+    for current in currents:
+        runs = hf.simulate(
+            system, law, starts=starts, region=region, sample_time=0.1, disturbance=current,
+            **{"horizon": 10, **options},
+        )  # fmt: skip
+        assert runs.outcomes["stayed"] == count
+
+
 # -- modes and jumps --------------------------------------------------------------------------
 
 
@@ -80,12 +91,7 @@ def test_modes_with_hysteresis_are_proved_and_checked(tmp_path):
     assert "128 of 128 entries hold" in check(str(path))
     again = hf.read_certificate(path).write(tmp_path / "again.certificate")
     assert again.read_bytes() == path.read_bytes()
-    for current in CORNERS:
-        runs = hf.simulate(
-            *(slider()[0], thermostat()), starts=starts_in(found.certificate, 500, 1),
-            region=slider()[1], horizon=10, sample_time=0.1, disturbance=current,
-        )  # fmt: skip
-        assert runs.outcomes["stayed"] == 500
+    all_stay(*slider(), thermostat(), found.certificate, CORNERS)
 
 
 def test_modes_that_turn_too_late_are_refuted_by_a_trajectory_that_is_true():
@@ -294,12 +300,7 @@ def test_line_is_kept_whatever_is_commanded(tmp_path, keep):
     assert "64 of 64 entries hold" in check(str(path))
     again = hf.read_certificate(path).write(tmp_path / "again.certificate")
     assert again.read_bytes() == path.read_bytes()
-    for current in CORNERS:
-        runs = hf.simulate(
-            system, law, starts=starts_in(found.certificate, 500, 8), region=line, horizon=10,
-            sample_time=0.1, command=outward, disturbance=current,
-        )  # fmt: skip
-        assert runs.outcomes["stayed"] == 500
+    all_stay(system, line, law, found.certificate, CORNERS, command=outward)
     push = hf.Law("push", system.states, {"v": 0.5 + 0 * X})
     assert judged(push).verdict == "refuted"
     assert judged(keep(push)).verdict == "proved"
@@ -364,14 +365,9 @@ def test_safeguard_keeps_the_view_that_its_law_would_lose(tmp_path):
     assert judge_law(system, view(system), forward(system), box=VIEW, cells=31).verdict == "refuted"
     assert found.kept.share > 0.99
     assert "no proof" in check(str(found.write(tmp_path / "guard.certificate")), 0.02)
-    rng = np.random.default_rng(3)
-    for _ in range(8):
-        wa, wb = rng.choice([-1, 1], 2) * (0.05, 0.1)
-        runs = hf.simulate(
-            system, law, starts=starts_in(found, 1000, 5), region=view(system), horizon=15,
-            sample_time=0.1, substeps=5, record_every=0.1, disturbance={"wa": wa, "wb": wb},
-        )  # fmt: skip
-        assert runs.outcomes["stayed"] == 1000
+    corners = [{"wa": wa, "wb": wb} for wa in (-0.05, 0.05) for wb in (-0.1, 0.1)]
+    finely = {"horizon": 15, "substeps": 5, "record_every": 0.1}
+    all_stay(system, view(system), law, found, corners, 1000, **finely)
 
 
 @pytest.mark.heavy
@@ -379,13 +375,9 @@ def test_filter_of_a_kernel_keeps_the_berth_whatever_is_commanded(tmp_path):
     system, berth, law, found = berthed()
     assert found.kept.share > 0.99
     assert "no proof" in check(str(found.write(tmp_path / "filter.certificate")), 0.02)
-    for a, b in ((0.1, 0.1), (-0.1, 0.1), (0.1, -0.1)):
-        runs = hf.simulate(
-            system, law, starts=starts_in(found, 1000, 8), region=berth, horizon=10,
-            sample_time=0.1, substeps=2, record_every=0.1, command=outward,
-            disturbance={"a": a, "b": b},
-        )  # fmt: skip
-        assert runs.outcomes["stayed"] == 1000
+    corners = [{"a": a, "b": b} for a in (-0.1, 0.1) for b in (-0.1, 0.1)]
+    finely = {"substeps": 2, "record_every": 0.1, "command": outward}
+    all_stay(system, berth, law, found, corners, 1000, **finely)
 
 
 # -- the options of the simulated law ----------------------------------------------------------
