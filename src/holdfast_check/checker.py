@@ -5,7 +5,7 @@ cells, and for each cell of a set an input. It is valid if for each such cell X,
 for T and any disturbance within the bounds
 
 1. c <= 0 all over X;
-2. a box B contains every state on the way: X + [0, T] f(B, u, D) lies inside B;
+2. a box B contains every state on the way: X + [0, T] f(B, u, D) lies in the interior of B;
 3. c <= 0 on the way: all over B, or from both ends by the least and greatest rate of c over B;
 4. every state at the end lies in cells of the set (of a level one lower, for a finite horizon).
 
@@ -26,13 +26,12 @@ import functools
 import hashlib
 import itertools
 import json
-import keyword
 import math
 import random
 import struct
 import sys
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
 from operator import add, mul, sub, truediv
 from typing import Any
@@ -42,7 +41,7 @@ from flint import arb, arb_series
 
 MAGIC = "holdfast-certificate 1"
 BITS = 80
-NOT_VALID, NOT_READ, LEAST_CHANCE = 1, 2, 1e-3
+NOT_VALID, NOT_READ, LEAST_CHANCE, MOST_POWER, DRAWN = 1, 2, 1e-3, 64, 32
 
 
 Balls = list[Any]
@@ -55,12 +54,13 @@ class NotValidError(Exception):
 
 Choice = tuple[list["Expression"], list["Expression"], int, Sequence[tuple[Any, ...]]]
 """Conditions, inputs, the mode of a law afterwards, and what inputs that are left free may be."""
-Entries = list[tuple[int, int, int]]
-"""Cells, the numbers of their inputs, and levels: 0 is for ever."""
 
 
-def read(path: str) -> tuple[Values, Entries]:
-    """What a file says. Raises `NotValidError` if a bit of it is not as it was written."""
+def read(path: str) -> tuple[Values, list[Any]]:
+    """What a file says: its header, and entries of a cell, the number of its input, and a level.
+
+    Raises `NotValidError` if a bit of it is not as it was written.
+    """
     with open(path, "rb") as file:
         content = file.read()
     first, _, rest = content.partition(b"\n")
@@ -70,8 +70,9 @@ def read(path: str) -> tuple[Values, Entries]:
     if hashlib.sha256(rest).hexdigest() != words[2]:
         raise NotValidError(f"{path} was changed: its digest is not that of its content")
     text, _, packed = rest.partition(b"\n")
-    header = json.loads(text, object_pairs_hook=_once)
-    count = header["entries"]
+    said = {"depth": 0} | json.loads(text, object_pairs_hook=_once)
+    header = formed(said, HEADER, "the header")
+    count = max(header["entries"], 0)
     numbers = zlib.decompressobj().decompress(packed, 10 * count + 1)
     if len(numbers) != 10 * count or count < 1:
         raise NotValidError(f"{path} has not the {count} entries that it says")
@@ -84,6 +85,30 @@ def _once(pairs: Any) -> Values:
     return dict(pairs)
 
 
+def formed(value: Any, form: Any, where: str) -> Any:
+    """What a file says there, if it has this form.
+
+    That is {key: form}, {...: form} of any keys, [form] of any length, [form, form] of two values,
+    (none, form, what none means), a type, or a function that fails for what it does not read.
+    """
+    match form:
+        case dict() if type(value) is dict and form.keys() in ({...}, value.keys()):
+            return {k: formed(v, form.get(k) or form[...], k) for k, v in value.items()}
+        case list() if type(value) is list and len(form) in (1, len(value)):
+            return [formed(v, f, where) for v, f in zip(value, itertools.cycle(form))]
+        case tuple([none, other, meaning]):
+            return meaning if value == none else formed(value, other, where)
+        case _ if type(value) is form:
+            return value
+        case _ if callable(form) and form not in (str, int, bool):
+            try:
+                return form(value)
+            except Exception as error:  # whatever a file contains
+                raise NotValidError(f"{where} is {value!r:.60}: {error}") from None
+    odd = [*value.keys() ^ form.keys()] if type(value) is type(form) is dict else value
+    raise NotValidError(f"{where} has another form: {odd!r:.60}")
+
+
 def ball(low: float, high: float) -> Any:
     return arb(low).union(arb(high))
 
@@ -93,17 +118,13 @@ def _sign(x: Any) -> Any:
 
 
 def _wrapped(x: Any) -> Any:
-    if not x.is_finite():
-        return x
     turns = (x / (2 * arb.pi()) - arb(1) / 2).ceil()
-    return x - 2 * arb.pi() * turns if turns.is_exact() else arb.pi() * ball(-1, 1)
+    return x - 2 * arb.pi() * turns if turns.is_exact() else arb.pi() * ball(-1, 1) + 0 * x
 
 
-def _angle(y: Any, x: Any, *_: Any) -> Any:
-    if not (x.is_finite() and y.is_finite()):
-        return x - x + y
+def _angle(y: Any, x: Any, _: Any) -> Any:
     if not (x > 0 or y > 0 or y < 0):
-        return arb.pi() * ball(-1, 1)
+        return arb.pi() * ball(-1, 1) + 0 * x + 0 * y
     ends = itertools.product((y.lower(), y.upper()), (x.lower(), x.upper()))
     return functools.reduce(arb.union, itertools.starmap(arb.atan2, ends))
 
@@ -115,8 +136,8 @@ KINKS: dict[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
 }  # fmt: skip
 """Functions that have a slope here, and no series of more terms."""
 JUMPS: dict[str, Callable[..., Any]] = {
-    "wrap": _wrapped, "angle": _angle, "atan2": _angle,
-    "length": lambda x, y, *_: (x**2 + y**2).sqrt(),
+    "wrap": _wrapped, "angle": _angle, "atan2": lambda y, x: _angle(y, x, None),
+    "length": lambda x, y, _: (x**2 + y**2).sqrt(),
 }  # fmt: skip
 """Functions of balls that have no slope everywhere."""
 SMOOTH = ("sin", "cos", "tan", "atan", "exp", "log", "sqrt")
@@ -154,17 +175,14 @@ OPERATIONS = {ast.Add: add, ast.Sub: sub, ast.Mult: _times, ast.Div: truediv}
 class Expression:
     """A text of names, whole numbers, + - * / **, and functions."""
 
-    def __init__(self, tree: ast.expr) -> None:
-        self.tree = tree
-        names = {n.id for n in ast.walk(self.tree) if isinstance(n, ast.Name)}
-        self.names = names - NAMES
-
-    def parts(self) -> tuple[str, list[Expression]] | None:
-        """The arguments of a least or a greatest."""
-        match self.tree:
-            case ast.Call(func=ast.Name(id="least" | "greatest" as name), args=[_, _] as both):
-                return name, [Expression(a) for a in both]
-        return None
+    def __init__(self, text: Any) -> None:
+        self.tree = text if isinstance(text, ast.expr) else ast.parse(text, mode="eval").body
+        self.names = {n.id for n in ast.walk(self.tree) if isinstance(n, ast.Name)} - NAMES
+        self.at(dict.fromkeys(self.names, arb(0)))  # fails for what is not known
+        self.parts: tuple[str, list[Expression]] | None = None
+        match self.tree:  # the arguments of a least or a greatest
+            case ast.Call(func=ast.Name(id="least" | "greatest" as name), args=both):
+                self.parts = name, list(map(Expression, both))
 
     def at(self, values: Values) -> Any:
         """Raises `ValueError` for a function that has no Taylor series, or no slope."""
@@ -184,148 +202,149 @@ class Expression:
                 return OPERATIONS[type(operation)](self._value(a, values), self._value(b, values))
             case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
                 return applied(name, *(self._value(a, values) for a in arguments))
-        raise NotValidError(f"the expression has {ast.dump(node)}")
+        raise SyntaxError(f"it has {ast.unparse(node)}")
 
     def _power(self, base: Any, exponent: ast.expr) -> Any:
         twice = 2 * Fraction(ast.unparse(exponent).replace(" ", ""))
-        if twice.denominator != 1:
-            raise NotValidError(f"the exponent {twice / 2} is no half of a whole number")
+        if twice.denominator != 1 or abs(twice) > 2 * MOST_POWER:
+            raise SyntaxError(f"the exponent {twice / 2} is no half of a whole number, or large")
         whole, half = divmod(abs(int(twice)), 2)
-        if isinstance(base, arb_series) or whole % 2 or not base.is_finite():
-            found = functools.reduce(_times, whole * [base], arb(1))
-        else:
-            low, high = abs(base).lower().max(arb(0)), abs(base).upper()
-            found = (low**whole).union(high**whole)
+        found = functools.reduce(_times, whole * [base], arb(1))
         if half:
             found = found * applied("sqrt", base)
         return 1 / found if twice < 0 else found
 
 
-def _expressions(texts: Iterable[str]) -> list[Expression]:
-    return [Expression(ast.parse(text, mode="eval").body) for text in texts]
+def _number(text: str) -> float:
+    if math.isfinite(value := float.fromhex(text)):
+        return value
+    raise ValueError("it is not finite")
 
 
-def _floats(texts: Iterable[str]) -> list[float]:
-    return [float.fromhex(text) for text in texts]
+def _nodes(text: str) -> list[float]:
+    numbers = zlib.decompress(base64.b64decode(text))
+    return [value for (value,) in struct.iter_unpack("<d", numbers)]
+
+
+ENDS, NAMED = [_number, _number], {"name": str, "unit": str}
+RANGED, LIMIT = NAMED | {"range": ENDS}, NAMED | {"expression": Expression}
+TABLE = {"axes": [[Expression, ENDS, int, bool]], "nodes": {...: [_nodes, _nodes]}}
+LAW: Values = {
+    "names": [str], "initial": int, "where": [[str, Expression]],
+    "modes": [[[[Expression], [Expression], int]]], "parts": [[_number]], "under_way": [ENDS],
+    "table": (None, TABLE, {"axes": [], "nodes": {}}),
+}  # fmt: skip
+NO_LAW = {key: [] for key in LAW} | {"initial": 0, "table": LAW["table"][2]}
+HEADER = {
+    "title": str, "states": [NAMED], "inputs": [NAMED], "disturbances": [RANGED],
+    "parameters": [RANGED], "rates": [Expression], "constraints": [LIMIT], "target": [LIMIT],
+    "law": ([], LAW, NO_LAW), "hold": _number, "delay": _number, "errors": [_number],
+    "holds": (None, int, None), "edges": [[_number]], "periodic": [bool], "candidates": [[_number]],
+    "depth": int, "cells_in_region": int, "cells_kept": int, "entries": int,
+}  # fmt: skip
 
 
 class Checker:
     """The claims of a certificate, cell by cell."""
 
-    def __init__(self, h: Values, entries: Entries) -> None:
-        lists = ("rates", "constraints", "target", "edges", "errors", "candidates")
-        if not all(type(h[k]) is list for k in lists) or set(map(type, h["periodic"])) - {bool}:
-            raise NotValidError("the header has another form")
-        self.edges, self.inputs = ([_floats(r) for r in h[k]] for k in ("edges", "candidates"))
-        self.rates = _expressions(h["rates"])
-        self.constraints = _expressions(c["expression"] for c in h["constraints"])
-        self.target = _expressions(c["expression"] for c in h["target"])
+    def __init__(self, h: Values, entries: list[Any]) -> None:
+        self.edges, self.rates, self.turning = h["edges"], h["rates"], h["periodic"]
+        limits = [[c["expression"] for c in h[k]] for k in ("constraints", "target")]
+        self.constraints, self.target = limits
         self.states, self.input_names = ([q["name"] for q in h[k]] for k in ("states", "inputs"))
         free = [*h["disturbances"], *h["parameters"]]
-        self.bound_names = [q["name"] for q in free]
-        ranges = [_floats(q["range"]) for q in free]
-        if not all(-math.inf < a <= b < math.inf for a, b in ranges):
-            raise NotValidError("a range is reversed or not finite")
-        self.bounds = {n: ball(*r) for n, r in zip(self.bound_names, ranges, strict=True)}
-        numbers = _floats([h["hold"], h["delay"], *h["errors"]])
-        self.hold, self.delay, *self.errors = map(arb, numbers)
+        self.ranges = {q["name"]: q["range"] for q in free}
+        self.bounds = {name: ball(*ends) for name, ends in self.ranges.items()}
+        self.hold, self.delay, *self.errors = map(arb, (h["hold"], h["delay"], *h["errors"]))
         self.kept: dict[tuple[int, int], int] = {}
-        both = (*self.constraints, *self.target)
+        both = [*self.constraints, *self.target]
         self.ends = functools.cache(lambda cell: all(self._holds(c, cell) for c in both))
-        self.shape, self.turning = [len(e) - 1 for e in self.edges], h["periodic"]
-        self.total, depth = math.prod(self.shape), min(h.get("depth", 0), 31)
-        self.widths = [2**k for k in range(depth + 1)]
-        self.still = [t == "0" and e == 0 for t, e in zip(h["rates"], self.errors, strict=True)]
-        self._choices(h["law"])
-        self._well_formed(h["holds"], entries)
-        first, ends = self.law["initial"], h["holds"] or 0
+        self.shape, depth = [len(e) - 1 for e in self.edges], min(h["depth"], 31)
+        self.total, self.widths = math.prod(self.shape), [2**k for k in range(depth + 1)]
+        self.still = [ast.unparse(r.tree) == "0" and e == 0
+                      for r, e in zip(self.rates, self.errors, strict=True)]  # fmt: skip
+        self._choices(h["candidates"], h["law"])
+        self._well_formed(h, [*self.states, *self.input_names, *(q["name"] for q in free)])
+        self._keep(entries, h["holds"], bool(h["law"]["modes"]))
+        first, ends = h["law"]["initial"], h["holds"] or 0
         last = {c for (c, k), v in self.kept.items() if k == first and (self.target or v == ends)}
         places = ((c, *self._place(c)) for c in last)
         whole = [w for c, w, place in places if c == max(last.intersection(self._numbers(place)))]
-        if sum(wide ** len(self.shape) for wide in whole) != h["cells_kept"]:
+        if not last or sum(wide ** len(self.shape) for wide in whole) != h["cells_kept"]:
             raise NotValidError("the cells of the horizon are not as many as it says")
 
-    def _choices(self, law: Values) -> None:
+    def _choices(self, tried: list[list[float]], law: Values) -> None:
         """What may be given: inputs that were tried, one each, or the options of a law's modes."""
-        names, tried = _expressions(self.input_names), [tuple(map(arb, r)) for r in self.inputs]
-        self.choices: list[list[Choice]] = [[([], names, 0, [row])] for row in tried]
-        self.under_way = [ball(min(c), max(c)) for c in zip(*self.inputs, strict=True)]
-        self.law = law or {"where": [], "modes": [], "initial": 0, "table": None}
-        self.where = [(name, *_expressions([text])) for name, text in self.law["where"]]
-        table = self.law["table"] or {"axes": [], "nodes": {}}
-        self.axes = [(*_expressions([place]), *_floats(ends), n, turns)
-                     for place, ends, n, turns in table["axes"]]  # fmt: skip
-        every = list(itertools.product(*(range(n) for _, _, n, _ in table["axes"])))
-        packed = {name: [zlib.decompress(base64.b64decode(end)) for end in ends]
-                  for name, ends in table["nodes"].items()}  # fmt: skip
-        self.nodes = {name: [dict(zip(every, struct.unpack(f"<{len(every)}d", end), strict=True))
-                             for end in ends] for name, ends in packed.items()}  # fmt: skip
-        if law:
-            parts = [list(itertools.starmap(ball, itertools.pairwise(_floats(e))))
-                     for e in law["parts"]]  # fmt: skip
-            self.under_way = [ball(*_floats(ends)) for ends in law["under_way"]]
+        names = [Expression(ast.Name(name)) for name in self.input_names]
+        self.choices: list[list[Choice]] = [[([], names, 0, [tuple(map(arb, r))])] for r in tried]
+        under_way = law["under_way"] or [(min(c), max(c)) for c in zip(*tried, strict=True)]
+        self.under_way = list(itertools.starmap(ball, under_way))
+        self.where, (self.axes, self.nodes) = law["where"], (law["table"][k] for k in TABLE)
+        parts = [list(itertools.starmap(ball, itertools.pairwise(e))) for e in law["parts"]]
+        if law["modes"]:
             self.choices = [[self._option(parts, *o) for o in mode] for mode in law["modes"]]
-        both = [e for options in self.choices for when, u, *_ in options for e in (*when, *u)]
+        both = [e for mode in law["modes"] for when, u, _ in mode for e in (*when, *u)]
         self.told = [*both, *(e for _, e in self.where), *(place for place, *_ in self.axes)]
 
-    def _option(self, parts: list[Balls], when: list[str], inputs: list[str], to: int) -> Choice:
+    def _option(self, parts: list[Balls], when: Any, inputs: Any, to: int) -> Choice:
         """Its conditions and inputs, the mode then, and what inputs that it leaves free may be."""
-        both = [_expressions(when), _expressions(inputs)]
-        free = any(e.names & {*self.input_names} for e in itertools.chain(*both))
-        return both[0], both[1], to, list(itertools.product(*parts)) if free else [()]
+        free = any(e.names & {*self.input_names} for e in (*when, *inputs))
+        return when, inputs, to, list(itertools.product(*parts)) if free else [()]
 
-    def _well_formed(self, most: int | None, entries: Entries) -> None:
-        names = [*self.states, *self.input_names, *self.bound_names, *self.nodes, "time_in_mode"]
-        names += [name for name, _ in self.where]
-        known = {n for n in names if n.isascii() and n.isidentifier()} - {*NAMES, *keyword.kwlist}
+    def _well_formed(self, h: Values, names: list[str]) -> None:
+        names += [*self.nodes, "time_in_mode", *(name for name, _ in self.where)]
+        known = {n for n in names if n.isascii() and n.isidentifier()} - NAMES
         if len(known) < len(names):
             raise NotValidError("a name stands twice, is none, or is that of a function or number")
-        for e in (*self.rates, *self.constraints, *self.target, *self.told):
-            if odd := e.names - known:
-                raise NotValidError(f"an expression uses the undeclared name {min(odd)}")
-        given = {len(u) for options in self.choices for _, u, _, _ in options}
-        if {len(self.rates), len(self.edges), len(self.errors)} != {len(self.states)}:
-            raise NotValidError("there is not one rate, axis and error for each state")
-        if {*given, *map(len, self.inputs)} != {len(self.input_names)}:
-            raise NotValidError("an input has not one number for each name")
-        for name, axis, turns in zip(self.states, self.edges, self.turning, strict=True):
-            if not all(a < b for a, b in itertools.pairwise(axis)):
-                raise NotValidError(f"the edges of {name} do not grow")
-            if turns:
-                self._turns(name, axis)
-        whole = (most is None and not self.target) or (type(most) is int and most >= 1)
-        times = self.hold.is_finite() and 0 <= self.delay < self.hold
-        finite = all(map(math.isfinite, itertools.chain(*self.inputs)))
-        finite = finite and all(e.is_finite() and e >= 0 for e in self.errors)
-        if not (times and whole and self.constraints and finite and self.choices):
+        if any(e != sorted({*e}) or len(e) < 2 for e in (*self.edges, *h["law"]["parts"])):
+            raise NotValidError("the edges of cells, or of parts of inputs, do not grow")
+        if any(a > b for a, b in (*self.ranges.values(), *h["law"]["under_way"])):
+            raise NotValidError("a range is reversed")
+        size = math.prod(n for *_, n, _ in self.axes)
+        if any(len(end) != size for ends in self.nodes.values() for end in ends):
+            raise NotValidError("a table has not the nodes that its axes say")
+        times = 0 <= self.delay < self.hold and all(e >= 0 for e in self.errors)
+        holds = h["holds"] > 0 if h["holds"] is not None else not self.target
+        given = bool(h["law"]["modes"]) != bool(h["candidates"]) and self.constraints
+        if not (times and holds and given):
             raise NotValidError("the hold, the horizon, the constraints or the inputs are none")
+        for angle in zip(self.states, self.edges, self.turning, strict=True):
+            self._turns(*angle)
+
+    def _keep(self, entries: list[Any], most: int | None, law: bool) -> None:
         count, better = self.total * len(self.widths), min if self.target else max
         for cell, choice, level in entries:
             horizon = level == 0 if most is None else 1 <= level <= most
             if not (cell < count and choice < len(self.choices) and horizon):
                 raise NotValidError(f"entry of cell {cell}: no such cell, input or level")
-            place = cell, choice if self.law["modes"] else 0
+            place = cell, choice if law else 0
             self.kept[place] = better(level, self.kept.get(place, level))
 
-    def _turns(self, name: str, axis: list[float]) -> None:
+    def _turns(self, name: str, axis: list[float], turns: bool) -> None:
         """An angle: all rates have it in sines and cosines alone, and a turn is in the axis."""
-        if not arb(axis[-1]) - arb(axis[0]) >= 2 * arb.pi():
+        if turns and not arb(axis[-1]) - arb(axis[0]) >= 2 * arb.pi():
             raise NotValidError(f"the axis of {name} is less than a turn")
         for e in (*self.rates, *self.constraints, *self.target, *self.told):
-            if not _turns_with(e.tree, name):
+            if turns and not _turns_with(e.tree, name):
                 raise NotValidError(f"{name} comes back after a turn, {ast.unparse(e.tree)} not")
 
     def entry(self, cell: int, choice: int, level: int) -> None:
         """Raises `NotValidError` unless this input, or the law, keeps this cell."""
-        seen = [ball(a, b) for a, b in self._box(cell)]
-        where = ", ".join(f"{n} = {q.str(4)}" for n, q in zip(self.states, seen, strict=True))
-        where = f"cell {cell} ({where})"
+        ranges = self.ranges | dict(zip(self.states, self._box(cell), strict=True))
+        at = {name: ball(*ends) for name, ends in ranges.items()}
+        seen = [at[name] for name in self.states]
+        where = f"cell {cell} ({', '.join(f'{n} = {at[n].str(4)}' for n in self.states)})"
         for k, c in enumerate(self.constraints):
             if not self._holds(c, cell):
                 raise NotValidError(f"{where} is not inside constraint {k}")
-        if next(self._given([q.mid() for q in seen], choice), None) is None:
-            raise NotValidError(f"{where}: the law does nothing in the middle")
-        for inputs, mode in self._given(seen, choice):
+        given = list(self._given(at, choice))
+        if not any(sure for *_, sure in given):  # no option holds all over the cell
+            chance = random.Random(cell)
+            for _ in range(DRAWN):
+                place = {n: arb(chance.uniform(*ends)) for n, ends in ranges.items()}
+                if next(self._given(place, choice), None) is None:
+                    raise NotValidError(f"{where}: the law does nothing in a part of it")
+        for inputs, mode, _ in given:
             x = self._with_errors(seen)
             legs = [(self.hold - self.delay, inputs)]
             if self.delay > 0:  # first any input that may be under way
@@ -345,13 +364,12 @@ class Checker:
                 if led is None or not self._reached(led, mode, level):
                     raise NotValidError(f"{where} may lead to {led and led[0]}, which is not kept")
 
-    def _given(self, seen: Balls, choice: int) -> Iterator[tuple[Balls, int]]:
-        """All inputs that may be given with states measured there, and the mode of the law then.
+    def _given(self, at: Values, choice: int) -> Iterator[tuple[Balls, int, bool]]:
+        """All inputs that may be given where this is measured, and the mode of the law then.
 
-        Of a law these are of the first option whose conditions hold.
+        Of a law these are of the first option whose conditions hold: at last whether one surely is.
         """
-        at = self.bounds | dict(zip(self.states, seen, strict=True)) | {"time_in_mode": arb("nan")}
-        at.update(self._looked_up(at))
+        at = at | {"time_in_mode": arb("nan")} | self._looked_up(at)
         for name, e in self.where:
             at[name] = e.at(at)
         for when, inputs, to, parts in self.choices[choice]:
@@ -359,20 +377,20 @@ class Checker:
             for part in parts:
                 at.update(zip(self.input_names, part, strict=bool(part)))
                 if not any(e.at(at) > 0 for e in when):
-                    yield [e.at(at) for e in inputs], to
                     sure |= all(e.at(at) < 0 for e in when)
+                    yield [e.at(at) for e in inputs], to, sure
             if sure:
                 return
 
     def _looked_up(self, at: Values) -> Values:
         """The values of a law's table, between those at the nodes around a place."""
-        blocks = []
-        for place, low, step, n, turns in self.axes:
+        around = [0]
+        for place, (low, step), n, turns in self.axes:
             q = (place.at(at) - low) / step
-            first, last = (int(k) if turns else min(max(k, 0), n - 1)
+            first, last = (k if turns else min(max(k, 0), n - 1)
                            for k in (math.floor(_down(q)), math.ceil(-_down(-q))))  # fmt: skip
-            blocks.append([k % n for k in range(first, last + 1)])
-        around = list(itertools.product(*blocks))
+            block = range(first, min(last, first + n) + 1)  # not more than all of them
+            around = [before * n + k % n for before in around for k in block]
         return {name: functools.reduce(arb.union, (ball(low[k], high[k]) for k in around))
                 for name, (low, high) in self.nodes.items()}  # fmt: skip
 
@@ -404,7 +422,7 @@ class Checker:
 
     def _holds(self, c: Expression, cell: int) -> bool:
         """Whether c <= 0 all over where a cell is measured, or at the corner that c grows to."""
-        if parts := c.parts():
+        if parts := c.parts:
             which = any if parts[0] == "least" else all
             return which(self._holds(part, cell) for part in parts[1])
         box = [(a - e, b + e) for (a, b), e in zip(self._box(cell), self.errors, strict=True)]
@@ -436,7 +454,7 @@ class Checker:
         for grown in (1.1, 1.1, 1.2, 1.5, 2.0):
             rates = self._rates(guess, fixed)
             moved = [q + _during(hold, r) for q, r in zip(x, rates, strict=True)]
-            if all(g.contains(m) for g, m in zip(guess, moved, strict=True)):
+            if all(g.contains_interior(m) for g, m in zip(guess, moved, strict=True)):
                 return moved
             guess = [m + (m - m.mid()) * (grown - 1) for m in moved]
         raise NotValidError(f"{where}: no box of the states on the way was found")
@@ -505,7 +523,7 @@ class Checker:
 
     def _kept(self, c: Expression, cell: Any, boxes: Any, fixed: Values, h: Any, ends: Any) -> bool:
         """Whether c <= 0 on (start, way, end), from a cell if there; ends: known at the end."""
-        if parts := c.parts():
+        if parts := c.parts:
             which, known = (any, False) if parts[0] == "least" else (all, ends)
             if which(self._kept(p, cell, boxes, fixed, h, known) for p in parts[1]):
                 return True
@@ -533,43 +551,27 @@ class Checker:
         each = zip(end, self.edges, self.turning, self.still, strict=True)
         for q, axis, turns, still in each:  # a state that is still does not leave the grid
             beyond = not (turns or still) and (_down(q) < axis[0] or -_down(-q) > axis[-1])
-            if not q.is_finite() or beyond:
-                yield None
-                return
-            around = math.floor((_down(q) - axis[0]) / (2 * math.pi)) if turns else 0
+            around = math.floor((_down(q) - axis[0]) / math.tau) if turns and q.is_finite() else 0
             places = set()
             for k in (around - 1, around, around + 1) if turns else (0,):
                 low, high = _down(q - 2 * k * arb.pi()), -_down(2 * k * arb.pi() - q)
                 first = max(bisect.bisect_left(axis, low) - 1, 0)
                 places |= set(range(first, min(bisect.bisect_right(axis, high), len(axis) - 1)))
-            if not places:  # so many turns that doubles do not count them
+            if beyond or not (places and q.is_finite()):  # doubles count some turns only
                 yield None
                 return
             ranges.append(sorted(places))
         yield from map(list, map(self._numbers, itertools.product(*ranges)))
 
 
-def _turns_with(node: ast.AST, name: str) -> bool:
-    """Whether an expression has an angle as a summand inside sines and cosines alone."""
-    if not _has(node, name):
-        return True
-    if isinstance(node, ast.Call) and ast.unparse(node.func) in ("sin", "cos"):
-        return _summand(node.args[0], name)
-    inner = [n for n in ast.iter_child_nodes(node) if isinstance(n, ast.expr)]
-    return bool(inner) and all(_turns_with(n, name) for n in inner)
-
-
-def _has(node: ast.AST, name: str) -> bool:
-    return any(isinstance(n, ast.Name) and n.id == name for n in ast.walk(node))
-
-
-def _summand(node: ast.AST, name: str) -> bool:
-    match node:
-        case ast.BinOp(left=a, op=ast.Add() | ast.Sub(), right=b):
-            return _has(a, name) != _has(b, name) and _summand(a if _has(a, name) else b, name)
-        case ast.UnaryOp(op=ast.USub(), operand=inner):
-            return _summand(inner, name)
-    return isinstance(node, ast.Name)
+def _turns_with(node: ast.AST, name: str, summed: bool = False) -> bool:
+    """Whether an angle stands as a summand inside sines and cosines alone."""
+    if isinstance(node, ast.Name):
+        return summed or node.id != name
+    sine = isinstance(node, ast.Call) and ast.unparse(node.func) in ("sin", "cos")
+    op = getattr(node, "op", None)
+    summed = sine or (summed and isinstance(op, ast.Add | ast.Sub | ast.USub))
+    return all(_turns_with(inner, name, summed) for inner in ast.iter_child_nodes(node))
 
 
 def _during(hold: Any, rate: Any) -> Any:
@@ -597,23 +599,26 @@ def check(path: str, share: float = 1.0, seed: int = 0) -> str:
     """What was checked, in a sentence. Raises `NotValidError` where the certificate is wrong."""
     flint.ctx.prec = BITS
     header, every = read(path)
-    checker, count = Checker(header, every), max(round(share * len(every)), 1)
+    count = max(round(share * len(every)), 1)
     entries = every if share == 1 else random.Random(seed).sample(every, count)
-    for k, entry in enumerate(entries):
-        checker.entry(*entry)
-        if k % 2000 == 1999 and sys.stderr.isatty():
-            print(f"\r{k + 1} of {len(entries)} ", end="", file=sys.stderr)
+    try:
+        checker = Checker(header, every)
+        for k, entry in enumerate(entries):
+            checker.entry(*entry)
+            if k % 2000 == 1999 and sys.stderr.isatty():
+                print(f"\r{k + 1} of {len(entries)} ", end="", file=sys.stderr)
+    except KeyError as name:
+        raise NotValidError(f"an expression uses the undeclared name {name.args[0]}") from name
+    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+        raise NotValidError(f"its parts do not go together: {error!r}") from error
     holds = header["holds"]
     how = "reach the target within" if checker.target else "for"
     lasts = "for ever" if holds is None else f"{how} {holds * float(checker.hold.mid()):g} s"
     told = f"{header['cells_kept']} cells {lasts}: {len(entries)} of {len(every)} entries hold"
-    if len(entries) == len(every):
-        return told
     worst = -math.expm1(math.log(LEAST_CHANCE) / len(entries))
-    return (
-        f"{told}, drawn with seed {seed}: with {100 * (1 - LEAST_CHANCE):g} % confidence "
-        f"at most {100 * worst:.3g} % of them are wrong; this is no proof"
-    )
+    sure = f"with {100 * (1 - LEAST_CHANCE):g} % confidence at most {100 * worst:.3g} %"
+    part = f", drawn with seed {seed}: {sure} of them are wrong; this is no proof"
+    return told if len(entries) == len(every) else told + part
 
 
 def main() -> None:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -112,93 +116,112 @@ def command(
     run, but for --largest and --box, resumes when it is repeated. The exit status is 1 if no cell
     is certified, and with --largest if the limit was not found.
     """
-    from holdfast.presentation.studies.certificate import certificate_text
-    from holdfast.scenario.files import scenario_title
-    from holdfast.studies.certification import certified, certified_with_room, write_certificate
-
-    folder = out if out is not None else Path("runs") / scenario_title(scenario)
-    check_writable(folder)
     options: dict[str, Any] = {
         "cells": cells,
         "horizon": horizon,
         "inputs": inputs,
         "uncertain": dict(_range(text) for text in uncertain),
         "errors": dict(_error(text) for text in error),
-        "refine": refine,
     }
+    ranges = dict(_range(text, "--box") for text in box)
     timing = {"sample_time": sample_time, "delay": delay}
     options |= {name: value for name, value in timing.items() if value is not None}
     search = {"between": between, "tolerance": tolerance, "share": share}
     search = {name: value for name, value in search.items() if value is not None}
-    if box:
-        if largest is not None or room or search or options.pop("refine"):
-            raise ScenarioError(
-                "--box with --largest, --room or --refine", expected="a law's cells as they are"
-            )
-        _law(scenario, dict(_range(text, "--box") for text in box), overrides, options, folder,
-             not no_figures)  # fmt: skip
-        return
+    if sample_time is not None and not 0 < sample_time < math.inf:
+        raise ScenarioError(f"--sample-time {sample_time:g}", expected="seconds, above 0")
+    if box and (largest is not None or room or search or refine):
+        raise ScenarioError(
+            "--box with --largest, --room or --refine", expected="a law's cells as they are"
+        )
     if largest is not None and room:
         raise ScenarioError("--room with --largest", expected="one of them")
-    if largest is not None:
-        _largest(scenario, largest, overrides, {**options, **search}, folder, not no_figures)
-        return
-    if search:
+    if search and largest is None:
         raise ScenarioError(f"--{next(iter(search))} without --largest", remedy="name a number")
-    with bar("cells") as tell:
-        options |= {"progress": tell, "store": folder}
-        if room:
-            found = certified_with_room(scenario, overrides, room, **options)
-        else:
-            found = certified(scenario, overrides, **options)
-    files = write_certificate(found, folder, figures=not no_figures)
-    click.echo(certificate_text(found, files))
-    if not len(found.kept.members):
-        click.echo("holdfast: no cell is certified; try more cells or inputs", err=True)
+    from holdfast.scenario.files import scenario_title
+
+    folder = out if out is not None else Path("runs") / scenario_title(scenario)
+    check_writable(folder)
+    if box:
+        answer = _of_law(scenario, overrides, ranges, options)
+    elif largest is not None:
+        options |= {"refine": refine, **search}
+        answer = _of_largest(scenario, overrides, largest, options)
+    else:
+        options |= {"refine": refine, "store": folder}
+        answer = _of_scenario(scenario, overrides, room, options)
+    with bar(answer.stage) as tell:
+        found = answer.find(progress=tell)
+    click.echo(answer.text(found, answer.write(found, folder, figures=not no_figures)))
+    missing = answer.missing(found)
+    if missing is not None:
+        if missing:
+            click.echo(f"holdfast: {missing}", err=True)
         sys.exit(NOT_ANSWERED)
 
 
-def _law(
-    scenario: str,
-    box: dict[str, tuple[float, float]],
-    overrides: tuple[str, ...],
-    options: dict[str, Any],
-    folder: Path,
-    figures: bool,
-) -> None:
+@dataclass(frozen=True)
+class _Answer:
+    """What a certificate is asked for: how it is found, written and told.
+
+    missing: None where the question was answered, or what to say on standard error.
+    """
+
+    stage: str
+    find: Callable[..., Any]
+    write: Callable[..., list[Path]]
+    text: Callable[[Any, list[Path]], str]
+    missing: Callable[[Any], str | None]
+
+
+def _of_scenario(
+    scenario: str, overrides: tuple[str, ...], room: tuple[str, ...], options: dict[str, Any]
+) -> _Answer:
+    from holdfast.presentation.studies.certificate import certificate_text
+    from holdfast.studies.certification import certified, certified_with_room, write_certificate
+
+    find = partial(certified_with_room, scenario, overrides, room, **options)
+    if not room:
+        find = partial(certified, scenario, overrides, **options)
+    none = "no cell is certified; try more cells or inputs"
+    return _Answer(
+        "cells", find, write_certificate, certificate_text,
+        lambda found: None if len(found.kept.members) else none,
+    )  # fmt: skip
+
+
+def _of_law(
+    scenario: str, overrides: tuple[str, ...], box: dict[str, Any], options: dict[str, Any]
+) -> _Answer:
     from holdfast.presentation.studies.certificate import judgement_text
     from holdfast.studies.certification import write_certificate
     from holdfast.studies.law_certification import judged_law
 
-    with bar("cells") as tell:
-        found = judged_law(scenario, overrides, box=box, **options, progress=tell)
-    files = []
-    if len(found.certificate.kept.members):
-        files = write_certificate(found.certificate, folder, figures=figures)
-    click.echo(judgement_text(found, files))
-    if found.verdict != "proved":
-        sys.exit(NOT_ANSWERED)
+    def write(found: Any, folder: Path, *, figures: bool) -> list[Path]:
+        certificate = found.certificate
+        some = len(certificate.kept.members) > 0
+        return write_certificate(certificate, folder, figures=figures) if some else []
+
+    return _Answer(
+        "cells", partial(judged_law, scenario, overrides, box=box, **options), write,
+        judgement_text, lambda found: None if found.verdict == "proved" else "",
+    )  # fmt: skip
 
 
-def _largest(
-    scenario: str,
-    name: str,
-    overrides: tuple[str, ...],
-    options: dict[str, Any],
-    folder: Path,
-    figures: bool,
-) -> None:
+def _of_largest(
+    scenario: str, overrides: tuple[str, ...], name: str, options: dict[str, Any]
+) -> _Answer:
     from holdfast.presentation.studies.largest_certified import largest_text
     from holdfast.studies.largest_certified import largest_certified, write_largest
 
-    with bar("preparing") as tell:
-        found = largest_certified(scenario, name, overrides=overrides, **options, progress=tell)
-    files = write_largest(found, folder, figures=figures)
-    click.echo(largest_text(found, files))
-    if not found.answered:
-        remedy = "look elsewhere with --between"
-        click.echo(f"holdfast: the limit of {found.key} was not found; {remedy}", err=True)
-        sys.exit(NOT_ANSWERED)
+    def missing(found: Any) -> str | None:
+        said = f"the limit of {found.key} was not found; look elsewhere with --between"
+        return None if found.answered else said
+
+    return _Answer(
+        "preparing", partial(largest_certified, scenario, name, overrides=overrides, **options),
+        write_largest, largest_text, missing,
+    )  # fmt: skip
 
 
 def _range(text: str, option: str = "--uncertain") -> tuple[str, tuple[float, float]]:

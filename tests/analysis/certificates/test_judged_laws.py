@@ -68,6 +68,17 @@ def starts_in(found, count, seed):
     return low + (high - low) * rng.random(low.shape)
 
 
+def all_stay(system, region, law, found, currents, count=500, **options):
+    """Runs from certified cells never leave the region, under each of these disturbances."""
+    starts = starts_in(found, count, 8)
+    for current in currents:
+        runs = hf.simulate(
+            system, law, starts=starts, region=region, sample_time=0.1, disturbance=current,
+            **{"horizon": 10, **options},
+        )  # fmt: skip
+        assert runs.outcomes["stayed"] == count
+
+
 # -- modes and jumps --------------------------------------------------------------------------
 
 
@@ -80,12 +91,7 @@ def test_modes_with_hysteresis_are_proved_and_checked(tmp_path):
     assert "128 of 128 entries hold" in check(str(path))
     again = hf.read_certificate(path).write(tmp_path / "again.certificate")
     assert again.read_bytes() == path.read_bytes()
-    for current in CORNERS:
-        runs = hf.simulate(
-            *(slider()[0], thermostat()), starts=starts_in(found.certificate, 500, 1),
-            region=slider()[1], horizon=10, sample_time=0.1, disturbance=current,
-        )  # fmt: skip
-        assert runs.outcomes["stayed"] == 500
+    all_stay(*slider(), thermostat(), found.certificate, CORNERS)
 
 
 def test_modes_that_turn_too_late_are_refuted_by_a_trajectory_that_is_true():
@@ -191,6 +197,13 @@ def test_law_reaches_a_target_in_the_periods_that_are_promised(tmp_path):
 # -- forged files -----------------------------------------------------------------------------
 
 
+@pytest.fixture(scope="module")
+def modes(tmp_path_factory):
+    """The file of a law with two modes."""
+    folder = tmp_path_factory.mktemp("modes")
+    return judged(thermostat()).certificate.write(folder / "modes.certificate")
+
+
 def alter(path, change):
     def changes(header):
         change(header["law"])
@@ -207,13 +220,27 @@ def alter(path, change):
         lambda law: law["modes"][0][0].__setitem__(2, 7),  # to a mode that is none
         lambda law: law["modes"][0][1].__setitem__(1, ["-6"]),
         lambda law: law.update(initial=2),
+        lambda law: law.update(initial=False),
+        lambda law: law["modes"][0][0].__setitem__(0, "x"),  # a text, not a list of one
+        lambda law: law.update(wind=0),
     ],
-    ids=["option", "turn", "guard", "target", "input", "first"],
+    ids=["option", "turn", "guard", "target", "input", "first", "flag", "text", "key"],
 )
-def test_forged_modes_are_found(tmp_path, change):
-    path = judged(thermostat()).certificate.write(tmp_path / "modes.certificate")
+def test_forged_modes_are_found(modes, change):
     with pytest.raises(NotValidError):
-        check(alter(path, change))
+        check(alter(modes, change))
+
+
+@pytest.mark.parametrize("gap", ["33/64", "65/128", "129/256"])
+def test_law_that_does_nothing_in_a_part_of_a_cell_is_found(modes, gap):
+    """It turns from -1/2 - a gap on, and moves on above -1/2: it is told nothing between."""
+    with pytest.raises(NotValidError, match=r"cell 15 .*: the law does nothing in a part of it"):
+        check(alter(modes, lambda law: law["modes"][0][0].__setitem__(0, [f"x + {gap}"])))
+
+
+def test_inputs_that_were_tried_beside_those_of_a_law_are_refused(modes):
+    with pytest.raises(NotValidError, match="the inputs are none"):
+        check(str(changed(modes, lambda h: h.update(candidates=[["0x0.0p+0"]]))))
 
 
 def test_entry_of_a_mode_that_is_not_kept_is_found(tmp_path):
@@ -229,15 +256,14 @@ def test_entry_of_a_mode_that_is_not_kept_is_found(tmp_path):
         check(str(forged))
 
 
-def test_law_of_a_certificate_that_is_read_is_checked_for_its_form(tmp_path):
-    path = judged(thermostat()).certificate.write(tmp_path / "modes.certificate")
+def test_law_of_a_certificate_that_is_read_is_checked_for_its_form(modes):
     for change, says in (
         (lambda law: law["modes"][0][0].__setitem__(2, 7), "a mode that there is none of"),
         (lambda law: law.update(where=[["x", "1"]]), "the law defines 'x'"),
         (lambda law: law["modes"][0][0].__setitem__(1, ["y"]), "y"),
     ):
         with pytest.raises(hf.HoldfastError, match=says):
-            hf.read_certificate(alter(path, change))
+            hf.read_certificate(alter(modes, change))
 
 
 # -- safeguards, tables, and what others command ------------------------------------------------
@@ -274,12 +300,7 @@ def test_line_is_kept_whatever_is_commanded(tmp_path, keep):
     assert "64 of 64 entries hold" in check(str(path))
     again = hf.read_certificate(path).write(tmp_path / "again.certificate")
     assert again.read_bytes() == path.read_bytes()
-    for current in CORNERS:
-        runs = hf.simulate(
-            system, law, starts=starts_in(found.certificate, 500, 8), region=line, horizon=10,
-            sample_time=0.1, command=outward, disturbance=current,
-        )  # fmt: skip
-        assert runs.outcomes["stayed"] == 500
+    all_stay(system, line, law, found.certificate, CORNERS, command=outward)
     push = hf.Law("push", system.states, {"v": 0.5 + 0 * X})
     assert judged(push).verdict == "refuted"
     assert judged(keep(push)).verdict == "proved"
@@ -324,7 +345,14 @@ def test_forged_table_is_found(tmp_path):
         nodes = law["table"]["nodes"]
         nodes["_V0"] = nodes["_V"]
 
-    for forged in (deeper, holed, named_twice):
+    def axis(place, value):
+        return lambda law: law["table"]["axes"][0].__setitem__(place, value)
+
+    for forged in (
+        deeper, holed, named_twice, axis(0, "log(x - 9)"), axis(0, "0"), axis(1, ["0x0p+0"] * 2),
+        axis(2, 240), axis(2, 0), axis(3, 0), lambda law: law.update(parts=[]),
+        lambda law: law.update(parts=[[]]), lambda law: law["parts"][0].reverse(),
+    ):  # fmt: skip
         with pytest.raises(NotValidError):
             check(alter(path, forged))
     with pytest.raises(hf.HoldfastError, match="not those of its values"):
@@ -337,14 +365,9 @@ def test_safeguard_keeps_the_view_that_its_law_would_lose(tmp_path):
     assert judge_law(system, view(system), forward(system), box=VIEW, cells=31).verdict == "refuted"
     assert found.kept.share > 0.99
     assert "no proof" in check(str(found.write(tmp_path / "guard.certificate")), 0.02)
-    rng = np.random.default_rng(3)
-    for _ in range(8):
-        wa, wb = rng.choice([-1, 1], 2) * (0.05, 0.1)
-        runs = hf.simulate(
-            system, law, starts=starts_in(found, 1000, 5), region=view(system), horizon=15,
-            sample_time=0.1, substeps=5, record_every=0.1, disturbance={"wa": wa, "wb": wb},
-        )  # fmt: skip
-        assert runs.outcomes["stayed"] == 1000
+    corners = [{"wa": wa, "wb": wb} for wa in (-0.05, 0.05) for wb in (-0.1, 0.1)]
+    finely = {"horizon": 15, "substeps": 5, "record_every": 0.1}
+    all_stay(system, view(system), law, found, corners, 1000, **finely)
 
 
 @pytest.mark.heavy
@@ -352,13 +375,9 @@ def test_filter_of_a_kernel_keeps_the_berth_whatever_is_commanded(tmp_path):
     system, berth, law, found = berthed()
     assert found.kept.share > 0.99
     assert "no proof" in check(str(found.write(tmp_path / "filter.certificate")), 0.02)
-    for a, b in ((0.1, 0.1), (-0.1, 0.1), (0.1, -0.1)):
-        runs = hf.simulate(
-            system, law, starts=starts_in(found, 1000, 8), region=berth, horizon=10,
-            sample_time=0.1, substeps=2, record_every=0.1, command=outward,
-            disturbance={"a": a, "b": b},
-        )  # fmt: skip
-        assert runs.outcomes["stayed"] == 1000
+    corners = [{"a": a, "b": b} for a in (-0.1, 0.1) for b in (-0.1, 0.1)]
+    finely = {"substeps": 2, "record_every": 0.1, "command": outward}
+    all_stay(system, berth, law, found, corners, 1000, **finely)
 
 
 # -- the options of the simulated law ----------------------------------------------------------
