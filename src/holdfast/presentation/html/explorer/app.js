@@ -358,7 +358,7 @@ async function begin() {
   mainLoops[0].prepare();
   page.sceneNow = mainLoops[0].scene(state.start, 0);
   await follow();
-  await Promise.race([fan(), new Promise((done) => setTimeout(done, 1000))]); // the view is that of all starts
+  await Promise.race([fan(), new Promise((done) => setTimeout(done, 500))]); // the view is that of all starts
   fit();
   requestAnimationFrame((now) => { lastFrame = now; frame(now); });
   document.body.dataset.ready = "1";
