@@ -233,6 +233,13 @@ def test_a_file_that_does_not_say_its_sweep_is_refused(swept, cart, folder):
     with pytest.raises(ScenarioError, match="repeat the sweep with --set"):
         hf.explore(str(table), ["law.k=2"])
     former = xr.load_dataset(table)
+    for name, text in (("asked", "{}"), ("asked", "none"), ("asked", json.dumps([1]))):
+        former.assign_attrs({name: text}).to_netcdf(folder / "odd.nc")
+        with pytest.raises(OutputError, match="lacks what a page needs, or is damaged"):
+            hf.explore(str(folder / "odd.nc"))
+    former.assign(settings=former["settings"] + " --set law.c=1e").to_netcdf(folder / "odd.nc")
+    with pytest.raises(OutputError, match="lacks what a page needs, or is damaged"):
+        hf.explore(str(folder / "odd.nc"))
     del former.attrs["asked"]
     former.to_netcdf(folder / "former.nc")
     with pytest.raises(ScenarioError, match="does not say which scenario"):

@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import shlex
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -90,16 +91,18 @@ def explored_sweep(
             f"{path}: --set {changes[0]}: the numbers of a sweep are those of its file",
             remedy="repeat the sweep with --set",
         )
-    swept = _opened(path)
-    places = {key: _place(swept, key) for key in swept.texts[0]}
-    numbers = _numbers(swept, places)
+    with _legible(path):
+        swept = _opened(path)
+        numbers = _numbers(swept)
+        table = _table(swept)
+    places = {key: _place(swept, key) for key in numbers}
     _check(swept, places, numbers)
     shown = of_loop(swept.loaded, swept.scenario, swept.changes, progress)
     own = {place[1]: key for key, place in places.items() if place[0] == VALUES}
     delays = [numbers[key].max() for key, place in places.items() if place[0] == DELAY]
     written = str(swept.found.dataset.attrs["holdfast_version"])
     note = f"The table is of holdfast {written}, the page of {__version__}."
-    table = _table(swept) | {
+    table |= {
         "entries": [
             {"group": place[0], "name": place[1], "values": numbers[key].tolist()}
             for key, place in places.items()
@@ -110,6 +113,17 @@ def explored_sweep(
         shown, keys={**own, **shown.keys}, sweep=table, latest=max(delays, default=0.0),
         note=shown.note if written == __version__ else note,
     )  # fmt: skip
+
+
+@contextmanager
+def _legible(path: Path) -> Iterator[None]:
+    """Say of a table with other contents than `sweep` writes that it is damaged."""
+    try:
+        yield
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise OutputError(
+            f"{path} lacks what a page needs, or is damaged ({error})", remedy="repeat the sweep"
+        ) from None
 
 
 def _opened(path: Path) -> _Swept:
@@ -181,9 +195,10 @@ def _place(swept: _Swept, key: str) -> Place:
     )
 
 
-def _numbers(swept: _Swept, places: Mapping[str, Place]) -> dict[str, Array]:
+def _numbers(swept: _Swept) -> dict[str, Array]:
     """The number of every cell by key, in SI units."""
-    return {key: np.array([_number(cell[key]) for cell in swept.texts]) for key in places}
+    keys = swept.texts[0]
+    return {key: np.array([_number(cell[key]) for cell in swept.texts]) for key in keys}
 
 
 def _check(swept: _Swept, places: Mapping[str, Place], numbers: Mapping[str, Array]) -> None:

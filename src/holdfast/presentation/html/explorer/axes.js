@@ -50,7 +50,7 @@ function addAxes() {
 // The view is that of all paths, where they come soon.
 async function framed() {
   clearTimeout(changed.timer);
-  await Promise.race([fan(), new Promise((done) => setTimeout(done, 1000))]);
+  await Promise.race([fan(), new Promise((done) => setTimeout(done, 500))]);
   fit();
 }
 

@@ -105,6 +105,7 @@ class Sweep {
     for (const { group, name, values } of this.entries) {
       const value = cell === OWN || this.refused(cell) ? null : values[cell];
       if (group === "values" || group === "draws") found.values[name] = value ?? own.values[name];
+      else if (group === "truth" && (value ?? own.truth[name]) === undefined) delete found.truth[name];
       else if (group === "truth") found.truth[name] = value ?? own.truth[name];
       else if (group === "delay") found.delay = value ?? own.delay;
       else {
