@@ -10,7 +10,9 @@ Plotly, with the paths and histories of one `holdfast run` and nothing that move
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
+import os
 import platform
 import resource
 import tempfile
@@ -71,12 +73,21 @@ def held(page: Any) -> dict[str, float]:
     tools = page.context.new_cdp_session(page)
     tools.send("HeapProfiler.collectGarbage")
     heap = tools.send("Runtime.getHeapUsage")["usedSize"]
-    pages = sum(
-        int(path.read_text().split()[1])
-        for path in Path("/proc").glob("[0-9]*/statm")
-        if "chromium" in (path.parent / "comm").read_text()
-    )
+    pages = sum(int((p / "statm").read_text().split()[1]) for p in descendants(os.getpid()))
     return {"heap_mib": heap / 2**20, "browser_mib": pages * resource.getpagesize() / 2**20}
+
+
+def descendants(process: int) -> list[Path]:
+    """The folders of the processes that this one has begun, and those that they have."""
+    children: dict[int, list[Path]] = {}
+    for path in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):  # ended meanwhile
+            parent = int((path / "stat").read_text().rpartition(")")[2].split()[1])
+            children.setdefault(parent, []).append(path)
+    found = list(children.get(process, ()))
+    for path in found:
+        found += children.get(int(path.name), ())
+    return found
 
 
 def measured(found: Any, name: str, folder: Path, minutes: float) -> dict[str, float]:
