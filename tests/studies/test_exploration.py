@@ -349,6 +349,44 @@ def test_a_kernel_too_large_for_its_law_is_shown_alone(chromium, written, monkey
         assert page.page.locator("#play").is_hidden()
 
 
+BOX = "JSON.stringify(plane.box)"
+
+
+def test_plus_and_minus_zoom(chromium, written):
+    with opened(chromium, written("inspection", *SHORT)) as page:
+        page.page.focus("#plane")
+        width = "plane.box.x1 - plane.box.x0"
+        before = page.page.evaluate(width)
+        page.page.keyboard.press("+")
+        assert page.page.evaluate(width) == pytest.approx(0.8 * before)
+        page.page.keyboard.press("-")
+        assert page.page.evaluate(width) == pytest.approx(before)
+
+
+def test_reset_and_a_link_show_the_whole_of_other_axes(chromium, written):
+    """From the axes of other states back, and to others by the address alone."""
+    with opened(chromium, written("inspection", *SHORT)) as page:
+        page.until("page.fanIsNow")
+        page.page.click("#fit")
+        first = page.page.evaluate(BOX)
+        page.page.select_option("[aria-label='state across']", "psi")
+        page.page.evaluate("state.start[0] = -1.9; changed()")
+        page.page.click("#reset")
+        page.page.wait_for_timeout(700)
+        page.until("page.fanIsNow && !running && page.drawn")
+        page.page.click("#fit")
+        assert page.page.evaluate(BOX) == first
+        page.page.evaluate("""location.hash = encodeURIComponent('{"axes":[3,4]}')""")
+        page.until("planeX === 3 && page.fanIsNow")
+        page.page.wait_for_timeout(700)
+        assert page.page.evaluate("plane.box.x0 > -1 && plane.box.x1 > 0")
+        page.page.focus("#plane")
+        before = page.page.evaluate("state.start[2]")
+        page.page.keyboard.press("[")  # it turns, though the heading is on no axis
+        assert page.page.evaluate("state.start[2]") > before
+        assert not page.errors
+
+
 def test_the_plane_shows_any_two_states_of_a_run(chromium, written):
     with opened(chromium, written("inspection", *SHORT)) as page:
         page.page.select_option("[aria-label='state across']", "u")

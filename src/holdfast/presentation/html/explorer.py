@@ -12,7 +12,19 @@ from holdfast.execution.simulation.outcomes import OUTCOMES, Outcome
 from holdfast.presentation.figures import style
 from holdfast.presentation.html.page import rendered
 
-SCRIPTS = ("svg", "plane", "strips", "controls", "runs", "slices", "copies", "axes", "sweep", "app")
+SCRIPTS = (
+    "svg",
+    "plane",
+    "strips",
+    "controls",
+    "runs",
+    "slices",
+    "copies",
+    "axes",
+    "drag",
+    "sweep",
+    "app",
+)
 """The scripts of the page in the order in which they stand in it; `sweep` where there is one."""
 
 

@@ -69,6 +69,7 @@ let mainLoops = [], makeSlices = [], moved = 0; // the pose that keys move
 function changed() {
   stale = true;
   page.fanIsNow = false;
+  byId("outcomes").classList.add("old");
   follow();
   clearTimeout(changed.timer);
   if (byId("fan").checked) changed.timer = setTimeout(fan, 120);
@@ -114,6 +115,7 @@ function tellFan() {
   for (const [outcome, count] of Object.entries(counts)) {
     list.append(marked(page.colours().outcomes[outcome], `${labels[outcome]}: ${count} of ${page.fan.length}`));
   }
+  list.classList.remove("old");
   list.dataset.seconds = page.fanSeconds ?? "";
   sweep?.tell();
 }
@@ -158,11 +160,8 @@ function frame(now) {
 
 function draw() {
   page.drawn = true;
-  const loop = mainLoops[state.variant], set = makeSlices[state.variant];
-  loop.setParameters(() => given(), given());
-  loop.prepare();
-  const at = page.stateAt(page.time);
-  page.sceneNow = atHome() ? loop.scene(at, page.time) : null;
+  const set = makeSlices[state.variant], at = page.stateAt(page.time);
+  lookAround();
   page.slice = set ? set(at, still ? page.time : data.settings.horizon - page.time, planeX, planeY) : null;
   plane.draw();
   if (still) { tellSet(); return; }
@@ -178,66 +177,6 @@ function play(on) {
   page.playing = on;
   if (on && page.time >= data.settings.horizon) page.time = Number(byId("time").min);
   byId("play").textContent = on ? "Pause" : "Play";
-}
-
-// -- dragging ------------------------------------------------------------------------------------
-
-let held = null;
-const canvas = byId("plane");
-const point = (event) => { const box = canvas.getBoundingClientRect(); return [event.clientX - box.left, event.clientY - box.top]; };
-canvas.addEventListener("pointerdown", (event) => {
-  held = plane.handleAt(...point(event)) || { kind: "plane", from: point(event) };
-  if (held) { canvas.setPointerCapture(event.pointerId); event.preventDefault(); }
-});
-canvas.addEventListener("pointermove", (event) => {
-  if (!held) { canvas.style.cursor = plane.handleAt(...point(event)) ? "grab" : "default"; return; }
-  const [px, py] = point(event), [x, y] = plane.place(px, py);
-  if (held.kind === "plane") { plane.pan(px - held.from[0], py - held.from[1]); held.from = [px, py]; page.drawn = false; return; }
-  if (held.kind === "target") { // the vehicle stays where it is, and its coordinates follow
-    const [tx, ty] = page.targetPlace(), dx = x - tx, dy = y - ty;
-    state.offset = [state.offset[0] + dx, state.offset[1] + dy];
-    state.start[planeX] -= dx; state.start[planeY] -= dy;
-  } else if (held.kind === "start") { const [i, j] = poses()[moved = held.pose].place; state.start[i] = x; state.start[j] = y; }
-  else if (held.kind === "heading") {
-    const { place: [i, j], heading } = poses()[moved = held.pose], [sx, sy] = plane.at(state.start[i], state.start[j]);
-    state.start[heading] = Math.atan2(sy - py, px - sx);
-  } else {
-    const { cx, cy, size, most } = plane.dial, [a, b] = currentRows();
-    let vx = ((px - cx) / size) * most, vy = ((cy - py) / size) * most;
-    const speed = Math.hypot(vx, vy);
-    if (speed > most) { vx *= most / speed; vy *= most / speed; }
-    const within = (v, row) => Math.min(Math.max(v, -(data.most[row] ?? most)), data.most[row] ?? most);
-    state.disturbance[a] = within(vx, a); state.disturbance[b] = within(vy, b);
-  }
-  changed();
-});
-for (const kind of ["pointerup", "pointercancel"]) canvas.addEventListener(kind, () => { held = null; });
-canvas.addEventListener("wheel", (event) => {
-  event.preventDefault();
-  plane.zoom(...point(event), Math.exp(0.0015 * event.deltaY));
-  page.drawn = false;
-}, { passive: false });
-canvas.addEventListener("keydown", (event) => {
-  const v = plane.view, step = event.shiftKey ? 0.002 : 0.01;
-  const moves = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
-  const { place: [i, j], heading } = poses()[moved];
-  if (moves[event.key]) {
-    state.start[i] += moves[event.key][0] * step * (v.x1 - v.x0);
-    state.start[j] += moves[event.key][1] * step * (v.y1 - v.y0);
-  } else if ((event.key === "[" || event.key === "]") && heading !== null) {
-    state.start[heading] += (event.key === "[" ? 1 : -1) * step * 6;
-  } else if (event.key === " ") play(!page.playing);
-  else return;
-  event.preventDefault();
-  changed();
-});
-for (const kind of ["pointerdown", "pointermove"]) {
-  byId("strips").addEventListener(kind, (event) => {
-    if (kind === "pointermove" && event.buttons !== 1) return;
-    page.time = strips.timeAt(event.clientX - byId("strips").getBoundingClientRect().left);
-    byId("time").value = page.time;
-    page.drawn = false;
-  });
 }
 
 // -- the controls --------------------------------------------------------------------------------
@@ -315,11 +254,11 @@ async function begin() {
   byId("play").addEventListener("click", () => play(!page.playing));
   time.addEventListener("input", () => { page.time = Number(time.value); page.drawn = false; });
   byId("fan").addEventListener("change", fan);
-  byId("reset").addEventListener("click", () => { state = initial(); applyAxes(); sweep?.taken(); page.time = still ? data.settings.horizon : 0; time.value = page.time; choice.value = 0; fit(); changed(); });
+  byId("reset").addEventListener("click", () => { state = initial(); applyAxes(); sweep?.taken(); page.time = still ? data.settings.horizon : 0; time.value = page.time; choice.value = 0; changed(); framed(); });
   byId("toml").hidden = data.tables === null;
   byId("toml").addEventListener("click", () => { const said = notCopied(); if (said) notice(said); else copied(asScenario(), "The scenario"); });
   byId("link").addEventListener("click", () => copied(location.href.split("#")[0] + asLink(), "The link"));
-  window.addEventListener("hashchange", () => { state = initial(); fromLink(location.hash); applyAxes(); sweep?.taken(); choice.value = state.variant; changed(); });
+  window.addEventListener("hashchange", () => { state = initial(); fromLink(location.hash); applyAxes(); sweep?.taken(); choice.value = state.variant; changed(); framed(); });
   byId("png").addEventListener("click", () => saved(picture().toDataURL("image/png"), `${data.name}.png`));
   byId("fit").addEventListener("click", fit);
   byId("svg").addEventListener("click", () => {
@@ -347,9 +286,7 @@ async function begin() {
   for (const kind of ["beforeprint", "afterprint"]) window.addEventListener(kind, () => printed(kind === "beforeprint"));
   mainLoops = await Promise.all(data.variants.map((v) => ClosedLoop.of(v.loop)));
   makeSlices = still ? [await ofSet(data.slices)] : mainLoops.map((loop, k) => ofLaw(loop, data.variants[k].grid));
-  mainLoops[0].setParameters(() => given(), given());
-  mainLoops[0].prepare();
-  page.sceneNow = atHome() ? mainLoops[0].scene(state.start, 0) : null;
+  lookAround();
   await follow();
   await framed();
   requestAnimationFrame((now) => { lastFrame = now; frame(now); });

@@ -50,8 +50,19 @@ function addAxes() {
 // The view is that of all paths, where they come soon.
 async function framed() {
   clearTimeout(changed.timer);
-  await Promise.race([fan(), new Promise((done) => setTimeout(done, 500))]);
+  const pause = (time) => new Promise((done) => setTimeout(done, time));
+  const followed = async () => { while (running || stale) await pause(5); };
+  await Promise.race([Promise.all([fan(), followed()]), pause(500)]);
+  lookAround();
   fit();
+}
+
+// What stands in the plane beside the paths, with the numbers of now.
+function lookAround() {
+  const loop = mainLoops[state.variant];
+  loop.setParameters(() => given(), given());
+  loop.prepare();
+  page.sceneNow = atHome() ? loop.scene(page.stateAt(page.time), page.time) : null;
 }
 
 // All starts, paths and targets in view; walls where there is no target.
@@ -79,8 +90,10 @@ function withoutRuns() {
 
 // Whether the state is in the set.
 function tellSet() {
+  const { times } = data.slices;
   const value = page.slice.at(state.start[planeX], state.start[planeY]);
-  const text = Number.isNaN(value) ? "The state is outside the grid." : `The state is ${value > 0 ? "in" : "outside"} the set.`;
+  const place = Math.abs(value) <= 1 ? "at the boundary of the set, as far as this page knows it" : `${value > 0 ? "in" : "outside"} the set`;
+  const text = `The state is ${Number.isNaN(value) ? "outside the grid" : place}.`;
   if (text !== page.told) say(page.told = text);
-  byId("now").textContent = data.slices.times.length ? `${page.time.toFixed(1)} s` : "";
+  byId("now").textContent = times.length ? `${short(times[storedTime(times, page.time)])} s` : "";
 }

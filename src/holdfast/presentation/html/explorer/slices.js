@@ -1,6 +1,7 @@
 // The value of a set in the plane, at the other states and the time of an instant.
 "use strict";
 
+const ROUNDED = 1e-9; // of a step: the ends of a grid are on it
 const TYPES = { float32: Float32Array, float64: Float64Array, int8: Int8Array };
 
 // The values of a law's table, as it lies in the memory of its loop.
@@ -20,7 +21,7 @@ async function ofSet({ values, times, shape, low, steps, periodic }) {
 }
 
 // grid: axes of the values, first the time where there is one, then the states of the indices `states`;
-// times: those of the first axis, where its steps are not equal. The function gives, for a state, a
+// times: those of the first axis, of which the nearest is taken. The function gives, for a state, a
 // time and two indices of states, the value over these two: linear between nodes, NaN outside the grid.
 function slices(values, { states, times, shape, low, steps, periodic }) {
   const timed = shape.length - states.length;
@@ -30,7 +31,7 @@ function slices(values, { states, times, shape, low, steps, periodic }) {
     const spread = (i, p) => {
       corners = !p ? [] : corners.flatMap(([at, w]) => [[at + p.node * strides[i], w * (1 - p.part)], [at + p.next * strides[i], w * p.part]]).filter(([, w]) => w);
     };
-    if (timed) spread(0, times?.length ? between(times, when) : near(0, when));
+    if (timed) spread(0, times?.length ? { node: storedTime(times, when), next: 0, part: 0 } : near(0, when));
     states.forEach((s, k) => { if (s !== x && s !== y) spread(k + timed, near(k + timed, now[s])); });
     const [a, b] = [x, y].map((s) => states.indexOf(s)), [i, j] = [a + timed, b + timed];
     const rows = a < 0 ? 1 : shape[i], columns = b < 0 ? 1 : shape[j], table = new Float64Array(rows * columns);
@@ -53,15 +54,14 @@ function slices(values, { states, times, shape, low, steps, periodic }) {
     let q = (value - low[i]) / steps[i];
     if (periodic[i]) q -= count * Math.floor(q / count);
     else if (i < timed) q = Math.min(Math.max(q, 0), count - 1);
-    else if (!(q >= 0 && q <= count - 1)) return null;
+    else if (!(q >= -ROUNDED && q <= count - 1 + ROUNDED)) return null;
+    else q = Math.min(Math.max(q, 0), count - 1);
     const node = Math.min(Math.floor(q), Math.max(count - (periodic[i] ? 1 : 2), 0));
     return { node, next: (node + 1) % count, part: q - node };
   }
 }
 
-function between(times, when) {
-  let node = 0;
-  while (node + 2 < times.length && times[node + 1] <= when) node++;
-  const next = Math.min(node + 1, times.length - 1), long = times[next] - times[node];
-  return { node, next, part: long ? Math.min(Math.max((when - times[node]) / long, 0), 1) : 0 };
+// The number of the nearest time.
+function storedTime(times, when) {
+  return times.reduce((best, time, k) => (Math.abs(time - when) < Math.abs(times[best] - when) ? k : best), 0);
 }
