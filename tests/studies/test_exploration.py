@@ -12,15 +12,9 @@ from PIL import Image
 import holdfast as hf
 from holdfast.errors import ScenarioError
 from holdfast.scenario.files import read_text
-from tests.browser import browser, needs_browser, opened
+from tests.browser import needs_browser, opened
 
 pytestmark = needs_browser
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    with browser() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ import xarray as xr
 
 import holdfast as hf
 from holdfast.errors import OutputError, ScenarioError
-from tests.browser import browser, needs_browser, opened
+from tests.browser import needs_browser, opened
 from tests.scenario_files import CART, DRIFTING
 
 pytestmark = needs_browser
@@ -25,12 +25,6 @@ COUNTS = """(() => {
   for (const { outcome } of page.fan) found[labels[outcome]] = (found[labels[outcome]] || 0) + 1;
   return found;
 })()"""
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    with browser() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

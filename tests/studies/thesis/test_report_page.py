@@ -9,16 +9,10 @@ from holdfast.presentation.html.interactive import FINENESS, INK, MOST_RUNS, pat
 from holdfast.scenario.load import load_scenario
 from holdfast.studies.thesis.explorers import Explorer, explored
 from holdfast.studies.thesis.report import write_report
-from tests.browser import browser, needs_browser, opened
+from tests.browser import needs_browser, opened
 from tests.judged_claims import judged_in
 
 DRAWN = "[...document.querySelectorAll('[data-plot]')].every((p) => p.drawn)"
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    with browser() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")
