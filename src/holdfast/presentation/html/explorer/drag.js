@@ -37,6 +37,7 @@ canvas.addEventListener("wheel", (event) => {
   page.drawn = false;
 }, { passive: false });
 canvas.addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey) return; // the browser's own keys
   const v = plane.view, step = event.shiftKey ? 0.002 : 0.01;
   const moves = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
   const { place: [i, j], heading: own } = poses()[moved], heading = atHome() ? own : HEADING;
