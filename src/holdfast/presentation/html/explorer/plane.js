@@ -107,7 +107,7 @@ class Plane {
     this.shapes(page.sceneNow, true);
     if (c === this.screen) this.layer(); else this.fan();
     this.shapes(page.sceneNow, false);
-    if (page.run) this.path(page.run);
+    if (page.run) { this.others(page.run); this.path(page.run); }
     this.vehicles();
     c.restore();
   }
@@ -183,6 +183,16 @@ class Plane {
       this.context = this.screen;
     }
     this.context.drawImage(this.kept, 0, 0, view.width, view.height);
+  }
+
+  // The paths of the other vehicles of a run.
+  others(run) {
+    const n = this.page.data.states.length;
+    for (const { place: [i, j] } of poses().slice(1)) {
+      const xy = [];
+      for (let k = 0; k < run.count; k++) xy.push(run.state[k * n + i], run.state[k * n + j]);
+      this.line(xy, this.look.soft, 1.5, 0.8);
+    }
   }
 
   // One run, coloured by its mode.
