@@ -332,6 +332,13 @@ def test_a_set_without_a_law_is_cut_by_any_two_states_at_any_of_its_times(chromi
     np.testing.assert_array_equal((levels > 0)[~near], (wanted > 0)[~near])
     with opened(chromium, written("ch7-forward-reach", *REACH), link=link) as page:
         assert page.page.evaluate("[planeX, planeY]") == [1, 2]
+        assert page.page.inner_text("#now") == "3 s"
+        page.page.select_option("#speed", "0.5")
+        page.page.click("#play")  # from the first time on
+        page.until("page.playing && page.time > 1.1")
+        time = page.page.evaluate("(play(false), draw(), page.time)")
+        assert page.page.inner_text("#now") == f"{round(time)} s"  # the nearest that is stored
+        assert not page.errors
 
 
 def test_a_kernel_too_large_for_its_law_is_shown_alone(chromium, written, monkeypatch):

@@ -148,7 +148,7 @@ let lastFrame = 0;
 function frame(now) {
   const passed = Math.min((now - lastFrame) / 1000, 0.1);
   lastFrame = now;
-  if (page.playing && page.run) {
+  if (page.playing && (page.run || still)) {
     page.time += passed * Number(byId("speed").value);
     if (page.time >= data.settings.horizon) { page.time = data.settings.horizon; play(false); }
     byId("time").value = page.time;
