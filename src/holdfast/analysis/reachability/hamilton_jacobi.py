@@ -31,8 +31,11 @@ from holdfast.analysis.reachability.snapshots import Record
 from holdfast.analysis.reachability.value_function import ValueFunction, to_value_function
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
+from holdfast.execution.device.program import device_named
+from holdfast.execution.level_set.device_sweeping import DeviceSweeping
 from holdfast.execution.level_set.march import March
 from holdfast.execution.level_set.settling import Done
+from holdfast.execution.level_set.sweeping import Sweeping, on_one_side
 from holdfast.execution.resources import available_cores
 from holdfast.maths.games.hamiltonian import Hamiltonian, hamiltonian
 from holdfast.maths.games.symmetry import check_symmetry
@@ -93,6 +96,7 @@ def marched(
         reflected=_reflected(posed, h),
         precision=marching.precision,
         threads=marching.threads or available_cores(),
+        device=device_named(marching.device),
     )
     rounding = float(np.finfo(marching.precision).eps) / march.longest_step  # cells/s
     record = Record(posed, values)
@@ -106,18 +110,18 @@ def marched(
         if done.steps == 0:
             saved.save(done, values, record)  # if it cannot be written, that is said now
 
-    def tell(done: Done, now: Callable[[], Array]) -> bool:
+    def tell(done: Done, now: Sweeping | DeviceSweeping) -> bool:
         nonlocal enough
         if progress is not None:
             progress(done.time / posed.horizon)
         if record.arrival is not None and done.measured:
-            record.keep(done.time, now())  # before it converges: the first stop may be later
+            record.keep(done.time, now.values())  # before it converges: the first stop may be later
         if done.steps % GROWTH_CHECKED == 0:
-            _check_growth(float(now().max()), obstacles.highest, cell, done.time)
+            _check_growth(now.largest(), obstacles.highest, cell, done.time)
         if saved is not None and saved.due:
-            saved.save(done, now(), record)
+            saved.save(done, now.values(), record)
         if until is not None and done.steps % LOOKED == 0:
-            enough = until(to_value_function(grid, now().reshape(grid.shape), Report()))
+            enough = until(to_value_function(grid, now.values().reshape(grid.shape), Report()))
         done.converged = done.measured and at_rest(done, now)
         return enough or done.converged
 
@@ -128,14 +132,14 @@ def marched(
         rest = max(posed.horizon - done.time, done.time, march.crossing)
         return min(float((done.speed + rounding) * rest), float(sum(grid.shape)))
 
-    def decided(done: Done, now: Array) -> bool:
+    def decided(done: Done, one_side: Callable[[], bool]) -> bool:
         """Whether nothing is left, or everything, and no node changes side again."""
-        return not posed.varies and done.last == 0.0 and _all_on_one_side(now, posed.limit)
+        return not posed.varies and done.last == 0.0 and one_side()
 
-    def at_rest(done: Done, now: Callable[[], Array]) -> bool:
+    def at_rest(done: Done, now: Sweeping | DeviceSweeping) -> bool:
         if posed.varies or problem.limit == "exact":
             return False
-        if decided(done, now()):
+        if decided(done, lambda: now.on_one_side(posed.limit)):
             return True
         little = residual(done) <= marching.tolerance
         still = done.settled(little and (done.slows or done.speed <= ROUNDING * rounding))
@@ -156,6 +160,7 @@ def marched(
     )
     record.keep(done.time, values)
     largest = float(values.max())
+    ended = decided(done, lambda: on_one_side(values, posed.limit))
     _check_growth(largest, obstacles.highest, cell, done.time)
     if saved is not None:
         saved.save(done, values, record)
@@ -175,7 +180,7 @@ def marched(
         ended_early=enough,
         begun_from_another=begin is not None,
         tolerance_cells=marching.tolerance,
-        residual_cells=0.0 if decided(done, values) else residual(done),
+        residual_cells=0.0 if ended else residual(done),
         ends_reached=_ends_reached(grid, values),
         cell=cell,
         scheme=marching.scheme,
@@ -217,11 +222,6 @@ def _ends_reached(grid: Grid, values: Array) -> str:
                 if (np.take(table, end, axis=i) > 0).any():
                     found.append(f"{axis.name} = {where:g}")
     return ", ".join(found)
-
-
-def _all_on_one_side(values: Array, limit: str) -> bool:
-    """Whether nothing is left of a set that shrinks, or nothing is left for one that grows."""
-    return not (values > 0 if limit == "shrink" else values <= 0).any()
 
 
 def _check_growth(largest: float, highest: float, cell: float, time: float) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from holdfast.analysis.reachability.given import by_name, number, whole
 from holdfast.errors import SimulationError, suggestion
+from holdfast.execution.device.program import DEVICES
 from holdfast.execution.level_set.march import Method
 from holdfast.execution.level_set.rate_leaves import DISSIPATIONS
 from holdfast.execution.level_set.schemes import schemes
@@ -48,6 +49,10 @@ class Marching:
     every coordinate of its set that are looked at (`maths/sampled.py`); by default the system's.
 
     estimate_error, check_outside: what the answer is worth, by further marches (`worth.py`).
+
+    device: "cpu", or "gpu": the same definition as kernels of CUDA, by way of CuPy (an extra of
+    this package); values differ from those of the processor by roundings. "c++" compiles the text
+    of these kernels with the C++ compiler of this machine, to check it.
     """
 
     scheme: str = "weno5"
@@ -65,12 +70,14 @@ class Marching:
     samples: int | None = None
     estimate_error: bool | str = False
     check_outside: bool = False
+    device: str = "cpu"
 
     def __post_init__(self) -> None:
         for name, known in (
             ("scheme", tuple(schemes())),
             ("dissipation", DISSIPATIONS),
             ("precision", ("float64", "float32")),
+            ("device", DEVICES),
         ):
             if (value := getattr(self, name)) not in known:
                 raise SimulationError(f"{name}: {value!r}", remedy=suggestion(str(value), known))

@@ -11,6 +11,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
+import numpy as np
 import sympy as sp
 
 from holdfast.execution.arithmetic.steps import FLOAT, WHOLE, Function, Step, Steps, Value
@@ -49,7 +50,7 @@ def c_body(
     ]
     steps = Steps(expanded=False)
     values = lowered(steps, results, {s: steps.input(_name(s)) for s in used})
-    body = _Body(steps, values, indent)
+    body = Body(steps, values, indent)
     lines += body.lines
     lines += [f"{indent}{into}[{i}] = {body.text(v.number)};" for i, v in enumerate(values)]
     return "\n".join(lines)
@@ -74,7 +75,7 @@ def c_functions(text: str, known: Iterable[Function]) -> str:
 def _definition(function: Function) -> str:
     """A function of one result returns it; of several it writes them behind pointers."""
     steps, results = function.traced(expanded=False)
-    body = _Body(steps, results, "    ")
+    body = Body(steps, results, "    ")
     parameters = ", ".join(f"double {p}" for p in function.parameters)
     comment = function.text.partition("\n")[0]
     texts = [body.text(v.number) for v in results]
@@ -88,23 +89,36 @@ def _definition(function: Function) -> str:
     return "\n".join([f"/* {comment} */", heading, *body.lines, *end, "}"])
 
 
-class _Body:
-    """The lines of some steps; what is used once stands where it is used."""
+class Body:
+    """The lines of some steps; what is used once stands where it is used.
 
-    def __init__(self, steps: Steps, results: Sequence[Value], indent: str) -> None:
-        self.steps, self.indent = steps, indent
+    real: the type of numbers that are not whole; of steps in float all functions are C++'s, which
+    have several types. fused: whether a product that is used once is fused with the sum it is in,
+    by a call of fma, which is exactly rounded on every target.
+    """
+
+    def __init__(
+        self,
+        steps: Steps,
+        results: Sequence[Value],
+        indent: str,
+        real: str = "double",
+        *,
+        fused: bool = False,
+    ) -> None:
+        self.steps, self.indent, self.real, self.fused = steps, indent, real, fused
         self.lines: list[str] = []
         self.tables: dict[tuple[int, ...], str] = {}
         self.texts: dict[int, tuple[str, int]] = {}
         numbers = steps.needed([v.number for v in results])
-        uses = Counter(k for n in numbers for k in steps.list[n].arguments)
-        uses.update({v.number for v in results})
+        self.uses = Counter(k for n in numbers for k in steps.list[n].arguments)
+        self.uses.update({v.number for v in results})
         for number in numbers:
             step = steps.list[number]
             text, binding = self._one(number, step)
             simple = step.operation in ("input", "constant", "result") or step.kind == "several"
-            if not simple and (uses[number] > 1 or len(text) > MOST):
-                kind = _KINDS.get(step.kind, "int")
+            if not simple and (self.uses[number] > 1 or len(text) > MOST):
+                kind = self.real if step.kind == FLOAT else _KINDS.get(step.kind, "int")
                 self._line(f"const {kind} c_{number} = {text};")
                 text, binding = f"c_{number}", ATOM
             self.texts[number] = text, binding
@@ -122,7 +136,9 @@ class _Body:
         if operation == "input":
             return str(step.given), ATOM
         if operation == "constant":
-            return _constant(step)
+            return _constant(step, single=self.real == "float")
+        if self.fused and (found := self._in_one(step)):
+            return found, ATOM
         if operation in _BINARY:
             sign, binding = _BINARY[operation]
             if not binding:
@@ -144,6 +160,22 @@ class _Body:
         if operation == WALLS:
             return self._walls(step), ATOM
         return self._several(number, step)
+
+    def _in_one(self, step: Step) -> str:
+        """A sum or a difference of which one side is a product that nothing else needs."""
+        if step.operation not in ("add", "sub"):
+            return ""
+        for own, other in (step.arguments, step.arguments[::-1]):
+            product = self.steps.list[own]
+            if product.operation == "mul" and self.uses[own] == 1:
+                first, second = (self.text(k) for k in product.arguments)
+                rest = self.text(other, ATOM)
+                if step.operation == "sub" and own == step.arguments[0]:
+                    rest = f"-{rest}"
+                elif step.operation == "sub":
+                    first = f"-({first})"
+                return f"fma({first}, {second}, {rest})"
+        return ""
 
     def _table(self, words: tuple[int, ...]) -> str:
         """The name of a table, which is declared where it is first used."""
@@ -190,13 +222,16 @@ MOST = 300
 """Characters of an expression, beyond which it has a line of its own."""
 
 
-def _constant(step: Step) -> tuple[str, int]:
+def _constant(step: Step, *, single: bool = False) -> tuple[str, int]:
     if step.kind == WHOLE:
         return f"UINT64_C({step.given})", ATOM
     value: float = step.given
+    if single:
+        with np.errstate(over="ignore"):
+            value = float(np.float32(value))
     if math.isnan(value):
         return "NAN", ATOM
-    text = repr(abs(value)) if math.isfinite(value) else "INFINITY"
+    text = repr(abs(value)) + "f" * single if math.isfinite(value) else "INFINITY"
     return (f"-{text}", 7) if math.copysign(1.0, value) < 0 else (text, ATOM)
 
 

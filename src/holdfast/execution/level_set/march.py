@@ -22,14 +22,17 @@ import numpy.typing as npt
 
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
+from holdfast.execution.device.program import Device
+from holdfast.execution.level_set.device_sweeping import DeviceSweeping
+from holdfast.execution.level_set.device_text import device_layout
 from holdfast.execution.level_set.march_leaves import MarchLeaves
 from holdfast.execution.level_set.mirrored_grid import Fold
 from holdfast.execution.level_set.over_grid import Fastest, over_grid, padded_rows
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.settling import Done
-from holdfast.execution.level_set.sweep_code import address, sweep_code
+from holdfast.execution.level_set.sweep_code import sweep_code
+from holdfast.execution.level_set.sweeping import Sweeping
 from holdfast.execution.level_set.units import layout
-from holdfast.execution.level_set.workers import Workers
 from holdfast.maths.definitions.quantity import TIME, Parameter
 from holdfast.maths.games.hamiltonian import Hamiltonian
 
@@ -80,11 +83,14 @@ class March:
         reflected: Sequence[npt.NDArray[np.int64]] | None = None,
         precision: str = "float64",
         threads: int = 1,
+        device: Device | None = None,
     ) -> None:
         """clock: the time t at tau = 0, and how fast it runs, 1 or -1. reflected: for every axis,
         at which place of it the node is that always has the same value; half is computed then.
+        device: where the stages are carried out, if not by the threads of this machine.
         """
-        scheme = schemes()[method.scheme]
+        scheme = self.scheme = schemes()[method.scheme]
+        self.precision, self.device = precision, device
         self.code = sweep_code(precision, one_slope=scheme.one_slope)
         self.leaves = MarchLeaves(
             hamiltonian, parameters, scheme, dissipation=method.dissipation, limit=limit,
@@ -99,7 +105,8 @@ class March:
         self.p = np.array([float(q.value) for q in parameters])
         self.nodes = math.prod(len(a) for a in axes)
         self.threads = threads if self.nodes > FEW else 1
-        cut = layout([len(a) for a in axes])
+        shape = [len(a) for a in axes]
+        cut = layout(shape) if device is None else device_layout(shape, self.leaves.of_row)
         self.cut = np.array(cut, dtype=np.int64)
         local = cut[1] * cut[2]
         self.units = math.prod(len(a) for a in axes[:-2]) * local
@@ -174,16 +181,15 @@ class March:
         ceiling: float = math.inf,
         nearest: float = 0.0,
         keep: Callable[[float, Array], None] | None = None,
-        tell: Callable[[Done, Callable[[], Array]], bool] | None = None,
+        tell: Callable[[Done, Sweeping | DeviceSweeping], bool] | None = None,
         done: Done | None = None,
     ) -> Done:
         """March `values` (flat; changed in place) to each of `times`, then `keep(time, values)`.
 
         refresh: puts into `upper` and `lower`, if they move, what they are at a time t.
         nearest: distances from zero below it are rounding; the speed of the set is not relative to
-        less (`stage_leaf.py`).
-        `tell(done, values)` is called after every step, with a function that gives the values, and
-        ends the march where it gives True.
+        less (`stage_steps.py`).
+        `tell(done, sweeping)` is called after every step, and ends the march where it gives True.
         done: what has been done of the same march, up to `values`; it goes on from there.
         """
         done = done or Done()
@@ -191,35 +197,12 @@ class March:
             return done
         order = self.method.order
         stages = STAGES[order]
-        arrays = [values, *(values.copy() for _ in range(max(order - 1, 1)))]
-        flags = np.ones((max(order, 2), self.units), dtype=np.uint8)
-        plain, measured, sizes = self.leaves.found(lower=lower is not None, upper=upper is not None)
-        room = self.code.room(self.shape.tolist(), self.cut.tolist(), sizes.tolist())
-        bounds = [0 if a is None else address(a) for a in (upper, lower)]
-        of_grid = [address(self.shape), len(self.shape), address(self.cut), address(self.kinds)]
-        of_axes = [address(sizes), address(self.axes), self.axes.shape[1]]
+        spaces = [*0.5 / self.steps, *self.steps]
         began, step = time.perf_counter() - done.seconds, math.nan
-        with Workers(self.code, self.threads, self.places) as workers:
-
-            def mirror(array: Array, chosen: Array) -> Array:
-                """Of the half that is not computed, what lies at those places."""
-                if self.fold is not None:
-                    half = (
-                        array,
-                        self.shape,
-                        self.fold.places,
-                        self.fold.axis,
-                        chosen,
-                    )
-                    workers.run(self.code.mirror, *half)
-                return array
-
-            def now() -> Array:
-                return arrays[0] if self.fold is None else mirror(arrays[0], self.fold.rest)
-
+        with self.sweeping(values, upper, lower, done.steps) as sweeping:
             for start, dt, ends in itertools.islice(self._steps(times), done.steps, None):
                 if dt != step or not self.method.skip or self.varying or refresh is not None:
-                    flags[:] = 1
+                    sweeping.all_again()
                     step = dt
                 found = np.zeros(3)
                 done.measured = (
@@ -227,32 +210,16 @@ class March:
                 )
                 for s, (weight, fraction) in enumerate(stages):
                     last = s == order - 1
-                    own = flags[1:order] if last else flags[:0]
-                    source = arrays[s]
-                    out = arrays[1] if order == 1 else arrays[0 if last else s + 1]
-                    here = flags[s] if order > 1 else flags[done.steps % 2]
-                    there = flags[(s + 1) % order] if order > 1 else flags[1 - done.steps % 2]
                     if refresh is not None:  # what comes out is for the time of the next stage
                         then = 1.0 if last else stages[s + 1][1]
                         refresh(self._time(start + then * dt))
-                    if self.fold is not None:
-                        self.fold.narrow(here)
+                        sweeping.bounds_moved()
                     measures = last and done.measured and nearest > 0
-                    spaces = [*0.5 / self.steps, *self.steps]
                     numbers = np.array([dt, weight, floor, ceiling, nearest, *spaces])
-                    u = self._u(start + fraction * dt)
-                    before = arrays[0] if order == 1 else out
-                    given = [
-                        *map(address, (u, numbers, source, arrays[0], out, before)),
-                        *bounds, len(values), *map(address, (here, there, own)), len(own),
-                        self.units, *of_grid, address(measured if measures else plain), *of_axes,
-                    ]  # fmt: skip
-                    found = workers.run(self.code.sweep, room, given)
-                    if self.fold is not None:
-                        mirror(out, self.fold.needed)
+                    found = sweeping.stage(s, self._u(start + fraction * dt), numbers, measures)
                     done.computed += int(found[0])
                     if found[1]:
-                        at = self.node(int(np.argmax(~(np.abs(out) < 1e300))))
+                        at = self.node(sweeping.not_finite())
                         raise SimulationError(
                             f"the value is not finite at {at} after {start + dt:g} s"
                             + (f", and at {found[1] - 1:,.0f} nodes more" if found[1] > 1 else ""),
@@ -260,25 +227,28 @@ class March:
                             remedy="leave these states out of the grid, or take a smaller cfl or "
                             "a lower order",
                         )
-                if order == 1:
-                    arrays.reverse()
                 done.of += self.units * order
                 done.steps += 1
                 done.time = start + dt if ends is None else ends
                 if done.measured:
                     done.moved(float(found[2]) / dt)
-                following = flags[0] if order > 1 else flags[done.steps % 2]
-                done.fixed = not following.any()
+                done.fixed = sweeping.fixed
                 done.seconds = time.perf_counter() - began
                 if keep is not None and ends is not None:
-                    keep(ends, now())
-                done.stopped = tell is not None and tell(done, now)
+                    keep(ends, sweeping.values())
+                done.stopped = tell is not None and tell(done, sweeping)
                 if done.stopped:
                     break
-            now()
-        if arrays[0] is not values:
-            values[:] = arrays[0]
+            sweeping.values()
         return done
+
+    def sweeping(
+        self, values: Array, upper: Array | None, lower: Array | None, steps: int
+    ) -> Sweeping | DeviceSweeping:
+        """What holds the values of a march and carries out its stages."""
+        if self.device is not None:
+            return DeviceSweeping(self, self.device, values, upper, lower, steps)
+        return Sweeping(self, values, upper, lower, steps)
 
     def _u(self, tau: float) -> Array:
         """What is the same at all nodes: the time, the parameters, the largest speeds."""

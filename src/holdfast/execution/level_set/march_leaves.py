@@ -11,7 +11,8 @@ import numpy.typing as npt
 from holdfast.execution.leaf import compiled_leaves, compiled_text
 from holdfast.execution.level_set.rate_leaves import rate_leaves
 from holdfast.execution.level_set.schemes import Scheme
-from holdfast.execution.level_set.stage_leaf import Stage
+from holdfast.execution.level_set.stage_leaf import stage_text
+from holdfast.execution.level_set.stage_steps import Stage
 from holdfast.maths.definitions.quantity import Parameter
 from holdfast.maths.games.hamiltonian import Hamiltonian
 
@@ -41,17 +42,18 @@ class MarchLeaves:
         self._rates = rate_leaves(
             hamiltonian, parameters, dissipation=dissipation, precision=precision
         )
-        own = {} if scheme.one_slope else {"scheme": scheme.leaf(precision)}
-        self._leaves = compiled_leaves({**self._rates.leaves, **own})
         self._scheme, self._limit, self._order = scheme, limit, order
+        self._precision = precision
         self._axes = len(hamiltonian.costates)
 
-    def found(self, *, lower: bool, upper: bool) -> tuple[Numbers, Numbers, Numbers]:
-        """The addresses of leaves, with a stage and with one that measures; the sizes of a sweep.
+    @property
+    def of_row(self) -> int:
+        """How many numbers depend on a row of the last axis, or on outer axes."""
+        return self._rates.of_row + self._rates.outer
 
-        lower, upper: whether there are such bounds at nodes.
-        """
-        stage = Stage(
+    def stage(self, *, lower: bool, upper: bool) -> Stage:
+        """The arithmetic of a stage; lower, upper: whether there are such bounds at nodes."""
+        return Stage(
             self._rates,
             axes=self._axes,
             one_slope=self._scheme.one_slope,
@@ -61,11 +63,17 @@ class MarchLeaves:
             lower=lower,
             upper=upper,
         )
-        machine, of = compiled_text(stage.text), self._leaves.addresses
+
+    def found(self, *, lower: bool, upper: bool) -> tuple[Numbers, Numbers, Numbers]:
+        """The addresses of leaves, with a stage and one that measures; the sizes of a sweep."""
+        stage, scheme = self.stage(lower=lower, upper=upper), self._scheme
+        own = {} if scheme.one_slope else {"scheme": scheme.leaf(self._precision)}
+        self._leaves = compiled_leaves({**self._rates.leaves, **own})  # it holds the machine code
+        machine, of = compiled_text(stage_text(stage)), self._leaves.addresses
         plain, measured = (
             np.array([of["along"], of["rows"], machine.address(name), of.get("scheme", 0)])
             for name in ("holdfast_stage", "holdfast_measured")
         )
         rates = self._rates
-        sizes = [rates.along, rates.of_row, rates.outer, self._scheme.ghosts, stage.lanes]
+        sizes = [rates.along, rates.of_row, rates.outer, scheme.ghosts, stage.lanes]
         return plain, measured, np.array(sizes)

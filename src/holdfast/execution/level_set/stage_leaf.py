@@ -1,23 +1,16 @@
 """The leaf of a stage of a step: from the nodes of a run to their new values, in one pass.
 
-    slopes   mean = half (below + above),  gap = half (above - below)
-    rate     dW/dtau of the Lax-Friedrichs scheme, limited to one sign
-    step     new = base + weight ((value - base) + dt rate), within the bounds
-
-Nothing between these is stored. Of a scheme that has one slope of every interval the slopes are
-differences of the nodes on either side; others have computed them before. Slopes and step may be
-fused to multiplications with addition, the rate may not (`rate_leaves.py`).
+Nothing between slopes, rate and step (`stage_steps.py`) is stored. Slopes and step may be fused to
+multiplications with addition, the rate may not (`rate_leaves.py`).
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
-from holdfast.execution.arithmetic.steps import FLOAT, TRUTH, Steps, Value, choose
-from holdfast.execution.codegen.llvm_body import LANES, Body, Format, Module, repeated
-from holdfast.execution.level_set.rate_leaves import RateLeaves
+from holdfast.execution.arithmetic.steps import FLOAT, TRUTH, Steps, Value
+from holdfast.execution.codegen.llvm_body import Body, Format, Module, repeated
+from holdfast.execution.level_set.stage_steps import NUMBERS, Stage
 
 PLACES = (
     "value", "base", "before", "lower", "upper", "out", "rest", "changed", "odd", "moves", "along",
@@ -25,43 +18,15 @@ PLACES = (
 )  # fmt: skip
 """The addresses that a stage asks for, in the order of `sweep.py`; two for each axis follow."""
 
-NUMBERS = ("dt", "weight", "floor", "ceiling", "nearest")
-"""The first of its numbers; for each axis half the inverse of its step, then for each its step."""
-
 PITCH = 272
 """From a row of what depends on the last axis, or on a row of it, to the next; as in `sweep.py`."""
 
-INFINITE = 1e300
 
-
-@dataclass(frozen=True)
-class Stage:
-    """one_slope: whether an interval has one slope. limits: the lowest and the highest rate. side:
-    of zero, for which it is measured how fast the set moves. from_start: the values are those that
-    the step begins with and that its result is compared with. lower, upper: whether there are such
-    bounds at nodes."""
-
-    rates: RateLeaves
-    axes: int
-    one_slope: bool
-    limits: tuple[float, float]
-    side: float
-    from_start: bool
-    lower: bool
-    upper: bool
-
-    @property
-    def lanes(self) -> int:
-        """Nodes that are computed at a time."""
-        rate = self.rates.rate
-        return 2 * LANES if rate.single and rate.algebraic else LANES
-
-    @property
-    def text(self) -> str:
-        """Two functions: `stage`, and `measured`, which also finds the largest move."""
-        module = Module()
-        found = [_Text(self, module, measured).function for measured in (False, True)]
-        return module.text(found)
+def stage_text(stage: Stage) -> str:
+    """Two functions: `stage`, and `measured`, which also finds the largest move."""
+    module = Module()
+    found = [_Text(stage, module, measured).function for measured in (False, True)]
+    return module.text(found)
 
 
 class _Text:
@@ -111,23 +76,14 @@ class _Text:
 
     def _slopes(self) -> list[str]:
         """The names of means, then of gaps."""
-        n, steps = self.stage.axes, Steps(expanded=True)
-        means, gaps = [], []
-        given = {f"half{i}": f"%half{i}" for i in range(n)}
-        here = steps.input("value")
+        given = {f"half{i}": f"%half{i}" for i in range(self.stage.axes)}
         if self.stage.one_slope:
             given["value"] = self._load("value")
-        for i in range(n):
+        for i in range(self.stage.axes):
             for k, name in enumerate((f"below{i}", f"above{i}")):
                 self.entry += self._address(name, len(PLACES) + 2 * i + k)
                 given[name] = self._load(name)
-            below, above = steps.input(f"below{i}"), steps.input(f"above{i}")
-            if self.stage.one_slope:
-                below, above = here - below, above - here
-            half = steps.input(f"half{i}")
-            means.append(half * (below + above))
-            gaps.append(half * (above - below))
-        return self._printed(steps, [*means, *gaps], self.own, given, "s")
+        return self._printed(*self.stage.slopes(), self.own, given, "s")
 
     def _rate(self, slopes: Sequence[str]) -> str:
         rate, along, of_row = self.rates.rate, self.rates.along, self.rates.of_row
@@ -151,56 +107,22 @@ class _Text:
         return self._converted(found, self.of_rate, self.own, "rate")
 
     def _step(self, rate: str, slopes: Sequence[str]) -> None:
-        stage, steps = self.stage, Steps(expanded=True)
+        n, stage = self.stage.axes, self.stage
         given = {name: f"%{name}" for name in NUMBERS} | {"rate": rate}
         given["value"] = value = self._load("value")
         for name in ("base", "before"):
             given[name] = value if stage.from_start else self._load(name)
-        base, dt, weight = (steps.input(x) for x in ("base", "dt", "weight"))
-        lowest, highest = stage.limits
-        r = steps.input("rate")
-        r = r if highest == math.inf else _at_most(r, steps.constant(highest, FLOAT))
-        r = r if lowest == -math.inf else _at_least(r, steps.constant(lowest, FLOAT))
-        new = base + weight * ((steps.input("value") - base) + dt * r)
-        for name, bound, there in (
-            ("lower", _at_least, stage.lower),
-            ("upper", _at_most, stage.upper),
-        ):
+        for name, there in (("lower", stage.lower), ("upper", stage.upper)):
             if there:
                 given[name] = self._load(name)
-                new = bound(new, steps.input(name))
-        new = _at_most(_at_least(new, steps.input("floor")), steps.input("ceiling"))
-        was = steps.input("before")
-        results = [new, new.differs(was), ~(abs(new) < INFINITE)]
-        if self.measured:
-            n = stage.axes
-            for i in range(n):
-                given |= {f"mean{i}": slopes[i], f"gap{i}": slopes[n + i], f"step{i}": f"%step{i}"}
-            results.append(self._move(steps, new, was))
-        found = self._printed(steps, results, self.own, given, "n")
+        for i in range(n):
+            given |= {f"mean{i}": slopes[i], f"gap{i}": slopes[n + i], f"step{i}": f"%step{i}"}
+        found = self._printed(*stage.step(self.measured), self.own, given, "n")
         self._store(found[0])
         for name, truths in zip(("changed", "odd"), found[1:3], strict=True):
             self._store_truths(name, truths)
         if self.measured:
             self._keep_largest(found[3])
-
-    def _move(self, steps: Steps, new: Value, was: Value) -> Value:
-        """By how much of a cell the value of a node on that side of zero has moved.
-
-        Or by how much of its distance from zero, if that is more. A cell is how much the value
-        changes from a node to the next, on its flatter side, the largest along the axes: of the
-        slopes mean - gap and mean + gap on either side the smaller is ||mean| - |gap||.
-        """
-        cell = steps.constant(0.0, FLOAT)
-        for i in range(self.stage.axes):
-            mean, gap, step = (steps.input(f"{x}{i}") for x in ("mean", "gap", "step"))
-            change = step * abs(abs(mean) - abs(gap))
-            cell = choose(change > cell, change, cell)
-        w = self.stage.side * was
-        near = choose(w > cell, w, cell)
-        nearest = steps.input("nearest")
-        near = choose(near > nearest, near, nearest)
-        return choose(w > 0.0, abs(new - was) / near, 0.0)
 
     def _printed(
         self, steps: Steps, results: Sequence[Value], form: Format, given: dict[str, str], of: str
@@ -285,12 +207,3 @@ class _Text:
             f"  %largest.n = select {truth} %more.moved, {of} %moved, {of} %largest",
             f"  store {of} %largest.n, ptr %moves.a, align {self.size}",
         ]
-
-
-def _at_most(value: Value, bound: Value) -> Value:
-    """NaN passes, so that it is seen."""
-    return choose(value > bound, bound, value)
-
-
-def _at_least(value: Value, bound: Value) -> Value:
-    return choose(value < bound, bound, value)

@@ -1,0 +1,1 @@
+"""Programs for a graphics processor, and the same text compiled by a C++ compiler."""

@@ -1,0 +1,184 @@
+"""The text of a march for a graphics processor: its leaves, and the sweep that calls them.
+
+The leaves are those of the march on a processor (`rate_leaves.py`, `stage_steps.py`, the schemes),
+printed as C++ for a node, not as LLVM for a run of nodes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from importlib import resources
+
+from holdfast.execution.arithmetic.steps import Steps, Value
+from holdfast.execution.codegen.c_printer import Body, c_functions
+from holdfast.execution.codegen.llvm_text import Leaf
+from holdfast.execution.codegen.lowering import FUNCTIONS
+from holdfast.execution.level_set.schemes import Scheme
+from holdfast.execution.level_set.stage_steps import NUMBERS, Stage
+from holdfast.execution.level_set.units import layout
+
+MOST_NODES = 256
+"""Nodes of a unit, at most."""
+
+SHARED = 1 << 15
+"""Bytes that a block of threads shares, at most."""
+
+TABLE = "hf_real *table, hf_int pitch"
+
+
+def device_layout(shape: Sequence[int], of_row: int) -> tuple[int, int, int, int]:
+    """As `units.layout`: what depends on the rows of a unit is shared by a block of threads."""
+    rows = max(1, SHARED // (8 * (of_row + 1)))
+    return layout(shape, min(MOST_NODES, rows * shape[-1]), MOST_NODES)
+
+
+def march_text(stage: Stage, scheme: Scheme, precision: str, rows: int) -> str:
+    """The kernels `hf_last_axis`, `hf_stage`, `hf_measured` and `hf_mirror`.
+
+    rows: of the last axis in a unit.
+    """
+    real = "float" if precision == "float32" else "double"
+    rates = stage.rates
+    leaves = [
+        _leaf(
+            "along",
+            rates.leaves["along"],
+            real,
+            "table[{} * pitch]",
+            "hf_real *table, hf_int pitch",
+        ),
+        _leaf("row", rates.leaves["rows"], "double", "of_row[{} * HF_MOST_ROWS]", "double *of_row"),
+        *_scheme(scheme, precision, real),
+        _node(stage, real),
+    ]
+    text = "\n\n".join(leaves)
+    functions = c_functions(text, FUNCTIONS).replace("static inline", "HF_FUNCTION")
+    named = {
+        "AXES": stage.axes, "GHOSTS": scheme.ghosts, "ONE_SLOPE": int(scheme.one_slope),
+        "LOWER": int(stage.lower), "UPPER": int(stage.upper), "ROW": rates.of_row + rates.outer,
+        "MOST_ROWS": int(rows),
+    }  # fmt: skip
+    head = [f"#define HF_{name} {value}" for name, value in named.items()]
+    return "\n".join(
+        [f"typedef {real} hf_real;", *head, "", functions + text, "", _own("device_sweep.h")]
+    )
+
+
+def _own(name: str) -> str:
+    return (resources.files(__package__) / name).read_text("utf-8")
+
+
+def _leaf(name: str, leaf: Leaf, real: str, place: str, into: str) -> str:
+    """A leaf of nodes or rows: w its states, u what is the same everywhere."""
+    body = Body(leaf.steps, leaf.results, "    ")
+    used = _inputs(leaf.steps, leaf.results)
+    given = {
+        n: f"{a}[{k}]" for a in ("w", "u") for k, n in enumerate(leaf.arguments[a]) if n in used
+    }
+    ends = [
+        f"    {place.format(i)} = {_cast(body.text(v.number), real)};"
+        for i, v in enumerate(leaf.results)
+    ]
+    return "\n".join(
+        [
+            f"HF_FUNCTION void hf_{name}(const double *w, const double *u, {into})",
+            "{",
+            *_declared(given, "double"),
+            *body.lines,
+            *ends,
+            "}",
+        ]
+    )
+
+
+def _cast(text: str, real: str) -> str:
+    return text if real == "double" else f"(hf_real)({text})"
+
+
+def _scheme(scheme: Scheme, precision: str, real: str) -> Iterable[str]:
+    """The slope at the upper and at the lower end of an interval, from the nodes n[0], n[1], ..."""
+    if scheme.one_slope:
+        return
+    leaf = scheme.leaf(precision)
+    for name, result in zip(("upper", "lower"), leaf.results, strict=True):
+        body = Body(leaf.steps, [result], "    ", real, fused=True)
+        given = {f"n{k}": f"n[{k}]" for k in range(2 * scheme.ghosts)}
+        used = _inputs(leaf.steps, [result])
+        yield "\n".join(
+            [
+                f"HF_FUNCTION hf_real hf_{name}(const hf_real *n)",
+                "{",
+                *_declared({k: v for k, v in given.items() if k in used}, real),
+                *body.lines,
+                f"    return {body.text(result.number)};",
+                "}",
+            ]
+        )
+
+
+def _node(stage: Stage, real: str) -> str:
+    """From the slopes in cells on both sides of a node to its new value."""
+    n, rates = stage.axes, stage.rates
+    rate, along = rates.rate, rates.along
+    of_rate = real if rate.algebraic else "double"
+    slopes, found = stage.slopes()
+    means = Body(slopes, found, "        ", real, fused=True)
+    numbers = [*NUMBERS, *(f"{x}{i}" for x in ("half", "step") for i in range(n))]
+    given = {name: f"numbers[{k}]" for k, name in enumerate(numbers)}
+    sides = {f"{x}{i}": f"{x}[{i}]" for i in range(n) for x in ("below", "above")}
+    names = [f"{x}{i}" for x in ("mean", "gap") for i in range(n)]
+    lines = [
+        *_declared(given, real),
+        f"    {real} {', '.join(names)}, rate;",
+        "    {",
+        *_declared(sides, real, "        "),
+        *means.lines,
+        *(f"        {x} = {means.text(v.number)};" for x, v in zip(names, found, strict=True)),
+        "    }",
+    ]
+    used = _inputs(rate.steps, rate.results)
+    own: dict[str, str] = {}
+    for k, name in enumerate(rate.arguments["w"]):
+        if k < along:
+            own[name] = f"along[{k} * pitch]"
+        elif k < along + rates.of_row:
+            own[name] = f"(hf_real)of_row[{rates.outer + k - along} * HF_MOST_ROWS]"
+        else:
+            i = k - along - rates.of_row
+            own[name] = f"{'mean' if i < n else 'gap'}{i % n}"
+    own |= {name: f"of_row[{k} * HF_MOST_ROWS]" for k, name in enumerate(rate.arguments["u"])}
+    (result,) = rate.results
+    body = Body(rate.steps, [result], "        ", of_rate)
+    lines += [
+        "    {",
+        *_declared({k: v for k, v in own.items() if k in used}, of_rate, "        "),
+        *body.lines,
+        f"        rate = ({real})({body.text(result.number)});",
+        "    }",
+    ]
+    steps, results = stage.step(measured=True)
+    last = Body(steps, results, "    ", real, fused=True)
+    lines += last.lines
+    for name, value in zip(("new_value", "differs", "odd", "move"), results, strict=True):
+        lines.append(f"    *{name} = {last.text(value.number)};")
+    return "\n".join(
+        [
+            "HF_FUNCTION void hf_node(const double *numbers, const hf_real *along, hf_int pitch,",
+            "    const double *of_row, const hf_real *below, const hf_real *above, hf_real value,",
+            "    hf_real base, hf_real before, hf_real lower, hf_real upper, hf_real *new_value,",
+            "    int *differs, int *odd, hf_real *move)",
+            "{",
+            *lines,
+            "}",
+        ]
+    )
+
+
+def _inputs(steps: Steps, results: Sequence[Value]) -> set[str]:
+    """The names of the inputs that results need."""
+    needed = steps.needed([v.number for v in results])
+    return {steps.list[k].given for k in needed if steps.list[k].operation == "input"}
+
+
+def _declared(given: Mapping[str, str], real: str, indent: str = "    ") -> list[str]:
+    return [f"{indent}const {real} {name} = ({real}){place};" for name, place in given.items()]

@@ -1,0 +1,113 @@
+"""The arithmetic of a stage of a step at a node, for every target.
+
+    slopes   mean = half (below + above),  gap = half (above - below)
+    step     new = base + weight ((value - base) + dt rate), the rate limited to one sign,
+             and new within the bounds
+
+Of a scheme that has one slope of every interval the slopes are differences of the nodes on either
+side; others have computed them before. What lies between the two is the rate (`rate_leaves.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from holdfast.execution.arithmetic.steps import FLOAT, Steps, Value, choose
+from holdfast.execution.codegen.llvm_body import LANES
+from holdfast.execution.level_set.rate_leaves import RateLeaves
+
+NUMBERS = ("dt", "weight", "floor", "ceiling", "nearest")
+"""The first of its numbers; for each axis half the inverse of its step, then for each its step."""
+
+INFINITE = 1e300
+
+
+@dataclass(frozen=True)
+class Stage:
+    """one_slope: whether an interval has one slope. limits: the lowest and the highest rate. side:
+    of zero, for which it is measured how fast the set moves. from_start: the values are those that
+    the step begins with and that its result is compared with. lower, upper: whether there are such
+    bounds at nodes."""
+
+    rates: RateLeaves
+    axes: int
+    one_slope: bool
+    limits: tuple[float, float]
+    side: float
+    from_start: bool
+    lower: bool
+    upper: bool
+
+    @property
+    def lanes(self) -> int:
+        """Nodes that are computed at a time."""
+        rate = self.rates.rate
+        return 2 * LANES if rate.single and rate.algebraic else LANES
+
+    def slopes(self) -> tuple[Steps, list[Value]]:
+        """The means, then the gaps, from inputs value, below0, above0, half0, below1, ..."""
+        steps = Steps(expanded=True)
+        means, gaps = [], []
+        for i in range(self.axes):
+            below, above = steps.input(f"below{i}"), steps.input(f"above{i}")
+            if self.one_slope:
+                here = steps.input("value")
+                below, above = here - below, above - here
+            half = steps.input(f"half{i}")
+            means.append(half * (below + above))
+            gaps.append(half * (above - below))
+        return steps, [*means, *gaps]
+
+    def step(self, measured: bool) -> tuple[Steps, list[Value]]:
+        """The new value, whether it differs, whether it is not finite, and how far it has moved.
+
+        The last only if `measured`. Inputs: value, base, before, rate, lower and upper, `NUMBERS`,
+        and of each axis mean0, gap0, step0, ...
+        """
+        steps = Steps(expanded=True)
+        base, dt, weight = (steps.input(x) for x in ("base", "dt", "weight"))
+        lowest, highest = self.limits
+        r = steps.input("rate")
+        r = r if highest == math.inf else _at_most(r, steps.constant(highest, FLOAT))
+        r = r if lowest == -math.inf else _at_least(r, steps.constant(lowest, FLOAT))
+        new = base + weight * ((steps.input("value") - base) + dt * r)
+        for name, bound, there in (
+            ("lower", _at_least, self.lower),
+            ("upper", _at_most, self.upper),
+        ):
+            if there:
+                new = bound(new, steps.input(name))
+        new = _at_most(_at_least(new, steps.input("floor")), steps.input("ceiling"))
+        was = steps.input("before")
+        results = [new, new.differs(was), ~(abs(new) < INFINITE)]
+        if measured:
+            results.append(self._move(steps, new, was))
+        return steps, results
+
+    def _move(self, steps: Steps, new: Value, was: Value) -> Value:
+        """By how much of a cell the value of a node on that side of zero has moved.
+
+        Or by how much of its distance from zero, if that is more. A cell is how much the value
+        changes from a node to the next, on its flatter side, the largest along the axes: of the
+        slopes mean - gap and mean + gap on either side the smaller is ||mean| - |gap||.
+        """
+        cell = steps.constant(0.0, FLOAT)
+        for i in range(self.axes):
+            mean, gap, step = (steps.input(f"{x}{i}") for x in ("mean", "gap", "step"))
+            change = step * abs(abs(mean) - abs(gap))
+            cell = choose(change > cell, change, cell)
+        w = self.side * was
+        near = choose(w > cell, w, cell)
+        nearest = steps.input("nearest")
+        near = choose(near > nearest, near, nearest)
+        return choose(w > 0.0, abs(new - was) / near, 0.0)
+
+
+def _at_most(value: Value, bound: Value) -> Value:
+    """NaN passes, so that it is seen."""
+    return choose(value > bound, bound, value)
+
+
+def _at_least(value: Value, bound: Value) -> Value:
+    return choose(value < bound, bound, value)
