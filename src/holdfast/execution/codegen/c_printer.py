@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 import sympy as sp
@@ -93,7 +94,8 @@ class Body:
     """The lines of some steps; what is used once stands where it is used.
 
     real: the type of numbers that are not whole; of steps in float all functions are C++'s, which
-    have several types. fused: whether a product that is used once is fused with the sum it is in,
+    have several types. read: the texts of steps whose values are known; inputs: those of inputs, by
+    default their names. fused: whether a product that is used once is fused with the sum it is in,
     by a call of fma, which is exactly rounded on every target.
     """
 
@@ -104,16 +106,21 @@ class Body:
         indent: str,
         real: str = "double",
         *,
+        read: Mapping[int, str] = MappingProxyType({}),
+        inputs: Mapping[str, str] = MappingProxyType({}),
         fused: bool = False,
     ) -> None:
         self.steps, self.indent, self.real, self.fused = steps, indent, real, fused
+        self.inputs = inputs
         self.lines: list[str] = []
         self.tables: dict[tuple[int, ...], str] = {}
         self.texts: dict[int, tuple[str, int]] = {}
-        numbers = steps.needed([v.number for v in results])
-        self.uses = Counter(k for n in numbers for k in steps.list[n].arguments)
+        numbers = steps.needed([v.number for v in results], read)
+        own = [n for n in numbers if n not in read]
+        self.uses = Counter(k for n in own for k in steps.list[n].arguments)
         self.uses.update({v.number for v in results})
-        for number in numbers:
+        self.texts |= {n: (read[n], ATOM) for n in numbers if n in read}
+        for number in own:
             step = steps.list[number]
             text, binding = self._one(number, step)
             simple = step.operation in ("input", "constant", "result") or step.kind == "several"
@@ -134,7 +141,7 @@ class Body:
     def _one(self, number: int, step: Step) -> tuple[str, int]:
         operation, a = step.operation, step.arguments
         if operation == "input":
-            return str(step.given), ATOM
+            return self.inputs.get(step.given, str(step.given)), ATOM
         if operation == "constant":
             return _constant(step, single=self.real == "float")
         if self.fused and (found := self._in_one(step)):

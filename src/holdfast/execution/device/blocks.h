@@ -2,12 +2,14 @@
  *
  * Blocks of HF_THREADS threads run in any order. HF_EACH(t) is what every thread t of a block does;
  * HF_WAIT parts what they have to end before any of them goes on. In C++ the threads of a block
- * follow one another, and so do the blocks. Every operation is one that IEEE 754 defines; none is
+ * follow one another, and so do the blocks. HF_CALLED is a function that is called, HF_FUNCTION one
+ * that is a part of what calls it. Every operation is one that IEEE 754 defines; none is
  * fused but by a call of fma, so that both compilers give the same bits.
  */
 #define HF_THREADS 128
 
-typedef long long hf_int;
+typedef long hf_int;
+static_assert(sizeof(hf_int) == 8, "a whole number has 64 bits");
 typedef unsigned long long hf_bits64;
 
 #if defined(__CUDACC__)
@@ -20,6 +22,7 @@ typedef unsigned long long uint64_t;
 #include <cstdint>
 #endif
 #define HF_FUNCTION static __device__ __forceinline__
+#define HF_CALLED static __device__ __noinline__
 #define HF_KERNEL extern "C" __global__ void __launch_bounds__(HF_THREADS)
 #define HF_SHARED __shared__
 #define HF_WAIT __syncthreads()
@@ -34,7 +37,7 @@ typedef unsigned long long uint64_t;
 #endif
 
 HF_FUNCTION uint64_t hf_bits(double x) { return (uint64_t)__double_as_longlong(x); }
-HF_FUNCTION double hf_from_bits(uint64_t x) { return __longlong_as_double((hf_int)x); }
+HF_FUNCTION double hf_from_bits(uint64_t x) { return __longlong_as_double((long long)x); }
 HF_FUNCTION void hf_add(hf_bits64 *to, hf_bits64 what) { atomicAdd(to, what); }
 HF_FUNCTION void hf_most(hf_bits64 *to, hf_bits64 what)
 {
@@ -46,9 +49,10 @@ HF_FUNCTION void hf_most(hf_bits64 *to, hf_bits64 what)
 #include <cmath>
 #include <cstdint>
 #include <cstring>
-using std::ceil; using std::fabs; using std::floor; using std::fma; using std::rint; using std::sqrt;
+using std::ceil; using std::isfinite; using std::isnan; using std::fabs; using std::floor; using std::fma; using std::rint; using std::sqrt;
 
 #define HF_FUNCTION static inline
+#define HF_CALLED static inline
 #define HF_KERNEL extern "C" void
 #define HF_SHARED static
 #define HF_WAIT

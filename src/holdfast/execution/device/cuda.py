@@ -51,6 +51,9 @@ class CudaDevice:
     def program(self, text: str) -> CudaProgram:
         return CudaProgram(self.arrays, whole_text(text))
 
+    def address(self, array: Any) -> int:
+        return int(array.data.ptr)
+
     def fetched(self, array: Any) -> Array:
         found: Array = self.arrays.asnumpy(array)
         return found

@@ -43,6 +43,9 @@ class HostDevice:
     def program(self, text: str) -> HostProgram:
         return _built(tuple(self.compiler), whole_text(text))
 
+    def address(self, array: Any) -> int:
+        return int(array.ctypes.data)
+
     def fetched(self, array: Any) -> Array:
         """A copy, as from another memory."""
         return np.array(array)

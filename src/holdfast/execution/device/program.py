@@ -26,6 +26,9 @@ class Device(Protocol):
     def program(self, text: str) -> Program:
         """The kernels of a text, which follows `blocks.h`."""
 
+    def address(self, array: Any) -> int:
+        """Of the first number of an array of the device."""
+
     def fetched(self, array: Any) -> Array:
         """The values of an array of the device, on the host."""
 

@@ -21,6 +21,7 @@ from holdfast.execution.simulation.loop import KEPT, SINGLE, Loop
 from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.trajectories import Trajectories
+from holdfast.execution.simulation.written import NOTED, write_notes, write_records
 
 MOST_BLOCKS, MOST_NUMBERS = 64, 1 << 22
 """Blocks of runs that one thread advances together, and numbers in their rings."""
@@ -124,7 +125,13 @@ class Blocks(BlockNumbers):
 
     def end_records(self, out: Trajectories, first: int, count: int) -> None:
         """These records to the arrays `out` from the run `first` on."""
-        self._write_records(out, first, count)
+        record = self.layout.record
+        done = (self.s[:, LOG] - self.log_at) // (record * self.width)
+        log = self.w[:, self.log_at : self.log_at + count * record * self.width]
+        log = log.reshape(len(self.w), count, record, self.width)
+        runs = slice(first, first + self.runs)
+        safeguarded = self.program.safeguarded
+        write_records(out, self.layout, log, done, runs, self.recorded, safeguarded=safeguarded)
         self.recorded += count
 
     def sample(self, *, first: bool = False) -> None:
@@ -140,61 +147,12 @@ class Blocks(BlockNumbers):
                 w.ctypes.data, s.ctypes.data, self.functions.addresses.ctypes.data, stop.ctypes.data
             )
 
-    def _write_records(self, out: Trajectories, first: int, count: int) -> None:
-        record = self.layout.record
-        done = (self.s[:, LOG] - self.log_at) // (record * self.width)
-        log = self.w[:, self.log_at : self.log_at + count * record * self.width]
-        log = log.reshape(len(self.w), count, record, self.width)
-        alive = log[:, :, 0] != 0.0
-        alive &= (np.arange(count) < done[:, np.newaxis])[:, :, np.newaxis]
-        alive = alive.transpose(0, 2, 1).reshape(-1, count)[: self.runs]
-        ended = None if alive.all() else ~alive
-        runs = slice(first, first + self.runs), slice(self.recorded, self.recorded + count)
-
-        def of(name: str) -> Array:
-            """(run, record, row)"""
-            rows = log[:, :, self.layout.records[name]]
-            found = rows.transpose(0, 3, 1, 2).reshape(-1, count, rows.shape[2])[: self.runs]
-            if ended is not None:
-                found[ended] = np.nan
-            return found
-
-        for name in self.layout.records:
-            if name in ("alive", "mode", "safeguard", "sample_slack"):
-                continue
-            getattr(out, name)[runs] = of(name)
-        mode = of("mode")[:, :, 0]
-        out.mode[runs] = mode if ended is None else np.where(ended, -1.0, mode)
-        if self.program.safeguarded:
-            slack = of("sample_slack")[:, :, 0]
-            answer = np.where(slack > 0.0, 2.0, of("safeguard")[:, :, 0])
-            out.sample_slack[runs] = slack
-            out.safeguard[runs] = answer if ended is None else np.where(ended, -1.0, answer)
-
     def write_notes(self, out: Trajectories, first: int) -> None:
         """What is known of each run at its end, to the arrays `out` from the run `first` on."""
-        runs = slice(first, first + self.runs)
-        outcome, since = self.of_runs("outcome").copy(), self.of_runs("inside_since")
-        outcome[(outcome == Outcome.STAYED) & ~np.isnan(since)] = Outcome.REACHED
-        out.outcome[runs] = outcome
-        out.goal_time[runs] = np.where(outcome == Outcome.DIVERGED, np.nan, since)
-        for name, row in _NOTES.items():
-            getattr(out, name)[runs] = self.of_runs(row)
-        m = len(self.program.inputs)
-        for array, row, before in (
-            (out.worst, "worst", 0), (out.peak_input, "peaks", 0),
-            (out.peak_actuator, "peaks", m), (out.beyond, "beyond", 0),
-        ):  # fmt: skip
-            for i in range(array.shape[1]):
-                array[runs, i] = self.of_runs(row, before + i)
+        counts = self.layout.counts
+        rows = {(n, k): self.of_runs(n, k) for n in NOTED for k in range(counts[n])}
+        write_notes(out, rows, slice(first, first + self.runs), len(self.program.inputs))
 
-
-_NOTES = {
-    "exit_time": "exit_time", "exit_constraint": "exit_constraint", "switches": "switches",
-    "shortest_dwell": "shortest", "overruled": "overrules", "infeasible": "infeasible",
-    "largest_slack": "largest_slack", "rejected": "rejected", "off_grid": "off_at",
-}  # fmt: skip
-"""Arrays of the result, with the rows that they come from."""
 
 NEVER = np.zeros(1, dtype=np.int64)
 """Nobody stops the loop."""

@@ -17,6 +17,7 @@ from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.loop_text import WIDTH
 from holdfast.execution.codegen.random_leaves import starts_leaf, varied_leaf
 from holdfast.execution.codegen.shared_rows import PREPARED, SHARED
+from holdfast.execution.device.program import device_named
 from holdfast.execution.leaf import Leaves, compiled_leaves
 from holdfast.execution.resources import Progress, available_cores, check_memory, run_threads
 from holdfast.execution.simulation.block_numbers import Numbers
@@ -26,12 +27,13 @@ from holdfast.execution.simulation.blocks import (
     functions_of,
     most_blocks,
 )
+from holdfast.execution.simulation.device_runs import simulate_on
 from holdfast.execution.simulation.handed import Commander, advance_handed
 from holdfast.execution.simulation.kind import Kind
 from holdfast.execution.simulation.layout import shape_of
 from holdfast.execution.simulation.loop import Loop, built
 from holdfast.execution.simulation.settings import Settings
-from holdfast.execution.simulation.trajectories import Trajectories
+from holdfast.execution.simulation.trajectories import Trajectories, blank
 
 ATTEMPTS = 100_000
 """Draws of a random start, of which the first in the region is taken."""
@@ -52,13 +54,15 @@ class ClosedLoop:
 
     def loop(self, kind: Kind | None = None) -> tuple[Loop, Functions]:
         """The loop of this kind, and its compiled functions."""
-        kind = kind or Kind()
-        if not any(self.program.targets):
-            kind = kind._replace(switch_limit=1)
+        kind = self._kind(kind or Kind())
         if kind not in self._loops:
             made = built(self.shape, kind)
             self._loops[kind] = made, functions_of(made, self.leaves)
         return self._loops[kind]
+
+    def _kind(self, kind: Kind) -> Kind:
+        """With one limit of changes of mode for all programs that have none."""
+        return kind if any(self.program.targets) else kind._replace(switch_limit=1)
 
     def parameter_array(
         self, overrides: Mapping[str, float] | None = None, sample_time: float = 0.0
@@ -221,11 +225,8 @@ class ClosedLoop:
         program = self.program
         if commander is None:
             program.check_alone()
-        runs, n = starts.shape
+        runs = len(starts)
         samples, stride = settings.samples, settings.stride
-        rows = samples // stride + 1
-        watch = len(program.constraints)
-
         self.check_room(runs, settings)
         if program.continuous != settings.continuous:
             raise SimulationError(
@@ -237,40 +238,8 @@ class ClosedLoop:
         shared = len(program.varied.names)
         columns_plant = self.columns((*program.varied.names, *program.varied.plant))
 
-        def blank(*shape: int) -> Array:
-            return np.full((runs, *shape), np.nan)
-
-        kept = rows if program.safeguarded else 0
         noise = settings.noise_of([s.name for s in program.states])
-        result = Trajectories(
-            time=np.arange(rows, dtype=np.float64) * (stride * settings.sample_time),
-            state=blank(rows, n),
-            input=blank(rows, len(program.inputs)),
-            actuator=blank(rows, len(program.actuators)),
-            mode=np.full((runs, rows), -1, dtype=np.int16),
-            signal=blank(rows, len(program.signals)),
-            constraint=blank(rows, watch),
-            nominal=blank(kept, len(program.inputs)),
-            nominal_actuator=blank(kept, len(program.actuators)),
-            sample_slack=blank(kept),
-            safeguard=np.full((runs, kept), -1, dtype=np.int8),
-            outcome=np.zeros(runs, dtype=np.int8),
-            exit_time=blank(),
-            exit_constraint=np.full(runs, -1, dtype=np.int16),
-            goal_time=blank(),
-            worst=np.full((runs, watch), -np.inf),
-            peak_input=np.zeros((runs, len(program.inputs))),
-            peak_actuator=np.zeros((runs, len(program.actuators))),
-            switches=np.zeros(runs, dtype=np.int64),
-            shortest_dwell=np.full(runs, np.inf),
-            overruled=np.zeros(runs, dtype=np.int64),
-            infeasible=np.zeros(runs, dtype=np.int64),
-            largest_slack=np.zeros(runs),
-            rejected=np.zeros(runs, dtype=np.int64),
-            off_grid=blank(),
-            beyond=blank(1 + program.bounded if program.bounded else 0),
-            varied=varied,
-        )
+        result = blank(program, settings, varied)
         stop = np.zeros(1, dtype=np.int64)
         threads = settings.threads or available_cores()
         blocks = max(1, min(most_blocks(program, settings), runs // (4 * threads * WIDTH)))
@@ -287,6 +256,22 @@ class ClosedLoop:
         )
         late = settings.delay_samples > 0
         kind = Kind(bool(noise.any()), late, settings.switch_limit, settings.until_goal)
+        device = device_named(settings.device)
+        if device is not None:
+            program.check_alone()
+            began = time.perf_counter()
+            simulate_on(
+                device,
+                program,
+                self._kind(kind),
+                starts,
+                settings,
+                numbers,
+                result,
+                first,
+                progress,
+            )
+            return replace(result, wall_time=time.perf_counter() - began)
         loop, functions = self.loop(kind)
 
         def work(start: int, stop_at: int, counter: npt.NDArray[np.int64]) -> None:

@@ -53,7 +53,12 @@ class Loop:
 @lru_cache(KEPT)
 def built(shape: Shape, kind: Kind) -> Loop:
     """The loop of programs of this shape and kind."""
-    return _Builder(shape, kind).loop()
+    return built_as(LoopText(shape.width, direct=kind.direct), shape, kind)
+
+
+def built_as(text: LoopText, shape: Shape, kind: Kind) -> Loop:
+    """The same in the language of a text that is still empty."""
+    return _Builder(shape, kind).loop(text)
 
 
 class _Builder:
@@ -74,8 +79,7 @@ class _Builder:
             | ({"noise": noise_leaf(n)} if kind.noisy else {})
         )  # fmt: skip
 
-    def loop(self) -> Loop:
-        text = LoopText(self.shape.width, direct=self.kind.direct)
+    def loop(self, text: LoopText) -> Loop:
         with text.function("holdfast_begin") as body:
             self._prepare(body)
             if self.shape.remembered:

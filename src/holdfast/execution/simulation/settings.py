@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from holdfast.arguments import checked
-from holdfast.errors import SimulationError
+from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.arrays import Array
+from holdfast.execution.device.program import DEVICES
 
 
 @checked
@@ -25,6 +26,8 @@ class Settings:
     of each state. switch_limit: changes of mode within one second beyond which a run counts
     as chattering. delay: seconds by which the law sees everything late. until_goal: whether a run
     ends at its first sample in the goal. seed: of every random number. threads: 0 for one per core.
+    device: "cpu"; "gpu", a run for each thread of a graphics processor, by way of CuPy; "c++", the
+    same kernel compiled by the C++ compiler of this machine.
     """
 
     horizon: float
@@ -42,6 +45,7 @@ class Settings:
     until_goal: bool = False
     seed: int = 0
     threads: int = 0
+    device: str = "cpu"
 
     def __post_init__(self) -> None:
         for name in ("horizon", "sample_time", "record_every", "absolute", "relative"):
@@ -52,6 +56,10 @@ class Settings:
             raise SimulationError(f"tolerance is {self.tolerance!r}", expected="0 or more")
         if not (_is_number(self.delay) and 0 <= self.delay <= self.horizon):
             raise SimulationError(f"delay is {self.delay!r}", expected="0 s up to the horizon")
+        if self.device not in DEVICES:
+            raise SimulationError(
+                f"device is {self.device!r}", remedy=suggestion(str(self.device), DEVICES)
+            )
         if self.continuous and self.delay:
             raise SimulationError(
                 "a delay with continuous control", remedy="sample the control", key="delay"

@@ -8,6 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.execution.arrays import Array
+from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
+from holdfast.execution.simulation.settings import Settings
 
 
 @dataclass(frozen=True)
@@ -59,3 +61,44 @@ class Trajectories:
     beyond: Array
     varied: Array
     wall_time: float = 0.0
+
+
+def blank(program: ClosedLoopProgram, settings: Settings, varied: Array) -> Trajectories:
+    """What runs fill; varied: what each of them has values of its own for."""
+    runs, n, watch = len(varied), len(program.states), len(program.constraints)
+    stride = settings.stride
+    rows = settings.samples // stride + 1
+
+    def of(*shape: int) -> Array:
+        return np.full((runs, *shape), np.nan)
+
+    kept = rows if program.safeguarded else 0
+    return Trajectories(
+        time=np.arange(rows, dtype=np.float64) * (stride * settings.sample_time),
+        state=of(rows, n),
+        input=of(rows, len(program.inputs)),
+        actuator=of(rows, len(program.actuators)),
+        mode=np.full((runs, rows), -1, dtype=np.int16),
+        signal=of(rows, len(program.signals)),
+        constraint=of(rows, watch),
+        nominal=of(kept, len(program.inputs)),
+        nominal_actuator=of(kept, len(program.actuators)),
+        sample_slack=of(kept),
+        safeguard=np.full((runs, kept), -1, dtype=np.int8),
+        outcome=np.zeros(runs, dtype=np.int8),
+        exit_time=of(),
+        exit_constraint=np.full(runs, -1, dtype=np.int16),
+        goal_time=of(),
+        worst=np.full((runs, watch), -np.inf),
+        peak_input=np.zeros((runs, len(program.inputs))),
+        peak_actuator=np.zeros((runs, len(program.actuators))),
+        switches=np.zeros(runs, dtype=np.int64),
+        shortest_dwell=np.full(runs, np.inf),
+        overruled=np.zeros(runs, dtype=np.int64),
+        infeasible=np.zeros(runs, dtype=np.int64),
+        largest_slack=np.zeros(runs),
+        rejected=np.zeros(runs, dtype=np.int64),
+        off_grid=of(),
+        beyond=of(1 + program.bounded if program.bounded else 0),
+        varied=varied,
+    )
