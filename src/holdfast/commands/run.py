@@ -11,6 +11,9 @@ from holdfast.commands.options import NOT_ANSWERED, simulation_options
 from holdfast.host.output import check_writable
 from holdfast.studies.progress import bar
 
+DEVICES = ("cpu", "gpu", "c++")
+"""As in `execution/device/program.py`, which takes longer to import than to look at."""
+
 
 @click.command("run")
 @click.argument("scenario")
@@ -21,9 +24,17 @@ from holdfast.studies.progress import bar
     help="Your controller, a program that is told the states and answers with commands, line by "
     "line (JSON); for a [law] with external = true.",
 )
+@click.option(
+    "--device",
+    type=click.Choice(DEVICES),
+    default="cpu",
+    help="Where marches and simulations run: the processor, a GPU by way of CuPy, or the GPU's "
+    "kernels compiled by the C++ compiler, to check them.",
+)
 def command(
     scenario: str,
     controller: str | None,
+    device: str,
     out: Path | None,
     overrides: tuple[str, ...],
     runs: int | None,
@@ -40,6 +51,8 @@ def command(
     loaded = load_scenario(scenario, overrides, runs, seed)
     if controller is not None:
         loaded = loaded.with_controller(controller)
+    if device != "cpu":
+        loaded = loaded.on_device(device)
     loaded = loaded.beforehand()
     if loaded.remark:
         click.echo(f"{loaded.remark}\n")

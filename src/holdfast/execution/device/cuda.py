@@ -45,7 +45,6 @@ class CudaDevice:
         device = cuda.Device()
         of = cuda.runtime.getDeviceProperties(device.id)
         self.model = of["name"].decode()
-        self.memory = int(of["totalGlobalMem"])
         self.blocks = BLOCKS * int(of["multiProcessorCount"])
 
     def program(self, text: str) -> CudaProgram:
@@ -54,8 +53,17 @@ class CudaDevice:
     def address(self, array: Any) -> int:
         return int(array.data.ptr)
 
-    def fetched(self, array: Any) -> Array:
-        found: Array = self.arrays.asnumpy(array)
+    def check_memory(self, needed: int, what: str) -> None:
+        free, _ = self.arrays.cuda.runtime.memGetInfo()
+        if needed > free:
+            raise SimulationError(
+                f"{what} take {needed / 2**30:.3g} GiB, {self.model} has {free / 2**30:.3g} left",
+                expected="at most what is left of its memory",
+                remedy='take fewer nodes or runs, precision="float32", or a scheme of lower order',
+            )
+
+    def fetched(self, array: Any, out: Array | None = None) -> Array:
+        found: Array = self.arrays.asnumpy(array, out=out)
         return found
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.device.program import whole_text
+from holdfast.execution.resources import check_memory
 
 COMPILERS = ("c++", "g++", "clang++")
 OPTIONS = ("-std=c++17", "-O2", "-ffp-contract=off", "-march=native", "-shared", "-fPIC")
@@ -46,9 +47,14 @@ class HostDevice:
     def address(self, array: Any) -> int:
         return int(array.ctypes.data)
 
-    def fetched(self, array: Any) -> Array:
+    def check_memory(self, needed: int, what: str) -> None:
+        check_memory(needed, what)
+
+    def fetched(self, array: Any, out: Array | None = None) -> Array:
         """A copy, as from another memory."""
-        return np.array(array)
+        out = np.empty_like(array) if out is None else out
+        out[...] = array
+        return out
 
 
 @cache

@@ -29,8 +29,11 @@ class Device(Protocol):
     def address(self, array: Any) -> int:
         """Of the first number of an array of the device."""
 
-    def fetched(self, array: Any) -> Array:
-        """The values of an array of the device, on the host."""
+    def check_memory(self, needed: int, what: str) -> None:
+        """Refuse arrays beyond the memory of the device."""
+
+    def fetched(self, array: Any, out: Array | None = None) -> Array:
+        """The values of an array of the device, on the host; in `out`, if that is given."""
 
 
 def whole_text(text: str) -> str:

@@ -45,6 +45,8 @@ class DeviceSweeping:
         text = march_text(stage, march.scheme, march.precision, march.cut[0])
         self._program = device.program(text)
         self._units = march.units
+        arrays = 1 + max(self._order - 1, 1) + sum(b is not None for b in (upper, lower))
+        device.check_memory(arrays * values.nbytes, f"{arrays} arrays of {len(values):,} nodes")
         own = self._xp.asarray(values)
         own = own.copy() if own is values else own
         self._arrays = [own, *(own.copy() for _ in range(max(self._order - 1, 1)))]
@@ -69,7 +71,7 @@ class DeviceSweeping:
         at: TracebackType | None,
     ) -> None:
         if kind is None:
-            self._host[:] = self._device.fetched(self._arrays[0])
+            self._device.fetched(self._arrays[0], self._host)
 
     def all_again(self) -> None:
         """Have all units computed."""

@@ -74,6 +74,10 @@ class Composed(ABC):
             expected="closed loops with [law] external = true",
         )
 
+    @abstractmethod
+    def on_device(self, device: str) -> Composed:
+        """The same on a device of `DEVICES`. Raises `SimulationError` where there is none."""
+
     def safety_filter(self, progress: Progress | None = None) -> SafetyFilter:
         """The filter that this scenario puts around the command of another controller.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from holdfast.analysis.safety.validation import check_promise
 from holdfast.analysis.safety.verdict import Promise
 from holdfast.analysis.simulation.aggregates import Entry
 from holdfast.errors import RenamedWarning, ScenarioError
+from holdfast.execution.device.program import device_named
 from holdfast.execution.resources import Progress
 from holdfast.host.output import make_folder, saved, write_summary
 from holdfast.maths.definitions.law import Law
@@ -90,6 +91,10 @@ class KernelScenario(Composed):
         found = self.goal or self.origin or self.region
         assert found is not None
         return found
+
+    def on_device(self, device: str) -> KernelScenario:
+        device_named(device)  # refused now, if there is none
+        return replace(self, options={**self.options, "device": device})
 
     def solve(self, progress: Progress | None = None) -> ValueFunction:
         """The value function alone."""
