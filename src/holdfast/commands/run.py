@@ -52,6 +52,9 @@ def command(
     if controller is not None:
         loaded = loaded.with_controller(controller)
     if device != "cpu":
+        from holdfast.execution.device.program import device_named
+
+        device_named(device)  # refused now, if there is none
         loaded = loaded.on_device(device)
     loaded = loaded.beforehand()
     if loaded.remark:

@@ -53,7 +53,7 @@ def test_who_has_no_gpu_is_told_so_before_anything_is_computed(stand_in, monkeyp
     stand_in(StandIn(devices=0))
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "7")
     with pytest.raises(SimulationError, match=r"no GPU was found.*CUDA_VISIBLE_DEVICES is '7'"):
-        load_scenario("ch2-unicycle").on_device("gpu")
+        program.device_named("gpu")
 
 
 @needs_cpp

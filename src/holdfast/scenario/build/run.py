@@ -63,6 +63,7 @@ def settings_of(
         "tolerance",
         "switch_limit",
         "until_goal",
+        "device",
         "seed",
         "continuous",
     ):

@@ -76,7 +76,7 @@ class Composed(ABC):
 
     @abstractmethod
     def on_device(self, device: str) -> Composed:
-        """The same on a device of `DEVICES`. Raises `SimulationError` where there is none."""
+        """The same on a device of `DEVICES`."""
 
     def safety_filter(self, progress: Progress | None = None) -> SafetyFilter:
         """The filter that this scenario puts around the command of another controller.

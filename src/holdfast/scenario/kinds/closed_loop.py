@@ -13,7 +13,6 @@ from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.simulate import simulate
 from holdfast.analysis.simulation.starts import Starts
 from holdfast.errors import ScenarioError
-from holdfast.execution.device.program import device_named
 from holdfast.execution.resources import Progress
 from holdfast.host.output import make_folder, saved, write_summary
 from holdfast.maths.definitions.law import Law
@@ -142,7 +141,6 @@ class Scenario(Composed):
         return online_filter(self, self.filtering, progress)
 
     def on_device(self, device: str) -> Scenario:
-        device_named(device)  # refused now, if there is none
         return self.with_settings(device=device)
 
     def with_settings(self, **settings: Any) -> Scenario:

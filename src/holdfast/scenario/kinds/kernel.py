@@ -19,7 +19,6 @@ from holdfast.analysis.safety.validation import check_promise
 from holdfast.analysis.safety.verdict import Promise
 from holdfast.analysis.simulation.aggregates import Entry
 from holdfast.errors import RenamedWarning, ScenarioError
-from holdfast.execution.device.program import device_named
 from holdfast.execution.resources import Progress
 from holdfast.host.output import make_folder, saved, write_summary
 from holdfast.maths.definitions.law import Law
@@ -93,7 +92,6 @@ class KernelScenario(Composed):
         return found
 
     def on_device(self, device: str) -> KernelScenario:
-        device_named(device)  # refused now, if there is none
         return replace(self, options={**self.options, "device": device})
 
     def solve(self, progress: Progress | None = None) -> ValueFunction:

@@ -7,23 +7,9 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import ConfigDict, Field
 
 from holdfast.scenario.schema.values import (
-    Bounds,
-    DrawSpec,
-    Expression,
-    FlatOutputSpec,
-    Gains,
-    Interval,
-    Layer,
-    Name,
-    NoiseSpec,
-    Parameters,
-    Plane,
-    Point,
-    Renamed,
-    Section,
-    Text,
-    Value,
-)
+    Bounds, DrawSpec, Expression, FlatOutputSpec, Gains, Interval, Layer, Name, NoiseSpec,
+    Parameters, Plane, Point, Renamed, Section, Text, Value,
+)  # fmt: skip
 
 
 class Header(Section):
@@ -234,6 +220,7 @@ class RunSpec(Section):
     switch_limit: int = 10
     delay: Value = 0.0
     until_goal: bool = False
+    device: str = "cpu"
     seed: int = 0
 
 
