@@ -7,8 +7,22 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import ConfigDict, Field
 
 from holdfast.scenario.schema.values import (
-    Bounds, DrawSpec, Expression, FlatOutputSpec, Gains, Interval, Layer, Name, NoiseSpec,
-    Parameters, Plane, Point, Renamed, Section, Text, Value,
+    Bounds,
+    DrawSpec,
+    Expression,
+    FlatOutputSpec,
+    Gains,
+    Interval,
+    Layer,
+    Name,
+    NoiseSpec,
+    Parameters,
+    Plane,
+    Point,
+    Renamed,
+    Section,
+    Text,
+    Value,
 )  # fmt: skip
 
 
