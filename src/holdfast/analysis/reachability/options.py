@@ -48,6 +48,10 @@ class Marching:
     every coordinate of its set that are looked at (`maths/sampled.py`); by default the system's.
 
     estimate_error, check_outside: what the answer is worth, by further marches (`worth.py`).
+
+    on_disk: a folder for the arrays, of a grid that is larger than the memory; the march reads and
+    writes them there. cluster: the workers that the grid is divided among (`hf.march_cluster`). The
+    answer is that of one machine in its memory, to the same bit.
     """
 
     scheme: str = "weno5"
@@ -65,6 +69,8 @@ class Marching:
     samples: int | None = None
     estimate_error: bool | str = False
     check_outside: bool = False
+    on_disk: str | Path | None = None
+    cluster: Any = None
 
     def __post_init__(self) -> None:
         for name, known in (
@@ -92,6 +98,14 @@ class Marching:
             by_name("symmetry", self.symmetry, '{"y": -1}')
         if self.checkpoint is not None and not isinstance(self.checkpoint, (str, Path)):
             raise SimulationError(f"checkpoint: {self.checkpoint!r}", expected="a file or a folder")
+        if self.on_disk is not None and not isinstance(self.on_disk, (str, Path)):
+            raise SimulationError(f"on_disk: {self.on_disk!r}", expected="a folder")
+        if self.cluster is not None and not hasattr(self.cluster, "parts"):
+            raise SimulationError(
+                f"cluster: {self.cluster!r}",
+                expected="a cluster",
+                remedy='with hf.march_cluster("tcp://host:8786") as cluster: ...',
+            )
         number("checkpoint_every: ", self.checkpoint_every, "seconds, at least 0", lambda v: v >= 0)
         if self.checkpoint is None and self.checkpoint_every != 60.0:
             raise SimulationError(

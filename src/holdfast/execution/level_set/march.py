@@ -16,6 +16,8 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -27,9 +29,11 @@ from holdfast.execution.level_set.mirrored_grid import Fold
 from holdfast.execution.level_set.over_grid import Fastest, over_grid, padded_rows
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.settling import Done
-from holdfast.execution.level_set.sweep_code import address, sweep_code
+from holdfast.execution.level_set.streaming import Streaming
+from holdfast.execution.level_set.sweep_code import sweep_code
+from holdfast.execution.level_set.sweeping import Sweeping
 from holdfast.execution.level_set.units import layout
-from holdfast.execution.level_set.workers import Workers
+from holdfast.execution.working_room import Room
 from holdfast.maths.definitions.quantity import TIME, Parameter
 from holdfast.maths.games.hamiltonian import Hamiltonian
 
@@ -63,6 +67,29 @@ class Method:
     skip: bool = True
 
 
+class Stages(Protocol):
+    """What holds the values of a march and carries out the stages of its steps, wherever."""
+
+    def all_again(self) -> None:
+        """Have everything computed in the next step, also what is settled."""
+
+    def bounds_moved(self) -> None:
+        """The bounds at nodes are others now."""
+
+    def stage(self, s: int, u: Array, numbers: Array, measures: bool) -> Array:
+        """Units computed, nodes that are not finite, the largest move.
+
+        These may be those of the stages before, where they have not been told yet.
+        """
+
+    def not_finite(self) -> int:
+        """The first of the grid's nodes that are not finite after the last stage."""
+
+    @property
+    def fixed(self) -> bool:
+        """Whether nothing is left to be computed."""
+
+
 class March:
     """Compiled sweeps of one Hamiltonian over one grid."""
 
@@ -80,9 +107,13 @@ class March:
         reflected: Sequence[npt.NDArray[np.int64]] | None = None,
         precision: str = "float64",
         threads: int = 1,
+        cut: tuple[int, int, int, int] | None = None,
+        fastest: Callable[[Sequence[float]], tuple[Array, float]] | None = None,
     ) -> None:
         """clock: the time t at tau = 0, and how fast it runs, 1 or -1. reflected: for every axis,
         at which place of it the node is that always has the same value; half is computed then.
+        cut: the units of the last two axes, where they are not those of `layout`. fastest: the
+        largest speeds at times t, and the largest sum of them over the steps, from elsewhere.
         """
         scheme = schemes()[method.scheme]
         self.code = sweep_code(precision, one_slope=scheme.one_slope)
@@ -99,7 +130,7 @@ class March:
         self.p = np.array([float(q.value) for q in parameters])
         self.nodes = math.prod(len(a) for a in axes)
         self.threads = threads if self.nodes > FEW else 1
-        cut = layout([len(a) for a in axes])
+        cut = cut or layout([len(a) for a in axes])
         self.cut = np.array(cut, dtype=np.int64)
         local = cut[1] * cut[2]
         self.units = math.prod(len(a) for a in axes[:-2]) * local
@@ -109,15 +140,20 @@ class March:
         self.varying = any(e.has(TIME) for e in (hamiltonian.value, *hamiltonian.speeds))
         self.speeds = np.zeros(len(axes))  # largest along every axis, for a global dissipation
         symbols = [q.symbol for q in hamiltonian.system.states]
-        self.fastest = Fastest(hamiltonian.speeds, symbols, parameters, axes, self.steps)
-        self.longest_step = self._longest_step((0.0,))
+        own = Fastest(hamiltonian.speeds, symbols, parameters, axes, self.steps)
+        self.fastest = fastest or own.at
+
+    @cached_property
+    def longest_step(self) -> float:
+        """The largest stable step at the beginning [s]; see `_longest_step`."""
+        return self._longest_step((0.0,))
 
     def _longest_step(self, at: Sequence[float]) -> float:
         """The largest step [s] that is stable with the speeds at those tau, times the chosen share.
 
         Infinite where nothing moves. Raises `SimulationError` where a rate is not finite.
         """
-        self.speeds[:], total = self.fastest.at([self._time(tau) for tau in at])
+        self.speeds[:], total = self.fastest([self._time(tau) for tau in at])
         for i in np.flatnonzero(~np.isfinite(self.speeds)):
             bad = [tau for tau in at if not np.isfinite(self._speed(int(i), tau)).all()]
             raise self._not_finite(int(i), bad[0])
@@ -169,116 +205,93 @@ class March:
         *,
         upper: Array | None = None,
         lower: Array | None = None,
+        **options: Any,
+    ) -> Done:
+        """March `values` (flat; changed in place) to each of `times`: see `drive`."""
+        done = options.pop("done", None) or Done()
+        with self.sweeping(values, upper, lower, done.steps) as sweeping:
+            return self.drive(sweeping, times, done=done, **options)
+
+    def drive(
+        self,
+        sweeping: Stages,
+        times: Sequence[float],
+        *,
         refresh: Callable[[float], None] | None = None,
         floor: float = -math.inf,
         ceiling: float = math.inf,
         nearest: float = 0.0,
-        keep: Callable[[float, Array], None] | None = None,
-        tell: Callable[[Done, Callable[[], Array]], bool] | None = None,
+        keep: Callable[[float], None] | None = None,
+        tell: Callable[[Done], bool] | None = None,
         done: Done | None = None,
     ) -> Done:
-        """March `values` (flat; changed in place) to each of `times`, then `keep(time, values)`.
+        """Have the values that `sweeping` holds marched to each of `times`, then `keep(time)`.
 
-        refresh: puts into `upper` and `lower`, if they move, what they are at a time t.
+        refresh: has the bounds at nodes, if they move, be those of a time t from the next stage on.
         nearest: distances from zero below it are rounding; the speed of the set is not relative to
         less (`stage_leaf.py`).
-        `tell(done, values)` is called after every step, with a function that gives the values, and
-        ends the march where it gives True.
-        done: what has been done of the same march, up to `values`; it goes on from there.
+        `tell(done)` is called after every step, and ends the march where it gives True.
+        done: what has been done of the same march, up to these values; it goes on from there.
         """
         done = done or Done()
         if done.stopped:
             return done
         order = self.method.order
         stages = STAGES[order]
-        arrays = [values, *(values.copy() for _ in range(max(order - 1, 1)))]
-        flags = np.ones((max(order, 2), self.units), dtype=np.uint8)
-        plain, measured, sizes = self.leaves.found(lower=lower is not None, upper=upper is not None)
-        room = self.code.room(self.shape.tolist(), self.cut.tolist(), sizes.tolist())
-        bounds = [0 if a is None else address(a) for a in (upper, lower)]
-        of_grid = [address(self.shape), len(self.shape), address(self.cut), address(self.kinds)]
-        of_axes = [address(sizes), address(self.axes), self.axes.shape[1]]
+        spaces = [*0.5 / self.steps, *self.steps]
         began, step = time.perf_counter() - done.seconds, math.nan
-        with Workers(self.code, self.threads, self.places) as workers:
-
-            def mirror(array: Array, chosen: Array) -> Array:
-                """Of the half that is not computed, what lies at those places."""
-                if self.fold is not None:
-                    half = (
-                        array,
-                        self.shape,
-                        self.fold.places,
-                        self.fold.axis,
-                        chosen,
+        for start, dt, ends in itertools.islice(self._steps(times), done.steps, None):
+            if dt != step or not self.method.skip or self.varying or refresh is not None:
+                sweeping.all_again()
+                step = dt
+            found = np.zeros(3)
+            done.measured = (
+                done.steps < ALL_MEASURED or done.steps % MEASURED == 0 or ends is not None
+            )
+            for s, (weight, fraction) in enumerate(stages):
+                last = s == order - 1
+                if refresh is not None:  # what comes out is for the time of the next stage
+                    then = 1.0 if last else stages[s + 1][1]
+                    refresh(self._time(start + then * dt))
+                    sweeping.bounds_moved()
+                measures = last and done.measured and nearest > 0
+                numbers = np.array([dt, weight, floor, ceiling, nearest, *spaces])
+                found = sweeping.stage(s, self._u(start + fraction * dt), numbers, measures)
+                done.computed += int(found[0])
+                if found[1]:
+                    at = self.node(sweeping.not_finite())
+                    raise SimulationError(
+                        f"the value is not finite at {at} after {start + dt:g} s"
+                        + (f", and at {found[1] - 1:,.0f} nodes more" if found[1] > 1 else ""),
+                        expected="rates that are finite and speeds that are bounded there",
+                        remedy="leave these states out of the grid, or take a smaller cfl or "
+                        "a lower order",
                     )
-                    workers.run(self.code.mirror, *half)
-                return array
-
-            def now() -> Array:
-                return arrays[0] if self.fold is None else mirror(arrays[0], self.fold.rest)
-
-            for start, dt, ends in itertools.islice(self._steps(times), done.steps, None):
-                if dt != step or not self.method.skip or self.varying or refresh is not None:
-                    flags[:] = 1
-                    step = dt
-                found = np.zeros(3)
-                done.measured = (
-                    done.steps < ALL_MEASURED or done.steps % MEASURED == 0 or ends is not None
-                )
-                for s, (weight, fraction) in enumerate(stages):
-                    last = s == order - 1
-                    own = flags[1:order] if last else flags[:0]
-                    source = arrays[s]
-                    out = arrays[1] if order == 1 else arrays[0 if last else s + 1]
-                    here = flags[s] if order > 1 else flags[done.steps % 2]
-                    there = flags[(s + 1) % order] if order > 1 else flags[1 - done.steps % 2]
-                    if refresh is not None:  # what comes out is for the time of the next stage
-                        then = 1.0 if last else stages[s + 1][1]
-                        refresh(self._time(start + then * dt))
-                    if self.fold is not None:
-                        self.fold.narrow(here)
-                    measures = last and done.measured and nearest > 0
-                    spaces = [*0.5 / self.steps, *self.steps]
-                    numbers = np.array([dt, weight, floor, ceiling, nearest, *spaces])
-                    u = self._u(start + fraction * dt)
-                    before = arrays[0] if order == 1 else out
-                    given = [
-                        *map(address, (u, numbers, source, arrays[0], out, before)),
-                        *bounds, len(values), *map(address, (here, there, own)), len(own),
-                        self.units, *of_grid, address(measured if measures else plain), *of_axes,
-                    ]  # fmt: skip
-                    found = workers.run(self.code.sweep, room, given)
-                    if self.fold is not None:
-                        mirror(out, self.fold.needed)
-                    done.computed += int(found[0])
-                    if found[1]:
-                        at = self.node(int(np.argmax(~(np.abs(out) < 1e300))))
-                        raise SimulationError(
-                            f"the value is not finite at {at} after {start + dt:g} s"
-                            + (f", and at {found[1] - 1:,.0f} nodes more" if found[1] > 1 else ""),
-                            expected="rates that are finite and speeds that are bounded there",
-                            remedy="leave these states out of the grid, or take a smaller cfl or "
-                            "a lower order",
-                        )
-                if order == 1:
-                    arrays.reverse()
-                done.of += self.units * order
-                done.steps += 1
-                done.time = start + dt if ends is None else ends
-                if done.measured:
-                    done.moved(float(found[2]) / dt)
-                following = flags[0] if order > 1 else flags[done.steps % 2]
-                done.fixed = not following.any()
-                done.seconds = time.perf_counter() - began
-                if keep is not None and ends is not None:
-                    keep(ends, now())
-                done.stopped = tell is not None and tell(done, now)
-                if done.stopped:
-                    break
-            now()
-        if arrays[0] is not values:
-            values[:] = arrays[0]
+            done.of += self.units * order
+            done.steps += 1
+            done.time = start + dt if ends is None else ends
+            if done.measured:
+                done.moved(float(found[2]) / dt)
+            done.fixed = sweeping.fixed
+            done.seconds = time.perf_counter() - began
+            if keep is not None and ends is not None:
+                keep(ends)
+            done.stopped = tell is not None and tell(done)
+            if done.stopped:
+                break
         return done
+
+    def sweeping(
+        self,
+        values: Array,
+        upper: Array | None,
+        lower: Array | None,
+        steps: int,
+        room: Room | None = None,
+    ) -> Sweeping:
+        """What holds the values of a march and carries out its stages."""
+        kind = Streaming if room is not None and room.on_disk else Sweeping
+        return kind(self, values, upper, lower, steps, room)
 
     def _u(self, tau: float) -> Array:
         """What is the same at all nodes: the time, the parameters, the largest speeds."""
