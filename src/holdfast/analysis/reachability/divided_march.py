@@ -120,7 +120,7 @@ class PartsHere:
     def __init__(self, held: Sequence[MarchPart], stages: int) -> None:
         self._held, self.stages = held, stages
         self.parts: Sequence[Part] = [p.part for p in held]
-        self._wanted = [p.wanted(self.parts) for p in held]
+        self._wanted = [p.wanted(self.parts) for p in self.parts]
 
     def ask(self, method: str, *given: Any) -> list[Any]:
         return [getattr(p, method)(*given) for p in self._held]

@@ -170,18 +170,6 @@ class MarchPart:
             return found.step(orders)
         return list(carried_out(found, orders, self._obstacles.refresh))
 
-    def wanted(self, others: Sequence[Part]) -> list[tuple[int, list[int]]]:
-        """The other parts that hand something over, and of which layers."""
-        halo = set(self.part.layers.tolist())
-        found = []
-        for k, other in enumerate(others):
-            reach, of = other.of.reach, other.of
-            near = range(other.first - reach, other.last + reach)
-            theirs = {j % of.count if of.around else j for j in near}
-            if (other != self.part or of.around) and (both := sorted(halo & theirs)):
-                found.append((k, both))
-        return found
-
     def edges(self, wanted: Sequence[int]) -> Edges:
         assert isinstance(self._sweeping, Slab)
         return self._sweeping.edges(wanted)

@@ -11,6 +11,7 @@ from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.options import Marching, marching_of
 from holdfast.analysis.reachability.problem import Posed
 from holdfast.arguments import checked
+from holdfast.execution.level_set.layers import Part
 from holdfast.execution.resources import check_memory
 
 
@@ -52,6 +53,11 @@ def memory_of(posed: Posed) -> int:
     obstacles = posed.problem.limit == "free" or posed.varies
     times = len(posed.asked) if posed.several else 0
     return _bytes(posed.grid, posed.marching, obstacles, times, bool(posed.arrival_steps))
+
+
+def part_memory(posed: Posed, part: Part) -> int:
+    """The same for the part of a march that is divided, with its halo."""
+    return memory_of(posed) * len(part.nodes) // part.of.nodes
 
 
 def check_fits(posed: Posed) -> None:

@@ -50,8 +50,8 @@ class Marching:
     estimate_error, check_outside: what the answer is worth, by further marches (`worth.py`).
 
     on_disk: a folder for the arrays, of a grid that is larger than the memory; the march reads and
-    writes them there. cluster: the workers that the grid is divided among (`hf.march_cluster`). The
-    answer is that of one machine in its memory, to the same bit.
+    writes them there. cluster: the workers that the grid is divided among (`march_cluster.py`).
+    The answer is that of one machine in its memory, to the same bit.
     """
 
     scheme: str = "weno5"
@@ -104,7 +104,7 @@ class Marching:
             raise SimulationError(
                 f"cluster: {self.cluster!r}",
                 expected="a cluster",
-                remedy='with hf.march_cluster("tcp://host:8786") as cluster: ...',
+                remedy="make one: holdfast.interop.march_cluster.march_cluster(address)",
             )
         number("checkpoint_every: ", self.checkpoint_every, "seconds, at least 0", lambda v: v >= 0)
         if self.checkpoint is None and self.checkpoint_every != 60.0:

@@ -109,6 +109,17 @@ class Part:
         first = self.first * self.of.thick
         return slice(first, min(self.last * self.of.thick, self.of.nodes))
 
+    def wanted(self, others: Sequence[Part]) -> list[tuple[int, list[int]]]:
+        """The parts that hand something over to this one, and of which layers of the grid."""
+        halo, of = set(self.layers.tolist()), self.of
+        found = []
+        for k, other in enumerate(others):
+            near = range(other.first - of.reach, other.last + of.reach)
+            theirs = {j % of.count if of.around else j for j in near}
+            if (other != self or of.around) and (both := sorted(halo & theirs)):
+                found.append((k, both))
+        return found
+
     def units(self, layer: int) -> slice:
         """The units of one of its layers."""
         return slice(layer * self.of.units, (layer + 1) * self.of.units)

@@ -35,6 +35,11 @@ class Edges:
     changed: Sequence[int]
     values: Sequence[Array]
 
+    def copy(self) -> Edges:
+        """The same, once the part goes on."""
+        values = [v.copy() for v in self.values]
+        return Edges(self.marked, self.flags, self.changed, values)
+
     @property
     def bytes(self) -> int:
         return self.flags.nbytes + sum(v.nbytes for v in self.values)
