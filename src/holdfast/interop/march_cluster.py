@@ -6,7 +6,7 @@ import dataclasses
 import time
 import uuid
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import Any
 
 from holdfast._version import __version__
@@ -21,6 +21,12 @@ from holdfast.maths.games.hamiltonian import Hamiltonian
 
 REJOINS = 10.0
 """Seconds in which a worker that was lost may be back; then the others go on without it."""
+
+SETTLES = 0.5
+"""Seconds after which the scheduler knows that a worker is gone: it would be asked in vain."""
+
+TIMEOUT = 30.0
+"""Seconds in which every worker takes on a task."""
 
 MESSAGE = 5e-3
 """Seconds that a round of messages takes."""
@@ -78,6 +84,8 @@ class MarchCluster:
 
     def _workers(self) -> dict[str, march_worker.Hello]:
         """Those that answer, by address; as many as before, where they are back in time."""
+        if self._count:
+            time.sleep(SETTLES)
         waited = time.monotonic() + REJOINS
         while True:
             found = self._answering()
@@ -157,6 +165,11 @@ class ClusterParts:
             )
             for k, name in enumerate(self._names)
         ]
+        try:
+            for lease in self._leases:
+                lease.exception(timeout=TIMEOUT)
+        except OSError as error:
+            raise PartsLostError(_lost(self._address, self._names[0], str(error))) from None
         sent = dataclasses.replace(posed, marching=marching)
         given = (self._march, sent, self.parts, self._names, self.stages)
         self._answers(march_worker.build, self._names, *given)
@@ -180,10 +193,6 @@ class ClusterParts:
 
     def release(self) -> None:
         """Have the workers let go of their parts."""
-        with suppress(Exception):
-            self._client.run(
-                march_worker.release, self._march, workers=self._names, on_error="ignore"
-            )
         for lease in self._leases:
             lease.release()
 
