@@ -15,6 +15,7 @@ the set, in every problem.
 
 from __future__ import annotations
 
+from holdfast.analysis.reachability.disk_estimate import check_disk
 from holdfast.analysis.reachability.divided_march import DividedMarch, PartsLostError, workplace
 from holdfast.analysis.reachability.march_part import hamiltonian_of
 from holdfast.analysis.reachability.memory_estimate import check_fits
@@ -42,6 +43,8 @@ def marched(
     h = hamiltonian_of(posed)
     if posed.marching.symmetry is not None:
         check_symmetry(h, posed.problem.regions, posed.marching.symmetry)
+    if posed.marching.on_disk is not None and posed.marching.cluster is None:
+        check_disk(posed, h)
     place = workplace(posed.marching)
     losses = 0
     while True:

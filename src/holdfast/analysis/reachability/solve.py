@@ -102,6 +102,7 @@ def _begun(
         ("a checkpoint", marching.checkpoint),
         ("estimate_error", marching.estimate_error),
         ("check_outside", marching.check_outside),
+        ("a cluster", marching.cluster),
     ):
         if there:
             raise SimulationError(f"begin or until with {what}", remedy="leave one of them out")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -140,6 +140,11 @@ class KernelScenario(Composed):
 
     def trouble(self, answer: KernelResult) -> str:
         return answer.trouble
+
+    def marched_on(self, *, cluster: Any = None, on_disk: Path | None = None) -> KernelScenario:
+        given = {"cluster": cluster, "on_disk": on_disk}
+        found = {k: v for k, v in given.items() if v is not None}
+        return replace(self, options={**self.options, **found})
 
     @cached_property
     def begun(self) -> ValueFunction:
