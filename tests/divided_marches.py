@@ -79,6 +79,21 @@ def basin(**options):
     )
 
 
+def two_carts(**options):
+    """Four states."""
+    x, v, y, w, u, d = (hf.symbol(n) for n in ("x", "v", "y", "w", "u", "d"))
+    states = tuple(hf.Quantity(n, "m" if n in "xy" else "m/s") for n in ("x", "v", "y", "w"))
+    inputs = (hf.Quantity("u", "m/s^2"), hf.Quantity("d", "m/s^2"))
+    system = hf.System(
+        "two_carts", states, inputs, {"x": v, "v": u, "y": w, "w": d + x / 4},
+        input_bounds=hf.Box((-1, -1), (1, 1)),
+    )  # fmt: skip
+    apart = hf.Region("apart", states, (hf.Inequality("apart", x**2 + y**2 - 1, "m"),))
+    box = {"x": (-1.3, 1.3), "v": (-1.8, 1.8), "y": (-1.3, 1.3), "w": (-1.8, 1.8)}
+    over = hf.grid(system, box, {"x": 11, "v": 8, "y": 9, "w": 10})
+    return hf.viability_kernel(system, apart, over, 0.5, **options)
+
+
 def cart(**options):
     """A grid of two states, whose parts are cut between rows that are computed together."""
     x, v, u = (hf.symbol(n) for n in ("x", "v", "u"))

@@ -26,6 +26,7 @@ from tests.divided_marches import (
     set_at,
     tube,
     turned_kernel,
+    two_carts,
 )  # fmt: skip
 
 STAGE, STEP = False, True
@@ -41,6 +42,7 @@ DIVIDED = [
     (tube, {}, [(4, STEP)]),
     (set_at, {"check_outside": False}, [(2, STAGE)]),
     (basin, {"check_outside": True}, [(4, STEP), (2, STAGE)]),
+    (two_carts, {"band": 0.1}, [(3, STEP), (11, STAGE)]),
     (line, {"threads": 1}, [(2, STAGE), (3, STEP)]),
 ]
 

@@ -9,6 +9,7 @@ fewer messages, and the inner part of a halo is computed twice.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -132,7 +133,8 @@ def layers(shape: Sequence[int], ghosts: int, ends: str) -> Layers:
         return Layers(shape[0], longest, 1, ghosts, ends == "periodic")
     if len(shape) == 2:
         return Layers(shape[0], many, stretches, -(-ghosts // many), ends == "periodic")
-    return Layers(shape[0], 1, groups * stretches, ghosts, ends == "periodic")
+    units = math.prod(shape[1:-2]) * groups * stretches
+    return Layers(shape[0], 1, units, ghosts, ends == "periodic")
 
 
 def check_cut(of: Layers, name: str, reflected: bool) -> None:
