@@ -11,9 +11,9 @@ of them, a step has S stages and e exchanges of halos (S, or 1), n workers have 
     rounds       e (a + b n)           the coordinator asks every worker and waits for all
     edges        2 g S M w / B         both ways, w bytes a node
 
-u is the time of a node in a stage with one worker; a + b n that of rounds of a grid so small that
-it costs nothing; B is measured between two workers. The memory is that of S arrays of P planes and
-their halos, of g S / e planes on either side.
+u is the time of a node in a stage while n processes march each a grid of their own; a + b n that of
+rounds of a grid so small that it costs nothing; B is measured between two workers. The memory is
+that of S arrays of P planes and their halos, of g S / e planes on either side.
 """
 
 from __future__ import annotations
@@ -22,9 +22,11 @@ import argparse
 import contextlib
 import json
 import math
+import multiprocessing
 import os
 import time
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -34,15 +36,15 @@ import numpy as np
 
 import holdfast as hf
 from holdfast.analysis.reachability.disk_estimate import disk_speed
-from holdfast.execution.resources import available_cores
+from holdfast.execution.level_set.schemes import schemes
 from holdfast.interop.march_cluster import march_cluster
 from holdfast.scenario.load import load_scenario
 
 STAGES, REACH, BYTES = 3, 3, 4
 """Of weno5 with its Runge-Kutta method, in single precision."""
 
-STEPS = 6
-"""Steps that are timed; the shortest counts, as the machine has other work."""
+STEPS = 15
+"""Steps that are timed; the median counts, as the machine has other work."""
 
 LARGE = {"31^6": (31,) * 6, "50^6": (50,) * 6}
 
@@ -112,7 +114,7 @@ def step_seconds(shape: Sequence[int], steps: int = STEPS, **options: Any) -> li
     with contextlib.suppress(Enough):
         hf.viability_kernel(
             scenario.system, scenario.region, scenario.grid, 3.0, progress=progress, skip=False,
-            scheme="weno5", precision="float32", disturbance={"Vx": 0.0, "Vy": 0.0}, **options,
+            precision="float32", disturbance={"Vx": 0.0, "Vy": 0.0}, **{"scheme": "weno5"} | options,
         )  # fmt: skip
     return np.diff(times)[1:].tolist()  # the first has the preparation
 
@@ -149,14 +151,27 @@ def bandwidth(client: Any) -> float:
     return best
 
 
+def alone(shape: Sequence[int], processes: int) -> float:
+    """Seconds of a thread for a node in a stage, while so many processes march for themselves."""
+    with ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn")) as pool:
+        list(pool.map(_median, [shape] * processes))  # compiled
+        found = list(pool.map(_median, [shape] * processes))
+    return max(found) / STAGES / math.prod(shape)
+
+
+def _median(shape: Sequence[int], steps: int = STEPS, **options: Any) -> float:
+    return float(np.median(step_seconds(shape, steps, **{"threads": 1} | options)))
+
+
 def scaling(nodes: int) -> dict[str, Any]:
     """Strong and weak scaling with 1, 2 and 4 processes of one thread, and what 64 would take."""
     shape = (24, *(nodes,) * 5)
-    cores = available_cores()
     times: dict[tuple[str, int, str], tuple[Sequence[int], float]] = {}
     rounds: dict[int, float] = {}
+    node: dict[int, float] = {}
     across = 0.0
     for workers in (1, 2, 4):
+        node[workers] = alone((12, *shape[1:]), workers)
         with (
             distributed.LocalCluster(
                 n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=50
@@ -167,32 +182,31 @@ def scaling(nodes: int) -> dict[str, Any]:
                 across = bandwidth(client)
             address = cluster.scheduler_address
             with march_cluster(address, exchange="stage") as place:
-                tiny = step_seconds((max(workers, 7), *(7,) * 5), 40, cluster=place)
-                rounds[workers] = min(tiny) / STAGES
+                tiny = (max(workers, 7), *(7,) * 5)
+                rounds[workers] = _median(tiny, 40, cluster=place) / STAGES
+                rounds[workers] -= node[workers] * math.prod(tiny) / workers
             for exchange in ("stage", "step")[: 1 + (workers > 1)]:
                 with march_cluster(address, exchange=exchange) as place:
                     for kind, of in (("strong", shape), ("weak", (12 * workers, *shape[1:]))):
-                        found = min(step_seconds(of, cluster=place))
+                        found = _median(of, cluster=place)
                         times[kind, workers, exchange] = of, found
                         print(kind, workers, exchange, of, f"{found:.2f} s", flush=True)
-    of, one = times["strong", 1, "stage"]
-    each = max((rounds[4] - rounds[2]) / 2, 0.0)
-    fixed = max(rounds[2] - 2 * each, 0.0)
-    costs = Costs((one - STAGES * rounds[1]) / STAGES / math.prod(of), fixed, each, across)
+    each, fixed = np.polyfit(list(rounds), list(rounds.values()), 1)
+    costs = {n: Costs(node[n], max(fixed, 0.0), max(each, 0.0), across) for n in node}
     rows = [
         Row(kind, n, exchange, list(of), found,
-            modelled(of, n, exchange == "step", costs, min(1.0, cores / n)).seconds)
+            modelled(of, n, exchange == "step", costs[n], 1.0).seconds)
         for (kind, n, exchange), (of, found) in times.items()
     ]  # fmt: skip
     large = {
         name: {
-            exchange: asdict(step := modelled(of, 64, exchange == "step", costs, 16.0))
-            | {"seconds": step.seconds, "one": modelled(of, 1, True, costs, 16.0).seconds}
+            exchange: asdict(step := modelled(of, 64, exchange == "step", costs[1], 16.0))
+            | {"seconds": step.seconds, "one": modelled(of, 1, True, costs[1], 16.0).seconds}
             for exchange in ("stage", "step")
         }
         for name, of in LARGE.items()
     }
-    return {"costs": asdict(costs), "rounds": rounds,
+    return {"costs": {n: asdict(c) for n, c in costs.items()}, "rounds": rounds,
             "rows": [asdict(r) for r in rows], "large": large}  # fmt: skip
 
 
@@ -207,20 +221,24 @@ def limited(gigabytes: float) -> None:
     (group / "cgroup.procs").write_text(str(os.getpid()))
 
 
-def from_disk(folder: str, nodes: int, gigabytes: float) -> dict[str, Any]:
-    """Steps in memory, from a disk, and from a disk with less memory than the arrays take."""
-    shape = (24, *(nodes,) * 5)
-    arrays = STAGES * BYTES * math.prod(shape)
-    memory = min(step_seconds(shape))
+def from_disk(folder: str, nodes: int, gigabytes: float, scheme: str) -> dict[str, Any]:
+    """Steps in memory, from a disk, and from a disk with less memory than the arrays take.
+
+    Of few steps the shortest counts.
+    """
+    shape, order = (24, *(nodes,) * 5), schemes()[scheme].order
+    node, arrays = BYTES * math.prod(shape), max(order, 2)
+    memory = min(step_seconds(shape, 4, scheme=scheme))
     reading, writing = disk_speed(Path(folder))
-    cached = min(step_seconds(shape, on_disk=folder))
-    found = {"shape": list(shape), "arrays": arrays, "memory": memory, "cached": cached}
+    cached = min(step_seconds(shape, 4, scheme=scheme, on_disk=folder))
+    model = max(memory, arrays * node / reading + (arrays if order > 1 else 1) * node / writing)
+    found = {"shape": list(shape), "scheme": scheme, "arrays": arrays * node, "memory": memory,
+             "cached": cached, "reading": reading, "writing": writing, "model": model}  # fmt: skip
     if gigabytes:
         limited(gigabytes)
-        steps = step_seconds(shape, on_disk=folder)
-        found |= {"limit": gigabytes * 1e9, "limited": float(np.median(steps)), "steps": steps}
-    model = max(memory, arrays / reading + arrays / writing)
-    return found | {"reading": reading, "writing": writing, "model": model}
+        steps = step_seconds(shape, 5, scheme=scheme, on_disk=folder)
+        found |= {"limit": gigabytes * 1e9, "limited": min(steps[1:]), "steps": steps}
+    return found
 
 
 def main() -> None:
@@ -228,10 +246,11 @@ def main() -> None:
     parser.add_argument("--nodes", type=int, default=10)
     parser.add_argument("--disk", default="")
     parser.add_argument("--limit", type=float, default=0.0, help="gigabytes of memory")
+    parser.add_argument("--scheme", default="weno5")
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     if given.disk:
-        found = from_disk(given.disk, given.nodes, given.limit)
+        found = from_disk(given.disk, given.nodes, given.limit, given.scheme)
         print(json.dumps(found, indent=1))
     else:
         found = scaling(given.nodes)
@@ -240,7 +259,7 @@ def main() -> None:
         print(json.dumps({k: found[k] for k in ("costs", "rounds", "large")}, indent=1))
     if given.json:
         known = json.loads(given.json.read_text()) if given.json.exists() else {}
-        known["disk" if given.disk else "scaling"] = found
+        known[f"disk, {given.scheme}" if given.disk else "scaling"] = found
         given.json.write_text(json.dumps(known, indent=1) + "\n")
 
 

@@ -61,6 +61,7 @@ class Slab(Sweeping):
         stages: int,
     ) -> None:
         super().__init__(march, values, upper, lower, steps, room)
+        assert march.units == len(part.layers) * part.of.units
         self.part, self._stages = part, stages
         self._flags = np.ones((max(self._order, 2) + 1, march.units), dtype=np.uint8)
         self._layer = len(values) // int(part.starts[-1])  # nodes at a place of the axis
