@@ -111,10 +111,11 @@ def step_seconds(shape: Sequence[int], steps: int = STEPS, **options: Any) -> li
         if len(times) > steps + 1:
             raise Enough
 
+    options = {"scheme": "weno5"} | options
     with contextlib.suppress(Enough):
         hf.viability_kernel(
             scenario.system, scenario.region, scenario.grid, 3.0, progress=progress, skip=False,
-            precision="float32", disturbance={"Vx": 0.0, "Vy": 0.0}, **{"scheme": "weno5"} | options,
+            precision="float32", disturbance={"Vx": 0.0, "Vy": 0.0}, **options,
         )  # fmt: skip
     return np.diff(times)[1:].tolist()  # the first has the preparation
 
@@ -231,7 +232,7 @@ def from_disk(folder: str, nodes: int, gigabytes: float, scheme: str) -> dict[st
     memory = min(step_seconds(shape, 4, scheme=scheme))
     reading, writing = disk_speed(Path(folder))
     cached = min(step_seconds(shape, 4, scheme=scheme, on_disk=folder))
-    model = max(memory, arrays * node / reading + (arrays if order > 1 else 1) * node / writing)
+    model = memory + arrays * node / reading + (arrays if order > 1 else 1) * node / writing
     found = {"shape": list(shape), "scheme": scheme, "arrays": arrays * node, "memory": memory,
              "cached": cached, "reading": reading, "writing": writing, "model": model}  # fmt: skip
     if gigabytes:

@@ -1,6 +1,6 @@
 """How long a step of a march from a disk takes, beside one in memory, before it begins.
 
-    from the disk      max( computing, read / its speed + written / its speed )
+    from the disk      computing + read / its speed + written / its speed
     in memory          computing
 
 A stage of a few planes of the grid is timed, and a file of some hundred megabytes. Where nothing is
@@ -54,7 +54,7 @@ class DiskEstimate:
     @property
     def step(self) -> float:
         """Seconds of a step from the disk."""
-        return max(self.computing, self.read / self.reading + self.written / self.writing)
+        return self.computing + self.read / self.reading + self.written / self.writing
 
     @property
     def slowdown(self) -> float:
@@ -116,27 +116,31 @@ def traffic(posed: Posed) -> tuple[int, int]:
 
 
 def disk_speed(folder: Path, size: int = PROBE) -> tuple[float, float]:
-    """Bytes/s that a disk reads and writes, by a file that is not left in the memory."""
-    block = np.random.default_rng(0).integers(0, 256, 2**20, dtype=np.uint8).tobytes()
+    """Bytes/s that a disk reads and writes, as a march does, by an array that is not left in the
+    memory."""
+    block = np.random.default_rng(0).random(2**17)
+    count = max(1, size // block.nbytes) * len(block)
     try:
         with tempfile.TemporaryFile(dir=folder) as file:
+            os.posix_fallocate(file.fileno(), 0, count * block.itemsize)
+            array = np.memmap(file, dtype=block.dtype, mode="r+", shape=(count,))
             began = time.perf_counter()
-            for _ in range(max(1, size // len(block))):
-                file.write(block)
-            file.flush()
-            os.fsync(file.fileno())
+            for first in range(0, count, len(block)):
+                array[first : first + len(block)] = block
+            array.flush()
             wrote = time.perf_counter()
+            del array  # so that what the memory holds of it can be let go
             os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
-            file.seek(0)
-            while file.read(len(block)):
-                pass
+            array = np.memmap(file, dtype=block.dtype, mode="r", shape=(count,))
+            for first in range(0, count, len(block)):
+                array[first : first + len(block)].max()
             read = time.perf_counter()
     except OSError as error:
         raise OutputError(
             f"{folder} cannot be written ({error.strerror})",
             remedy="choose another folder for on_disk",
         ) from None
-    return size / (read - wrote), size / (wrote - began)
+    return count * 8 / (read - wrote), count * 8 / (wrote - began)
 
 
 def _computing(posed: Posed, h: Hamiltonian) -> float:
