@@ -32,11 +32,11 @@ from tests.divided_marches import (
 STAGE, STEP = False, True
 
 DIVIDED = [
-    (kernel, {}, [(2, STAGE), (3, STEP), (21, STAGE)]),
+    (kernel, {}, [(2, STAGE), (3, STEP)]),
     (kernel, {"scheme": "eno2", "precision": "float32", "dissipation": "global"}, [(3, STEP)]),
-    (kernel, {"scheme": "upwind"}, [(2, STEP), (21, STEP)]),
+    (kernel, {"scheme": "upwind"}, [(3, STEP)]),
     (turned_kernel, {}, [(2, STEP), (5, STAGE), (17, STEP)]),
-    (limited_kernel, {"scheme": "upwind", "order": 2}, [(5, STEP)]),
+    (limited_kernel, {"scheme": "upwind", "order": 2}, [(5, STEP), (21, STAGE)]),
     (mirrored_kernel, {}, [(3, STEP), (3, STAGE)]),
     (moving_kernel, {}, [(3, STEP), (4, STAGE)]),
     (tube, {}, [(4, STEP)]),

@@ -74,7 +74,7 @@ def check_fits(posed: Posed) -> None:
     if marching.precision == "float64":
         remedy += ', or precision="float32"'
     if marching.cluster is None:
-        remedy += ", or march from a disk (on_disk=FOLDER) or on a cluster (cluster=...)"
+        remedy += ", or march from a disk (on_disk=FOLDER), or on a cluster (cluster=...)"
     else:
         remedy += ", or have it on a disk (on_disk=FOLDER)"
     check_memory(needed, what, remedy)
