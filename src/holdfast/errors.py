@@ -57,6 +57,10 @@ class ModelWarning(UserWarning):
     """A model that leaves out what a vehicle has: what was computed with it need not hold."""
 
 
+class SlowWarning(UserWarning):
+    """A computation that takes much longer than it would with more memory."""
+
+
 class RenamedWarning(FutureWarning):
     """Deprecation: a word that has been replaced and is still accepted for one release."""
 

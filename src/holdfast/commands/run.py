@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 
 import click
@@ -18,6 +19,18 @@ DEVICES = ("cpu", "gpu", "c++")
 @click.command("run")
 @click.argument("scenario")
 @simulation_options
+@click.option(
+    "--cluster",
+    metavar="ADDRESS",
+    help="Address of the scheduler of a Dask cluster whose workers march a kernel, such as "
+    "tcp://host:8786.",
+)
+@click.option(
+    "--on-disk",
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    help="Folder for the arrays of a kernel that is larger than the memory.",
+)
 @click.option(
     "--controller",
     metavar="COMMAND",
@@ -35,6 +48,8 @@ def command(
     scenario: str,
     controller: str | None,
     device: str,
+    cluster: str | None,
+    on_disk: Path | None,
     out: Path | None,
     overrides: tuple[str, ...],
     runs: int | None,
@@ -61,7 +76,15 @@ def command(
         click.echo(f"{loaded.remark}\n")
     folder = out if out is not None else Path("runs") / loaded.name
     check_writable(folder)
-    with bar(f"{loaded.name}, preparing") as tell:
+    with ExitStack() as stack:
+        if cluster is not None or on_disk is not None:
+            loaded = loaded.marched_on(on_disk=on_disk)
+        if cluster is not None:
+            from holdfast.interop.march_cluster import march_cluster
+
+            workers = stack.enter_context(march_cluster(cluster))
+            loaded = loaded.marched_on(cluster=workers)
+        tell = stack.enter_context(bar(f"{loaded.name}, preparing"))
         answer = loaded.run(lambda fraction: tell(loaded.name, fraction))
     files = loaded.write(answer, folder, figures=not no_figures, bar=bar)
     click.echo(loaded.report(answer, files))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
@@ -20,15 +21,20 @@ def check_memory(
     needed: int, what: str, remedy: str = "raise record_every, or simulate fewer runs at a time"
 ) -> None:
     """Refuse arrays beyond the memory, before anything is allocated."""
-    if not hasattr(os, "sysconf"):
-        return
-    total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    total = total_memory()
     if needed > 0.7 * total:
         raise SimulationError(
             f"{what} take {needed / 2**30:.3g} GiB, this machine has {total / 2**30:.3g}",
             expected="at most 70 % of it",
             remedy=remedy,
         )
+
+
+def total_memory() -> float:
+    """Bytes of memory of this machine; infinite where that is unknown."""
+    if not hasattr(os, "sysconf"):
+        return math.inf
+    return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
 
 
 def available_cores() -> int:

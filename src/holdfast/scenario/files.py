@@ -23,6 +23,7 @@ PATHS: dict[tuple[str, str], tuple[str, ...]] = {
     ("safety", "kernel"): (".toml", ".nc"),
     ("compare", "kernel"): (".toml",),
     ("march", "checkpoint"): ("",),
+    ("march", "on_disk"): ("",),
     ("environment", "geojson"): ("",),
 }
 """Table and key whose text is a path if it ends so (else a name)."""

@@ -2,7 +2,8 @@
 
 The file is replaced as a whole, so that whenever a process ends, the last state or the one before
 is there. What is skipped in a march is only what would not change: begun again from its values and
-the number of its steps alone, it goes on to the same bit.
+the number of its steps alone, it goes on to the same bit. A march that is divided, or on a disk,
+has a folder instead (`checkpoint_parts.py`); any march goes on from either, whichever is further.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ import numpy as np
 import sympy as sp
 
 from holdfast._version import __version__
+from holdfast.analysis.reachability.checkpoint_parts import PartFiles
+from holdfast.analysis.reachability.divided_march import DividedMarch
 from holdfast.analysis.reachability.problem import Posed
-from holdfast.analysis.reachability.snapshots import Record
 from holdfast.errors import OutputError, SimulationError
-from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.settling import Done
 from holdfast.host.writing import atomic_file, remove_left_over
 
@@ -33,46 +34,65 @@ SHOWN = 40
 class Checkpoint:
     """The state of the march of `posed` in the file `path`, written every `every` s of wall time.
 
-    code: what the compiled march is called, which is a digest of its text.
+    code: what the compiled march is called, which is a digest of its text. in_parts: whether every
+    part of the march writes its own.
     """
 
-    def __init__(self, path: Path, every: float, posed: Posed, code: str) -> None:
+    def __init__(self, path: Path, every: float, posed: Posed, code: str, in_parts: bool) -> None:
         self.path = path
         self.every = every
         self.identity = identity(posed) | {"the code of the march": code}
         self.written = time.monotonic()
+        self._files = PartFiles(path.with_name(f"{path.name}.parts"))
+        self._in_parts = in_parts
 
-    def load(self, values: Array, record: Record) -> Done:
-        """Put back what the file holds; a march that has not begun where there is none.
+    def load(self, march: DividedMarch) -> Done:
+        """Put back what was held; a march that has not begun where there is nothing.
 
         Raises `SimulationError` for another file than a checkpoint, and for one of another problem.
         """
         remove_left_over(self.path.parent)  # of a process that ended while it wrote
-        if not self.path.exists():
+        found = {p: said for p in (self.path, self._files.path) if (said := self._said(p))}
+        if not found:
             return Done()
-        if not self.path.is_file():
-            raise SimulationError(
-                f"{self.path} is not a regular file", remedy="choose another for it"
-            )
+        path = max(found, key=lambda p: found[p]["done"]["steps"])
         try:
-            with np.load(self.path, allow_pickle=False) as kept:
-                said = json.loads(str(kept["said"]))
-                self._check(said["problem"])
-                values[:] = kept["values"]
-                record.restore(kept)
-                return Done(**said["done"])
+            march.each("restore", path, found[path].get("then", 0.0))
+            return Done(**found[path]["done"])
         except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile):
-            raise SimulationError(
-                f"{self.path} cannot be read as a checkpoint",
-                remedy="remove it to begin anew, or choose another file",
-            ) from None
+            raise _unreadable(path) from None
 
-    def save(self, done: Done, values: Array, record: Record) -> None:
-        said = json.dumps({"problem": self.identity, "done": asdict(done)})
+    def _said(self, path: Path) -> dict[str, Any] | None:
+        """What a checkpoint says of itself; None where there is none."""
+        if not path.exists():
+            return None
         try:
-            with atomic_file(self.path) as partial, partial.open("wb") as file:
-                arrays: dict[str, Any] = {"values": values, **record.arrays()}
-                np.savez(file, said=np.array(said), **arrays)
+            if path == self._files.path:
+                said = self._files.said()
+            elif path.is_file():
+                with np.load(path, allow_pickle=False) as kept:
+                    said = json.loads(str(kept["said"]))
+            else:
+                raise SimulationError(
+                    f"{path} is not a regular file", remedy="choose another for it"
+                )
+            if said is not None:
+                self._check(said["problem"])
+        except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile):
+            raise _unreadable(path) from None
+        return said
+
+    def save(self, done: Done, march: DividedMarch) -> None:
+        said = {"problem": self.identity, "done": asdict(done), "then": march.recorded()}
+        try:
+            if self._in_parts:
+                generation = self._files.next
+                march.each("write", self._files.folder(), generation)
+                self._files.finish(said, generation)
+            else:
+                with atomic_file(self.path) as partial, partial.open("wb") as file:
+                    arrays: dict[str, Any] = dict(march.arrays())
+                    np.savez(file, said=np.array(json.dumps(said)), **arrays)
         except OutputError as error:
             raise OutputError(
                 f"the checkpoint {error.cause}",
@@ -98,6 +118,13 @@ class Checkpoint:
             f"the checkpoint {self.path} belongs to another problem: {name} differs{shown}{more}",
             remedy="remove it to begin anew, or choose another file",
         )
+
+
+def _unreadable(path: Path) -> SimulationError:
+    return SimulationError(
+        f"{path} cannot be read as a checkpoint",
+        remedy="remove it to begin anew, or choose another file",
+    )
 
 
 def identity(posed: Posed) -> dict[str, str]:

@@ -11,6 +11,7 @@ from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.options import Marching, marching_of
 from holdfast.analysis.reachability.problem import Posed
 from holdfast.arguments import checked
+from holdfast.execution.level_set.layers import Part
 from holdfast.execution.resources import check_memory
 
 
@@ -54,12 +55,37 @@ def memory_of(posed: Posed) -> int:
     return _bytes(posed.grid, posed.marching, obstacles, times, bool(posed.arrival_steps))
 
 
+def part_memory(posed: Posed, part: Part) -> int:
+    """The same for the part of a march that is divided, with its halo."""
+    return memory_of(posed) * len(part.nodes) // part.of.nodes
+
+
 def check_fits(posed: Posed) -> None:
-    """Refuse a march that exceeds the memory of this machine."""
+    """Refuse a march that exceeds the memory of this machine.
+
+    Of one on a cluster, its answer; one on a disk needs memory for a few planes.
+    """
+    marching, needed, what = posed.marching, memory_of(posed), f"{posed.grid.nodes:,} nodes"
+    if marching.on_disk is not None:
+        return
+    if marching.cluster is not None:
+        needed, what = _answer_bytes(posed), f"the answer at {what}"
     remedy = "take fewer nodes"
-    if posed.marching.precision == "float64":
+    if marching.precision == "float64":
         remedy += ', or precision="float32"'
-    check_memory(memory_of(posed), f"{posed.grid.nodes:,} nodes", remedy)
+    if marching.cluster is None:
+        remedy += ", or march from a disk (on_disk=FOLDER), or on a cluster (cluster=...)"
+    else:
+        remedy += ", or have it on a disk (on_disk=FOLDER)"
+    check_memory(needed, what, remedy)
+
+
+def _answer_bytes(posed: Posed) -> int:
+    """Of the values that are brought together, with their records."""
+    size = np.dtype(posed.marching.precision).itemsize
+    times = 2 * len(posed.asked) if posed.several else 0
+    arrivals = (8 + size) * bool(posed.arrival_steps)
+    return posed.grid.nodes * (size * (1 + times) + arrivals)
 
 
 def _bytes(grid: Grid, marching: Marching, obstacles: bool, times: int, arrivals: bool) -> int:

@@ -10,67 +10,126 @@ open ends of the grid, leaving the grid counts as lost with W <= d, and as won w
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
 import numpy as np
 
-from holdfast.analysis.reachability.problem import Posed, check_inside
+from holdfast.analysis.reachability.problem import Ends, Posed, check_inside, touched
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
+from holdfast.execution.level_set.layers import Part
 from holdfast.execution.level_set.over_grid import over_grid
 
 
-class Obstacles:
-    """start, lower, upper: values at every node, flat, at the beginning of the march; if they
-    depend on time, `refresh` writes those of a time into lower and upper.
+@dataclass(frozen=True)
+class Facts:
+    """What is known of the start value. nan: whether it is somewhere; inside: whether a node is in
+    the set; ends: the ends of the grid that the set touches; cell: the largest change from node to
+    node; highest: the largest value; deepest: the largest magnitude."""
 
-    cell: the largest change of the start value from node to node. highest: bound of all values.
+    nan: bool
+    inside: bool
+    ends: Ends
+    cell: float
+    highest: float
+    deepest: float
+
+
+def merged(found: Sequence[Facts]) -> Facts:
+    """Of the whole grid, from those of its parts."""
+    return Facts(
+        any(f.nan for f in found),
+        any(f.inside for f in found),
+        frozenset().union(*(f.ends for f in found)),
+        max(f.cell for f in found),
+        max(f.highest for f in found),
+        max(f.deepest for f in found),
+    )
+
+
+def check_start(posed: Posed, facts: Facts) -> None:
+    """Refuse a start value that no march can begin with."""
+    if facts.nan:
+        raise SimulationError(
+            "the constraints of a region are NaN at some nodes of the grid",
+            remedy="take an interval on which its inequalities are defined",
+        )
+    check_inside(posed, facts.ends)
+    if not facts.inside:
+        raise SimulationError(
+            f"no node of the grid is in region '{posed.problem.start.name}'",
+            remedy="take a finer grid",
+        )
+
+
+class Obstacles:
+    """start, lower, upper: values at every node of a part of the grid, flat, at the beginning of
+    the march; if they depend on time, `refresh` writes those of a time into lower and upper.
+
+    highest: bound of all values of the part, without its halo. room: an array of so many values.
     """
 
-    def __init__(self, posed: Posed) -> None:
-        self.posed, problem, grid = posed, posed.problem, posed.grid
+    def __init__(self, posed: Posed, part: Part, room: Callable[[int], Array]) -> None:
+        grid = posed.grid
+        self.posed, self.part, self._empty = posed, part, room
         self.room: Array | None = None
+        axes = [grid.axes[0].nodes[part.nodes], *(a.nodes for a in grid.axes[1:])]
+        self.shape = tuple(len(a) for a in axes)
         self.margins = [
             over_grid(
                 region.margin,
                 [a.state.symbol for a in grid.axes],
                 posed.parameters,
-                [a.nodes for a in grid.axes],
+                axes,
                 band=posed.marching.band,
                 precision=posed.marching.precision,
+                room=room,
             )
-            for region in problem.regions
+            for region in posed.problem.regions
         ]
-        start, self.lower, self.upper = self._at(posed.clock[0])
-        if not (start > 0).any():
-            raise SimulationError(
-                f"no node of the grid is in region '{problem.start.name}'",
-                remedy="take a finer grid",
-            )
-        self.cell = largest_change(start.reshape(grid.shape))
+        self.start, self.lower, self.upper = self._at(posed.clock[0])
+
+    def facts(self) -> Facts:
+        start = self.start.reshape(self.shape)
+        own = self.part.own
+        mine = start[own]
+        before = own.start - (self.part.first > 0)  # the change from the part before it, too
+        return Facts(
+            bool(np.isnan(mine.min())),
+            any((plane > 0).any() for plane in mine),
+            touched(self.posed, start, self.part),
+            largest_change(start[before : own.stop]),
+            float(mine.max()),
+            float(max(mine.max(), -mine.min())),
+        )
+
+    def begin(self, facts: Facts) -> Facts:
+        """Where leaving the grid counts, as for the whole grid: what is known of the new start."""
+        posed = self.posed
         if posed.beyond:
-            self.room = room_inside(posed, start, self.cell)
-            start, self.lower, self.upper = self._at(posed.clock[0])
-        self.start = start
-        self.highest = float(self.start.max())
+            self.room = self._room_inside(open_ends(posed, facts.ends), facts.cell)
+            self.start, self.lower, self.upper = self._at(posed.clock[0])
+            facts = replace(self.facts(), cell=facts.cell)
+        self.highest = facts.highest
+        return facts
 
     def refresh(self, time: float) -> None:
         start, lower, upper = self._at(time)
-        self.highest = max(self.highest, float(start.max()))
-        for mine, new in ((self.lower, lower), (self.upper, upper)):
-            if mine is not None and new is not None:
-                mine[:] = new
+        mine = start.reshape(self.shape)[self.part.own]
+        nan = bool(np.isnan(mine.min()))
+        ends = touched(self.posed, start.reshape(self.shape), self.part)
+        check_start(self.posed, Facts(nan, True, ends, 0.0, 0.0, 0.0))
+        self.highest = max(self.highest, float(mine.max()))
+        for known, new in ((self.lower, lower), (self.upper, upper)):
+            if known is not None and new is not None:
+                known[:] = new
 
     def _at(self, time: float) -> tuple[Array, Array | None, Array | None]:
         """The initial value and the obstacles at a time."""
         posed, room = self.posed, self.room
         own, *others = (margin(time) for margin in self.margins)
-        if any(np.isnan(m.min()) for m in (own, *others)):
-            raise SimulationError(
-                "the constraints of a region are NaN at some nodes of the grid",
-                remedy="take an interval on which its inequalities are defined",
-            )
         kept = posed.problem.limit == "shrink"
-        if kept:
-            check_inside(posed, own)
         lower = None if kept else own
         upper: Array | None = own if kept else (others[0] if others else None)
         if posed.beyond == "lost" and room is not None:
@@ -80,41 +139,42 @@ class Obstacles:
         start = upper if kept or lower is None else lower
         assert start is not None
         if upper is not None and upper is not start:
-            start = np.minimum(start, upper)
+            start = np.minimum(start, upper, out=self._empty(len(start)))
         lower = None if posed.limit == "grow" or posed.problem.limit == "exact" else lower
         upper = None if posed.limit == "shrink" else upper
         if start is lower or start is upper:  # the march overwrites it in place, the obstacles stay
-            start = start.copy()
+            kept_start, start = start, self._empty(len(start))
+            start[:] = kept_start
         return start, lower, upper
 
+    def _room_inside(self, ends: Sequence[tuple[int, int]], cell: float) -> Array:
+        """The distance to the nearest open end, less half a cell, as steep as the start value."""
+        shape, band = self.posed.grid.shape, self.posed.marching.band
+        kind = self.start.dtype
+        room = self._empty(len(self.start)).reshape(self.shape)
+        room[:] = min(band, float(max(shape)) * cell)
+        for i, end in ends:
+            places = np.arange(shape[i], dtype=kind)
+            places = places if end == 0 else places[::-1]
+            places = places[self.part.nodes] if i == 0 else places
+            line = np.maximum((places - 0.5) * cell, -band).astype(kind)
+            rows = line.reshape([-1 if k == i else 1 for k in range(len(shape))])
+            np.minimum(room, rows, out=room)
+        return room.ravel()
 
-def open_ends(posed: Posed, values: Array) -> list[tuple[int, int]]:
+
+def open_ends(posed: Posed, reached: Ends) -> list[tuple[int, int]]:
     """The ends of the grid beyond which the value is extrapolated: the axis, and 0 or -1.
 
     If the set only shrinks, ends that it does not reach initially are left out.
     """
-    table = values.reshape(posed.grid.shape)
     return [
         (i, end)
         for i, axis in enumerate(posed.grid.axes)
         if axis.ends in ("contained", "extrapolated")
         for end in (0, -1)
-        if posed.limit != "shrink" or (np.take(table, end, axis=i) > 0).any()
+        if posed.limit != "shrink" or (i, end) in reached
     ]
-
-
-def room_inside(posed: Posed, values: Array, cell: float) -> Array:
-    """The distance to the nearest open end, less half a cell, as steep as the start value."""
-    shape = posed.grid.shape
-    most = min(posed.marching.band, float(max(shape)) * cell)
-    room = np.full(shape, most, dtype=values.dtype)
-    for i, end in open_ends(posed, values):
-        places = np.arange(shape[i], dtype=values.dtype)
-        places = places if end == 0 else places[::-1]
-        line = np.maximum((places - 0.5) * cell, -posed.marching.band).astype(values.dtype)
-        rows = line.reshape([-1 if k == i else 1 for k in range(len(shape))])
-        np.minimum(room, rows, out=room)
-    return room.ravel()
 
 
 def largest_change(values: Array) -> float:

@@ -53,6 +53,10 @@ class Marching:
     device: "cpu", or "gpu": the same definition as kernels of CUDA, by way of CuPy (an extra of
     this package); values differ from those of the processor by roundings. "c++" compiles the text
     of these kernels with the C++ compiler of this machine, to check it.
+
+    on_disk: a folder for the arrays, of a grid that is larger than the memory; the march reads and
+    writes them there. cluster: the workers that the grid is divided among (`march_cluster.py`).
+    The answer is that of one machine in its memory, to the same bit.
     """
 
     scheme: str = "weno5"
@@ -71,6 +75,8 @@ class Marching:
     estimate_error: bool | str = False
     check_outside: bool = False
     device: str = "cpu"
+    on_disk: str | Path | None = None
+    cluster: Any = None
 
     def __post_init__(self) -> None:
         for name, known in (
@@ -99,6 +105,19 @@ class Marching:
             by_name("symmetry", self.symmetry, '{"y": -1}')
         if self.checkpoint is not None and not isinstance(self.checkpoint, (str, Path)):
             raise SimulationError(f"checkpoint: {self.checkpoint!r}", expected="a file or a folder")
+        if self.on_disk is not None and not isinstance(self.on_disk, (str, Path)):
+            raise SimulationError(f"on_disk: {self.on_disk!r}", expected="a folder")
+        if self.cluster is not None and not hasattr(self.cluster, "parts"):
+            raise SimulationError(
+                f"cluster: {self.cluster!r}",
+                expected="a cluster",
+                remedy="make one: holdfast.interop.march_cluster.march_cluster(address)",
+            )
+        for name in ("cluster", "on_disk"):
+            if self.device != "cpu" and getattr(self, name) is not None:
+                raise SimulationError(
+                    f'device="{self.device}" with {name}', remedy="leave one of them out"
+                )
         number("checkpoint_every: ", self.checkpoint_every, "seconds, at least 0", lambda v: v >= 0)
         if self.checkpoint is None and self.checkpoint_every != 60.0:
             raise SimulationError(

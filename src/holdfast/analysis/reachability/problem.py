@@ -16,6 +16,7 @@ from holdfast.analysis.reachability.given_disturbance import check_given
 from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.options import Marching, Problem
 from holdfast.errors import SimulationError, suggestion
+from holdfast.execution.level_set.layers import Part
 from holdfast.execution.level_set.over_grid import over_grid
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.maths.control.outward_rates import check_states
@@ -173,19 +174,38 @@ def check_counts(grid: Grid, scheme: str) -> None:
             )
 
 
-def check_inside(posed: Posed, start: npt.NDArray[np.floating]) -> None:
+Ends = frozenset[tuple[int, int]]
+"""Ends of the grid: an axis, and 0 for its lower or -1 for its upper end."""
+
+
+def touched(posed: Posed, values: npt.NDArray[np.floating], part: Part) -> Ends:
+    """The ends of the grid at which a value at the nodes of a part is positive."""
+    found = set()
+    for i in range(values.ndim):
+        for end in (0, -1):
+            if i > 0:
+                at_end = np.take(values[part.own], end, axis=i)
+            elif (part.first == 0) if end == 0 else (part.last == part.of.count):
+                at_end = values[part.own][end]
+            else:
+                continue
+            if (at_end > 0).any():
+                found.add((i, end))
+    return frozenset(found)
+
+
+def check_inside(posed: Posed, reached: Ends) -> None:
     """Refuse a grid that cuts off the region along a state that the region is about."""
     if posed.problem.limit != "shrink":
         return
     region = posed.problem.start
     symbols = set().union(*(c.expression.free_symbols for c in region.inequalities))
     read = {q.name for q in region.reads if q.symbol in symbols}
-    table = start.reshape(posed.grid.shape)
     for i, axis in enumerate(posed.grid.axes):
         if axis.ends != "contained" or axis.name not in read:
             continue
         for end, where in ((0, axis.low), (-1, axis.high)):
-            if (np.take(table, end, axis=i) > 0).any():
+            if (i, end) in reached:
                 within = f"abs({axis.name}) - {0.9 * max(-axis.low, axis.high):.3g}"
                 if _endless(posed, i, where):
                     raise SimulationError(

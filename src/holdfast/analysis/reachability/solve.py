@@ -12,9 +12,10 @@ import sympy as sp
 
 from holdfast.analysis.reachability.error_estimate import coarser, with_error, with_outside
 from holdfast.analysis.reachability.grid import Grid
-from holdfast.analysis.reachability.hamilton_jacobi import Progress, Until, marched
+from holdfast.analysis.reachability.hamilton_jacobi import marched
 from holdfast.analysis.reachability.inner_set import with_error_in_cells
 from holdfast.analysis.reachability.march_report import Report
+from holdfast.analysis.reachability.one_march import Progress, Until
 from holdfast.analysis.reachability.options import Problem, marching_of
 from holdfast.analysis.reachability.problem import Posed, definition, pose
 from holdfast.analysis.reachability.value_function import ValueFunction, to_value_function
@@ -101,6 +102,7 @@ def _begun(
         ("a checkpoint", marching.checkpoint),
         ("estimate_error", marching.estimate_error),
         ("check_outside", marching.check_outside),
+        ("a cluster", marching.cluster),
     ):
         if there:
             raise SimulationError(f"begin or until with {what}", remedy="leave one of them out")

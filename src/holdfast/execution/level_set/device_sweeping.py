@@ -71,7 +71,7 @@ class DeviceSweeping:
         at: TracebackType | None,
     ) -> None:
         if kind is None:
-            self._device.fetched(self._arrays[0], self._host)
+            self._device.fetched(self._whole(), self._host)
 
     def all_again(self) -> None:
         """Have all units computed."""

@@ -16,6 +16,8 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -30,9 +32,11 @@ from holdfast.execution.level_set.mirrored_grid import Fold
 from holdfast.execution.level_set.over_grid import Fastest, over_grid, padded_rows
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.settling import Done
+from holdfast.execution.level_set.streaming import Streaming
 from holdfast.execution.level_set.sweep_code import sweep_code
 from holdfast.execution.level_set.sweeping import Sweeping
 from holdfast.execution.level_set.units import layout
+from holdfast.execution.working_room import Room
 from holdfast.maths.definitions.quantity import TIME, Parameter
 from holdfast.maths.games.hamiltonian import Hamiltonian
 
@@ -66,6 +70,29 @@ class Method:
     skip: bool = True
 
 
+class Stages(Protocol):
+    """What holds the values of a march and carries out the stages of its steps, wherever."""
+
+    def all_again(self) -> None:
+        """Have everything computed in the next step, also what is settled."""
+
+    def bounds_moved(self) -> None:
+        """The bounds at nodes are others now."""
+
+    def stage(self, s: int, u: Array, numbers: Array, measures: bool) -> Array:
+        """Units computed, nodes that are not finite, the largest move.
+
+        These may be those of the stages before, where they have not been told yet.
+        """
+
+    def not_finite(self) -> int:
+        """The first of the grid's nodes that are not finite after the last stage."""
+
+    @property
+    def fixed(self) -> bool:
+        """Whether nothing is left to be computed."""
+
+
 class March:
     """Compiled sweeps of one Hamiltonian over one grid."""
 
@@ -84,10 +111,14 @@ class March:
         precision: str = "float64",
         threads: int = 1,
         device: Device | None = None,
+        cut: tuple[int, int, int, int] | None = None,
+        fastest: Callable[[Sequence[float]], tuple[Array, float]] | None = None,
     ) -> None:
         """clock: the time t at tau = 0, and how fast it runs, 1 or -1. reflected: for every axis,
         at which place of it the node is that always has the same value; half is computed then.
         device: where the stages are carried out, if not by the threads of this machine.
+        cut: the units of the last two axes, where they are not those of `layout`. fastest: the
+        largest speeds at times t, and the largest sum of them over the steps, from elsewhere.
         """
         scheme = self.scheme = schemes()[method.scheme]
         self.precision, self.device = precision, device
@@ -105,8 +136,9 @@ class March:
         self.p = np.array([float(q.value) for q in parameters])
         self.nodes = math.prod(len(a) for a in axes)
         self.threads = threads if self.nodes > FEW else 1
-        shape = [len(a) for a in axes]
-        cut = layout(shape) if device is None else device_layout(shape, self.leaves.of_row)
+        if device is not None:
+            cut = device_layout([len(a) for a in axes], self.leaves.of_row)
+        cut = cut or layout([len(a) for a in axes])
         self.cut = np.array(cut, dtype=np.int64)
         local = cut[1] * cut[2]
         self.units = math.prod(len(a) for a in axes[:-2]) * local
@@ -116,15 +148,25 @@ class March:
         self.varying = any(e.has(TIME) for e in (hamiltonian.value, *hamiltonian.speeds))
         self.speeds = np.zeros(len(axes))  # largest along every axis, for a global dissipation
         symbols = [q.symbol for q in hamiltonian.system.states]
-        self.fastest = Fastest(hamiltonian.speeds, symbols, parameters, axes, self.steps)
-        self.longest_step = self._longest_step((0.0,))
+        own = Fastest(hamiltonian.speeds, symbols, parameters, axes, self.steps)
+        self.fastest = fastest or own.at
+
+    @property
+    def name(self) -> str:
+        """Which program gives these bits."""
+        return self.code.name if self.device is None else f"{self.code.name} as kernels"
+
+    @cached_property
+    def longest_step(self) -> float:
+        """The largest stable step at the beginning [s]; see `_longest_step`."""
+        return self._longest_step((0.0,))
 
     def _longest_step(self, at: Sequence[float]) -> float:
         """The largest step [s] that is stable with the speeds at those tau, times the chosen share.
 
         Infinite where nothing moves. Raises `SimulationError` where a rate is not finite.
         """
-        self.speeds[:], total = self.fastest.at([self._time(tau) for tau in at])
+        self.speeds[:], total = self.fastest([self._time(tau) for tau in at])
         for i in np.flatnonzero(~np.isfinite(self.speeds)):
             bad = [tau for tau in at if not np.isfinite(self._speed(int(i), tau)).all()]
             raise self._not_finite(int(i), bad[0])
@@ -176,21 +218,33 @@ class March:
         *,
         upper: Array | None = None,
         lower: Array | None = None,
+        **options: Any,
+    ) -> Done:
+        """March `values` (flat; changed in place) to each of `times`: see `drive`."""
+        done = options.pop("done", None) or Done()
+        with self.sweeping(values, upper, lower, done.steps) as sweeping:
+            return self.drive(sweeping, times, done=done, **options)
+
+    def drive(
+        self,
+        sweeping: Stages,
+        times: Sequence[float],
+        *,
         refresh: Callable[[float], None] | None = None,
         floor: float = -math.inf,
         ceiling: float = math.inf,
         nearest: float = 0.0,
-        keep: Callable[[float, Array], None] | None = None,
-        tell: Callable[[Done, Sweeping | DeviceSweeping], bool] | None = None,
+        keep: Callable[[float], None] | None = None,
+        tell: Callable[[Done], bool] | None = None,
         done: Done | None = None,
     ) -> Done:
-        """March `values` (flat; changed in place) to each of `times`, then `keep(time, values)`.
+        """Have the values that `sweeping` holds marched to each of `times`, then `keep(time)`.
 
-        refresh: puts into `upper` and `lower`, if they move, what they are at a time t.
+        refresh: has the bounds at nodes, if they move, be those of a time t from the next stage on.
         nearest: distances from zero below it are rounding; the speed of the set is not relative to
         less (`stage_steps.py`).
-        `tell(done, sweeping)` is called after every step, and ends the march where it gives True.
-        done: what has been done of the same march, up to `values`; it goes on from there.
+        `tell(done)` is called after every step, and ends the march where it gives True.
+        done: what has been done of the same march, up to these values; it goes on from there.
         """
         done = done or Done()
         if done.stopped:
@@ -199,56 +253,60 @@ class March:
         stages = STAGES[order]
         spaces = [*0.5 / self.steps, *self.steps]
         began, step = time.perf_counter() - done.seconds, math.nan
-        with self.sweeping(values, upper, lower, done.steps) as sweeping:
-            for start, dt, ends in itertools.islice(self._steps(times), done.steps, None):
-                if dt != step or not self.method.skip or self.varying or refresh is not None:
-                    sweeping.all_again()
-                    step = dt
-                found = np.zeros(3)
-                done.measured = (
-                    done.steps < ALL_MEASURED or done.steps % MEASURED == 0 or ends is not None
-                )
-                for s, (weight, fraction) in enumerate(stages):
-                    last = s == order - 1
-                    if refresh is not None:  # what comes out is for the time of the next stage
-                        then = 1.0 if last else stages[s + 1][1]
-                        refresh(self._time(start + then * dt))
-                        sweeping.bounds_moved()
-                    measures = last and done.measured and nearest > 0
-                    numbers = np.array([dt, weight, floor, ceiling, nearest, *spaces])
-                    found = sweeping.stage(s, self._u(start + fraction * dt), numbers, measures)
-                    done.computed += int(found[0])
-                    if found[1]:
-                        at = self.node(sweeping.not_finite())
-                        raise SimulationError(
-                            f"the value is not finite at {at} after {start + dt:g} s"
-                            + (f", and at {found[1] - 1:,.0f} nodes more" if found[1] > 1 else ""),
-                            expected="rates that are finite and speeds that are bounded there",
-                            remedy="leave these states out of the grid, or take a smaller cfl or "
-                            "a lower order",
-                        )
-                done.of += self.units * order
-                done.steps += 1
-                done.time = start + dt if ends is None else ends
-                if done.measured:
-                    done.moved(float(found[2]) / dt)
-                done.fixed = sweeping.fixed
-                done.seconds = time.perf_counter() - began
-                if keep is not None and ends is not None:
-                    keep(ends, sweeping.values())
-                done.stopped = tell is not None and tell(done, sweeping)
-                if done.stopped:
-                    break
-            sweeping.values()
+        for start, dt, ends in itertools.islice(self._steps(times), done.steps, None):
+            if dt != step or not self.method.skip or self.varying or refresh is not None:
+                sweeping.all_again()
+                step = dt
+            found = np.zeros(3)
+            done.measured = (
+                done.steps < ALL_MEASURED or done.steps % MEASURED == 0 or ends is not None
+            )
+            for s, (weight, fraction) in enumerate(stages):
+                last = s == order - 1
+                if refresh is not None:  # what comes out is for the time of the next stage
+                    then = 1.0 if last else stages[s + 1][1]
+                    refresh(self._time(start + then * dt))
+                    sweeping.bounds_moved()
+                measures = last and done.measured and nearest > 0
+                numbers = np.array([dt, weight, floor, ceiling, nearest, *spaces])
+                found = sweeping.stage(s, self._u(start + fraction * dt), numbers, measures)
+                done.computed += int(found[0])
+                if found[1]:
+                    at = self.node(sweeping.not_finite())
+                    raise SimulationError(
+                        f"the value is not finite at {at} after {start + dt:g} s"
+                        + (f", and at {found[1] - 1:,.0f} nodes more" if found[1] > 1 else ""),
+                        expected="rates that are finite and speeds that are bounded there",
+                        remedy="leave these states out of the grid, or take a smaller cfl or "
+                        "a lower order",
+                    )
+            done.of += self.units * order
+            done.steps += 1
+            done.time = start + dt if ends is None else ends
+            if done.measured:
+                done.moved(float(found[2]) / dt)
+            done.fixed = sweeping.fixed
+            done.seconds = time.perf_counter() - began
+            if keep is not None and ends is not None:
+                keep(ends)
+            done.stopped = tell is not None and tell(done)
+            if done.stopped:
+                break
         return done
 
     def sweeping(
-        self, values: Array, upper: Array | None, lower: Array | None, steps: int
+        self,
+        values: Array,
+        upper: Array | None,
+        lower: Array | None,
+        steps: int,
+        room: Room | None = None,
     ) -> Sweeping | DeviceSweeping:
         """What holds the values of a march and carries out its stages."""
         if self.device is not None:
             return DeviceSweeping(self, self.device, values, upper, lower, steps)
-        return Sweeping(self, values, upper, lower, steps)
+        kind = Streaming if room is not None and room.on_disk else Sweeping
+        return kind(self, values, upper, lower, steps, room)
 
     def _u(self, tau: float) -> Array:
         """What is the same at all nodes: the time, the parameters, the largest speeds."""

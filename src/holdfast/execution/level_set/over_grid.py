@@ -65,15 +65,16 @@ def over_grid(
     *,
     band: float = math.inf,
     precision: str = "float64",
+    room: Callable[[int], npt.NDArray[Any]] | None = None,
 ) -> Callable[[float], npt.NDArray[Any]]:
     """At a time: the expression at every node, flat, cut off at +-band.
 
-    `symbols` are those of the axes.
+    `symbols` are those of the axes. room: gives an array of so many values.
     """
     values = OverGrid([expression], symbols, parameters, axes)
 
     def at(time: float) -> npt.NDArray[Any]:
-        out = np.empty(values.size, dtype=precision)
+        out = np.empty(values.size, dtype=precision) if room is None else room(values.size)
         for first, (part,) in values.parts(time):
             np.clip(part, -band, band, out=out[first : first + len(part)], casting="same_kind")
         return out

@@ -8,11 +8,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from holdfast.execution.arrays import AnyArray as Array
+from holdfast.execution.level_set.mirrored_grid import Flags
+from holdfast.execution.level_set.stage_steps import INFINITE
 from holdfast.execution.level_set.sweep_code import address
 from holdfast.execution.level_set.workers import Counts, Workers
+from holdfast.execution.working_room import Memory, Room
 
 if TYPE_CHECKING:
     from holdfast.execution.level_set.march import March
+
+
+TOGETHER = 1 << 20
+"""Nodes that are looked at together."""
 
 
 class Sweeping:
@@ -23,13 +30,20 @@ class Sweeping:
     """
 
     def __init__(
-        self, march: March, values: Array, upper: Array | None, lower: Array | None, steps: int
+        self,
+        march: March,
+        values: Array,
+        upper: Array | None,
+        lower: Array | None,
+        steps: int,
+        room: Room | None = None,
     ) -> None:
-        """steps: those that have been done."""
+        """steps: those that have been done. room: for the values of stages."""
         order = march.method.order
         self._march, self._order, self._steps = march, order, steps
         self._values = values
-        self._arrays = [values, *(values.copy() for _ in range(max(order - 1, 1)))]
+        copied = (room or Memory()).copy
+        self._arrays = [values, *(copied(values) for _ in range(max(order - 1, 1)))]
         self._flags = np.ones((max(order, 2), march.units), dtype=np.uint8)
         plain, measured, sizes = march.leaves.found(
             lower=lower is not None, upper=upper is not None
@@ -53,9 +67,9 @@ class Sweeping:
         error: BaseException | None,
         at: TracebackType | None,
     ) -> None:
-        self._workers.__exit__(kind, error, at)
-        if kind is None and self._arrays[0] is not self._values:
+        if kind is None and self.values() is not self._values:
             self._values[:] = self._arrays[0]
+        self._workers.__exit__(kind, error, at)
 
     def all_again(self) -> None:
         """Have all units computed."""
@@ -66,32 +80,51 @@ class Sweeping:
 
     def stage(self, s: int, u: Array, numbers: Array, measures: bool) -> Counts:
         """Carry out a stage of a step: units computed, nodes not finite, the largest move."""
-        order, arrays, flags, march = self._order, self._arrays, self._flags, self._march
+        here, _, _ = self._marks(s)
+        self._narrow(s, here)
+        found = self._swept(s, u, numbers, measures)
+        self._end(s)
+        return found
+
+    def _marks(self, s: int) -> tuple[Flags, Flags, Flags]:
+        """The units to be computed in a stage, those in the next, and which of the later ones."""
+        flags, order = self._flags, self._order
+        if order == 1:
+            k = self._steps % 2
+            return flags[k], flags[1 - k], flags[:0]
         last = s == order - 1
-        own = flags[1:order] if last else flags[:0]
-        self._out = arrays[1] if order == 1 else arrays[0 if last else s + 1]
-        here = flags[s] if order > 1 else flags[self._steps % 2]
-        there = flags[(s + 1) % order] if order > 1 else flags[1 - self._steps % 2]
-        if march.fold is not None:
-            march.fold.narrow(here)
-        before = arrays[0] if order == 1 else self._out
+        return flags[s], flags[(s + 1) % order], flags[1:order] if last else flags[:0]
+
+    def _narrow(self, s: int, here: Flags) -> None:
+        """Of the units to be computed those that are computed here."""
+        if self._march.fold is not None:
+            self._march.fold.narrow(here)
+
+    def _swept(self, s: int, u: Array, numbers: Array, measures: bool) -> Counts:
+        """A stage of the units at the places that the workers share."""
+        order, arrays, march = self._order, self._arrays, self._march
+        here, there, own = self._marks(s)
+        out = self._out = arrays[1] if order == 1 else arrays[0 if s == order - 1 else s + 1]
+        before = arrays[0] if order == 1 else out
         given = [
-            *map(address, (u, numbers, arrays[s], arrays[0], self._out, before)),
+            *map(address, (u, numbers, arrays[s], arrays[0], out, before)),
             *self._bounds, len(self._values), *map(address, (here, there, own)), len(own),
             march.units, *self._of_grid, address(self._leaves[measures]), *self._of_axes,
         ]  # fmt: skip
-        found = self._workers.run(march.code.sweep, self._room, given)
-        if march.fold is not None:
-            self._mirror(self._out, march.fold.needed)
-        if last:
+        return self._workers.run(march.code.sweep, self._room, given)
+
+    def _end(self, s: int) -> None:
+        """What follows a stage over the whole grid."""
+        if self._march.fold is not None:
+            self._mirror(self._out, self._march.fold.needed)
+        if s == self._order - 1:
             self._steps += 1
-            if order == 1:
-                arrays.reverse()
-        return found
+            if self._order == 1:
+                self._arrays.reverse()
 
     def not_finite(self) -> int:
         """The first of the nodes that the last stage has made not finite."""
-        return int(np.argmax(~(np.abs(self._out) < 1e300)))
+        return first_not_finite(self._out)
 
     @property
     def fixed(self) -> bool:
@@ -104,12 +137,6 @@ class Sweeping:
             self._mirror(self._arrays[0], self._march.fold.rest)
         return self._arrays[0]
 
-    def largest(self) -> float:
-        return float(self.values().max())
-
-    def on_one_side(self, limit: str) -> bool:
-        return on_one_side(self.values(), limit)
-
     def _mirror(self, array: Array, chosen: Array) -> None:
         """Of the half that is not computed, what lies at those places."""
         fold, code = self._march.fold, self._march.code
@@ -121,3 +148,12 @@ class Sweeping:
 def on_one_side(values: Array, limit: str) -> bool:
     """Whether nothing is left of a set that shrinks, or nothing is left for one that grows."""
     return not (values > 0 if limit == "shrink" else values <= 0).any()
+
+
+def first_not_finite(values: Array) -> int:
+    """The place of the first; some at a time, to save memory."""
+    for first in range(0, len(values), TOGETHER):
+        wrong = ~(np.abs(values[first : first + TOGETHER]) < INFINITE)
+        if wrong.any():
+            return first + int(np.argmax(wrong))
+    return 0

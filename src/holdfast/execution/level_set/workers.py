@@ -30,15 +30,20 @@ class Workers:
 
     def __init__(self, code: SweepCode, threads: int, places: int) -> None:
         self.watch, self.turns = code.watch, code.turns
-        slices = [0]
-        while slices[-1] < places:
-            slices.append(slices[-1] + max(1, (places - slices[-1]) // (2 * threads)))
-        self._slices = np.array(slices)
+        self._threads = threads
+        self.share(0, places)
         self._others = [_Other(self, k) for k in range(1, threads)]
         self._waits = np.zeros(1, dtype=np.int64)
         self.stage = 0
         self.turn = np.zeros(1, dtype=np.int64)
         self.job: Callable[[], Counts] | None = None
+
+    def share(self, first: int, last: int) -> None:
+        """The places that are shared in the stages to come."""
+        slices = [first]
+        while slices[-1] < last:
+            slices.append(slices[-1] + max(1, (last - slices[-1]) // (2 * self._threads)))
+        self._slices = np.array(slices)
 
     def __enter__(self) -> Workers:
         for other in self._others:

@@ -75,7 +75,7 @@ def kernel_parts(file: str, data: Mapping[str, Any]) -> dict[str, Any]:
         )
     horizon = seconds(spec.march.horizon, "march.horizon")
     options = {**(spec.march.model_extra or {})}
-    allowed = [*Marching.__dataclass_fields__, "start_time"]
+    allowed = [n for n in Marching.__dataclass_fields__ if n != "cluster"] + ["start_time"]
     for key in options:
         if key not in allowed:
             raise ScenarioError(

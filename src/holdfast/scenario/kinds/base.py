@@ -78,6 +78,15 @@ class Composed(ABC):
     def on_device(self, device: str) -> Composed:
         """The same on a device of `DEVICES`."""
 
+    def marched_on(self, *, cluster: Any = None, on_disk: Path | None = None) -> Composed:
+        """The same with its march on a cluster, or from a disk.
+
+        Raises `ScenarioError` for a scenario that marches nothing.
+        """
+        raise ScenarioError(
+            f"{self.file}: nothing is marched over a grid", expected="a kernel, a tube or a basin"
+        )
+
     def safety_filter(self, progress: Progress | None = None) -> SafetyFilter:
         """The filter that this scenario puts around the command of another controller.
 

@@ -144,6 +144,11 @@ class KernelScenario(Composed):
     def trouble(self, answer: KernelResult) -> str:
         return answer.trouble
 
+    def marched_on(self, *, cluster: Any = None, on_disk: Path | None = None) -> KernelScenario:
+        given = {"cluster": cluster, "on_disk": on_disk}
+        found = {k: v for k, v in given.items() if v is not None}
+        return replace(self, options={**self.options, **found})
+
     @cached_property
     def begun(self) -> ValueFunction:
         """The value function that the march begins with, in as little memory as the march."""

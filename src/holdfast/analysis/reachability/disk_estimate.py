@@ -1,0 +1,173 @@
+"""How long a step of a march from a disk takes, beside one in memory, before it begins.
+
+    from the disk      computing + read / its speed + written / its speed
+    in memory          computing
+
+A stage of a few planes of the grid is timed, and a file of some hundred megabytes. Where nothing is
+settled every array is read and written once in a step; what the memory holds from step to step is
+not read again, so that a grid that fits is hardly slower.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+import tempfile
+import time
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from holdfast.analysis.reachability.march_part import MarchPart, layers_of
+from holdfast.analysis.reachability.memory_estimate import memory_of
+from holdfast.analysis.reachability.problem import Posed
+from holdfast.errors import OutputError, SlowWarning
+from holdfast.execution.level_set.layers import Part
+from holdfast.execution.level_set.march import STAGES
+from holdfast.execution.level_set.stage_orders import StageOrder
+from holdfast.execution.resources import available_cores, total_memory
+from holdfast.execution.working_room import Memory
+from holdfast.maths.games.hamiltonian import Hamiltonian
+
+PROBE = 256 * 2**20
+"""Bytes of the file that is written and read."""
+
+TIMED = 2_000_000
+"""Nodes that are timed, at most, but for a single plane."""
+
+
+@dataclass(frozen=True)
+class DiskEstimate:
+    """arrays: bytes of all arrays; read, written: bytes of a step in which nothing is settled;
+    reading, writing: bytes/s of the disk; computing: seconds of a step in memory."""
+
+    arrays: int
+    read: int
+    written: int
+    reading: float
+    writing: float
+    computing: float
+
+    @property
+    def step(self) -> float:
+        """Seconds of a step from the disk."""
+        return self.computing + self.read / self.reading + self.written / self.writing
+
+    @property
+    def slowdown(self) -> float:
+        """How much longer a step takes than in memory."""
+        return self.step / self.computing
+
+
+def check_disk(posed: Posed, h: Hamiltonian) -> None:
+    """Refuse a march that its disk has no room for; say how slow one is that the memory has none
+    for (`SlowWarning`)."""
+    folder, needed = Path(posed.marching.on_disk or "."), memory_of(posed)
+    place = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
+    free = shutil.disk_usage(place).free
+    if needed > free:
+        raise OutputError(
+            f"{posed.grid.nodes:,} nodes take {needed / 2**30:.3g} GiB, and {folder} has "
+            f"{free / 2**30:.3g} GiB left",
+            remedy="choose a folder of a larger disk for on_disk, or take fewer nodes",
+        )
+    memory = total_memory()
+    if needed <= 0.7 * memory:
+        return
+    found = disk_estimate(posed, h, place)
+    warnings.warn(
+        f"the arrays take {needed / 2**30:.3g} GiB of {folder}, and the memory is "
+        f"{memory / 2**30:.3g}: where nothing is settled a step takes about {found.step:.2g} s, "
+        f"{found.slowdown:.2g} times as long as in memory (the disk reads "
+        f"{found.reading / 1e9:.2g} GB/s and writes {found.writing / 1e9:.2g})",
+        SlowWarning,
+        stacklevel=2,
+    )
+
+
+def disk_estimate(posed: Posed, h: Hamiltonian, folder: Path) -> DiskEstimate:
+    """Measured by a short march of a few planes, and by a file in the folder."""
+    read, written = traffic(posed)
+    reading, writing = disk_speed(folder)
+    return DiskEstimate(memory_of(posed), read, written, reading, writing, _computing(posed, h))
+
+
+def traffic(posed: Posed) -> tuple[int, int]:
+    """The bytes that a step reads and writes where nothing is settled and nothing is held.
+
+    Each array once, where the stages follow one another through the planes; otherwise each in
+    every stage that has it: what goes in, what the step began with, what came out before.
+    """
+    order = posed.marching.method.order
+    arrays = max(order, 2)
+    obstacles = posed.problem.limit == "free" or posed.varies
+    bounds = obstacles * len(posed.problem.regions)
+    streams = len(posed.grid.axes) > 2 and posed.marching.symmetry is None and order > 1
+    if streams and not any(r.moves for r in posed.problem.regions):
+        read, written = arrays + bounds, arrays
+    else:
+        read, written = max(3 * order - 2, 2) + order * bounds, order
+        written += order * bounds * any(r.moves for r in posed.problem.regions)
+    size = posed.grid.nodes * np.dtype(posed.marching.precision).itemsize
+    return read * size, max(written, 1) * size
+
+
+def disk_speed(folder: Path, size: int = PROBE) -> tuple[float, float]:
+    """Bytes/s that a disk reads and writes, as a march does, by an array that is not left in the
+    memory."""
+    block = np.random.default_rng(0).random(2**17)
+    count = max(1, size // block.nbytes) * len(block)
+    try:
+        with tempfile.TemporaryFile(dir=folder) as file:
+            os.posix_fallocate(file.fileno(), 0, count * block.itemsize)
+            array = np.memmap(file, dtype=block.dtype, mode="r+", shape=(count,))
+            began = time.perf_counter()
+            for first in range(0, count, len(block)):
+                array[first : first + len(block)] = block
+            array.flush()
+            wrote = time.perf_counter()
+            del array  # so that what the memory holds of it can be let go
+            os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
+            array = np.memmap(file, dtype=block.dtype, mode="r", shape=(count,))
+            for first in range(0, count, len(block)):
+                array[first : first + len(block)].max()
+            read = time.perf_counter()
+    except OSError as error:
+        raise OutputError(
+            f"{folder} cannot be written ({error.strerror})",
+            remedy="choose another folder for on_disk",
+        ) from None
+    return count * 8 / (read - wrote), count * 8 / (wrote - began)
+
+
+def _computing(posed: Posed, h: Hamiltonian) -> float:
+    """Seconds of a step in memory: by the stages of one of a few planes."""
+    of = layers_of(posed)
+    planes = max(2 * of.reach + 1, 2)
+    planes = max(planes, min(of.nodes, TIMED * of.nodes // posed.grid.nodes) // of.thick)
+    part = Part(of, 0, min(planes, of.count), 0, 0)
+    threads = posed.marching.threads or available_cores()
+    held = MarchPart(posed, part, stages=1, threads=threads, room=Memory(), h=h)
+    facts = held.facts()
+    held.begin(facts)
+    clock = posed.clock[0]
+    speeds, total = held.fastest([clock])
+    dt = posed.marching.cfl / total if total > 0 else 1.0
+    steps = [a.step for a in posed.grid.axes]
+    u = np.array([clock, *(float(q.value) for q in posed.parameters), *speeds])
+    numbers = [-math.inf, math.inf, 0.0, *(0.5 / s for s in steps), *steps]
+    held.open(0)
+    orders = [
+        StageOrder(s, u, np.array([dt, weight, *numbers]), False, None, s == 0)
+        for s, (weight, _) in enumerate(STAGES[posed.marching.method.order])
+    ]
+    times = []
+    for _ in range(3):
+        began = time.perf_counter()
+        held.carry_out(orders)
+        times.append(time.perf_counter() - began)
+    held.close()
+    return min(times) * of.nodes / len(part.nodes)

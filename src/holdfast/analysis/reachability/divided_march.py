@@ -1,0 +1,249 @@
+"""A march whose grid is divided among parts, asked as one: `March.drive` and `marched` see no cut.
+
+A part is asked by the name of a method of `MarchPart`. Sums, largest values and the first of places
+are the same for any cut, so that the steps, and when the march ends, are those of one part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from holdfast.analysis.reachability.march_part import MarchPart, layers_of
+from holdfast.analysis.reachability.obstacles import Facts, check_start, merged
+from holdfast.analysis.reachability.options import Marching
+from holdfast.analysis.reachability.problem import Ends, Posed
+from holdfast.errors import HoldfastError
+from holdfast.execution.arrays import AnyArray as Array
+from holdfast.execution.level_set.layers import Part, check_cut
+from holdfast.execution.level_set.stage_orders import StageOrder, joined
+from holdfast.execution.resources import available_cores
+from holdfast.execution.working_room import Disk, Memory, Room
+from holdfast.maths.games.hamiltonian import Hamiltonian
+
+TOGETHER = 1 << 23
+"""Nodes whose values are fetched from a part at once."""
+
+
+class PartsLostError(Exception):
+    """A part is gone, with what it has done since the last checkpoint. error: to be told where this
+    happens again and again."""
+
+    def __init__(self, error: HoldfastError) -> None:
+        super().__init__(str(error))
+        self.error = error
+
+
+class Parts(Protocol):
+    """The parts of a march, wherever they are. stages: from an exchange of halos to the next."""
+
+    parts: Sequence[Part]
+    stages: int
+
+    def ask(self, method: str, *given: Any) -> list[Any]:
+        """What every part answers to a method of `MarchPart`, in their order."""
+
+    def ask_one(self, place: int, method: str, *given: Any) -> Any:
+        """What one of them answers."""
+
+    def exchange(self) -> None:
+        """Have every part take over the edges of the others."""
+
+
+class Workplace(Protocol):
+    """Where the parts of a march are."""
+
+    def parts(self, posed: Posed, h: Hamiltonian) -> AbstractContextManager[Parts]:
+        """The parts of a march, until the end of the block."""
+
+
+class Here:
+    """This process: one part, or as many as wanted, one after another.
+
+    by_step: whether halos are exchanged once in a step, and not in every stage.
+    """
+
+    def __init__(
+        self, threads: int, room: Room | None = None, *, count: int = 1, by_step: bool = True
+    ) -> None:
+        self._threads, self._room = threads, room or Memory()
+        self._count, self._by_step = count, by_step
+
+    @contextmanager
+    def parts(self, posed: Posed, h: Hamiltonian) -> Iterator[Parts]:
+        found = cut(posed, self._count)
+        stages = posed.marching.method.order if self._by_step else 1
+        parts = layers_of(posed).parts(found, stages)
+        local = PartsHere(
+            [
+                MarchPart(posed, part, stages=stages, threads=self._threads, room=self._room, h=h)
+                for part in parts
+            ],
+            stages,
+        )
+        try:
+            yield local
+        except BaseException:
+            local.ask("close", False)
+            raise
+        local.ask("close")
+
+
+def room_of(marching: Marching) -> Room:
+    """Where the arrays of a march are."""
+    return Memory() if marching.on_disk is None else Disk(Path(marching.on_disk))
+
+
+def workplace(marching: Marching) -> Workplace:
+    """Where the parts of a march are."""
+    if marching.cluster is not None:
+        return marching.cluster
+    return Here(marching.threads or available_cores(), room_of(marching))
+
+
+def cut(posed: Posed, count: int) -> int:
+    """How many parts there are, at most; refused where there cannot be more than one."""
+    if count > 1:
+        axis = posed.grid.axes[0]
+        signs = posed.marching.symmetry or {}
+        check_cut(layers_of(posed), axis.name, signs.get(axis.name) == -1)
+    return count
+
+
+class PartsHere:
+    """Parts in this process."""
+
+    def __init__(self, held: Sequence[MarchPart], stages: int) -> None:
+        self._held, self.stages = held, stages
+        self.parts: Sequence[Part] = [p.part for p in held]
+        self._wanted = [p.wanted(self.parts) for p in self.parts]
+
+    def ask(self, method: str, *given: Any) -> list[Any]:
+        return [getattr(p, method)(*given) for p in self._held]
+
+    def ask_one(self, place: int, method: str, *given: Any) -> Any:
+        return getattr(self._held[place], method)(*given)
+
+    def exchange(self) -> None:
+        for part, wanted in zip(self._held, self._wanted, strict=True):
+            part.take([self._held[k].edges(which) for k, which in wanted])
+
+
+class DividedMarch:
+    """The stages of a march, and what there is to know of its values, from its parts."""
+
+    def __init__(self, posed: Posed, parts: Parts, begin: Array | None = None) -> None:
+        self._posed, self._parts = posed, parts
+        facts = merged(parts.ask("facts"))
+        check_start(posed, facts)
+        given = () if begin is None else (begin,)
+        self.start: Facts = merged(parts.ask("begin", facts, *given))
+        """What is known of the start value."""
+        self._order = posed.marching.method.order
+        self._waiting: list[StageOrder] = []
+        self._time: float | None = None
+        self._again = False
+        self._fixed = False
+
+    def all_again(self) -> None:
+        self._again = True
+
+    def refresh(self, time: float) -> None:
+        """Have the bounds at nodes be those of a time t from the next stage on."""
+        self._time = time
+
+    def bounds_moved(self) -> None:
+        """They are said to the parts with the next stage."""
+
+    def stage(self, s: int, u: Array, numbers: Array, measures: bool) -> Array:
+        order = StageOrder(s, u, numbers, measures, self._time, self._again)
+        self._waiting.append(order)
+        self._again = False
+        if s < self._order - 1 and self._parts.stages > len(self._waiting):
+            return np.zeros(3)
+        found = joined(self._parts.ask("carry_out", self._waiting))
+        self._waiting = []
+        self._first, self._fixed = found.first, found.fixed
+        if len(self._parts.parts) > 1 and not found.wrong:
+            self._parts.exchange()
+        return np.array([found.computed, found.wrong, found.move])
+
+    def not_finite(self) -> int:
+        return self._first
+
+    @property
+    def fixed(self) -> bool:
+        return self._fixed
+
+    def code(self) -> str:
+        """What the compiled march is called."""
+        return str(self._parts.ask_one(0, "code"))
+
+    def fastest(self, times: Sequence[float]) -> tuple[Array, float]:
+        """The largest speeds along every axis at times t, and the largest sum over the steps."""
+        speeds, totals = zip(*self._parts.ask("fastest", list(times)), strict=True)
+        return np.max(speeds, axis=0), max(totals)
+
+    def open(self, steps: int) -> None:
+        self._parts.ask("open", steps)
+
+    def close(self) -> None:
+        self._parts.ask("close")
+
+    def keep(self, time: float) -> None:
+        """Take down the values of a time [s] marched."""
+        self._parts.ask("keep", time)
+
+    def largest(self) -> float:
+        return max(self._parts.ask("largest"))
+
+    @property
+    def highest(self) -> float:
+        """Bound of all values so far."""
+        return max(self._parts.ask("highest"))
+
+    def on_one_side(self, limit: str) -> bool:
+        """Whether nothing is left of a set that shrinks, or nothing is left for one that grows."""
+        return all(self._parts.ask("on_one_side", limit))
+
+    def ends(self) -> Ends:
+        """The ends of the grid that the set touches."""
+        found: Ends = frozenset().union(*self._parts.ask("ends"))
+        return found
+
+    def recorded(self) -> float:
+        """The time [s] up to which arrivals are recorded."""
+        return float(self._parts.ask_one(0, "recorded"))
+
+    def whole(self) -> Mapping[str, Array] | None:
+        """The arrays themselves, where one part has all; what a march that goes on overwrites."""
+        if len(self._parts.parts) > 1:
+            return None
+        found: Mapping[str, Array] = self._parts.ask_one(0, "held")
+        return found
+
+    def arrays(self, room: Room | None = None) -> dict[str, Array]:
+        """The values and the records over the grid, brought together part after part."""
+        if (found := self.whole()) is not None:
+            return dict(found)
+        kinds: dict[str, str] = self._parts.ask_one(0, "kinds")
+        plane = self._posed.grid.nodes // self._posed.grid.axes[0].count
+        nodes, place = self._posed.grid.nodes, room or Memory()
+        whole = {name: place.empty(nodes, kind) for name, kind in kinds.items()}
+        for k, part in enumerate(self._parts.parts):
+            own = part.own_nodes
+            count = (own.stop - own.start) * plane
+            for name, array in whole.items():
+                for first in range(0, count, TOGETHER):
+                    last = min(first + TOGETHER, count)
+                    piece = self._parts.ask_one(k, "piece", name, first, last)
+                    array[own.start * plane + first : own.start * plane + last] = piece
+        return whole
+
+    def each(self, method: str, *given: Any) -> list[Any]:
+        """What every part answers."""
+        return self._parts.ask(method, *given)

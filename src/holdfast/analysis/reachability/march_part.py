@@ -1,0 +1,247 @@
+"""A part of a march: the value in some layers of the grid, its obstacles, its records, its stages.
+
+The whole grid is one part. Parts of a grid that is cut are in this process or in workers, which
+may be on other machines; `divided_march.py` asks them. What they answer is small, but for the
+edges that they hand one another, and the values that are asked for at the end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.analysis.reachability.checkpoint_parts import read_parts, write_part
+from holdfast.analysis.reachability.obstacles import Facts, Obstacles
+from holdfast.analysis.reachability.problem import Ends, Posed, touched
+from holdfast.analysis.reachability.snapshots import Record
+from holdfast.execution.arrays import AnyArray as Array
+from holdfast.execution.device.program import device_named
+from holdfast.execution.level_set.device_sweeping import DeviceSweeping
+from holdfast.execution.level_set.layers import Layers, Part, layers
+from holdfast.execution.level_set.march import March
+from holdfast.execution.level_set.schemes import schemes
+from holdfast.execution.level_set.slab import Edges, Slab
+from holdfast.execution.level_set.stage_orders import StageAnswer, StageOrder, carried_out
+from holdfast.execution.level_set.streaming import Streaming
+from holdfast.execution.level_set.sweeping import Sweeping, on_one_side
+from holdfast.execution.level_set.units import layout
+from holdfast.execution.working_room import Room
+from holdfast.maths.games.hamiltonian import Hamiltonian, hamiltonian
+
+
+def layers_of(posed: Posed) -> Layers:
+    """The layers that the grid of a problem can be cut at."""
+    ghosts = schemes()[posed.marching.scheme].ghosts
+    return layers(posed.grid.shape, ghosts, posed.grid.axes[0].ends)
+
+
+def hamiltonian_of(posed: Posed) -> Hamiltonian:
+    return hamiltonian(
+        posed.system,
+        inputs=posed.problem.inputs,
+        disturbances=posed.problem.disturbances,
+        samples=posed.marching.samples,
+    )
+
+
+class MarchPart:
+    """stages: from an exchange of halos to the next, where the part has a halo."""
+
+    def __init__(
+        self,
+        posed: Posed,
+        part: Part,
+        *,
+        stages: int,
+        threads: int,
+        room: Room,
+        h: Hamiltonian | None = None,
+    ) -> None:
+        self.posed, self.part, self._stages, self._threads = posed, part, stages, threads
+        self._h = hamiltonian_of(posed) if h is None else h
+        self._room = room
+        self._obstacles = Obstacles(posed, part, self._empty)
+        self._sweeping: Sweeping | DeviceSweeping | None = None
+
+    @property
+    def _plane(self) -> int:
+        """Nodes at a place of the first axis."""
+        return len(self._obstacles.start) // len(self.part.nodes)
+
+    def _empty(self, count: int) -> Array:
+        return self._room.empty(count, self.posed.marching.precision)
+
+    def facts(self) -> Facts:
+        """What is known of the start value in this part."""
+        return self._obstacles.facts()
+
+    def begin(self, facts: Facts, least: Array | None = None) -> Facts:
+        """The start value, from what is known of it over the grid.
+
+        least: values that it begins with where they are less.
+        """
+        obstacles, posed = self._obstacles, self.posed
+        found = obstacles.begin(facts)
+        if least is not None:
+            np.minimum(obstacles.start, least.ravel(), out=obstacles.start)
+            found = obstacles.facts()
+        self._march = self._compiled()
+        self._values = obstacles.start
+        self.record = Record(posed, self._mine(self._values), self._room)
+        return found
+
+    def _compiled(self) -> March:
+        posed, part = self.posed, self.part
+        grid, marching = posed.grid, posed.marching
+        axes = [a.nodes for a in grid.axes]
+        kinds = [a.ends for a in grid.axes]
+        cut = None
+        if not part.whole:
+            axes[0] = axes[0][part.nodes]
+            kinds[0] = "extrapolated" if kinds[0] == "periodic" else kinds[0]
+            cut = self._cut([len(a) for a in axes])
+        return March(
+            self._h,
+            posed.parameters,
+            axes,
+            [a.step for a in grid.axes],
+            kinds,
+            method=marching.method,
+            limit=posed.limit,
+            clock=posed.clock,
+            reflected=self._reflected(),
+            precision=marching.precision,
+            threads=self._threads,
+            device=device_named(marching.device),
+            cut=cut,
+        )
+
+    def _cut(self, shape: list[int]) -> tuple[int, int, int, int]:
+        """The units of the part: those of the grid."""
+        many, groups, stretches, longest = layout(self.posed.grid.shape)
+        if len(shape) == 1:
+            return many, groups, -(-shape[0] // longest), longest
+        if len(shape) == 2:
+            return many, -(-shape[0] // many), stretches, longest
+        return many, groups, stretches, longest
+
+    def _reflected(self) -> list[npt.NDArray[np.int64]] | None:
+        """The place of every node's reflection along each axis, where there is a symmetry."""
+        signs = self.posed.marching.symmetry
+        if signs is None:
+            return None
+        found = [
+            a.reflected if signs.get(a.name) == -1 else np.arange(a.count, dtype=np.int64)
+            for a in self.posed.grid.axes
+        ]
+        if not self.part.whole:
+            found[0] = np.arange(len(self.part.nodes))
+        return found
+
+    def code(self) -> str:
+        """What the compiled march is called."""
+        return self._march.name
+
+    def fastest(self, times: Sequence[float]) -> tuple[Array, float]:
+        """The largest speeds at these times t, and the largest sum of them over the steps."""
+        return self._march.fastest(times)
+
+    def open(self, steps: int) -> None:
+        """Make ready for the stages; so many steps have been done."""
+        obstacles = self._obstacles
+        given = (self._march, self._values, obstacles.upper, obstacles.lower, steps)
+        if self.part.whole:
+            self._sweeping = self._march.sweeping(*given[1:], self._room)
+        else:
+            self._sweeping = Slab(*given, self._room, self.part, self._stages)
+        self._sweeping.__enter__()
+
+    def close(self, complete: bool = True) -> None:
+        """End the stages; complete: between two steps, so that the values are those of a time."""
+        sweeping, self._sweeping = self._sweeping, None
+        if sweeping is not None:
+            sweeping.__exit__(None if complete else Exception, None, None)
+
+    def carry_out(self, orders: Sequence[StageOrder]) -> list[StageAnswer]:
+        """Stages that follow one another without an exchange of halos."""
+        found, moves = self._sweeping, orders[0].time is not None
+        assert found is not None
+        if isinstance(found, Streaming) and found.streams and not moves:
+            return found.step(orders)
+        return list(carried_out(found, orders, self._obstacles.refresh))
+
+    def edges(self, wanted: Sequence[int]) -> Edges:
+        assert isinstance(self._sweeping, Slab)
+        return self._sweeping.edges(wanted)
+
+    def take(self, found: Sequence[Edges]) -> None:
+        assert isinstance(self._sweeping, Slab)
+        self._sweeping.take(found)
+
+    def now(self) -> Array:
+        """The values at the part's own nodes, between two steps; they change with the next."""
+        return self._mine(self._values if self._sweeping is None else self._sweeping.values())
+
+    def _mine(self, values: Array) -> Array:
+        own = self.part.own
+        return values[own.start * self._plane : own.stop * self._plane]
+
+    def keep(self, time: float) -> None:
+        """Take down the values of a time [s] marched."""
+        self.record.keep(time, self.now())
+
+    def largest(self) -> float:
+        found = self._sweeping
+        return found.largest() if isinstance(found, DeviceSweeping) else float(self.now().max())
+
+    def highest(self) -> float:
+        """Bound of all values of the part so far."""
+        return self._obstacles.highest
+
+    def on_one_side(self, limit: str) -> bool:
+        if isinstance(self._sweeping, DeviceSweeping):
+            return self._sweeping.on_one_side(limit)
+        now = self.now()
+        planes = range(0, len(now), self._plane)  # plane by plane, to save memory
+        return all(on_one_side(now[k : k + self._plane], limit) for k in planes)
+
+    def ends(self) -> Ends:
+        """The ends of the grid that the set touches."""
+        values = self._values if self._sweeping is None else self._sweeping.values()
+        return touched(self.posed, values.reshape(self._obstacles.shape), self.part)
+
+    def held(self) -> dict[str, Array]:
+        """All that the part's march depends on and has recorded, at its own nodes."""
+        return {"values": self.now(), **self.record.arrays()}
+
+    def kinds(self) -> dict[str, str]:
+        """The precision of each of them."""
+        return {name: str(array.dtype) for name, array in self.held().items()}
+
+    def piece(self, name: str, first: int, last: int) -> Array:
+        """Some of the values of one of them."""
+        return self.held()[name][first:last]
+
+    def recorded(self) -> float:
+        """The time [s] up to which arrivals are recorded."""
+        return self.record.then
+
+    def write(self, folder: Path, generation: int) -> None:
+        """Write what is held into the folder of a checkpoint."""
+        write_part(folder, generation, self.part.own_nodes.start, self.held())
+
+    def restore(self, path: Path, then: float) -> None:
+        """Go on from the checkpoint at a path, which was recorded up to the time `then` [s]."""
+        known, plane, own = read_parts(path), self._plane, self.part.own_nodes
+        values = known("values")
+        if values is None:
+            raise KeyError("values")
+        for j, k in enumerate(self.part.nodes.tolist()):
+            self._values[j * plane : (j + 1) * plane] = values[k * plane : (k + 1) * plane]
+        self.record.restore(known, slice(own.start * plane, own.stop * plane), then)
+        if self.posed.varies:  # what it has come to by now, when it may have been larger than now
+            largest = float(self._mine(self._values).max())
+            self._obstacles.highest = max(self._obstacles.highest, largest)

@@ -1,0 +1,178 @@
+"""A march whose grid is cut into parts has the answer of one machine, to the bit."""
+
+import warnings
+
+import pytest
+
+import holdfast as hf
+from holdfast.analysis.reachability.divided_march import Here
+from holdfast.errors import OutputError, SimulationError, SlowWarning
+from holdfast.execution import resources, working_room
+from holdfast.execution.level_set import streaming
+from tests.divided_marches import (
+    PLACE,
+    ROBOT,
+    TURNED,
+    basin,
+    cart,
+    grid,
+    kernel,
+    limited_kernel,
+    line,
+    mirrored_kernel,
+    moving_kernel,
+    post,
+    same,
+    set_at,
+    tube,
+    turned_kernel,
+    two_carts,
+)  # fmt: skip
+
+STAGE, STEP = False, True
+
+DIVIDED = [
+    (kernel, {}, [(2, STAGE), (3, STEP)]),
+    (kernel, {"scheme": "eno2", "precision": "float32", "dissipation": "global"}, [(3, STEP)]),
+    (kernel, {"scheme": "upwind"}, [(3, STEP)]),
+    (turned_kernel, {}, [(2, STEP), (5, STAGE), (17, STEP)]),
+    (limited_kernel, {"scheme": "upwind", "order": 2}, [(5, STEP), (21, STAGE)]),
+    (mirrored_kernel, {}, [(3, STEP), (3, STAGE)]),
+    (moving_kernel, {}, [(3, STEP), (4, STAGE)]),
+    (tube, {}, [(4, STEP)]),
+    (set_at, {"check_outside": False}, [(2, STAGE)]),
+    (basin, {"check_outside": True}, [(4, STEP), (2, STAGE)]),
+    (two_carts, {"band": 0.1}, [(3, STEP), (11, STAGE)]),
+    (line, {"threads": 1}, [(2, STAGE), (3, STEP)]),
+]
+
+
+@pytest.mark.parametrize(
+    ("problem", "options", "cuts"), DIVIDED, ids=lambda v: getattr(v, "__name__", None)
+)
+def test_a_divided_march_has_the_answer_of_one_machine(problem, options, cuts):
+    whole = problem(**options)
+    for count, by_step in cuts:
+        same(whole, problem(**options, cluster=Here(1, count=count, by_step=by_step)))
+
+
+@pytest.mark.parametrize("by_step", [STAGE, STEP])
+def test_the_parts_of_two_states_converge_in_the_same_step(by_step):
+    """Which of the rows that are computed together have changed depends on the threads."""
+    whole = cart()
+    assert whole.report.converged
+    same(whole, cart(cluster=Here(1, count=3, by_step=by_step)), "computed_share")
+
+
+def test_what_is_settled_is_skipped_in_the_parts_too():
+    assert kernel(cluster=Here(1, count=3)).report.computed_share < 0.97
+
+
+@pytest.mark.parametrize(
+    ("problem", "options"),
+    [
+        (kernel, {"threads": 2}), (kernel, {"scheme": "upwind"}), (turned_kernel, {}),
+        (mirrored_kernel, {}), (moving_kernel, {}), (basin, {}), (cart, {"threads": 1}),
+    ],
+    ids=lambda v: getattr(v, "__name__", None),
+)  # fmt: skip
+def test_a_march_from_a_disk_has_the_answer_of_one_in_memory(
+    problem, options, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(streaming, "NODES", 1)  # its stages follow one another closely
+    same(problem(**options), problem(**options, on_disk=tmp_path / "new"))
+    assert list((tmp_path / "new").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "ends", [{"count": 2}, {"room": "disk"}, {"count": 3, "by_step": STAGE}, {}], ids=str
+)
+def test_any_march_goes_on_from_the_checkpoint_of_another(ends, tmp_path):
+    """Of one in parts a march cut otherwise, and of one in a file one in parts."""
+    told = []
+
+    def stop(share):
+        told.append(share)
+        if share > 0.5:
+            raise KeyboardInterrupt
+
+    begins = ends | {"room": working_room.Disk(tmp_path / "disk")} if "room" in ends else ends
+    options = {"checkpoint": tmp_path, "checkpoint_every": 0}
+    with pytest.raises(KeyboardInterrupt):
+        basin(**options, progress=stop, cluster=Here(1, **begins))
+    rest = []
+    found = basin(**options, progress=rest.append, cluster=Here(1, count=4 if not ends else 1))
+    same(basin(), found, "computed_share")
+    assert len(told) + len(rest) - 1 <= found.report.steps <= len(told) + len(rest)
+
+
+def test_where_the_value_is_not_finite_is_the_same_node():
+    x, y = hf.symbol("x"), hf.symbol("y")
+    huge = hf.Region("huge", PLACE, (hf.Inequality("c", 1e300 * (x**2 - y - 1), "m"),))
+
+    def said(**options):
+        with pytest.raises(SimulationError) as found:
+            hf.backward_reachable_at(ROBOT, huge, grid(y=9), 0.1, order=2, **options)
+        return str(found.value)
+
+    for scheme in ("upwind", "eno2"):
+        whole = said(scheme=scheme)
+        assert "the value is not finite at x = -2, y = -1.3, psi = -3.14159 after" in whole
+        for by_step in (STAGE, STEP):
+            assert said(scheme=scheme, cluster=Here(1, count=3, by_step=by_step)) == whole
+
+
+def test_the_disk_says_the_same_of_a_value_that_is_not_finite(tmp_path, monkeypatch):
+    monkeypatch.setattr(streaming, "NODES", 1)
+    x, y = hf.symbol("x"), hf.symbol("y")
+    huge = hf.Region("huge", PLACE, (hf.Inequality("c", 1e300 * (y - x**2 - 1), "m"),))
+    found = []
+    for options in ({}, {"on_disk": tmp_path}):
+        with pytest.raises(SimulationError) as error:
+            hf.backward_reachable_at(ROBOT, huge, grid(y=9), 0.1, **options)
+        found.append(str(error.value))
+    assert found[0] == found[1]
+    assert "not finite" in found[0]
+
+
+def test_grids_that_cannot_be_cut_are_refused():
+    with pytest.raises(SimulationError, match=r"the symmetry reflects 'psi', along which the grid"):
+        hf.discriminating_kernel(
+            TURNED, post(), grid(TURNED), 0.1, symmetry={"y": -1, "psi": -1},
+            cluster=Here(1, count=2),
+        )  # fmt: skip
+    with pytest.raises(SimulationError, match="cluster: 'tcp://a:1'; expected a cluster; make one"):
+        kernel(cluster="tcp://a:1")
+    with pytest.raises(SimulationError, match="on_disk: 3; expected a folder"):
+        kernel(on_disk=3)
+    with pytest.raises(SimulationError, match="begin or until with a cluster"):
+        kernel(cluster=Here(1), until=lambda value: True, scheme="upwind")
+
+
+def test_a_disk_that_is_full_or_cannot_be_written_is_refused_before_the_march(
+    tmp_path, monkeypatch
+):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError, match=r"file/d cannot be written \(Not a directory"):
+        kernel(on_disk=tmp_path / "file" / "d")
+    large = hf.grid(ROBOT, {"x": (-2, 1), "y": (-1.3, 1.3), "psi": (0, 6.283185307179586)}, 8000,
+                    {"x": "extrapolated"})  # fmt: skip
+    with pytest.raises(OutputError, match=r"nodes take 1.14e\+04 GiB, and .* has .* GiB left"):
+        hf.discriminating_kernel(ROBOT, post(), large, 0.1, on_disk=tmp_path)
+
+
+def test_how_slow_a_disk_is_is_said_beforehand(tmp_path, monkeypatch):
+    monkeypatch.setattr("holdfast.analysis.reachability.disk_estimate.total_memory", lambda: 1e5)
+    monkeypatch.setattr("holdfast.analysis.reachability.disk_estimate.PROBE", 2**20)
+    said = (
+        r"the arrays take 0.000.* GiB of .*: where nothing is settled a step takes about .* times"
+    )
+    with pytest.warns(SlowWarning, match=said):
+        found = tube(on_disk=tmp_path)
+    same(tube(), found)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        monkeypatch.setattr(
+            "holdfast.analysis.reachability.disk_estimate.total_memory", resources.total_memory
+        )
+        tube(on_disk=tmp_path)
