@@ -24,16 +24,15 @@ from holdfast._version import __version__
 from holdfast.analysis.reachability.checkpoint import Checkpoint
 from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.march_report import Report
-from holdfast.analysis.reachability.memory_estimate import check_fits, memory_of
+from holdfast.analysis.reachability.memory_estimate import check_fits
 from holdfast.analysis.reachability.obstacles import Obstacles
 from holdfast.analysis.reachability.problem import Posed
+from holdfast.analysis.reachability.refinement import march_of, on_finer_grid, refinement_of
 from holdfast.analysis.reachability.snapshots import Record
 from holdfast.analysis.reachability.value_function import ValueFunction, to_value_function
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
-from holdfast.execution.level_set.march import March
 from holdfast.execution.level_set.settling import Done
-from holdfast.execution.resources import available_cores
 from holdfast.maths.games.hamiltonian import Hamiltonian, hamiltonian
 from holdfast.maths.games.symmetry import check_symmetry
 
@@ -69,8 +68,9 @@ def marched(
 
     begin: values at the nodes that it begins with, where they are less than those of the problem.
     """
+    memory = check_fits(posed)
+    base, posed = posed.grid, on_finer_grid(posed)
     problem, grid, marching = posed.problem, posed.grid, posed.marching
-    check_fits(posed)
     h = hamiltonian(
         posed.system,
         inputs=problem.inputs,
@@ -81,19 +81,7 @@ def marched(
     values, cell = obstacles.start, obstacles.cell
     if begin is not None:
         np.minimum(values, begin.ravel(), out=values)
-    march = March(
-        h,
-        posed.parameters,
-        [a.nodes for a in grid.axes],
-        [a.step for a in grid.axes],
-        [a.ends for a in grid.axes],
-        method=marching.method,
-        limit=posed.limit,
-        clock=posed.clock,
-        reflected=_reflected(posed, h),
-        precision=marching.precision,
-        threads=marching.threads or available_cores(),
-    )
+    march = march_of(posed, base, h, reflected=_reflected(posed, h))
     rounding = float(np.finfo(marching.precision).eps) / march.longest_step  # cells/s
     record = Record(posed, values)
     saved, done, enough = None, Done(), False
@@ -186,9 +174,10 @@ def marched(
         samples=h.samples,
         separable=h.separable,
         steps=done.steps,
-        memory_bytes=memory_of(posed),
+        memory_bytes=memory,
         computed_share=done.computed / max(done.of, 1),
         wall_time_s=done.seconds,
+        **refinement_of(march),
         parameters={q.name: q.value for q in posed.named},
         disturbance={n: float(v) if v.is_number else str(v) for n, v in posed.disturbance.items()},
     )

@@ -10,6 +10,7 @@ from holdfast.analysis.reachability.given import whole
 from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.options import Marching, marching_of
 from holdfast.analysis.reachability.problem import Posed
+from holdfast.analysis.reachability.refinement import finer
 from holdfast.arguments import checked
 from holdfast.execution.resources import check_memory
 
@@ -37,7 +38,9 @@ def march_memory(
 
     In units of the value at every node: one for each stage of the Runge-Kutta method (two at
     least), two for obstacles, two for each of the times (one until the end of the march), four for
-    `check_outside`, one for the error estimate; two and 8 bytes a node for the least times. The
+    `check_outside`, one for the error estimate; two and 8 bytes a node for the least times. With
+    `refine` the nodes are those of the finer grid; of the stages of the method only the blocks that
+    are marched take memory, so that this is then the most that it can be. The
     compiled march and its libraries take some 300 MB more, independent of the grid.
 
     Raises `SimulationError` for invalid options.
@@ -54,12 +57,15 @@ def memory_of(posed: Posed) -> int:
     return _bytes(posed.grid, posed.marching, obstacles, times, bool(posed.arrival_steps))
 
 
-def check_fits(posed: Posed) -> None:
-    """Refuse a march that exceeds the memory of this machine."""
+def check_fits(posed: Posed) -> int:
+    """The bytes of a march; refused where they exceed the memory of this machine."""
     remedy = "take fewer nodes"
     if posed.marching.precision == "float64":
         remedy += ', or precision="float32"'
-    check_memory(memory_of(posed), f"{posed.grid.nodes:,} nodes", remedy)
+    bytes_ = memory_of(posed)
+    nodes = finer(posed.grid, posed.marching.refine).nodes
+    check_memory(bytes_, f"{nodes:,} nodes", remedy)
+    return bytes_
 
 
 def _bytes(grid: Grid, marching: Marching, obstacles: bool, times: int, arrivals: bool) -> int:
@@ -70,4 +76,7 @@ def _bytes(grid: Grid, marching: Marching, obstacles: bool, times: int, arrivals
         arrays += 1
     arrays = max(arrays + times, 2 * times + 1)
     size = np.dtype(marching.precision).itemsize
-    return grid.nodes * (size * arrays + 8 * arrivals)
+    nodes = grid.nodes
+    if marching.refine > 1:
+        nodes += finer(grid, marching.refine).nodes
+    return nodes * (size * arrays + 8 * arrivals)

@@ -80,9 +80,11 @@ class March:
         reflected: Sequence[npt.NDArray[np.int64]] | None = None,
         precision: str = "float64",
         threads: int = 1,
+        longest: int | None = None,
     ) -> None:
         """clock: the time t at tau = 0, and how fast it runs, 1 or -1. reflected: for every axis,
         at which place of it the node is that always has the same value; half is computed then.
+        longest: nodes of a unit, which is a stretch of a row then.
         """
         scheme = schemes()[method.scheme]
         self.code = sweep_code(precision, one_slope=scheme.one_slope)
@@ -99,7 +101,7 @@ class March:
         self.p = np.array([float(q.value) for q in parameters])
         self.nodes = math.prod(len(a) for a in axes)
         self.threads = threads if self.nodes > FEW else 1
-        cut = layout([len(a) for a in axes])
+        cut = layout([len(a) for a in axes], longest)
         self.cut = np.array(cut, dtype=np.int64)
         local = cut[1] * cut[2]
         self.units = math.prod(len(a) for a in axes[:-2]) * local
@@ -217,7 +219,7 @@ class March:
             def now() -> Array:
                 return arrays[0] if self.fold is None else mirror(arrays[0], self.fold.rest)
 
-            for start, dt, ends in itertools.islice(self._steps(times), done.steps, None):
+            for start, dt, ends in itertools.islice(self.steps_to(times), done.steps, None):
                 if dt != step or not self.method.skip or self.varying or refresh is not None:
                     flags[:] = 1
                     step = dt
@@ -284,7 +286,7 @@ class March:
         """What is the same at all nodes: the time, the parameters, the largest speeds."""
         return np.concatenate([[self._time(tau)], self.p, self.speeds])
 
-    def _steps(self, times: Sequence[float]) -> Iterator[tuple[float, float, float | None]]:
+    def steps_to(self, times: Sequence[float]) -> Iterator[tuple[float, float, float | None]]:
         """Start and length of every step [s], and which of `times` it ends at."""
         now = 0.0
         for end in times:

@@ -11,12 +11,13 @@ SHORT = 64
 """Nodes up to which several rows are one unit."""
 
 
-def layout(shape: Sequence[int]) -> tuple[int, int, int, int]:
+def layout(shape: Sequence[int], longest: int | None = None) -> tuple[int, int, int, int]:
     """The units of the last two axes: several whole rows, or a stretch of a single one.
 
-    Rows in a unit, groups of rows, stretches of a row, nodes in a stretch.
+    Rows in a unit, groups of rows, stretches of a row, nodes in a stretch. longest: nodes of a
+    stretch at most, of one row then.
     """
     rows = shape[-2] if len(shape) > 1 else 1
-    groups = -(-rows // max(1, SHORT // shape[-1]))
-    stretches = -(-shape[-1] // LONGEST)
-    return -(-rows // groups), groups, stretches, -(-shape[-1] // stretches)
+    groups = rows if longest else -(-rows // max(1, SHORT // shape[-1]))
+    stretches = -(-shape[-1] // (longest or LONGEST))
+    return -(-rows // groups), groups, stretches, longest or -(-shape[-1] // stretches)

@@ -1,0 +1,79 @@
+"""Grids that are finer near the boundary of the set: what is marched, and what is refused.
+
+The nodes of the grid are marched everywhere, those of one with cells `refine` times shorter in
+blocks around the boundary (`execution/level_set/refined_march.py`). The result is the value at all
+nodes of the finer grid, outside the blocks linear between nodes of the coarser one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from holdfast.analysis.reachability.grid import Axis, Grid
+from holdfast.analysis.reachability.problem import Posed
+from holdfast.errors import SimulationError
+from holdfast.execution.level_set.march import March
+from holdfast.execution.level_set.refined_march import STRETCH, RefinedMarch
+from holdfast.execution.resources import available_cores
+from holdfast.maths.games.hamiltonian import Hamiltonian
+
+
+def finer(grid: Grid, refine: int) -> Grid:
+    """The grid with cells so many times shorter along every axis."""
+
+    def divided(axis: Axis) -> Axis:
+        last = axis.ends != "periodic"
+        return replace(axis, count=refine * (axis.count - last) + last)
+
+    return Grid(tuple(divided(a) for a in grid.axes))
+
+
+def on_finer_grid(posed: Posed) -> Posed:
+    """The same problem on the grid of its answer."""
+    return replace(posed, grid=finer(posed.grid, posed.marching.refine))
+
+
+def check_refined(posed: Posed) -> None:
+    """Refuse a refined march of a problem that depends on time."""
+    if posed.marching.refine > 1 and posed.varies:
+        raise SimulationError(
+            "refine where a rate or a region depends on time: the boundary may then be anywhere",
+            expected="a problem that does not depend on time",
+            remedy="leave out refine, and take more nodes",
+        )
+
+
+def march_of(
+    posed: Posed, base: Grid, hamiltonian: Hamiltonian, *, reflected: Any
+) -> March | RefinedMarch:
+    """The march of a problem; base: the grid that it is refined from, its own where it is not."""
+    marching = posed.marching
+
+    def of(grid: Grid, longest: int | None) -> March:
+        return March(
+            hamiltonian,
+            posed.parameters,
+            [a.nodes for a in grid.axes],
+            [a.step for a in grid.axes],
+            [a.ends for a in grid.axes],
+            method=marching.method,
+            limit=posed.limit,
+            clock=posed.clock,
+            reflected=reflected,
+            precision=marching.precision,
+            threads=marching.threads or available_cores(),
+            longest=longest,
+        )
+
+    if marching.refine == 1:
+        return of(posed.grid, None)
+    periodic = [a.ends == "periodic" for a in base.axes]
+    return RefinedMarch(of(base, None), of(posed.grid, STRETCH), periodic, marching.refine)
+
+
+def refinement_of(march: March | RefinedMarch) -> dict[str, Any]:
+    """The entries of the report about a march that was refined."""
+    if isinstance(march, March):
+        return {}
+    return {"refine": march.blocks.ratio, "marched_share": march.marched_share}
