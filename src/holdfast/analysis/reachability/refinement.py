@@ -69,7 +69,10 @@ def march_of(
     if marching.refine == 1:
         return of(posed.grid, None)
     periodic = [a.ends == "periodic" for a in base.axes]
-    return RefinedMarch(of(base, None), of(posed.grid, STRETCH), periodic, marching.refine)
+    side = 1.0 if posed.limit == "shrink" else -1.0
+    return RefinedMarch(
+        of(base, None), of(posed.grid, STRETCH), periodic, marching.refine, side=side
+    )
 
 
 def refinement_of(march: March | RefinedMarch) -> dict[str, Any]:

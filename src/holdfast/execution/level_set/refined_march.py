@@ -46,8 +46,12 @@ Interval = tuple[float, float, int, float | None]
 class RefinedMarch:
     """A march over two grids; the values are those of the fine one, at all of its nodes."""
 
-    def __init__(self, coarse: March, fine: March, periodic: Sequence[bool], ratio: int) -> None:
-        self.coarse, self.fine = coarse, fine
+    def __init__(
+        self, coarse: March, fine: March, periodic: Sequence[bool], ratio: int, *, side: float
+    ) -> None:
+        """ratio: of the lengths of their cells. side: of zero, on which it is looked how fast the
+        set moves, 1 or -1."""
+        self.coarse, self.fine, self.side = coarse, fine, side
         n = len(fine.shape)
         side = max(SIDE.get(n, LEAST_SIDE), ratio)
         sizes = [*[side] * (n - 1), int(fine.cut[3])]
@@ -119,7 +123,7 @@ class _Pair:
         numbers: tuple[float, float, float],
     ) -> None:
         self.blocks, self.values, self.bounds = march.blocks, values, bounds
-        self.reach, self.nearest = march.reach, numbers[2]
+        self.reach, self.nearest, self.side = march.reach, numbers[2], march.side
         self.longest = march.coarse.longest_step
         thin = [None if a is None else self.blocks.thinned(a).ravel() for a in (values, *bounds)]
         assert thin[0] is not None
@@ -193,8 +197,8 @@ class _Pair:
 
     def _loss(self) -> float:
         """The largest share of its value that a node of the coarse grid changed by in the interval,
-        of those that are in no chosen block."""
-        apart = ~self.blocks.coarse_nodes(self.chosen).ravel()
+        of those on that side of zero that are in no chosen block."""
+        apart = ~self.blocks.coarse_nodes(self.chosen).ravel() & (self.side * self.before > 0)
         was, now = self.before[apart], self.coarse.arrays[0][apart]
         share = np.abs(now - was) / np.maximum(np.abs(was), max(self.nearest, 1e-300))
         return float(share.max(initial=0.0))
