@@ -68,15 +68,14 @@ def march_of(
 
     if marching.refine == 1:
         return of(posed.grid, None)
+    between = [2**k for k in range(1, marching.refine.bit_length())]
+    marches = [of(base, None), *(of(finer(base, k), STRETCH) for k in between)]
     periodic = [a.ends == "periodic" for a in base.axes]
-    side = 1.0 if posed.limit == "shrink" else -1.0
-    return RefinedMarch(
-        of(base, None), of(posed.grid, STRETCH), periodic, marching.refine, side=side
-    )
+    return RefinedMarch(marches, periodic, side=1.0 if posed.limit == "shrink" else -1.0)
 
 
 def refinement_of(march: March | RefinedMarch) -> dict[str, Any]:
     """The entries of the report about a march that was refined."""
     if isinstance(march, March):
         return {}
-    return {"refine": march.blocks.ratio, "marched_share": march.marched_share}
+    return {"refine": march.refine, "marched_share": march.marched_share}

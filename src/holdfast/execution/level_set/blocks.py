@@ -1,7 +1,7 @@
 """Blocks of the nodes of a grid: which lie near a boundary, and their values from a coarser grid.
 
-A fine grid has all nodes of a coarse one and `ratio` - 1 more between two of them. Along the last
-axis a block is a stretch of a row, a unit of a sweep (`units.py`).
+A fine grid has all nodes of a coarse one, and one more between two of them. Along the last axis a
+block is a stretch of a row, a unit of a sweep (`units.py`).
 """
 
 from __future__ import annotations
@@ -17,6 +17,9 @@ from holdfast.execution.arrays import AnyArray as Array
 Flags = npt.NDArray[np.bool_]
 Places = npt.NDArray[np.int64]
 
+RATIO = 2
+"""Of the lengths of the cells."""
+
 TOGETHER = 1 << 20
 """Nodes of blocks that are looked at together, at most."""
 
@@ -28,13 +31,12 @@ class Blocks:
     """
 
     def __init__(
-        self, shape: Sequence[int], periodic: Sequence[bool], sizes: Sequence[int], ratio: int
+        self, shape: Sequence[int], periodic: Sequence[bool], sizes: Sequence[int]
     ) -> None:
         self.shape, self.periodic, self.sizes = tuple(shape), tuple(periodic), tuple(sizes)
-        self.ratio = ratio
         self.counts = tuple(-(-n // s) for n, s in zip(shape, sizes, strict=True))
         self.coarse = tuple(
-            n // ratio if around else (n - 1) // ratio + 1
+            n // RATIO if around else (n - 1) // RATIO + 1
             for n, around in zip(shape, periodic, strict=True)
         )
         self._blocks_of = [np.arange(n) // s for n, s in zip(shape, sizes, strict=True)]
@@ -127,33 +129,31 @@ class Blocks:
 
     def _any(self, flags: Flags, axis: int, around: bool) -> Flags:
         """Along an axis for every block: whether a coarse node in it, or on either side, is set."""
-        rows, n = np.moveaxis(flags, axis, 0), self.coarse[axis]
-        count, size = self.counts[axis], self.sizes[axis]
-        found = np.zeros((count, *rows.shape[1:]), dtype=bool)
-        for k in range(count):
-            last = min((k + 1) * size, self.shape[axis])
-            nodes = np.arange(k * size // self.ratio, -(-last // self.ratio) + 1)
-            nodes = nodes % n if around else np.minimum(nodes, n - 1)
-            found[k] = rows[nodes].any(axis=0)
-        return np.moveaxis(found, 0, axis)
+        rows = np.moveaxis(flags, axis, 0)
+        beyond = rows[:1] if around else rows[-1:]
+        rows = np.concatenate([rows, beyond, np.zeros_like(beyond)])
+        begins = np.arange(self.counts[axis]) * self.sizes[axis]
+        ends = np.minimum(begins + self.sizes[axis], self.shape[axis])
+        parts = np.stack([begins // RATIO, -(-ends // RATIO) + 1], axis=1).ravel()
+        return np.moveaxis(np.logical_or.reduceat(rows, parts)[::2], 0, axis)
 
     def interpolated(self, chosen: Flags, coarse: Array) -> Iterator[tuple[Places, Array]]:
         """The nodes of chosen blocks, flat, and the value on the coarse grid there.
 
         It is linear along every axis, and at the nodes of the coarse grid that of this grid.
         """
-        ratio, table = self.ratio, coarse.reshape(self.coarse)
+        table = coarse.reshape(self.coarse)
         for flat, rows in self.nodes(chosen):
             window: list[Places] = []
             for i, (size, n) in enumerate(zip(self.sizes, self.coarse, strict=True)):
-                ahead = np.arange(-(-size // ratio) + 1)
-                at = rows[:, i, np.newaxis] * (size // ratio) + ahead
+                ahead = np.arange(-(-size // RATIO) + 1)
+                at = rows[:, i, np.newaxis] * (size // RATIO) + ahead
                 at = at % n if self.periodic[i] else np.minimum(at, n - 1)
                 window.append(at.reshape(len(rows), *self._along(i, len(ahead))))
             found = table[tuple(window)]
             for i, size in enumerate(self.sizes):
-                below = np.arange(size) // ratio
-                share = (np.arange(size) % ratio / ratio).astype(coarse.dtype)
+                below = np.arange(size) // RATIO
+                share = (np.arange(size) % RATIO / RATIO).astype(coarse.dtype)
                 part = np.take(found, below, axis=i + 1)
                 rise = np.take(found, below + 1, axis=i + 1) - part
                 found = part + share.reshape(self._along(i, size)) * rise
@@ -179,11 +179,11 @@ class Blocks:
 
     def coarse_nodes(self, chosen: Flags) -> Flags:
         """Which nodes of the coarse grid are in chosen blocks."""
-        return chosen[np.ix_(*(b[:: self.ratio] for b in self._blocks_of))]
+        return chosen[np.ix_(*(b[::RATIO] for b in self._blocks_of))]
 
     def thinned(self, values: Array) -> Array:
         """The values of the fine grid at the nodes of the coarse one."""
-        return values.reshape(self.shape)[(slice(None, None, self.ratio),) * len(self.shape)]
+        return values.reshape(self.shape)[(slice(None, None, RATIO),) * len(self.shape)]
 
     def count(self, chosen: Flags) -> int:
         """The number of nodes in the chosen blocks."""
