@@ -4,8 +4,8 @@ python benchmarks/six_states_order.py [--kernels upwind:13:0.1,upwind:17:0.1,eno
 
 A kernel is a scheme, the nodes along every axis (9/y=13: but 13 along y), and the band [m]. 4,000
 random states of S and its velocities are simulated under the optimal thrusts and under the filter
-of every kernel: a state is kept if one of these laws keeps it for 3 s. Promised are those in the set, false those of them that
-no law keeps.
+of every kernel: a state is kept if one of these laws keeps it for 3 s. Promised are those in the
+set, false those of them that no law keeps.
 """
 
 from __future__ import annotations
