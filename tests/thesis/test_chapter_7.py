@@ -185,6 +185,20 @@ def test_finer_grid_wears_less_of_the_kernel_in_six_states_away(
 
 
 @pytest.mark.heavy
+def test_scheme_of_second_order_in_six_states_keeps_what_a_45th_of_the_nodes_promises():
+    """eno2 on 9^6 nodes, nearly as large as upwind on 17^6; not if it is cut off within a cell."""
+    changes = ["grid.nodes=9", "march.scheme=eno2", "march.band=0.3"]
+    scenario = load_scenario("ch7-six-states", changes)
+    found = scenario.run()
+    assert found.promise.inside[0].kept.count == pytest.approx(1000, abs=2)
+    assert found.promise.outside.kept.count == pytest.approx(325, abs=45)
+    whole = set_on_grid(scenario.about, scenario.grid).fraction()
+    assert found.value.fraction() / whole == pytest.approx(0.52, abs=0.01)
+    cut = load_scenario("ch7-six-states", [*changes[:2], "march.band=0.1"]).run()
+    assert cut.promise.inside[0].kept.count < 850
+
+
+@pytest.mark.heavy
 def test_whole_vehicle_in_six_states_keeps_what_its_kernel_promises():
     """13^6 nodes, still water, 5 N: thrusters off but for what staying in view for 3 s asks.
 

@@ -226,6 +226,11 @@ class DividedMarch:
         found: Mapping[str, Array] = self._parts.ask_one(0, "held")
         return found
 
+    def bounded(self) -> tuple[Array, Array | None, Array | None]:
+        """The values of the only part, and what bounds them above and below."""
+        found: tuple[Array, Array | None, Array | None] = self._parts.ask_one(0, "bounded")
+        return found
+
     def arrays(self, room: Room | None = None) -> dict[str, Array]:
         """The values and the records over the grid, brought together part after part."""
         if (found := self.whole()) is not None:

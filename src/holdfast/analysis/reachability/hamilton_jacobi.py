@@ -21,6 +21,7 @@ from holdfast.analysis.reachability.march_part import hamiltonian_of
 from holdfast.analysis.reachability.memory_estimate import check_fits
 from holdfast.analysis.reachability.one_march import OneMarch, Progress, Until
 from holdfast.analysis.reachability.problem import Posed
+from holdfast.analysis.reachability.refinement import on_finer_grid
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.maths.games.symmetry import check_symmetry
@@ -45,13 +46,13 @@ def marched(
         check_symmetry(h, posed.problem.regions, posed.marching.symmetry)
     if posed.marching.on_disk is not None and posed.marching.cluster is None:
         check_disk(posed, h)
-    place = workplace(posed.marching)
+    place, finer = workplace(posed.marching), on_finer_grid(posed)
     losses = 0
     while True:
         attempt = OneMarch(posed, h, progress, until, begun=begin is not None)
         try:
-            with place.parts(posed, h) as parts:
-                return attempt.result(DividedMarch(posed, parts, begin), len(parts.parts) > 1)
+            with place.parts(finer, h) as parts:
+                return attempt.result(DividedMarch(finer, parts, begin), len(parts.parts) > 1)
         except PartsLostError as lost:
             losses = 0 if attempt.got_further else losses + 1
             if losses == LOSSES:

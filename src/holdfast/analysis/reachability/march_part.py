@@ -213,6 +213,10 @@ class MarchPart:
         values = self._values if self._sweeping is None else self._sweeping.values()
         return touched(self.posed, values.reshape(self._obstacles.shape), self.part)
 
+    def bounded(self) -> tuple[Array, Array | None, Array | None]:
+        """The values that a march changes, and what bounds them above and below."""
+        return self._values, self._obstacles.upper, self._obstacles.lower
+
     def held(self) -> dict[str, Array]:
         """All that the part's march depends on and has recorded, at its own nodes."""
         return {"values": self.now(), **self.record.arrays()}

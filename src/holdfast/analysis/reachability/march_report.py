@@ -22,7 +22,9 @@ class Report:
     begun_from_another: the march was a warm start. tolerance_cells: the requested, residual_cells:
     the remaining movement of the boundary. ends_reached: the axes at whose ends the set is cut off.
     cell: the largest change of V over a cell. memory_bytes: the estimate for the march.
-    computed_share: the share of the node updates that were computed and not skipped.
+    computed_share: the share of the node updates that were computed and not skipped. refine: how
+    many times shorter the cells near the boundary are, marched_share: the mean share of the nodes
+    of this finer grid that were in blocks around it; None without `refine`.
 
     The following are None unless requested. error_order, error_largest, error_rms, error_cells,
     volume_coarse: see `error_estimate.with_error`. error_reach: cells by which `inner` erodes the
@@ -59,6 +61,8 @@ class Report:
     memory_bytes: int = 0
     computed_share: float = 0.0
     wall_time_s: float = 0.0
+    refine: int | None = None
+    marched_share: float | None = None
     parameters: Mapping[str, float] = field(default_factory=dict)
     disturbance: Mapping[str, float | str] = field(default_factory=dict)
     definition: str = ""

@@ -10,6 +10,7 @@ from holdfast.analysis.reachability.given import whole
 from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.options import Marching, marching_of
 from holdfast.analysis.reachability.problem import Posed
+from holdfast.analysis.reachability.refinement import finer
 from holdfast.arguments import checked
 from holdfast.execution.level_set.layers import Part
 from holdfast.execution.resources import check_memory
@@ -38,7 +39,9 @@ def march_memory(
 
     In units of the value at every node: one for each stage of the Runge-Kutta method (two at
     least), two for obstacles, two for each of the times (one until the end of the march), four for
-    `check_outside`, one for the error estimate; two and 8 bytes a node for the least times. The
+    `check_outside`, one for the error estimate; two and 8 bytes a node for the least times. With
+    `refine` the nodes are those of the finer grid; of the stages of the method only the blocks that
+    are marched take memory, so that this is then the most that it can be. The
     compiled march and its libraries take some 300 MB more, independent of the grid.
 
     Raises `SimulationError` for invalid options.
@@ -65,7 +68,7 @@ def check_fits(posed: Posed) -> None:
 
     Of one on a cluster, its answer; one on a disk needs memory for a few planes.
     """
-    marching, needed, what = posed.marching, memory_of(posed), f"{posed.grid.nodes:,} nodes"
+    marching, needed, what = posed.marching, memory_of(posed), f"{_nodes(posed):,} nodes"
     if marching.on_disk is not None:
         return
     if marching.cluster is not None:
@@ -78,6 +81,11 @@ def check_fits(posed: Posed) -> None:
     else:
         remedy += ", or have it on a disk (on_disk=FOLDER)"
     check_memory(needed, what, remedy)
+
+
+def _nodes(posed: Posed) -> int:
+    """Of the grid of the answer."""
+    return finer(posed.grid, posed.marching.refine).nodes
 
 
 def _answer_bytes(posed: Posed) -> int:
@@ -96,4 +104,7 @@ def _bytes(grid: Grid, marching: Marching, obstacles: bool, times: int, arrivals
         arrays += 1
     arrays = max(arrays + times, 2 * times + 1)
     size = np.dtype(marching.precision).itemsize
-    return grid.nodes * (size * arrays + 8 * arrivals)
+    nodes = grid.nodes
+    if marching.refine > 1:
+        nodes += finer(grid, marching.refine).nodes
+    return nodes * (size * arrays + 8 * arrivals)

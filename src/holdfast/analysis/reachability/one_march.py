@@ -13,12 +13,14 @@ from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.memory_estimate import memory_of
 from holdfast.analysis.reachability.problem import Ends, Posed
+from holdfast.analysis.reachability.refinement import march_of, on_finer_grid, refinement_of
 from holdfast.analysis.reachability.snapshots import named, stops
 from holdfast.analysis.reachability.value_function import ValueFunction, to_value_function
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.device.program import device_named
 from holdfast.execution.level_set.march import March
+from holdfast.execution.level_set.refined_march import RefinedMarch
 from holdfast.execution.level_set.settling import Done
 from holdfast.execution.working_room import Memory, Room
 from holdfast.maths.games.hamiltonian import Hamiltonian
@@ -57,7 +59,10 @@ class OneMarch:
         *,
         begun: bool,
     ) -> None:
-        """begun: whether it begins with another value than that of the problem."""
+        """posed: as it was asked for, on a grid that may be refined. begun: whether it begins with
+        another value than that of the problem."""
+        self._memory, self._base = memory_of(posed), posed.grid
+        posed = on_finer_grid(posed)
         self._posed, self._h, self._progress, self._until = posed, h, progress, until
         self._enough, self._begun = False, begun
         self._saved: Checkpoint | None = None
@@ -65,7 +70,10 @@ class OneMarch:
 
     def result(self, held: DividedMarch, divided: bool) -> ValueFunction:
         posed, marching = self._posed, self._posed.marching
-        self._held, self._march = held, _steps(posed, self._h, held)
+        self._held, refined = held, marching.refine > 1
+        self._march: March | RefinedMarch = (
+            march_of(posed, self._base, self._h) if refined else _steps(posed, self._h, held)
+        )
         self._rounding = float(np.finfo(marching.precision).eps) / self._march.longest_step
         room, done = room_of(marching), Done()
         if marching.checkpoint is not None:
@@ -75,27 +83,37 @@ class OneMarch:
             done = self._saved.load(held)
             if done.steps == 0:
                 self._saved.save(done, held)  # if it cannot be written, that is said now
-        start = held.start
-        held.open(done.steps)
-        done = self._march.drive(
-            held,
-            stops(posed),
-            refresh=held.refresh if any(r.moves for r in posed.problem.regions) else None,
-            floor=-min(marching.band, DEEPEST * start.deepest),
-            ceiling=min(marching.band, start.highest) if posed.beyond else marching.band,
-            nearest=1e-9 * start.highest,
-            keep=held.keep,
-            tell=self._tell,
-            done=done,
-        )
-        held.close()
+        done = self._to_the_end(done)
         held.keep(done.time)
         largest = held.largest()
-        _check_growth(largest, held.highest, start.cell, done.time)
+        _check_growth(largest, held.highest, held.start.cell, done.time)
         if self._saved is not None:
             self._saved.save(done, held)
         report = self._report(done, largest)
         return _result(posed, held.arrays(room), report, room)
+
+    def _to_the_end(self, done: Done) -> Done:
+        held, posed, march, band = self._held, self._posed, self._march, self._posed.marching.band
+        start = held.start
+        limits = {
+            "floor": -min(band, DEEPEST * start.deepest),
+            "ceiling": min(band, start.highest) if posed.beyond else band,
+            "nearest": 1e-9 * start.highest,
+        }
+        if isinstance(march, RefinedMarch):
+            values, upper, lower = held.bounded()
+            return march.run(
+                values, stops(posed), upper=upper, lower=lower, keep=held.keep, tell=self._tell,
+                **limits,
+            )  # fmt: skip
+        moves = any(r.moves for r in posed.problem.regions)
+        held.open(done.steps)
+        done = march.drive(
+            held, stops(posed), refresh=held.refresh if moves else None, keep=held.keep,
+            tell=self._tell, done=done, **limits,
+        )  # fmt: skip
+        held.close()
+        return done
 
     def _tell(self, done: Done) -> bool:
         held, posed = self._held, self._posed
@@ -166,9 +184,10 @@ class OneMarch:
             samples=h.samples,
             separable=h.separable,
             steps=done.steps,
-            memory_bytes=memory_of(posed),
+            memory_bytes=self._memory,
             computed_share=done.computed / max(done.of, 1),
             wall_time_s=done.seconds,
+            **(refinement_of(self._march) if isinstance(self._march, RefinedMarch) else {}),
             parameters={q.name: q.value for q in posed.named},
             disturbance={
                 n: float(v) if v.is_number else str(v) for n, v in posed.disturbance.items()

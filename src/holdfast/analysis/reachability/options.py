@@ -18,6 +18,9 @@ from holdfast.execution.level_set.rate_leaves import DISSIPATIONS
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.maths.definitions.region import Region
 
+REFINEMENTS = (1, 2, 4, 8)
+"""How many times shorter the cells near a boundary may be."""
+
 
 @dataclass(frozen=True)
 class Marching:
@@ -45,6 +48,10 @@ class Marching:
     symmetry: state -> -1 for those that change sign in a reflection that leaves the problem as it
     is; half of the grid is computed then. It is checked symbolically (`maths/symmetry.py`).
 
+    refine: cells so many times shorter near the boundary of the set: 1, 2, 4 or 8. The value is
+    that of the finer grid at all of its nodes, of which only blocks around the boundary are
+    marched (`refinement.py`).
+
     samples: where the rates have no closed form in an input or a disturbance, the points along
     every coordinate of its set that are looked at (`maths/sampled.py`); by default the system's.
 
@@ -71,6 +78,7 @@ class Marching:
     symmetry: Mapping[str, int] | None = None
     checkpoint: str | Path | None = None
     checkpoint_every: float = 60.0
+    refine: int = 1
     samples: int | None = None
     estimate_error: bool | str = False
     check_outside: bool = False
@@ -119,6 +127,15 @@ class Marching:
                     f'device="{self.device}" with {name}', remedy="leave one of them out"
                 )
         number("checkpoint_every: ", self.checkpoint_every, "seconds, at least 0", lambda v: v >= 0)
+        if whole("refine: ", self.refine, 1) not in REFINEMENTS:
+            raise SimulationError(f"refine: {self.refine}", expected="1, 2, 4 or 8")
+        if self.refine > 1:
+            for name in ("symmetry", "checkpoint", "check_outside", "cluster", "on_disk"):
+                if getattr(self, name):
+                    raise SimulationError(
+                        f"refine with {name}, which needs a march of every node of the finer grid",
+                        remedy=f"leave out {name}, or take more nodes in place of refine",
+                    )
         if self.checkpoint is None and self.checkpoint_every != 60.0:
             raise SimulationError(
                 "checkpoint_every without a checkpoint", remedy="say checkpoint=a file or a folder"

@@ -18,6 +18,7 @@ from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.one_march import Progress, Until
 from holdfast.analysis.reachability.options import Problem, marching_of
 from holdfast.analysis.reachability.problem import Posed, definition, pose
+from holdfast.analysis.reachability.refinement import check_refined
 from holdfast.analysis.reachability.value_function import ValueFunction, to_value_function
 from holdfast.errors import SimulationError
 from holdfast.execution.level_set.over_grid import over_grid
@@ -76,6 +77,7 @@ def solve(
         arrival_steps=arrival_steps,
         start_time=start_time,
     )
+    check_refined(posed)
     marching = posed.marching
     grids = {False: 0, True: 1, "order": 2}[marching.estimate_error]
     further = coarser(posed, grids)  # refused before the march, if it cannot be
@@ -103,6 +105,7 @@ def _begun(
         ("estimate_error", marching.estimate_error),
         ("check_outside", marching.check_outside),
         ("a cluster", marching.cluster),
+        ("refine", marching.refine > 1),
     ):
         if there:
             raise SimulationError(f"begin or until with {what}", remedy="leave one of them out")

@@ -253,7 +253,7 @@ class March:
         stages = STAGES[order]
         spaces = [*0.5 / self.steps, *self.steps]
         began, step = time.perf_counter() - done.seconds, math.nan
-        for start, dt, ends in itertools.islice(self._steps(times), done.steps, None):
+        for start, dt, ends in itertools.islice(self.steps_to(times), done.steps, None):
             if dt != step or not self.method.skip or self.varying or refresh is not None:
                 sweeping.all_again()
                 step = dt
@@ -312,7 +312,7 @@ class March:
         """What is the same at all nodes: the time, the parameters, the largest speeds."""
         return np.concatenate([[self._time(tau)], self.p, self.speeds])
 
-    def _steps(self, times: Sequence[float]) -> Iterator[tuple[float, float, float | None]]:
+    def steps_to(self, times: Sequence[float]) -> Iterator[tuple[float, float, float | None]]:
         """Start and length of every step [s], and which of `times` it ends at."""
         now = 0.0
         for end in times:

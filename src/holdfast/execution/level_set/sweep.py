@@ -97,8 +97,8 @@ def sweep(
     many, groups, stretches, longest = cut[0], cut[1], cut[2], cut[3]
     local = groups * stretches
     along, of_row, outer, ghosts, lanes = sizes[0], sizes[1], sizes[2], sizes[3], sizes[4]
-    unit_nodes = many * nodes
-    most = max(1, RUN // unit_nodes) if stretches == 1 else 1  # units computed together
+    unit_nodes = many * nodes if stretches == 1 else longest
+    most = max(1, RUN // unit_nodes)  # units computed together; stretches, of one row
     places = wholes
     changed = places[SLOPES + 2 * n + 8 :]
     odd = changed[WORDS:]
@@ -144,13 +144,17 @@ def sweep(
                 if active[unit] == 0:
                     part += 1
                     continue
-                several = 0
-                while several < most and part + several < parts and active[unit + several] != 0:
+                several, furthest = 0, parts
+                if stretches > 1:
+                    furthest = min(parts, (part // stretches + 1) * stretches)
+                while several < most and part + several < furthest and active[unit + several] != 0:
                     active[unit + several] = 0
                     several += 1
                 computed += several
                 row, begin = part // stretches * many, part % stretches * longest
-                tall, wide = min(several * many, rows_of - row), min(longest, nodes - begin)
+                tall, wide = min(several * many, rows_of - row), nodes
+                if stretches > 1:
+                    tall, wide = 1, min(several * longest, nodes - begin)
                 count = tall * wide
                 here = (block * rows_of + row) * nodes + begin
                 if of_row > 0 or of_block != block:
@@ -198,17 +202,23 @@ def sweep(
                             own[s * units + unit + k] = 1
                 part += several
                 if high > 0:
-                    unit, several, row = unit + low, high - low, row + low * many
-                    tall = min(several * many, rows_of - row)
-                    of = (part - 1) % stretches
-                    mark(marks, unit, several, of, stretches, 1, kinds[last], ghosts)
+                    unit, several = unit + low, high - low
                     for i in range(n - 3, -1, -1):
                         mark(marks, unit, several, index[i], shape[i], within[i], kinds[i], ghosts)
-                    if n > 1:
+                    if stretches == 1 and n > 1:
+                        row += low * many
+                        tall = min(several * many, rows_of - row)
                         mark_rows(
-                            marks, block * local + of, row, tall, rows_of, many, stretches,
-                            kinds[n - 2], ghosts,
-                        )  # fmt: skip
+                            marks, block * local, row, tall, rows_of, many, 1, kinds[n - 2], ghosts
+                        )
+                    for k in range(several if stretches > 1 or n == 1 else 0):
+                        of = (unit + k) % stretches
+                        mark(marks, unit + k, 1, of, stretches, 1, kinds[last], ghosts)
+                        if n > 1:
+                            mark_rows(
+                                marks, block * local + of, row, 1, rows_of, 1, stretches,
+                                kinds[n - 2], ghosts,
+                            )  # fmt: skip
     fastest = moves[0]
     for j in range(lanes):
         fastest = max(fastest, moves[j])

@@ -12,6 +12,7 @@ from typing import Any
 from holdfast.analysis.reachability import sets as problems
 from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.memory_estimate import check_trials
+from holdfast.analysis.reachability.refinement import finer
 from holdfast.analysis.reachability.solve import set_on_grid
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.safety_filter import FORMER
@@ -153,7 +154,7 @@ class KernelScenario(Composed):
     def begun(self) -> ValueFunction:
         """The value function that the march begins with, in as little memory as the march."""
         alike = {k: v for k, v in self.options.items() if k in ("band", "precision")}
-        return set_on_grid(self.about, self.grid, **alike)
+        return set_on_grid(self.about, finer(self.grid, self.options.get("refine", 1)), **alike)
 
     def write(
         self, answer: KernelResult, folder: Path, *, figures: bool = True, bar: Bar | None = None
