@@ -12,7 +12,7 @@ from tests.parted_systems import box, late_cart, plane, towed, walls
 
 @cache
 def predicted_cart(share=0.6):
-    parted = hf.decompose(late_cart(0.2), walls("x"), lag_share=share, box=box("x", "v", at=1.3))
+    parted = hf.decompose(late_cart(0.2), walls("x"), lag_share=share, box=box("x", "v", at=1.5))
     return hf.solve_parts(parted, None, 121, 4.0)
 
 

@@ -44,7 +44,7 @@ def test_a_set_put_together_with_a_state_cut_off_is_inside_the_set():
 def test_a_predicted_cart_keeps_most_of_the_kernel_of_its_three_states(share):
     system, region = late_cart(0.2), walls("x")
     over = {**box("x", "v"), "actual_u": (-1.0, 1.0)}
-    parted = hf.decompose(system, region, lag_share=share, box=box("x", "v", at=1.3))
+    parted = hf.decompose(system, region, lag_share=share, box=box("x", "v", at=1.5))
     found = hf.solve_parts(parted, None, 61, 4.0)
     nodes = {"x": 41, "v": 41, "actual_u": 11}
     whole = hf.viability_kernel(
@@ -123,9 +123,9 @@ def test_states_outside_the_domain_are_not_contained():
 
 def test_a_grid_without_room_around_the_box_is_refused():
     parted = hf.decompose(
-        late_cart(), walls("x"), lag_share=1.0, box={"x": (-1.3, 1.3), "v": (-2, 2)}
+        late_cart(), walls("x"), lag_share=1.0, box={"x": (-1.5, 1.5), "v": (-2, 2)}
     )
     with pytest.raises(SimulationError, match="a cell further on either side"):
-        hf.solve_parts(parted, {"x": (-1.3, 1.3), "v": (-2, 2)}, 21, 1.0)
+        hf.solve_parts(parted, {"x": (-1.5, 1.5), "v": (-2, 2)}, 21, 1.0)
     with pytest.raises(SimulationError, match="shape"):
         hf.solve_parts(parted, None, 21, 0.2).at([[0.0, 0.0]])

@@ -112,6 +112,7 @@ def decompose(
         domain=(*_domain(known, promised, lists), *(free.domain if free else ())),
         prediction=free.prediction if free else None,
         box=dict(box) if free and box is not None else {},
+        within=tuple(free.within) if free else (),
     )
 
 

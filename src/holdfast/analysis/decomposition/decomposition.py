@@ -53,7 +53,8 @@ class Decomposition:
     every state of the set put together is in the set, up to the error of the grids. reasons: why,
     in sentences. domain: inequalities of the states of the whole that have to hold besides.
     prediction: of actuators that lag, how they were taken out; box: the intervals of the states
-    left, which are kept.
+    left, over which what remains of them is bounded; within: of them, those that are kept in their
+    intervals.
     """
 
     system: System
@@ -65,6 +66,7 @@ class Decomposition:
     domain: tuple[Inequality, ...] = ()
     prediction: Prediction | None = None
     box: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    within: tuple[str, ...] = ()
 
     @property
     def parts(self) -> tuple[Part, ...]:

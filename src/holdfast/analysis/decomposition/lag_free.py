@@ -28,12 +28,14 @@ NOTHING = 1e-12
 class LagFree:
     """The problem in z: the actuators are disturbances within their intervals.
 
-    coordinates: symbol of z -> z in the states of the whole. domain: where the actuators begin.
+    coordinates: symbol of z -> z in the states of the whole. within: states that are kept in their
+    intervals by inequalities of their own. domain: where the actuators begin.
     """
 
     system: System
     inequalities: tuple[Inequality, ...]
     coordinates: Mapping[sp.Symbol, sp.Expr]
+    within: Mapping[str, Interval]
     domain: tuple[Inequality, ...]
     prediction: Prediction
     reasons: tuple[str, ...]
@@ -73,11 +75,14 @@ def lag_free(
     moved = {c.name: c.expression.xreplace(dict(found.back)) for c in inequalities}
     fixed = {n: e.xreplace(dict(numbers)) for n, e in moved.items()}
     rows = affine_in(fixed, swung, {}, over)
+    read = set().union(*(c.expression.free_symbols for c in inequalities))
+    unread = [q for q in found.states if q.symbol not in read]
     tight = [_tightened(c, rows[c.name], swung) for c in inequalities]
     return LagFree(
         _system(system, found, rates, swung),
-        (*tight, *_within(found.states, over)),
+        (*tight, *_within(unread, over)),
         {q.symbol: q.symbol + found.shift[q.name] for q in found.states},
+        {q.name: over[q.symbol] for q in unread},
         _domain(found),
         found,
         (_reason(found),),
@@ -138,7 +143,10 @@ def _tightened(c: Inequality, row: Affine, swung: Mapping[sp.Symbol, Interval]) 
 
 
 def _within(states: Sequence[Quantity], box: Mapping[sp.Symbol, Interval]) -> list[Inequality]:
-    """The states kept within the box that the bounds hold in, but for whole turns of an angle."""
+    """These states kept within the box that the bounds hold in, but for whole turns of an angle.
+
+    Those that the inequalities read need no more: their grid is refused unless it holds the region.
+    """
     rows = []
     for q in states:
         low, high = box[q.symbol]

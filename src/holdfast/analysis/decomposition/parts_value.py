@@ -162,6 +162,11 @@ class PartsValue:
         self, box: Mapping[str, tuple[float, float]], runs: int = 10_000, seed: int = 0
     ) -> float:
         """The share of random states of a box that is in the set."""
+        whole("runs: ", runs, 1)
+        whole("seed: ", seed, 0)
+        for n in self.names:
+            if n not in by_name("box", box, '{"x": (0, 1)}'):
+                raise SimulationError(f"the box has no interval for '{n}'")
         low, high = (np.array([box[n][k] for n in self.names]) for k in (0, 1))
         states = np.random.default_rng(seed).uniform(low, high, (runs, len(low)))
         return float(self.contains(states).mean())
@@ -224,8 +229,8 @@ def solve_parts(
 
     box, nodes, ends: of all states of the parts, as for `grid`; options: of every march. A symmetry
     counts where a part has one of its states. Where actuators are predicted, the grid reaches over
-    the box of the decomposition, within which the states are kept, by a cell at least; without a
-    box by two cells. Raises `SimulationError` as the problems do.
+    the box of the decomposition, within which states are kept, by a cell at least; without a
+    box by one cell. Raises `SimulationError` as the problems do.
     """
     box = _around(decomposition, nodes) if box is None else box
     by_name("box", box, '{"x": (0, 1)}')
@@ -258,7 +263,7 @@ def solve_parts(
     return PartsValue(decomposition, tuple(lists))
 
 
-ROOM = 2
+ROOM = 1
 """Cells of a grid beyond the box that the states are kept within, on either side."""
 
 
@@ -282,7 +287,7 @@ def _around(
     found = {}
     for name, (low, high) in decomposition.box.items():
         cells = _count(nodes, name) - 1 - 2 * ROOM
-        if _whole_turn(decomposition, name):
+        if name not in decomposition.within or _whole_turn(decomposition, name):
             found[name] = (low, high)
             continue
         if cells < 1:
@@ -304,6 +309,13 @@ def _check_room(
         if name not in box or _whole_turn(decomposition, name):
             continue
         a, b = box[name]
+        if name not in decomposition.within:
+            if a < low * (1 - 1e-9 * np.sign(low)) or b > high * (1 + 1e-9 * np.sign(high)):
+                raise SimulationError(
+                    f"the grid along '{name}' is [{a:g}, {b:g}]",
+                    expected=f"an interval within that of the decomposition, [{low:g}, {high:g}]",
+                )
+            continue
         cell = (b - a) / (_count(nodes, name) - 1) * (1 - 1e-9)
         if a > low - cell or b < high + cell:
             raise SimulationError(
