@@ -40,7 +40,8 @@ def small() -> None:
     winch = {"w": (-0.9, 0.9)}
     cases = [
         ("two carts, one push", plane(), "x y", {}, four, four, 31, {}, 31),
-        ("cart on a winch", towed(), "x", {"cut": {"w": None}}, plain, {**plain, **winch}, 61, {"w": 15}, 61),
+        ("cart on a winch", towed(), "x", {"cut": {"w": None}}, plain, {**plain, **winch}, 61,
+         {"w": 15}, 61),
         *(
             (f"cart, lag {lag:g} s", late_cart(lag), "x", {"lag_share": 1.0, "box": wide}, None,
              {**plain, **force}, 61, {"actual_u": 21}, 91)
@@ -62,8 +63,8 @@ def small() -> None:
         outside = (inside & (full.at(states) < -full.report.cell / 2)).sum()
         kept = (inside & there).sum() / there.sum()
         sizes = " + ".join(str(len(p.system.states)) for p in parted.parts)
-        print(f"| {title} | {len(whole)} | {sizes} | {parted.verdict} | {100 * kept:.0f} % | {outside} |",
-              flush=True)  # fmt: skip
+        row = [title, len(whole), sizes, parted.verdict, f"{100 * kept:.0f} %", outside]
+        print("| " + " | ".join(map(str, row)) + " |", flush=True)
 
 
 def stayed(system, law, starts, region) -> np.ndarray:
@@ -97,8 +98,9 @@ def vehicle(nodes: int, runs: int) -> None:
     symbols = [hf.symbol(n) for n in ("x", "y", "psi")]
     safe = Evaluator([region.margin], symbols, region.parameters).values(poses)[:, 0] > 0
     poses = poses[safe][:runs]
-    print("| velocities | thrust | promised | of these lost | promised at once | of these lost | "
-          "not promised | of these kept by some law |\n|---|---|---|---|---|---|---|---|")  # fmt: skip
+    head = "velocities,thrust,promised,of these lost,promised at once,of these lost,not promised"
+    print("| " + " | ".join([*head.split(","), "of these kept by some law"]) + " |")
+    print("|---" * 8 + "|")
     for share in (1.0, 0.3, 0.0):
         speeds = share * np.array(SPEEDS) * generator.uniform(-1, 1, (runs, 3))
         for thrust in (0.0, 5.0 * SHARE):

@@ -18,7 +18,7 @@ from .analysis.decomposition.decompose import decompose as decompose
 from .analysis.decomposition.decomposition import Decomposition as Decomposition
 from .analysis.decomposition.parts_law import parts_law as parts_law
 from .analysis.decomposition.parts_value import PartsValue as PartsValue
-from .analysis.decomposition.parts_value import solve_parts as solve_parts
+from .analysis.decomposition.solve_parts import solve_parts as solve_parts
 from .analysis.identification.identified import Identified as Identified
 from .analysis.identification.identify import identify as identify
 from .analysis.identification.log import Log as Log

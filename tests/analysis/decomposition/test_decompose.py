@@ -5,7 +5,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import SimulationError
-from holdfast.maths.expressions.functions import least
+from holdfast.maths.expressions.functions import angle, least
 from tests.parted_systems import Q, late_cart, plane, symbols, towed, walls
 
 
@@ -133,3 +133,32 @@ def test_the_description_names_parts_verdict_and_reasons():
     assert "part (x, vx) by ux: x_low, x_high" in text
     assert "exact: the set put together is the set itself" in text
     assert "Chen" in text
+
+
+def test_inequalities_of_goal_and_region_are_told_apart_whatever_their_names():
+    goal = hf.Region("goal", (Q("x"),), (hf.Inequality("near", hf.symbol("x") - 0.2),))
+    region = hf.Region(
+        "room", (Q("x"), Q("y")),
+        (hf.Inequality("near", hf.symbol("y") - 1), hf.Inequality("near_1", hf.symbol("x") - 1)),
+    )  # fmt: skip
+    found = hf.decompose(plane(), region, kind="capture-basin", goal=goal)
+    (basin,) = (p for p in found.parts if p.kind == "capture-basin")
+    assert basin.goal.inequality_names == ("near",)
+    assert basin.region.inequality_names == ("near_1",)
+
+
+def test_an_alternative_that_always_holds_keeps_the_problem_whole():
+    x, y = symbols("x y")
+    region = hf.Region(
+        "any", (Q("x"), Q("y")), (hf.Inequality("any", least(least(x, y), sp.Integer(-1))),)
+    )
+    assert len(hf.decompose(plane(), region, kind="backward-reachable-tube").alternatives) == 1
+
+
+def test_an_angle_of_what_is_predicted_is_refused():
+    x, v = symbols("x v")
+    aim = hf.Region(
+        "aim", (Q("x"), Q("v")), (hf.Inequality("aim", angle(x, v, sp.Float(1e-3)) - 1),)
+    )
+    with pytest.raises(SimulationError, match="does not bound"):
+        hf.decompose(late_cart(), aim, lag_share=1.0, box={"x": (-1.5, 1.5), "v": (-2, 2)})

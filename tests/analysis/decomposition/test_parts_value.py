@@ -129,3 +129,18 @@ def test_a_grid_without_room_around_the_box_is_refused():
         hf.solve_parts(parted, {"x": (-1.5, 1.5), "v": (-2, 2)}, 21, 1.0)
     with pytest.raises(SimulationError, match="shape"):
         hf.solve_parts(parted, None, 21, 0.2).at([[0.0, 0.0]])
+
+
+def test_what_a_guarantee_rests_on_is_not_changed_in_a_march():
+    parted = hf.decompose(towed(), walls("x"), cut={"w": None})
+    for given in ({"disturbance": {"w": 0.0}}, {"parameters": {"w": 0.0}}):
+        with pytest.raises(SimulationError, match="of a march over parts"):
+            hf.solve_parts(parted, box("x", "v"), 21, 0.5, **given)
+
+
+def test_a_grid_whose_ends_are_not_checked_is_refused():
+    parted = hf.decompose(
+        late_cart(), walls("x"), lag_share=1.0, box={"x": (-1.5, 1.5), "v": (-2, 2)}
+    )
+    with pytest.raises(SimulationError, match="where actuators are predicted"):
+        hf.solve_parts(parted, None, 21, 0.5, ends={"x": "extrapolated"})

@@ -98,10 +98,13 @@ def decompose(
     intervals = {n: g.interval for n, g in promised.items()}
     made = _made(known, rows, kind, helped, intervals, relative=free is None)
     lists = tuple(
-        tuple(_part(g, kind, known, region, goal, rows["goal"], free) for g in grouping.groups)
-        for grouping in made
+        tuple(_part(g, kind, region, goal, aims, free) for g in grouping.groups)
+        for grouping, aims in made
     )
-    reasons, exact = _reasons(kind, made, promised, free, bool(known.disturbances) and not helped)
+    groupings = [grouping for grouping, _ in made]
+    reasons, exact = _reasons(
+        kind, groupings, promised, free, bool(known.disturbances) and not helped
+    )
     return Decomposition(
         system=system,
         kind=kind,
@@ -149,16 +152,19 @@ def _made(
     helped: bool,
     cut: Mapping[str, Interval],
     relative: bool,
-) -> list[Grouping]:
-    """The groups of every alternative: of the whole, unless taking it apart leaves smaller ones."""
+) -> list[tuple[Grouping, set[str]]]:
+    """The groups of every alternative: of the whole, unless taking it apart leaves smaller ones.
+
+    With the names of the inequalities of the goal.
+    """
     chosen = () if kind == "invariance-kernel" else system.input_names
     if helped:
         chosen = (*chosen, *system.disturbance_names)
 
-    def of(region: Sequence[Inequality], goal: Sequence[Inequality]) -> Grouping:
+    def of(region: Sequence[Inequality], goal: Sequence[Inequality]) -> tuple[Grouping, set[str]]:
         every = [*goal, *_renamed(region, goal)]
         together = every if kind in TUBES else goal
-        return grouped(
+        found = grouped(
             system,
             every,
             cut=cut,
@@ -166,6 +172,7 @@ def _made(
             together=[c.name for c in together],
             relative=relative,
         )
+        return found, {c.name for c in goal}
 
     whole = of(rows["region"], rows["goal"])
     apart = [
@@ -173,12 +180,12 @@ def _made(
         for region in (alternatives(rows["region"]) if rows["region"] else [()])
         for goal in (alternatives(rows["goal"]) if rows["goal"] else [()])
     ]
-    apart = [g for g in apart if g.groups]
-    if not whole.groups:
+    if not whole[0].groups:
         raise SimulationError(
             "no state of the system matters for the region", expected="inequalities of states"
         )
-    if len(apart) > 1 and max(map(_most, apart)) < _most(whole):
+    always = any(not grouping.groups for grouping, _ in apart)
+    if len(apart) > 1 and not always and max(_most(g) for g, _ in apart) < _most(whole[0]):
         return apart
     return [whole]
 
@@ -196,14 +203,12 @@ def _most(grouping: Grouping) -> int:
 def _part(
     group: Group,
     kind: str,
-    whole: System,
     region: Region | None,
     goal: Region | None,
-    goal_rows: Sequence[Inequality],
+    aims: set[str],
     free: LagFree | None,
 ) -> Part:
     system = group.factor.system
-    aims = {c.name for c in goal_rows} | {f"{c.name}_{k}" for c in goal_rows for k in range(1, 17)}
     of_goal = [c for c in group.factor.inequalities if goal is not None and c.name in aims]
     of_region = [c for c in group.factor.inequalities if c not in of_goal]
     mine = kind

@@ -118,7 +118,8 @@ def check_parts(
                 }
             result = simulate(
                 known, steered, starts=starts, region=region, horizon=horizon,
-                sample_time=sample_time, record_every=horizon, start_outside=True, seed=seed, **more,
+                sample_time=sample_time, record_every=horizon, start_outside=True, seed=seed,
+                **more,
             )  # fmt: skip
             stays &= result.arrays["outcome"].values == int(Outcome.STAYED)
         return Rate(int(stays.sum()), len(stays))

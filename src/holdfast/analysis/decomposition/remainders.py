@@ -21,14 +21,17 @@ import sympy as sp
 
 from holdfast.errors import SimulationError
 from holdfast.execution.intervals.enclosure import Enclosure
-from holdfast.maths.expressions.functions import select, sgn, wrap
+from holdfast.maths.expressions.functions import angle, length, select, sgn, wrap
 from holdfast.maths.expressions.random_points import Sampler
 from holdfast.maths.expressions.traversal import derivatives, parts
 
 Interval = tuple[float, float]
 
-JUMPS = (select, sgn, wrap, sp.sign, sp.floor, sp.ceiling, sp.Piecewise, sp.Heaviside)
-"""Functions that a derivative does not follow."""
+UNFOLLOWED = (
+    select, sgn, wrap, angle, length, sp.sign, sp.floor, sp.ceiling, sp.Piecewise, sp.Heaviside,
+    sp.atan2,
+)  # fmt: skip
+"""Functions that jump, or whose derivative is guarded: it does not bound what they change by."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,8 @@ def affine_in(
     """The rows, affine in the `swung` symbols.
 
     free: symbols that stay as they are and do not enter the gains, with their intervals; box: the
-    others. Raises `SimulationError` for a jump in a swung symbol, and where no bound is found.
+    others. Raises `SimulationError` for a function of a swung symbol that jumps or whose
+    derivative is guarded, and where no bound is found.
     """
     middle = {s: sp.Float((a + b) / 2) for s, (a, b) in swung.items()}
     half = {s: (b - a) / 2 for s, (a, b) in swung.items()}
@@ -111,9 +115,11 @@ def _row(
 
 def _check_jumps(name: str, e: sp.Expr, swung: Mapping[sp.Symbol, float]) -> None:
     for part in parts([e]):
-        if isinstance(part, JUMPS) and part.free_symbols & set(swung):
+        if isinstance(part, UNFOLLOWED) and part.free_symbols & set(swung):
             raise SimulationError(
-                f"'{name}' jumps where {part} does", expected="continuous rates and inequalities"
+                f"the derivative of {part} in '{name}' does not bound what it changes by",
+                expected="rates and inequalities without jumps, angles and lengths of what is "
+                "predicted",
             )
 
 

@@ -63,7 +63,7 @@ def factor(
         if i in pivots:
             continue
         against = [(row[i], p) for row, p in zip(lost, pivots, strict=True) if row[i] != 0]
-        seen = replace(q, name=_name(q.name, system.states, against)) if against else q
+        seen = _relative(q, system.states, against) if against else q
         states.append(seen)
         coordinates[seen.name] = sp.Add(q.symbol, *(-k * symbols[p] for k, p in against))
         rate = sp.Add(rates[i], *(-k * rates[p] for k, p in against))
@@ -85,10 +85,13 @@ def factor(
     )  # fmt: skip
 
 
-def _name(name: str, states: Sequence[Quantity], against: Sequence[tuple[sp.Expr, int]]) -> str:
-    """`x2_less_x1` of x2 - x1."""
+def _relative(
+    q: Quantity, states: Sequence[Quantity], against: Sequence[tuple[sp.Expr, int]]
+) -> Quantity:
+    """`x2_less_x1` of x2 - x1: an angle where turns of the others are turns of it."""
     words = {1: "less", -1: "plus"}
-    return name + "".join(f"_{words.get(k, 'against')}_{states[p].name}" for k, p in against)
+    name = q.name + "".join(f"_{words.get(k, 'against')}_{states[p].name}" for k, p in against)
+    return replace(q, name=name, angle=q.angle and all(k.is_integer for k, _ in against))
 
 
 def _unobservable(

@@ -18,10 +18,11 @@ def parts_text(
     for solved in (s for parts in value.parts for s in parts):
         report, grid = solved.value.report, solved.value.grid
         shape = " x ".join(str(a.count) for a in grid.axes)
+        kind = report.kind.replace("-", " ")
         done = "for ever" if report.converged else f"for {report.horizon_s:g} s"
         lines += [
             "",
-            f"  part           {', '.join(solved.value.names)}: {report.kind.replace('-', ' ')}, {done}",
+            f"  part           {', '.join(solved.value.names)}: {kind}, {done}",
             f"  grid           {shape} = {grid.nodes:,} nodes",
             f"  the set        {_set(solved.value.fraction())}",
             f"  march          {report.steps:,} steps, {report.scheme}, {report.wall_time_s:.1f} s",

@@ -11,7 +11,8 @@ from typing import Any
 from holdfast.analysis.decomposition.decompose import decompose
 from holdfast.analysis.decomposition.decomposition import Decomposition
 from holdfast.analysis.decomposition.parts_promise import PartsPromise, check_parts
-from holdfast.analysis.decomposition.parts_value import PartsValue, solve_parts
+from holdfast.analysis.decomposition.parts_value import PartsValue
+from holdfast.analysis.decomposition.solve_parts import solve_parts
 from holdfast.analysis.simulation.aggregates import Entry
 from holdfast.errors import ScenarioError
 from holdfast.execution.resources import Progress
