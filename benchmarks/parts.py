@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import argparse
 import time
+from dataclasses import replace
 
 import numpy as np
 from tests.parted_systems import box, late_cart, plane, towed, walls
 
 import holdfast as hf
 from holdfast.execution.evaluate import Evaluator
+from holdfast.maths.expressions.functions import magnitude
 
 LAG = 0.1  # s
 SHARE = 0.1
@@ -65,6 +67,38 @@ def small() -> None:
         sizes = " + ".join(str(len(p.system.states)) for p in parted.parts)
         row = [title, len(whole), sizes, parted.verdict, f"{100 * kept:.0f} %", outside]
         print("| " + " | ".join(map(str, row)) + " |", flush=True)
+
+
+def swaying() -> None:
+    """The vehicle in six states, and with its sway as a disturbance of the other five."""
+    system = hf.systems.marine_vehicle()
+    view = hf.regions.camera_and_lasers()
+    u, r = hf.symbol("u"), hf.symbol("r")
+    region = replace(
+        view,
+        reads=(*view.reads, hf.Quantity("u", "m/s"), hf.Quantity("r", "rad/s")),
+        inequalities=(
+            *view.inequalities,
+            hf.Inequality("surge", magnitude(u) - 0.5, "m/s"),
+            hf.Inequality("turn", magnitude(r) - 0.7, "rad/s"),
+        ),
+    )
+    sway = (-0.21, 0.21)
+    parted = hf.decompose(system, region, cut={"v": sway}, disturbance=STILL)
+    over = {**{n: BOX[n] for n in ("x", "y", "psi")}, "u": (-0.65, 0.65), "r": (-0.9, 0.9)}
+    found = hf.solve_parts(parted, over, 13, 3.0, ends={"psi": "contained"}, **MARCH)
+    whole = {n: {**over, "v": sway}[n] for n in system.state_names}
+    nodes = {n: 5 if n == "v" else 13 for n in whole}
+    grid = hf.grid(system, whole, nodes, {"psi": "contained", "v": "limited"})
+    full = hf.viability_kernel(system, region, grid, 3.0, disturbance=STILL, **MARCH)
+    low, high = np.array(list(whole.values())).T
+    states = np.random.default_rng(0).uniform(low, high, (200_000, 6))
+    inside, there = found.contains(states), full.contains(states)
+    outside = (inside & (full.at(states) < -full.report.cell / 2)).sum()
+    kept = f"{100 * (inside & there).sum() / there.sum():.0f} %"
+    print(f"| vehicle, sway | 6 | 5 | {parted.verdict} | {kept} | {outside} |")
+    starts = states[found.contains(states, 0.02)]
+    print(f"{stayed(system, hf.parts_law(found), starts, region).sum()} of {len(starts)} stay")
 
 
 def stayed(system, law, starts, region) -> np.ndarray:
@@ -125,6 +159,7 @@ def main() -> None:
     parser.add_argument("--skip-vehicle", action="store_true")
     given = parser.parse_args()
     small()
+    swaying()
     if not given.skip_vehicle:
         vehicle(given.nodes, given.runs)
 

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 
 import holdfast as hf
@@ -98,3 +99,20 @@ def test_the_vehicle_with_propeller_lag_has_an_inner_kernel_of_its_eight_states(
     assert answer.promise.held
     assert answer.promise.inside.total > 200
     assert answer.promise.promised.value == pytest.approx(0.0129, abs=0.002)
+    box = scenario._starts()
+    low, high = np.array([box[n] for n in whole.system.state_names]).T
+    drawn = np.random.default_rng(0).uniform(low, high, (1_000_000, 8))
+    drawn[:, 6:] = np.where(drawn[:, 6:] > 0, 0.5, -0.5)
+    starts = drawn[answer.value.contains(drawn)]
+    rest = hf.Law("rest", whole.system.states, {"tau_u": 0, "tau_r": 0})
+
+    def stay(law):
+        found = hf.simulate(
+            whole.system, law, starts=starts, region=scenario.region, horizon=3.0,
+            sample_time=0.01, record_every=3.0,
+        )  # fmt: skip
+        return (found.arrays["outcome"].values == 0).mean()
+
+    assert len(starts) > 1000
+    assert stay(hf.parts_law(answer.value)) == 1.0
+    assert stay(rest) == pytest.approx(0.8, abs=0.05)

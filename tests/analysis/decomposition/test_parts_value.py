@@ -108,6 +108,15 @@ def test_the_gradient_is_that_of_the_part_that_decides():
     assert not slopes[1, :2].any()
 
 
+def test_no_state_outside_the_region_is_in_its_kernel_on_the_coarsest_grid():
+    square = hf.symbol("x") ** 2
+    ring = hf.Region("ring", (Q("x"),), (hf.Inequality("ring", square - 0.3),))
+    found = hf.solve_parts(hf.decompose(plane(), ring), box("x", "vx"), 7, 0.1)
+    points = np.zeros((200, 4))
+    points[:, 0] = np.linspace(-1.2, 1.2, 200)
+    assert (found.at(points) <= 0.3 - points[:, 0] ** 2 + 1e-12).all()
+
+
 def test_every_part_gives_its_own_inputs():
     found = hf.solve_parts(hf.decompose(plane(), walls("x", "y")), PLANE, 15, 0.5)
     inputs = found.inputs([[0.8, 0.3, -0.8, -0.3]])

@@ -22,7 +22,7 @@ from holdfast.maths.definitions.region import Inequality, Region
 from holdfast.maths.definitions.system import System
 
 CHEN = "M. Chen et al., IEEE TAC 63(11), 2018"
-STATE_DECOUPLING = "M. Chen, S. Herbert, C. Tomlin, ACC 2016"
+STATE_DECOUPLING = "M. Chen, S. Herbert, C. Tomlin, CDC 2016"
 
 KERNELS = ("viability-kernel", "discriminating-kernel", "invariance-kernel")
 TUBES = ("backward-reachable-tube", "forward-reachable-set")
@@ -112,7 +112,8 @@ def decompose(
         verdict=EXACT if exact else INNER,
         reasons=tuple(reasons),
         disturbances="max" if helped else "min",
-        domain=(*_domain(known, promised, lists), *(free.domain if free else ())),
+        kept=region if kind in KERNELS else None,
+        domain=(*_domain(known, promised, lists, free), *(free.domain if free else ())),
         prediction=free.prediction if free else None,
         box=dict(box) if free and box is not None else {},
         within=tuple(free.within) if free else (),
@@ -248,6 +249,7 @@ def _domain(
     system: System,
     promised: Mapping[str, Guarantee],
     lists: Sequence[Sequence[Part]],
+    free: LagFree | None,
 ) -> list[Inequality]:
     """Where states that are cut off have to begin, unless a part keeps them there."""
     used = {n for parts in lists for p in parts for n in p.cut}
@@ -255,8 +257,9 @@ def _domain(
     for q in system.states:
         if q.name in used and not promised[q.name].kept:
             low, high = promised[q.name].interval
-            found.append(Inequality(f"{q.name}_low", low - q.symbol, q.unit))
-            found.append(Inequality(f"{q.name}_high", q.symbol - high, q.unit))
+            place = free.coordinates[q.symbol] if free else q.symbol
+            found.append(Inequality(f"{q.name}_low", low - place, q.unit))
+            found.append(Inequality(f"{q.name}_high", place - high, q.unit))
     return found
 
 

@@ -51,10 +51,10 @@ class Decomposition:
     alternatives: lists of parts; a state is in the set where all parts of one list have it. The
     value is the largest over the lists of the least over the parts. verdict: "exact", or "inner":
     every state of the set put together is in the set, up to the error of the grids. reasons: why,
-    in sentences. domain: inequalities of the states of the whole that have to hold besides.
-    prediction: of actuators that lag, how they were taken out; box: the intervals of the states
-    left, over which what remains of them is bounded; within: of them, those that are kept in their
-    intervals.
+    in sentences. kept: of a kernel, the region of the whole. domain: inequalities of the states
+    of the whole that have to hold besides. prediction: of actuators that lag, how they were taken
+    out; box: the intervals of the states left, over which what remains of them is bounded;
+    within: of them, those that are kept in their intervals.
     """
 
     system: System
@@ -63,6 +63,7 @@ class Decomposition:
     verdict: str
     reasons: tuple[str, ...]
     disturbances: str = "min"
+    kept: Region | None = None
     domain: tuple[Inequality, ...] = ()
     prediction: Prediction | None = None
     box: Mapping[str, tuple[float, float]] = field(default_factory=dict)

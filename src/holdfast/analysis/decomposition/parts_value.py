@@ -102,6 +102,7 @@ class PartsValue:
         """V at states of shape (count, states); NaN outside a grid.
 
         Where a state lies outside the domain of the decomposition V is at most minus the excess.
+        Of a kernel V is at most the margin of the region, which is exact between the nodes too.
         """
         points = self._points(states)
         return self._within(points, self._alternatives(points, time).max(axis=0))
@@ -193,7 +194,15 @@ class PartsValue:
         symbols = [q.symbol for q in system.states]
         return Evaluator(rows, symbols, system.parameters) if rows else None
 
+    @cached_property
+    def _margin(self) -> Evaluator | None:
+        region = self.decomposition.kept
+        symbols = [q.symbol for q in self.decomposition.system.states]
+        return None if region is None else Evaluator([region.margin], symbols, region.parameters)
+
     def _within(self, points: Array, levels: Array) -> Array:
+        if self._margin is not None:
+            levels = np.minimum(levels, self._margin.values(points)[:, 0])
         if self._domain is None:
             return levels
         excess = self._domain.values(points).max(axis=1)
