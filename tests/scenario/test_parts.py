@@ -8,6 +8,7 @@ import pytest
 import holdfast as hf
 from holdfast.errors import ScenarioError
 from holdfast.scenario.load import load_scenario
+from holdfast.studies.catalogue import describe
 from tests.command_line import holdfast
 
 LATE = """
@@ -70,6 +71,13 @@ def test_the_command_writes_figures_too(late, tmp_path):
     done = holdfast("run", late, "--out", str(tmp_path))
     assert done.returncode == 0, done.stderr
     assert {p.name for p in tmp_path.iterdir()} >= {"part_1.nc", "set_1.png", "summary.json"}
+
+
+def test_show_tells_the_parts(late):
+    text = describe(late)
+    assert text.startswith(LATE.rstrip())
+    assert "# part (x = 0.15*v + x, v = 0.15*actual_a + v) by a: left, right" in text
+    assert "# inner: " in text
 
 
 def test_states_that_are_cut_off_are_named_in_the_file(late):

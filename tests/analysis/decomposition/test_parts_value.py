@@ -117,6 +117,29 @@ def test_no_state_outside_the_region_is_in_its_kernel_on_the_coarsest_grid():
     assert (found.at(points) <= 0.3 - points[:, 0] ** 2 + 1e-12).all()
 
 
+def test_a_wall_that_moves_is_kept_by_its_part_at_every_time():
+    x, y = symbols("x y")
+    rows = {"right": x - 1 + 0.3 * hf.TIME, "left": -1 - x, "top": y - 1, "bottom": -1 - y}
+    region = hf.Region(
+        "closing", (Q("x"), Q("y")), tuple(hf.Inequality(n, e) for n, e in rows.items())
+    )
+    found = hf.solve_parts(hf.decompose(plane(), region), PLANE, 15, 1.0, start_time=0.5)
+    grid = hf.grid(plane(), PLANE, 15)
+    whole = hf.discriminating_kernel(plane(), region, grid, 1.0, start_time=0.5)
+    points = states(PLANE)
+    assert whole.contains(points).mean() > 0.1
+    assert (found.contains(points) != whole.contains(points)).mean() < 0.03
+
+
+def test_a_value_at_an_earlier_time_is_that_of_a_shorter_problem():
+    parted = hf.decompose(plane(), walls("x", "y"))
+    found = hf.solve_parts(parted, PLANE, 15, 1.0, times=[0.0, 0.5, 1.0])
+    shares = [found.contains(states(PLANE), time=t).mean() for t in (0.0, 0.5, 1.0)]
+    assert shares == sorted(shares, reverse=True)
+    short = hf.solve_parts(parted, PLANE, 15, 0.5)
+    assert (short.contains(states(PLANE)) == found.contains(states(PLANE), time=0.5)).mean() > 0.99
+
+
 def test_every_part_gives_its_own_inputs():
     found = hf.solve_parts(hf.decompose(plane(), walls("x", "y")), PLANE, 15, 0.5)
     inputs = found.inputs([[0.8, 0.3, -0.8, -0.3]])

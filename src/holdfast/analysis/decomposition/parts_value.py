@@ -102,7 +102,7 @@ class PartsValue:
         """V at states of shape (count, states); NaN outside a grid.
 
         Where a state lies outside the domain of the decomposition V is at most minus the excess.
-        Of a kernel V is at most the margin of the region, which is exact between the nodes too.
+        Of a kernel V is at most the margin of a region that does not move, exact between nodes too.
         """
         points = self._points(states)
         return self._within(points, self._alternatives(points, time).max(axis=0))
@@ -198,7 +198,9 @@ class PartsValue:
     def _margin(self) -> Evaluator | None:
         region = self.decomposition.kept
         symbols = [q.symbol for q in self.decomposition.system.states]
-        return None if region is None else Evaluator([region.margin], symbols, region.parameters)
+        if region is None or region.moves:
+            return None
+        return Evaluator([region.margin], symbols, region.parameters)
 
     def _within(self, points: Array, levels: Array) -> Array:
         if self._margin is not None:
