@@ -14,6 +14,11 @@ from .analysis.certificates.law_keeps import LawJudgement as LawJudgement
 from .analysis.certificates.law_keeps import Leaving as Leaving
 from .analysis.certificates.law_keeps import judge_law as judge_law
 from .analysis.certificates.reading import read_certificate as read_certificate
+from .analysis.decomposition.decompose import decompose as decompose
+from .analysis.decomposition.decomposition import Decomposition as Decomposition
+from .analysis.decomposition.parts_law import parts_law as parts_law
+from .analysis.decomposition.parts_value import PartsValue as PartsValue
+from .analysis.decomposition.solve_parts import solve_parts as solve_parts
 from .analysis.identification.identified import Identified as Identified
 from .analysis.identification.identify import identify as identify
 from .analysis.identification.log import Log as Log

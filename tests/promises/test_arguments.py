@@ -110,6 +110,12 @@ def push_law(of=None):
 
 
 @cache
+def apart():
+    found = hf.decompose(line(), end(), kind="discriminating-kernel")
+    return hf.solve_parts(found, {"x": (-1.2, 1.2)}, 21, 0.2)
+
+
+@cache
 def result():
     return hf.simulate(
         line(), push_law(), starts=[[0.1], [0.2]], region=end(), goal=end(), horizon=1.0
@@ -193,6 +199,14 @@ FUNCTIONS = {
     "disturbance_margin": lambda: {
         "scenario": line_file(), "of": "push", "between": (0.1, 0.2), "tolerance": 0.09, "keep": [],
         "overrides": ["grid.nodes=7", "march.forever=false", "march.horizon=0.1"],
+    },
+    "decompose": lambda: {
+        "system": line(), "region": end(), "kind": "discriminating-kernel", "goal": None, "disturbances": "min",
+        "disturbance": {"d": 0.1}, "cut": {}, "lag_share": None, "box": None,
+    },
+    "parts_law": lambda: {"value": apart(), "law": push_law()},
+    "solve_parts": lambda: {
+        "decomposition": apart().decomposition, "box": {"x": (-1.2, 1.2)}, "nodes": 21, "horizon": 0.2, "ends": {"x": "extrapolated"},
     },
     "exact_flow": lambda: {"field": hf.fields.dipolar(lam=2.0), "start": [1.0, 0.5], "time": 0.2},
     "explain": lambda: {"system": hf.systems.unicycle(), "moment": [1.0, 0.0], "limit": 60.0},
@@ -405,6 +419,11 @@ METHODS = {
     "ValueFunction.volume": lambda: (value(), {"time": None}),
     "ValueFunction.extent": lambda: (value(), {"time": None}),
     "ValueFunction.slice": lambda: (solid(), {"psi": 0.1}),
+    "PartsValue.at": lambda: (apart(), {"states": [[0.1]], "time": None}),
+    "PartsValue.gradient": lambda: (apart(), {"states": [[0.1]], "time": None}),
+    "PartsValue.contains": lambda: (apart(), {"states": [[0.1]], "margin": 0.0}),
+    "PartsValue.inputs": lambda: (apart(), {"states": [[0.1]], "time": None}),
+    "PartsValue.share": lambda: (apart(), {"box": {"x": (-1.0, 1.0)}, "runs": 10, "seed": 1}),
     "Campaign.variable": lambda: (campaign(), {"name": "refused"}),
     "Campaign.summary": lambda: (campaign(), {"variable": "refused"}),
     "Campaign.values_of": lambda: (campaign(), {"cell": 0}),

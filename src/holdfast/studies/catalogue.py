@@ -21,6 +21,7 @@ from holdfast.maths.reference_fields.facts import field_facts
 from holdfast.maths.reference_fields.field import Field
 from holdfast.presentation.text.mathematics import equations
 from holdfast.scenario.files import load_field, load_system, read_tables, read_text, scenario_names
+from holdfast.scenario.kinds.parts import PartsScenario
 from holdfast.scenario.load import load_scenario
 
 
@@ -57,8 +58,10 @@ def describe(name: str, overrides: Sequence[str] = ()) -> str:
     if name in vehicle_names():
         return "\n".join(_vehicle(name))
     if name in scenario_names() or name.endswith(".toml"):
-        load_scenario(name)
-        return read_text(name)[1].rstrip()
+        loaded, text = load_scenario(name), read_text(name)[1].rstrip()
+        if isinstance(loaded, PartsScenario):
+            text = "\n".join([text, "", *(f"# {line}" for line in loaded.decomposition.lines())])
+        return text
     known = [f.__name__ for c in CATALOGUES.values() for f in c]
     raise ScenarioError(
         f"unknown name '{name}'",

@@ -29,6 +29,7 @@ from holdfast.presentation.html.explorer import explorer_page
 from holdfast.scenario.files import read_tables
 from holdfast.scenario.kinds.closed_loop import Scenario
 from holdfast.scenario.kinds.kernel import KernelScenario
+from holdfast.scenario.kinds.parts import PartsScenario
 from holdfast.scenario.load import load_scenario, scenario_of
 from holdfast.studies.explored_copy import copied_kernel, copied_loop
 from holdfast.studies.explored_knobs import keys_of
@@ -122,6 +123,11 @@ def page_of(
 
         return explorer_page(
             _described(_with_copy(explored_kernel(loaded, progress), loaded, scenario, changes))
+        )
+    if isinstance(loaded, PartsScenario):
+        raise ScenarioError(
+            f"'{scenario}' is put together from parts and has no grid of all its states",
+            expected="closed loops, a kernel or a capture basin on one grid",
         )
     raise ScenarioError(
         f"'{scenario}' is a {loaded.kind}", expected="closed loops, a kernel or a capture basin"

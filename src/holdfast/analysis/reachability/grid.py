@@ -109,7 +109,8 @@ def grid(
         raise SimulationError(
             f"system '{system.name}' has {len(names)} states",
             expected=f"at most {LARGEST_DIMENSION} for a grid",
-            remedy="promote some to bounded inputs (promote)",
+            remedy="take the problem apart (hf.decompose; [decompose] in a scenario), or promote "
+            "some states to bounded inputs (promote)",
         )
     for name in names:
         if name in VARIABLES:

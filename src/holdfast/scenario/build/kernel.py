@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from holdfast.analysis.reachability.grid import grid
+from holdfast.analysis.reachability.grid import Grid, grid
 from holdfast.analysis.reachability.options import Marching
 from holdfast.analysis.safety.safety_filter import LAWFUL, check_pace
 from holdfast.errors import ScenarioError, SimulationError, suggestion
@@ -63,16 +64,21 @@ def kernel_parts(file: str, data: Mapping[str, Any]) -> dict[str, Any]:
                 raise ScenarioError("unknown name", remedy=suggestion(name, units))
             return to_si(value, units[name])
 
+    apart: Apart | None = None
+    over: Grid | None = None
     with at(file, "grid"):
-        over = grid(
-            system,
-            {
-                n: (state(n, a, f"grid.box.{n}"), state(n, b, f"grid.box.{n}"))
-                for n, (a, b) in spec.grid.box.items()
-            },
-            spec.grid.nodes,
-            spec.grid.ends,
-        )
+        if spec.decompose is not None:
+            apart = _apart(file, spec, units)
+        else:
+            over = grid(
+                system,
+                {
+                    n: (state(n, a, f"grid.box.{n}"), state(n, b, f"grid.box.{n}"))
+                    for n, (a, b) in spec.grid.box.items()
+                },
+                spec.grid.nodes,
+                spec.grid.ends,
+            )
     horizon = seconds(spec.march.horizon, "march.horizon")
     options = {**(spec.march.model_extra or {})}
     allowed = [n for n in Marching.__dataclass_fields__ if n != "cluster"] + ["start_time"]
@@ -138,7 +144,7 @@ def kernel_parts(file: str, data: Mapping[str, Any]) -> dict[str, Any]:
         "source": spec.scenario.source,
         "system": system,
         "law": law,
-        "grid": over,
+        **({"grid": over} if apart is None else {"apart": apart}),
         "horizon": horizon,
         "forever": spec.march.forever,
         "inner": spec.march.inner,
@@ -148,6 +154,45 @@ def kernel_parts(file: str, data: Mapping[str, Any]) -> dict[str, Any]:
         "held": {n: state(n, v, f"figures.at.{n}") for n, v in spec.figures.at.items()},
         **about,
     }
+
+
+@dataclass(frozen=True)
+class Apart:
+    """How a problem is taken apart, and the grid of the parts."""
+
+    cut: Mapping[str, tuple[float, float] | None]
+    lag_share: float | None
+    box: Mapping[str, tuple[float, float]]
+    nodes: int | Mapping[str, int]
+    ends: Mapping[str, str]
+
+
+def _apart(file: str, spec: KernelSpec, units: Mapping[str, str]) -> Apart:
+    """[decompose] and [grid]; a relative state has the unit of the first that it is made of."""
+    asked = spec.decompose
+    assert asked is not None
+
+    def number(name: str, value: object, key: str) -> float:
+        with at(file, key):
+            own = [n for n in units if name == n or name.startswith(f"{n}_")]
+            if not own:
+                raise ScenarioError("unknown name", remedy=suggestion(name, units))
+            return to_si(value, units[max(own, key=len)])
+
+    def interval(name: str, ends: Sequence[object], key: str) -> tuple[float, float]:
+        low, high = (number(name, e, f"{key}.{name}") for e in ends)
+        return low, high
+
+    return Apart(
+        cut={
+            n: None if ends == "kept" else interval(n, ends, "decompose.cut")
+            for n, ends in asked.cut.items()
+        },
+        lag_share=asked.lag_share,
+        box={n: interval(n, ends, "grid.box") for n, ends in spec.grid.box.items()},
+        nodes=spec.grid.nodes,
+        ends=spec.grid.ends,
+    )
 
 
 def depth_inside(value: object, region: Region) -> float:

@@ -30,6 +30,7 @@ from holdfast.scenario.build.kernel import kernel_parts
 from holdfast.scenario.files import overridden
 from holdfast.scenario.kinds import kind_of
 from holdfast.scenario.kinds.base import Bar, Composed, Kind
+from holdfast.scenario.kinds.parts import PartsScenario
 from holdfast.scenario.schema.kernel import PROBLEMS, SetFiguresSpec
 from holdfast.scenario.validation import at
 
@@ -257,23 +258,32 @@ def is_kernel(file: str, data: Mapping[str, Any]) -> bool:
 
 def _compose(
     file: str, text: str, data: dict[str, Any], runs: int | None, seed: int | None
-) -> KernelScenario:
+) -> KernelScenario | PartsScenario:
     more = {"runs": runs, "seed": seed}
     given = {k: v for k, v in more.items() if v is not None}
     if given and "promise" not in data:
         raise ScenarioError(f"--{min(given)}: {file} has no [promise]", remedy="leave it out")
     changes = [f"promise.{k}={v}" for k, v in given.items()]
-    return composed_kernel(file, *overridden(text, data, changes))
+    text, data = overridden(text, data, changes)
+    if "decompose" in data:
+        return PartsScenario(file=file, text=text, **kernel_parts(file, data))
+    return composed_kernel(file, text, data)
 
 
 def composed_kernel(file: str, text: str, data: Mapping[str, Any]) -> KernelScenario:
     """The scenario of these tables; `ScenarioError` with the key for what is wrong with them."""
+    if "decompose" in data:
+        raise ScenarioError(
+            f"{file}: decompose: a set put together from parts has no grid of all its states",
+            expected="a kernel on one grid here",
+            remedy="take hf.parts_law and hf.PartsValue",
+        )
     return KernelScenario(file=file, text=text, **kernel_parts(file, data))
 
 
 def _compose_former(
     file: str, text: str, data: dict[str, Any], runs: int | None, seed: int | None
-) -> KernelScenario:
+) -> KernelScenario | PartsScenario:
     new = "backward-reachable-tube"
     warnings.warn(
         f"{file}: scenario.kind: '{FORMER}' is now '{new}'; the set at exactly the horizon is "

@@ -55,6 +55,17 @@ class MarchSpec(Section):
     inner: bool = False
 
 
+class DecomposeSpec(Section):
+    """[decompose]: the problem is taken apart (`hf.decompose`), and every part has its own grid.
+
+    cut: states that disturb the others, with their intervals or "kept" for the one that the region
+    asks for or that they never leave. lag_share: of the range of actuators that lag.
+    """
+
+    cut: dict[Name, Interval | Literal["kept"]] = Field(default_factory=dict)
+    lag_share: float | None = None
+
+
 class PromiseSpec(Section):
     """[promise]: closed-loop (Monte Carlo) validation from random states; see `check_promise`."""
 
@@ -85,6 +96,7 @@ class KernelSpec(Section):
     law: dict[str, Any] | None = None
     tracking: dict[Name, float] | None = None
     grid: GridSpec
+    decompose: DecomposeSpec | None = None
     march: MarchSpec
     disturbance: dict[Name, Expression] = Field(default_factory=dict)
     promise: PromiseSpec | None = None

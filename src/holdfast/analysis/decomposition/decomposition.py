@@ -1,0 +1,122 @@
+"""What a problem falls into: its parts, how their sets make up the whole, and why that is so."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import sympy as sp
+
+from holdfast.maths.decomposition.prediction import Prediction
+from holdfast.maths.definitions.region import Inequality, Region
+from holdfast.maths.definitions.system import System
+
+EXACT, INNER = "exact", "inner"
+
+
+@dataclass(frozen=True)
+class Part:
+    """A problem over few states that is solved by itself.
+
+    coordinates: state of the part -> its expression in the states of the whole system. region: to
+    be kept, or reached; goal: of a capture basin. cut: states of the whole that are disturbances
+    here, with their intervals.
+    """
+
+    kind: str
+    system: System
+    region: Region | None
+    goal: Region | None
+    coordinates: Mapping[str, sp.Expr]
+    cut: Mapping[str, tuple[float, float]]
+
+    @property
+    def about(self) -> Region:
+        """The region whose inequalities decide the part."""
+        found = self.goal or self.region
+        assert found is not None
+        return found
+
+    @property
+    def inequality_names(self) -> tuple[str, ...]:
+        """Of both regions, each once."""
+        both = (r.inequality_names for r in (self.goal, self.region) if r is not None)
+        return tuple(dict.fromkeys(n for names in both for n in names))
+
+
+@dataclass(frozen=True)
+class Decomposition:
+    """The parts of a problem, and what their sets say of its set.
+
+    alternatives: lists of parts; a state is in the set where all parts of one list have it. The
+    value is the largest over the lists of the least over the parts. verdict: "exact", or "inner":
+    every state of the set put together is in the set, up to the error of the grids. reasons: why,
+    in sentences. kept: of a kernel, the region of the whole. domain: inequalities of the states
+    of the whole that have to hold besides. prediction: of actuators that lag, how they were taken
+    out; box: the intervals of the states left, over which what remains of them is bounded;
+    within: of them, those that are kept in their intervals.
+    """
+
+    system: System
+    kind: str
+    alternatives: tuple[tuple[Part, ...], ...]
+    verdict: str
+    reasons: tuple[str, ...]
+    disturbances: str = "min"
+    kept: Region | None = None
+    domain: tuple[Inequality, ...] = ()
+    prediction: Prediction | None = None
+    box: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    within: tuple[str, ...] = ()
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """All parts, of one list after the other."""
+        return tuple(p for parts in self.alternatives for p in parts)
+
+    @property
+    def most_states(self) -> int:
+        """The number of states of the largest part."""
+        return max(len(p.system.states) for p in self.parts)
+
+    @property
+    def guarantee(self) -> str:
+        """What the set put together is, in one sentence."""
+        if self.verdict == EXACT:
+            return "the set put together is the set itself, up to the error of the grids"
+        return (
+            "the set put together is inner: every state in it is in the set, up to the error of "
+            "the grids"
+        )
+
+    def lines(self) -> Iterator[str]:
+        """A description: the parts, the verdict and the reasons."""
+        count = len(self.system.states)
+        yield f"{self.kind} of '{self.system.name}', {count} states"
+        several = len(self.alternatives) > 1
+        for k, parts in enumerate(self.alternatives):
+            if several:
+                yield f"alternative {k + 1}"
+            for part in parts:
+                yield ("  " if several else "") + _line(part)
+        for row in self.domain:
+            yield f"holds where {sp.sstr(row.expression)} <= 0"
+        yield f"{self.verdict}: {self.guarantee}"
+        for reason in self.reasons:
+            yield f"- {reason}"
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines())
+
+
+def _line(part: Part) -> str:
+    states = ", ".join(
+        n if str(e) == n else f"{n} = {sp.sstr(sp.N(e, 3))}" for n, e in part.coordinates.items()
+    )
+    given = ""
+    if part.cut:
+        intervals = (f"{n} in [{a:.4g}, {b:.4g}]" for n, (a, b) in part.cut.items())
+        given = f", disturbed by {', '.join(intervals)}"
+    inputs = ", ".join(part.system.input_names) or "no input"
+    about = ", ".join(part.inequality_names)
+    return f"part ({states}) by {inputs}{given}: {about}"

@@ -1,0 +1,221 @@
+"""Intervals that states never leave: why a state may be another part's bounded disturbance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import sympy as sp
+
+from holdfast.analysis.decomposition.remainders import enclosed
+from holdfast.errors import SimulationError, suggestion
+from holdfast.maths.definitions.quantity import TIME
+from holdfast.maths.definitions.region import Inequality
+from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.functions import magnitude
+
+Interval = tuple[float, float]
+
+ROUNDING = 1e-12
+"""Share of the range of a rate that counts as rounding, at an end that a state rests at."""
+
+
+@dataclass(frozen=True)
+class Guarantee:
+    """An interval of a state, and the sentence that says why the state stays in it.
+
+    kept: by a constraint, which another part keeps; else whatever the inputs do.
+    """
+
+    interval: Interval
+    reason: str
+    kept: bool
+
+
+def guarantees(
+    system: System,
+    asked: Mapping[str, Interval | None],
+    inequalities: Sequence[Inequality],
+    *,
+    kept: bool,
+) -> dict[str, Guarantee]:
+    """For every state asked for, the interval that it stays in; None asks for the one that it has.
+
+    kept: whether the inequalities are kept all the time. An interval is guaranteed by one of
+    these, or because the rate at either end does not lead out, whatever the inputs and the
+    disturbances do and wherever the others are in their intervals (M. Nagumo, 1942).
+
+    Raises `SimulationError` for an interval without a guarantee.
+    """
+    names = system.state_names
+    for name in asked:
+        if name not in names:
+            raise SimulationError(
+                f"'{name}' is not a state of system '{system.name}'",
+                remedy=suggestion(name, names),
+            )
+    numbers = {q.symbol: sp.Float(q.value) for q in system.parameters}
+    limits = {n: _limits(system, n, inequalities, numbers) for n in names} if kept else {}
+    known = {n: i for n, i in limits.items() if i is not None}
+    found: dict[str, Guarantee] = {}
+    waiting = dict(asked)
+    while waiting:
+        done = {}
+        for name, wanted in waiting.items():
+            guarantee = _guarantee(system, name, wanted, known, numbers, limits.get(name))
+            if guarantee is not None:
+                done[name] = guarantee
+        if not done:
+            raise _without(system, next(iter(waiting.items())))
+        found |= done
+        known |= {n: g.interval for n, g in done.items()}
+        waiting = {n: i for n, i in waiting.items() if n not in done}
+    return {n: found[n] for n in asked}
+
+
+def _guarantee(
+    system: System,
+    name: str,
+    wanted: Interval | None,
+    known: Mapping[str, Interval],
+    numbers: Mapping[sp.Symbol, sp.Expr],
+    limit: Interval | None,
+) -> Guarantee | None:
+    unit = _unit(system, name)
+    if limit is not None and (wanted is None or _within(limit, wanted)):
+        return Guarantee(
+            limit, f"'{name}' stays within {_shown(limit, unit)}, which the region asks for", True
+        )
+    found = wanted or _rests_within(system, name, known, numbers)
+    if found is None or not _invariant(system, name, found, known, numbers):
+        return None
+    return Guarantee(
+        found,
+        f"'{name}' stays within {_shown(found, unit)} whatever the inputs do: at neither end does "
+        "its rate lead out",
+        False,
+    )
+
+
+def _without(system: System, asked: tuple[str, Interval | None]) -> SimulationError:
+    name, wanted = asked
+    rate = system.rates[name]
+    if wanted is None:
+        return SimulationError(
+            f"no interval is known that '{name}' stays in",
+            expected="a constraint on it alone, or a rate that leads back from an interval",
+            remedy=f'give an interval: {{"{name}": (low, high)}}',
+        )
+    return SimulationError(
+        f"'{name}' is not seen to stay within {_shown(wanted, _unit(system, name))}: its rate is "
+        f"{sp.sstr(rate)[:120]}",
+        expected="an interval that its rate does not lead out of, with the others in theirs",
+        remedy="widen it, name the other states of the rate too, or constrain it in the region",
+    )
+
+
+def _box(
+    system: System, known: Mapping[str, Interval], numbers: Mapping[sp.Symbol, sp.Expr]
+) -> dict[sp.Symbol, Interval]:
+    """The intervals of everything that a rate may depend on; infinite where none is known."""
+    box = {q.symbol: known.get(q.name, (-math.inf, math.inf)) for q in system.states}
+    for members, bounds in (
+        (system.inputs, system.input_bounds),
+        (system.disturbances, system.disturbance_bounds),
+    ):
+        ranges = bounds.at(numbers).ranges() if bounds is not None else []
+        for q, (low, high) in zip(members, ranges, strict=False):
+            box[q.symbol] = (float(low), float(high))
+    return box
+
+
+def _over(rate: sp.Expr, box: Mapping[sp.Symbol, Interval]) -> Interval | None:
+    """The interval of a rate; None where nothing is known."""
+    mine = {s: box[s] for s in sorted(rate.free_symbols, key=str) if s in box}
+    if rate.has(TIME) or rate.free_symbols - set(mine):
+        return None
+    if any(math.isinf(e) for i in mine.values() for e in i):
+        return None
+    if not mine:
+        return float(rate), float(rate)
+    low, high = enclosed([rate], mine)
+    return None if np.isnan(low[0]) or np.isnan(high[0]) else (float(low[0]), float(high[0]))
+
+
+def _invariant(
+    system: System,
+    name: str,
+    interval: Interval,
+    known: Mapping[str, Interval],
+    numbers: Mapping[sp.Symbol, sp.Expr],
+) -> bool:
+    symbol = next(q.symbol for q in system.states if q.name == name)
+    box = _box(system, known, numbers)
+    rate = system.rates[name].xreplace(dict(numbers))
+    whole = _over(rate, {**box, symbol: interval})
+    if whole is None or not interval[0] < interval[1]:
+        return False
+    slack = ROUNDING * (whole[1] - whole[0])
+    ends = [_over(rate, {**box, symbol: (e, e)}) for e in interval]
+    low, high = ends
+    return low is not None and high is not None and low[0] >= -slack and high[1] <= slack
+
+
+def _rests_within(
+    system: System,
+    name: str,
+    known: Mapping[str, Interval],
+    numbers: Mapping[sp.Symbol, sp.Expr],
+) -> Interval | None:
+    """The interval of b / a where the rate is b - a s, with a number a above 0."""
+    symbol = next(q.symbol for q in system.states if q.name == name)
+    rate = sp.expand(system.rates[name].xreplace(dict(numbers)))
+    slope = sp.diff(rate, symbol)
+    if not slope.is_number or not slope < 0:
+        return None
+    rest = _over(sp.expand((rate - slope * symbol) / -slope), _box(system, known, numbers))
+    return rest if rest is not None and rest[0] < rest[1] else None
+
+
+def _limits(
+    system: System,
+    name: str,
+    inequalities: Sequence[Inequality],
+    numbers: Mapping[sp.Symbol, sp.Expr],
+) -> Interval | None:
+    """The interval that inequalities on this state alone ask for."""
+    symbol = next(q.symbol for q in system.states if q.name == name)
+    low, high = -math.inf, math.inf
+    for c in inequalities:
+        e = c.expression.xreplace(dict(numbers))
+        if e.free_symbols != {symbol}:
+            continue
+        for row in _without_magnitude(e):
+            slope = sp.diff(row, symbol)
+            if not slope.is_number or slope == 0:
+                continue
+            end = float(-row.xreplace({symbol: sp.S.Zero}) / slope)
+            low, high = (low, min(high, end)) if slope > 0 else (max(low, end), high)
+    return (low, high) if math.isfinite(low) and math.isfinite(high) and low < high else None
+
+
+def _without_magnitude(e: sp.Expr) -> list[sp.Expr]:
+    """|a| + b <= 0 as a + b <= 0 and -a + b <= 0."""
+    inner = [p for p in sp.Add.make_args(e) if isinstance(p, magnitude)]
+    if len(inner) != 1 or len(e.atoms(magnitude)) != 1:
+        return [e]
+    return [e - inner[0] + sign * inner[0].args[0] for sign in (1, -1)]
+
+
+def _within(inner: Interval, outer: Interval) -> bool:
+    return outer[0] <= inner[0] and inner[1] <= outer[1]
+
+
+def _unit(system: System, name: str) -> str:
+    return next(q.unit for q in system.states if q.name == name)
+
+
+def _shown(interval: Interval, unit: str) -> str:
+    return f"[{interval[0]:.4g}, {interval[1]:.4g}]" + ("" if unit == "1" else f" {unit}")

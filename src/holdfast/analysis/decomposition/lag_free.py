@@ -1,0 +1,176 @@
+"""A problem whose lagged actuators are predicted, with what remains of them as a disturbance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import sympy as sp
+
+from holdfast.analysis.decomposition.remainders import Affine, affine_in
+from holdfast.analysis.reachability.grid import TURN
+from holdfast.errors import SimulationError
+from holdfast.maths.decomposition.prediction import Prediction, predicted
+from holdfast.maths.definitions.bounds import Box, product
+from holdfast.maths.definitions.quantity import Quantity
+from holdfast.maths.definitions.region import Inequality
+from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.functions import magnitude
+
+Interval = tuple[float, float]
+REST = "rest_of_"
+"""Before the name of a state: the disturbance that bounds what its rate leaves out."""
+NOTHING = 1e-12
+"""Rests below this, in the unit of the rate, are left out."""
+
+
+@dataclass(frozen=True)
+class LagFree:
+    """The problem in z: the actuators are disturbances within their intervals.
+
+    coordinates: symbol of z -> z in the states of the whole. within: states that are kept in their
+    intervals by inequalities of their own. domain: where the actuators begin.
+    """
+
+    system: System
+    inequalities: tuple[Inequality, ...]
+    coordinates: Mapping[sp.Symbol, sp.Expr]
+    within: Mapping[str, Interval]
+    domain: tuple[Inequality, ...]
+    prediction: Prediction
+    reasons: tuple[str, ...]
+
+
+def lag_free(
+    system: System,
+    inequalities: Sequence[Inequality],
+    share: float,
+    box: Mapping[str, Interval],
+    numbers: Mapping[sp.Symbol, sp.Expr],
+) -> LagFree:
+    """The problem without its lags.
+
+    z' is affine in the actuators but for a rest that is bounded over the box, and so are the
+    inequalities, which are to hold for every value of the actuators that z may stand for:
+
+        z' = f(z, w) + G(z) a + rest,   c(z) + sum_k |dc/da_k| A_k + rest <= 0
+
+    Raises `DefinitionError` for lags that cannot be predicted, and `SimulationError` for a box
+    without an interval, or one that the inequalities do not keep.
+    """
+    found = predicted(system, share)
+    names = [q.name for q in found.states]
+    for name in names:
+        if name not in box:
+            raise SimulationError(
+                f"the box has no interval for '{name}'",
+                expected="intervals of all states but the actuators that lag",
+            )
+    over = {q.symbol: (float(box[q.name][0]), float(box[q.name][1])) for q in found.states}
+    swung = dict(zip((a.symbol for a in found.actuators), found.intervals, strict=True))
+    free = _ranges(system.inputs, found.bounds)
+    felt = system.disturbance_bounds
+    free |= _ranges(system.disturbances, felt.at(numbers) if felt is not None else None)
+    rates = affine_in(found.rates, swung, free, over)
+    moved = {c.name: c.expression.xreplace(dict(found.back)) for c in inequalities}
+    fixed = {n: e.xreplace(dict(numbers)) for n, e in moved.items()}
+    rows = affine_in(fixed, swung, {}, over)
+    read = set().union(*(c.expression.free_symbols for c in inequalities))
+    unread = [q for q in found.states if q.symbol not in read]
+    tight = [_tightened(c, rows[c.name], swung) for c in inequalities]
+    return LagFree(
+        _system(system, found, rates, swung),
+        (*tight, *_within(unread, over)),
+        {q.symbol: q.symbol + found.shift[q.name] for q in found.states},
+        {q.name: over[q.symbol] for q in unread},
+        _domain(found),
+        found,
+        (_reason(found),),
+    )
+
+
+def _ranges(members: Sequence[Quantity], bounds: object) -> dict[sp.Symbol, Interval]:
+    ranges = bounds.ranges() if bounds is not None else []  # type: ignore[attr-defined]
+    pairs = zip(members, ranges, strict=False)
+    return {q.symbol: (float(low), float(high)) for q, (low, high) in pairs}
+
+
+def _system(
+    system: System,
+    found: Prediction,
+    rates: Mapping[str, Affine],
+    swung: Mapping[sp.Symbol, Interval],
+) -> System:
+    """The system of z: the actuators and the rests are disturbances."""
+    whole = {}
+    rests: list[tuple[Quantity, float]] = []
+    for q in found.states:
+        row = rates[q.name]
+        terms = [row.still]
+        for (a, (low, high)), gain in zip(swung.items(), row.gains, strict=True):
+            terms.append(gain * (a - sp.Float((low + high) / 2)))
+        if row.rest > NOTHING:
+            rest = Quantity(REST + q.name, f"{q.unit}/s", "what its rate leaves out")
+            rests.append((rest, row.rest))
+            terms.append(rest.symbol)
+        whole[q.name] = sp.Add(*terms)
+    ends = [*found.intervals, *((-size, size) for _, size in rests)]
+    bounds = product(Box(tuple(a for a, _ in ends), tuple(b for _, b in ends)),
+                     system.disturbance_bounds) if system.disturbances else Box(
+        tuple(a for a, _ in ends), tuple(b for _, b in ends))  # fmt: skip
+    return replace(
+        system,
+        name=f"{system.name}, predicted",
+        states=found.states,
+        rates=whole,
+        parameters=(),
+        input_bounds=found.bounds,
+        disturbances=(*found.actuators, *(q for q, _ in rests), *system.disturbances),
+        disturbance_bounds=bounds,
+        pfaffian=(),
+        measurements=(),
+        flat_output=None,
+    )
+
+
+def _tightened(c: Inequality, row: Affine, swung: Mapping[sp.Symbol, Interval]) -> Inequality:
+    """The inequality for every value of the actuators: less what they may make of it."""
+    if row.rest <= NOTHING and not any(row.gains):
+        return c
+    widths = [(high - low) / 2 for low, high in swung.values()]
+    more = [magnitude(g) * sp.Float(w) for g, w in zip(row.gains, widths, strict=True) if g != 0]
+    return replace(c, expression=row.still + sp.Add(*more) + sp.Float(row.rest))
+
+
+def _within(states: Sequence[Quantity], box: Mapping[sp.Symbol, Interval]) -> list[Inequality]:
+    """These states kept within the box that the bounds hold in, but for whole turns of an angle.
+
+    Those that the inequalities read need no more: their grid is refused unless it holds the region.
+    """
+    rows = []
+    for q in states:
+        low, high = box[q.symbol]
+        if not (q.angle and high - low >= TURN * (1 - 1e-9)):
+            away = (
+                magnitude(q.symbol - sp.Float((low + high) / 2))
+                if low + high
+                else magnitude(q.symbol)
+            )
+            rows.append(Inequality(f"{q.name}_in_box", away - sp.Float((high - low) / 2), q.unit))
+    return rows
+
+
+def _domain(found: Prediction) -> tuple[Inequality, ...]:
+    rows = []
+    for a, (low, high) in zip(found.actuators, found.intervals, strict=True):
+        rows.append(Inequality(f"{a.name}_low", sp.Float(low) - a.symbol, a.unit))
+        rows.append(Inequality(f"{a.name}_high", a.symbol - sp.Float(high), a.unit))
+    return tuple(rows)
+
+
+def _reason(found: Prediction) -> str:
+    names = " and ".join(a.name for a in found.actuators)
+    return (
+        f"{names} are predicted: they stay within the share of their range that the law uses, and "
+        "what they still do to the predicted states is a disturbance within proved bounds"
+    )

@@ -1,0 +1,89 @@
+"""The law of a value that is put together: that of its part, in the states of the whole system."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import sympy as sp
+
+from holdfast.analysis.decomposition.parts_value import PartsValue, SolvedPart
+from holdfast.analysis.safety.safety_filter import safety_law
+from holdfast.arguments import checked
+from holdfast.errors import SimulationError
+from holdfast.maths.definitions.law import Law, Safeguard
+from holdfast.maths.definitions.quantity import merge_parameters
+
+
+@checked
+def parts_law(value: PartsValue, law: Law | None = None, **options: Any) -> Law:
+    """The law that keeps the whole system in the set: optimal inputs, or a safety filter of `law`.
+
+    It is that of `safety_law` for the part, with the part's states and inputs as functions of the
+    whole: of predicted actuators u = k w + (1 - k) a, with the choice w of the part. options: those
+    of `safety_law`; its margin allows for everything that w and the actuators may do.
+
+    Raises `SimulationError` for a value of several parts: these are systems of their own, whose
+    laws are those of `safety_law`, and `PartsValue.inputs` gives the inputs of all of them.
+    """
+    if len(value.parts) != 1 or len(value.parts[0]) != 1:
+        raise SimulationError(
+            f"one law for {len(value.values)} parts",
+            expected="a value of one part",
+            remedy="take the safety_law of each part and its value, or PartsValue.inputs",
+        )
+    solved = value.parts[0][0]
+    system = value.decomposition.system
+    of_part = solved.part.system
+    asked = None
+    if law is not None:
+        asked = Law("asked", of_part.states, dict.fromkeys(of_part.input_names, sp.S.Zero))
+    made = safety_law(of_part, solved.value, asked, **options)
+    there = {q.symbol: solved.part.coordinates[q.name] for q in of_part.states}
+    gain, command = _command(value, solved)
+    assert made.lookup is not None
+    chosen = {n: e.xreplace(there) for n, e in made.outputs.items()}
+    outputs = {n: gain * chosen.get(n, sp.S.Zero) + e for n, e in command.items()}
+    guard = made.safeguard
+    if law is not None and guard is not None:
+        outputs = {n: law.output(n, "the filter of the parts") for n in system.input_names}
+        guard = _in_commands(guard.subs(there), gain, command)
+    reads = {q.name: q for q in (*(law.reads if law else ()), *system.states)}
+    more = law.parameters if law else ()
+    return replace(
+        made,
+        name=f"{made.name} of {system.name}" if law is None else f"{law.name}, kept safe",
+        reads=tuple(reads.values()),
+        outputs=outputs,
+        parameters=merge_parameters(made.parameters, system.parameters, more),
+        lookup=made.lookup.subs(there),
+        signals={n: e.xreplace(there) for n, e in made.signals.items()},
+        safeguard=guard,
+    )
+
+
+def _command(value: PartsValue, solved: SolvedPart) -> tuple[sp.Expr, dict[str, sp.Expr]]:
+    """k and b of the command u = k w + b, for every input of the whole."""
+    found = value.decomposition.prediction
+    names = value.decomposition.system.input_names
+    if found is None:
+        return sp.S.One, dict.fromkeys(names, sp.S.Zero)
+    none = {q.symbol: sp.S.Zero for q in solved.part.system.inputs}
+    return sp.Float(found.gain), {n: found.command[n].xreplace(none) for n in names}
+
+
+def _in_commands(guard: Safeguard, gain: sp.Expr, command: Mapping[str, sp.Expr]) -> Safeguard:
+    """Half-spaces of w = (u - b) / k as half-spaces of u."""
+    count = len(guard.offsets)
+    normals = {n: guard.normals.get(n, (sp.S.Zero,) * count) for n in command}
+    offsets = tuple(
+        guard.offsets[j] + sp.Add(*(normals[n][j] * b / gain for n, b in command.items()))
+        for j in range(count)
+    )
+    return replace(
+        guard,
+        normals={n: tuple(e / gain for e in row) for n, row in normals.items()},
+        offsets=offsets,
+        scales={n: guard.scales.get(n, sp.S.One) for n in command},
+    )

@@ -1,0 +1,222 @@
+"""The value of a problem put together from those of its parts, without a grid of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.analysis.decomposition.decomposition import Decomposition, Part
+from holdfast.analysis.reachability.given import by_name, whole
+from holdfast.analysis.reachability.value_function import ValueFunction
+from holdfast.arguments import checked
+from holdfast.errors import SimulationError
+from holdfast.execution.arrays import Array
+from holdfast.execution.evaluate import Evaluator
+from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.traversal import derivatives
+from holdfast.maths.games.hamiltonian import hamiltonian
+
+
+@dataclass(frozen=True)
+class SolvedPart:
+    """A part, its value function, and the coordinates as functions of the whole state."""
+
+    part: Part
+    value: ValueFunction
+    whole: System
+
+    @cached_property
+    def _coordinates(self) -> Evaluator:
+        symbols = [q.symbol for q in self.whole.states]
+        return Evaluator(list(self.part.coordinates.values()), symbols, self.whole.parameters)
+
+    @cached_property
+    def _slopes(self) -> Evaluator:
+        symbols = [q.symbol for q in self.whole.states]
+        rows = [derivatives(e, symbols) for e in self.part.coordinates.values()]
+        every = [row[s] for row in rows for s in symbols]
+        return Evaluator(every, symbols, self.whole.parameters)
+
+    @cached_property
+    def _optimal(self) -> Evaluator:
+        h = hamiltonian(self.part.system)
+        states = [q.symbol for q in self.part.system.states]
+        return Evaluator(
+            list(h.inputs.values()), [*states, *h.costates], self.part.system.parameters
+        )
+
+    def coordinates(self, states: Array) -> Array:
+        """The states of the part, shape (count, states of the part)."""
+        return self._coordinates.values(states)
+
+    def at(self, states: Array, time: float | None) -> Array:
+        return self.value.at(self.coordinates(states), time)
+
+    def gradient(self, states: Array, time: float | None) -> Array:
+        """dV/dq along the states of the whole, by the chain rule."""
+        own = self.value.gradient(self.coordinates(states), time)
+        slopes = self._slopes.values(states).reshape(len(states), own.shape[1], -1)
+        found: Array = np.einsum("ni,nij->nj", own, slopes)
+        return found
+
+    def inputs(self, states: Array, time: float | None) -> dict[str, Array]:
+        """The optimal inputs of the part, by name."""
+        points = self.coordinates(states)
+        found = self._optimal.values(np.hstack([points, self.value.gradient(points, time)]))
+        return {n: found[:, i] for i, n in enumerate(self.part.system.input_names)}
+
+
+@dataclass(frozen=True)
+class PartsValue:
+    """V = max over alternatives of min over parts of V_part; the set is { V > 0 }.
+
+    It is evaluated where it is asked for, and has no grid. `decomposition` says what the set is
+    worth: exact, or inner. parts: the value functions, by alternative.
+    """
+
+    decomposition: Decomposition
+    parts: tuple[tuple[SolvedPart, ...], ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The states, in the order of the columns of `at`."""
+        return self.decomposition.system.state_names
+
+    @property
+    def values(self) -> tuple[ValueFunction, ...]:
+        """The value functions of all parts."""
+        return tuple(s.value for parts in self.parts for s in parts)
+
+    @property
+    def converged(self) -> bool:
+        """Whether the march of every part has converged."""
+        return all(v.report.converged for v in self.values)
+
+    @checked
+    def at(self, states: npt.ArrayLike, time: float | None = None) -> Array:
+        """V at states of shape (count, states); NaN outside a grid.
+
+        Where a state lies outside the domain of the decomposition V is at most minus the excess.
+        Of a kernel V is at most the margin of a region that does not move, exact between nodes too.
+        """
+        points = self._points(states)
+        return self._within(points, self._alternatives(points, time).max(axis=0))
+
+    @checked
+    def contains(
+        self, states: npt.ArrayLike, margin: float = 0.0, time: float | None = None
+    ) -> npt.NDArray[np.bool_]:
+        """Whether V > margin; a state outside a grid or the domain is not contained."""
+        inside: npt.NDArray[np.bool_] = self.at(states, time) > margin
+        return inside
+
+    @checked
+    def gradient(self, states: npt.ArrayLike, time: float | None = None) -> Array:
+        """dV/dq at states of shape (count, states): of the part that decides."""
+        points = self._points(states)
+        best = self._alternatives(points, time).argmax(axis=0)
+        found = np.full(points.shape, np.nan)
+        for k, parts in enumerate(self.parts):
+            here = np.flatnonzero(best == k)
+            if not len(here):
+                continue
+            levels = np.stack([s.at(points[here], time) for s in parts])
+            least = np.where(np.isnan(levels), -np.inf, levels).argmin(axis=0)
+            for j, s in enumerate(parts):
+                mine = here[least == j]
+                if len(mine):
+                    found[mine] = s.gradient(points[mine], time)
+        return found
+
+    @checked
+    def inputs(self, states: npt.ArrayLike, time: float | None = None) -> Array:
+        """The optimal inputs of the system, shape (count, inputs): every part has its own.
+
+        Of several alternatives those of the one with the largest value. An input that no part
+        needs is 0, or as near to it as its bounds allow.
+        """
+        points = self._points(states)
+        system = self.decomposition.system
+        numbers = {q.symbol: q.value for q in system.parameters}
+        idle: list[Any] = [0.0] * len(system.inputs)
+        if system.input_bounds is not None:
+            idle = list(system.input_bounds.at(numbers).saturate(idle))
+        found = np.tile(np.array([float(v) for v in idle]), (len(points), 1))
+        best = self._alternatives(points, time).argmax(axis=0)
+        for k, parts in enumerate(self.parts):
+            here = np.flatnonzero(best == k)
+            for s in parts if len(here) else ():
+                for n, column in s.inputs(points[here], time).items():
+                    found[here, system.input_names.index(n)] = column
+        return self._commands(points, found)
+
+    @checked
+    def share(
+        self, box: Mapping[str, tuple[float, float]], runs: int = 10_000, seed: int = 0
+    ) -> float:
+        """The share of random states of a box that is in the set."""
+        whole("runs: ", runs, 1)
+        whole("seed: ", seed, 0)
+        for n in self.names:
+            if n not in by_name("box", box, '{"x": (0, 1)}'):
+                raise SimulationError(f"the box has no interval for '{n}'")
+        low, high = (np.array([box[n][k] for n in self.names]) for k in (0, 1))
+        states = np.random.default_rng(seed).uniform(low, high, (runs, len(low)))
+        return float(self.contains(states).mean())
+
+    def _commands(self, points: Array, chosen: Array) -> Array:
+        """The inputs that bring about what the parts choose."""
+        found = self.decomposition.prediction
+        if found is None:
+            return chosen
+        system = self.decomposition.system
+        names = [*(q.symbol for q in system.inputs), *(q.symbol for q in system.states)]
+        commands = Evaluator(list(found.command.values()), names, ())
+        return commands.values(np.hstack([chosen, points]))
+
+    def _alternatives(self, points: Array, time: float | None) -> Array:
+        """The value of every alternative; -infinity where it is not known."""
+        found = [np.stack([s.at(points, time) for s in parts]) for parts in self.parts]
+        least = np.stack([levels.min(axis=0) for levels in found])
+        if len(least) == 1:
+            return least
+        return np.where(np.isnan(least), -np.inf, least)
+
+    @cached_property
+    def _domain(self) -> Evaluator | None:
+        rows = [c.expression for c in self.decomposition.domain]
+        system = self.decomposition.system
+        symbols = [q.symbol for q in system.states]
+        return Evaluator(rows, symbols, system.parameters) if rows else None
+
+    @cached_property
+    def _margin(self) -> Evaluator | None:
+        region = self.decomposition.kept
+        symbols = [q.symbol for q in self.decomposition.system.states]
+        if region is None or region.moves:
+            return None
+        return Evaluator([region.margin], symbols, region.parameters)
+
+    def _within(self, points: Array, levels: Array) -> Array:
+        if self._margin is not None:
+            levels = np.minimum(levels, self._margin.values(points)[:, 0])
+        if self._domain is None:
+            return levels
+        excess = self._domain.values(points).max(axis=1)
+        return np.where(excess > 0, np.fmin(levels, -excess), levels)
+
+    def _points(self, states: npt.ArrayLike) -> Array:
+        points = np.atleast_2d(np.asarray(states, dtype=np.float64))
+        if points.ndim != 2 or points.shape[1] != len(self.names):
+            raise SimulationError(
+                f"states have the shape {points.shape}",
+                expected=f"(count, {len(self.names)}), in the order {', '.join(self.names)}",
+            )
+        if not np.isfinite(points).all():
+            raise SimulationError("a state is not finite", expected="finite numbers")
+        return points

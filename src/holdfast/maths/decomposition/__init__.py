@@ -1,0 +1,1 @@
+"""Decompositions read off the rates: factor systems, unions of regions, lags that are predicted."""

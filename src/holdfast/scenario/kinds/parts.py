@@ -1,0 +1,231 @@
+"""Scenario files with [decompose]: a set put together from those of parts, and tried."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from holdfast.analysis.decomposition.decompose import decompose
+from holdfast.analysis.decomposition.decomposition import Decomposition
+from holdfast.analysis.decomposition.parts_promise import PartsPromise, check_parts
+from holdfast.analysis.decomposition.parts_value import PartsValue
+from holdfast.analysis.decomposition.solve_parts import solve_parts
+from holdfast.analysis.simulation.aggregates import Entry
+from holdfast.errors import ScenarioError
+from holdfast.execution.resources import Progress
+from holdfast.host.output import make_folder, saved, write_summary
+from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.switching import Switching
+from holdfast.maths.definitions.system import System
+from holdfast.scenario.build.kernel import Apart
+from holdfast.scenario.kinds.base import Bar, Composed
+from holdfast.scenario.schema.kernel import SetFiguresSpec
+from holdfast.scenario.validation import at
+
+
+@dataclass(frozen=True)
+class PartsResult:
+    """The value that is put together, and what its promise came to, where it was tried."""
+
+    value: PartsValue
+    promise: PartsPromise | None
+    trouble: str = ""
+
+    def summary(self) -> dict[str, Any]:
+        """For summary.json."""
+        whole = self.value.decomposition
+        parts = [
+            {"states": list(s.value.names), "coordinates": _texts(s.part.coordinates), "set": v}
+            for s, v in ((s, s.value.summary()) for parts in self.value.parts for s in parts)
+        ]
+        found: dict[str, Any] = {
+            "verdict": whole.verdict,
+            "guarantee": whole.guarantee,
+            "reasons": list(whole.reasons),
+            "parts": parts,
+        }
+        return found | ({"promise": self.promise.summary()} if self.promise else {})
+
+
+def _texts(table: Mapping[str, Any]) -> dict[str, str]:
+    return {n: str(e) for n, e in table.items()}
+
+
+@dataclass(frozen=True)
+class PartsScenario(Composed):
+    """A composed scenario whose answer is a value put together from those of parts."""
+
+    name: str
+    file: str
+    text: str
+    title: str
+    kind: str
+    description: str
+    source: str
+    system: System
+    region: Region | None
+    goal: Region | None
+    origin: Region | None
+    law: Law | Switching | None
+    apart: Apart
+    horizon: float
+    forever: bool
+    inner: bool
+    options: Mapping[str, Any]
+    promised: Mapping[str, Any] | None
+    figures: SetFiguresSpec
+    held: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        if self.inner:
+            raise ScenarioError(
+                f"{self.file}: march.inner: of a set that is put together", remedy="leave it out"
+            )
+        if isinstance(self.law, Switching):
+            raise ScenarioError(f"{self.file}: law: a law with modes", expected="one with one mode")
+
+    @cached_property
+    def decomposition(self) -> Decomposition:
+        """The parts; `ScenarioError` for what would not be sound."""
+        how = self.apart
+        with at(self.file, "decompose"):
+            return decompose(
+                self.system,
+                self.region or (None if self.goal else self.origin),
+                kind=self.kind,
+                goal=self.goal if self.kind == "capture-basin" else None,
+                disturbances=self.options.get("disturbances", "min"),
+                disturbance=self.options.get("disturbance"),
+                cut=how.cut,
+                lag_share=how.lag_share,
+                box=how.box if how.lag_share is not None else None,
+            )
+
+    def on_device(self, device: str) -> PartsScenario:
+        return replace(self, options={**self.options, "device": device})
+
+    def marched_on(self, *, cluster: Any = None, on_disk: Path | None = None) -> PartsScenario:
+        given = {"cluster": cluster, "on_disk": on_disk}
+        found = {k: v for k, v in given.items() if v is not None}
+        return replace(self, options={**self.options, **found})
+
+    def run(self, progress: Progress | None = None) -> PartsResult:
+        """The value, and its promise tried in closed loop."""
+        how, options = self.apart, dict(self.options)
+        for key in ("disturbance", "disturbances"):
+            options.pop(key, None)
+        with at(self.file, "march"):
+            value = solve_parts(
+                self.decomposition,
+                None if how.lag_share is not None else how.box,
+                how.nodes,
+                self.horizon,
+                ends=how.ends,
+                progress=progress,
+                **options,
+            )
+        if self.promised is None or self.region is None:
+            return PartsResult(value, None)
+        tried = {"horizon": self.horizon, **self.promised}
+        try:
+            with at(self.file, "promise"):
+                found = check_parts(
+                    value,
+                    self.region,
+                    self._starts(),
+                    law=self.law if isinstance(self.law, Law) else None,
+                    disturbance=self.options.get("disturbance"),
+                    **tried,
+                )
+        except ScenarioError as error:  # the marches were long: their values are not thrown away
+            return PartsResult(value, None, str(error))
+        return PartsResult(value, found)
+
+    def _starts(self) -> dict[str, tuple[float, float]]:
+        """The box of the starts: of the grid, and of the states that the domain bounds."""
+        whole = self.decomposition
+        found = {n: self.apart.box[n] for n in whole.system.state_names if n in self.apart.box}
+        for n, interval in ((n, i) for p in whole.parts for n, i in p.cut.items()):
+            found.setdefault(n, interval)
+        if whole.prediction is not None:
+            names = (a.name for a in whole.prediction.actuators)
+            found |= dict(zip(names, whole.prediction.intervals, strict=True))
+        return found
+
+    def trouble(self, answer: PartsResult) -> str:
+        return answer.trouble
+
+    def write(
+        self, answer: PartsResult, folder: Path, *, figures: bool = True, bar: Bar | None = None
+    ) -> list[Path]:
+        make_folder(folder)
+        values = answer.value.values
+        files = [saved(v, folder / f"part_{k}.nc") for k, v in enumerate(values, 1)]
+        if figures:
+            files += self._drawn(answer, folder)
+        return [*files, write_summary(folder / "summary.json", answer.summary())]
+
+    def _drawn(self, answer: PartsResult, folder: Path) -> list[Path]:
+        """The set of every part."""
+        from holdfast.presentation.figures import style
+        from holdfast.presentation.figures.value_function import value_function_figure
+
+        files = []
+        for k, value in enumerate(answer.value.values, 1):
+            plane = self.figures.plane
+            if plane is not None and not set(plane) <= set(value.names):
+                plane = None
+            held = {n: v for n, v in self.held.items() if n in value.names}
+            drawn = value_function_figure(value, plane=plane, at=held or None)
+            files += style.write(drawn, folder, f"set_{k}")
+        return files
+
+    def report(self, answer: PartsResult, files: Sequence[Path]) -> str:
+        from holdfast.presentation.text.parts import parts_text
+
+        return parts_text(self.title, answer.value, answer.promise, list(files))
+
+    def complaints(self, answer: PartsResult) -> list[str]:
+        said = [answer.trouble] if answer.trouble else []
+        if answer.promise is not None and answer.promise.verdict:
+            said.append(answer.promise.verdict)
+        if self.forever and not answer.value.converged:
+            said.append(
+                f"the infinite-horizon set was requested, and a march did not converge within "
+                f"{self.horizon:g} s; raise march.horizon"
+            )
+        return said
+
+    @property
+    def uses_all_cores(self) -> bool:
+        return True
+
+    @property
+    def seed(self) -> int:
+        return int((self.promised or {}).get("seed", 0))
+
+    def tally(self, part: range | None, threads: int) -> dict[str, Entry]:
+        """The sizes of the sets of the parts, and the result of the promise."""
+        answer = self.run()
+        found = {
+            f"fraction_{k}": Entry(
+                "most", float(v.fraction()), 0.0, "1", "share of the part's grid in its set"
+            )
+            for k, v in enumerate(answer.value.values, 1)
+        }
+        if (promise := answer.promise) is not None:
+            for name, rate, says in (
+                ("promised", promise.promised, "share of the region's states that is promised"),
+                ("kept", promise.inside, "share kept inside the set"),
+            ):
+                found[name] = Entry("share", rate.count, rate.total, "1", says)
+        return found
+
+    @property
+    def given(self) -> Mapping[str, Any]:
+        found: Mapping[str, Any] = self.options.get("disturbance", {})
+        return found
