@@ -124,7 +124,7 @@ def check_implies(
                     f"'{c.name}' of region '{region.name}' depends",
                     remedy="compute a kernel with that state, or use the kernel's region",
                 )
-    data = value.dataset["value"]
+    data = value.in_memory().dataset["value"]
     numbers = data.max("time").values if "time" in data.dims else data.values
     rows = Evaluator(
         [c.expression for c in region.inequalities],

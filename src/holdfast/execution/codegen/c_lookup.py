@@ -10,6 +10,7 @@ import numpy as np
 
 from holdfast.errors import DefinitionError
 from holdfast.execution.interpolate import numbers_of_places
+from holdfast.execution.table_in_parts import in_memory
 from holdfast.maths.definitions.lookup import CellLookup, Lookup
 
 GRID = "hf_low, hf_steps, hf_shape, hf_periodic"
@@ -71,6 +72,7 @@ def _grid(lookup: Lookup) -> str:
     """The grid and the values of a table, for the functions of `interpolate.py`."""
     table: Any = lookup.table
     values, low, steps, shape, periodic = table
+    values = in_memory(values)
     kind = "float" if values.dtype == np.float32 else "double"
     return (
         f"typedef {kind} hf_table;\n"
