@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 from holdfast._version import __version__
+from holdfast.analysis.published_kernels import referred
 from holdfast.analysis.reachability.stored_tables import StoredTables
 from holdfast.analysis.reachability.stored_values import CACHE, StoredValues, as_read
 from holdfast.analysis.reachability.value_function import ValueFunction, value_function
@@ -40,6 +41,8 @@ def load(
 ) -> Result | ValueFunction | Campaign:
     """A saved result, without the shapes to draw; a saved value function, or table of a sweep.
 
+    path: a file, or a kernel of the store (store:NAME, or NAME where no file has it), of a folder
+    with an index (FOLDER#NAME) or of one on the web (https://...#NAME), whose digest is checked.
     lazy: whether the values of a value function stay in the file, and what is asked of it reads the
     chunks that it needs; by default those of `LARGE` bytes or more (256 MiB). cache: of these, MiB
     of chunks that are kept in memory. Such a file stays open, and is not to be written to.
@@ -49,6 +52,7 @@ def load(
     """
     if not 0 <= cache < math.inf:
         raise OutputError(f"cache is {cache}", expected="MiB, 0 or more")
+    path = referred(str(path))
     try:
         dataset = read_netcdf(path, lambda data: _left(data, lazy))
     except HoldfastError as error:
