@@ -210,8 +210,11 @@ FUNCTIONS = {
     },
     "exact_flow": lambda: {"field": hf.fields.dipolar(lam=2.0), "start": [1.0, 0.5], "time": 0.2},
     "explain": lambda: {"system": hf.systems.unicycle(), "moment": [1.0, 0.0], "limit": 60.0},
-    "export_c": lambda: {"system": line(), "law": push_law(), "name": "push"},
-    "export_c_header": lambda: {"system": line(), "law": push_law(), "name": "push"},
+    "export_c": lambda: {"system": line(), "law": push_law(), "name": "push", "table": "text"},
+    "export_c_header": lambda: {"system": line(), "law": push_law(), "name": "push", "table": "text"},
+    "export_c_table": lambda: {
+        "law": hf.safety_law(line(), value(), push_law(), margin=0.1), "path": str(Path(tempfile.mkdtemp()) / "push.bin"),
+    },
     "field_facts": lambda: {"field": hf.fields.dipolar()},
     "flow_line": lambda: {"field": hf.fields.dipolar(lam=2.0), "start": [1.0, 0.5]},
     "explore": lambda: {"scenario": "ch2-unicycle", "overrides": ["run.horizon=1"]},
@@ -219,7 +222,7 @@ FUNCTIONS = {
     "grid": lambda: {"system": line(), "box": {"x": (-1.0, 1.0)}, "nodes": 11, "ends": {"x": "extrapolated"}},
     "hamiltonian": lambda: {"system": line(), "inputs": "max", "disturbances": "min", "samples": None},
     "histories_figure": lambda: {"result": result(), "run": 0},
-    "load": lambda: {"path": "nowhere.nc"},
+    "load": lambda: {"path": "nowhere.nc", "lazy": True, "cache": 1.0},
     "load_scenario": lambda: {"name": "inspection", "overrides": ["law.k1=0.1"], "runs": 2, "seed": 3},
     "march_memory": lambda: {"grid": over(), "capture": True, "moving": False, "times": 1, "least_times": True},
     "largest_certified": lambda: {

@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
 from holdfast._version import __version__
+from holdfast.analysis.published_kernels import referred
+from holdfast.analysis.reachability.stored_tables import StoredTables
+from holdfast.analysis.reachability.stored_values import CACHE, StoredValues, as_read
 from holdfast.analysis.reachability.value_function import ValueFunction, value_function
 from holdfast.analysis.simulation.files import FORMAT, MARK, read_netcdf
 from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.sweep_table import Campaign
 from holdfast.arguments import checked
 from holdfast.errors import HoldfastError, OutputError
+from holdfast.execution.table_in_parts import can_reserve
+
+LARGE = 256 * 2**20
+"""Bytes of values from which on they stay in their file."""
 
 NAMED_AXES = ("state", "input", "actuator", "signal", "constraint", "varied")
 """Each is an axis NAME_name, whose coordinate of the same name describes every column."""
@@ -28,14 +36,25 @@ NEEDED = (
 
 
 @checked
-def load(path: str | Path) -> Result | ValueFunction | Campaign:
+def load(
+    path: str | Path, *, lazy: bool | None = None, cache: float = CACHE / 2**20
+) -> Result | ValueFunction | Campaign:
     """A saved result, without the shapes to draw; a saved value function, or table of a sweep.
+
+    path: a file, or a kernel of the store (store:NAME, or NAME where no file has it), of a folder
+    with an index (FOLDER#NAME) or of one on the web (https://...#NAME), whose digest is checked.
+    lazy: whether the values of a value function stay in the file, and what is asked of it reads the
+    chunks that it needs; by default those of `LARGE` bytes or more (256 MiB). cache: of these, MiB
+    of chunks that are kept in memory. Such a file stays open, and is not to be written to.
 
     Files of older formats are read too. Raises `OutputError` if the file is damaged, is not one of
     from holdfast, has a newer format than this version knows, or lacks variables.
     """
+    if not 0 <= cache < math.inf:
+        raise OutputError(f"cache is {cache}", expected="MiB, 0 or more")
+    path = referred(str(path))
     try:
-        dataset = read_netcdf(path)
+        dataset = read_netcdf(path, lambda data: _left(data, lazy))
     except HoldfastError as error:
         raise OutputError(error.cause, expected=error.expected, remedy=error.remedy) from None
     except Exception as error:  # damaged files make the readers raise anything
@@ -49,6 +68,8 @@ def load(path: str | Path) -> Result | ValueFunction | Campaign:
             remedy=f"read it with holdfast {dataset.attrs['holdfast_version']} or later",
         )
     try:
+        if "value" in dataset:
+            return _values(dataset, Path(path), _left(dataset, lazy), int(cache * 2**20))
         return _loaded(dataset if version == FORMAT else _from_format_1(dataset))
     except (KeyError, ValueError, TypeError) as error:
         raise OutputError(
@@ -58,9 +79,28 @@ def load(path: str | Path) -> Result | ValueFunction | Campaign:
         ) from None
 
 
-def _loaded(dataset: xr.Dataset) -> Result | ValueFunction | Campaign:
-    if "value" in dataset:
+def _left(dataset: xr.Dataset, lazy: bool | None) -> list[str]:
+    """The arrays over the grid of a value function that stay in the file."""
+    if "value" not in dataset or lazy is False or not can_reserve():
+        return []
+    dims = {*dataset["value"].dims} - {"time"}
+    over = [str(n) for n, v in dataset.data_vars.items() if dims and dims <= {*v.dims}]
+    large = lazy or dataset["value"].size * dataset["value"].dtype.itemsize >= LARGE
+    return over if large else []
+
+
+def _values(dataset: xr.Dataset, path: Path, left: list[str], room: int) -> ValueFunction:
+    """The value function of a dataset, of which some arrays are still in the file."""
+    if not left:
         return value_function(dataset)
+    first = StoredValues(path, "value", room)
+    stored = {name: first if name == "value" else first.beside(name) for name in left}
+    for values in stored.values():
+        dataset = as_read(dataset, values)
+    return value_function(dataset, StoredTables(stored, dataset["value"].attrs))
+
+
+def _loaded(dataset: xr.Dataset) -> Result | Campaign:
     if "over" in dataset.attrs:
         return Campaign(dataset)
     for name in NEEDED:

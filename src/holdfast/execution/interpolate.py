@@ -20,27 +20,38 @@ def numbers_of_places(axes: int) -> tuple[int, int]:
     return 3 * axes, 2 * axes
 
 
-def interpolate(
-    values: Table, q: Floats, low: Floats, steps: Floats, shape: Wholes, periodic: Wholes,
-    axes: int, room: Floats, whole: Wholes,
-) -> float:  # fmt: skip
-    """The multilinear interpolant at q; NaN outside the grid."""
+def between_nodes(
+    q: Floats, low: Floats, steps: Floats, shape: Wholes, periodic: Wholes, axes: int,
+    room: Floats, whole: Wholes,
+) -> bool:  # fmt: skip
+    """The nodes below and above q along every axis, and how far q is between; False outside."""
     near, far = whole, whole[axes:]
     for i in range(axes):
         x = (q[i] - low[i]) / steps[i]
         if not math.isfinite(x):
-            return math.nan
+            return False
         last = shape[i] - 1
         if periodic[i]:
             x -= shape[i] * math.floor(x / shape[i])
         elif not -ON_GRID <= x <= last + ON_GRID:
-            return math.nan
+            return False
         else:
             last -= 1
         k = min(max(int(math.floor(x)), 0), last)  # noqa: RUF046
         near[i] = k
         far[i] = (k + 1) % shape[i]
         room[i] = x - k
+    return True
+
+
+def interpolate(
+    values: Table, q: Floats, low: Floats, steps: Floats, shape: Wholes, periodic: Wholes,
+    axes: int, room: Floats, whole: Wholes,
+) -> float:  # fmt: skip
+    """The multilinear interpolant at q; NaN outside the grid."""
+    near, far = whole, whole[axes:]
+    if not between_nodes(q, low, steps, shape, periodic, axes, room, whole):
+        return math.nan
     total = 0.0
     for corner in range(1 << axes):
         at, weight = 0, 1.0
@@ -126,3 +137,50 @@ def slopes_many(
             values, points[k * axes :], low, steps, shape, periodic, axes, out[k * axes :], room,
             whole,
         )  # fmt: skip
+
+
+def corners(
+    q: Floats, low: Floats, steps: Floats, shape: Wholes, periodic: Wholes, axes: int,
+    out: Wholes, room: Floats, whole: Wholes,
+) -> None:  # fmt: skip
+    """The nodes that `interpolate` may read at q, in the order of a table; -1 outside the grid."""
+    near, far = whole, whole[axes:]
+    inside = between_nodes(q, low, steps, shape, periodic, axes, room, whole)
+    for corner in range(1 << axes):
+        at = -1
+        if inside:
+            at = 0
+            for i in range(axes):
+                k = near[i]
+                if (corner >> i) & 1:
+                    k = far[i]
+                at = at * shape[i] + k
+        out[corner] = at
+
+
+def corners_many(
+    number: int, points: Floats, low: Floats, steps: Floats, shape: Wholes, periodic: Wholes,
+    axes: int, sloped: int, out: Wholes, room: Floats, whole: Wholes,
+) -> None:  # fmt: skip
+    """`corners` at many points; where `sloped`, then also those that `slopes` reads there."""
+    count = 1 << axes
+    at, place = 0, room[axes:]
+    for j in range(number):
+        q = points[j * axes :]
+        corners(q, low, steps, shape, periodic, axes, out[at:], room, whole)
+        at += count
+        if sloped != 0:
+            for i in range(axes):
+                place[i] = q[i]
+            for i in range(axes):
+                above, below = q[i] + steps[i], q[i] - steps[i]
+                if not periodic[i]:
+                    above = min(above, low[i] + steps[i] * (shape[i] - 1))
+                    below = max(below, low[i])
+                place[i] = above
+                corners(place, low, steps, shape, periodic, axes, out[at:], room, whole)
+                at += count
+                place[i] = below
+                corners(place, low, steps, shape, periodic, axes, out[at:], room, whole)
+                at += count
+                place[i] = q[i]

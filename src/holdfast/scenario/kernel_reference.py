@@ -13,6 +13,7 @@ import numpy as np
 import sympy as sp
 
 from holdfast.analysis.load import load
+from holdfast.analysis.published_kernels import is_reference
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import OutputError, ScenarioError
 from holdfast.execution.cache import cache_directory
@@ -80,7 +81,7 @@ def named_kernel(
     file of a value function with alterations.
     """
     changes = dict((altered or {}).get(name, {}))
-    if name.endswith(".nc"):
+    if name.endswith(".nc") or is_reference(name):
         if changes:
             raise ScenarioError(
                 f"kernels.{name}: the file of a value function cannot be altered",
@@ -124,7 +125,7 @@ def check_implies(
                     f"'{c.name}' of region '{region.name}' depends",
                     remedy="compute a kernel with that state, or use the kernel's region",
                 )
-    data = value.dataset["value"]
+    data = value.in_memory().dataset["value"]
     numbers = data.max("time").values if "time" in data.dims else data.values
     rows = Evaluator(
         [c.expression for c in region.inequalities],

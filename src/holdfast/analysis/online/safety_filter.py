@@ -252,16 +252,16 @@ class SafetyFilter:
         """Compile what the sentences of decisions look ahead with, which the first one would."""
         self._reasons.prepare()
 
-    def export_c(self, name: str = "safety_filter") -> str:
+    def export_c(self, name: str = "safety_filter", *, table: str = "text") -> str:
         """The filter as C99: `NAME_step` takes the command as its argument `handed`.
 
         See `holdfast.export_c`; `export_c_header` gives the header.
         """
-        return export_c(self.system, self.law, name)
+        return export_c(self.system, self.law, name, table=table)
 
-    def export_c_header(self, name: str = "safety_filter") -> str:
+    def export_c_header(self, name: str = "safety_filter", *, table: str = "text") -> str:
         """The header of `export_c`."""
-        return export_c_header(self.system, self.law, name)
+        return export_c_header(self.system, self.law, name, table=table)
 
     # -- what is said of a decision ----------------------------------------------------------
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +18,25 @@ from holdfast.analysis.reachability.given import number
 from holdfast.analysis.reachability.grid import Axis, Grid
 from holdfast.analysis.reachability.inner_set import inner
 from holdfast.analysis.reachability.march_report import Report
-from holdfast.analysis.simulation.files import write_netcdf
+from holdfast.analysis.reachability.stored_tables import (
+    ARRIVALS,
+    Layers,
+    StoredTables,
+    largest_over,
+)
+from holdfast.analysis.reachability.value_dataset import (
+    between_nodes,
+    dataset_of,
+    grid_of,
+    number_of_time,
+)
+from holdfast.analysis.simulation.files import write_values
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
-from holdfast.execution.arrays import Array
+from holdfast.execution.arrays import AnyArray, Array
 from holdfast.execution.look_up import slopes_at, values_at
-from holdfast.maths.definitions.quantity import Quantity
+from holdfast.execution.resources import check_memory
+from holdfast.execution.table_in_parts import TableInParts
 
 
 @dataclass(frozen=True)
@@ -32,11 +45,14 @@ class ValueFunction:
 
     dataset: `value` with one dimension for every state and, if several times were requested,
     `time` [s] first; of a capture basin also `arrival` [s], the least time to the goal. Its
-    attributes hold the problem, the method, and the error estimates: see `report`.
+    attributes hold the problem, the method, and the error estimates: see `report`. stored: where
+    the values are still in a file (`load`), of which `at`, `gradient`, `contains`, `least_time`,
+    `slice` and a safety filter read the chunks that they need; None where all are in memory.
     """
 
     dataset: xr.Dataset
     grid: Grid
+    stored: StoredTables | None = field(default=None, repr=False, compare=False)
 
     @property
     def report(self) -> Report:
@@ -49,7 +65,14 @@ class ValueFunction:
         others = {n: v for n, v in self.dataset.attrs.items() if n not in Report.names()}
         dataset = self.dataset.copy(deep=False)
         dataset.attrs = {**others, **attributes}
-        return ValueFunction(dataset, self.grid)
+        return ValueFunction(dataset, self.grid, self.stored)
+
+    def in_memory(self) -> ValueFunction:
+        """The same with all its numbers in memory; `SimulationError` where they do not fit."""
+        if self.stored is None:
+            return self
+        self._check_room(self.dataset.nbytes)
+        return ValueFunction(self.dataset.load(), self.grid)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -59,16 +82,22 @@ class ValueFunction:
     @checked
     def values(self, time: float | None = None) -> Array:
         """The values at the nodes, at the end or at one of the requested times."""
+        number = self._number(time)
         data = self.dataset["value"]
-        if "time" in data.dims:
-            data = data.isel(time=-1) if time is None else _at(data, time)
-        elif time is not None:
-            raise SimulationError(
-                "this value function is stored at its last time only",
-                remedy="compute it with times=[...]",
-            )
+        data = data if number is None else data.isel(time=number)
+        if self.stored is not None:
+            self._check_room(data.size * data.dtype.itemsize)
         found: Array = data.values
         return found
+
+    def highest(self, time: float | None = None) -> float:
+        """The largest value at the nodes, at the end or at one of the requested times.
+
+        Large files have it, so that nothing else of them is read.
+        """
+        if self.stored is None:
+            return float(self.values(time).max())
+        return self.stored.highest(self._number(time))
 
     @checked
     def at(self, states: npt.ArrayLike, time: float | None = None) -> Array:
@@ -77,13 +106,13 @@ class ValueFunction:
         Raises `SimulationError` for a state that is not finite; so do `gradient` and `contains`.
         """
         points = self._points(states)
-        return values_at(self._flat(time), points, self._geometry())
+        return values_at(self.table(time), points, self._geometry())
 
     @checked
     def gradient(self, states: npt.ArrayLike, time: float | None = None) -> Array:
         """dV/dq at states of shape (count, states): central differences, interpolated."""
         points = self._points(states)
-        return slopes_at(self._flat(time), points, self._geometry())
+        return slopes_at(self.table(time), points, self._geometry())
 
     @checked
     def least_time(self, states: npt.ArrayLike) -> Array:
@@ -100,10 +129,7 @@ class ValueFunction:
                 remedy="or compute them: arrival_steps=100",
             )
         points, geometry = self._points(states), self._geometry()
-        arrival = np.ascontiguousarray(self.dataset["arrival"].values, dtype=np.float64)
-        reached = np.isfinite(arrival)
-        found = values_at(np.where(reached, arrival, 0.0).ravel(), points, geometry)
-        share = values_at(reached.astype(np.float64).ravel(), points, geometry)
+        found, share = (values_at(t, points, geometry) for t in self._arrivals())
         known = (self.at(points) > 0) & (share > 0)
         return np.where(known, found / np.where(known, share, 1.0), np.nan)
 
@@ -167,17 +193,25 @@ class ValueFunction:
         """The value function at its last time only."""
         if "time" not in self.dataset["value"].dims:
             return self
-        return ValueFunction(self.dataset.isel(time=-1, drop=True), self.grid)
+        dataset = self.dataset.isel(time=-1, drop=True)
+        if self.stored is None:
+            return ValueFunction(dataset, self.grid)
+        self._check_room(self.dataset["value"].nbytes // self.dataset.sizes["time"])
+        return ValueFunction(dataset.load(), self.grid)
 
     @checked
     def slice(self, **at: float) -> ValueFunction:
         """A slice of the value function at fixed values of some states, by linear interpolation."""
-        data, axes = self.dataset["value"], self.grid.axes
+        axes, places = self.grid.axes, {}
         for name, value in at.items():
             axis = self._axis(name)
             number(f"{name} = ", value, "a finite number", np.isfinite)
-            data = _held(data, axis, float(value))
+            places[name] = between_nodes(axis, float(value))
             axes = tuple(a for a in axes if a.name != name)
+        data = self.dataset["value"].isel({n: list(between) for n, (between, _) in places.items()})
+        for name, (_, f) in places.items():
+            near, far = (data.isel({name: j}, drop=True) for j in (0, -1))
+            data = near if abs(f) < 1e-12 else (1 - f) * near + f * far
         return ValueFunction(data.to_dataset().assign_attrs(self.dataset.attrs), Grid(axes))
 
     @checked
@@ -186,14 +220,19 @@ class ValueFunction:
         for name in names:
             self._axis(name)
         rest = [a.name for a in self.grid.axes if a.name not in names]
-        data = self.dataset["value"].max(rest)
+        data = self.dataset["value"]
+        data = data.max(rest) if self.stored is None else largest_over(data, rest, self.stored)
         axes = tuple(a for a in self.grid.axes if a.name in names)
         return ValueFunction(data.to_dataset().assign_attrs(self.dataset.attrs), Grid(axes))
 
     @checked
     def save(self, path: str | Path) -> Path:
-        """Write NetCDF-4, compressed, atomically; `OutputError` if the folder cannot be written."""
-        return write_netcdf(self.dataset, path)
+        """Write NetCDF-4, compressed, atomically; `OutputError` if the folder cannot be written.
+
+        Values of more than 65,536 numbers are in chunks of at most so many, and nothing of them is
+        copied.
+        """
+        return write_values(self.dataset, path)
 
     def summary(self) -> dict[str, Any]:
         """The problem, the method and the error estimates, for summary.json."""
@@ -223,8 +262,50 @@ class ValueFunction:
             raise SimulationError(f"state {row} is not finite: ({shown})")
         return points
 
-    def _flat(self, time: float | None) -> npt.NDArray[Any]:
-        return np.ascontiguousarray(self.values(time)).ravel()
+    def table(self, time: float | None = None) -> AnyArray | TableInParts:
+        """The values at the nodes in one row, for `execution.look_up`."""
+        if self.stored is None:
+            return np.ascontiguousarray(self.values(time)).ravel()
+        return self.stored.table(self._number(time))
+
+    def layers(self, time: float | None) -> Array | Layers:
+        """The values at a time, by layer along the first axis and by places."""
+        if self.stored is None:
+            return self.values(time)
+        return Layers(self.stored.values, self._number(time))
+
+    def law_table(self, *, all_times: bool) -> AnyArray | TableInParts:
+        """The values of all times, or of the last, in one row: a table of its own for a law."""
+        if self.stored is not None:
+            return self.stored.of_law(None if all_times else self._number(None))
+        found = self.dataset["value"].values if all_times else self.values()
+        return np.ascontiguousarray(found).ravel()
+
+    def _arrivals(self) -> list[AnyArray | TableInParts]:
+        """The times of arrival, 0 where there is none, and 1 where there is one."""
+        if self.stored is not None:
+            return [self.stored.table(name="arrival", of=f) for f in ARRIVALS]
+        arrival = self.dataset["arrival"].values
+        return [f(arrival).ravel() for f in ARRIVALS]
+
+    def _number(self, time: float | None) -> int | None:
+        """Which of several times it is; None of a value function at one time."""
+        data = self.dataset["value"]
+        if "time" in data.dims:
+            return data.sizes["time"] - 1 if time is None else number_of_time(data, time)
+        if time is not None:
+            raise SimulationError(
+                "this value function is stored at its last time only",
+                remedy="compute it with times=[...]",
+            )
+        return None
+
+    def _check_room(self, size: int) -> None:
+        check_memory(
+            size,
+            "the values of the kernel, which are needed as a whole here,",
+            "take slices or states of it, or use a machine with more memory",
+        )
 
     def _geometry(self) -> tuple[npt.NDArray[Any], ...]:
         axes = self.grid.axes
@@ -245,68 +326,9 @@ def to_value_function(
     arrival: npt.NDArray[Any] | None = None,
 ) -> ValueFunction:
     """The dataset of the arrays with names and units; `values` of several times has time first."""
-    names = [a.name for a in grid.axes]
-    unit = report.value_unit
-    coordinates: dict[str, Any] = {
-        a.name: (
-            a.name,
-            a.nodes,
-            {
-                "units": a.state.unit,
-                "long_name": a.state.description or a.name,
-                "ends": a.ends,
-                "low": a.low,
-                "high": a.high,
-                "is_angle": int(a.state.angle),
-            },
-        )
-        for a in grid.axes
-    }
-    dims = names
-    if times is not None:
-        coordinates["time"] = ("time", np.array(times), {"units": "s"})
-        dims = ["time", *names]
-    text = "value, positive inside the set"
-    variables: dict[str, Any] = {"value": (dims, values, {"units": unit, "long_name": text})}
-    if arrival is not None:
-        said = {"units": "s", "long_name": "least time to the target; NaN where it is not reached"}
-        variables["arrival"] = (names, arrival, said)
-    return ValueFunction(xr.Dataset(variables, coordinates, report.attributes()), grid)
+    return ValueFunction(dataset_of(grid, values, report, times, arrival), grid)
 
 
-def value_function(dataset: xr.Dataset) -> ValueFunction:
-    """A value function from its saved dataset."""
-    dims = [str(d) for d in dataset["value"].dims if d != "time"]
-    axes = []
-    for name in dims:
-        said = dataset[name].attrs
-        text = "" if said["long_name"] == name else said["long_name"]
-        q = Quantity(name, said["units"], text, angle=bool(said["is_angle"]))
-        axes.append(
-            Axis(q, float(said["low"]), float(said["high"]), dataset.sizes[name], said["ends"])
-        )
-    return ValueFunction(dataset, Grid(tuple(axes)))
-
-
-def _at(data: xr.DataArray, time: float) -> xr.DataArray:
-    known = data["time"].values
-    k = int(np.argmin(np.abs(known - time)))
-    if not abs(known[k] - time) <= 1e-9 * float(np.abs(known).max()):
-        shown = ", ".join(f"{t:g}" for t in known)
-        raise SimulationError(f"no value at {time:g} s", expected=f"one of {shown}")
-    return data.isel(time=k)
-
-
-def _held(data: xr.DataArray, axis: Axis, value: float) -> xr.DataArray:
-    place = (value - axis.low) / axis.step
-    if axis.ends == "periodic":
-        place %= axis.count
-    elif not -1e-9 <= place <= axis.count - 1 + 1e-9:
-        raise SimulationError(
-            f"'{axis.name}' at {value:g} is outside the grid",
-            expected=f"{axis.low:g} to {axis.high:g}",
-        )
-    k = int(np.clip(np.floor(place), 0, axis.count - (1 if axis.ends == "periodic" else 2)))
-    f = place - k
-    near, far = (data.isel({axis.name: j % axis.count}, drop=True) for j in (k, k + 1))
-    return near if abs(f) < 1e-12 else (1 - f) * near + f * far
+def value_function(dataset: xr.Dataset, stored: StoredTables | None = None) -> ValueFunction:
+    """A value function from its saved dataset; stored: its values, where they are in the file."""
+    return ValueFunction(dataset, grid_of(dataset), stored)

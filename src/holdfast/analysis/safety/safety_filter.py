@@ -14,6 +14,7 @@ import numpy.typing as npt
 from holdfast.analysis.reachability.given import number
 from holdfast.analysis.reachability.node_sampler import Places
 from holdfast.analysis.reachability.problem import definition, with_disturbance
+from holdfast.analysis.reachability.stored_tables import Layers
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
@@ -91,7 +92,7 @@ def safety_law(
         )
     if margin is None:
         margin = sampled_margin(system, value, sample_time, delay)
-        if not margin < (deepest := float(value.values().max())):
+        if not margin < (deepest := value.highest()):
             raise SimulationError(
                 f"V may fall by {margin:.3g} before an input answers, held for {sample_time:g} s"
                 f"{_and_late(delay)}, and is nowhere above {deepest:.3g}",
@@ -103,7 +104,7 @@ def safety_law(
 def check_not_empty(value: ValueFunction) -> None:
     """Raises `SimulationError` for an empty set."""
     report = value.report
-    if not float(value.values().max()) > 0:
+    if not value.highest() > 0:
         raise SimulationError(
             f"the {report.kind} of '{report.region}' is empty after {report.reached_s:.3g} s: "
             "no law keeps any state",
@@ -213,11 +214,8 @@ def lookup_of(value: ValueFunction) -> Lookup:
         steps.insert(0, float(gaps[0]))
         counts.insert(0, len(times))
         periodic.insert(0, False)
-        numbers = value.dataset["value"].values
-    else:
-        numbers = value.values()
     table = (
-        np.ascontiguousarray(numbers).ravel(),
+        value.law_table(all_times=times is not None),
         np.array(low),
         np.array(steps),
         np.array(counts, dtype=np.int64),
@@ -306,7 +304,7 @@ class _Falls:
         """
         still = moving = 0.0
         for before, after in self.spans:
-            low, high = (self.value.values(t) for t in (before, after))
+            low, high = (self.value.layers(t) for t in (before, after))
             places = _near(low, high, reach)
             if not len(places[0]):
                 continue
@@ -322,7 +320,9 @@ class _Falls:
         return float(still), float(moving)
 
 
-def _near(low: Array, high: Array, reach: float) -> tuple[npt.NDArray[np.intp], ...]:
+def _near(
+    low: Array | Layers, high: Array | Layers, reach: float
+) -> tuple[npt.NDArray[np.intp], ...]:
     """Nodes where one of two values is positive and one at most `reach`: all, or `MANY` drawn."""
 
     def holds(k: int) -> Any:

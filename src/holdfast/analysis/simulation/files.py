@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,13 @@ FORMAT = 2
 """
 
 
+HIGHEST = "highest"
+"""The attribute of large values that tells the highest of them, at every time."""
+
+CHUNK = 2**16
+"""Numbers of a chunk at most; arrays over a grid with no more than that have none."""
+
+
 def write_netcdf(dataset: xr.Dataset, path: str | Path) -> Path:
     """The dataset as NetCDF-4; `OutputError` when the folder cannot be written."""
     path = Path(path)
@@ -46,11 +54,44 @@ def write_netcdf(dataset: xr.Dataset, path: str | Path) -> Path:
     return path
 
 
-def write_arrays(arrays: NamedArrays, path: str | Path) -> Path:
-    """The file that `write_netcdf` writes of the same dataset, without xarray."""
+def write_values(dataset: xr.Dataset, path: str | Path) -> Path:
+    """`write_netcdf` of values over a grid: large arrays in chunks, compressed, part by part.
+
+    Nothing large is copied, and what is still in a file is read as it is written.
+    """
+    if not any(_is_large(v) for v in dataset.variables.values()):
+        return write_netcdf(dataset, path)
+    return write_arrays(NamedArrays.of(dataset), path, chunked=True)
+
+
+def chunks_of(shape: Sequence[int], dims: Sequence[str]) -> tuple[int, ...]:
+    """The chunks of an array over a grid: about as long along every axis, each of one time.
+
+    At most `CHUNK` numbers: larger ones cost more for one cell, smaller ones more for a slice.
+    """
+    grid = [k for k, d in enumerate(dims) if d != "time"]
+    chunks = [1] * len(shape)
+    room, left = CHUNK, len(grid)
+    for k in sorted(grid, key=lambda k: shape[k]):
+        most = max(1, int(room ** (1 / left) + 1e-9))
+        parts = -(-shape[k] // most)
+        chunks[k] = -(-shape[k] // parts)
+        room, left = room // chunks[k], left - 1
+    return tuple(chunks)
+
+
+def _is_large(variable: Any) -> bool:
+    return bool(variable.dtype.kind in "fiu" and variable.ndim and variable.size > CHUNK)
+
+
+def write_arrays(arrays: NamedArrays, path: str | Path, *, chunked: bool = False) -> Path:
+    """The file that `write_netcdf` writes of the same dataset, without xarray.
+
+    chunked: large arrays are those of `write_values`.
+    """
     path = Path(path)
     with atomic_file(path) as partial:
-        undisturbed(lambda: _write(arrays, partial))
+        undisturbed(lambda: _write(arrays, partial, chunked))
     return path
 
 
@@ -67,14 +108,49 @@ def _storage(kind: str, ndim: int, size: int) -> dict[str, Any]:
     return {"fletcher32": True, **packed}
 
 
-def _write(arrays: NamedArrays, path: Path) -> None:
+def _write_large(file: Any, name: str, variable: Any, said: dict[str, Any]) -> None:
+    """An array in chunks, layer by layer, and the highest number of every time.
+
+    Compressed, since values are cut off far outside, and smooth elsewhere.
+    """
+    dims, shape, kind = tuple(map(str, variable.dims)), variable.shape, variable.dtype.kind
+    for dim, length in zip(dims, shape, strict=True):
+        if dim not in file.dimensions:
+            file.createDimension(dim, length)
+    chunks = chunks_of(shape, dims)
+    made = file.createVariable(
+        name, variable.dtype, dims, fill_value=np.nan if kind == "f" else None, zlib=True,
+        complevel=1, shuffle=True, fletcher32=True, chunksizes=chunks,
+    )  # fmt: skip
+    made.set_auto_maskandscale(False)
+    made.set_var_chunk_cache(0, 1, 0.0)  # whole layers of chunks are written
+    timed = dims[0] == "time"
+    first = [(k,) for k in range(shape[0])] if timed else [()]
+    axis = int(timed)
+    highest = []
+    for time in first:
+        most = -np.inf
+        for k in range(0, shape[axis], chunks[axis]):
+            part = (*time, slice(k, min(k + chunks[axis], shape[axis])))
+            numbers = np.asarray(variable[part].values)
+            made[part] = numbers
+            most = max(most, float(numbers.max()))
+        highest.append(most)
+    made.setncatts({**said, HIGHEST: highest} if name == "value" else said)
+
+
+def _write(arrays: NamedArrays, path: Path, chunked: bool) -> None:
     from netCDF4 import Dataset
 
     beside, alone = _related(arrays)
     with Dataset(path, "w", format="NETCDF4") as file:
         file.setncatts({**arrays.attrs, "format_version": FORMAT, **alone})
         for name, variable in arrays.variables.items():
-            values, dims = variable.values, variable.dims
+            dims = tuple(map(str, variable.dims))
+            if chunked and _is_large(variable):
+                _write_large(file, name, variable, {**variable.attrs, **beside[name]})
+                continue
+            values = variable.values
             said = {**variable.attrs, **beside[name]}
             stored = _storage(values.dtype.kind, values.ndim, values.size)
             if values.dtype.kind == "U":
@@ -116,11 +192,15 @@ def _related(arrays: NamedArrays) -> tuple[dict[str, dict[str, str]], dict[str, 
     return found, {"coordinates": " ".join(rest)} if rest else {}
 
 
-def read_netcdf(path: str | Path) -> xr.Dataset:
+def read_netcdf(
+    path: str | Path, left: Callable[[xr.Dataset], Sequence[str]] = lambda data: ()
+) -> xr.Dataset:
     """The dataset of the file, which is closed again; readers check for damage.
 
-    For a file not written by holdfast only the attributes. Raises `HoldfastError` for a path that
-    is not a file, and for data that do not fit into memory.
+    left: the names of the arrays of a dataset that are not read; instead of them the dataset has
+    arrays of the same shape that take no memory. For a file not written by holdfast only the
+    attributes. Raises `HoldfastError` for a path that is not a file, and for data that do not fit
+    into memory.
     """
     import xarray as xr
 
@@ -130,7 +210,15 @@ def read_netcdf(path: str | Path) -> xr.Dataset:
         with xr.open_dataset(path, engine="netcdf4") as data:
             if MARK not in data.attrs:
                 return xr.Dataset(attrs=data.attrs)
-            check_memory(data.nbytes, f"the numbers in {path}", "use a machine with more memory")
+            unread = {
+                n: data.variables[n].copy(
+                    data=np.broadcast_to(np.zeros((), data[n].dtype), data[n].shape)
+                )
+                for n in left(data)
+            }
+            data = data.assign(unread)
+            needed = sum(v.nbytes for n, v in data.variables.items() if n not in unread)
+            check_memory(needed, f"the numbers in {path}", "use a machine with more memory")
             return data.load()
 
     return undisturbed(read)

@@ -19,6 +19,7 @@ from holdfast.execution.simulation.layout import LATE, RECORDS, Layout, shape_of
 from holdfast.execution.simulation.loop import built
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.steppers import BY_NAME
+from holdfast.execution.table_in_parts import in_memory
 from holdfast.execution.web_assembly import LANES, STACK, web_module
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.lookup import CellLookup
@@ -128,7 +129,7 @@ def web_loop(
     block = BlockNumbers(exact.layout, program, roomy, LANES)
     table = None
     if program.table is not None:
-        table = program.table[0]
+        table = in_memory(program.table[0])
         for k in exact.layout.tables:
             block.s[:, k] = 0  # the browser has it elsewhere
     return WebLoop(

@@ -9,8 +9,12 @@ from typing import Any
 import numpy as np
 
 from holdfast.errors import DefinitionError
+from holdfast.execution.codegen.c_table_file import INCLUDES, declarations, loader
 from holdfast.execution.interpolate import numbers_of_places
+from holdfast.execution.table_in_parts import in_memory
+from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.lookup import CellLookup, Lookup
+from holdfast.maths.definitions.switching import Switching
 
 GRID = "hf_low, hf_steps, hf_shape, hf_periodic"
 
@@ -23,15 +27,33 @@ class CTable:
 
     text: the numbers; needed: the scalar functions that look them up. found: the statements that
     fill `look` with what the table says; asked: those that note whether the state was outside.
-    said: what is to be known of whoever calls it.
+    said: what is to be known of whoever calls it. included, declared: for a table `in_file`, what
+    its loader includes and what the header says of it; guard: what NAME_step does without it.
     """
 
     needed: tuple[str, ...]
     said: tuple[str, ...] = ()
+    included: tuple[str, ...] = ()
+    declared: tuple[str, ...] = ()
+    guard: str = ""
 
-    def __init__(self, lookup: Lookup) -> None:
+    @classmethod
+    def of(cls, law: Law | Switching, name: str, *, in_file: bool) -> CTable | None:
+        """Of the law `name` in C; None if it has no table."""
+        if law.lookup is not None:
+            return cls(law.lookup, name, in_file=in_file)
+        if in_file:
+            raise DefinitionError(f"law '{law.name}' has no table", expected='table="text"')
+        return None
+
+    def __init__(self, lookup: Lookup, name: str, *, in_file: bool = False) -> None:
         axes, count = len(lookup.places), len(lookup.symbols)
         if isinstance(lookup, CellLookup):
+            if in_file:
+                raise DefinitionError(
+                    "the table of a certificate is in the source",
+                    expected='a kernel, for table="file"',
+                )
             rows = lookup.table[6]  # type: ignore[index]
             call = (
                 f"hf_look_in_cells(hf_entries, place, hf_numbers, hf_shape, hf_periodic, {axes}, "
@@ -49,7 +71,10 @@ class CTable:
             )
             return
         numbers, whole = numbers_of_places(axes)
-        self.text, self.needed = _grid(lookup), ("look_up", "beyond_grid")
+        self.text, self.needed = _grid(lookup, name if in_file else ""), ("look_up", "beyond_grid")
+        if in_file:
+            self.included, self.declared = (INCLUDES,), tuple(declarations(name))
+            self.guard = _unloaded(name)
         self.found = (
             f"{_placed(axes, 'kept')}    double look[{count}], between[{numbers}];\n"
             f"    long near[{whole}];\n"
@@ -67,16 +92,32 @@ def _placed(axes: int, kept: str) -> str:
     return f"    double place[{axes}];\n    hf_place(t, seen, {kept}, p, place);\n"
 
 
-def _grid(lookup: Lookup) -> str:
-    """The grid and the values of a table, for the functions of `interpolate.py`."""
+def _unloaded(name: str) -> str:
+    upper = name.upper()
+    return (
+        "    if (!hf_values) {\n"
+        f"        for (int i = 0; i < {upper}_INPUTS; i++) command[i] = NAN;\n"
+        f"        for (int i = 0; i < {upper}_ACTUATORS; i++) actuators[i] = NAN;\n"
+        "        s->outside = 1;\n        return s->mode;\n    }\n"
+    )
+
+
+def _grid(lookup: Lookup, loaded_by: str) -> str:
+    """The grid and the values of a table, for the functions of `interpolate.py`.
+
+    loaded_by: the name of the law, where the values are in a file.
+    """
     table: Any = lookup.table
     values, low, steps, shape, periodic = table
     kind = "float" if values.dtype == np.float32 else "double"
-    return (
+    grid = (
         f"typedef {kind} hf_table;\n"
         f"{_doubles('low', low)}{_doubles('steps', steps)}{_axes(shape, periodic)}"
-        f"static const hf_table hf_values[{len(values)}] = {{\n{_listed(values)}\n}};\n"
     )
+    if loaded_by:
+        return grid + loader(lookup, loaded_by)
+    values = in_memory(values)
+    return f"{grid}static const hf_table hf_values[{len(values)}] = {{\n{_listed(values)}\n}};\n"
 
 
 def _cells(lookup: CellLookup) -> str:

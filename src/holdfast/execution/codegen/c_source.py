@@ -14,6 +14,7 @@ import sympy as sp
 
 from holdfast._version import __version__
 from holdfast.arguments import checked
+from holdfast.errors import DefinitionError
 from holdfast.execution.codegen.c_lookup import CTable
 from holdfast.execution.codegen.c_printer import c_body, c_functions
 from holdfast.execution.codegen.c_text import c_comment, c_name, c_needed, c_own
@@ -40,28 +41,33 @@ PLAIN = (
 
 
 @checked
-def export_c(system: System, law: Law | Switching, name: str = "controller") -> str:
+def export_c(
+    system: System, law: Law | Switching, name: str = "controller", *, table: str = "text"
+) -> str:
     """The law as C99, with its modes, its memory, and the limits of the actuators.
 
     The file allocates no memory and needs no library but libm, of which it calls square roots and
     roundings only. NAME is `name` with underscores in place of characters that a C name cannot
     have, and law_ before a digit. `NAME_start` sets the first mode; at every control sample
     `NAME_step` takes the time [s], the measurements, what others hand the law (where it is the
-    filter of a command: `handed`) and the parameters, writes the command of the
-    law and the limited values of the actuators, and returns the mode. Its numbers are those of the
-    compiled closed loop, bit for bit, if the compiler keeps to IEEE 754 (without -ffast-math).
+    filter of a command: `handed`) and the parameters, writes the command of the law and the limited
+    values of the actuators, and returns the mode. Its numbers are those of the compiled closed
+    loop, bit for bit, if the compiler keeps to IEEE 754 (without -ffast-math).
     `slack` of the state is the relaxation of a safeguard at a sample: 0 if an input was admissible.
-    The table of a kernel is in the file; `outside` of the state is 1 at a sample outside its grid.
+    table: that of a kernel is in the "text", or in a "file", which `export_c_table` writes, and
+    NAME_load opens. `outside` of the state is 1 at a sample outside its grid.
     Every name at file scope begins with NAME, or with its upper case. `export_c_header` gives the
     header.
 
     Raises `DefinitionError` for a law that does not fit the system.
     """
-    return _file(system, law, name).text()
+    return _file(system, law, name, table).text()
 
 
 @checked
-def export_c_header(system: System, law: Law | Switching, name: str = "controller") -> str:
+def export_c_header(
+    system: System, law: Law | Switching, name: str = "controller", *, table: str = "text"
+) -> str:
     """The header of the file that `export_c` writes for this law and name, for C and for C++.
 
     It declares the sizes, the type NAME_state, NAME_parameters, NAME_start and NAME_step. A program
@@ -69,17 +75,19 @@ def export_c_header(system: System, law: Law | Switching, name: str = "controlle
 
     Raises `DefinitionError` for a law that does not fit the system.
     """
-    return _file(system, law, name).header()
+    return _file(system, law, name, table).header()
 
 
-def _file(system: System, law: Law | Switching, name: str) -> _File:
-    return _File(controller_program(system, law), c_name(name))
+def _file(system: System, law: Law | Switching, name: str, table: str) -> _File:
+    if table not in ("text", "file"):
+        raise DefinitionError(f"table is '{table}'", expected='"text" or "file"')
+    program = controller_program(system, law)
+    return _File(program, CTable.of(law, c_name(name), in_file=table == "file"), c_name(name))
 
 
 class _File:
-    def __init__(self, program: ControllerProgram, name: str) -> None:
-        self.program, self.name = program, name
-        self.table = CTable(program.lookup) if program.lookup else None
+    def __init__(self, program: ControllerProgram, table: CTable | None, name: str) -> None:
+        self.program, self.table, self.name = program, table, name
         used = symbols_of(program.expressions)
         self.parameters = tuple(p for p in program.parameters if p.symbol in used)
 
@@ -101,6 +109,7 @@ class _File:
             "#include <math.h>",
             "#include <stdint.h>",
             "#include <string.h>",
+            *(c_own(text, n) for text in (self.table.included if self.table else ())),
             "",
             *PLAIN,
             "",
@@ -148,6 +157,7 @@ class _File:
         return [
             f"#ifndef {upper}_H",
             f"#define {upper}_H",
+            *(["#include <stddef.h>"] if self.table and self.table.declared else []),
             "#ifdef __cplusplus",
             'extern "C" {',
             "#endif",
@@ -163,6 +173,7 @@ class _File:
             f"void {n}_start({n}_state *s);",
             f"{self._step_heading()};",
             "",
+            *(self.table.declared if self.table else ()),
             "#ifdef __cplusplus",
             "}",
             "#endif",
@@ -309,7 +320,7 @@ class _File:
             begin = "    if (!s->begun) hf_first(seen, p, s->kept);\n"
             remember = "    hf_remember(t, sample_time, seen, actuators, p, s->kept);\n"
         if self.table is not None:
-            asked = self.table.asked
+            asked, begin = self.table.asked, self.table.guard + begin
         told, upper = "", self.name.upper()
         if self.program.handed:  # the functions of the law find it behind what is seen
             told = f"    double told[{upper}_SEEN + {upper}_HANDED];\n"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import subprocess
@@ -35,6 +36,7 @@ def time_law(
     times: npt.NDArray[np.float64],
     states: npt.NDArray[np.float64],
     sample_time: float,
+    table: Path | None = None,
 ) -> Timing:
     """The time of a step of the law that `export_c` wrote for `name`.
 
@@ -52,7 +54,9 @@ def time_law(
     if not len(rows):
         raise SimulationError("all states of its runs are NaN")
     names = {"NAME": c_name(name), "UPPER": c_name(name).upper()}
-    main = re.sub("|".join(names), lambda found: names[found[0]], c_file("timing"))
+    loaded = f"\nstatic int loaded(void) {{ return NAME_load({json.dumps(str(table))}); }}\n"
+    loaded = loaded if table else "\nstatic int loaded(void) { return 0; }\n"
+    main = re.sub("|".join(names), lambda found: names[found[0]], loaded + c_file("timing"))
     with tempfile.TemporaryDirectory(prefix="holdfast-") as folder:
         source, program, data = (Path(folder) / n for n in ("law.c", "law", "rows"))
         source.write_text(text + main, encoding="utf-8")

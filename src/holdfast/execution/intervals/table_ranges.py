@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.execution.arrays import Array
+from holdfast.execution.table_in_parts import in_memory
 
 Ends = tuple[Array, Array]
 MOST = 64
@@ -33,7 +34,7 @@ class TableRanges:
     def __init__(self, table: Any) -> None:
         values, low, steps, shape, periodic = table
         self.shape = tuple(int(n) for n in shape)
-        self.values = np.asarray(values, dtype=np.float64).reshape(self.shape)
+        self.values = np.asarray(in_memory(values), dtype=np.float64).reshape(self.shape)
         self.low, self.steps = np.asarray(low, float), np.asarray(steps, float)
         self.periodic = tuple(bool(p) for p in periodic)
         slopes = map(self._node_slopes, range(len(self.shape)))

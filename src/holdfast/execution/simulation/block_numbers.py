@@ -24,6 +24,7 @@ from holdfast.execution.simulation.layout import (
 )
 from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.execution.simulation.settings import Settings
+from holdfast.execution.table_in_parts import in_memory
 from holdfast.maths.definitions.law import MOST_LEVELS
 
 Whole = npt.NDArray[np.int64]
@@ -165,6 +166,7 @@ class BlockNumbers:
         if program.table is None:
             return
         values, low, steps, shape, periodic, *of_cells = program.table
+        values = in_memory(values)
         numbers, rows = of_cells or ((), 0)
         self.w[:, at["cells"] : at["cells"] + len(numbers)] = numbers
         for k in layout.tables:

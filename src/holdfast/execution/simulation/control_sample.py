@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from holdfast.execution.simulation.blocks import NEVER, Blocks
 from holdfast.execution.simulation.closed_loop import ClosedLoop
 from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.execution.simulation.settings import Settings
+from holdfast.execution.table_in_parts import TableInParts
 
 
 class Rows(NamedTuple):
@@ -47,7 +49,12 @@ class ControlSamples:
         settings = Settings(horizon=sample_time, sample_time=sample_time, record_every=sample_time)
         loop = ClosedLoop(program)
         self.program, self.count = program, count
-        self.blocks = Blocks(*loop.loop(), program, settings, count)
+        self._in_parts, read = None, program
+        if program.table is not None and isinstance(program.table[0], TableInParts):
+            self._in_parts, rest = program.table[0], program.table[1:]
+            self._grid = rest[:4]
+            read = replace(program, table=(self._in_parts.array, *rest))
+        self.blocks = Blocks(*loop.loop(), read, settings, count)
         self.width = len(program.states) + program.measured + len(program.handed)
         self._numbers = loop.parameter_array(None, sample_time)
         self._at, self._rows = self._places()
@@ -120,7 +127,10 @@ class ControlSamples:
             self._begin(t)
         if self.program.remembered:
             self._before = self._memory.copy()
-        self._answer(*pointers)
+        if self._in_parts is None:
+            self._answer(*pointers)
+        else:
+            self._answer_from_parts()
         found: Array = w.take(self._at)
         if not math.isnan(found[self._rows.outside]):
             self._inside_again()
@@ -133,12 +143,28 @@ class ControlSamples:
         self._time[:] = t
         if not self.begun:
             self._begin(t)
-        for pointers in self._pointers:
-            self._answer(*pointers)
+        if self._in_parts is None:
+            for pointers in self._pointers:
+                self._answer(*pointers)
+        else:
+            self._answer_from_parts()
         places = self._at[:, np.newaxis] + np.arange(WIDTH)
         found: Array = self.blocks.w[:, places].transpose(0, 2, 1).reshape(-1, len(self._at))
         self._inside_again()
         return found[: self.count]
+
+    def _answer_from_parts(self) -> None:
+        """Answer; where numbers of the table were not in memory, fetch them and answer again."""
+        assert self._in_parts is not None
+        blocks = self.blocks
+        w, s = blocks.w.copy(), blocks.s.copy()
+        while True:
+            for pointers in self._pointers:
+                self._answer(*pointers)
+            looked_at = blocks.rows("look_at").transpose(0, 2, 1).reshape(-1, self.program.places)
+            if not self._in_parts.fetch_looked_up(looked_at[: self.count], self._grid):
+                return
+            blocks.w[:], blocks.s[:] = w, s
 
     def forget(self) -> None:
         """Nothing is remembered of the last answer."""

@@ -7,7 +7,7 @@
 #include <time.h>
 
 int main(int argc, char **argv) {
-    if (argc != 5) return 2;
+    if (argc != 5 || loaded() != 0) return 2;
     const long count = atol(argv[2]), width = atol(argv[3]);
     const double sample_time = atof(argv[4]);
     const long pitch = UPPER_SEEN + 2;

@@ -1,0 +1,195 @@
+"""Values of a file, read chunk by chunk when they are asked for."""
+
+from __future__ import annotations
+
+import math
+import threading
+import weakref
+from collections import OrderedDict, deque
+from collections.abc import Callable
+from itertools import product
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+import xarray as xr
+from xarray.core import indexing
+
+from holdfast.errors import OutputError
+from holdfast.execution.arrays import AnyArray
+from holdfast.host.writing import undisturbed
+
+T = TypeVar("T")
+Whole = npt.NDArray[np.int64]
+Key = int | slice
+
+CACHE = 256 * 2**20
+"""Bytes of chunks that are kept in memory by default."""
+
+_reading = threading.Lock()
+"""HDF5 serves one thread at a time."""
+
+_unused: deque[Any] = deque()
+"""Files to be closed by whoever reads next: objects are forgotten at any time, in any thread."""
+
+
+class _File:
+    """An open file, closed when nobody needs it any more."""
+
+    def __init__(self, path: Path) -> None:
+        from netCDF4 import Dataset
+
+        self.dataset = _alone(lambda: Dataset(path))
+        weakref.finalize(self, _unused.append, self.dataset)
+
+
+class StoredValues:
+    """The array `name` of a NetCDF file, of which chunks are read and the last ones are kept.
+
+    room: bytes of chunks that are kept. chunks_read, bytes_read: how often the file was read, and
+    the bytes of numbers that came from it, before compression. The file stays open, so that one
+    that replaces it under its name does not mix with it.
+    """
+
+    def __init__(
+        self, path: Path, name: str = "value", room: int = CACHE, file: _File | None = None
+    ) -> None:
+        self.path, self.name, self.room = path.absolute(), name, room
+        self.chunks_read = self.bytes_read = 0
+        self._kept: OrderedDict[tuple[int, ...], AnyArray] = OrderedDict()
+        self._lock = threading.Lock()
+        self._file = _File(self.path) if file is None else file
+        self._variable = self._file.dataset[name]
+        self._variable.set_auto_maskandscale(False)
+        self._variable.set_var_chunk_cache(0, 1, 0.0)  # chunks are kept here, and once
+        self.shape: tuple[int, ...] = tuple(int(n) for n in self._variable.shape)
+        self.dtype: np.dtype[Any] = np.dtype(self._variable.dtype)
+        chunks = self._variable.chunking()
+        self.chunks = (
+            _slabs(self.shape, self.dtype) if chunks == "contiguous" else tuple(map(int, chunks))
+        )
+
+    def __getstate__(self) -> tuple[Path, str, int]:
+        return self.path, self.name, self.room
+
+    def __setstate__(self, state: tuple[Path, str, int]) -> None:
+        self.__init__(*state)  # type: ignore[misc]
+
+    @property
+    def size(self) -> int:
+        """The number of entries."""
+        return math.prod(self.shape)
+
+    def beside(self, name: str) -> StoredValues:
+        """Another array of the same file."""
+        return StoredValues(self.path, name, self.room, self._file)
+
+    def read(self, key: tuple[Any, ...]) -> Any:
+        """The entries at a number, a slice or several numbers along every axis."""
+        along = [np.arange(n)[k].reshape(-1) % n for k, n in zip(key, self.shape, strict=True)]
+        out = np.empty([len(a) for a in along], self.dtype)
+        touched = [np.unique(a // c) for a, c in zip(along, self.chunks, strict=True)]
+        for place in product(*touched):
+            own = [
+                np.flatnonzero(a // c == k)
+                for a, c, k in zip(along, self.chunks, place, strict=True)
+            ]
+            inside = [a[o] % c for a, o, c in zip(along, own, self.chunks, strict=True)]
+            chunk = self._chunk(tuple(int(k) for k in place))
+            out[np.ix_(*own)] = chunk[np.ix_(*inside)]
+        whole = (isinstance(k, int | np.integer) for k in key)
+        return out[tuple(0 if w else slice(None) for w in whole)]
+
+    def take(self, nodes: Whole) -> AnyArray:
+        """The entries of these numbers in the order of the array."""
+        places = np.stack(np.unravel_index(nodes, self.shape), axis=1)
+        chunks = np.array(self.chunks)
+        counts = [-(-n // c) for n, c in zip(self.shape, self.chunks, strict=True)]
+        numbers = np.ravel_multi_index(tuple((places // chunks).T), counts)
+        out = np.empty(len(nodes), self.dtype)
+        order = np.argsort(numbers, kind="stable")
+        found, first = np.unique(numbers[order], return_index=True)
+        for number, rows in zip(found, np.split(order, first[1:]), strict=True):
+            place = np.unravel_index(int(number), counts)
+            chunk = self._chunk(tuple(int(k) for k in place))
+            out[rows] = chunk[tuple((places[rows] % chunks).T)]
+        return out
+
+    def entries(self, first: tuple[Key, ...]) -> AnyArray:
+        """All entries below these along the first axes, past the chunks that are kept."""
+        rest = self.shape[len(first) :]
+        return self._from_file((*first, *(slice(0, n) for n in rest)))
+
+    def _chunk(self, place: tuple[int, ...]) -> AnyArray:
+        with self._lock:
+            if place in self._kept:
+                self._kept.move_to_end(place)
+                return self._kept[place]
+            key = tuple(
+                slice(k * c, min((k + 1) * c, n))
+                for k, c, n in zip(place, self.chunks, self.shape, strict=True)
+            )
+            chunk = self._kept[place] = self._from_file(key)
+            most = max(1, self.room // (math.prod(self.chunks) * self.dtype.itemsize))
+            while len(self._kept) > most:
+                self._kept.popitem(last=False)
+            return chunk
+
+    def _from_file(self, key: tuple[Key, ...]) -> AnyArray:
+        try:
+            found: AnyArray = _alone(lambda: np.asarray(self._variable[key]))
+        except (RuntimeError, OSError) as error:
+            raise OutputError(
+                f"{self.path} is damaged: a part of '{self.name}' cannot be read ({error})",
+                remedy="compute it again, or fetch it again",
+            ) from None
+        self.chunks_read += 1
+        self.bytes_read += found.nbytes
+        return found
+
+
+class _InXarray(xr.backends.BackendArray):
+    """Stored values as what xarray reads when it is asked for numbers."""
+
+    def __init__(self, stored: StoredValues) -> None:
+        self.stored, self.shape, self.dtype = stored, stored.shape, stored.dtype
+
+    def __deepcopy__(self, memo: object) -> _InXarray:
+        return self
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        return indexing.explicit_indexing_adapter(
+            key, self.shape, indexing.IndexingSupport.OUTER, self.stored.read
+        )
+
+
+def as_read(dataset: xr.Dataset, stored: StoredValues) -> xr.Dataset:
+    """The dataset with the stored values in place of its array of their name."""
+    old = dataset.variables[stored.name]
+    new = xr.Variable(old.dims, indexing.LazilyIndexedArray(_InXarray(stored)), old.attrs)
+    return dataset.assign({stored.name: new})
+
+
+def _alone(work: Callable[[], T]) -> T:
+    """The result of `work`, while nobody else reads; files that nobody uses are closed before."""
+
+    def after_closing() -> T:
+        while _unused:
+            _unused.popleft().close()
+        return work()
+
+    with _reading:
+        return undisturbed(after_closing)
+
+
+def _slabs(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[int, ...]:
+    """How an array that has no chunks is read: in parts of a few hundred KiB, as they lie."""
+    chunks = [1] * len(shape)
+    room = max(1, 2**18 // dtype.itemsize)
+    for axis in reversed(range(len(shape))):
+        chunks[axis] = min(shape[axis], room)
+        room //= max(1, chunks[axis])
+        if not room or chunks[axis] < shape[axis]:
+            break
+    return tuple(chunks)

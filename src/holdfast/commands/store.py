@@ -1,0 +1,104 @@
+"""`holdfast store`: kernels by name, kept, checked and published."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from holdfast.errors import OutputError
+
+
+@click.group("store")
+def command() -> None:
+    """Keep kernels by name, check them, and publish them.
+
+    The store is a folder of this user's data, or the one that HOLDFAST_STORE names. A kernel of it
+    is store:NAME in a scenario and in hf.load.
+    """
+
+
+@command.command("add")
+@click.argument("file")
+@click.option("--name", help="Its name [default: that of the file].")
+@click.option("--licence", default="", help="Text for those who use it.")
+@click.option("--citation", default="", help="Text for those who use it.")
+def add(file: str, name: str | None, licence: str, citation: str) -> None:
+    """Keep FILE, or what FOLDER#NAME or https://...#NAME stands for."""
+    from holdfast.analysis.kernel_index import entry_of
+    from holdfast.analysis.kernel_store import Store
+    from holdfast.analysis.load import load
+    from holdfast.analysis.published_kernels import referred
+    from holdfast.analysis.reachability.value_function import ValueFunction
+
+    store = Store()
+    path = referred(file, store)
+    value = load(path, lazy=True)
+    if not isinstance(value, ValueFunction):
+        raise OutputError(f"{file} is no kernel", expected="the file of a value function")
+    if path.parent == store.folder.absolute() and not name:
+        click.echo(f"in the store: {path}")
+        return
+    named = name or Path(file.partition("#")[2] or file).stem
+    entry = store.add(path, entry_of(path, value, named, licence, citation))
+    click.echo(f"added: {entry.name} ({entry.bytes / 2**20:,.1f} MiB, {entry.sha256[:12]})")
+
+
+@command.command("list")
+def list_() -> None:
+    """List the kernels of the store."""
+    from holdfast.analysis.kernel_store import Store
+
+    store = Store()
+    entries = store.entries()
+    for name, entry in entries.items():
+        about = f"{entry.problem.get('kind', '')} of {entry.problem.get('system', '')}"
+        click.echo(f"{name:<30} {entry.bytes / 2**20:>10,.1f} MiB  {entry.sha256[:12]}  {about}")
+    if not entries:
+        click.echo(f"{store.folder} has no kernels")
+
+
+@command.command("show")
+@click.argument("name")
+def show(name: str) -> None:
+    """Show what the index says of NAME, and where its file is."""
+    import json
+    from dataclasses import asdict
+
+    from holdfast.analysis.kernel_store import Store
+
+    store = Store()
+    click.echo(json.dumps(asdict(store.entry(name)), indent=2))
+    click.echo(f"file: {store.path(name)}")
+
+
+@command.command("verify")
+@click.argument("names", nargs=-1)
+def verify(names: tuple[str, ...]) -> None:
+    """Read the files of NAMES, or of all, and compare their digests."""
+    from holdfast.analysis.kernel_store import Store
+
+    store = Store()
+    for name in names or store.entries():
+        entry = store.verify(name)
+        click.echo(f"as it was added: {entry.name} ({entry.sha256[:12]})")
+
+
+@command.command("remove")
+@click.argument("name")
+def remove(name: str) -> None:
+    """Remove NAME, and its file if no other name has it."""
+    from holdfast.analysis.kernel_store import Store
+
+    click.echo(f"removed: {Store().remove(name).name}")
+
+
+@command.command("publish")
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("names", nargs=-1, required=True)
+def publish(folder: Path, names: tuple[str, ...]) -> None:
+    """Write NAMES to FOLDER with an index, to be put beside a paper or on a web server."""
+    from holdfast.analysis.kernel_store import Store
+
+    index = Store().publish(names, folder)
+    click.echo(f"written: {index}; load them as {folder}#NAME, or https://...#NAME from a server")

@@ -1,0 +1,178 @@
+"""A table of which only what is looked up is in memory.
+
+Compiled code reads a table through the address of its first number. Here that address is the begin
+of a stretch of reserved memory, as long as the table, of which the operating system gives a page
+only when it is written. Before compiled code looks something up, the numbers that it will read are
+fetched from where they are stored; so the code, and every bit that it computes, are the same as for
+a table in memory.
+"""
+
+from __future__ import annotations
+
+import mmap
+import sys
+import threading
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from holdfast.errors import SimulationError
+from holdfast.execution.arrays import AnyArray, Array
+from holdfast.execution.interpolate import numbers_of_places
+from holdfast.execution.resources import check_memory
+from holdfast.execution.scalar import called
+
+Whole = npt.NDArray[np.int64]
+
+PAGE = 4096
+"""Bytes that are given at a time."""
+
+MOST_NODES = 1 << 19
+"""Nodes that are fetched at a time."""
+
+NO_RESERVE = getattr(mmap, "MAP_NORESERVE", 0x4000 if sys.platform == "linux" else 0)
+
+
+class Source(Protocol):
+    """Numbers in the order of a table that are somewhere else."""
+
+    @property
+    def size(self) -> int: ...
+    @property
+    def dtype(self) -> np.dtype[Any]: ...
+    @property
+    def room(self) -> int: ...
+    def take(self, nodes: Whole) -> AnyArray: ...
+    def all(self) -> AnyArray: ...
+
+
+class TableInParts:
+    """The numbers of `source`, of which at most about `source.room` bytes are in memory.
+
+    array: what compiled code reads. reads: how many numbers were fetched.
+    """
+
+    def __init__(self, source: Source) -> None:
+        self.source, self.dtype, self.reads = source, source.dtype, 0
+        self._memory = _reserved(source.size * self.dtype.itemsize)
+        self._marks = _reserved(source.size)
+        self.array: AnyArray = np.frombuffer(self._memory, self.dtype, source.size)
+        self._known = np.frombuffer(self._marks, np.uint8, source.size)
+        self._fetched: list[Whole] = []
+        self._pages = 0
+        self._whole: AnyArray | None = None
+        self._loading = threading.Lock()
+
+    @property
+    def nbytes(self) -> int:
+        """The bytes of the whole table."""
+        return self.source.size * self.dtype.itemsize
+
+    def whole(self) -> AnyArray:
+        """All numbers in memory; `SimulationError` where they do not fit."""
+        with self._loading:
+            if self._whole is None:
+                check_memory(
+                    self.nbytes,
+                    "the values of the kernel, which are needed as a whole here,",
+                    "use hf.SafetyFilter, which reads the cells that it visits",
+                )
+                self._whole = self.source.all()
+            return self._whole
+
+    def values_at(self, points: Array, grid: tuple[AnyArray, ...]) -> Array:
+        """`look_up.values_at`, of which it fetches what it needs."""
+        return self._found("interpolate_many", points, grid, sloped=False)
+
+    def slopes_at(self, points: Array, grid: tuple[AnyArray, ...]) -> Array:
+        """`look_up.slopes_at`, of which it fetches what it needs."""
+        return self._found("slopes_many", points, grid, sloped=True)
+
+    def fetch(self, points: Array, grid: tuple[AnyArray, ...], *, sloped: bool) -> bool:
+        """Fetch what is read at points (count, axes); whether anything was missing."""
+        nodes = _nodes(points, grid, sloped)
+        missing = np.unique(nodes[(nodes >= 0) & (self._known[nodes] == 0)])
+        if not len(missing):
+            return False
+        if self._pages * PAGE > self.source.room:
+            self._forget()
+            missing = np.unique(nodes[nodes >= 0])
+        self.array[missing] = self.source.take(missing)
+        self._known[missing] = 1
+        self._fetched.append(missing)
+        self.reads += len(missing)
+        for size in (self.dtype.itemsize, 1):
+            self._pages += int(np.count_nonzero(np.diff(missing * size // PAGE))) + 1
+        return True
+
+    def fetch_looked_up(self, points: Array, grid: tuple[AnyArray, ...]) -> bool:
+        """`fetch` of what a law looks up: the value and the slopes at the nearest places."""
+        low, steps, shape, periodic = grid
+        ends = low + steps * (np.asarray(shape) - 1)
+        nearest = np.minimum(np.maximum(points, low), ends)
+        return self.fetch(np.where(np.asarray(periodic, bool), points, nearest), grid, sloped=True)
+
+    def _forget(self) -> None:
+        """Give all pages back."""
+        for nodes in self._fetched:
+            self._known[nodes] = 0
+        self._fetched, self._pages = [], 0
+        if hasattr(mmap, "MADV_DONTNEED"):
+            self._memory.madvise(mmap.MADV_DONTNEED)
+            if sys.platform == "linux":
+                self._marks.madvise(mmap.MADV_DONTNEED)
+
+    def _found(
+        self, name: str, points: Array, grid: tuple[AnyArray, ...], *, sloped: bool
+    ) -> Array:
+        axes = points.shape[1]
+        each = (1 << axes) * (1 + 2 * axes * sloped)
+        some = max(1, MOST_NODES // each)
+        out = np.empty(points.shape if sloped else len(points))
+        low, steps, shape, periodic = grid
+        wholes = tuple(np.ascontiguousarray(a, dtype=np.int64) for a in (shape, periodic))
+        room, whole = numbers_of_places(axes)
+        for k in range(0, len(points), some):
+            part = points[k : k + some]
+            self.fetch(part, grid, sloped=sloped)
+            called(
+                "interpolate", name, len(part), self.array, part, low, steps, *wholes, axes,
+                out[k : k + some], np.empty(room), np.empty(whole, dtype=np.int64),
+            )  # fmt: skip
+        return out
+
+
+def in_memory(values: AnyArray | TableInParts) -> AnyArray:
+    """The numbers of a table, all of them in memory."""
+    return values.whole() if isinstance(values, TableInParts) else values
+
+
+def can_reserve() -> bool:
+    """Whether this system gives memory page by page."""
+    return hasattr(mmap, "MAP_PRIVATE") and hasattr(mmap, "MAP_ANONYMOUS")
+
+
+def _reserved(size: int) -> mmap.mmap:
+    flags = mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | NO_RESERVE
+    try:
+        return mmap.mmap(-1, max(size, 1), flags=flags)
+    except (OSError, OverflowError, ValueError) as error:
+        raise SimulationError(
+            f"{size / 2**30:.3g} GiB of addresses cannot be reserved ({error})",
+            remedy="raise the limit of addresses (ulimit -v), or load it with lazy=False",
+        ) from None
+
+
+def _nodes(points: Array, grid: tuple[AnyArray, ...], sloped: bool) -> Whole:
+    """The nodes that are read at points, -1 among them where a point is outside."""
+    low, steps, shape, periodic = grid
+    axes = len(shape)
+    wholes = (np.ascontiguousarray(a, dtype=np.int64) for a in (shape, periodic))
+    room, whole = numbers_of_places(axes)
+    out = np.empty(len(points) * (1 << axes) * (1 + 2 * axes * sloped), dtype=np.int64)
+    called(
+        "interpolate", "corners_many", len(points), np.ascontiguousarray(points), low, steps,
+        *wholes, axes, int(sloped), out, np.empty(room), np.empty(whole, dtype=np.int64),
+    )  # fmt: skip
+    return out

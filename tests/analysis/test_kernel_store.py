@@ -1,0 +1,246 @@
+"""Kernels by name: kept, published, fetched and checked; what is not what it was is refused."""
+
+import functools
+import http.server
+import json
+import multiprocessing
+import os
+import threading
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import holdfast as hf
+from holdfast.analysis import published_kernels
+from holdfast.analysis.kernel_index import INDEX, entry_of, index_of
+from holdfast.analysis.kernel_store import Store
+from holdfast.commands.store import command
+from holdfast.errors import OutputError
+from holdfast.scenario.kernel_reference import named_kernel
+from tests.carts import BOX, WALLS, cart
+
+
+@pytest.fixture(scope="module")
+def kernel(tmp_path_factory):
+    grid = hf.grid(cart(), BOX, 21)
+    value = hf.discriminating_kernel(cart(), WALLS, grid, 0.2, scheme="upwind")
+    return value, value.save(tmp_path_factory.mktemp("kernel") / "cart.nc")
+
+
+@pytest.fixture
+def store(tmp_path, monkeypatch, kernel):
+    monkeypatch.setenv("HOLDFAST_STORE", str(tmp_path / "store"))
+    value, path = kernel
+    found = Store()
+    found.add(path, entry_of(path, value, "cart", "CC-BY-4.0", "Doe 2026"))
+    return found
+
+
+@pytest.fixture
+def served(tmp_path):
+    """The address of a folder, and the folder."""
+
+    class Quiet(http.server.SimpleHTTPRequestHandler):
+        def log_message(self, *given):
+            pass
+
+    folder = tmp_path / "web"
+    folder.mkdir()
+    handler = functools.partial(Quiet, directory=str(folder))
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        thread = threading.Thread(target=server.serve_forever, daemon=True)
+        thread.start()
+        yield f"http://127.0.0.1:{server.server_port}", folder
+        server.shutdown()
+
+
+def same(reference, kernel):
+    return np.array_equal(hf.load(reference).values(), kernel[0].values())
+
+
+def test_a_kernel_is_loaded_by_its_name_and_by_its_digest(store, kernel):
+    entry = store.entry("cart")
+    for reference in ("cart", "store:cart", f"store:{entry.sha256[:12]}"):
+        assert same(reference, kernel)
+    assert entry.problem["system"] == "cart"
+    assert entry.licence == "CC-BY-4.0"
+    assert store.verify("cart") == entry
+    with pytest.raises(OutputError, match="has no kernel 'boat'; expected one of: cart"):
+        hf.load("store:boat")
+    with pytest.raises(OutputError, match="No such file"):
+        hf.load("boat")
+
+
+def test_a_scenario_names_a_kernel_of_the_store(store, kernel):
+    value = named_kernel("store:cart").value()
+    assert np.array_equal(value.values(), kernel[0].values())
+
+
+def test_a_published_folder_is_read_in_place_and_from_the_web(store, kernel, served, monkeypatch):
+    address, folder = served
+    store.publish(["cart"], folder)
+    assert same(f"{folder}#cart", kernel)
+    monkeypatch.setenv("HOLDFAST_STORE", str(folder.parent / "other"))
+    assert same(f"{address}#cart", kernel)
+    assert list(Store().entries()) == ["cart"]
+    (folder / Store().entry("cart").file).unlink()
+    assert same(f"{address}/{INDEX}#cart", kernel)  # it is not fetched twice
+    assert same("store:cart", kernel)
+
+
+def test_two_kernels_of_one_name_from_the_web_are_both_kept(store, kernel, served, tmp_path):
+    address, folder = served
+    value, _ = kernel
+    other = value.reported(title="another").save(tmp_path / "cart.nc")
+    Store(folder).add(other, entry_of(other, value, "cart"))
+    assert hf.load(f"{address}#cart").report.title == "another"
+    assert hf.load("store:cart").report.title is None
+    assert len(store.entries()) == 2
+
+
+def test_a_wrong_digest_a_truncated_file_and_no_network_are_refused(store, served, monkeypatch):
+    address, folder = served
+    store.publish(["cart"], folder)
+    file = folder / store.entry("cart").file
+    good = file.read_bytes()
+    monkeypatch.setenv("HOLDFAST_STORE", str(folder.parent / "other"))
+    for bad in (good[:-1], good + b"\0", good[:500] + bytes([good[500] ^ 1]) + good[501:]):
+        file.write_bytes(bad)
+        with pytest.raises(OutputError, match="has not the digest that its index gives"):
+            hf.load(f"{address}#cart")
+        with pytest.raises(OutputError, match=r"SHA-256|bytes"):
+            hf.load(f"{folder}#cart")
+    assert Store().entries() == {}
+    assert [p.name for p in Store().folder.iterdir()] == []
+    with pytest.raises(OutputError, match="cannot be fetched"):
+        hf.load("http://127.0.0.1:9/nowhere#cart")
+    with pytest.raises(OutputError, match="cannot be fetched"):
+        hf.load(f"{address}/nowhere#cart")
+
+
+def test_a_download_that_is_interrupted_leaves_nothing(store, served, monkeypatch, kernel):
+    address, folder = served
+    store.publish(["cart"], folder)
+    monkeypatch.setenv("HOLDFAST_STORE", str(folder.parent / "other"))
+
+    def interrupted(source, target, most):
+        target.write(source.read(100))
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as inside:
+        inside.setattr(published_kernels, "copied", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            hf.load(f"{address}#cart")
+    assert list(Store().folder.iterdir()) == []
+    assert same(f"{address}#cart", kernel)
+
+
+def test_a_name_of_another_kernel_is_not_taken(store, kernel, tmp_path):
+    value = kernel[0].reported(title="another")
+    other = value.save(tmp_path / "other.nc")
+    with pytest.raises(OutputError, match="the store has another kernel 'cart'"):
+        store.add(other, entry_of(other, value, "cart"))
+    store.add(kernel[1], entry_of(kernel[1], kernel[0], "again"))
+    assert len(list(store.folder.glob("*.nc"))) == 1
+    store.remove("cart")
+    assert same("store:again", kernel)
+    store.remove("again")
+    assert list(store.folder.glob("*.nc")) == []
+
+
+@pytest.mark.parametrize(
+    "name", ["../up", "/etc", "", "-x", "a/b", "a\\b", "x" * 81, "a" * 64, "v.nc", "a\n"]
+)
+def test_names_that_could_be_paths_are_refused(kernel, name):
+    with pytest.raises(OutputError, match="is no name of a kernel"):
+        entry_of(kernel[1], kernel[0], name)
+
+
+def altered(entry, **changes):
+    return {"holdfast_store": 1, "kernels": [entry | changes]}
+
+
+def test_an_index_is_not_trusted(store):
+    entry = json.loads((store.folder / INDEX).read_text())["kernels"][0]
+    bad = [
+        "", "[]", "{}", "null", "[" * 5000, '{"holdfast_store": 1, "kernels": 3}',
+        '{"holdfast_store": 2, "kernels": []}',
+        *(
+            json.dumps(altered(entry, **change))
+            for change in (
+                {"sha256": "../../etc/passwd"}, {"sha256": "A" * 64}, {"bytes": -1},
+                {"bytes": "9"}, {"bytes": True}, {"name": "../x"}, {"name": 3}, {"problem": []},
+                {"more": 1}, {"licence": None},
+            )
+        ),
+        json.dumps({"holdfast_store": 1, "kernels": [entry, entry]}),
+        json.dumps({"holdfast_store": 1, "kernels": [None]}),
+    ]  # fmt: skip
+    for text in bad:
+        with pytest.raises(OutputError):
+            index_of(text, "index")
+
+
+def test_a_damaged_file_of_the_store_is_found(store):
+    path = store.path("cart")
+    data = path.read_bytes()
+    path.write_bytes(data[:-1] + bytes([data[-1] ^ 1]))
+    with pytest.raises(OutputError, match="SHA-256"):
+        store.verify("cart")
+    path.write_bytes(data[:-5])
+    with pytest.raises(OutputError, match="bytes"):
+        hf.load("store:cart")
+    path.unlink()
+    with pytest.raises(OutputError, match="is missing"):
+        hf.load("store:cart")
+
+
+def added(folder, path, entries):
+    for entry in entries:
+        Store(folder).add(path, entry)
+
+
+def test_processes_that_add_at_once_lose_nothing(tmp_path, kernel):
+    value, path = kernel
+    context = multiprocessing.get_context("fork")
+    entries = [[entry_of(path, value, f"k{i}-{j}") for j in range(5)] for i in range(3)]
+    workers = [
+        context.Process(target=added, args=(tmp_path / "store", path, mine)) for mine in entries
+    ]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join(20)
+    assert len(Store(tmp_path / "store").entries()) == 15
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="the administrator may write anywhere")
+def test_a_store_that_cannot_be_written_is_read(store, kernel):
+    store.folder.chmod(0o500)
+    try:
+        assert same("store:cart", kernel)
+        with pytest.raises(OutputError, match="cannot be written"):
+            store.remove("cart")
+    finally:
+        store.folder.chmod(0o700)
+
+
+def test_the_command_adds_shows_checks_publishes_and_removes(tmp_path, kernel, monkeypatch):
+    monkeypatch.setenv("HOLDFAST_STORE", str(tmp_path / "store"))
+    run = CliRunner().invoke
+
+    def said(*arguments):
+        done = run(command, [str(a) for a in arguments], catch_exceptions=False)
+        assert done.exit_code == 0, done.output
+        return done.output
+
+    assert "has no kernels" in said("list")
+    assert "added: cart" in said("add", kernel[1], "--licence", "CC0", "--citation", "Doe")
+    assert "discriminating-kernel of cart" in said("list")
+    assert '"licence": "CC0"' in said("show", "cart")
+    assert "as it was added: cart" in said("verify")
+    assert "#NAME" in said("publish", tmp_path / "paper", "cart")
+    assert "added: copy" in said("add", f"{tmp_path / 'paper'}#cart", "--name", "copy")
+    assert "removed: cart" in said("remove", "cart")
+    assert same("store:copy", kernel)
