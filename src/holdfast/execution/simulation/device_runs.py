@@ -28,6 +28,7 @@ from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.trajectories import Trajectories
 from holdfast.execution.simulation.written import NOTED, write_notes, write_records
+from holdfast.execution.table_in_parts import in_memory
 
 MOST_BYTES = 1 << 31
 """Memory of the device for the runs of one launch."""
@@ -66,7 +67,7 @@ def simulate_on(
     w, s = _first(layout, program, settings, starts, numbers)
     held = []  # the table stays on the device while its address is used
     if program.table is not None:
-        held.append(xp.asarray(program.table[0]))
+        held.append(xp.asarray(in_memory(program.table[0])))
         for k in layout.tables:
             s[k] = device.address(held[0])
     w, s = xp.asarray(w), xp.asarray(s)
