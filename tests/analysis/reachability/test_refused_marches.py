@@ -251,7 +251,9 @@ def test_march_beyond_the_machine_says_how_much_it_needs_and_what_to_do():
         r'of it; take fewer nodes, or precision="float32"',
     ):
         kernel(grid=grid)
-    with pytest.raises(SimulationError, match=r"take 1.79e\+03 GiB.*; take fewer nodes, or march from a disk"):
+    with pytest.raises(
+        SimulationError, match=r"take 1.79e\+03 GiB.*; take fewer nodes, or march from a disk"
+    ):
         kernel(grid=grid, precision="float32")
 
 
