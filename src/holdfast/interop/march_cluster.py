@@ -158,6 +158,7 @@ class ClusterParts:
             self._client.submit(
                 march_worker.Lease,
                 self._march,
+                name,
                 key=f"holdfast-march-{self._march}-{k}",
                 workers=[name],
                 allow_other_workers=False,

@@ -51,14 +51,14 @@ class Lost:
 class Lease:
     """Kept by the scheduler for whoever began a march; the part goes with it."""
 
-    def __init__(self, march: str) -> None:
-        self.march = march
+    def __init__(self, march: str, name: str) -> None:
+        self.march, self.name = march, name
 
     def __reduce__(self) -> tuple[Any, ...]:
         raise TypeError("a part of a march stays in its worker")
 
     def __del__(self) -> None:
-        release(self.march)
+        release(self.march, self.name)
 
 
 class HeldPart:
@@ -95,13 +95,20 @@ class HeldPart:
         return answers
 
 
-_held: dict[str, HeldPart] = {}
-"""The parts in this process, by march."""
+_held: dict[tuple[str, str], HeldPart] = {}
+"""The parts in this process, by march and by the address of their worker."""
 
 
 def hello(dask_worker: Any) -> Hello:
     """What a worker is, once it can hand over edges."""
-    dask_worker.handlers[EDGES] = _edges
+
+    async def edges(march: str, rounds: int, place: int) -> Any:
+        held = _held.get((march, dask_worker.address))
+        if held is None or rounds not in held.handed:
+            return None
+        return _serialized(held.handed[rounds][place])
+
+    dask_worker.handlers[EDGES] = edges
     memory = dask_worker.memory_manager.memory_limit or 0
     return Hello(__version__, dask_worker.state.nthreads, int(memory))
 
@@ -116,14 +123,14 @@ async def build(
 ) -> Any:
     """Make the part of this worker."""
     held = HeldPart(march, addresses, addresses.index(dask_worker.address))
-    _held[march] = held
+    _held[march, dask_worker.address] = held
     threads = dask_worker.state.nthreads
     return await _told(held, held.build, posed, parts, stages, threads)
 
 
-async def ask(march: str, rounds: int, method: str, given: Sequence[Any]) -> Any:
+async def ask(march: str, rounds: int, method: str, given: Sequence[Any], dask_worker: Any) -> Any:
     """What the part answers to a method of `MarchPart`, after so many rounds of stages."""
-    held = _held.get(march)
+    held = _held.get((march, dask_worker.address))
     if held is None or held.rounds != rounds:
         return Lost("it has begun anew")
     return await _told(held, getattr(held.part, method), *given)
@@ -131,7 +138,7 @@ async def ask(march: str, rounds: int, method: str, given: Sequence[Any]) -> Any
 
 async def carry_out(march: str, rounds: int, orders: Sequence[StageOrder], dask_worker: Any) -> Any:
     """One round: the edges of the others, then stages."""
-    held = _held.get(march)
+    held = _held.get((march, dask_worker.address))
     if held is None or held.rounds != rounds:
         return Lost("it has begun anew")
     found: list[Edges] = []
@@ -151,13 +158,6 @@ async def carry_out(march: str, rounds: int, orders: Sequence[StageOrder], dask_
     return await _told(held, held.carry_out, orders, found)
 
 
-async def _edges(march: str, rounds: int, place: int) -> Any:
-    held = _held.get(march)
-    if held is None or rounds not in held.handed:
-        return None
-    return _serialized(held.handed[rounds][place])
-
-
 async def _told(held: HeldPart, function: Any, *given: Any) -> Any:
     """What it gives, or the error that it raises, in the thread of the part."""
     loop = asyncio.get_running_loop()
@@ -167,9 +167,9 @@ async def _told(held: HeldPart, function: Any, *given: Any) -> Any:
         return error
 
 
-def release(march: str) -> None:
+def release(march: str, name: str) -> None:
     """Let go of the part of a march, if there is one; what it is doing is done first."""
-    held = _held.pop(march, None)
+    held = _held.pop((march, name), None)
     if held is not None:
         held.thread.submit(_ended, held)
         held.thread.shutdown(wait=False)

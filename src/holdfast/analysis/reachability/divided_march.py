@@ -17,7 +17,7 @@ from holdfast.analysis.reachability.march_part import MarchPart, layers_of
 from holdfast.analysis.reachability.obstacles import Facts, check_start, merged
 from holdfast.analysis.reachability.options import Marching
 from holdfast.analysis.reachability.problem import Ends, Posed
-from holdfast.errors import HoldfastError
+from holdfast.errors import HoldfastError, SimulationError
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.layers import Part, check_cut
 from holdfast.execution.level_set.stage_orders import StageOrder, joined
@@ -181,7 +181,13 @@ class DividedMarch:
 
     def code(self) -> str:
         """What the compiled march is called."""
-        return str(self._parts.ask_one(0, "code"))
+        codes = set(self._parts.ask("code"))
+        if len(codes) > 1:
+            raise SimulationError(
+                "the parts of the march have been compiled from different sources",
+                remedy="install the same version of holdfast for all workers",
+            )
+        return str(codes.pop())
 
     def fastest(self, times: Sequence[float]) -> tuple[Array, float]:
         """The largest speeds along every axis at times t, and the largest sum over the steps."""

@@ -8,6 +8,7 @@ edges that they hand one another, and the values that are asked for at the end.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -87,7 +88,7 @@ class MarchPart:
         found = obstacles.begin(facts)
         if least is not None:
             np.minimum(obstacles.start, least.ravel(), out=obstacles.start)
-            found = obstacles.facts()
+            found = replace(found, deepest=obstacles.facts().deepest)
         self._march = self._compiled()
         self._values = obstacles.start
         self.record = Record(posed, self._mine(self._values), self._room)
@@ -194,19 +195,18 @@ class MarchPart:
         self.record.keep(time, self.now())
 
     def largest(self) -> float:
-        found = self._sweeping
-        return found.largest() if isinstance(found, DeviceSweeping) else float(self.now().max())
+        if self._sweeping is not None:
+            return self._sweeping.largest()
+        return float(self.now().max())
 
     def highest(self) -> float:
         """Bound of all values of the part so far."""
         return self._obstacles.highest
 
     def on_one_side(self, limit: str) -> bool:
-        if isinstance(self._sweeping, DeviceSweeping):
+        if self._sweeping is not None:
             return self._sweeping.on_one_side(limit)
-        now = self.now()
-        planes = range(0, len(now), self._plane)  # plane by plane, to save memory
-        return all(on_one_side(now[k : k + self._plane], limit) for k in planes)
+        return on_one_side(self.now(), limit)
 
     def ends(self) -> Ends:
         """The ends of the grid that the set touches."""

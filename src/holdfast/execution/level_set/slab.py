@@ -17,7 +17,7 @@ from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.layers import Part
 from holdfast.execution.level_set.mirrored_grid import Flags
 from holdfast.execution.level_set.stage_steps import INFINITE
-from holdfast.execution.level_set.sweeping import Sweeping, first_not_finite
+from holdfast.execution.level_set.sweeping import Sweeping, first_not_finite, on_one_side
 from holdfast.execution.level_set.workers import Counts
 from holdfast.execution.working_room import Room
 
@@ -101,6 +101,12 @@ class Slab(Sweeping):
         own = self.part.own
         array = self.values() if array is None else array
         return array[own.start * self._layer : own.stop * self._layer]
+
+    def largest(self) -> float:
+        return float(self.own_values().max())
+
+    def on_one_side(self, limit: str) -> bool:
+        return on_one_side(self.own_values(), limit)
 
     def not_finite(self) -> int:
         """The first of the grid's nodes that the last stage has made not finite."""

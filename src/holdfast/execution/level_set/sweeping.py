@@ -137,6 +137,12 @@ class Sweeping:
             self._mirror(self._arrays[0], self._march.fold.rest)
         return self._arrays[0]
 
+    def largest(self) -> float:
+        return float(self.values().max())
+
+    def on_one_side(self, limit: str) -> bool:
+        return on_one_side(self.values(), limit)
+
     def _mirror(self, array: Array, chosen: Array) -> None:
         """Of the half that is not computed, what lies at those places."""
         fold, code = self._march.fold, self._march.code
@@ -147,7 +153,8 @@ class Sweeping:
 
 def on_one_side(values: Array, limit: str) -> bool:
     """Whether nothing is left of a set that shrinks, or nothing is left for one that grows."""
-    return not (values > 0 if limit == "shrink" else values <= 0).any()
+    parts = (values[k : k + TOGETHER] for k in range(0, len(values), TOGETHER))  # to save memory
+    return not any((v > 0 if limit == "shrink" else v <= 0).any() for v in parts)
 
 
 def first_not_finite(values: Array) -> int:
