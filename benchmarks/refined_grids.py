@@ -1,6 +1,6 @@
 """Grids that are finer near the boundary, against exact kernels: docs/kernels.md.
 
-python benchmarks/refined_grids.py [--only A6,A2] [--scheme eno2]
+python benchmarks/refined_grids.py [--only A6,A2] [--scheme eno2] [--refine 8] [--share 0.1]
 
 Every problem is solved on the finer grid everywhere, and with `refine` from a coarser one. Marched
 are the nodes of both grids in a mean step of the finer one; the error is the mean at its nodes
@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from convergence import options
@@ -69,8 +69,10 @@ def solved(problem: Exact, on: Grid, scheme: str, refine: int) -> Row:
     return Row(marched, float(gap.mean()), seconds)
 
 
-def compared(name: str, scheme: str, refine: int) -> str:
+def compared(name: str, scheme: str, refine: int, share: float) -> str:
+    """share: of the horizon, to compare times only."""
     problem, (cells, _) = PROBLEMS[name](), CASES[name]
+    problem = replace(problem, horizon=share * problem.horizon)
     fine = solved(problem, grid(problem, cells, refine), scheme, 1)
     mixed = solved(problem, grid(problem, cells, 1), scheme, refine)
     shown = " x ".join(map(str, cells))
@@ -85,13 +87,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--only", default=",".join(CASES))
     parser.add_argument("--scheme", default="eno2")
+    parser.add_argument("--refine", type=int, default=0, help="in place of those of a problem")
+    parser.add_argument("--share", type=float, default=1.0, help="of the horizon; no errors then")
     given = parser.parse_args()
     head = "problem,cells,refine,nodes,marched,share,error,error refined,time,time refined"
     print("| " + " | ".join(head.split(",")) + " |\n" + "|---" * 10 + "|", flush=True)
     for name in given.only.split(","):
-        compared(name, given.scheme, 1)  # compiled
-        for refine in CASES[name][1]:
-            print(compared(name, given.scheme, refine), flush=True)
+        compared(name, given.scheme, 1, 0.01)  # compiled
+        for refine in [given.refine] if given.refine else CASES[name][1]:
+            print(compared(name, given.scheme, refine, given.share), flush=True)
 
 
 if __name__ == "__main__":

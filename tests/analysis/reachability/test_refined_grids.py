@@ -65,6 +65,7 @@ def test_blocks_all_over_the_grid_give_its_values_to_the_bit(scheme, precision, 
         (braking, (26, 26), "eno2", 4, 0.03, 0.003, 0),
         (turning, (30, 32), "weno5", 2, 0.02, 0.002, 0),  # around the whole turn, and limited
         (zermelo, (48, 40), "weno5", 2, 0.01, 0.001, 1),  # a basin, which grows
+        (lambda: unstable(1, 40, 1), (40,), "weno5", 4, 0.02, 0.005, 0),
         (lambda: unstable(3, 16, 1), (16, 16, 16), "eno2", 2, 0.01, 0.001, 0),
     ],
 )

@@ -151,12 +151,8 @@ class Blocks:
                 at = at % n if self.periodic[i] else np.minimum(at, n - 1)
                 window.append(at.reshape(len(rows), *self._along(i, len(ahead))))
             found = table[tuple(window)]
-            for i, size in enumerate(self.sizes):
-                below = np.arange(size) // RATIO
-                share = (np.arange(size) % RATIO / RATIO).astype(coarse.dtype)
-                part = np.take(found, below, axis=i + 1)
-                rise = np.take(found, below + 1, axis=i + 1) - part
-                found = part + share.reshape(self._along(i, size)) * rise
+            for i in range(len(self.shape)):
+                found = _halved(found, i + 1)
             yield flat, self._ended(found, rows)
 
     def _along(self, axis: int, count: int) -> list[int]:
@@ -192,3 +188,15 @@ class Blocks:
             many = np.bincount(of)
             held = np.tensordot(many, held, axes=(0, 0))
         return int(held)
+
+
+def _halved(values: Array, axis: int) -> Array:
+    """With the mean of two neighbours along an axis between them; without the last."""
+    shape = list(values.shape)
+    shape[axis] = RATIO * (shape[axis] - 1)
+    found = np.empty(shape, dtype=values.dtype)
+    rows, out = np.moveaxis(values, axis, 0), np.moveaxis(found, axis, 0)
+    out[::RATIO] = rows[:-1]
+    np.add(rows[:-1], rows[1:], out=out[1::RATIO])
+    out[1::RATIO] *= 0.5
+    return found
