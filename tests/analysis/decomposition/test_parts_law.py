@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
+from holdfast.analysis.decomposition.parts_promise import check_parts
 from holdfast.errors import SimulationError
 from tests.parted_systems import box, late_cart, plane, towed, walls
 
@@ -76,6 +77,22 @@ def test_the_cart_that_a_winch_pulls_is_kept_whatever_the_winch_does():
             lookup=law.lookup, signals=law.signals,
         )  # fmt: skip
         assert stayed(towed(), held, begun) == 1.0
+
+
+def test_a_promise_needs_starts_of_the_whole_system():
+    with pytest.raises(SimulationError, match="no interval for 'v'"):
+        check_parts(predicted_cart(), walls("x"), {"x": (-1, 1)}, runs=10)
+
+
+def test_a_promise_counts_what_is_promised_kept_and_given_away():
+    over = {"x": (-1.0, 1.0), "v": (-2.0, 2.0), "actual_u": (-0.6, 0.6)}
+    found = check_parts(
+        predicted_cart(), walls("x"), over, runs=100, margin=0.06, horizon=4.0, sample_time=0.01
+    )
+    assert found.held
+    assert found.verdict == ""
+    assert 0.3 < found.promised.value < 0.8
+    assert 0 < found.outside.count < found.outside.total
 
 
 def test_several_parts_have_laws_of_their_own():

@@ -10,7 +10,7 @@ import numpy as np
 
 from holdfast.analysis.decomposition.parts_law import parts_law
 from holdfast.analysis.decomposition.parts_value import PartsValue
-from holdfast.analysis.reachability.given import whole
+from holdfast.analysis.reachability.given import by_name, whole
 from holdfast.analysis.reachability.problem import with_disturbance
 from holdfast.analysis.safety.adversary import CONSTANT, INSIDE, SWINGING, SWITCHING, schedules
 from holdfast.analysis.simulation.law_comparison import Rate
@@ -95,6 +95,13 @@ def check_parts(
     whole("runs: ", runs, 1)
     whole("seed: ", seed, 0)
     system = value.decomposition.system
+    for name in system.state_names:
+        if name not in by_name("box", box, '{"x": (0, 1)}'):
+            raise SimulationError(
+                f"the box of the starts has no interval for '{name}'",
+                expected="intervals of all states of the whole system",
+                remedy="leave out the promise where states are relative or do not matter",
+            )
     options = {"sample_time": sample_time, "rate": rate}
     steered = parts_law(value, law, **(options if law is not None else {}))
     known = with_disturbance(system, disturbance or {})

@@ -85,6 +85,15 @@ class PartsScenario(Composed):
             raise ScenarioError(
                 f"{self.file}: march.inner: of a set that is put together", remedy="leave it out"
             )
+        if self.promised is not None and self.kind not in (
+            "viability-kernel",
+            "discriminating-kernel",
+        ):
+            raise ScenarioError(
+                f"{self.file}: promise: of a {self.kind} that is put together",
+                expected="a kernel, whose states stay",
+                remedy="leave it out",
+            )
         if isinstance(self.law, Switching):
             raise ScenarioError(f"{self.file}: law: a law with modes", expected="one with one mode")
 
