@@ -92,6 +92,8 @@ class TableInParts:
     def fetch(self, points: Array, grid: tuple[AnyArray, ...], *, sloped: bool) -> bool:
         """Fetch what is read at points (count, axes); whether anything was missing."""
         nodes = _nodes(points, grid, sloped)
+        if self._known[nodes].all():
+            return False
         missing = np.unique(nodes[(nodes >= 0) & (self._known[nodes] == 0)])
         if not len(missing):
             return False

@@ -201,3 +201,16 @@ def test_values_too_large_for_the_memory_are_refused_as_a_whole_only(both, monke
     with pytest.raises(SimulationError, match="needed as a whole"):
         lazy.values()
     assert np.isfinite(lazy.at([[0, 0, 0, 1]])).all()
+
+
+def test_large_values_stay_in_their_file_unless_asked_otherwise(both, monkeypatch):
+    assert hf.load(both[1]).stored is None
+    monkeypatch.setattr("holdfast.analysis.load.LARGE", both[0].values().nbytes)
+    assert hf.load(both[1]).stored is not None
+    assert hf.load(both[1], lazy=False).stored is None
+    monkeypatch.setattr("holdfast.analysis.load.LARGE", both[0].values().nbytes + 1)
+    assert hf.load(both[1]).stored is None
+    monkeypatch.undo()
+    from holdfast.analysis.load import LARGE
+
+    assert LARGE == 256 * 2**20

@@ -5,9 +5,12 @@ import re
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import holdfast as hf
+from holdfast.commands.export_c import command
 from holdfast.errors import DefinitionError, SimulationError
+from holdfast.execution.codegen import c_table_file
 from holdfast.execution.codegen.c_source import export_c
 from holdfast.execution.codegen.c_timing import time_law, timed_rows
 from tests.c_code import built, needs_gcc, pointer
@@ -109,6 +112,24 @@ def test_law_that_is_kept_in_a_kernel_is_exported_with_it(tmp_path):
     same_as_recorded(scenario, tmp_path)
     alone = scenario.run().dataset["input"] - 0.3 * np.sin(0.2 * scenario.run().dataset["time"])
     assert abs(alone).max() > 0.1  # the kernel has changed it
+
+
+def test_the_command_writes_a_large_table_into_a_file(tmp_path, monkeypatch):
+    assert c_table_file.MOST_AS_TEXT == 65_536
+    kind = 'a ferry"\nkind = "discriminating-kernel"'
+    (tmp_path / "kernel.toml").write_text(FERRY.format(more=KERNEL).replace('a ferry"', kind))
+    (tmp_path / "safe.toml").write_text(FERRY.format(more=KEPT))
+    monkeypatch.chdir(tmp_path)
+    run = CliRunner().invoke
+    done = run(command, ["safe.toml", "--out", "law.c", "--no-timing"], catch_exceptions=False)
+    assert "table:" not in done.output
+    assert not (tmp_path / "law.bin").exists()
+    monkeypatch.setattr(c_table_file, "MOST_AS_TEXT", 41 * 41 - 1)
+    done = run(command, ["safe.toml", "--out", "law.c"], catch_exceptions=False)
+    assert "law.bin (1,681 numbers" in done.output
+    assert "ns per call" in done.output
+    assert "safe_load" in (tmp_path / "law.h").read_text()
+    assert (tmp_path / "law.bin").stat().st_size == 128 + 8 * 1681
 
 
 @pytest.mark.parametrize(
