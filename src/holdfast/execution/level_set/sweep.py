@@ -205,15 +205,13 @@ def sweep(
                     unit, several = unit + low, high - low
                     for i in range(n - 3, -1, -1):
                         mark(marks, unit, several, index[i], shape[i], within[i], kinds[i], ghosts)
-                    if stretches == 1:
-                        mark(marks, unit, several, 0, 1, 1, kinds[last], ghosts)
                     if stretches == 1 and n > 1:
                         row += low * many
                         tall = min(several * many, rows_of - row)
                         mark_rows(
                             marks, block * local, row, tall, rows_of, many, 1, kinds[n - 2], ghosts
                         )
-                    for k in range(several if stretches > 1 else 0):
+                    for k in range(several if stretches > 1 or n == 1 else 0):
                         of = (unit + k) % stretches
                         mark(marks, unit + k, 1, of, stretches, 1, kinds[last], ghosts)
                         if n > 1:
