@@ -6,7 +6,7 @@ are the same for any cut, so that the steps, and when the march ends, are those 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any, Protocol
@@ -148,6 +148,8 @@ class DividedMarch:
         self._time: float | None = None
         self._again = False
         self._fixed = False
+        self.complete: Callable[[], object] = lambda: None
+        """To be called before the values are read between two steps."""
 
     def all_again(self) -> None:
         self._again = True
@@ -202,9 +204,11 @@ class DividedMarch:
 
     def keep(self, time: float) -> None:
         """Take down the values of a time [s] marched."""
+        self.complete()
         self._parts.ask("keep", time)
 
     def largest(self) -> float:
+        self.complete()
         return max(self._parts.ask("largest"))
 
     @property
@@ -214,6 +218,7 @@ class DividedMarch:
 
     def on_one_side(self, limit: str) -> bool:
         """Whether nothing is left of a set that shrinks, or nothing is left for one that grows."""
+        self.complete()
         return all(self._parts.ask("on_one_side", limit))
 
     def ends(self) -> Ends:
@@ -239,6 +244,7 @@ class DividedMarch:
 
     def arrays(self, room: Room | None = None) -> dict[str, Array]:
         """The values and the records over the grid, brought together part after part."""
+        self.complete()
         if (found := self.whole()) is not None:
             return dict(found)
         kinds: dict[str, str] = self._parts.ask_one(0, "kinds")

@@ -102,6 +102,7 @@ class OneMarch:
         }
         if isinstance(march, RefinedMarch):
             values, upper, lower = held.bounded()
+            held.complete = lambda: march.complete()
             return march.run(
                 values, stops(posed), upper=upper, lower=lower, keep=held.keep, tell=self._tell,
                 **limits,

@@ -17,7 +17,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,7 @@ from holdfast.execution.level_set.mirrored_grid import Fold
 from holdfast.execution.level_set.over_grid import Fastest, over_grid, padded_rows
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.settling import Done
+from holdfast.execution.level_set.stage_orders import Stages
 from holdfast.execution.level_set.streaming import Streaming
 from holdfast.execution.level_set.sweep_code import sweep_code
 from holdfast.execution.level_set.sweeping import Sweeping
@@ -68,29 +69,6 @@ class Method:
     dissipation: str = "local-local"
     cfl: float = 0.75
     skip: bool = True
-
-
-class Stages(Protocol):
-    """What holds the values of a march and carries out the stages of its steps, wherever."""
-
-    def all_again(self) -> None:
-        """Have everything computed in the next step, also what is settled."""
-
-    def bounds_moved(self) -> None:
-        """The bounds at nodes are others now."""
-
-    def stage(self, s: int, u: Array, numbers: Array, measures: bool) -> Array:
-        """Units computed, nodes that are not finite, the largest move.
-
-        These may be those of the stages before, where they have not been told yet.
-        """
-
-    def not_finite(self) -> int:
-        """The first of the grid's nodes that are not finite after the last stage."""
-
-    @property
-    def fixed(self) -> bool:
-        """Whether nothing is left to be computed."""
 
 
 class March:

@@ -62,6 +62,8 @@ class RefinedMarch:
         fine = self.fine
         self.longest_step, self.crossing, self.code = fine.longest_step, fine.crossing, fine.code
         self.refine = 2 ** len(self.blocks)
+        self.complete: Callable[[], object] = lambda: None
+        """Has the values at all nodes be those of the present time."""
         self.marched_share = 0.0
         """Nodes marched on all grids, in a mean step of the finest and as a share of its nodes."""
 
@@ -80,17 +82,17 @@ class RefinedMarch:
     ) -> Done:
         """As `March.run` from the beginning; `tell` is called after every interval.
 
-        Both find `values` at all nodes.
+        Outside the blocks `values` are those of the time only after `complete`, and at the end.
         """
         done, began = Done(), time.perf_counter()
         with ExitStack() as stack:
             arrays, numbers = (values, upper, lower), (floor, ceiling, nearest)
             pair = self._pairs(arrays, numbers, stack)
+            self.complete = pair.whole
             for start, dt, steps, end in self._intervals(times):
                 pair.march(start, dt, steps, done)
                 done.time = start + steps * dt if end is None else end
                 done.seconds = time.perf_counter() - began
-                pair.whole()
                 if keep is not None and end is not None:
                     keep(end)
                 done.stopped = tell is not None and tell(done)

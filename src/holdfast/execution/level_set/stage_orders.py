@@ -1,15 +1,35 @@
-"""Stages of a march as messages: what is asked of a part of the grid, and what it answers."""
+"""Stages of a march: who carries them out, what is asked of a part of the grid, its answer."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 from holdfast.execution.arrays import AnyArray as Array
 
-if TYPE_CHECKING:
-    from holdfast.execution.level_set.march import Stages
+
+class Stages(Protocol):
+    """What holds the values of a march and carries out the stages of its steps, wherever."""
+
+    def all_again(self) -> None:
+        """Have everything computed in the next step, also what is settled."""
+
+    def bounds_moved(self) -> None:
+        """The bounds at nodes are others now."""
+
+    def stage(self, s: int, u: Array, numbers: Array, measures: bool) -> Array:
+        """Units computed, nodes that are not finite, the largest move.
+
+        These may be those of the stages before, where they have not been told yet.
+        """
+
+    def not_finite(self) -> int:
+        """The first of the grid's nodes that are not finite after the last stage."""
+
+    @property
+    def fixed(self) -> bool:
+        """Whether nothing is left to be computed."""
 
 
 @dataclass(frozen=True)

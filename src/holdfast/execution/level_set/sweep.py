@@ -205,8 +205,6 @@ def sweep(
                     unit, several = unit + low, high - low
                     for i in range(n - 3, -1, -1):
                         mark(marks, unit, several, index[i], shape[i], within[i], kinds[i], ghosts)
-                    if stretches == 1:
-                        mark(marks, unit, several, 0, 1, 1, kinds[last], ghosts)
                     if stretches == 1 and n > 1:
                         row += low * many
                         tall = min(several * many, rows_of - row)

@@ -8,8 +8,9 @@ from typing import Any
 from holdfast.analysis.simulation.starts import Starts
 from holdfast.errors import ScenarioError, suggestion
 from holdfast.maths.definitions.units import to_si
-from holdfast.scenario.schema.closed_loop import RunSpec, ScenarioSpec
+from holdfast.scenario.schema.closed_loop import ScenarioSpec
 from holdfast.scenario.schema.formation import FormationSpec
+from holdfast.scenario.schema.run import RunSpec
 from holdfast.scenario.validation import at
 
 

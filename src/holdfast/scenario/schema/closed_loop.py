@@ -6,6 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field
 
+from holdfast.scenario.schema.run import RunSpec
 from holdfast.scenario.schema.values import (
     Bounds,
     DrawSpec,
@@ -215,27 +216,6 @@ class StartsSpec(Section):
     every: Interval | None = None
     active: list[list[Name]] = Field(default_factory=list)
     start_outside: bool = False
-
-
-class RunSpec(Section):
-    """[run]: the settings of the simulation."""
-
-    renamed: ClassVar[Renamed] = {"control": ("continuous", {"continuous": True, "sampled": False})}
-
-    horizon: Value
-    sample_time: Value = 0.02
-    substeps: int = 2
-    record_every: Value = 0.1
-    continuous: bool = False
-    stepper: str = "rk4"
-    absolute: float = 1e-9
-    relative: float = 1e-9
-    tolerance: float = 0.0
-    switch_limit: int = 10
-    delay: Value = 0.0
-    until_goal: bool = False
-    device: str = "cpu"
-    seed: int = 0
 
 
 class VariedSpec(Section):
