@@ -66,7 +66,7 @@ def test_small_file_of_numbers_without_end_is_refused_unread(tmp_path):
     with netCDF4.Dataset(path, "w") as data:
         data.holdfast_version = hf.__version__
         data.createDimension("run", 2**40)
-        data.createVariable("value", "f8", ("run",), chunksizes=(2**20,))
+        data.createVariable("input", "f8", ("run",), chunksizes=(2**20,))
     with pytest.raises(OutputError, match=r"GiB, this machine has .*a machine with more memory"):
         hf.load(path)
 

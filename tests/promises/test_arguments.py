@@ -338,6 +338,7 @@ FINE = {
     ("compare", "laws", "none"),  # all of them: minutes
     ("compare", "cases", "none"),
     ("sweep", "executor", "none"),  # processes of its own
+    ("export_c_table", "path", "text"),  # the name of a file, which would be written
 }
 """What is no nonsense, and takes long."""
 
