@@ -54,13 +54,13 @@ using std::ceil; using std::isfinite; using std::isnan; using std::fabs; using s
 #define HF_FUNCTION static inline
 #define HF_CALLED static inline
 #define HF_KERNEL extern "C" void
-#define HF_SHARED static
+#define HF_SHARED static thread_local
 #define HF_WAIT
 #define HF_EACH(t) for (int t = 0; t < HF_THREADS; t++)
 #define HF_BLOCK hf_block
 #define HF_BLOCKS hf_blocks
 
-static hf_int hf_block = 0, hf_blocks = 1;
+static thread_local hf_int hf_block = 0, hf_blocks = 1;
 extern "C" void hf_on(hf_int block, hf_int blocks) { hf_block = block; hf_blocks = blocks; }
 
 HF_FUNCTION uint64_t hf_bits(double x) { uint64_t b; std::memcpy(&b, &x, 8); return b; }

@@ -24,6 +24,7 @@ SHARED = 1 << 15
 """Bytes that a block of threads shares, at most."""
 
 TABLE = "hf_real *table, hf_int pitch"
+"""The results of the leaf of the last axis: rows that are `pitch` numbers apart."""
 
 
 def device_layout(shape: Sequence[int], of_row: int) -> tuple[int, int, int, int]:
@@ -40,13 +41,7 @@ def march_text(stage: Stage, scheme: Scheme, precision: str, rows: int) -> str:
     real = "float" if precision == "float32" else "double"
     rates = stage.rates
     leaves = [
-        _leaf(
-            "along",
-            rates.leaves["along"],
-            real,
-            "table[{} * pitch]",
-            "hf_real *table, hf_int pitch",
-        ),
+        _leaf("along", rates.leaves["along"], real, "table[{} * pitch]", TABLE),
         _leaf("row", rates.leaves["rows"], "double", "of_row[{} * HF_MOST_ROWS]", "double *of_row"),
         *_scheme(scheme, precision, real),
         _node(stage, real),
@@ -59,13 +54,8 @@ def march_text(stage: Stage, scheme: Scheme, precision: str, rows: int) -> str:
         "MOST_ROWS": int(rows),
     }  # fmt: skip
     head = [f"#define HF_{name} {value}" for name, value in named.items()]
-    return "\n".join(
-        [f"typedef {real} hf_real;", *head, "", functions + text, "", _own("device_sweep.h")]
-    )
-
-
-def _own(name: str) -> str:
-    return (resources.files(__package__) / name).read_text("utf-8")
+    sweep = (resources.files(__package__) / "device_sweep.h").read_text("utf-8")
+    return "\n".join([f"typedef {real} hf_real;", *head, "", functions + text, "", sweep])
 
 
 def _leaf(name: str, leaf: Leaf, real: str, place: str, into: str) -> str:
