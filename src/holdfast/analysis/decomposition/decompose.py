@@ -69,6 +69,12 @@ def decompose(
         raise SimulationError(f"a {kind} with goal = {goal and goal.name}", expected=_needs(kind))
     if region is None and goal is None:
         raise SimulationError("no region", expected=_needs(kind))
+    if disturbances not in ("min", "max"):
+        raise SimulationError(f"disturbances: {disturbances!r}", expected='"min" or "max"')
+    if disturbances == "max" and kind in KERNELS:
+        raise SimulationError(
+            f"a {kind} whose disturbances help", expected='disturbances = "min", or another kind'
+        )
     helped = disturbances == "max" or kind == "forward-reachable-set"
     wanted = dict(by_name("cut", {} if cut is None else cut, '{"v": (-0.4, 0.4)}'))
     if helped and (wanted or lag_share is not None):
@@ -101,6 +107,14 @@ def decompose(
         tuple(_part(g, kind, region, goal, aims, free) for g in grouping.groups)
         for grouping, aims in made
     )
+    used = {n for ways in lists for part in ways for n in part.system.disturbance_names}
+    for name in wanted:
+        if name not in used:
+            raise SimulationError(
+                f"cut: no part has '{name}' as a disturbance",
+                expected="a state that a part depends on, and whose constraints are another's",
+                remedy="leave it out",
+            )
     groupings = [grouping for grouping, _ in made]
     reasons, exact = _reasons(
         kind, groupings, promised, free, bool(known.disturbances) and not helped

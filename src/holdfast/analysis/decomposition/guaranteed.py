@@ -9,14 +9,18 @@ from dataclasses import dataclass
 import numpy as np
 import sympy as sp
 
-from holdfast.analysis.decomposition.remainders import enclosed
+from holdfast.analysis.decomposition.remainders import UNFOLLOWED, enclosed
 from holdfast.errors import SimulationError, suggestion
 from holdfast.maths.definitions.quantity import TIME
 from holdfast.maths.definitions.region import Inequality
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import magnitude
+from holdfast.maths.expressions.traversal import derivatives, parts
 
 Interval = tuple[float, float]
+
+BEYOND = 1e-3
+"""Share of an interval beyond its ends in which a rate has to be Lipschitz."""
 
 ROUNDING = 1e-12
 """Share of the range of a rate that counts as rounding, at an end that a state rests at."""
@@ -158,9 +162,25 @@ def _invariant(
     if whole is None or not interval[0] < interval[1]:
         return False
     slack = ROUNDING * (whole[1] - whole[0])
-    ends = [_over(rate, {**box, symbol: (e, e)}) for e in interval]
-    low, high = ends
-    return low is not None and high is not None and low[0] >= -slack and high[1] <= slack
+    low, high = (_over(rate, {**box, symbol: (e, e)}) for e in interval)
+    if low is None or high is None or low[0] < -slack or high[1] > slack:
+        return False
+    return _lipschitz(rate, symbol, interval, box)
+
+
+def _lipschitz(
+    rate: sp.Expr, symbol: sp.Symbol, interval: Interval, box: Mapping[sp.Symbol, Interval]
+) -> bool:
+    """Whether the rate is Lipschitz in the state just beyond both ends, as the theorem needs.
+
+    w' = 2 sqrt(w) rests at 0 and leaves it all the same.
+    """
+    if any(isinstance(p, UNFOLLOWED) and symbol in p.free_symbols for p in parts([rate])):
+        return False
+    slope = derivatives(rate, [symbol])[symbol]
+    (low, high), width = interval, BEYOND * (interval[1] - interval[0])
+    found = [_over(slope, {**box, symbol: i}) for i in ((low - width, low), (high, high + width))]
+    return all(i is not None and math.isfinite(i[0]) and math.isfinite(i[1]) for i in found)
 
 
 def _rests_within(
@@ -173,7 +193,7 @@ def _rests_within(
     symbol = next(q.symbol for q in system.states if q.name == name)
     rate = sp.expand(system.rates[name].xreplace(dict(numbers)))
     slope = sp.diff(rate, symbol)
-    if not slope.is_number or not slope < 0:
+    if not rate.is_polynomial(symbol) or not slope.is_number or not slope < 0:
         return None
     rest = _over(sp.expand((rate - slope * symbol) / -slope), _box(system, known, numbers))
     return rest if rest is not None and rest[0] < rest[1] else None
@@ -193,8 +213,9 @@ def _limits(
         if e.free_symbols != {symbol}:
             continue
         for row in _without_magnitude(e):
+            row = sp.expand(row)
             slope = sp.diff(row, symbol)
-            if not slope.is_number or slope == 0:
+            if not row.is_polynomial(symbol) or not slope.is_number or slope == 0:
                 continue
             end = float(-row.xreplace({symbol: sp.S.Zero}) / slope)
             low, high = (low, min(high, end)) if slope > 0 else (max(low, end), high)

@@ -26,7 +26,10 @@ from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.bounds import Bounds, LinearImage
 from holdfast.maths.definitions.quantity import TIME, Quantity
 from holdfast.maths.definitions.system import System
-from holdfast.maths.expressions.traversal import derivatives
+from holdfast.maths.expressions.functions import select, sgn, wrap
+from holdfast.maths.expressions.traversal import derivatives, parts
+
+JUMPS = (sgn, select, wrap, sp.sign, sp.floor, sp.ceiling, sp.Piecewise, sp.Heaviside)
 
 
 @dataclass(frozen=True)
@@ -100,14 +103,16 @@ def predicted(system: System, share: float) -> Prediction:
     names = [q.name for q in system.states if q.symbol not in late]
     rates = {n: system.rates[n].xreplace(numbers) for n in names}
     _check(system, found, rates)
-    drives = [lag.drive.xreplace(numbers) for lag in found]
     inputs = [q.symbol for q in system.inputs]
+    constants = [float(lag.constant.xreplace(numbers)) for lag in found]
+    drives = [lag.drive.xreplace(numbers) for lag in found]
+    _check_lags(found, constants, drives, inputs)
     matrix = sp.Matrix([[sp.diff(d, u) for u in inputs] for d in drives])
     bounds = system.input_bounds
     assert bounds is not None
     sides, gain = _range(bounds.at(numbers), matrix, share)
     actuators = tuple(lag.state for lag in found)
-    slow = [float(lag.constant.xreplace(numbers)) / gain for lag in found]
+    slow = [t / gain for t in constants]
     states = tuple(q for q in system.states if q.name in names)
     shift, back = _shifts(states, rates, [a.symbol for a in actuators], slow)
     moved = {}
@@ -132,6 +137,29 @@ def predicted(system: System, share: float) -> Prediction:
     return Prediction(states, shift, back, moved, actuators, tuple(sides), gain, command, image)
 
 
+def _check_lags(
+    found: Sequence[Lag],
+    constants: Sequence[float],
+    drives: Sequence[sp.Expr],
+    inputs: Sequence[sp.Symbol],
+) -> None:
+    """Refuse actuators that run away from their commands, or that rest elsewhere than at 0."""
+    for lag, t, drive in zip(found, constants, drives, strict=True):
+        if not 0 < t < math.inf:
+            raise DefinitionError(
+                f"actuator '{lag.state.name}' does not follow its command: its time constant is "
+                f"{t:g} s",
+                expected="a time constant above 0",
+            )
+        rest = drive.xreplace(dict.fromkeys(inputs, sp.S.Zero))
+        if sp.simplify(rest) != 0:
+            raise DefinitionError(
+                f"actuator '{lag.state.name}' rests at {float(rest):g} without a command",
+                expected="an actuator that rests at 0",
+                remedy="measure the actuator and its command from there",
+            )
+
+
 def _check(system: System, found: Sequence[Lag], rates: Mapping[str, sp.Expr]) -> None:
     owner = f"system '{system.name}'"
     if not found:
@@ -149,6 +177,7 @@ def _check(system: System, found: Sequence[Lag], rates: Mapping[str, sp.Expr]) -
         )
     inputs = {q.symbol for q in system.inputs}
     late = {lag.state.symbol for lag in found}
+    states = {q.symbol for q in system.states}
     for name, rate in rates.items():
         if used := rate.free_symbols & (inputs | {TIME}):
             raise DefinitionError(
@@ -156,6 +185,12 @@ def _check(system: System, found: Sequence[Lag], rates: Mapping[str, sp.Expr]) -
                 expected="inputs that act through actuators that lag, and no time",
             )
         slopes = derivatives(rate, sorted(late, key=str))
+        others = set().union(*(e.free_symbols for e in slopes.values())) - states
+        if others:
+            raise DefinitionError(
+                f"what an actuator does to '{name}' depends on '{min(map(str, others))}'",
+                expected="effects that depend on states alone",
+            )
         if any(slope.free_symbols & late for slope in slopes.values()):
             raise DefinitionError(
                 f"the rate of '{name}' is not affine in the actuators", expected="affine rates"
@@ -216,6 +251,12 @@ def _shifts(
         shift[n] = step * (rate - rate.xreplace(still)) if rate.free_symbols & known else sp.S.Zero
         if shift[n].free_symbols - set(symbols):
             shift[n] = sp.S.Zero
+    for n, e in shift.items():
+        if any(isinstance(p, JUMPS) for p in parts([e])):
+            raise DefinitionError(
+                f"the prediction of '{n}' jumps: {sp.sstr(e)[:120]}",
+                expected="rates without jumps where actuators act",
+            )
     back: dict[sp.Symbol, sp.Expr] = {}
     waiting = dict(zip(rates, symbols, strict=True))
     while waiting:
