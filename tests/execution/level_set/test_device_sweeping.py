@@ -91,6 +91,28 @@ def test_what_is_settled_is_left_out_and_the_answer_is_the_same():
     assert every.report.computed_share == 1
 
 
+def test_only_the_dissipation_of_optimal_inputs_may_tell_roundings_apart():
+    """On a ridge the sign of a slope is that of its rounding: docs/gpu.md."""
+    x, y, th, u, w = (hf.symbol(n) for n in ("x", "y", "th", "u", "w"))
+    states = (hf.Quantity("x", "m"), hf.Quantity("y", "m"), hf.Quantity("th", "rad", angle=True))
+    robot = hf.System(
+        "robot", states, (hf.Quantity("u", "m/s"), hf.Quantity("w", "rad/s")),
+        {"x": u * sp.cos(th), "y": u * sp.sin(th), "th": w}, input_bounds=hf.Box((0.5, -1), (1, 1)),
+    )  # fmt: skip
+    square = hf.Region("square", states[:2], tuple(
+        hf.Inequality(n, e, "m") for n, e in (("a", x - 1), ("b", -1 - x), ("c", y - 1), ("d", -1 - y))
+    ))  # fmt: skip
+    box = {"x": (-1.2, 1.2), "y": (-1.2, 1.2), "th": (-np.pi, np.pi)}
+    over = hf.grid(robot, box, {"x": 21, "y": 19, "th": 16})
+    for dissipation, most in (("local", 1e-14), ("local-local", 0.02)):
+        here, there = (
+            hf.viability_kernel(robot, square, over, 0.2, dissipation=dissipation, device=d)
+            for d in ("cpu", "c++")
+        )
+        np.testing.assert_allclose(there.values(), here.values(), rtol=0, atol=most)
+        assert (np.sign(here.values()) == np.sign(there.values())).all()
+
+
 C = (0.7, -0.4, 0.9, -0.2)
 KINDS = ("extrapolated", "periodic", "limited")
 
