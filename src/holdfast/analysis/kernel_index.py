@@ -78,7 +78,9 @@ def found_in(entries: Mapping[str, Entry], name: str, where: str) -> Entry:
         same = [e for e in entries.values() if e.sha256.startswith(name)]
         if len({e.sha256 for e in same}) == 1:
             return same[0]
-    known = ", ".join(sorted(entries)[:10]) or "none"
+    if not entries:
+        raise OutputError(f"{where} has no kernels", remedy="holdfast store add FILE --name NAME")
+    known = ", ".join(sorted(entries)[:10])
     raise OutputError(f"{where} has no kernel '{name[:80]}'", expected=f"one of: {known}")
 
 

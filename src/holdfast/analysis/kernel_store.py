@@ -47,6 +47,11 @@ class Store:
     def entries(self) -> dict[str, Entry]:
         """The kernels by name."""
         path = self.folder / INDEX
+        if self.folder.exists() and not self.folder.is_dir():
+            raise OutputError(
+                f"the store {self.folder} is not a folder",
+                remedy=f"let {STORE_VARIABLE} name a folder",
+            )
         if not path.exists():
             return {}
         return index_of(read_small_text(path), str(path))

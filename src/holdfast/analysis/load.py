@@ -50,6 +50,8 @@ def load(
     Files of older formats are read too. Raises `OutputError` if the file is damaged, is not one of
     from holdfast, has a newer format than this version knows, or lacks variables.
     """
+    if lazy is not None and not isinstance(lazy, bool):
+        raise OutputError(f"lazy is {lazy!r}", expected="True, False or None")
     if not 0 <= cache < math.inf:
         raise OutputError(f"cache is {cache}", expected="MiB, 0 or more")
     path = referred(str(path))

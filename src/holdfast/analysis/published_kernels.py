@@ -66,6 +66,11 @@ def fetched(address: str, store: Store) -> Path:
     remote = where.startswith(("http://", "https://"))
     where = where.removesuffix(INDEX).rstrip("/")
     source = f"{where}/{INDEX}"
+    if not remote and not Path(where).is_dir():
+        raise OutputError(
+            f"{where} is not a folder of published kernels",
+            expected="FOLDER#NAME; a file is named alone, without #",
+        )
     text = _downloaded_text(source) if remote else read_small_text(source)
     entries = index_of(text, source)
     if not name and len(entries) != 1:

@@ -79,6 +79,8 @@ def verify(names: tuple[str, ...]) -> None:
     from holdfast.analysis.kernel_store import Store
 
     store = Store()
+    if not names and not store.entries():
+        click.echo(f"{store.folder} has no kernels")
     for name in names or store.entries():
         entry = store.verify(name)
         click.echo(f"as it was added: {entry.name} ({entry.sha256[:12]})")

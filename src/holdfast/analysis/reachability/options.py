@@ -113,7 +113,9 @@ class Marching:
             by_name("symmetry", self.symmetry, '{"y": -1}')
         if self.checkpoint is not None and not isinstance(self.checkpoint, (str, Path)):
             raise SimulationError(f"checkpoint: {self.checkpoint!r}", expected="a file or a folder")
-        if self.on_disk is not None and not isinstance(self.on_disk, (str, Path)):
+        if self.on_disk is not None and not (
+            isinstance(self.on_disk, (str, Path)) and str(self.on_disk)
+        ):
             raise SimulationError(f"on_disk: {self.on_disk!r}", expected="a folder")
         if self.cluster is not None and not hasattr(self.cluster, "parts"):
             raise SimulationError(
