@@ -10,6 +10,7 @@ from holdfast.execution.device.program import whole_text
 from holdfast.execution.level_set.device_text import march_text
 from holdfast.execution.level_set.march import March, Method
 from tests.devices import accepted_by_cuda, needs_cpp, needs_nvcc
+from tests.drift_on_axes import KINDS, hamiltonian
 
 pytestmark = needs_cpp
 X, Y, U, V, T = (*(hf.symbol(n) for n in ("x", "y", "u", "v")), hf.TIME)
@@ -113,25 +114,10 @@ def test_only_the_dissipation_of_optimal_inputs_may_tell_roundings_apart():
         assert (np.sign(here.values()) == np.sign(there.values())).all()
 
 
-C = (0.7, -0.4, 0.9, -0.2)
-KINDS = ("extrapolated", "periodic", "limited")
-
-
-def drift(n):
-    """q_i' = c_i q_j + u_i, j the axis before."""
-    states = tuple(hf.Quantity(f"q{i}", "m") for i in range(n))
-    inputs = tuple(hf.Quantity(f"u{i}", "m/s") for i in range(n))
-    rates = {q.name: C[i] * states[i - 1].symbol + u.symbol
-             for i, (q, u) in enumerate(zip(states, inputs, strict=True))}  # fmt: skip
-    return hf.hamiltonian(
-        hf.System("drift", states, inputs, rates, input_bounds=hf.Box((-1,) * n, (1,) * n))
-    )
-
-
 def march(shape, scheme, device, precision="float64"):
     axes = [np.linspace(-1, 1 + 0.3 * i, m) for i, m in enumerate(shape)]
     return March(
-        drift(len(shape)), (), axes, [a[1] - a[0] for a in axes],
+        hamiltonian(len(shape)), (), axes, [a[1] - a[0] for a in axes],
         [KINDS[i % 3] for i in range(len(shape))], method=Method(scheme, order=3),
         limit="shrink", precision=precision, device=device,
     )  # fmt: skip
