@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.march import STAGES, March
 from holdfast.execution.level_set.sweep_code import address
+from holdfast.execution.level_set.sweeping import first_not_finite
 from holdfast.execution.level_set.workers import Workers
 
 
@@ -71,17 +71,8 @@ class Level:
             ])  # fmt: skip
             computed += int(found[0])
             if found[1]:
-                raise self._not_finite(out, int(found[1]), begin + dt)
+                raise march.not_finite(first_not_finite(out), int(found[1]), begin + dt)
         if order == 1:
             self.arrays.reverse()
             self.flags = self.flags[::-1]
         return computed, float(found[2]) / dt
-
-    def _not_finite(self, out: Array, count: int, at: float) -> SimulationError:
-        where = self.march.node(int(np.argmax(~(np.abs(out) < 1e300))))
-        return SimulationError(
-            f"the value is not finite at {where} after {at:g} s"
-            + (f", and at {count - 1:,} nodes more" if count > 1 else ""),
-            expected="rates that are finite and speeds that are bounded there",
-            remedy="leave these states out of the grid, or take a smaller cfl or a lower order",
-        )

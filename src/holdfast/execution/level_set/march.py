@@ -180,6 +180,15 @@ class March:
             for i, (q, k) in enumerate(zip(states, index, strict=True))
         )
 
+    def not_finite(self, place: int, count: int, time: float) -> SimulationError:
+        """So many nodes are not finite at a time; place: of the first among all."""
+        return SimulationError(
+            f"the value is not finite at {self.node(place)} after {time:g} s"
+            + (f", and at {count - 1:,} nodes more" if count > 1 else ""),
+            expected="rates that are finite and speeds that are bounded there",
+            remedy="leave these states out of the grid, or take a smaller cfl or a lower order",
+        )
+
     @property
     def crossing(self) -> float:
         """The time to cross a cell at the largest speed along the slowest axis [s]."""
@@ -250,14 +259,7 @@ class March:
                 found = sweeping.stage(s, self._u(start + fraction * dt), numbers, measures)
                 done.computed += int(found[0])
                 if found[1]:
-                    at = self.node(sweeping.not_finite())
-                    raise SimulationError(
-                        f"the value is not finite at {at} after {start + dt:g} s"
-                        + (f", and at {found[1] - 1:,.0f} nodes more" if found[1] > 1 else ""),
-                        expected="rates that are finite and speeds that are bounded there",
-                        remedy="leave these states out of the grid, or take a smaller cfl or "
-                        "a lower order",
-                    )
+                    raise self.not_finite(sweeping.not_finite(), int(found[1]), start + dt)
             done.of += self.units * order
             done.steps += 1
             done.time = start + dt if ends is None else ends
