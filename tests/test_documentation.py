@@ -142,7 +142,7 @@ FEWER = {
     "identify dive.csv": "--no-figures --runs 3 --set run.horizon=4",
     "run": "--runs 2 --set run.horizon=2",
     "run of one start": "--set run.horizon=2",
-    "run of a kernel": "--set grid.nodes=31 --set promise.runs=10",
+    "run of a kernel": "--set promise.runs=10",
     "compare": "--runs 2 --set run.horizon=2",
     "compare inspection": "--runs 2 --set run.horizon=2 --cases '5 N'",
     "compare ch5-rescue": "--runs 2 --set run.horizon=2 --laws convergent --cases '5 N'",
@@ -174,6 +174,11 @@ def typed(page):
     return [x for x in lines(page) if re.match(r"(holdfast|gcc|dask|python) ", x)]
 
 
+def few_nodes(kernel):
+    """Along every axis, so that a grid of any number of states has some 30,000 nodes or fewer."""
+    return min(31, max(6, int(30_000.5 ** (1 / len(kernel.grid.axes)))))
+
+
 def shorter(words):
     """The command with fewer cells, runs, nodes and seconds, the last of which counts."""
     name, *rest = words
@@ -190,6 +195,8 @@ def shorter(words):
         name += " of closed loops"
     exact = FEWER.get(" ".join(words[:2])) if name != "margin of closed loops" else None
     more = shlex.split(exact or FEWER.get(name, ""))
+    if name == "run of a kernel":
+        more += ["--set", f"grid.nodes={few_nodes(loaded)}"]
     if words[0] in ("run", "compare", "margin", "sweep") and DRAWN not in rest:
         more.append("--no-figures")
     chosen = [w for w in ("--laws", "--cases") if w in rest and w in more]
