@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from holdfast.execution.level_set.march import March, Method
+from holdfast.execution.level_set.sweep_code import SweepCode
+from tests.divided_marches import kernel, same
 from tests.drift_on_axes import KINDS, C, hamiltonian
 
 
@@ -108,3 +110,19 @@ def test_a_step_is_that_of_the_formulas(shape, scheme):
     march.run(values, [dt, 2 * dt])
     want = stepped(stepped(start, axes, kinds, scheme, dt), axes, kinds, scheme, dt)
     np.testing.assert_allclose(values.reshape(shape), want, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("scheme", ["upwind", "weno5"])
+def test_a_sweep_depends_on_nothing_that_an_earlier_one_left(scheme, monkeypatch):
+    """Its memory is kept from call to call, by every thread."""
+    clean = kernel(scheme=scheme, threads=2)
+    kept = SweepCode._memory
+
+    def spoilt(self, room):
+        found = kept(self, room)
+        for array in self._held.arrays:
+            array.view(np.uint8)[:] = 0xFF  # NaN, or -1
+        return found
+
+    monkeypatch.setattr(SweepCode, "_memory", spoilt)
+    same(clean, kernel(scheme=scheme, threads=2))

@@ -6,22 +6,19 @@ block is a stretch of a row, a unit of a sweep (`units.py`).
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from holdfast.execution.arrays import AnyArray as Array
+from holdfast.execution.level_set.block_sweep import CROSSED, CROSSED_HIGH, CROSSED_LOW
 
 Flags = npt.NDArray[np.bool_]
-Places = npt.NDArray[np.int64]
+Bits = npt.NDArray[np.uint8]
 
 RATIO = 2
 """Of the lengths of the cells."""
-
-TOGETHER = 1 << 20
-"""Nodes of blocks that are looked at together, at most."""
 
 
 class Blocks:
@@ -40,31 +37,10 @@ class Blocks:
             for n, around in zip(shape, periodic, strict=True)
         )
         self._blocks_of = [np.arange(n) // s for n, s in zip(shape, sizes, strict=True)]
-        self._strides = [math.prod(shape[i + 1 :]) for i in range(len(shape))]
-
-    def _places(self, axis: int, ahead: int) -> Places:
-        """The places along an axis of the nodes of every block, and of so many after them."""
-        size, n = self.sizes[axis], self.shape[axis]
-        found = np.arange(self.counts[axis])[:, np.newaxis] * size + np.arange(size + ahead)
-        if ahead and self.periodic[axis]:
-            last = found[:, :size].max(axis=1, initial=0)
-            found = np.where(last[:, np.newaxis] < n, found % n, found)
-        return np.minimum(found, n - 1)
-
-    def nodes(self, chosen: Flags, ahead: int = 0) -> Iterator[tuple[Places, Places]]:
-        """The nodes of the chosen blocks, some blocks at a time, flat, and which blocks these are.
-
-        Shapes (blocks, nodes along each axis) and (blocks, axes). ahead: so many nodes more.
-        """
-        rows = np.argwhere(chosen)
-        together = max(1, TOGETHER // math.prod(s + ahead for s in self.sizes))
-        tables = [self._places(i, ahead) * s for i, s in enumerate(self._strides)]
-        for first in range(0, len(rows), together):
-            some = rows[first : first + together]
-            flat = np.zeros(1, dtype=np.int64)
-            for i, table in enumerate(tables):
-                flat = flat + table[some[:, i]].reshape(len(some), *self._along(i, table.shape[1]))
-            yield flat, some
+        last = zip(shape, sizes, self.counts, strict=True)
+        self._thin = [around and n - (c - 1) * s < s and c > 2
+                      for (n, s, c), around in zip(last, periodic, strict=True)]  # fmt: skip
+        """Axes around which the last block has fewer nodes: the one after it is near, too."""
 
     def wider(self, chosen: Flags, axes: int | None = None) -> Flags:
         """The chosen blocks and their neighbours along the first axes, diagonal ones too."""
@@ -82,30 +58,29 @@ class Blocks:
 
     def _shifted(self, flags: Flags, axis: int, by: int) -> Flags:
         """The flag of the block before each one along an axis, or of that after it (-1)."""
-        found = np.roll(flags, by, axis)
-        if not self.periodic[axis]:
-            np.moveaxis(found, axis, 0)[0 if by > 0 else -1] = False
+        found = np.zeros_like(flags)
+        before, rows = np.moveaxis(flags, axis, 0), np.moveaxis(found, axis, 0)
+        if by > 0:
+            rows[1:] = before[:-1]
+        else:
+            rows[:-1] = before[1:]
+        if self.periodic[axis]:
+            here, there = (0, -1) if by > 0 else (-1, 0)
+            rows[here] = before[there]
+            if self._thin[axis]:
+                here, there = (0, -2) if by > 0 else (-2, 0)
+                rows[here] |= before[there]
         return found
 
-    def near(self, chosen: Flags, values: Array, coarse: Array, reach: int) -> Flags:
-        """The blocks with nodes that are near a change of the sign of a value.
+    def near(self, chosen: Flags, crossed: Bits) -> Flags:
+        """The blocks near a change of the sign of a value.
 
-        Within so many nodes along the last axis, and as many as a block has along the others. In
-        the chosen blocks the value is that of the fine grid, in others that of the coarse one.
+        crossed: where it changes in every block (`BlockTasks.crossed`): anywhere, in the first or
+        the last nodes along the last axis. In other directions all blocks beside it are near.
         """
-        found = self._crossed_on_coarse(coarse) & ~chosen
-        low, high = found.copy(), found.copy()
-        parts = ((found, slice(None)), (low, slice(reach + 1)), (high, slice(-reach - 1, None)))
-        signs: list[list[Flags]] = [[], [], []]
-        for flat, _ in self.nodes(chosen, ahead=1):
-            inside = values[flat] > 0
-            for kept, (_, part) in zip(signs, parts, strict=True):
-                rows = inside[..., part].reshape(len(flat), -1)
-                kept.append(np.logical_and(rows.any(axis=1), ~rows.all(axis=1)))
-        for kept, (flags, _) in zip(signs, parts, strict=True):
-            if kept:
-                flags[chosen] = np.concatenate(kept)
-        last = len(self.shape) - 1
+        found, last = (crossed & CROSSED) > 0, len(self.shape) - 1
+        low = np.where(chosen, (crossed & CROSSED_LOW) > 0, found)
+        high = np.where(chosen, (crossed & CROSSED_HIGH) > 0, found)
         found |= self._shifted(high, last, 1) | self._shifted(low, last, -1)
         return self._to_the_ends(self.wider(found, last))
 
@@ -120,62 +95,10 @@ class Blocks:
                 rows[-1] |= rows[-2]
         return found
 
-    def _crossed_on_coarse(self, coarse: Array) -> Flags:
-        inside = coarse.reshape(self.coarse) > 0
-        some = every = inside
-        for i, around in enumerate(self.periodic):
-            some, every = self._any(some, i, around), ~self._any(~every, i, around)
-        return some & ~every
-
-    def _any(self, flags: Flags, axis: int, around: bool) -> Flags:
-        """Along an axis for every block: whether a coarse node in it, or on either side, is set."""
-        rows = np.moveaxis(flags, axis, 0)
-        beyond = rows[:1] if around else rows[-1:]
-        rows = np.concatenate([rows, beyond, np.zeros_like(beyond)])
-        begins = np.arange(self.counts[axis]) * self.sizes[axis]
-        ends = np.minimum(begins + self.sizes[axis], self.shape[axis])
-        parts = np.stack([begins // RATIO, -(-ends // RATIO) + 1], axis=1).ravel()
-        return np.moveaxis(np.logical_or.reduceat(rows, parts)[::2], 0, axis)
-
-    def interpolated(self, chosen: Flags, coarse: Array) -> Iterator[tuple[Places, Array]]:
-        """The nodes of chosen blocks, flat, and the value on the coarse grid there.
-
-        It is linear along every axis, and at the nodes of the coarse grid that of this grid.
-        """
-        table = coarse.reshape(self.coarse)
-        for flat, rows in self.nodes(chosen):
-            window: list[Places] = []
-            for i, (size, n) in enumerate(zip(self.sizes, self.coarse, strict=True)):
-                ahead = np.arange(-(-size // RATIO) + 1)
-                at = rows[:, i, np.newaxis] * (size // RATIO) + ahead
-                at = at % n if self.periodic[i] else np.minimum(at, n - 1)
-                window.append(at.reshape(len(rows), *self._along(i, len(ahead))))
-            found = table[tuple(window)]
-            for i in range(len(self.shape)):
-                found = _halved(found, i + 1)
-            yield flat, self._ended(found, rows)
-
-    def _along(self, axis: int, count: int) -> list[int]:
-        return [count if i == axis else 1 for i in range(len(self.shape))]
-
-    def _ended(self, values: Array, rows: Places) -> Array:
-        """With the value of the last node for those that a last block has not."""
-        for i, (count, size, n) in enumerate(zip(self.counts, self.sizes, self.shape, strict=True)):
-            there = n - (count - 1) * size
-            if there < size and self.periodic[i]:
-                last = rows[:, i] == count - 1
-                along = np.moveaxis(values, i + 1, 1)
-                along[last, there:] = along[last, there - 1 : there]
-        return values
-
     def units(self, chosen: Flags) -> npt.NDArray[np.uint8]:
         """1 for the units of a sweep that are in chosen blocks; a unit is a stretch of a row."""
         of = [*self._blocks_of[:-1], np.arange(self.counts[-1])]
         return chosen[np.ix_(*of)].astype(np.uint8).ravel()
-
-    def coarse_nodes(self, chosen: Flags) -> Flags:
-        """Which nodes of the coarse grid are in chosen blocks."""
-        return chosen[np.ix_(*(b[::RATIO] for b in self._blocks_of))]
 
     def thinned(self, values: Array) -> Array:
         """The values of the fine grid at the nodes of the coarse one."""
@@ -188,15 +111,3 @@ class Blocks:
             many = np.bincount(of)
             held = np.tensordot(many, held, axes=(0, 0))
         return int(held)
-
-
-def _halved(values: Array, axis: int) -> Array:
-    """With the mean of two neighbours along an axis between them; without the last."""
-    shape = list(values.shape)
-    shape[axis] = RATIO * (shape[axis] - 1)
-    found = np.empty(shape, dtype=values.dtype)
-    rows, out = np.moveaxis(values, axis, 0), np.moveaxis(found, axis, 0)
-    out[::RATIO] = rows[:-1]
-    np.add(rows[:-1], rows[1:], out=out[1::RATIO])
-    out[1::RATIO] *= 0.5
-    return found

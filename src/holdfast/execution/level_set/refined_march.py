@@ -26,7 +26,8 @@ from contextlib import ExitStack
 import numpy as np
 
 from holdfast.execution.arrays import AnyArray as Array
-from holdfast.execution.level_set.blocks import Blocks, Flags
+from holdfast.execution.level_set.block_code import BlockTasks
+from holdfast.execution.level_set.blocks import Blocks
 from holdfast.execution.level_set.level import Level
 from holdfast.execution.level_set.march import ALL_MEASURED, MEASURED, March
 from holdfast.execution.level_set.settling import Done
@@ -99,6 +100,7 @@ class RefinedMarch:
                 if done.stopped:
                     break
             pair.whole()
+        self.complete = lambda: None  # it is; the threads have ended
         self.marched_share = pair.marched / max(done.steps * self.fine.nodes, 1)
         return done
 
@@ -168,6 +170,7 @@ class _Pair:
         self.level, self.workers, self.coarser = level, workers, coarser
         self.blocks, self.every, self.side = blocks, every, side
         self.values = level.arrays[0]
+        self.tasks = BlockTasks(blocks, workers, level.march.code.kind.name)
         self.chosen = np.ones(blocks.counts, dtype=bool)  # all have the value to begin with
         self.own = 0.0
 
@@ -186,25 +189,27 @@ class _Pair:
     def march(self, start: float, dt: float, steps: int, done: Done) -> None:
         """The coarser grids, then the chosen blocks over an interval; `done` takes down steps."""
         blocks, coarser = self.blocks, self.coarser
-        self._hand_down()  # a finer grid may have changed them
+        values, tasks = self.values, self.tasks
+        tasks.hand_down(self.chosen, values, coarser.values)  # a finer grid may have changed them
         before = coarser.values.copy()
         coarser.advance(start, steps * dt)
-        wanted = blocks.near(self.chosen, self.values, before, self.every + 2)
-        self._fill(wanted & ~self.chosen, [self.values], before)
-        lesser = np.minimum(before, coarser.values)
-        self._fill(blocks.beside(wanted), self.level.arrays, lesser)
+        crossed = tasks.crossed(self.chosen, values, before, self.every + 2)
+        wanted = blocks.near(self.chosen, crossed)
+        bounds, rim = self.level.kept, blocks.beside(wanted)
+        tasks.fill(wanted & ~self.chosen, [values], (before, before), bounds)
+        tasks.fill(rim, self.level.arrays, (before, coarser.values), bounds)
         self.chosen = wanted
         self.own += steps * blocks.count(wanted)
         self._steps(start, dt, steps, before, done)
-        if self.level.arrays[0] is not self.values:
-            for flat, _ in blocks.nodes(wanted):
-                self.values[flat] = self.level.arrays[0][flat]
+        if self.level.arrays[0] is not values:
+            tasks.take_over(wanted, self.level.arrays[0], values)
             self.level.arrays.reverse()
-        self._hand_down()
+        tasks.hand_down(wanted, values, coarser.values)
 
     def _steps(self, start: float, dt: float, steps: int, before: Array, done: Done) -> None:
         level, units, speed = self.level, self.blocks.units(self.chosen), 0.0
         level.start_over(units)
+        self.workers.share(0, level.march.places)
         for k in range(steps):
             last = k == steps - 1
             done.measured = last or done.steps < ALL_MEASURED or done.steps % MEASURED == 0
@@ -215,35 +220,15 @@ class _Pair:
             done.of += level.march.units * level.march.method.order
             done.steps += 1
             if last:
-                speed = max(speed, self._loss(before) / (steps * dt))
+                least = max(level.numbers[2], 1e-300)
+                lost = self.tasks.loss(self.chosen, before, self.coarser.values, self.side, least)
+                speed = max(speed, lost / (steps * dt))
             if done.measured:
                 done.moved(speed)
         done.fixed = speed == 0.0 and not (level.flags[0] & units).any()
 
-    def _hand_down(self) -> None:
-        """The values of chosen blocks to the nodes of the coarser grid."""
-        there = self.blocks.coarse_nodes(self.chosen)
-        table = self.coarser.values.reshape(self.blocks.coarse)
-        table[there] = self.blocks.thinned(self.values)[there]
-
     def whole(self) -> Array:
         """The values at all nodes of this grid."""
-        self._fill(~self.chosen, [self.values], self.coarser.values)
+        coarse = self.coarser.values
+        self.tasks.fill(~self.chosen, [self.values], (coarse, coarse), self.level.kept)
         return self.values
-
-    def _fill(self, chosen: Flags, arrays: Sequence[Array], coarse: Array) -> None:
-        """The value of the coarser grid in blocks of this one, within its bounds."""
-        upper, lower = self.level.kept
-        for flat, value in self.blocks.interpolated(chosen, coarse):
-            found = value if lower is None else np.maximum(value, lower[flat])
-            found = found if upper is None else np.minimum(found, upper[flat])
-            for array in arrays:
-                array[flat] = found
-
-    def _loss(self, before: Array) -> float:
-        """The largest share of its value that a node of the coarser grid changed by, of those on
-        the side of the set's speed that are in no chosen block."""
-        nearest = max(self.level.numbers[2], 1e-300)
-        apart = ~self.blocks.coarse_nodes(self.chosen).ravel() & (self.side * before > 0)
-        was, now = before[apart], self.coarser.values[apart]
-        return float((np.abs(now - was) / np.maximum(np.abs(was), nearest)).max(initial=0.0))

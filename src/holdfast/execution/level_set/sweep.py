@@ -110,6 +110,8 @@ def sweep(
     arrays = held[of_row_at + of_row * PITCH :]
     rest, moves = arrays[ARRAYS * PITCH :], arrays[ARRAYS * PITCH + VECTOR :]
     of_slopes = arrays[(ARRAYS + 1) * PITCH :]
+    for j in range(lanes):
+        moves[j] = 0.0
     for i in range(n - 1, -1, -1):  # nodes and units of a place
         strides[i] = strides[i + 1] * shape[i + 1] if i < n - 1 else 1
         within[i] = within[i + 1] * shape[i + 1] if i < n - 3 else local

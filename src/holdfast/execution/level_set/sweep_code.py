@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import threading
 from collections.abc import Sequence
 from functools import cache
 from importlib import resources
@@ -41,6 +42,7 @@ class SweepCode:
             self._machine.function(name, len(known.functions[name].parameters)) for name in entries
         )
         self.turns = self.constants["MOST_SLICES"]
+        self._held = threading.local()
 
     def room(self, shape: Sequence[int], cut: Sequence[int], sizes: Sequence[int]) -> Room:
         """How many numbers a sweep needs: whole ones, of double precision, of values."""
@@ -63,13 +65,18 @@ class SweepCode:
         self, turn: Numbers, slices: Numbers, room: Room, given: Sequence[int], counts: Numbers
     ) -> None:
         """A stage of a step, with memory of its own. given: the arguments from `u` on."""
-        size = self.kind.itemsize
-        wholes, reals = np.zeros(room[0], dtype=np.int64), np.zeros(room[1])
-        held = np.zeros(room[2] + LINE // size, dtype=self.kind)
-        self._sweep(
-            *_shared(turn, slices), *map(address, (counts, wholes, reals)),
-            -(-address(held) // LINE) * LINE, *given,
-        )  # fmt: skip
+        self._sweep(*_shared(turn, slices), address(counts), *self._memory(room), *given)
+
+    def _memory(self, room: Room) -> tuple[int, int, int]:
+        """Its addresses, of this thread: that of the last sweep if it was as large."""
+        if getattr(self._held, "room", None) != room:
+            wholes, reals = np.zeros(room[0], dtype=np.int64), np.zeros(room[1])
+            values = np.zeros(room[2] + LINE // self.kind.itemsize, dtype=self.kind)
+            self._held.room, self._held.arrays = room, (wholes, reals, values)
+            aligned = -(-address(values) // LINE) * LINE
+            self._held.places = (address(wholes), address(reals), aligned)
+        places: tuple[int, int, int] = self._held.places
+        return places
 
     def mirror(
         self, turn: Numbers, slices: Numbers, values: Numbers, shape: Numbers, places: Numbers,
