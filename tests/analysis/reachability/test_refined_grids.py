@@ -14,7 +14,7 @@ from holdfast.execution.level_set.blocks import Blocks
 from holdfast.scenario.load import load_scenario
 from tests import carts
 
-X, Y, D = (hf.symbol(n) for n in ("x", "y", "d"))
+X, Y, V, D = (hf.symbol(n) for n in ("x", "y", "v", "d"))
 
 
 def pair(problem, cells, refine=2, **options):
@@ -169,6 +169,32 @@ def test_values_at_several_times_are_those_of_the_finer_grid():
     for time in (0.4, 0.8, 1.2):
         gap = np.abs(fine.values(time) - refined.values(time))[np.abs(fine.values(time)) < 0.1]
         assert gap.max() < 0.005
+
+
+@pytest.mark.parametrize(
+    "find",
+    [hf.forward_reachable_set, hf.backward_reachable_tube, hf.backward_reachable_at],
+)
+def test_reachable_sets_are_those_of_the_finer_grid(find):
+    """A cart that begins, or is to arrive, within a disk."""
+    disk = hf.Region("disk", quantities("x", "v"), (hf.Inequality("disk", X**2 + V**2 - 0.1),))
+    problem = replace(braking(), find=find, system=carts.cart(), regions=(disk,), horizon=0.5)
+    problem = replace(problem, box={"x": (-1.6, 1.6), "v": (-1.6, 1.6)}, ends=None)
+    fine, refined = pair(problem, (32, 32), scheme="eno2")
+    cell = fine.grid.axes[0].step
+    gaps = apart(fine, refined, 2 * cell)
+    assert gaps[0] < 0.02 * cell
+    assert gaps[2] <= 1
+    assert refined.report.marched_share < 0.9
+
+
+def test_four_states_are_refined_as_two():
+    """Of an unstable vehicle, all axes of which are cut into blocks."""
+    problem = replace(unstable(4, 9, 1), horizon=0.3)
+    fine, refined = pair(problem, (9, 9, 9, 9), scheme="eno2")
+    gaps = apart(fine, refined, 2 * max(a.step for a in fine.grid.axes))
+    assert gaps[0] < 0.05 * max(a.step for a in fine.grid.axes)
+    assert gaps[2] == 0
 
 
 def test_least_times_come_from_the_finer_grid():
