@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import cache
 from importlib import resources
@@ -21,6 +22,9 @@ Numbers = npt.NDArray[Any]
 
 ENTRIES = ("fill", "look_over", "hand_down", "take_over", "losses")
 """Of which the last alone counts something."""
+
+ALONE = 32768
+"""Nodes for which other threads are not worth waking."""
 
 
 class BlockCode:
@@ -68,9 +72,14 @@ class BlockTasks:
                              *blocks.periodic], dtype=np.int64)  # fmt: skip
 
     def _run(self, name: str, count: int, *given: Any) -> Counts:
-        """Shared by the threads; count: of the blocks."""
-        self._workers.share(0, count)
-        return self._workers.run(self._code.function(name, self._blocks.sizes), *given)
+        """Shared by the threads where there is much to do; count: of the blocks."""
+        function = self._code.function(name, self._blocks.sizes)
+        if count * math.prod(self._blocks.sizes) > ALONE:
+            self._workers.share(0, count)
+            return self._workers.run(function, *given)
+        counts = np.zeros(3)
+        function(np.zeros(1, dtype=np.int64), np.array([0, count]), *given, counts)
+        return counts
 
     def _of_chosen(self, name: str, chosen: Flags, *given: Any) -> None:
         blocks = np.flatnonzero(chosen)
