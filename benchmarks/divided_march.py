@@ -2,7 +2,8 @@
 
 python benchmarks/divided_march.py [--nodes 12]                 scaling, in worker processes
 python benchmarks/divided_march.py --disk FOLDER --nodes 13     from a disk, best with a limit:
-    see `limited` for one by a control group of Linux
+    see `limited` for one by a control group of Linux; with --symmetric half of the grid, with
+    stages that follow one another and with stages that go through the arrays one by one
 
 The model of a step, where a worker has P planes of M nodes along the first axis, a scheme reaches g
 of them, a step has S stages and e exchanges of halos (S, or 1), n workers have c threads each:
@@ -30,6 +31,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import distributed
 import numpy as np
@@ -37,6 +39,7 @@ import numpy as np
 import holdfast as hf
 from holdfast.analysis.reachability.disk_estimate import disk_speed
 from holdfast.execution.level_set.schemes import schemes
+from holdfast.execution.level_set.streaming import Streaming
 from holdfast.interop.march_cluster import march_cluster
 from holdfast.scenario.load import load_scenario
 
@@ -99,25 +102,43 @@ class Enough(Exception):  # noqa: N818
 
 def step_seconds(shape: Sequence[int], steps: int = STEPS, **options: Any) -> list[float]:
     """Seconds of the steps of a march of the kernel of the whole vehicle, all nodes computed."""
+    return [step[0] for step in measured_steps(shape, steps, **options)]
+
+
+def measured_steps(
+    shape: Sequence[int], steps: int, *, symmetric: bool = False, **options: Any
+) -> list[list[float]]:
+    """The same, with the bytes that were read from disks and written to them in each.
+
+    What is written counts when the system takes note of it, and again where it has been written.
+    """
     names = ("x", "y", "psi", "u", "v", "r")
     nodes = [
         f"grid.nodes={{ {', '.join(f'{n} = {k}' for n, k in zip(names, shape, strict=True))} }}"
     ]
     scenario = load_scenario("ch7-six-states", nodes)
-    times = [time.perf_counter()]
+    found = [_now()]
 
     def progress(_share: float) -> None:
-        times.append(time.perf_counter())
-        if len(times) > steps + 1:
+        found.append(_now())
+        if len(found) > steps + 1:
             raise Enough
 
     options = {"scheme": "weno5"} | options
+    if symmetric:
+        options["symmetry"] = {"y": -1, "psi": -1, "v": -1, "r": -1}
     with contextlib.suppress(Enough):
         hf.viability_kernel(
             scenario.system, scenario.region, scenario.grid, 3.0, progress=progress, skip=False,
             precision="float32", disturbance={"Vx": 0.0, "Vy": 0.0}, **options,
         )  # fmt: skip
-    return np.diff(times)[1:].tolist()  # the first has the preparation
+    return np.diff(found, axis=0)[1:].tolist()  # the first has the preparation
+
+
+def _now() -> list[float]:
+    """Seconds, and the bytes that this process has read from disks and written to them."""
+    told = dict(line.split(": ") for line in Path("/proc/self/io").read_text().splitlines())
+    return [time.perf_counter(), float(told["read_bytes"]), float(told["write_bytes"])]
 
 
 @dataclass(frozen=True)
@@ -242,15 +263,39 @@ def from_disk(folder: str, nodes: int, gigabytes: float, scheme: str) -> dict[st
     return found
 
 
+def half_from_disk(folder: str, nodes: int, gigabytes: float, scheme: str) -> dict[str, Any]:
+    """Steps of a symmetric grid: in memory, and from a disk with less memory than it takes, with
+    stages that follow one another and then with stages that each go through the arrays."""
+    shape, arrays = (24, *(nodes,) * 5), max(schemes()[scheme].order, 2)
+    given = {"scheme": scheme, "symmetric": True}
+    memory = min(step_seconds(shape, 4, **given))
+    if gigabytes:
+        limited(gigabytes)
+    following = measured_steps(shape, 5, **given, on_disk=folder)
+    with mock.patch.object(Streaming, "streams", False):
+        each = measured_steps(shape, 5, **given, on_disk=folder)
+    found: dict[str, Any] = {"shape": list(shape), "scheme": scheme, "limit": gigabytes * 1e9,
+             "arrays": arrays * BYTES * math.prod(shape), "memory": memory}  # fmt: skip
+    for name, steps in (("following", following), ("each", each)):
+        seconds, read, written = np.median(steps[1:], axis=0).tolist()
+        found[name] = {"seconds": min(s for s, _, _ in steps[1:]), "median": seconds,
+                       "read": read, "written": written}  # fmt: skip
+    return found
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--nodes", type=int, default=10)
     parser.add_argument("--disk", default="")
     parser.add_argument("--limit", type=float, default=0.0, help="gigabytes of memory")
     parser.add_argument("--scheme", default="weno5")
+    parser.add_argument("--symmetric", action="store_true")
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
-    if given.disk:
+    if given.disk and given.symmetric:
+        found = half_from_disk(given.disk, given.nodes, given.limit, given.scheme)
+        print(json.dumps(found, indent=1))
+    elif given.disk:
         found = from_disk(given.disk, given.nodes, given.limit, given.scheme)
         print(json.dumps(found, indent=1))
     else:
@@ -260,7 +305,8 @@ def main() -> None:
         print(json.dumps({k: found[k] for k in ("costs", "rounds", "large")}, indent=1))
     if given.json:
         known = json.loads(given.json.read_text()) if given.json.exists() else {}
-        known[f"disk, {given.scheme}" if given.disk else "scaling"] = found
+        kind = f"disk, {given.scheme}" + ", symmetric" * given.symmetric
+        known[kind if given.disk else "scaling"] = found
         given.json.write_text(json.dumps(known, indent=1) + "\n")
 
 

@@ -55,14 +55,54 @@ def limited_kernel(**options):
     return hf.discriminating_kernel(ROBOT, post(), grid(ends="limited"), 0.4, **options)
 
 
-def mirrored_kernel(**options):
-    signs = {"y": -1, "psi": -1}
-    return hf.discriminating_kernel(ROBOT, post(), grid(), 0.4, symmetry=signs, **options)
+SIGNS = {"y": -1, "psi": -1}
+
+
+def mirrored_kernel(system=ROBOT, horizon=0.4, **options):
+    over = grid(system)
+    return hf.discriminating_kernel(system, post(), over, horizon, **{"symmetry": SIGNS} | options)
+
+
+def mirrored_angle(**options):
+    """The angle is the first state that is reflected, or the first of all."""
+    return mirrored_kernel(robot((PLACE[0], *HEADING, PLACE[1])), **options)
+
+
+def mirrored_first(**options):
+    return mirrored_kernel(TURNED, **options)
+
+
+def mirrored_on_a_ring(**options):
+    """The first state is an angle that is not reflected; settled nodes are skipped."""
+    turn, y, v, u = (hf.symbol(n) for n in ("turn", "y", "v", "u"))
+    states = (
+        hf.Quantity("turn", "rad", angle=True), hf.Quantity("y", "m"), hf.Quantity("v", "m/s"),
+    )  # fmt: skip
+    system = hf.System(
+        "carousel", states, (hf.Quantity("u", "m/s^2"),),
+        {"turn": 1 + v**2, "y": v * sp.sin(turn), "v": u}, input_bounds=hf.Box((-1,), (1,)),
+    )  # fmt: skip
+    wide = 1 + sp.cos(turn) / 4
+    walls = hf.Region("walls", states[:2], (hf.Inequality("walls", y**2 - wide, "m"),))
+    box = {"turn": (-math.pi, math.pi), "y": (-1.3, 1.3), "v": (-1.2, 1.2)}
+    over = hf.grid(system, box, {"turn": 19, "y": 40, "v": 15}, {"v": "limited"})
+    signs = {"y": -1, "v": -1}
+    return hf.viability_kernel(system, walls, over, 0.5, symmetry=signs, band=0.1, **options)
 
 
 def moving_kernel(**options):
     lane = post(0.5 * hf.TIME)
     return hf.discriminating_kernel(ROBOT, lane, grid(), 0.3, times=[0.1], **options)
+
+
+def mirrored_moving_kernel(**options):
+    return moving_kernel(symmetry=SIGNS, **options)
+
+
+def moving_set(**options):
+    """A goal that moves within a lane that moves, beyond which the set is lost."""
+    goal = hf.Region("goal", PLACE, (hf.Inequality("disk", (X + hf.TIME) ** 2 + Y**2 - 0.3, "m"),))
+    return hf.capture_basin(ROBOT, goal, post(1 + 0.5 * hf.TIME), grid(), 0.3, **options)
 
 
 def tube(**options):

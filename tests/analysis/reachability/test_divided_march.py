@@ -3,12 +3,15 @@
 import warnings
 
 import pytest
+import sympy as sp
 
 import holdfast as hf
+from holdfast.analysis.reachability import hamilton_jacobi, obstacles
+from holdfast.analysis.reachability.disk_estimate import traffic
 from holdfast.analysis.reachability.divided_march import Here
 from holdfast.errors import OutputError, SimulationError, SlowWarning
 from holdfast.execution import resources, working_room
-from holdfast.execution.level_set import streaming
+from holdfast.execution.level_set import over_grid, streaming
 from tests.divided_marches import (
     PLACE,
     ROBOT,
@@ -19,8 +22,13 @@ from tests.divided_marches import (
     kernel,
     limited_kernel,
     line,
+    mirrored_angle,
+    mirrored_first,
     mirrored_kernel,
+    mirrored_moving_kernel,
+    mirrored_on_a_ring,
     moving_kernel,
+    moving_set,
     post,
     same,
     set_at,
@@ -68,20 +76,52 @@ def test_what_is_settled_is_skipped_in_the_parts_too():
     assert kernel(cluster=Here(1, count=3)).report.computed_share < 0.97
 
 
+SINGLE = {"scheme": "eno2", "precision": "float32"}
+
+
 @pytest.mark.parametrize(
     ("problem", "options"),
     [
-        (kernel, {"threads": 2}), (kernel, {"scheme": "upwind"}), (turned_kernel, {}),
-        (mirrored_kernel, {}), (moving_kernel, {}), (basin, {}), (cart, {"threads": 1}),
+        (kernel, {"threads": 2}), (turned_kernel, {}), (basin, {}),
+        (mirrored_kernel, {}), (mirrored_kernel, SINGLE | {"threads": 2, "band": 0.1}),
+        (mirrored_angle, {}), (mirrored_angle, SINGLE), (mirrored_on_a_ring, {}),
+        (mirrored_on_a_ring, SINGLE), (moving_kernel, {}), (mirrored_moving_kernel, SINGLE),
+        (moving_set, {}),
     ],
     ids=lambda v: getattr(v, "__name__", None),
 )  # fmt: skip
-def test_a_march_from_a_disk_has_the_answer_of_one_in_memory(
+def test_the_stages_of_a_march_from_a_disk_follow_one_another(
     problem, options, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(streaming, "NODES", 1)  # its stages follow one another closely
-    same(problem(**options), problem(**options, on_disk=tmp_path / "new"))
+    whole = problem(**options)
+    monkeypatch.setattr(streaming, "NODES", 1)  # closely
+
+    def stage(*_):
+        raise AssertionError("a stage has gone through the arrays by itself")
+
+    monkeypatch.setattr(streaming.Streaming, "stage", stage)
+    same(whole, problem(**options, on_disk=tmp_path / "new"))
     assert list((tmp_path / "new").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("problem", "options"),
+    [
+        (kernel, {"scheme": "upwind"}), (mirrored_first, SINGLE), (cart, {"threads": 1}),
+        (moving_kernel, {"scheme": "upwind"}),
+    ],
+    ids=lambda v: getattr(v, "__name__", None),
+)  # fmt: skip
+def test_a_march_from_a_disk_whose_stages_do_not_has_the_same_answer(problem, options, tmp_path):
+    same(problem(**options), problem(**options, on_disk=tmp_path))
+
+
+def test_obstacles_that_move_are_renewed_some_planes_at_a_time(monkeypatch):
+    whole, parts = moving_set(scheme="eno2"), Here(1, count=3, by_step=STAGE)
+    monkeypatch.setattr(obstacles, "TOGETHER", 1000)  # two planes
+    monkeypatch.setattr(over_grid, "TOGETHER", 600)  # of which a part may have one and a half
+    same(whole, moving_set(scheme="eno2"))
+    same(whole, moving_set(scheme="eno2", cluster=parts))
 
 
 @pytest.mark.parametrize(
@@ -122,17 +162,42 @@ def test_where_the_value_is_not_finite_is_the_same_node():
             assert said(scheme=scheme, cluster=Here(1, count=3, by_step=by_step)) == whole
 
 
-def test_the_disk_says_the_same_of_a_value_that_is_not_finite(tmp_path, monkeypatch):
+def test_the_disk_says_the_same_of_what_cannot_be_marched_on(tmp_path, monkeypatch):
     monkeypatch.setattr(streaming, "NODES", 1)
     x, y = hf.symbol("x"), hf.symbol("y")
     huge = hf.Region("huge", PLACE, (hf.Inequality("c", 1e300 * (y - x**2 - 1), "m"),))
-    found = []
-    for options in ({}, {"on_disk": tmp_path}):
-        with pytest.raises(SimulationError) as error:
-            hf.backward_reachable_at(ROBOT, huge, grid(y=9), 0.1, **options)
-        found.append(str(error.value))
-    assert found[0] == found[1]
-    assert "not finite" in found[0]
+    wider = hf.Inequality("left", y - 1 - 2 * (0.3 - hf.TIME), "m")
+    beyond = hf.Region("lane", PLACE, (wider, hf.Inequality("right", -1 - y, "m")))
+    gap = hf.Region("gap", PLACE, (hf.Inequality("c", sp.sqrt(hf.TIME - 0.1 * x) - 1, "m"),))
+    for say, region, problem in (
+        ("the value is not finite at x", huge, hf.backward_reachable_at),
+        ("the grid cuts off region 'lane' at y = 1.3", beyond, hf.discriminating_kernel),
+        ("of a region are NaN at some nodes", gap, hf.backward_reachable_tube),
+    ):
+        found = []
+        for options in ({}, {"on_disk": tmp_path}):
+            with pytest.raises(SimulationError) as error:
+                problem(ROBOT, region, grid(y=9), 0.3, **options)
+            found.append(str(error.value))
+        assert found[0] == found[1]
+        assert say in found[0]
+
+
+def test_what_a_step_reads_and_writes_is_counted_by_passes_over_the_arrays(monkeypatch):
+    counted = []
+
+    def count(posed, _):
+        counted.append(posed)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(hamilton_jacobi, "check_disk", count)
+    for problem in (mirrored_kernel, mirrored_first, moving_kernel, moving_set):
+        with pytest.raises(KeyboardInterrupt):
+            problem(**SINGLE, on_disk=".")
+    array = 21 * 24 * 20 * 4
+    found = [[one / array for one in traffic(posed)] for posed in counted]
+    half, turned = (12 + 2) / 24, (11 + 4) / 20  # with what it reads
+    assert found == [[2 * half] * 2, [4 * turned, 2 * turned], [3, 3], [4, 4]]
 
 
 def test_grids_that_cannot_be_cut_are_refused():

@@ -21,13 +21,17 @@ from pathlib import Path
 
 import numpy as np
 
+from holdfast.analysis.reachability.grid import Axis
 from holdfast.analysis.reachability.march_part import MarchPart, layers_of
 from holdfast.analysis.reachability.memory_estimate import memory_of
 from holdfast.analysis.reachability.problem import Posed
 from holdfast.errors import OutputError, SlowWarning
 from holdfast.execution.level_set.layers import Part
 from holdfast.execution.level_set.march import STAGES
+from holdfast.execution.level_set.mirrored_grid import halves
+from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.stage_orders import StageOrder
+from holdfast.execution.level_set.streaming import streams
 from holdfast.execution.resources import available_cores, total_memory
 from holdfast.execution.working_room import Memory
 from holdfast.maths.games.hamiltonian import Hamiltonian
@@ -99,20 +103,28 @@ def traffic(posed: Posed) -> tuple[int, int]:
     """The bytes that a step reads and writes where nothing is settled and nothing is held.
 
     Each array once, where the stages follow one another through the planes; otherwise each in
-    every stage that has it: what goes in, what the step began with, what came out before.
+    every stage that has it: what goes in, what the step began with, what came out before. Of a
+    symmetric grid it is the half that is computed, with what that reaches.
     """
-    order = posed.marching.method.order
-    arrays = max(order, 2)
-    obstacles = posed.problem.limit == "free" or posed.varies
-    bounds = obstacles * len(posed.problem.regions)
-    streams = len(posed.grid.axes) > 2 and posed.marching.symmetry is None and order > 1
-    if streams and not any(r.moves for r in posed.problem.regions):
-        read, written = arrays + bounds, arrays
+    order, grid = posed.marching.method.order, posed.grid
+    bounds = (posed.problem.limit == "free" or posed.varies) * len(posed.problem.regions)
+    moving = bounds * any(r.moves for r in posed.problem.regions)
+    share, axis = 1.0, None
+    if (signs := posed.marching.symmetry) is not None:
+        axis = next(i for i, a in enumerate(grid.axes) if signs.get(a.name) == -1)
+        share = _share(grid.axes[axis], schemes()[posed.marching.scheme].ghosts)
+    if streams(len(grid.axes), order, axis == 0):
+        read, written = max(order, 2) + bounds, max(order, 2) + moving
     else:
-        read, written = max(3 * order - 2, 2) + order * bounds, order
-        written += order * bounds * any(r.moves for r in posed.problem.regions)
-    size = posed.grid.nodes * np.dtype(posed.marching.precision).itemsize
-    return read * size, max(written, 1) * size
+        read, written = max(3 * order - 2, 2) + order * bounds, order * (1 + moving)
+    size = share * grid.nodes * np.dtype(posed.marching.precision).itemsize
+    return round(read * size), round(written * size)
+
+
+def _share(axis: Axis, ghosts: int) -> float:
+    """Of the nodes along an axis that is reflected, those that a step reads."""
+    _, reached = halves(axis.reflected, ghosts, axis.ends == "periodic")
+    return float(reached.mean())
 
 
 def disk_speed(folder: Path, size: int = PROBE) -> tuple[float, float]:
@@ -153,17 +165,15 @@ def _computing(posed: Posed, h: Hamiltonian) -> float:
     held = MarchPart(posed, part, stages=1, threads=threads, room=Memory(), h=h)
     facts = held.facts()
     held.begin(facts)
-    clock = posed.clock[0]
-    speeds, total = held.fastest([clock])
+    march, clock = held.march, posed.clock[0]
+    march.speeds[:], total = held.fastest([clock])
     dt = posed.marching.cfl / total if total > 0 else 1.0
-    steps = [a.step for a in posed.grid.axes]
-    u = np.array([clock, *(float(q.value) for q in posed.parameters), *speeds])
-    numbers = [-math.inf, math.inf, 0.0, *(0.5 / s for s in steps), *steps]
-    held.open(0)
-    orders = [
-        StageOrder(s, u, np.array([dt, weight, *numbers]), False, None, s == 0)
-        for s, (weight, _) in enumerate(STAGES[posed.marching.method.order])
-    ]
+    then = clock if any(r.moves for r in posed.problem.regions) else None
+    held.open()
+    orders = []
+    for s, (weight, _) in enumerate(STAGES[march.method.order]):
+        numbers = march.numbers(dt, weight, (-math.inf, math.inf, 0.0))
+        orders.append(StageOrder(s, march.u(0.0), numbers, False, then, s == 0))
     times = []
     for _ in range(3):
         began = time.perf_counter()

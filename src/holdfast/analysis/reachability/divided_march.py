@@ -196,8 +196,8 @@ class DividedMarch:
         speeds, totals = zip(*self._parts.ask("fastest", list(times)), strict=True)
         return np.max(speeds, axis=0), max(totals)
 
-    def open(self, steps: int) -> None:
-        self._parts.ask("open", steps)
+    def open(self) -> None:
+        self._parts.ask("open")
 
     def close(self) -> None:
         self._parts.ask("close")

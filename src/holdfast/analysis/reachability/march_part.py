@@ -12,23 +12,20 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.analysis.reachability.checkpoint_parts import read_parts, write_part
 from holdfast.analysis.reachability.obstacles import Facts, Obstacles
+from holdfast.analysis.reachability.posed_march import march_of, reflected
 from holdfast.analysis.reachability.problem import Ends, Posed, touched
 from holdfast.analysis.reachability.snapshots import Record
 from holdfast.execution.arrays import AnyArray as Array
-from holdfast.execution.device.program import device_named
 from holdfast.execution.level_set.device_sweeping import DeviceSweeping
 from holdfast.execution.level_set.layers import Layers, Part, layers
-from holdfast.execution.level_set.march import March
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.slab import Edges, Slab
 from holdfast.execution.level_set.stage_orders import StageAnswer, StageOrder, carried_out
 from holdfast.execution.level_set.streaming import Streaming
 from holdfast.execution.level_set.sweeping import Sweeping, on_one_side
-from holdfast.execution.level_set.units import layout
 from holdfast.execution.working_room import Room
 from holdfast.maths.games.hamiltonian import Hamiltonian, hamiltonian
 
@@ -89,75 +86,29 @@ class MarchPart:
         if least is not None:
             np.minimum(obstacles.start, least.ravel(), out=obstacles.start)
             found = replace(found, deepest=obstacles.facts().deepest)
-        self._march = self._compiled()
+        mirror = reflected(posed, self.part)
+        self.march = march_of(
+            posed, self._h, posed.grid, part=self.part, threads=self._threads, reflected=mirror
+        )
         self._values = obstacles.start
         self.record = Record(posed, self._mine(self._values), self._room)
         return found
 
-    def _compiled(self) -> March:
-        posed, part = self.posed, self.part
-        grid, marching = posed.grid, posed.marching
-        axes = [a.nodes for a in grid.axes]
-        kinds = [a.ends for a in grid.axes]
-        cut = None
-        if not part.whole:
-            axes[0] = axes[0][part.nodes]
-            kinds[0] = "extrapolated" if kinds[0] == "periodic" else kinds[0]
-            cut = self._cut([len(a) for a in axes])
-        return March(
-            self._h,
-            posed.parameters,
-            axes,
-            [a.step for a in grid.axes],
-            kinds,
-            method=marching.method,
-            limit=posed.limit,
-            clock=posed.clock,
-            reflected=self._reflected(),
-            precision=marching.precision,
-            threads=self._threads,
-            device=device_named(marching.device),
-            cut=cut,
-        )
-
-    def _cut(self, shape: list[int]) -> tuple[int, int, int, int]:
-        """The units of the part: those of the grid."""
-        many, groups, stretches, longest = layout(self.posed.grid.shape)
-        if len(shape) == 1:
-            return many, groups, -(-shape[0] // longest), longest
-        if len(shape) == 2:
-            return many, -(-shape[0] // many), stretches, longest
-        return many, groups, stretches, longest
-
-    def _reflected(self) -> list[npt.NDArray[np.int64]] | None:
-        """The place of every node's reflection along each axis, where there is a symmetry."""
-        signs = self.posed.marching.symmetry
-        if signs is None:
-            return None
-        found = [
-            a.reflected if signs.get(a.name) == -1 else np.arange(a.count, dtype=np.int64)
-            for a in self.posed.grid.axes
-        ]
-        if not self.part.whole:
-            found[0] = np.arange(len(self.part.nodes))
-        return found
-
     def code(self) -> str:
         """What the compiled march is called."""
-        return self._march.name
+        return self.march.name
 
     def fastest(self, times: Sequence[float]) -> tuple[Array, float]:
         """The largest speeds at these times t, and the largest sum of them over the steps."""
-        return self._march.fastest(times)
+        return self.march.fastest(times)
 
-    def open(self, steps: int) -> None:
-        """Make ready for the stages; so many steps have been done."""
-        obstacles = self._obstacles
-        given = (self._march, self._values, obstacles.upper, obstacles.lower, steps)
+    def open(self) -> None:
+        """Make ready for the stages."""
+        given = (self._values, self._obstacles.upper, self._obstacles.lower, self._room)
         if self.part.whole:
-            self._sweeping = self._march.sweeping(*given[1:], self._room)
+            self._sweeping = self.march.sweeping(*given)
         else:
-            self._sweeping = Slab(*given, self._room, self.part, self._stages)
+            self._sweeping = Slab(self.march, *given, self.part, self._stages)
         self._sweeping.__enter__()
 
     def close(self, complete: bool = True) -> None:
@@ -168,11 +119,11 @@ class MarchPart:
 
     def carry_out(self, orders: Sequence[StageOrder]) -> list[StageAnswer]:
         """Stages that follow one another without an exchange of halos."""
-        found, moves = self._sweeping, orders[0].time is not None
+        found = self._sweeping
         assert found is not None
-        if isinstance(found, Streaming) and found.streams and not moves:
-            return found.step(orders)
-        return list(carried_out(found, orders, self._obstacles.refresh))
+        if isinstance(found, Streaming) and found.streams:
+            return found.step(orders, self._obstacles)
+        return list(carried_out(found, orders, self._obstacles))
 
     def edges(self, wanted: Sequence[int]) -> Edges:
         assert isinstance(self._sweeping, Slab)
@@ -211,7 +162,7 @@ class MarchPart:
     def ends(self) -> Ends:
         """The ends of the grid that the set touches."""
         values = self._values if self._sweeping is None else self._sweeping.values()
-        return touched(self.posed, values.reshape(self._obstacles.shape), self.part)
+        return touched(values.reshape(self._obstacles.shape)[self.part.own], self.part.ends)
 
     def bounded(self) -> tuple[Array, Array | None, Array | None]:
         """The values that a march changes, and what bounds them above and below."""

@@ -10,6 +10,7 @@ open ends of the grid, leaving the grid counts as lost with W <= d, and as won w
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -19,7 +20,7 @@ from holdfast.analysis.reachability.problem import Ends, Posed, check_inside, to
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.layers import Part
-from holdfast.execution.level_set.over_grid import over_grid
+from holdfast.execution.level_set.over_grid import ALL, over_grid
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,13 @@ class Facts:
     cell: float
     highest: float
     deepest: float
+
+
+NOTHING = Facts(False, True, frozenset(), 0.0, -math.inf, 0.0)
+"""Facts of a start value at no node; that a node is in the set has been found before."""
+
+TOGETHER = 1 << 20
+"""Nodes at which moving bounds are renewed together."""
 
 
 def merged(found: Sequence[Facts]) -> Facts:
@@ -88,7 +96,7 @@ class Obstacles:
             )
             for region in posed.problem.regions
         ]
-        self.start, self.lower, self.upper = self._at(posed.clock[0])
+        self._begin_at(posed.clock[0])
 
     def facts(self) -> Facts:
         start = self.start.reshape(self.shape)
@@ -98,7 +106,7 @@ class Obstacles:
         return Facts(
             bool(np.isnan(mine.min())),
             any((plane > 0).any() for plane in mine),
-            touched(self.posed, start, self.part),
+            touched(mine, self.part.ends),
             largest_change(start[before : own.stop]),
             float(mine.max()),
             float(max(mine.max(), -mine.min())),
@@ -109,26 +117,52 @@ class Obstacles:
         posed = self.posed
         if posed.beyond:
             self.room = self._room_inside(open_ends(posed, facts.ends), facts.cell)
-            self.start, self.lower, self.upper = self._at(posed.clock[0])
+            self._begin_at(posed.clock[0])
             facts = replace(self.facts(), cell=facts.cell)
         self.highest = facts.highest
         return facts
 
     def refresh(self, time: float) -> None:
-        start, lower, upper = self._at(time)
-        mine = start.reshape(self.shape)[self.part.own]
-        nan = bool(np.isnan(mine.min()))
-        ends = touched(self.posed, start.reshape(self.shape), self.part)
-        check_start(self.posed, Facts(nan, True, ends, 0.0, 0.0, 0.0))
-        self.highest = max(self.highest, float(mine.max()))
+        planes = self.shape[0]
+        block = max(1, TOGETHER * planes // len(self.start))
+        self.check([self.renew(time, k, min(k + block, planes)) for k in range(0, planes, block)])
+
+    def renew(self, time: float, first: int, last: int) -> Facts:
+        """Bounds of a time at some places of the first axis; what is known of the start there."""
+        plane = len(self.start) // self.shape[0]
+        nodes = slice(first * plane, last * plane)
+        start, lower, upper = self._at(time, nodes)
         for known, new in ((self.lower, lower), (self.upper, upper)):
             if known is not None and new is not None:
-                known[:] = new
+                known[nodes] = new
+        own = self.part.own
+        low, high = max(own.start, first), min(own.stop, last)
+        if low >= high:
+            return NOTHING
+        mine = start.reshape(last - first, *self.shape[1:])[low - first : high - first]
+        at_first, at_last = self.part.ends
+        ends = touched(mine, (at_first and low == own.start, at_last and high == own.stop))
+        return replace(
+            NOTHING, nan=bool(np.isnan(mine.min())), ends=ends, highest=float(mine.max())
+        )
 
-    def _at(self, time: float) -> tuple[Array, Array | None, Array | None]:
-        """The initial value and the obstacles at a time."""
-        posed, room = self.posed, self.room
-        own, *others = (margin(time) for margin in self.margins)
+    def check(self, found: Sequence[Facts]) -> None:
+        """Refuse bounds, renewed at all places, of a start that no march can go on with."""
+        facts = merged(found)
+        check_start(self.posed, facts)
+        self.highest = max(self.highest, facts.highest)
+
+    def _begin_at(self, time: float) -> None:
+        start, self.lower, self.upper = self._at(time)
+        self.start = start
+        if start is self.lower or start is self.upper:  # the march overwrites it in place
+            self.start = self._empty(len(start))
+            self.start[:] = start
+
+    def _at(self, time: float, of: slice = ALL) -> tuple[Array, Array | None, Array | None]:
+        """The initial value and the obstacles at a time, at all nodes or at some."""
+        posed, room = self.posed, None if self.room is None else self.room[of]
+        own, *others = (margin(time, of) for margin in self.margins)
         kept = posed.problem.limit == "shrink"
         lower = None if kept else own
         upper: Array | None = own if kept else (others[0] if others else None)
@@ -139,12 +173,9 @@ class Obstacles:
         start = upper if kept or lower is None else lower
         assert start is not None
         if upper is not None and upper is not start:
-            start = np.minimum(start, upper, out=self._empty(len(start)))
+            start = np.minimum(start, upper, out=self._empty(len(start)) if of is ALL else None)
         lower = None if posed.limit == "grow" or posed.problem.limit == "exact" else lower
         upper = None if posed.limit == "shrink" else upper
-        if start is lower or start is upper:  # the march overwrites it in place, the obstacles stay
-            kept_start, start = start, self._empty(len(start))
-            start[:] = kept_start
         return start, lower, upper
 
     def _room_inside(self, ends: Sequence[tuple[int, int]], cell: float) -> Array:

@@ -12,13 +12,13 @@ from holdfast.analysis.reachability.divided_march import DividedMarch, room_of
 from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.memory_estimate import memory_of
+from holdfast.analysis.reachability.posed_march import march_of
 from holdfast.analysis.reachability.problem import Ends, Posed
-from holdfast.analysis.reachability.refinement import march_of, on_finer_grid, refinement_of
+from holdfast.analysis.reachability.refinement import on_finer_grid, refined_march, refinement_of
 from holdfast.analysis.reachability.snapshots import named, stops
 from holdfast.analysis.reachability.value_function import ValueFunction, to_value_function
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
-from holdfast.execution.device.program import device_named
 from holdfast.execution.level_set.march import March
 from holdfast.execution.level_set.refined_march import RefinedMarch
 from holdfast.execution.level_set.settling import Done
@@ -72,7 +72,9 @@ class OneMarch:
         posed, marching = self._posed, self._posed.marching
         self._held, refined = held, marching.refine > 1
         self._march: March | RefinedMarch = (
-            march_of(posed, self._base, self._h) if refined else _steps(posed, self._h, held)
+            refined_march(posed, self._base, self._h)
+            if refined
+            else march_of(posed, self._h, posed.grid, fastest=held.fastest)
         )
         self._rounding = float(np.finfo(marching.precision).eps) / self._march.longest_step
         room, done = room_of(marching), Done()
@@ -108,7 +110,7 @@ class OneMarch:
                 **limits,
             )  # fmt: skip
         moves = any(r.moves for r in posed.problem.regions)
-        held.open(done.steps)
+        held.open()
         done = march.drive(
             held, stops(posed), refresh=held.refresh if moves else None, keep=held.keep,
             tell=self._tell, done=done, **limits,
@@ -194,24 +196,6 @@ class OneMarch:
                 n: float(v) if v.is_number else str(v) for n, v in posed.disturbance.items()
             },
         )
-
-
-def _steps(posed: Posed, h: Hamiltonian, held: DividedMarch) -> March:
-    """The steps of the march: their number and lengths, from what its parts know of speeds."""
-    axes = posed.grid.axes
-    return March(
-        h,
-        posed.parameters,
-        [a.nodes for a in axes],
-        [a.step for a in axes],
-        [a.ends for a in axes],
-        method=posed.marching.method,
-        limit=posed.limit,
-        clock=posed.clock,
-        precision=posed.marching.precision,
-        device=device_named(posed.marching.device),
-        fastest=held.fastest,
-    )
 
 
 def _ends_reached(grid: Grid, reached: Ends) -> str:

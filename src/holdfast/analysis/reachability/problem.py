@@ -16,7 +16,6 @@ from holdfast.analysis.reachability.given_disturbance import check_given
 from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.options import Marching, Problem
 from holdfast.errors import SimulationError, suggestion
-from holdfast.execution.level_set.layers import Part
 from holdfast.execution.level_set.over_grid import over_grid
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.maths.control.outward_rates import check_states
@@ -178,20 +177,17 @@ Ends = frozenset[tuple[int, int]]
 """Ends of the grid: an axis, and 0 for its lower or -1 for its upper end."""
 
 
-def touched(posed: Posed, values: npt.NDArray[np.floating], part: Part) -> Ends:
-    """The ends of the grid at which a value at the nodes of a part is positive."""
-    found = set()
-    for i in range(values.ndim):
-        for end in (0, -1):
-            if i > 0:
-                at_end = np.take(values[part.own], end, axis=i)
-            elif (part.first == 0) if end == 0 else (part.last == part.of.count):
-                at_end = values[part.own][end]
-            else:
-                continue
-            if (at_end > 0).any():
-                found.add((i, end))
-    return frozenset(found)
+def touched(values: npt.NDArray[np.floating], ends: tuple[bool, bool]) -> Ends:
+    """The ends of the grid at which a value in some of its planes is positive.
+
+    ends: whether the first and the last of these are ends of the grid.
+    """
+    return frozenset(
+        (i, end)
+        for i in range(values.ndim)
+        for end in (0, -1)
+        if (i > 0 or ends[end]) and (np.take(values, end, axis=i) > 0).any()
+    )
 
 
 def check_inside(posed: Posed, reached: Ends) -> None:

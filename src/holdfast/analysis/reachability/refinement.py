@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 from holdfast.analysis.reachability.grid import Axis, Grid
+from holdfast.analysis.reachability.posed_march import march_of
 from holdfast.analysis.reachability.problem import Posed
 from holdfast.errors import SimulationError
 from holdfast.execution.level_set.march import March
@@ -44,28 +45,16 @@ def check_refined(posed: Posed) -> None:
         )
 
 
-def march_of(posed: Posed, base: Grid, hamiltonian: Hamiltonian) -> RefinedMarch:
+def refined_march(posed: Posed, base: Grid, hamiltonian: Hamiltonian) -> RefinedMarch:
     """The march of a problem; base: the grid that it is refined from."""
-    marching = posed.marching
+    threads = posed.marching.threads or available_cores()
 
     def of(grid: Grid, stretch: int | None) -> March:
         rows = grid.shape[-2] if len(grid.axes) > 1 else 1
         cut = None if stretch is None else (1, rows, -(-grid.shape[-1] // stretch), stretch)
-        return March(
-            hamiltonian,
-            posed.parameters,
-            [a.nodes for a in grid.axes],
-            [a.step for a in grid.axes],
-            [a.ends for a in grid.axes],
-            method=marching.method,
-            limit=posed.limit,
-            clock=posed.clock,
-            precision=marching.precision,
-            threads=marching.threads or available_cores(),
-            cut=cut,
-        )
+        return march_of(posed, hamiltonian, grid, threads=threads, cut=cut)
 
-    between = [2**k for k in range(1, marching.refine.bit_length())]
+    between = [2**k for k in range(1, posed.marching.refine.bit_length())]
     marches = [of(base, None), *(of(finer(base, k), STRETCH) for k in between)]
     periodic = [a.ends == "periodic" for a in base.axes]
     return RefinedMarch(marches, periodic, side=1.0 if posed.limit == "shrink" else -1.0)

@@ -35,9 +35,8 @@ class DeviceSweeping:
         values: Array,
         upper: Array | None,
         lower: Array | None,
-        steps: int,
     ) -> None:
-        self._device, self._order, self._steps = device, march.method.order, steps
+        self._device, self._order = device, march.method.order
         self._xp: Any = device.arrays
         self._march, self._host = march, values
         stage = march.leaves.stage(lower=lower is not None, upper=upper is not None)
@@ -91,8 +90,7 @@ class DeviceSweeping:
         own = flags[1:order] if last and order > 1 else flags[:1]
         many = order - 1 if last else 0
         self._out = arrays[1] if order == 1 else arrays[0 if last else s + 1]
-        here = flags[s] if order > 1 else flags[self._steps % 2]
-        there = flags[(s + 1) % order] if order > 1 else flags[1 - self._steps % 2]
+        here, there = flags[s], flags[(s + 1) % len(flags)]
         if self._fold is not None:
             self._fold.narrow(here)
         before = arrays[0] if order == 1 else self._out
@@ -109,10 +107,9 @@ class DeviceSweeping:
         )  # fmt: skip
         if self._fold is not None:
             self._mirror(self._out, self._fold.needed)
-        if last:
-            self._steps += 1
-            if order == 1:
-                arrays.reverse()
+        if order == 1:
+            arrays.reverse()
+            self._flags = flags[::-1]
         found = self._device.fetched(counts)
         return np.array([found[0], found[1], found[2:].view(np.float64)[0]], dtype=np.float64)
 
@@ -123,7 +120,7 @@ class DeviceSweeping:
     @property
     def fixed(self) -> bool:
         """Whether nothing is left to be computed."""
-        return not bool(self._flags[0 if self._order > 1 else self._steps % 2].any())
+        return not bool(self._flags[0].any())
 
     def values(self) -> Array:
         """The values at the nodes, between two steps, on the host."""

@@ -100,6 +100,11 @@ class Part:
         return slice(int(self.starts[self.before]), int(self.starts[last]))
 
     @property
+    def ends(self) -> tuple[bool, bool]:
+        """Whether it has the first plane of the grid, and whether it has the last."""
+        return self.first == 0, self.last == self.of.count
+
+    @property
     def own_layers(self) -> range:
         """The same for layers."""
         return range(self.before, self.before + self.last - self.first)

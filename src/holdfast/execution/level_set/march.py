@@ -208,9 +208,8 @@ class March:
         **options: Any,
     ) -> Done:
         """March `values` (flat; changed in place) to each of `times`: see `drive`."""
-        done = options.pop("done", None) or Done()
-        with self.sweeping(values, upper, lower, done.steps) as sweeping:
-            return self.drive(sweeping, times, done=done, **options)
+        with self.sweeping(values, upper, lower) as sweeping:
+            return self.drive(sweeping, times, **options)
 
     def drive(
         self,
@@ -238,7 +237,6 @@ class March:
             return done
         order = self.method.order
         stages = STAGES[order]
-        spaces = [*0.5 / self.steps, *self.steps]
         began, step = time.perf_counter() - done.seconds, math.nan
         for start, dt, ends in itertools.islice(self.steps_to(times), done.steps, None):
             if dt != step or not self.method.skip or self.varying or refresh is not None:
@@ -255,8 +253,8 @@ class March:
                     refresh(self._time(start + then * dt))
                     sweeping.bounds_moved()
                 measures = last and done.measured and nearest > 0
-                numbers = np.array([dt, weight, floor, ceiling, nearest, *spaces])
-                found = sweeping.stage(s, self._u(start + fraction * dt), numbers, measures)
+                numbers = self.numbers(dt, weight, (floor, ceiling, nearest))
+                found = sweeping.stage(s, self.u(start + fraction * dt), numbers, measures)
                 done.computed += int(found[0])
                 if found[1]:
                     raise self.not_finite(sweeping.not_finite(), int(found[1]), start + dt)
@@ -279,18 +277,21 @@ class March:
         values: Array,
         upper: Array | None,
         lower: Array | None,
-        steps: int,
         room: Room | None = None,
     ) -> Sweeping | DeviceSweeping:
         """What holds the values of a march and carries out its stages."""
         if self.device is not None:
-            return DeviceSweeping(self, self.device, values, upper, lower, steps)
+            return DeviceSweeping(self, self.device, values, upper, lower)
         kind = Streaming if room is not None and room.on_disk else Sweeping
-        return kind(self, values, upper, lower, steps, room)
+        return kind(self, values, upper, lower, room)
 
-    def _u(self, tau: float) -> Array:
+    def u(self, tau: float) -> Array:
         """What is the same at all nodes: the time, the parameters, the largest speeds."""
         return np.concatenate([[self._time(tau)], self.p, self.speeds])
+
+    def numbers(self, dt: float, weight: float, within: tuple[float, float, float]) -> Array:
+        """Those of a stage (`stage_steps.py`). within: floor, ceiling, nearest."""
+        return np.array([dt, weight, *within, *0.5 / self.steps, *self.steps])
 
     def steps_to(self, times: Sequence[float]) -> Iterator[tuple[float, float, float | None]]:
         """Start and length of every step [s], and which of `times` it ends at."""

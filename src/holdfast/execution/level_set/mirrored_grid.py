@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 Flags = npt.NDArray[np.uint8]
 Places = npt.NDArray[np.int64]
+Chosen = npt.NDArray[np.bool_]
 
 
 class Fold:
@@ -18,20 +19,19 @@ class Fold:
     places: for every axis, at which place of it the reflected node is. There are as many units in
     a row of the grid, and in a stretch of its last axis, as `cut` says (`sweep.layout`).
     needed: places along `axis` that are not computed, but that the computed ones reach; rest: all
-    that are not computed.
+    that are not computed. Units are those at a place of the axes before, where all is alike.
     """
 
     def __init__(
         self, places: Sequence[Places], kinds: Sequence[str], cut: Sequence[int], ghosts: int
     ) -> None:
-        self.axis = next(i for i, p in enumerate(places) if (p != np.arange(len(p))).any())
+        self.axis = first_reflected(places)
         self.places = np.zeros((len(places), max(map(len, places))), dtype=np.int64)
         for row, p in zip(self.places, places, strict=True):
             row[: len(p)] = p
-        own = places[self.axis]
-        mine = np.arange(len(own)) <= own
         around = kinds[self.axis] == "periodic"
-        self.needed = np.flatnonzero(_within(mine, ghosts, around) & ~mine)
+        mine, reached = halves(places[self.axis], ghosts, around)
+        self.needed = np.flatnonzero(reached & ~mine)
         self.rest = np.flatnonzero(~mine)
         shape = [len(p) for p in places]
         many, groups, stretches, longest = cut
@@ -39,21 +39,21 @@ class Fold:
         sizes = [1] * len(shape[:-2]) + [many, longest]
         reflected = [*places[:-2], places[-2] if len(shape) > 1 else np.zeros(1, int), places[-1]]
         along = self.axis + len(of_units) - len(shape)
-        size, count = sizes[along], of_units[along]
+        of_units, sizes, reflected = of_units[along:], sizes[along:], reflected[along:]
+        size, count = sizes[0], of_units[0]
 
-        def units(chosen: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+        def units(chosen: Chosen) -> Chosen:
             """Those with a node at one of the chosen places of the folded axis."""
             any_of = [chosen[k * size : (k + 1) * size].any() for k in range(count)]
-            row = np.reshape(any_of, [-1 if i == along else 1 for i in range(len(of_units))])
-            return np.broadcast_to(row, of_units)
+            return np.broadcast_to(np.reshape(any_of, [-1, *[1] * (len(of_units) - 1)]), of_units)
 
         self.computed = units(mine).ravel().astype(np.uint8)
         near = np.nonzero(units(_within(~mine, ghosts, around) & mine))
         self.near = np.ravel_multi_index(near, of_units)
-        others = [
-            k[:, np.newaxis] if i == along else _images(places, size, count)[k]
-            for i, (k, places, size, count) in enumerate(
-                zip(near, reflected, sizes, of_units, strict=True)
+        others = [near[0][:, np.newaxis]] + [
+            _images(places, size, count)[k]
+            for k, places, size, count in zip(
+                near[1:], reflected[1:], sizes[1:], of_units[1:], strict=True
             )
         ]
         self.images = [
@@ -62,19 +62,34 @@ class Fold:
         ]
 
     def narrow(self, active: Flags) -> None:
-        """Of the units to be computed those of this half.
+        """Of the units to be computed those of this half; at some places of the axes before it.
 
         What changes near the fold changes its image beyond it, which reaches the images, on this
         side, of the units that it reaches itself.
         """
+        active = active.reshape(-1, len(self.computed))
         active &= self.computed
-        found = active[self.near]
+        found = active[:, self.near]
         for image in self.images:
-            found |= active[image]
-        active[self.near] = found
+            found |= active[:, image]
+        active[:, self.near] = found
 
 
-def _within(chosen: npt.NDArray[np.bool_], reach: int, around: bool) -> npt.NDArray[np.bool_]:
+def first_reflected(places: Sequence[Places]) -> int:
+    """The first axis of which a node is reflected onto another place."""
+    return next(i for i, p in enumerate(places) if (p != np.arange(len(p))).any())
+
+
+def halves(places: Places, ghosts: int, around: bool) -> tuple[Chosen, Chosen]:
+    """Of the places along a folded axis those that are computed, and all that these read.
+
+    places: those that its nodes are reflected to.
+    """
+    mine = np.arange(len(places)) <= places
+    return mine, _within(mine, ghosts, around)
+
+
+def _within(chosen: Chosen, reach: int, around: bool) -> Chosen:
     """The places that are within reach of a chosen one."""
     found = np.zeros_like(chosen)
     for k in range(-reach, reach + 1):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,15 @@ from holdfast.maths.expressions.traversal import symbols_of
 
 TOGETHER = 1 << 14
 """Nodes that are computed at a time, if a row of the last axis is not longer."""
+
+ALL = slice(None)
+
+
+class AtTime(Protocol):
+    """An expression at the nodes of a grid."""
+
+    def __call__(self, time: float, of: slice = ALL) -> npt.NDArray[Any]:
+        """At a time, at all nodes or at some that follow one another."""
 
 
 class OverGrid:
@@ -47,14 +56,20 @@ class OverGrid:
             row[: self._nodes], row[self._nodes :] = values.ravel(), values.ravel()[-1]
         self.size = self._nodes * math.prod(len(a) for a in self._outer)
 
-    def parts(self, time: float) -> Iterator[tuple[int, Array]]:
-        """The first node of every part of the grid, and the expressions at its nodes."""
+    def parts(self, time: float, of: slice = ALL) -> Iterator[tuple[slice, Array]]:
+        """Nodes that follow one another, of the grid or of some of its nodes, and the expressions
+        at these; they are overwritten with the next."""
         u, out = self._u.copy(), np.empty((self._count, self._w.shape[1]))
         u[0] = time
-        for k, place in enumerate(itertools.product(*self._outer)):
+        first, last, _ = of.indices(self.size)
+        parts = range(first // self._nodes, -(-last // self._nodes))
+        places = itertools.islice(itertools.product(*self._outer), parts.start, parts.stop)
+        for k, place in zip(parts, places, strict=True):
             self._w[: len(place)] = np.array(place)[:, np.newaxis]
             self._leaves.call("values", self._w, u, out)
-            yield k * self._nodes, out[:, : self._nodes]
+            begin = k * self._nodes
+            low, high = max(first, begin), min(last, begin + self._nodes)
+            yield slice(low, high), out[:, low - begin : high - begin]
 
 
 def over_grid(
@@ -66,17 +81,23 @@ def over_grid(
     band: float = math.inf,
     precision: str = "float64",
     room: Callable[[int], npt.NDArray[Any]] | None = None,
-) -> Callable[[float], npt.NDArray[Any]]:
-    """At a time: the expression at every node, flat, cut off at +-band.
+) -> AtTime:
+    """At a time: the expression at every node, or at some, flat, cut off at +-band.
 
-    `symbols` are those of the axes. room: gives an array of so many values.
+    `symbols` are those of the axes. room: gives an array of the values at every node.
     """
     values = OverGrid([expression], symbols, parameters, axes)
 
-    def at(time: float) -> npt.NDArray[Any]:
-        out = np.empty(values.size, dtype=precision) if room is None else room(values.size)
-        for first, (part,) in values.parts(time):
-            np.clip(part, -band, band, out=out[first : first + len(part)], casting="same_kind")
+    def at(time: float, of: slice = ALL) -> npt.NDArray[Any]:
+        first, last, _ = of.indices(values.size)
+        out = (
+            room(values.size)
+            if room is not None and of is ALL
+            else np.empty(last - first, dtype=precision)
+        )
+        for nodes, (part,) in values.parts(time, of):
+            to = out[nodes.start - first : nodes.stop - first]
+            np.clip(part, -band, band, out=to, casting="same_kind")
         return out
 
     return at

@@ -46,8 +46,8 @@ class Edges:
 
 
 class Slab(Sweeping):
-    """stages: from an exchange of halos to the next, one or those of a whole step. The last row of
-    flags has the units that have changed in the last of these."""
+    """stages: from an exchange of halos to the next, one or those of a whole step. The last of
+    the rows of flags has the units that have changed in the last of these."""
 
     def __init__(
         self,
@@ -55,23 +55,22 @@ class Slab(Sweeping):
         values: Array,
         upper: Array | None,
         lower: Array | None,
-        steps: int,
         room: Room,
         part: Part,
         stages: int,
     ) -> None:
-        super().__init__(march, values, upper, lower, steps, room)
+        super().__init__(march, values, upper, lower, room)
         assert march.units == len(part.layers) * part.of.units
         self.part, self._stages = part, stages
-        self._flags = np.ones((max(self._order, 2) + 1, march.units), dtype=np.uint8)
+        self._rows = np.ones((max(self.order, 2) + 1, march.units), dtype=np.uint8)
+        self.flags = self._rows[:-1]
         self._layer = len(values) // int(part.starts[-1])  # nodes at a place of the axis
         self._of = {k: np.flatnonzero(part.layers == k).tolist() for k in part.layers.tolist()}
         self._latest = 0
 
-    def _marks(self, s: int) -> tuple[Flags, Flags, Flags]:
-        here, there, own = super()._marks(s)
-        flags = self._flags
-        return here, there, flags[1:] if len(own) else flags[-1:]
+    def marks(self, s: int) -> tuple[Flags, Flags, Flags]:
+        here, there, own = super().marks(s)
+        return here, there, self._rows[1:] if len(own) else self._rows[-1:]
 
     def _narrow(self, s: int, here: Flags) -> None:
         super()._narrow(s, here)
@@ -80,7 +79,7 @@ class Slab(Sweeping):
         around = part.of.reach * (self._stages - 1 - k)
         here[: part.units(max(own.start - around, 0)).start] = 0
         here[part.units(own.stop + around).start :] = 0
-        self._flags[-1] = 0
+        self._rows[-1] = 0
         self._computed = int(here[self._own].sum())
 
     @property
@@ -93,7 +92,7 @@ class Slab(Sweeping):
         found[0] = self._computed
         if found[1] and self._stages > 1:  # some of them may lie in the halo
             found[1] = np.count_nonzero(~(np.abs(self.own_values(self._out)) < INFINITE))
-        self._latest = 0 if s == self._order - 1 else s + 1
+        self._latest = 0 if s == self.order - 1 else s + 1
         return found
 
     def own_values(self, array: Array | None = None) -> Array:
@@ -115,28 +114,28 @@ class Slab(Sweeping):
 
     def edges(self, wanted: Sequence[int]) -> Edges:
         """Of these layers of the grid what has become of them here since the last exchange."""
-        part, array = self.part, self._arrays[self._latest]
+        part, array = self.part, self.arrays[self._latest]
         own, reach = part.own_layers, part.of.reach
         near = range(max(own.start - reach, 0), min(own.stop + reach, len(part.layers)))
         asked = set(wanted)
         mine = [j for j in near if int(part.layers[j]) in asked]
-        flags = np.array([self._flags[:, part.units(j)] for j in mine])
-        sent = [j for j in mine if j in own and self._flags[-1, part.units(j)].any()]
+        flags = np.array([self._rows[:, part.units(j)] for j in mine])
+        sent = [j for j in mine if j in own and self._rows[-1, part.units(j)].any()]
         values = [array[self._nodes(j)] for j in sent]
         named = part.layers.tolist()
         return Edges([named[j] for j in mine], flags, [named[j] for j in sent], values)
 
     def take(self, found: Sequence[Edges]) -> None:
         """What other parts, or this one at the other end, have handed over."""
-        array, own = self._arrays[self._latest], self.part.own_layers
+        array, own = self.arrays[self._latest], self.part.own_layers
         halo = {k: [j for j in at if j not in own] for k, at in self._of.items()}
-        if self._order == 1:  # where nothing was handed over, the last two steps are equal
+        if self.order == 1:  # where nothing was handed over, the last two steps are equal
             for j in (j for at in halo.values() for j in at):
-                array[self._nodes(j)] = self._arrays[1][self._nodes(j)]
+                array[self._nodes(j)] = self.arrays[1][self._nodes(j)]
         for edges in found:
             for k, flags in zip(edges.marked, edges.flags, strict=True):
                 for j in self._of[k]:
-                    self._flags[:, self.part.units(int(j))] |= flags
+                    self._rows[:, self.part.units(int(j))] |= flags
             for k, values in zip(edges.changed, edges.values, strict=True):
                 for j in halo[k]:
                     array[self._nodes(int(j))] = values

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from holdfast.execution.arrays import AnyArray as Array
 
@@ -30,6 +30,19 @@ class Stages(Protocol):
     @property
     def fixed(self) -> bool:
         """Whether nothing is left to be computed."""
+
+
+class Bounds(Protocol):
+    """Bounds at nodes that move."""
+
+    def refresh(self, time: float) -> None:
+        """Have them be those of a time t."""
+
+    def renew(self, time: float, first: int, last: int) -> Any:
+        """The same at some places of the first axis; what there is to know of them there."""
+
+    def check(self, found: Sequence[Any]) -> None:
+        """Refuse what no march can go on with, once a stage has renewed all of them."""
 
 
 @dataclass(frozen=True)
@@ -59,14 +72,14 @@ class StageAnswer:
 
 
 def carried_out(
-    stages: Stages, orders: Sequence[StageOrder], refresh: Callable[[float], None]
+    stages: Stages, orders: Sequence[StageOrder], bounds: Bounds
 ) -> Iterator[StageAnswer]:
     """One stage after another."""
     for order in orders:
         if order.again:
             stages.all_again()
         if order.time is not None:
-            refresh(order.time)
+            bounds.refresh(order.time)
             stages.bounds_moved()
         computed, wrong, move = stages.stage(order.s, order.u, order.numbers, order.measures)
         first = stages.not_finite() if wrong else 0

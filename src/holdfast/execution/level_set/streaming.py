@@ -3,19 +3,29 @@
 Each stage follows the one before at the distance that a scheme reaches, so that the planes between
 the first and the last of them are in memory, and every array is read and written once in a step
 instead of once in every stage. The numbers are the same: a plane is computed when what it depends
-on has been, and overwritten when nothing depends on it any more.
+on has been, and overwritten when nothing depends on it any more. Bounds that move are those of its
+time in every stage, and a symmetry reflects a plane onto itself.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
-from holdfast.execution.level_set.stage_orders import StageAnswer, StageOrder
+from holdfast.execution.level_set.stage_orders import Bounds, StageAnswer, StageOrder
 from holdfast.execution.level_set.sweeping import Sweeping, first_not_finite
 from holdfast.execution.level_set.workers import Counts
 
 NODES = 1_000_000
 """Nodes that a stage computes before the next follows, at least."""
+
+
+def streams(states: int, order: int, reflects_first: bool) -> bool:
+    """Whether the stages of a step may follow one another so.
+
+    reflects_first: whether a symmetry has a plane of the first axis reflected onto another.
+    """
+    return states > 2 and order > 1 and not reflects_first
 
 
 class Streaming(Sweeping):
@@ -24,20 +34,21 @@ class Streaming(Sweeping):
     @property
     def streams(self) -> bool:
         """Whether its stages may follow one another so."""
-        march = self._march
-        return len(march.shape) > 2 and march.fold is None and self._order > 1
+        fold = self.march.fold
+        return streams(len(self.march.shape), self.order, fold is not None and fold.axis == 0)
 
-    def step(self, orders: Sequence[StageOrder]) -> list[StageAnswer]:
+    def step(self, orders: Sequence[StageOrder], bounds: Bounds) -> list[StageAnswer]:
         """All stages of a step."""
         if orders[0].again:
             self.all_again()
-        march, many = self._march, len(orders)
-        planes, reach = int(march.shape[0]), int(self._sizes[3])
+        march, many = self.march, len(orders)
+        planes, reach = int(march.shape[0]), int(self.sizes[3])
         around = bool(march.kinds[0] == 1)
         block = max(2 * march.threads, -(-NODES // (march.nodes // planes)))
         ends = [planes + s * reach * around for s in range(many)]
         done = [end - planes for end in ends]
         found = [StageAnswer(0, 0, 0, 0.0, False)] * many
+        told: list[list[Any]] = [[] for _ in orders]
         while done[-1] < ends[-1]:
             for s, order in enumerate(orders):
                 ready = ends[s] if s == 0 or done[s - 1] == ends[s - 1] else done[s - 1] - reach
@@ -45,20 +56,37 @@ class Streaming(Sweeping):
                 if last <= done[s]:
                     continue
                 for low, high in _unrolled(done[s], last, planes):
-                    self._workers.share(low, high)
-                    found[s] = _added(
-                        found[s], self._swept(s, order.u, order.numbers, order.measures)
-                    )
+                    if order.time is not None:
+                        told[s].append(bounds.renew(order.time, low, high))
+                    found[s] = _added(found[s], self._planes(order, low, high))
                 done[s] = last
-        self._end(many - 1)
-        for s, answer in enumerate(found):
-            if answer.wrong:
-                out = self._arrays[(s + 1) % many]
-                found[s] = StageAnswer(0, answer.wrong, first_not_finite(out), 0.0, False)
-                return found
-        last_one = found[-1]
-        found[-1] = StageAnswer(last_one.computed, 0, 0, last_one.move, self.fixed)
+        self._workers.share(0, planes)
+        return self._answers(found, told, bounds)
+
+    def _planes(self, order: StageOrder, low: int, high: int) -> Counts:
+        """A stage of some planes."""
+        march, s = self.march, order.s
+        planes = int(march.shape[0])
+        units, nodes = march.units // planes, march.nodes // planes
+        self._narrow(s, self.marks(s)[0][low * units : high * units])
+        self._workers.share(low, high)
+        found = self.swept(self._workers, s, order.u, order.numbers, order.measures)
+        self._workers.share(0, high - low)
+        self._reflect(self.out(s)[low * nodes : high * nodes])
         return found
+
+    def _answers(
+        self, found: list[StageAnswer], told: Sequence[Sequence[Any]], bounds: Bounds
+    ) -> list[StageAnswer]:
+        """Those of the stages, up to the first at which the march ends."""
+        for s, answer in enumerate(found):
+            if told[s]:
+                bounds.check(told[s])
+            if answer.wrong:
+                first = first_not_finite(self.out(s))
+                return [*found[:s], StageAnswer(0, answer.wrong, first, 0.0, False)]
+        last = found[-1]
+        return [*found[:-1], StageAnswer(last.computed, 0, 0, last.move, self.fixed)]
 
 
 def _unrolled(first: int, last: int, planes: int) -> list[tuple[int, int]]:
