@@ -28,7 +28,7 @@ def connected(address: str, error_class: type[HoldfastError], option: str) -> It
         )
     try:
         client: Any = _client(address, timeout=CONNECTION_TIMEOUT, set_as_default=False)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, TypeError, RuntimeError) as error:  # the last two of tls://
         raise error_class(
             f"{option} {address}: {error}", expected="the address of a scheduler",
             remedy="start one with `dask scheduler`, and workers with `dask worker ADDRESS`",
