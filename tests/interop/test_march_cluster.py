@@ -3,6 +3,7 @@
 import asyncio
 import os
 import signal
+import socket
 from types import SimpleNamespace
 
 import pytest
@@ -15,6 +16,7 @@ from tests.divided_marches import basin, kernel, same
 
 distributed = pytest.importorskip("distributed")
 
+from holdfast.interop import cluster as connections  # noqa: E402
 from holdfast.interop import march_cluster as module  # noqa: E402
 from holdfast.interop import march_worker  # noqa: E402
 from holdfast.interop.march_cluster import march_cluster  # noqa: E402
@@ -66,6 +68,18 @@ def test_clusters_that_cannot_be_used_are_refused():
         pytest.raises(SimulationError, match='exchange: \'never\'; expected "stage", "step" or'),
         march_cluster("tcp://localhost:1", exchange="never"),
     ):
+        pass
+
+
+def test_a_server_of_another_kind_is_not_waited_for(monkeypatch):
+    """As that of the dashboard of a scheduler."""
+    monkeypatch.setattr(connections, "REACHED", 0.2)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        said = "what answers there is no server of Dask; expected the address of a scheduler"
+        with pytest.raises(SimulationError, match=said), march_cluster(address):
+            pass
+    with pytest.raises(SimulationError, match="TLS expects a"), march_cluster("tls://a:1"):
         pass
 
 
