@@ -73,7 +73,7 @@ def test_clusters_that_cannot_be_used_are_refused():
 
 def test_a_server_of_another_kind_is_not_waited_for(monkeypatch):
     """As that of the dashboard of a scheduler."""
-    monkeypatch.setattr(connections, "REACHED", 0.2)
+    monkeypatch.setattr(connections, "CONNECTION_TIMEOUT", "0.2s")
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
         said = "what answers there is no server of Dask; expected the address of a scheduler"

@@ -15,8 +15,6 @@ import distributed.comm as distributed_comm
 from holdfast.errors import HoldfastError, ScenarioError
 
 CONNECTION_TIMEOUT = "20s"
-REACHED = 20.0
-"""Seconds within which a scheduler answers, as a Dask server does."""
 
 _client: Any = distributed.Client  # it has no types
 _comm: Any = distributed_comm
@@ -55,11 +53,13 @@ def _reach(address: str) -> None:
     """Fail where no Dask server answers: a client would wait for ever for one of another kind, as
     that of the dashboard."""
 
+    seconds = float(CONNECTION_TIMEOUT.removesuffix("s"))
+
     async def greet() -> None:
         given = _security().get_connection_args("client")
         try:
-            reached = _comm.connect(address, timeout=REACHED, **given)
-            comm = await asyncio.wait_for(reached, 1.5 * REACHED)
+            reached = _comm.connect(address, timeout=seconds, **given)
+            comm = await asyncio.wait_for(reached, 1.5 * seconds)
         except TimeoutError:
             raise OSError("what answers there is no server of Dask") from None
         await comm.close()
