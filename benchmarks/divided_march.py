@@ -14,7 +14,8 @@ of them, a step has S stages and e exchanges of halos (S, or 1), n workers have 
 
 u is the time of a node in a stage while n processes march each a grid of their own; a + b n that of
 rounds of a grid so small that it costs nothing; B is measured between two workers. The memory is
-that of S arrays of P planes and their halos, of g S / e planes on either side.
+that of S arrays of P planes and their halos, of g S / e planes on either side, and of the edges of
+two exchanges.
 """
 
 from __future__ import annotations
@@ -92,7 +93,7 @@ def modelled(
         exchanges * (costs.fixed + costs.each * workers),
         handed / costs.bandwidth,
         handed,
-        STAGES * (own + halo) * plane * BYTES,
+        (STAGES * (own + halo) + 2 * halo) * plane * BYTES,
     )
 
 

@@ -1,17 +1,27 @@
 """A march on the worker processes of a Dask cluster."""
 
+import asyncio
 import os
 import signal
+import socket
+from types import SimpleNamespace
 
 import pytest
 
+from holdfast.analysis.reachability.divided_march import PartsLostError
+from holdfast.analysis.reachability.options import Marching
 from holdfast.errors import SimulationError
+from holdfast.execution.level_set.layers import layers
 from tests.divided_marches import basin, kernel, same
 
 distributed = pytest.importorskip("distributed")
 
+from holdfast.interop import cluster as connections  # noqa: E402
 from holdfast.interop import march_cluster as module  # noqa: E402
+from holdfast.interop import march_worker  # noqa: E402
 from holdfast.interop.march_cluster import march_cluster  # noqa: E402
+
+WHOLE = layers((9, 9, 9), 3, "extrapolated").parts(1, 1)[0]
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +69,67 @@ def test_clusters_that_cannot_be_used_are_refused():
         march_cluster("tcp://localhost:1", exchange="never"),
     ):
         pass
+
+
+def test_a_server_of_another_kind_is_not_waited_for(monkeypatch):
+    """As that of the dashboard of a scheduler."""
+    monkeypatch.setattr(connections, "CONNECTION_TIMEOUT", "0.2s")
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        said = "what answers there is no server of Dask; expected the address of a scheduler"
+        with pytest.raises(SimulationError, match=said), march_cluster(address):
+            pass
+    with pytest.raises(SimulationError, match="TLS expects a"), march_cluster("tls://a:1"):
+        pass
+
+
+def test_a_cluster_that_has_been_left_is_refused():
+    left = module.MarchCluster(SimpleNamespace(status="closed"), "tcp://a:1", "auto")
+    with pytest.raises(SimulationError, match=r"cluster tcp://a:1 has been closed; march within"):
+        kernel(cluster=left)
+
+
+def test_what_a_worker_cannot_do_is_told_and_is_no_loss():
+    """A full disk of its own is not a connection that is lost."""
+
+    def write():
+        raise OSError(28, "No space left on device")
+
+    held = march_worker.HeldPart("a", ["tcp://a:1"], 0)
+    told = asyncio.run(march_worker._told(held, write))
+    held.thread.shutdown()
+    assert isinstance(told, SimulationError)
+    assert "worker tcp://a:1 cannot go on (OSError: [Errno 28] No space left on" in str(told)
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_worker_that_takes_on_no_task_is_told_from_one_that_is_lost(there):
+    def wait(timeout):
+        raise TimeoutError
+
+    name = "tcp://a:1"
+    client = SimpleNamespace(
+        submit=lambda *_, **__: SimpleNamespace(exception=wait),
+        nthreads=lambda: {name: 1} if there else {},
+    )
+    parts = module.ClusterParts(client, "tcp://s:1", "march", [name], [WHOLE], 1)
+    with pytest.raises(SimulationError if there else PartsLostError) as refused:
+        parts.build(SimpleNamespace(marching=Marching()))
+    assert f"worker {name} " + ("has taken on no task" if there else "was lost") in str(
+        refused.value
+    )
+
+
+@pytest.mark.parametrize(("asked", "has"), [(None, 4), (2, 2)])
+def test_a_part_has_the_threads_of_its_worker_or_those_asked_for(asked, has, monkeypatch):
+    made = []
+    monkeypatch.setattr(march_worker, "MarchPart", lambda *_, threads, **__: made.append(threads))
+    worker = SimpleNamespace(address="tcp://a:1", state=SimpleNamespace(nthreads=4))
+    posed = SimpleNamespace(marching=Marching(threads=asked))
+    given = ("march", posed, [WHOLE], [worker.address], 1)
+    asyncio.run(march_worker.build(*given, dask_worker=worker))
+    march_worker._held.pop(("march", worker.address)).thread.shutdown()
+    assert made == [has]
 
 
 def test_workers_with_too_little_memory_or_another_version_are_refused(cluster, monkeypatch):

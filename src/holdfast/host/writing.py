@@ -118,6 +118,11 @@ def discarded_at_the_end(folder: Path) -> Path:
     return folder
 
 
+def kept_at_the_end(folder: Path) -> None:
+    """It is complete, or there no longer."""
+    _unfinished.discard(folder)
+
+
 @atexit.register
 def discard_unfinished() -> None:
     """Remove every file that this process has not finished; called when the process ends."""

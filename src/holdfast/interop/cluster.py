@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 from collections.abc import Iterator
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any
 
 import distributed
+import distributed.comm as distributed_comm
 
 from holdfast.errors import HoldfastError, ScenarioError
 
 CONNECTION_TIMEOUT = "20s"
+
 _client: Any = distributed.Client  # it has no types
+_comm: Any = distributed_comm
+_security: Any = distributed.Security
 
 
 @contextmanager
@@ -27,8 +32,9 @@ def connected(address: str, error_class: type[HoldfastError], option: str) -> It
             f"{option} {address}", expected="the address of a scheduler, such as tcp://host:8786"
         )
     try:
+        _reach(address)
         client: Any = _client(address, timeout=CONNECTION_TIMEOUT, set_as_default=False)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, TypeError, RuntimeError) as error:  # the last two of tls://
         raise error_class(
             f"{option} {address}: {error}", expected="the address of a scheduler",
             remedy="start one with `dask scheduler`, and workers with `dask worker ADDRESS`",
@@ -41,6 +47,25 @@ def connected(address: str, error_class: type[HoldfastError], option: str) -> It
                 f"{option} {address}: it has no workers", remedy=f"dask worker {address}"
             ) from None
         yield client
+
+
+def _reach(address: str) -> None:
+    """Fail where no Dask server answers: a client would wait for ever for one of another kind, as
+    that of the dashboard."""
+
+    seconds = float(CONNECTION_TIMEOUT.removesuffix("s"))
+
+    async def greet() -> None:
+        given = _security().get_connection_args("client")
+        try:
+            reached = _comm.connect(address, timeout=seconds, **given)
+            comm = await asyncio.wait_for(reached, 1.5 * seconds)
+        except TimeoutError:
+            raise OSError("what answers there is no server of Dask") from None
+        await comm.close()
+
+    with ThreadPoolExecutor(1) as pool:  # where a notebook has a loop of its own
+        pool.submit(lambda: asyncio.run(greet())).result()
 
 
 @contextmanager

@@ -68,7 +68,7 @@ class MarchCluster:
         """The parts of a march in workers, until the end of the block."""
         workers = self._workers()
         count = cut(posed, len(workers))
-        threads = min(w.threads for w in workers.values())
+        threads = posed.marching.threads or min(w.threads for w in workers.values())
         stages = self._stages(posed, count, threads)
         found = layers_of(posed).parts(count, stages)
         chosen = list(workers)[: len(found)]
@@ -109,6 +109,11 @@ class MarchCluster:
         return dict(sorted(found.items()))
 
     def _answering(self) -> dict[str, march_worker.Hello]:
+        if self._client.status == "closed":
+            raise SimulationError(
+                f"the connection to cluster {self._address} has been closed",
+                remedy="march within the block of `with march_cluster(...)`",
+            )
         try:
             answers = self._client.run(march_worker.hello, on_error="return")
         except OSError as error:
@@ -134,6 +139,8 @@ class MarchCluster:
 
 class ClusterParts:
     """The parts of one march, each in a worker."""
+
+    here = False
 
     def __init__(
         self,
@@ -166,14 +173,25 @@ class ClusterParts:
             )
             for k, name in enumerate(self._names)
         ]
-        try:
-            for lease in self._leases:
-                lease.exception(timeout=TIMEOUT)
-        except OSError as error:
-            raise PartsLostError(_lost(self._address, self._names[0], str(error))) from None
+        for name, lease in zip(self._names, self._leases, strict=True):
+            self._wait_for(name, lease)
         sent = dataclasses.replace(posed, marching=marching)
         given = (self._march, sent, self.parts, self._names, self.stages)
         self._answers(march_worker.build, self._names, *given)
+
+    def _wait_for(self, name: str, lease: Any) -> None:
+        """Until a worker has taken on its lease; refused where it is there and does not."""
+        try:
+            lease.exception(timeout=TIMEOUT)
+        except OSError as error:
+            if name not in self._client.nthreads():
+                raise PartsLostError(_lost(self._address, name, str(error))) from None
+            raise SimulationError(
+                f"cluster {self._address}: worker {name} has taken on no task for {TIMEOUT:g} s",
+                expected="a worker that is not busy with other tasks, nor paused as its memory is "
+                "full",
+                remedy="look at its log; wait for its other tasks, or start it again",
+            ) from None
 
     def ask(self, method: str, *given: Any) -> list[Any]:
         if method == "carry_out":

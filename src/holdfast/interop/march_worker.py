@@ -20,7 +20,7 @@ from distributed.protocol.serialize import Serialize
 from holdfast._version import __version__
 from holdfast.analysis.reachability.march_part import MarchPart
 from holdfast.analysis.reachability.problem import Posed
-from holdfast.errors import HoldfastError
+from holdfast.errors import HoldfastError, SimulationError
 from holdfast.execution.level_set.layers import Part
 from holdfast.execution.level_set.slab import Edges
 from holdfast.execution.level_set.stage_orders import StageAnswer, StageOrder
@@ -82,16 +82,17 @@ class HeldPart:
             if place == self.place and len(parts) > 1
         }
 
-    def carry_out(self, orders: Sequence[StageOrder], found: Sequence[Edges]) -> list[StageAnswer]:
+    def carry_out(self, orders: Sequence[StageOrder], found: list[Edges]) -> list[StageAnswer]:
         """Stages, after what the others have handed over."""
+        self.handed.pop(self.rounds - 1, None)  # all have it, as they have been asked again
         if found:
             self.part.take(found)
+            found.clear()  # the memory is needed for what is handed over next
         answers = self.part.carry_out(orders)
         self.rounds += 1
         self.handed[self.rounds] = {
             k: self.part.edges(which).copy() for k, which in self.asked.items()
         }
-        self.handed.pop(self.rounds - 2, None)
         return answers
 
 
@@ -124,7 +125,7 @@ async def build(
     """Make the part of this worker."""
     held = HeldPart(march, addresses, addresses.index(dask_worker.address))
     _held[march, dask_worker.address] = held
-    threads = dask_worker.state.nthreads
+    threads = posed.marching.threads or dask_worker.state.nthreads
     return await _told(held, held.build, posed, parts, stages, threads)
 
 
@@ -159,12 +160,20 @@ async def carry_out(march: str, rounds: int, orders: Sequence[StageOrder], dask_
 
 
 async def _told(held: HeldPart, function: Any, *given: Any) -> Any:
-    """What it gives, or the error that it raises, in the thread of the part."""
+    """What it gives, or the error that it raises, in the thread of the part.
+
+    An `OSError` of its own is not one of the connection to it, which says that it is lost.
+    """
     loop = asyncio.get_running_loop()
     try:
         return await loop.run_in_executor(held.thread, function, *given)
     except HoldfastError as error:
         return error
+    except (OSError, MemoryError) as error:
+        return SimulationError(
+            f"worker {held.addresses[held.place]} cannot go on ({type(error).__name__}: {error})",
+            remedy="look at its log",
+        )
 
 
 def release(march: str, name: str) -> None:

@@ -6,9 +6,10 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.analysis.reachability import hamilton_jacobi, obstacles
+from holdfast.analysis.reachability import disk_estimate, hamilton_jacobi, obstacles
 from holdfast.analysis.reachability.disk_estimate import traffic
 from holdfast.analysis.reachability.divided_march import Here
+from holdfast.analysis.reachability.march_part import MarchPart
 from holdfast.errors import OutputError, SimulationError, SlowWarning
 from holdfast.execution import resources, working_room
 from holdfast.execution.level_set import over_grid, streaming
@@ -224,6 +225,46 @@ def test_a_disk_that_is_full_or_cannot_be_written_is_refused_before_the_march(
                     {"x": "extrapolated"})  # fmt: skip
     with pytest.raises(OutputError, match=r"nodes take 1.14e\+04 GiB, and .* has .* GiB left"):
         hf.discriminating_kernel(ROBOT, post(), large, 0.1, on_disk=tmp_path)
+
+
+def test_a_disk_for_the_answer_of_a_cluster_is_refused_before_the_march(tmp_path):
+    (tmp_path / "file").write_text("")
+    told = []
+    with pytest.raises(OutputError, match=r"file/d cannot be written \(Not a directory"):
+        tube(cluster=Here(1, count=2), on_disk=tmp_path / "file" / "d", progress=told.append)
+    assert told == []
+
+
+@pytest.mark.parametrize("problem", [basin, tube])
+def test_all_large_arrays_of_a_march_from_a_disk_are_there(problem, tmp_path, monkeypatch):
+    """Also those that bound it where leaving the grid is taken for lost, or for won."""
+    held, begun = [], MarchPart.open
+
+    def begin(part):
+        held.extend(a for a in part.bounded() if a is not None)
+        begun(part)
+
+    monkeypatch.setattr(MarchPart, "open", begin)
+    problem(on_disk=tmp_path, check_outside=True)
+    assert len(held) > 3
+    assert all(a._mmap is not None for a in held)
+
+
+def test_few_nodes_are_timed_of_a_grid_with_large_planes(tmp_path, monkeypatch):
+    timed = []
+
+    class Timed(MarchPart):
+        def open(self):
+            timed.append(len(self.now()))
+            super().open()
+
+    monkeypatch.setattr(disk_estimate, "MarchPart", Timed)
+    monkeypatch.setattr(disk_estimate, "total_memory", lambda: 1e5)
+    monkeypatch.setattr(disk_estimate, "PROBE", 2**20)
+    monkeypatch.setattr(disk_estimate, "TIMED", 4000)
+    with pytest.warns(SlowWarning):
+        two_carts(on_disk=tmp_path)
+    assert timed == [7 * 7 * 8 * 10]
 
 
 def test_how_slow_a_disk_is_is_said_beforehand(tmp_path, monkeypatch):

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import time
-import zipfile
 from collections.abc import Mapping
 from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
@@ -20,7 +19,7 @@ import numpy as np
 import sympy as sp
 
 from holdfast._version import __version__
-from holdfast.analysis.reachability.checkpoint_parts import PartFiles
+from holdfast.analysis.reachability.checkpoint_parts import PartFiles, readable
 from holdfast.analysis.reachability.divided_march import DividedMarch
 from holdfast.analysis.reachability.problem import Posed
 from holdfast.errors import OutputError, SimulationError
@@ -56,17 +55,16 @@ class Checkpoint:
         if not found:
             return Done()
         path = max(found, key=lambda p: found[p]["done"]["steps"])
-        try:
-            march.each("restore", path, found[path].get("then", 0.0))
-            return Done(**found[path]["done"])
-        except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile):
-            raise _unreadable(path) from None
+        with readable(path):
+            done = Done(**found[path]["done"])
+        march.each("restore", path.absolute(), found[path].get("then", 0.0))
+        return done
 
     def _said(self, path: Path) -> dict[str, Any] | None:
         """What a checkpoint says of itself; None where there is none."""
         if not path.exists():
             return None
-        try:
+        with readable(path):
             if path == self._files.path:
                 said = self._files.said()
             elif path.is_file():
@@ -78,17 +76,13 @@ class Checkpoint:
                 )
             if said is not None:
                 self._check(said["problem"])
-        except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile):
-            raise _unreadable(path) from None
         return said
 
     def save(self, done: Done, march: DividedMarch) -> None:
         said = {"problem": self.identity, "done": asdict(done), "then": march.recorded()}
         try:
             if self._in_parts:
-                generation = self._files.next
-                march.each("write", self._files.folder(), generation)
-                self._files.finish(said, generation)
+                self._save_parts(said, march)
             else:
                 with atomic_file(self.path) as partial, partial.open("wb") as file:
                     arrays: dict[str, Any] = dict(march.arrays())
@@ -96,9 +90,19 @@ class Checkpoint:
         except OutputError as error:
             raise OutputError(
                 f"the checkpoint {error.cause}",
-                remedy="choose a folder that exists, with room for it",
+                remedy="choose a folder that exists, with room for it"
+                + (", which all machines of the cluster share" if march.divided else ""),
             ) from None
         self.written = time.monotonic()
+
+    def _save_parts(self, said: Mapping[str, Any], march: DividedMarch) -> None:
+        generation = self._files.begin()
+        try:
+            written = march.each("write", generation)
+        except BaseException:
+            self._files.remove(generation)
+            raise
+        self._files.finish(said, generation, written)
 
     @property
     def due(self) -> bool:
@@ -118,13 +122,6 @@ class Checkpoint:
             f"the checkpoint {self.path} belongs to another problem: {name} differs{shown}{more}",
             remedy="remove it to begin anew, or choose another file",
         )
-
-
-def _unreadable(path: Path) -> SimulationError:
-    return SimulationError(
-        f"{path} cannot be read as a checkpoint",
-        remedy="remove it to begin anew, or choose another file",
-    )
 
 
 def identity(posed: Posed) -> dict[str, str]:

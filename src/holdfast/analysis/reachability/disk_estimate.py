@@ -16,14 +16,14 @@ import shutil
 import tempfile
 import time
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from holdfast.analysis.reachability.grid import Axis
+from holdfast.analysis.reachability.grid import Axis, Grid
 from holdfast.analysis.reachability.march_part import MarchPart, layers_of
-from holdfast.analysis.reachability.memory_estimate import memory_of
+from holdfast.analysis.reachability.memory_estimate import answer_bytes, memory_of
 from holdfast.analysis.reachability.problem import Posed
 from holdfast.errors import OutputError, SlowWarning
 from holdfast.execution.level_set.layers import Part
@@ -33,7 +33,7 @@ from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.stage_orders import StageOrder
 from holdfast.execution.level_set.streaming import streams
 from holdfast.execution.resources import available_cores, total_memory
-from holdfast.execution.working_room import Memory
+from holdfast.execution.working_room import Disk, Memory
 from holdfast.maths.games.hamiltonian import Hamiltonian
 
 PROBE = 256 * 2**20
@@ -68,8 +68,9 @@ class DiskEstimate:
 
 def check_disk(posed: Posed, h: Hamiltonian) -> None:
     """Refuse a march that its disk has no room for; say how slow one is that the memory has none
-    for (`SlowWarning`)."""
-    folder, needed = Path(posed.marching.on_disk or "."), memory_of(posed)
+    for (`SlowWarning`). Of one on a cluster its answer is on the disk."""
+    folder, divided = Path(posed.marching.on_disk or "."), posed.marching.cluster is not None
+    needed = answer_bytes(posed) if divided else memory_of(posed)
     place = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
     free = shutil.disk_usage(place).free
     if needed > free:
@@ -78,8 +79,10 @@ def check_disk(posed: Posed, h: Hamiltonian) -> None:
             f"{free / 2**30:.3g} GiB left",
             remedy="choose a folder of a larger disk for on_disk, or take fewer nodes",
         )
+    if divided:  # it is written when the march is done
+        Disk(folder).empty(1, np.uint8)
     memory = total_memory()
-    if needed <= 0.7 * memory:
+    if divided or needed <= 0.7 * memory:
         return
     found = disk_estimate(posed, h, place)
     warnings.warn(
@@ -156,7 +159,11 @@ def disk_speed(folder: Path, size: int = PROBE) -> tuple[float, float]:
 
 
 def _computing(posed: Posed, h: Hamiltonian) -> float:
-    """Seconds of a step in memory: by the stages of one of a few planes."""
+    """Seconds of a step in memory: by the stages of one of a few planes, and of few nodes of them,
+    as a plane of a large grid is large. A symmetry halves it."""
+    nodes = posed.grid.nodes
+    half = 0.5 if posed.marching.symmetry is not None else 1.0
+    posed = _with_few_nodes(posed)
     of = layers_of(posed)
     planes = max(2 * of.reach + 1, 2)
     planes = max(planes, min(of.nodes, TIMED * of.nodes // posed.grid.nodes) // of.thick)
@@ -180,4 +187,17 @@ def _computing(posed: Posed, h: Hamiltonian) -> float:
         held.carry_out(orders)
         times.append(time.perf_counter() - began)
     held.close()
-    return min(times) * of.nodes / len(part.nodes)
+    return half * min(times) * nodes / len(held.now())
+
+
+def _with_few_nodes(posed: Posed) -> Posed:
+    """Without a symmetry, and with so few nodes between the first and the last axis that as many
+    planes as a stage reaches over are `TIMED` nodes, if that can be had."""
+    least = 2 * schemes()[posed.marching.scheme].ghosts + 1
+    axes = list(posed.grid.axes)
+    for i in range(1, len(axes) - 1):
+        others = math.prod(a.count for a in axes[1:]) // axes[i].count
+        fewer = max(least, TIMED // (least * others))
+        axes[i] = replace(axes[i], count=min(axes[i].count, fewer))
+    marching = replace(posed.marching, symmetry=None)
+    return replace(posed, grid=Grid(tuple(axes)), marching=marching)

@@ -39,10 +39,12 @@ class PartsLostError(Exception):
 
 
 class Parts(Protocol):
-    """The parts of a march, wherever they are. stages: from an exchange of halos to the next."""
+    """The parts of a march. stages: from an exchange of halos to the next; here: whether they are
+    in this process."""
 
     parts: Sequence[Part]
     stages: int
+    here: bool
 
     def ask(self, method: str, *given: Any) -> list[Any]:
         """What every part answers to a method of `MarchPart`, in their order."""
@@ -116,6 +118,8 @@ def cut(posed: Posed, count: int) -> int:
 
 class PartsHere:
     """Parts in this process."""
+
+    here = True
 
     def __init__(self, held: Sequence[MarchPart], stages: int) -> None:
         self._held, self.stages = held, stages
@@ -230,9 +234,14 @@ class DividedMarch:
         """The time [s] up to which arrivals are recorded."""
         return float(self._parts.ask_one(0, "recorded"))
 
+    @property
+    def divided(self) -> bool:
+        """Whether the values are in several parts, or not in this process."""
+        return len(self._parts.parts) > 1 or not self._parts.here
+
     def whole(self) -> Mapping[str, Array] | None:
         """The arrays themselves, where one part has all; what a march that goes on overwrites."""
-        if len(self._parts.parts) > 1:
+        if self.divided:
             return None
         found: Mapping[str, Array] = self._parts.ask_one(0, "held")
         return found

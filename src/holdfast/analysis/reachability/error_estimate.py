@@ -18,6 +18,9 @@ from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import HoldfastError, SimulationError
 from holdfast.execution.arrays import AnyArray as Array
 
+TOGETHER = 1 << 20
+"""Nodes that are looked at together, to save memory."""
+
 LEAST_ORDER = 0.5
 """A lower observed order says that the grids are too coarse for one; it is taken for this."""
 
@@ -88,8 +91,9 @@ def with_error(found: ValueFunction, coarse: Sequence[ValueFunction]) -> ValueFu
             order = max(math.log2(large / small), LEAST_ORDER)
     error = np.abs(apart[near]) / (2.0**order - 1.0)
     slopes = np.zeros(apart.shape)
-    for i in range(fine.ndim):
-        slopes += np.gradient(fine, axis=i)[thin] ** 2
+    for i in range(fine.ndim):  # of the rows with common nodes, to save memory
+        rows = np.moveaxis(fine, i, 0)[(slice(None), *thin[1:])]
+        slopes += np.moveaxis(np.gradient(rows, axis=0)[::2] ** 2, 0, i)
     with np.errstate(divide="ignore", invalid="ignore"):
         cells = np.where(error > 0, error / np.sqrt(slopes[near]), 0.0)
     return found.reported(
@@ -133,17 +137,21 @@ def with_outside(
     Attributes: nodes_from_outside and nodes_kept_outside count the two, share_from_outside is
     the part of the set's nodes.
     """
-    inside = found.values() > 0
-    lost, won = (
-        march(replace(posed.aside(what), beyond=what)).values() > 0 for what in ("lost", "won")
-    )
-    gained, missed = inside & ~lost, ~inside & won
-    side = gained.astype(np.int8) - missed.astype(np.int8)
+    values = found.values().ravel()
+    side = np.zeros(len(values), np.int8)
+    parts = [slice(k, k + TOGETHER) for k in range(0, len(values), TOGETHER)]
+    for what, within, mark in (("lost", True, 1), ("won", False, -1)):
+        other = march(replace(posed.aside(what), beyond=what)).values().ravel()
+        for k in parts:
+            side[k][((values[k] > 0) == within) & ((other[k] > 0) != within)] = mark
+    inside = sum(int((values[k] > 0).sum()) for k in parts)
+    gained, missed = (sum(int((side[k] == m).sum()) for k in parts) for m in (1, -1))
     text = "1 in the set by what is outside the grid, -1 not in it by what is outside, 0 sure"
     names = [a.name for a in found.grid.axes]
-    dataset = found.dataset.assign(outside=(names, side, {"units": "1", "long_name": text}))
+    marks = side.reshape(found.grid.shape)
+    dataset = found.dataset.assign(outside=(names, marks, {"units": "1", "long_name": text}))
     return replace(found, dataset=dataset).reported(
-        nodes_from_outside=int(gained.sum()),
-        share_from_outside=float(gained.sum() / max(inside.sum(), 1)),
-        nodes_kept_outside=int(missed.sum()),
+        nodes_from_outside=gained,
+        share_from_outside=gained / max(inside, 1),
+        nodes_kept_outside=missed,
     )

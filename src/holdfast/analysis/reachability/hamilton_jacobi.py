@@ -44,7 +44,7 @@ def marched(
     h = hamiltonian_of(posed)
     if posed.marching.symmetry is not None:
         check_symmetry(h, posed.problem.regions, posed.marching.symmetry)
-    if posed.marching.on_disk is not None and posed.marching.cluster is None:
+    if posed.marching.on_disk is not None:
         check_disk(posed, h)
     place, finer = workplace(posed.marching), on_finer_grid(posed)
     losses = 0
@@ -52,7 +52,7 @@ def marched(
         attempt = OneMarch(posed, h, progress, until, begun=begin is not None)
         try:
             with place.parts(finer, h) as parts:
-                return attempt.result(DividedMarch(finer, parts, begin), len(parts.parts) > 1)
+                return attempt.result(DividedMarch(finer, parts, begin))
         except PartsLostError as lost:
             losses = 0 if attempt.got_further else losses + 1
             if losses == LOSSES:

@@ -13,7 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from holdfast.analysis.reachability.checkpoint_parts import read_parts, write_part
+from holdfast.analysis.reachability.checkpoint_parts import (
+    Written,
+    read_parts,
+    readable,
+    write_part,
+)
 from holdfast.analysis.reachability.obstacles import Facts, Obstacles
 from holdfast.analysis.reachability.posed_march import march_of, reflected
 from holdfast.analysis.reachability.problem import Ends, Posed, touched
@@ -184,19 +189,21 @@ class MarchPart:
         """The time [s] up to which arrivals are recorded."""
         return self.record.then
 
-    def write(self, folder: Path, generation: int) -> None:
-        """Write what is held into the folder of a checkpoint."""
-        write_part(folder, generation, self.part.own_nodes.start, self.held())
+    def write(self, generation: Path) -> Written:
+        """Write what is held into the folder of a generation of a checkpoint."""
+        return write_part(generation, self.part.own_nodes.start, self.held())
 
     def restore(self, path: Path, then: float) -> None:
         """Go on from the checkpoint at a path, which was recorded up to the time `then` [s]."""
-        known, plane, own = read_parts(path), self._plane, self.part.own_nodes
-        values = known("values")
-        if values is None:
-            raise KeyError("values")
-        for j, k in enumerate(self.part.nodes.tolist()):
-            self._values[j * plane : (j + 1) * plane] = values[k * plane : (k + 1) * plane]
-        self.record.restore(known, slice(own.start * plane, own.stop * plane), then)
+        plane, own = self._plane, self.part.own_nodes
+        with readable(path, "" if self.part.whole else "a checkpoint that all machines share"):
+            known = read_parts(path, plane)
+            values = known("values")
+            if values is None:
+                raise KeyError("values")
+            for j, k in enumerate(self.part.nodes.tolist()):
+                self._values[j * plane : (j + 1) * plane] = values[k * plane : (k + 1) * plane]
+            self.record.restore(known, slice(own.start * plane, own.stop * plane), then)
         if self.posed.varies:  # what it has come to by now, when it may have been larger than now
             largest = float(self._mine(self._values).max())
             self._obstacles.highest = max(self._obstacles.highest, largest)

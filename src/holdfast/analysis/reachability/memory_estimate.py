@@ -59,8 +59,12 @@ def memory_of(posed: Posed) -> int:
 
 
 def part_memory(posed: Posed, part: Part) -> int:
-    """The same for the part of a march that is divided, with its halo."""
-    return memory_of(posed) * len(part.nodes) // part.of.nodes
+    """The same for the part of a march that is divided, with its halo, and with two times what it
+    hands over, which is as much as it is handed."""
+    own = part.own_nodes
+    halo = (len(part.nodes) - (own.stop - own.start)) * posed.grid.nodes // part.of.nodes
+    edges = 2 * halo * np.dtype(posed.marching.precision).itemsize
+    return memory_of(posed) * len(part.nodes) // part.of.nodes + edges
 
 
 def check_fits(posed: Posed) -> None:
@@ -72,7 +76,7 @@ def check_fits(posed: Posed) -> None:
     if marching.on_disk is not None:
         return
     if marching.cluster is not None:
-        needed, what = _answer_bytes(posed), f"the answer at {what}"
+        needed, what = answer_bytes(posed), f"the answer at {what}"
     remedy = "take fewer nodes"
     if marching.precision == "float64":
         remedy += ', or precision="float32"'
@@ -88,7 +92,7 @@ def _nodes(posed: Posed) -> int:
     return finer(posed.grid, posed.marching.refine).nodes
 
 
-def _answer_bytes(posed: Posed) -> int:
+def answer_bytes(posed: Posed) -> int:
     """Of the values that are brought together, with their records."""
     size = np.dtype(posed.marching.precision).itemsize
     times = 2 * len(posed.asked) if posed.several else 0

@@ -167,9 +167,10 @@ class Obstacles:
         lower = None if kept else own
         upper: Array | None = own if kept else (others[0] if others else None)
         if posed.beyond == "lost" and room is not None:
-            upper = room if upper is None else np.minimum(upper, room)
+            upper = room if upper is None else np.minimum(upper, room, out=self._empty(len(room)))
         elif posed.beyond == "won" and room is not None:
-            lower = np.minimum(own, -room) if kept else np.maximum(own, -room)
+            lower = np.negative(room, out=self._empty(len(room)))
+            (np.minimum if kept else np.maximum)(own, lower, out=lower)
         start = upper if kept or lower is None else lower
         assert start is not None
         if upper is not None and upper is not start:

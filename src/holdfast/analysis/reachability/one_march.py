@@ -68,7 +68,7 @@ class OneMarch:
         self._saved: Checkpoint | None = None
         self.got_further = False  # than the checkpoint that it began with
 
-    def result(self, held: DividedMarch, divided: bool) -> ValueFunction:
+    def result(self, held: DividedMarch) -> ValueFunction:
         posed, marching = self._posed, self._posed.marching
         self._held, refined = held, marching.refine > 1
         self._march: March | RefinedMarch = (
@@ -80,7 +80,7 @@ class OneMarch:
         room, done = room_of(marching), Done()
         if marching.checkpoint is not None:
             path = marching.checkpoint_file(posed.problem.kind)
-            in_parts = divided or room.on_disk
+            in_parts = held.divided or room.on_disk
             self._saved = Checkpoint(path, marching.checkpoint_every, posed, held.code(), in_parts)
             done = self._saved.load(held)
             if done.steps == 0:

@@ -31,7 +31,7 @@ class Marching:
     largest stable step; precision: "float64" or "float32"; band: the value is cut off at this
     distance from zero on either side, and what is beyond is settled and skipped, so that the cost
     is that of the boundary; skip: leave out what is settled, which does not change the answer;
-    threads: by default all cores.
+    threads: by default all cores; of every worker of a cluster, by default those that it has.
 
     tolerance [cells]: the march has converged when the boundary of the set, at the speed that it
     still has, moves by no more than this share of a cell over the rest of the horizon, in as long

@@ -54,12 +54,14 @@ class Record:
         """known: what was kept, over the grid, by name; own: the nodes of this record."""
         for time in self.posed.asked:
             if (values := known(named(time))) is not None:
-                self.found[time] = self._room.copy(values[own])
+                count, kind = own.stop - own.start, self.posed.marching.precision
+                self.found[time] = self._room.empty(count, kind)
+                _fill(self.found[time], values, own)
         if self.arrival is not None:
             for name, array in (("arrival", self.arrival), ("before", self.before)):
                 values = known(name)
                 assert values is not None
-                array[:] = values[own]
+                _fill(array, values, own)
             self.then = then
 
 
@@ -76,6 +78,13 @@ def stops(posed: Posed) -> list[float]:
 def named(time: float) -> str:
     """What the values of a time are called among the arrays of a record."""
     return f"at_{time!r}"
+
+
+def _fill(array: Array, values: Any, own: slice) -> None:
+    """With these of the values, some at a time."""
+    for part in _parts(len(array)):
+        stop = min(own.start + part.stop, own.stop)
+        array[part] = values[own.start + part.start : stop]
 
 
 def _parts(count: int) -> list[slice]:
