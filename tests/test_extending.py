@@ -390,6 +390,9 @@ def test_command_kind_and_figure_are_used(package):
     assert (done.returncode, done.stdout) == (0, "total 3\n"), done.stderr
     assert json.loads((package / "out" / "summary.json").read_text()) == {"total": 3.0}
     assert (package / "out" / "bars.png").stat().st_size > 1000
+    done = called(package, "-m", "holdfast", "run", "count.toml", "--device", "c++")
+    assert done.returncode == 2
+    assert "this kind of scenario has no program for the device 'c++'" in done.stderr
     (package / "count.toml").write_text(COUNT.replace("a = 1", "a = -9"))
     done = called(package, "-m", "holdfast", "run", "count.toml", "--out", "out", "--no-figures")
     assert done.returncode == 1

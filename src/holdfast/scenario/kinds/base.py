@@ -74,9 +74,16 @@ class Composed(ABC):
             expected="closed loops with [law] external = true",
         )
 
-    @abstractmethod
     def on_device(self, device: str) -> Composed:
-        """The same on a device of `DEVICES`."""
+        """The same on a device of `DEVICES`.
+
+        Raises `ScenarioError` for a scenario that no other device than the processor computes.
+        """
+        raise ScenarioError(
+            f"{self.file}: this kind of scenario has no program for the device {device!r}",
+            expected="closed loops, kernels, reachable sets or basins",
+            remedy="leave out --device",
+        )
 
     def marched_on(self, *, cluster: Any = None, on_disk: Path | None = None) -> Composed:
         """The same with its march on a cluster, or from a disk.
