@@ -13,17 +13,15 @@ from holdfast.analysis import kernel_download
 from holdfast.analysis.kernel_index import INDEX, entry_of
 from holdfast.analysis.kernel_store import Store
 from holdfast.errors import OutputError
-from tests.carts import BOX, WALLS, cart
 from tests.served_files import served
+from tests.stored_cart import saved_cart
 
 FIRST = 3000
 
 
 @pytest.fixture(scope="module")
 def kernel(tmp_path_factory):
-    grid = hf.grid(cart(), BOX, 21)
-    value = hf.discriminating_kernel(cart(), WALLS, grid, 0.2, scheme="upwind")
-    return value, value.save(tmp_path_factory.mktemp("kernel") / "cart.nc")
+    return saved_cart(tmp_path_factory.mktemp("kernel"))
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """The table of an exported law in a file: the bits of one in the source, and what is refused."""
 
 import ctypes
+import os
 import subprocess
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
+from holdfast.execution.codegen import c_table_file
 from tests.c_code import STRICT, needs_gcc, pointer
 from tests.carts import BOX, WALLS, cart, swinging
 
@@ -128,7 +130,10 @@ def test_what_is_not_the_table_is_refused_and_says_why(exported):
         path.write_bytes(data)
         assert library.load(str(path).encode()) == fault, number
         assert np.isnan(answers(library)[:, 0]).all()
-    assert library.load(str(folder).encode()) == NONE
+    os.mkfifo(folder / "pipe")
+    for odd in (folder, folder / "pipe", "/dev/null"):
+        assert library.load(str(odd).encode()) == NONE
+    (folder / "pipe").unlink()
     assert library.load(str(folder / "nowhere").encode()) == NOT_FOUND
     memory = ctypes.create_string_buffer(bytes(8) + good, len(good) + 8)
     begin = ctypes.addressof(memory)
@@ -192,6 +197,16 @@ def test_the_numbers_are_in_the_file_and_not_in_the_source(exported):
     _, law, _ = exported
     texts = [len(hf.export_c(cart(), law, "keep", table=where)) for where in ("text", "file")]
     assert texts[1] < 45_000 < texts[0]
+
+
+def test_a_table_of_more_numbers_than_a_long_may_count_says_so_to_the_compiler():
+    assert c_table_file._fits(2**31 - 1) == ""
+    guard = c_table_file._fits(2**31)
+    for most, accepted in ((2**63 - 1, True), (2**31 - 1, False)):
+        source = f"{guard.replace('LONG_MAX', str(most))}\nint x;\n"
+        command = ["gcc", "-std=c99", "-fsyntax-only", "-xc", "-"]
+        done = subprocess.run(command, input=source, capture_output=True, text=True)
+        assert (done.returncode == 0) is accepted
 
 
 def test_a_law_without_a_kernel_has_no_table_file(tmp_path):

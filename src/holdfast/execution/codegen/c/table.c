@@ -107,7 +107,7 @@ int NAME_load(const char *path) {
     void *memory;
     int file, status;
     NAME_unload();
-    file = open(path, O_RDONLY);
+    file = open(path, O_RDONLY | O_NONBLOCK); /* a pipe does not keep the program waiting */
     if (file < 0) return NAME_TABLE_NOT_FOUND;
     status = fstat(file, &found) != 0 || !S_ISREG(found.st_mode) ? NAME_TABLE_NONE
              : found.st_size < HF_HEADER                         ? NAME_TABLE_TRUNCATED
