@@ -106,6 +106,17 @@ def test_what_came_before_an_interruption_is_kept(web, kernel, monkeypatch):
     assert web.kernels_asked()[-1] == f"bytes={FIRST}-"
 
 
+def test_a_kernel_that_is_cut_or_gone_in_the_store_is_fetched_again(web, kernel):
+    assert is_loaded(web, kernel)
+    path = Store().path("cart")
+    path.write_bytes(path.read_bytes()[:-9])
+    assert is_loaded(web, kernel)
+    path.unlink()
+    assert is_loaded(web, kernel)
+    assert list(Store().entries()) == ["cart"]
+    assert web.kernels_asked() == [None] * 3
+
+
 def test_a_server_that_says_nothing_is_given_up(web, kernel, monkeypatch):
     monkeypatch.setattr(kernel_download, "PATIENCE", 0.2)
     web.silent = threading.Event()
