@@ -159,6 +159,7 @@ def main():
             path = timed("writing", lambda: other.submit(written, folder, options.nodes).result())
         logical = 4 * options.nodes**6
         print(f"{logical / 2**30:.2f} GiB of values, file {os.path.getsize(path) / 2**20:.1f} MiB")
+        timed("opening, and loading xarray and what it loads", lambda: hf.load(path, lazy=True))
         lazy = timed("opening", lambda: hf.load(path, lazy=True))
         timed("one state", lambda: lazy.at([[0.1] * 6]), lazy.stored)
         timed("the same state", lambda: lazy.at([[0.1] * 6]), lazy.stored)

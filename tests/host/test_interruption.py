@@ -88,7 +88,7 @@ def test_interruption_ends_a_write_that_waits_for_ever(times, tmp_path):
         time.sleep(0.1)
     _, err = process.communicate(timeout=30)
     assert process.returncode == 130
-    assert "interrupted; no partial file is left" in err
+    assert "interrupted; no unfinished result is left" in err
     assert "Traceback" not in err
     assert time.monotonic() - begun < 10  # seconds: not for ever
     assert not list(tmp_path.iterdir())

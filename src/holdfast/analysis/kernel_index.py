@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
@@ -18,6 +18,12 @@ INDEX, LAYOUT = "index.json", 1
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
 SHA = re.compile(r"[0-9a-f]{64}")
 PIECE = 1 << 20
+
+LARGEST = 1 << 62
+"""Bytes that a file may have."""
+
+DEEPEST = 6
+"""Levels of tables and lists in what an entry says of its problem."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +92,7 @@ def found_in(entries: Mapping[str, Entry], name: str, where: str) -> Entry:
 
 def index_text(entries: Mapping[str, Entry]) -> str:
     """The text of an index."""
-    kernels = [asdict(entries[n]) for n in sorted(entries)]
+    kernels = [vars(entries[n]) for n in sorted(entries)]
     return json.dumps({"holdfast_store": LAYOUT, "kernels": kernels}, indent=2) + "\n"
 
 
@@ -95,6 +101,18 @@ def entry_of(
 ) -> Entry:
     """The entry of a file, which is read once for its digest."""
     check_name(name)
+    try:
+        problem = _problem(value)
+        said = json.loads(json.dumps(problem))
+    except (TypeError, ValueError, AttributeError, RecursionError) as error:
+        raise OutputError(f"what {path} says of its problem cannot be read ({error})") from None
+    if not _is_flat(said):
+        raise OutputError(f"what {path} says of its problem has too many levels")
+    return Entry(name, digest_of(path), path.stat().st_size, said, licence, citation)
+
+
+def _problem(value: ValueFunction) -> dict[str, Any]:
+    """What a value function is of, and a digest of that."""
     report = value.report
     grid = {a.name: [a.low, a.high, a.count, a.ends] for a in value.grid.axes}
     posed = {
@@ -104,12 +122,12 @@ def entry_of(
         "scheme": report.scheme, "precision": report.precision,
     }  # fmt: skip
     text = json.dumps(posed, sort_keys=True)
-    problem = posed | {
+    return posed | {
         "digest": hashlib.sha256(text.encode()).hexdigest(),
-        "converged": report.converged, "scenario": report.scenario,
+        "converged": report.converged,
+        "scenario": report.scenario,
         "holdfast_version": report.holdfast_version,
-    }  # fmt: skip
-    return Entry(name, digest_of(path), path.stat().st_size, problem, licence, citation)
+    }
 
 
 def digest_of(path: Path) -> str:
@@ -151,8 +169,8 @@ def _entry(given: Any, where: str) -> Entry:
         entry = Entry(**given)
         texts = (entry.name, entry.sha256, entry.licence, entry.citation)
         fits = all(isinstance(t, str) for t in texts) and isinstance(entry.problem, dict)
-        fits = fits and type(entry.bytes) is int and entry.bytes > 0
-        fits = fits and SHA.fullmatch(entry.sha256) is not None
+        fits = fits and type(entry.bytes) is int and 0 < entry.bytes < LARGEST
+        fits = fits and SHA.fullmatch(entry.sha256) is not None and _is_flat(entry.problem)
     except TypeError:
         fits = False
     if not fits:
@@ -161,16 +179,22 @@ def _entry(given: Any, where: str) -> Entry:
     return entry
 
 
+def _is_flat(said: Any, levels: int = DEEPEST) -> bool:
+    """Whether tables and lists are not within one another without end."""
+    if not isinstance(said, dict | list):
+        return True
+    parts = said.values() if isinstance(said, dict) else said
+    return levels > 0 and all(_is_flat(p, levels - 1) for p in parts)
+
+
 def is_file_of(path: Path, entry: Entry) -> bool:
     """Whether a file is there and is the one of the entry."""
     return path.is_file() and path.stat().st_size == entry.bytes and digest_of(path) == entry.sha256
 
 
-def copied(source: IO[bytes], target: IO[bytes], most: int) -> str:
-    """The SHA-256 of what was copied: `most` bytes, and one more if there are more."""
-    digest, left = hashlib.sha256(), most + 1
+def pieces(source: IO[bytes], most: int) -> Iterator[bytes]:
+    """What can be read, piece by piece: `most` bytes, and one more if there are more."""
+    left = most + 1
     while left and (piece := source.read(min(PIECE, left))):
-        target.write(piece)
-        digest.update(piece)
+        yield piece
         left -= len(piece)
-    return digest.hexdigest()

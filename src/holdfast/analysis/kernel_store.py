@@ -9,31 +9,38 @@ it has the size and the digest that the index gives.
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import platformdirs
 
 from holdfast.analysis.kernel_index import (
     INDEX,
+    SHA,
     Entry,
     check_digest,
     check_name,
     check_size,
-    copied,
     found_in,
     index_of,
     index_text,
     is_file_of,
+    pieces,
 )
-from holdfast.errors import OutputError
+from holdfast.errors import HoldfastError, OutputError
 from holdfast.host.output import make_folder
+from holdfast.host.reading import MOST_TEXT as MOST_INDEX
 from holdfast.host.reading import check_file, read_small_text
-from holdfast.host.writing import atomic_file
+from holdfast.host.writing import atomic_file, not_written
 
 STORE_VARIABLE = "HOLDFAST_STORE"
 """Environment variable that moves the store."""
+
+PART = ".part"
+"""The end of the name of a file that is being fetched: the digest is before it, and a dot first."""
 
 
 class Store:
@@ -43,18 +50,26 @@ class Store:
         chosen = folder or os.environ.get(STORE_VARIABLE)
         default = Path(platformdirs.user_data_dir("holdfast")) / "kernels"
         self.folder = Path(chosen) if chosen else default
+        self.option = "FOLDER" if folder else STORE_VARIABLE
 
     def entries(self) -> dict[str, Entry]:
         """The kernels by name."""
         path = self.folder / INDEX
-        if self.folder.exists() and not self.folder.is_dir():
+        try:
+            os.stat(path)
+        except FileNotFoundError:
+            return {}
+        except NotADirectoryError:
             raise OutputError(
                 f"the store {self.folder} is not a folder",
                 remedy=f"let {STORE_VARIABLE} name a folder",
-            )
-        if not path.exists():
-            return {}
-        return index_of(read_small_text(path), str(path))
+            ) from None
+        except (OSError, ValueError) as error:
+            raise OutputError(f"the store {self.folder} cannot be read ({error})") from None
+        try:
+            return index_of(read_small_text(path), str(path))
+        except HoldfastError as error:
+            raise OutputError(error.cause, expected=error.expected, remedy=error.remedy) from None
 
     def entry(self, name: str) -> Entry:
         """The kernel of that name, or of a digest that begins so (8 characters or more)."""
@@ -67,8 +82,27 @@ class Store:
         check_size(path, entry)
         return path
 
+    def kept(self, entry: Entry) -> Entry | None:
+        """The entry here of the same file, which is there and has its size; None without one."""
+        for own in self.entries().values():
+            if own.sha256 == entry.sha256:
+                with contextlib.suppress(OutputError):
+                    check_size(self.folder / own.file, own)
+                    return own
+        return None
+
+    def unnamed(self) -> list[Path]:
+        """Files that no name has: of a process that was killed, or of a download that stopped."""
+        known = {e.file for e in self.entries().values()}
+        found = sorted(self.folder.iterdir()) if os.path.isdir(self.folder) else []
+        alone = [p for p in found if p.suffix == ".nc" and SHA.fullmatch(p.stem)]
+        parts = [p for p in found if p.suffix == PART and SHA.fullmatch(p.stem[1:])]
+        return [p for p in alone if p.name not in known] + parts
+
     def add(self, path: str | Path, entry: Entry) -> Entry:
         """Keep a file under a name. The entry's digest and bytes are those of the file.
+
+        A licence and a citation of the same file under this name stay where the entry has none.
 
         Raises `OutputError` for a name that another file has, and for a folder that cannot be
         written.
@@ -76,28 +110,39 @@ class Store:
         check_name(entry.name)
         path = Path(path)
         check_file(path)
-        make_folder(self.folder, STORE_VARIABLE)
+        make_folder(self.folder, self.option)
         with self._alone():
             entries = self.entries()
             before = entries.get(entry.name)
             if before and before.sha256 != entry.sha256:
                 raise OutputError(
-                    f"the store has another kernel '{entry.name}' ({before.sha256[:12]})",
+                    f"{self.folder} has another kernel '{entry.name}' ({before.sha256[:12]})",
                     remedy="choose another name, or remove that one first",
                 )
-            target = self.folder / entry.file
-            if not is_file_of(target, entry):
-                with (
-                    atomic_file(target) as partial,
-                    path.open("rb") as source,
-                    partial.open("wb") as copy,
-                ):
-                    if copied(source, copy, entry.bytes) != entry.sha256:
-                        raise OutputError(
-                            f"{path} is not the file of kernel '{entry.name}'",
-                            expected=f"SHA-256 {entry.sha256[:12]}...",
-                            remedy="add it again, if it changed while it was read",
-                        )
+            if before:
+                texts = {n: getattr(entry, n) or getattr(before, n) for n in _TEXTS}
+                entry = replace(entry, **texts)
+            if not is_file_of(self.folder / entry.file, entry):
+                self._copy(path, entry)
+            self._write({**entries, entry.name: entry})
+        return entry
+
+    def take(self, part: Path, entry: Entry) -> Entry:
+        """Move a file that was checked into the store.
+
+        It gets its name or, where another kernel has that, the beginning of its digest behind it.
+        """
+        with self._alone():
+            entries = self.entries()
+            names = [entry.name, *(f"{entry.name[:40]}-{entry.sha256[:n]}" for n in (12, 39))]
+            free = [n for n in names if n not in entries or entries[n].sha256 == entry.sha256]
+            if not free:
+                raise OutputError(f"{self.folder} has other kernels '{names[-1]}'")
+            entry = replace(entry, name=free[0])
+            try:
+                os.replace(part, self.folder / entry.file)
+            except OSError as error:
+                raise not_written(self.folder / entry.file, error, self.option) from None
             self._write({**entries, entry.name: entry})
         return entry
 
@@ -124,30 +169,60 @@ class Store:
         other = Store(folder)
         if other.folder.resolve() == self.folder.resolve():
             raise OutputError(f"{folder} is the store itself", expected="another folder")
-        for name in names:
-            entry = self.verify(name)
+        for entry in [self.verify(name) for name in names]:
             other.add(self.folder / entry.file, entry)
         return other.folder / INDEX
 
+    def _copy(self, path: Path, entry: Entry) -> None:
+        digest = hashlib.sha256()
+        with (
+            atomic_file(self.folder / entry.file, option=self.option) as partial,
+            path.open("rb") as source,
+            partial.open("wb") as copy,
+        ):
+            for piece in pieces(source, entry.bytes):
+                copy.write(piece)
+                digest.update(piece)
+            if digest.hexdigest() != entry.sha256:
+                raise OutputError(
+                    f"{path} is not the file of kernel '{entry.name}'",
+                    expected=f"SHA-256 {entry.sha256[:12]}...",
+                    remedy="add it again, if it changed while it was read",
+                )
+
     def _write(self, entries: Mapping[str, Entry]) -> None:
-        with atomic_file(self.folder / INDEX) as partial:
-            partial.write_text(index_text(entries), "utf-8")
+        text = index_text(entries)
+        if len(text) > MOST_INDEX:
+            raise OutputError(
+                f"the index of {self.folder} would be larger than {MOST_INDEX >> 20} MiB",
+                remedy="shorten --licence and --citation, or remove kernels",
+            )
+        with atomic_file(self.folder / INDEX, option=self.option) as partial:
+            partial.write_text(text, "utf-8")
 
     @contextlib.contextmanager
     def _alone(self) -> Iterator[None]:
         """While no other process changes this store."""
-        if not self.folder.is_dir():
+        if not os.path.isdir(self.folder):
             raise OutputError(f"there is no store {self.folder}", remedy="holdfast store add FILE")
         try:
             lock = (self.folder / ".lock").open("a")
+            locked(lock.fileno())
         except OSError as error:
             raise OutputError(
                 f"the store {self.folder} cannot be written ({error.strerror})",
-                remedy=f"set {STORE_VARIABLE} to a folder that can",
+                remedy=f"choose another with {self.option}",
             ) from None
         with lock:
-            with contextlib.suppress(ImportError):  # elsewhere the index is still whole
-                import fcntl
-
-                fcntl.flock(lock, fcntl.LOCK_EX)
             yield
+
+
+_TEXTS = ("licence", "citation")
+
+
+def locked(file: int) -> None:
+    """Wait until no other process has this open file locked, and lock it until it is closed."""
+    with contextlib.suppress(ImportError):  # elsewhere the index is still whole
+        import fcntl
+
+        fcntl.flock(file, fcntl.LOCK_EX)

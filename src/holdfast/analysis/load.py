@@ -12,9 +12,9 @@ import xarray as xr
 from holdfast._version import __version__
 from holdfast.analysis.published_kernels import referred
 from holdfast.analysis.reachability.stored_tables import StoredTables
-from holdfast.analysis.reachability.stored_values import CACHE, StoredValues, as_read
+from holdfast.analysis.reachability.stored_values import CACHE, Stamp, StoredValues, as_read
 from holdfast.analysis.reachability.value_function import ValueFunction, value_function
-from holdfast.analysis.simulation.files import FORMAT, MARK, read_netcdf
+from holdfast.analysis.simulation.files import FORMAT, HIGHEST, MARK, read_netcdf
 from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.sweep_table import Campaign
 from holdfast.arguments import checked
@@ -45,7 +45,8 @@ def load(
     with an index (FOLDER#NAME) or of one on the web (https://...#NAME), whose digest is checked.
     lazy: whether the values of a value function stay in the file, and what is asked of it reads the
     chunks that it needs; by default those of `LARGE` bytes or more (256 MiB). cache: of these, MiB
-    of chunks that are kept in memory. Such a file stays open, and is not to be written to.
+    of chunks that are kept in memory. Such a file stays open, and is not to be written to. Numbers
+    that another program packed (scale_factor, add_offset) are read as a whole.
 
     Files of older formats are read too. Raises `OutputError` if the file is damaged, is not one of
     from holdfast, has a newer format than this version knows, or lacks variables.
@@ -54,9 +55,16 @@ def load(
         raise OutputError(f"lazy is {lazy!r}", expected="True, False or None")
     if not 0 <= cache < math.inf:
         raise OutputError(f"cache is {cache}", expected="MiB, 0 or more")
-    path = referred(str(path))
+    left: list[str] = []
+
+    def chosen(data: xr.Dataset) -> list[str]:
+        left.extend(_left(data, lazy))
+        return left
+
     try:
-        dataset = read_netcdf(path, lambda data: _left(data, lazy))
+        path = referred(str(path))
+        stamp = Stamp.of(path)
+        dataset = read_netcdf(path, chosen)
     except HoldfastError as error:
         raise OutputError(error.cause, expected=error.expected, remedy=error.remedy) from None
     except Exception as error:  # damaged files make the readers raise anything
@@ -71,7 +79,7 @@ def load(
         )
     try:
         if "value" in dataset:
-            return _values(dataset, Path(path), _left(dataset, lazy), int(cache * 2**20))
+            return _values(dataset, path, left, int(cache * 2**20), stamp)
         return _loaded(dataset if version == FORMAT else _from_format_1(dataset))
     except (KeyError, ValueError, TypeError) as error:
         raise OutputError(
@@ -85,21 +93,37 @@ def _left(dataset: xr.Dataset, lazy: bool | None) -> list[str]:
     """The arrays over the grid of a value function that stay in the file."""
     if "value" not in dataset or lazy is False or not can_reserve():
         return []
-    dims = {*dataset["value"].dims} - {"time"}
-    over = [str(n) for n, v in dataset.data_vars.items() if dims and dims <= {*v.dims}]
-    large = lazy or dataset["value"].size * dataset["value"].dtype.itemsize >= LARGE
-    return over if large else []
+    value = dataset["value"]
+    grid = tuple(d for d in value.dims if d != "time")
+    over = [
+        str(n)
+        for n, v in dataset.data_vars.items()
+        if v.dims in (grid, ("time", *grid)) and _is_plain(v)
+    ]
+    large = lazy or value.size * value.dtype.itemsize >= LARGE
+    return over if grid and large and "value" in over else []
 
 
-def _values(dataset: xr.Dataset, path: Path, left: list[str], room: int) -> ValueFunction:
+def _is_plain(array: xr.DataArray) -> bool:
+    """Whether the numbers of the file are those that are meant."""
+    said = array.encoding
+    marks = [said[n] for n in ("_FillValue", "missing_value") if n in said]
+    packed = "scale_factor" in said or "add_offset" in said
+    return array.dtype.kind == "f" and not packed and bool(np.isnan(marks).all())
+
+
+def _values(
+    dataset: xr.Dataset, path: Path, left: list[str], room: int, stamp: Stamp
+) -> ValueFunction:
     """The value function of a dataset, of which some arrays are still in the file."""
+    highest = dataset["value"].attrs.pop(HIGHEST, None)  # not of what is made of these values
     if not left:
         return value_function(dataset)
-    first = StoredValues(path, "value", room)
+    first = StoredValues(path, "value", room, stamp=stamp)
     stored = {name: first if name == "value" else first.beside(name) for name in left}
     for values in stored.values():
         dataset = as_read(dataset, values)
-    return value_function(dataset, StoredTables(stored, dataset["value"].attrs))
+    return value_function(dataset, StoredTables(stored, highest))
 
 
 def _loaded(dataset: xr.Dataset) -> Result | Campaign:

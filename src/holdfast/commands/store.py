@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from holdfast.errors import OutputError
+
+if TYPE_CHECKING:
+    from holdfast.analysis.kernel_store import Store
 
 
 @click.group("store")
@@ -28,19 +32,19 @@ def add(file: str, name: str | None, licence: str, citation: str) -> None:
     from holdfast.analysis.kernel_index import entry_of
     from holdfast.analysis.kernel_store import Store
     from holdfast.analysis.load import load
-    from holdfast.analysis.published_kernels import referred
+    from holdfast.analysis.published_kernels import found
     from holdfast.analysis.reachability.value_function import ValueFunction
 
     store = Store()
-    path = referred(file, store)
+    path, said = found(file, store)
     value = load(path, lazy=True)
     if not isinstance(value, ValueFunction):
         raise OutputError(f"{file} is no kernel", expected="the file of a value function")
-    if path.parent == store.folder.absolute() and not name:
-        click.echo(f"in the store: {path}")
-        return
-    named = name or Path(file.partition("#")[2] or file).stem
-    entry = store.add(path, entry_of(path, value, named, licence, citation))
+    named = name or (said.name if said else path.stem)
+    if not name:
+        _check_default(named)
+    texts = (licence or said.licence, citation or said.citation) if said else (licence, citation)
+    entry = store.add(path, entry_of(path, value, named, *texts))
     click.echo(f"added: {entry.name} ({entry.bytes / 2**20:,.1f} MiB, {entry.sha256[:12]})")
 
 
@@ -52,7 +56,7 @@ def list_() -> None:
     store = Store()
     entries = store.entries()
     for name, entry in entries.items():
-        about = f"{entry.problem.get('kind', '')} of {entry.problem.get('system', '')}"
+        about = _shown(f"{entry.problem.get('kind', '')} of {entry.problem.get('system', '')}")
         click.echo(f"{name:<30} {entry.bytes / 2**20:>10,.1f} MiB  {entry.sha256[:12]}  {about}")
     if not entries:
         click.echo(f"{store.folder} has no kernels")
@@ -75,15 +79,24 @@ def show(name: str) -> None:
 @command.command("verify")
 @click.argument("names", nargs=-1)
 def verify(names: tuple[str, ...]) -> None:
-    """Read the files of NAMES, or of all, and compare their digests."""
+    """Read the files of NAMES, or of all, and compare their digests.
+
+    Without NAMES, files that no name has are told too.
+    """
     from holdfast.analysis.kernel_store import Store
 
     store = Store()
-    if not names and not store.entries():
+    known = names or tuple(store.entries())
+    if not known:
         click.echo(f"{store.folder} has no kernels")
-    for name in names or store.entries():
-        entry = store.verify(name)
-        click.echo(f"as it was added: {entry.name} ({entry.sha256[:12]})")
+    faults = [fault for name in known if (fault := _verified(store, name))]
+    for path in [] if names else store.unnamed():
+        size = path.stat().st_size / 2**20
+        whole = path.suffix == ".nc"
+        advice = "add it with --name" if whole else "a download that stopped: fetch it again"
+        click.echo(f"no name has {path} ({size:,.1f} MiB): {advice}, or delete it")
+    if faults:
+        raise OutputError("; ".join(faults))
 
 
 @command.command("remove")
@@ -104,3 +117,27 @@ def publish(folder: Path, names: tuple[str, ...]) -> None:
 
     index = Store().publish(names, folder)
     click.echo(f"written: {index}; load them as {folder}#NAME, or https://...#NAME from a server")
+
+
+def _check_default(name: str) -> None:
+    from holdfast.analysis.kernel_index import check_name
+
+    try:
+        check_name(name)
+    except OutputError as error:
+        raise OutputError(error.cause, expected=error.expected, remedy="give --name") from None
+
+
+def _verified(store: Store, name: str) -> str:
+    """What is wrong with the file of a kernel, or an empty text."""
+    try:
+        entry = store.verify(name)
+    except OutputError as error:
+        return str(error)
+    click.echo(f"as it was added: {entry.name} ({entry.sha256[:12]})")
+    return ""
+
+
+def _shown(text: str) -> str:
+    """A text of an index without what a terminal would obey."""
+    return "".join(c if c.isprintable() else "?" for c in text)[:80]

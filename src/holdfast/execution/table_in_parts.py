@@ -50,7 +50,8 @@ class Source(Protocol):
 class TableInParts:
     """The numbers of `source`, of which at most about `source.room` bytes are in memory.
 
-    array: what compiled code reads. reads: how many numbers were fetched.
+    array: what compiled code reads. reads: how many numbers were fetched. using: the lock of
+    whoever reads `array`, from `fetch` on, since another thread may have the pages given back.
     """
 
     def __init__(self, source: Source) -> None:
@@ -62,7 +63,10 @@ class TableInParts:
         self._fetched: list[Whole] = []
         self._pages = 0
         self._whole: AnyArray | None = None
-        self._loading = threading.Lock()
+        self._loading, self.using = threading.Lock(), threading.RLock()
+
+    def __reduce__(self) -> tuple[type, tuple[Source]]:
+        return TableInParts, (self.source,)
 
     @property
     def nbytes(self) -> int:
@@ -92,21 +96,25 @@ class TableInParts:
     def fetch(self, points: Array, grid: tuple[AnyArray, ...], *, sloped: bool) -> bool:
         """Fetch what is read at points (count, axes); whether anything was missing."""
         nodes = _nodes(points, grid, sloped)
-        if self._known[nodes].all():
-            return False
-        missing = np.unique(nodes[(nodes >= 0) & (self._known[nodes] == 0)])
-        if not len(missing):
-            return False
-        if self._pages * PAGE > self.source.room:
-            self._forget()
-            missing = np.unique(nodes[nodes >= 0])
+        with self.using:
+            if self._known[nodes].all():
+                return False
+            missing = np.unique(nodes[(nodes >= 0) & (self._known[nodes] == 0)])
+            if len(missing):
+                if self._pages * PAGE > self.source.room:
+                    self._forget()
+                    missing = np.unique(nodes[nodes >= 0])
+                self._take(missing)
+            return bool(len(missing))
+
+    def _take(self, missing: Whole) -> None:
+        """Read these numbers from the source."""
         self.array[missing] = self.source.take(missing)
-        self._known[missing] = 1
         self._fetched.append(missing)
+        self._known[missing] = 1
         self.reads += len(missing)
         for size in (self.dtype.itemsize, 1):
             self._pages += int(np.count_nonzero(np.diff(missing * size // PAGE))) + 1
-        return True
 
     def fetch_looked_up(self, points: Array, grid: tuple[AnyArray, ...]) -> bool:
         """`fetch` of what a law looks up: the value and the slopes at the nearest places."""
@@ -137,11 +145,12 @@ class TableInParts:
         room, whole = numbers_of_places(axes)
         for k in range(0, len(points), some):
             part = points[k : k + some]
-            self.fetch(part, grid, sloped=sloped)
-            called(
-                "interpolate", name, len(part), self.array, part, low, steps, *wholes, axes,
-                out[k : k + some], np.empty(room), np.empty(whole, dtype=np.int64),
-            )  # fmt: skip
+            with self.using:
+                self.fetch(part, grid, sloped=sloped)
+                called(
+                    "interpolate", name, len(part), self.array, part, low, steps, *wholes, axes,
+                    out[k : k + some], np.empty(room), np.empty(whole, dtype=np.int64),
+                )  # fmt: skip
         return out
 
 

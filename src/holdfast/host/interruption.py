@@ -24,7 +24,7 @@ INTERRUPTED = 128 + signal.SIGINT
 GRACE = 1.0
 """Seconds."""
 
-SAID = "holdfast: interrupted; no partial file is left\n"
+SAID = "holdfast: interrupted; no unfinished result is left\n"
 _TERMINATIONS = tuple(
     getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)
 )

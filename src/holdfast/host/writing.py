@@ -37,15 +37,16 @@ class atomic_file:
 
     The target of a link is replaced, not the link; a device, a pipe or a folder is refused. The
     file is on the disk before it has its name, so that a power cut leaves the old one or the new.
+    option: what chooses another folder, for messages.
     """
 
-    def __init__(self, path: Path, mode: int = 0o666) -> None:
+    def __init__(self, path: Path, mode: int = 0o666, option: str = "--out") -> None:
         self.path = path.resolve()  # follows a link to its target
-        self.mode = mode
+        self.mode, self.option = mode, option
 
     def __enter__(self) -> Path:
         if self.path.exists() and not self.path.is_file():
-            raise _refusal(self.path, OSError("it exists and is not a regular file"))
+            raise self._refusal(OSError("it exists and is not a regular file"))
         remove_left_over(self.path.parent)
         name = self.path.name.encode()[:LONGEST].decode(errors="ignore")
         token = secrets.token_hex(8)
@@ -55,7 +56,7 @@ class atomic_file:
             os.close(os.open(self.partial, os.O_CREAT | os.O_EXCL | os.O_WRONLY, self.mode))
         except OSError as error:
             _unfinished.discard(self.partial)
-            raise _refusal(self.path, error) from None
+            raise self._refusal(error) from None
         return self.partial
 
     def __exit__(self, kind: object, problem: BaseException | None, trace: object) -> None:
@@ -64,13 +65,16 @@ class atomic_file:
                 _on_disk(self.partial)
                 os.replace(self.partial, self.path)
         except OSError as error:
-            raise _refusal(self.path, error) from None
+            raise self._refusal(error) from None
         finally:
             self._discard()
         if isinstance(problem, OSError):
-            raise _refusal(self.path, problem) from None
+            raise self._refusal(problem) from None
         if problem is not None and str(problem).startswith("NetCDF: "):
-            raise _refusal(self.path, problem) from None
+            raise self._refusal(problem) from None
+
+    def _refusal(self, problem: BaseException) -> OutputError:
+        return not_written(self.path, problem, self.option)
 
     def _discard(self) -> None:
         self.partial.unlink(missing_ok=True)
@@ -168,13 +172,16 @@ def undisturbed(work: Callable[[], T]) -> T:
     return answers[0]
 
 
-def _refusal(path: Path, problem: BaseException) -> OutputError:
-    """HDF5 does not report why it failed; a full disk is the likely reason."""
+def not_written(path: Path, problem: BaseException, option: str = "--out") -> OutputError:
+    """The error of a file that cannot be written.
+
+    HDF5 does not report why it failed; a full disk is the likely reason.
+    """
     reason = getattr(problem, "strerror", None) or str(problem)
     free = shutil.disk_usage(path.parent).free if path.parent.exists() else LITTLE
     if free < LITTLE:
         reason += f"; the disk has {free / 1024:.0f} KiB left"
     return OutputError(
         f"{path} cannot be written ({reason})",
-        remedy="make room, or choose another folder with --out",
+        remedy=f"make room, or choose another folder with {option}",
     )

@@ -1,6 +1,9 @@
 """Values that stay in their file: the same numbers, of which only what is asked for is read."""
 
 import pickle
+from copy import deepcopy
+from importlib import import_module
+from threading import Thread
 
 import netCDF4
 import numpy as np
@@ -11,7 +14,9 @@ from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.value_function import ValueFunction, to_value_function
 from holdfast.analysis.simulation.files import chunks_of, write_netcdf
 from holdfast.errors import OutputError, SimulationError
+from holdfast.execution import table_in_parts
 
+load_module = import_module("holdfast.analysis.load")
 NAMES = ("x", "y", "theta", "v")
 SHAPE = (24, 20, 22, 21)
 RNG = np.random.default_rng(5)
@@ -183,6 +188,95 @@ def test_a_stored_value_is_sent_to_another_process(both):
     lazy = pickle.loads(pickle.dumps(opened(both)))
     points = states(5)
     assert np.array_equal(lazy.at(points), both[0].at(points), equal_nan=True)
+
+
+def test_a_stored_value_that_was_used_is_sent_and_copied(both):
+    lazy, points = opened(both), states(5)
+    lazy.at(points)
+    for copy in (pickle.loads(pickle.dumps(lazy)), deepcopy(lazy)):
+        assert np.array_equal(copy.at(points), both[0].at(points), equal_nan=True)
+        assert copy.highest() == both[0].highest()
+
+
+def test_a_file_that_is_replaced_is_not_read_in_place_of_the_one_that_was_sent(tmp_path):
+    path = made().save(tmp_path / "v.nc")
+    sent = pickle.dumps(hf.load(path, lazy=True))
+    made(dtype=np.float64).save(path)
+    with pytest.raises(OutputError, match="is not the file that it was"):
+        pickle.loads(sent)
+
+
+def test_a_file_that_is_replaced_while_it_is_opened_is_refused(tmp_path, monkeypatch):
+    path = made().save(tmp_path / "v.nc")
+    read = load_module.read_netcdf
+
+    def replaced(*given):
+        found = read(*given)
+        made(dtype=np.float64).save(path)
+        return found
+
+    monkeypatch.setattr(load_module, "read_netcdf", replaced)
+    with pytest.raises(OutputError, match="is not the file that it was"):
+        hf.load(path, lazy=True)
+
+
+def test_a_thread_that_reads_a_table_keeps_its_numbers_until_it_has_read(both, monkeypatch):
+    value, lazy = both[0], opened(both, cache=0)
+    here, there = states(20), states(20)
+    called, others = table_in_parts.called, []
+
+    def interrupted(file, name, *given):
+        if name == "slopes_many" and not others:
+            others.append(Thread(target=lazy.gradient, args=(there,)))
+            others[0].start()
+            others[0].join(0.2)
+        return called(file, name, *given)
+
+    monkeypatch.setattr(table_in_parts, "called", interrupted)
+    found = lazy.gradient(here)
+    others[0].join()
+    assert np.array_equal(found, value.gradient(here), equal_nan=True)
+
+
+@pytest.mark.parametrize("held", [{"x": 0.9130434782608696}, {"x": 0.9}], ids=["node", "between"])
+def test_a_part_of_a_value_does_not_have_the_highest_of_the_whole(tmp_path, both, held):
+    part = opened(both).slice(**held)
+    again = hf.load(part.save(tmp_path / "part.nc"), lazy=True)
+    assert again.highest() == part.values().max() < both[0].highest()
+
+
+def test_numbers_that_another_program_packed_or_turned_are_those_in_memory(tmp_path):
+    value = made()
+    path = write_netcdf(value.dataset, tmp_path / "v.nc")
+    turned = tmp_path / "turned.nc"
+    data = value.dataset.copy()
+    data["value"] = (NAMES, value.values(), value.dataset["value"].attrs)
+    data.attrs["format_version"] = 2
+    data.to_netcdf(turned, encoding={"value": {"dtype": ">f4", "_FillValue": np.nan}})
+    packed = tmp_path / "packed.nc"
+    packing = {"dtype": "i2", "scale_factor": 1e-4, "add_offset": 0.1, "_FillValue": -32768}
+    data.to_netcdf(packed, encoding={"value": packing})
+    points = states(30)
+    for name in (path, turned, packed):
+        a, b = (hf.load(name, lazy=lazy).at(points) for lazy in (True, False))
+        assert np.array_equal(a, b, equal_nan=True)
+
+
+def test_a_value_that_is_no_number_is_the_highest_in_the_file_too(tmp_path):
+    value = made()
+    value.dataset["value"].values[-1, 0, 0, 0] = np.nan
+    lazy = hf.load(value.save(tmp_path / "v.nc"), lazy=True)
+    assert np.isnan(lazy.highest())
+    assert np.isnan(value.highest())
+
+
+def test_a_highest_that_does_not_fit_is_computed(tmp_path, both):
+    for k, odd in enumerate(([1.0, 2.0], "high", 3)):
+        path = tmp_path / f"{k}.nc"
+        path.write_bytes(both[1].read_bytes())
+        with netCDF4.Dataset(path, "a") as file:
+            file["value"].highest = odd
+        assert hf.load(path, lazy=True).highest() == both[0].highest()
 
 
 def test_damage_is_noticed_where_it_is_read(tmp_path, both):

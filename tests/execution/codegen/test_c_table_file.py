@@ -1,6 +1,7 @@
 """The table of an exported law in a file: the bits of one in the source, and what is refused."""
 
 import ctypes
+import os
 import subprocess
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
+from holdfast.execution.codegen import c_table_file
 from tests.c_code import STRICT, needs_gcc, pointer
 from tests.carts import BOX, WALLS, cart, swinging
 
@@ -128,7 +130,10 @@ def test_what_is_not_the_table_is_refused_and_says_why(exported):
         path.write_bytes(data)
         assert library.load(str(path).encode()) == fault, number
         assert np.isnan(answers(library)[:, 0]).all()
-    assert library.load(str(folder).encode()) != READY
+    os.mkfifo(folder / "pipe")
+    for odd in (folder, folder / "pipe", "/dev/null"):
+        assert library.load(str(odd).encode()) == NONE
+    (folder / "pipe").unlink()
     assert library.load(str(folder / "nowhere").encode()) == NOT_FOUND
     memory = ctypes.create_string_buffer(bytes(8) + good, len(good) + 8)
     begin = ctypes.addressof(memory)
@@ -136,6 +141,38 @@ def test_what_is_not_the_table_is_refused_and_says_why(exported):
     memory = ctypes.create_string_buffer(bytes(1) + good, len(good) + 1)
     begin = ctypes.addressof(memory)
     assert library.use(ctypes.c_void_p(begin + 1), ctypes.c_size_t(len(good))) == ALIGNMENT
+    assert np.isnan(answers(library)[:, 0]).all()
+
+
+def test_a_program_under_sanitizers_finds_no_fault(exported):
+    folder, law, _ = exported
+    good = (folder / "keep.bin").read_bytes()
+    (folder / "short.bin").write_bytes(good[:-8])
+    (folder / "empty.bin").write_bytes(b"")
+    main = """
+int main(void) {
+    keep_state s;
+    double seen[2] = {0.1, 0.2}, command[KEEP_INPUTS], actuators[KEEP_ACTUATORS];
+    if (keep_load("empty.bin") != KEEP_TABLE_TRUNCATED) return 1;
+    if (keep_load("short.bin") != KEEP_TABLE_TRUNCATED) return 2;
+    if (keep_load("keep.bin") != KEEP_TABLE_READY) return 3;
+    keep_start(&s);
+    for (int i = -40; i <= 40; i++) {
+        seen[0] = 0.05 * i;
+        keep_step(&s, 0.1 * i, 0.02, seen, keep_parameters, command, actuators);
+    }
+    keep_unload();
+    keep_step(&s, 0.0, 0.02, seen, keep_parameters, command, actuators);
+    return command[0] == command[0] ? 4 : 0;
+}
+"""
+    (folder / "sound.c").write_text(hf.export_c(cart(), law, "keep", table="file") + main)
+    sanitizers = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g", "-O1"]
+    command = ["gcc", *STRICT, *sanitizers, "sound.c", "-o", "sound", "-lm"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    done = subprocess.run(["./sound"], capture_output=True, text=True, cwd=folder)
+    assert done.returncode == 0, done.stderr
 
 
 def test_the_header_serves_c_and_c_plus_plus(exported):
@@ -160,6 +197,16 @@ def test_the_numbers_are_in_the_file_and_not_in_the_source(exported):
     _, law, _ = exported
     texts = [len(hf.export_c(cart(), law, "keep", table=where)) for where in ("text", "file")]
     assert texts[1] < 45_000 < texts[0]
+
+
+def test_a_table_of_more_numbers_than_a_long_may_count_says_so_to_the_compiler():
+    assert c_table_file._fits(2**31 - 1) == ""
+    guard = c_table_file._fits(2**31)
+    for most, accepted in ((2**63 - 1, True), (2**31 - 1, False)):
+        source = f"{guard.replace('LONG_MAX', str(most))}\nint x;\n"
+        command = ["gcc", "-std=c99", "-fsyntax-only", "-xc", "-"]
+        done = subprocess.run(command, input=source, capture_output=True, text=True)
+        assert (done.returncode == 0) is accepted
 
 
 def test_a_law_without_a_kernel_has_no_table_file(tmp_path):

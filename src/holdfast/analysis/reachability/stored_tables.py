@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
@@ -11,7 +12,6 @@ import numpy.typing as npt
 import xarray as xr
 
 from holdfast.analysis.reachability.stored_values import StoredValues
-from holdfast.analysis.simulation.files import HIGHEST
 from holdfast.execution.arrays import AnyArray
 from holdfast.execution.table_in_parts import TableInParts
 
@@ -54,11 +54,21 @@ class Part:
 
 
 class StoredTables:
-    """The stored arrays of a value function by name, and the attributes of its values."""
+    """The stored arrays of a value function by name.
 
-    def __init__(self, arrays: Mapping[str, StoredValues], said: Mapping[Any, Any]) -> None:
-        self.arrays, self.said = arrays, said
+    highest: the largest value at every time, where the file says it.
+    """
+
+    def __init__(self, arrays: Mapping[str, StoredValues], highest: Any = None) -> None:
+        self.arrays, self._highest = arrays, highest
         self._made: dict[tuple[str, int | None, Change], TableInParts] = {}
+        self._making = threading.Lock()
+
+    def __getstate__(self) -> tuple[Mapping[str, StoredValues], Any]:
+        return self.arrays, self._highest
+
+    def __setstate__(self, state: tuple[Mapping[str, StoredValues], Any]) -> None:
+        self.__init__(*state)  # type: ignore[misc]
 
     @property
     def values(self) -> StoredValues:
@@ -80,11 +90,12 @@ class StoredTables:
     ) -> TableInParts:
         """The table of an array; that of the time that was asked for last is kept."""
         key = name, time, of
-        if key not in self._made:
-            for other in [k for k in self._made if k[0] == name and k[1] != time]:
-                del self._made[other]
-            self._made[key] = TableInParts(Part(self.arrays[name], time, of))
-        return self._made[key]
+        with self._making:
+            if key not in self._made:
+                for other in [k for k in self._made if k[0] == name and k[1] != time]:
+                    del self._made[other]
+                self._made[key] = TableInParts(Part(self.arrays[name], time, of))
+            return self._made[key]
 
     def of_law(self, time: int | None = None) -> TableInParts:
         """A table of the values for a law alone."""
@@ -92,9 +103,10 @@ class StoredTables:
 
     def highest(self, time: int | None) -> float:
         """The largest value at one of several times."""
-        if HIGHEST in self.said:
-            return float(np.atleast_1d(self.said[HIGHEST])[0 if time is None else time])
-        return max(float(slab.max()) for slab in Part(self.values, time).slabs())
+        said = np.atleast_1d(self._highest)
+        if said.dtype.kind == "f" and len(said) == (1 if time is None else self.values.shape[0]):
+            return float(said[time or 0])
+        return float(np.max([slab.max() for slab in Part(self.values, time).slabs()]))
 
 
 class Layers:

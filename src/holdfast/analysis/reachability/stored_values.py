@@ -7,6 +7,7 @@ import threading
 import weakref
 from collections import OrderedDict, deque
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar
@@ -18,6 +19,7 @@ from xarray.core import indexing
 
 from holdfast.errors import OutputError
 from holdfast.execution.arrays import AnyArray
+from holdfast.host.reading import check_file
 from holdfast.host.writing import undisturbed
 
 T = TypeVar("T")
@@ -32,6 +34,21 @@ _reading = threading.Lock()
 
 _unused: deque[Any] = deque()
 """Files to be closed by whoever reads next: objects are forgotten at any time, in any thread."""
+
+
+@dataclass(frozen=True)
+class Stamp:
+    """By which a file is known again: its bytes, and when it was written [ns]."""
+
+    bytes: int
+    written: int
+
+    @classmethod
+    def of(cls, path: Path) -> Stamp:
+        """That of a file; raises `ScenarioError` where there is none."""
+        check_file(path)
+        found = path.stat()
+        return cls(found.st_size, found.st_mtime_ns)
 
 
 class _File:
@@ -49,31 +66,49 @@ class StoredValues:
 
     room: bytes of chunks that are kept. chunks_read, bytes_read: how often the file was read, and
     the bytes of numbers that came from it, before compression. The file stays open, so that one
-    that replaces it under its name does not mix with it.
+    that replaces it under its name does not mix with it. stamp: of the file when it was opened
+    first, here or in another process.
+
+    Raises `OutputError` for a file that has another.
     """
 
     def __init__(
-        self, path: Path, name: str = "value", room: int = CACHE, file: _File | None = None
+        self,
+        path: Path,
+        name: str = "value",
+        room: int = CACHE,
+        file: _File | None = None,
+        stamp: Stamp | None = None,
     ) -> None:
         self.path, self.name, self.room = path.absolute(), name, room
+        self.stamp = stamp or Stamp.of(self.path)
         self.chunks_read = self.bytes_read = 0
         self._kept: OrderedDict[tuple[int, ...], AnyArray] = OrderedDict()
         self._lock = threading.Lock()
-        self._file = _File(self.path) if file is None else file
+        self._file = self._opened() if file is None else file
         self._variable = self._file.dataset[name]
         self._variable.set_auto_maskandscale(False)
         self._variable.set_var_chunk_cache(0, 1, 0.0)  # chunks are kept here, and once
         self.shape: tuple[int, ...] = tuple(int(n) for n in self._variable.shape)
-        self.dtype: np.dtype[Any] = np.dtype(self._variable.dtype)
+        self.dtype: np.dtype[Any] = np.dtype(self._variable.dtype).newbyteorder("=")
         chunks = self._variable.chunking()
         self.chunks = (
             _slabs(self.shape, self.dtype) if chunks == "contiguous" else tuple(map(int, chunks))
         )
 
-    def __getstate__(self) -> tuple[Path, str, int]:
-        return self.path, self.name, self.room
+    def _opened(self) -> _File:
+        file = _File(self.path)
+        if Stamp.of(self.path) != self.stamp:
+            raise OutputError(
+                f"{self.path} is not the file that it was when its values were loaded",
+                remedy="load it again",
+            )
+        return file
 
-    def __setstate__(self, state: tuple[Path, str, int]) -> None:
+    def __getstate__(self) -> tuple[Path, str, int, None, Stamp]:
+        return self.path, self.name, self.room, None, self.stamp
+
+    def __setstate__(self, state: tuple[Path, str, int, None, Stamp]) -> None:
         self.__init__(*state)  # type: ignore[misc]
 
     @property
@@ -83,7 +118,7 @@ class StoredValues:
 
     def beside(self, name: str) -> StoredValues:
         """Another array of the same file."""
-        return StoredValues(self.path, name, self.room, self._file)
+        return StoredValues(self.path, name, self.room, self._file, self.stamp)
 
     def read(self, key: tuple[Any, ...]) -> Any:
         """The entries at a number, a slice or several numbers along every axis."""
@@ -138,8 +173,8 @@ class StoredValues:
 
     def _from_file(self, key: tuple[Key, ...]) -> AnyArray:
         try:
-            found: AnyArray = _alone(lambda: np.asarray(self._variable[key]))
-        except (RuntimeError, OSError) as error:
+            found: AnyArray = _alone(lambda: np.asarray(self._variable[key], self.dtype))
+        except (RuntimeError, OSError, MemoryError) as error:
             raise OutputError(
                 f"{self.path} is damaged: a part of '{self.name}' cannot be read ({error})",
                 remedy="compute it again, or fetch it again",

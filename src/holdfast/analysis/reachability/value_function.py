@@ -283,7 +283,7 @@ class ValueFunction:
 
     def _arrivals(self) -> list[AnyArray | TableInParts]:
         """The times of arrival, 0 where there is none, and 1 where there is one."""
-        if self.stored is not None:
+        if self.stored is not None and "arrival" in self.stored.arrays:
             return [self.stored.table(name="arrival", of=f) for f in ARRIVALS]
         arrival = self.dataset["arrival"].values
         return [f(arrival).ravel() for f in ARRIVALS]

@@ -134,7 +134,7 @@ def _write_large(file: Any, name: str, variable: Any, said: dict[str, Any]) -> N
             part = (*time, slice(k, min(k + chunks[axis], shape[axis])))
             numbers = np.asarray(variable[part].values)
             made[part] = numbers
-            most = max(most, float(numbers.max()))
+            most = float(np.maximum(most, numbers.max()))  # NaN where one is
         highest.append(most)
     made.setncatts({**said, HIGHEST: highest} if name == "value" else said)
 

@@ -109,7 +109,7 @@ def loader(lookup: Lookup, name: str) -> str:
     rows = (", ".join(map(str, header[k : k + 16])) for k in range(0, len(header), 16))
     count = numbers_of(lookup)
     return (
-        f"#define HF_HEADER {len(header)}\n#define HF_DIGEST {DIGEST}\n"
+        f"{_fits(count)}#define HF_HEADER {len(header)}\n#define HF_DIGEST {DIGEST}\n"
         f"#define HF_COUNT ((size_t){count}u)\n"
         f"static const unsigned char hf_header[HF_HEADER] = {{\n    "
         + ",\n    ".join(rows)
@@ -123,7 +123,9 @@ def declarations(name: str) -> list[str]:
     text = [f"    NAME_TABLE_{fault}, /* {said} */" for fault, said in FAULTS.items()]
     lines = [
         "/* The table of the law is in a file. NAME_load opens it, NAME_use takes it from memory",
-        "   that stays (flash, say). Each answers one of these; before READY, NAME_step gives NAN.",
+        "   that stays (flash, say). Each answers one of these; unless READY, NAME_step gives NAN.",
+        "   The file is mapped: while it is loaded nobody may write to it; another one may be",
+        "   given its name (rename), and be loaded then.",
         "   With NAME_LINKED defined as a path, the table is linked, and NAME_load takes that. */",
         "enum {",
         *text,
@@ -134,6 +136,14 @@ def declarations(name: str) -> list[str]:
         "",
     ]
     return _named("\n".join(lines), name).split("\n")
+
+
+def _fits(count: int) -> str:
+    """That whole numbers of C can count the numbers of a table."""
+    if count < 2**31:
+        return ""
+    error = f"this table of {count} numbers needs a long of 64 bits"
+    return f"#include <limits.h>\n#if LONG_MAX < {count}\n#error {error}\n#endif\n"
 
 
 def _named(text: str, name: str) -> str:

@@ -158,13 +158,15 @@ class ControlSamples:
         assert self._in_parts is not None
         blocks = self.blocks
         w, s = blocks.w.copy(), blocks.s.copy()
-        while True:
-            for pointers in self._pointers:
-                self._answer(*pointers)
-            looked_at = blocks.rows("look_at").transpose(0, 2, 1).reshape(-1, self.program.places)
-            if not self._in_parts.fetch_looked_up(looked_at[: self.count], self._grid):
-                return
-            blocks.w[:], blocks.s[:] = w, s
+        with self._in_parts.using:
+            while True:
+                for pointers in self._pointers:
+                    self._answer(*pointers)
+                looked_at = blocks.rows("look_at").transpose(0, 2, 1)
+                places = looked_at.reshape(-1, self.program.places)[: self.count]
+                if not self._in_parts.fetch_looked_up(places, self._grid):
+                    return
+                blocks.w[:], blocks.s[:] = w, s
 
     def forget(self) -> None:
         """Nothing is remembered of the last answer."""

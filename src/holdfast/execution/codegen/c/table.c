@@ -60,6 +60,7 @@ int NAME_use(const void *memory, size_t size) {
     const unsigned char *p = (const unsigned char *)memory;
     const uint32_t mark = 0x01020304u;
     const unsigned char little[4] = {4, 3, 2, 1};
+    hf_values = 0;
     if (!p || size < HF_HEADER) return NAME_TABLE_TRUNCATED;
     if (memcmp(p, "HFTABLE\0", 8) != 0) return NAME_TABLE_NONE;
     if (memcmp(&mark, little, 4) != 0) return NAME_TABLE_BYTE_ORDER;
@@ -106,11 +107,14 @@ int NAME_load(const char *path) {
     void *memory;
     int file, status;
     NAME_unload();
-    file = open(path, O_RDONLY);
+    file = open(path, O_RDONLY | O_NONBLOCK); /* a pipe does not keep the program waiting */
     if (file < 0) return NAME_TABLE_NOT_FOUND;
-    if (fstat(file, &found) != 0 || found.st_size < HF_HEADER) {
+    status = fstat(file, &found) != 0 || !S_ISREG(found.st_mode) ? NAME_TABLE_NONE
+             : found.st_size < HF_HEADER                         ? NAME_TABLE_TRUNCATED
+                                                                 : NAME_TABLE_READY;
+    if (status != NAME_TABLE_READY) {
         close(file);
-        return NAME_TABLE_TRUNCATED;
+        return status;
     }
     memory = mmap(0, (size_t)found.st_size, PROT_READ, MAP_PRIVATE, file, 0);
     close(file);
