@@ -44,10 +44,10 @@ class BlockCode:
     def function(self, name: str, sizes: Sequence[int]) -> Callable[..., None]:
         """One of them for blocks of so many nodes along each axis, as `Workers.run` calls it."""
         code, counts_too = self._functions[name], name == ENTRIES[-1]
-        wholes, values = 8 * len(sizes), (2 ** (len(sizes) - 1) + 2) * (sizes[-1] + 2)
+        wholes, values = 8 * len(sizes) + 2, (2 ** (len(sizes) - 1) + 2) * (sizes[-1] + 2)
 
         def called(turn: Numbers, slices: Numbers, *given: Any) -> None:
-            room, rows = np.empty(wholes, dtype=np.int64), np.empty(values, dtype=self._kind)
+            room, rows = np.zeros(wholes, dtype=np.int64), np.empty(values, dtype=self._kind)
             counted = [address(given[-1])] if counts_too else []
             code(
                 address(turn), address(slices), len(slices) - 1, *given[:-1], *counted,

@@ -2,7 +2,7 @@
 
 A grid has every node of the coarser one, and one more between two of them. `of` has five numbers
 for every axis: nodes, those of the coarser grid, those of a block (even), blocks, and 1 for an axis
-that is periodic. Each function is shared by threads as a sweep is (`sweep.py`).
+that is periodic. Threads share the blocks of each function as those of a sweep (`sweep.py`).
 """
 
 # ruff: noqa: F403, F405
@@ -15,6 +15,20 @@ from holdfast.execution.level_set.stencils import *
 CROSSED = 1  # where the sign changes: in a block,
 CROSSED_LOW = 2  # near its beginning along the last axis,
 CROSSED_HIGH = 4  # near its end
+
+
+def following(turn: Wholes, slices: Wholes, slice_count: int, own: Wholes) -> int:
+    """The next place of a thread's own slice, or of the next slice that no thread has; then -1.
+
+    own: the place after the last one, and the end of its slice; 0 and 0 to begin with.
+    """
+    if own[0] >= own[1]:
+        slice_ = take(turn) % MOST_SLICES
+        if slice_ >= slice_count:
+            return -1
+        own[0], own[1] = slices[slice_], slices[slice_ + 1]
+    own[0] = own[0] + 1
+    return own[0] - 1
 
 
 def find_block(block: int, of: Wholes, n: int, begin: Wholes, count: Wholes):
@@ -100,34 +114,32 @@ def fill(
 
     targets: addresses of the values. upper, lower: addresses of the bounds, or 0.
     """
-    begin, count, index = room, room[n:], room[2 * n :]
+    own, begin, count, index = room, room[2:], room[2 + n :], room[2 + 2 * n :]
     last = n - 1
     pitch = of[2 * n + last] // 2 + 1
     row = rows[(1 << last) * pitch :]
     while True:
-        slice_ = take(turn) % MOST_SLICES
-        if slice_ >= slice_count:
+        k = following(turn, slices, slice_count, own)
+        if k < 0:
             break
-        first, end = slices[slice_], slices[slice_ + 1]
-        for k in range(first, end):
-            find_block(blocks[k], of, n, begin, count)
-            rows_here, nodes = rows_of_block(count, n), count[last]
-            for r in range(rows_here):
-                find_row(r, begin, count, n, index)
-                between(one, other, of, n, index, begin[last], nodes, pitch, rows, row)
-                at = node(index, of, n) + begin[last]
-                if lower != 0:
-                    low = values_at(lower)
-                    for j in range(nodes):
-                        row[j] = max(row[j], low[at + j])
-                if upper != 0:
-                    high = values_at(upper)
-                    for j in range(nodes):
-                        row[j] = min(row[j], high[at + j])
-                for t in range(target_count):
-                    out = values_at(targets[t])
-                    for j in range(nodes):
-                        out[at + j] = row[j]
+        find_block(blocks[k], of, n, begin, count)
+        rows_here, nodes = rows_of_block(count, n), count[last]
+        for r in range(rows_here):
+            find_row(r, begin, count, n, index)
+            between(one, other, of, n, index, begin[last], nodes, pitch, rows, row)
+            at = node(index, of, n) + begin[last]
+            if lower != 0:
+                low = values_at(lower)
+                for j in range(nodes):
+                    row[j] = max(row[j], low[at + j])
+            if upper != 0:
+                high = values_at(upper)
+                for j in range(nodes):
+                    row[j] = min(row[j], high[at + j])
+            for t in range(target_count):
+                out = values_at(targets[t])
+                for j in range(nodes):
+                    out[at + j] = row[j]
 
 
 def crossed(
@@ -164,24 +176,23 @@ def look_over(
     values: Values, coarse: Values, reach: int, found: Flags, room: Wholes, rows: Values,
 ):  # fmt: skip
     """Where the sign changes in every block: on its grid in chosen ones, else on the coarser."""
-    begin, count, index, thin = room, room[n:], room[2 * n :], room[3 * n :]
+    own, begin, count, index = room, room[2:], room[2 + n :], room[2 + 2 * n :]
+    thin = room[2 + 3 * n :]
     for i in range(n):
         thin[i] = of[n + i]
         thin[4 * n + i] = of[4 * n + i]
     while True:
-        slice_ = take(turn) % MOST_SLICES
-        if slice_ >= slice_count:
+        block = following(turn, slices, slice_count, own)
+        if block < 0:
             break
-        first, end = slices[slice_], slices[slice_ + 1]
-        for block in range(first, end):
-            find_block(block, of, n, begin, count)
-            if chosen[block] != 0:
-                found[block] = crossed(values, of, n, begin, count, reach, index)
-            else:
-                for i in range(n):
-                    begin[i] = begin[i] // 2
-                    count[i] = (count[i] + 1) // 2
-                found[block] = crossed(coarse, thin, n, begin, count, reach, index) & CROSSED
+        find_block(block, of, n, begin, count)
+        if chosen[block] != 0:
+            found[block] = crossed(values, of, n, begin, count, reach, index)
+        else:
+            for i in range(n):
+                begin[i] = begin[i] // 2
+                count[i] = (count[i] + 1) // 2
+            found[block] = crossed(coarse, thin, n, begin, count, reach, index) & CROSSED
 
 
 def hand_down(
@@ -189,27 +200,25 @@ def hand_down(
     values: Values, coarse: Values, room: Wholes, rows: Values,
 ):  # fmt: skip
     """The values of blocks to the nodes of the coarser grid in them."""
-    begin, count, index = room, room[n:], room[2 * n :]
+    own, begin, count, index = room, room[2:], room[2 + n :], room[2 + 2 * n :]
     last, thin = n - 1, of[n:]
     while True:
-        slice_ = take(turn) % MOST_SLICES
-        if slice_ >= slice_count:
+        k = following(turn, slices, slice_count, own)
+        if k < 0:
             break
-        first, end = slices[slice_], slices[slice_ + 1]
-        for k in range(first, end):
-            find_block(blocks[k], of, n, begin, count)
-            for i in range(n):
-                begin[i] = begin[i] // 2
-                count[i] = (count[i] + 1) // 2
-            rows_here = rows_of_block(count, n)
-            for r in range(rows_here):
-                find_row(r, begin, count, n, index)
-                to = node(index, thin, n) + begin[last]
-                for i in range(last):
-                    index[i] = 2 * index[i]
-                at = node(index, of, n) + 2 * begin[last]
-                for j in range(count[last]):
-                    coarse[to + j] = values[at + 2 * j]
+        find_block(blocks[k], of, n, begin, count)
+        for i in range(n):
+            begin[i] = begin[i] // 2
+            count[i] = (count[i] + 1) // 2
+        rows_here = rows_of_block(count, n)
+        for r in range(rows_here):
+            find_row(r, begin, count, n, index)
+            to = node(index, thin, n) + begin[last]
+            for i in range(last):
+                index[i] = 2 * index[i]
+            at = node(index, of, n) + 2 * begin[last]
+            for j in range(count[last]):
+                coarse[to + j] = values[at + 2 * j]
 
 
 def take_over(
@@ -217,21 +226,19 @@ def take_over(
     values: Values, out: Values, room: Wholes, rows: Values,
 ):  # fmt: skip
     """The values of blocks to another array of the same grid."""
-    begin, count, index = room, room[n:], room[2 * n :]
+    own, begin, count, index = room, room[2:], room[2 + n :], room[2 + 2 * n :]
     last = n - 1
     while True:
-        slice_ = take(turn) % MOST_SLICES
-        if slice_ >= slice_count:
+        k = following(turn, slices, slice_count, own)
+        if k < 0:
             break
-        first, end = slices[slice_], slices[slice_ + 1]
-        for k in range(first, end):
-            find_block(blocks[k], of, n, begin, count)
-            rows_here = rows_of_block(count, n)
-            for r in range(rows_here):
-                find_row(r, begin, count, n, index)
-                at = node(index, of, n) + begin[last]
-                for j in range(count[last]):
-                    out[at + j] = values[at + j]
+        find_block(blocks[k], of, n, begin, count)
+        rows_here = rows_of_block(count, n)
+        for r in range(rows_here):
+            find_row(r, begin, count, n, index)
+            at = node(index, of, n) + begin[last]
+            for j in range(count[last]):
+                out[at + j] = values[at + j]
 
 
 def losses(
@@ -244,27 +251,25 @@ def losses(
     numbers: 1 or -1, the side; values nearer to zero count as so large.
     """
     side, nearest = numbers[0], numbers[1]
-    begin, count, index = room, room[n:], room[2 * n :]
+    own, begin, count, index = room, room[2:], room[2 + n :], room[2 + 2 * n :]
     last, thin = n - 1, of[n:]
     most = 0.0
     while True:
-        slice_ = take(turn) % MOST_SLICES
-        if slice_ >= slice_count:
+        block = following(turn, slices, slice_count, own)
+        if block < 0:
             break
-        first, end = slices[slice_], slices[slice_ + 1]
-        for block in range(first, end):
-            if chosen[block] == 0:
-                find_block(block, of, n, begin, count)
-                for i in range(n):
-                    begin[i] = begin[i] // 2
-                    count[i] = (count[i] + 1) // 2
-                rows_here = rows_of_block(count, n)
-                for r in range(rows_here):
-                    find_row(r, begin, count, n, index)
-                    at = node(index, thin, n) + begin[last]
-                    for j in range(at, at + count[last]):
-                        was = float(before[j])
-                        if side * was > 0.0:
-                            moved = abs(float(now[j]) - was)
-                            most = max(most, moved / max(abs(was), nearest))
+        if chosen[block] == 0:
+            find_block(block, of, n, begin, count)
+            for i in range(n):
+                begin[i] = begin[i] // 2
+                count[i] = (count[i] + 1) // 2
+            rows_here = rows_of_block(count, n)
+            for r in range(rows_here):
+                find_row(r, begin, count, n, index)
+                at = node(index, thin, n) + begin[last]
+                for j in range(at, at + count[last]):
+                    was = float(before[j])
+                    if side * was > 0.0:
+                        moved = abs(float(now[j]) - was)
+                        most = max(most, moved / max(abs(was), nearest))
     counts[2] = most
