@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import sympy as sp
 
+from holdfast.analysis.decomposition.decomposition import Part
 from holdfast.analysis.decomposition.remainders import UNFOLLOWED, enclosed
 from holdfast.errors import SimulationError, suggestion
 from holdfast.maths.definitions.quantity import TIME
@@ -16,6 +17,7 @@ from holdfast.maths.definitions.region import Inequality
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import magnitude
 from holdfast.maths.expressions.traversal import derivatives, parts
+from holdfast.maths.games.sampled_inputs import dependences
 
 Interval = tuple[float, float]
 
@@ -77,6 +79,23 @@ def guarantees(
         known |= {n: g.interval for n, g in done.items()}
         waiting = {n: i for n, i in waiting.items() if n not in done}
     return {n: found[n] for n in asked}
+
+
+def check_tried(part: Part) -> None:
+    """Refuse rates that are not affine in a state that is cut off.
+
+    A march finds the worst value of a disturbance in closed form where the rates are affine in it;
+    points of its interval, which it takes elsewhere (`samples`), are not all that the state may be.
+    """
+    for q in part.system.disturbances:
+        curved = any(q.symbol in used for used in dependences(part.system, q.symbol))
+        if q.name in part.cut and curved:
+            raise SimulationError(
+                f"cut: the rates of ({', '.join(part.system.state_names)}) are not affine in "
+                f"'{q.name}'",
+                expected="rates that are affine in the states that are cut off",
+                remedy=f"leave '{q.name}' in the part",
+            )
 
 
 def _guarantee(
