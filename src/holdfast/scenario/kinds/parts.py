@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -18,12 +18,10 @@ from holdfast.errors import ScenarioError
 from holdfast.execution.resources import Progress
 from holdfast.host.output import make_folder, saved, write_summary
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
-from holdfast.maths.definitions.system import System
 from holdfast.scenario.build.kernel import Apart
-from holdfast.scenario.kinds.base import Bar, Composed
-from holdfast.scenario.schema.kernel import SetFiguresSpec
+from holdfast.scenario.kinds.base import Bar
+from holdfast.scenario.kinds.set_scenario import SetScenario
 from holdfast.scenario.validation import at
 
 
@@ -56,29 +54,10 @@ def _texts(table: Mapping[str, Any]) -> dict[str, str]:
 
 
 @dataclass(frozen=True)
-class PartsScenario(Composed):
+class PartsScenario(SetScenario):
     """A composed scenario whose answer is a value put together from those of parts."""
 
-    name: str
-    file: str
-    text: str
-    title: str
-    kind: str
-    description: str
-    source: str
-    system: System
-    region: Region | None
-    goal: Region | None
-    origin: Region | None
-    law: Law | Switching | None
     apart: Apart
-    horizon: float
-    forever: bool
-    inner: bool
-    options: Mapping[str, Any]
-    promised: Mapping[str, Any] | None
-    figures: SetFiguresSpec
-    held: Mapping[str, float]
 
     def __post_init__(self) -> None:
         if self.inner:
@@ -114,14 +93,6 @@ class PartsScenario(Composed):
                 box=how.box if how.lag_share is not None else None,
             )
 
-    def on_device(self, device: str) -> PartsScenario:
-        return replace(self, options={**self.options, "device": device})
-
-    def marched_on(self, *, cluster: Any = None, on_disk: Path | None = None) -> PartsScenario:
-        given = {"cluster": cluster, "on_disk": on_disk}
-        found = {k: v for k, v in given.items() if v is not None}
-        return replace(self, options={**self.options, **found})
-
     def run(self, progress: Progress | None = None) -> PartsResult:
         """The value, and its promise tried in closed loop."""
         how, options = self.apart, dict(self.options)
@@ -136,7 +107,7 @@ class PartsScenario(Composed):
                 ends=how.ends,
                 progress=progress,
                 **options,
-            )
+            ).reported(title=self.title, scenario=self.name, scenario_text=self.text)
         if self.promised is None or self.region is None:
             return PartsResult(value, None)
         tried = {"horizon": self.horizon, **self.promised}
@@ -165,15 +136,11 @@ class PartsScenario(Composed):
             found |= dict(zip(names, whole.prediction.intervals, strict=True))
         return found
 
-    def trouble(self, answer: PartsResult) -> str:
-        return answer.trouble
-
     def write(
         self, answer: PartsResult, folder: Path, *, figures: bool = True, bar: Bar | None = None
     ) -> list[Path]:
         make_folder(folder)
-        values = answer.value.values
-        files = [saved(v, folder / f"part_{k}.nc") for k, v in enumerate(values, 1)]
+        files = [saved(answer.value, folder / "result.nc")]
         if figures:
             files += self._drawn(answer, folder)
         return [*files, write_summary(folder / "summary.json", answer.summary())]
@@ -209,14 +176,6 @@ class PartsScenario(Composed):
             )
         return said
 
-    @property
-    def uses_all_cores(self) -> bool:
-        return True
-
-    @property
-    def seed(self) -> int:
-        return int((self.promised or {}).get("seed", 0))
-
     def tally(self, part: range | None, threads: int) -> dict[str, Entry]:
         """The sizes of the sets of the parts, and the result of the promise."""
         answer = self.run()
@@ -232,9 +191,4 @@ class PartsScenario(Composed):
                 ("kept", promise.inside, "share kept inside the set"),
             ):
                 found[name] = Entry("share", rate.count, rate.total, "1", says)
-        return found
-
-    @property
-    def given(self) -> Mapping[str, Any]:
-        found: Mapping[str, Any] = self.options.get("disturbance", {})
         return found
