@@ -55,7 +55,7 @@ def test_a_set_put_together_is_marched_tried_and_written(late, tmp_path):
     answer = scenario.run()
     assert scenario.complaints(answer) == []
     files = scenario.write(answer, tmp_path / "out", figures=False)
-    assert {f.name for f in files} == {"part_1.nc", "summary.json"}
+    assert {f.name for f in files} == {"result.nc", "summary.json"}
     text = scenario.report(answer, files)
     assert "inner: the set put together is inner" in text
     assert "100 of 100 stay" in text
@@ -63,14 +63,17 @@ def test_a_set_put_together_is_marched_tried_and_written(late, tmp_path):
     assert said["verdict"] == "inner"
     assert said["promise"]["held"]
     assert 0.3 < said["promise"]["promised"]["rate"] < 0.9
-    assert hf.load(tmp_path / "out" / "part_1.nc").names == ("x", "v")
+    found = hf.load(tmp_path / "out" / "result.nc")
+    assert found.names == ("x", "v", "actual_a")
+    assert found.values[0].report.title == "A cart whose force lags"
+    assert found.decomposition.verdict == "inner"
 
 
 @pytest.mark.heavy
 def test_the_command_writes_figures_too(late, tmp_path):
     done = holdfast("run", late, "--out", str(tmp_path))
     assert done.returncode == 0, done.stderr
-    assert {p.name for p in tmp_path.iterdir()} >= {"part_1.nc", "set_1.png", "summary.json"}
+    assert {p.name for p in tmp_path.iterdir()} >= {"result.nc", "set_1.png", "summary.json"}
 
 
 def test_show_tells_the_parts(late):

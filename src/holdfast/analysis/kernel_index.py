@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
+from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import HoldfastError, OutputError
 from holdfast.host.reading import check_file
@@ -91,10 +92,27 @@ def index_text(entries: Mapping[str, Entry]) -> str:
 
 
 def entry_of(
-    path: Path, value: ValueFunction, name: str, licence: str = "", citation: str = ""
+    path: Path, value: ValueFunction | PartsValue, name: str, licence: str = "", citation: str = ""
 ) -> Entry:
     """The entry of a file, which is read once for its digest."""
     check_name(name)
+    posed, found = _problem(value)
+    text = json.dumps(posed, sort_keys=True)
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    problem = posed | {"digest": digest, **found}
+    return Entry(name, digest_of(path), path.stat().st_size, problem, licence, citation)
+
+
+def _problem(value: ValueFunction | PartsValue) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The problem of a value, and what was found of it."""
+    if isinstance(value, PartsValue):
+        whole = value.decomposition
+        each = [_problem(v) for v in value.values]
+        posed: dict[str, Any] = {
+            "kind": whole.kind, "system": whole.system.name, "verdict": whole.verdict,
+            "parts": [p for p, _ in each],
+        }  # fmt: skip
+        return posed, {**each[0][1], "converged": value.converged}
     report = value.report
     grid = {a.name: [a.low, a.high, a.count, a.ends] for a in value.grid.axes}
     posed = {
@@ -103,13 +121,10 @@ def entry_of(
         "disturbance": dict(report.disturbance), "grid": grid, "horizon_s": report.horizon_s,
         "scheme": report.scheme, "precision": report.precision,
     }  # fmt: skip
-    text = json.dumps(posed, sort_keys=True)
-    problem = posed | {
-        "digest": hashlib.sha256(text.encode()).hexdigest(),
+    return posed, {
         "converged": report.converged, "scenario": report.scenario,
         "holdfast_version": report.holdfast_version,
     }  # fmt: skip
-    return Entry(name, digest_of(path), path.stat().st_size, problem, licence, citation)
 
 
 def digest_of(path: Path) -> str:

@@ -10,6 +10,13 @@ import numpy as np
 import xarray as xr
 
 from holdfast._version import __version__
+from holdfast.analysis.decomposition.parts_file import (
+    DECOMPOSITION,
+    check_part,
+    decomposition_of,
+    group_names,
+)
+from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.published_kernels import referred
 from holdfast.analysis.reachability.stored_tables import StoredTables
 from holdfast.analysis.reachability.stored_values import CACHE, StoredValues, as_read
@@ -38,8 +45,10 @@ NEEDED = (
 @checked
 def load(
     path: str | Path, *, lazy: bool | None = None, cache: float = CACHE / 2**20
-) -> Result | ValueFunction | Campaign:
+) -> Result | ValueFunction | PartsValue | Campaign:
     """A saved result, without the shapes to draw; a saved value function, or table of a sweep.
+
+    Of a set that is put together from parts every part is a value function of its own.
 
     path: a file, or a kernel of the store (store:NAME, or NAME where no file has it), of a folder
     with an index (FOLDER#NAME) or of one on the web (https://...#NAME), whose digest is checked.
@@ -54,13 +63,8 @@ def load(
         raise OutputError(f"lazy is {lazy!r}", expected="True, False or None")
     if not 0 <= cache < math.inf:
         raise OutputError(f"cache is {cache}", expected="MiB, 0 or more")
-    path = referred(str(path))
-    try:
-        dataset = read_netcdf(path, lambda data: _left(data, lazy))
-    except HoldfastError as error:
-        raise OutputError(error.cause, expected=error.expected, remedy=error.remedy) from None
-    except Exception as error:  # damaged files make the readers raise anything
-        raise OutputError(f"{path} cannot be read as NetCDF ({error})") from None
+    path, room = referred(str(path)), int(cache * 2**20)
+    dataset = _dataset(path, lazy)
     if MARK not in dataset.attrs:
         raise OutputError(f"{path} was not written by holdfast")
     version = dataset.attrs.pop("format_version", 1)
@@ -71,7 +75,9 @@ def load(
         )
     try:
         if "value" in dataset:
-            return _values(dataset, Path(path), _left(dataset, lazy), int(cache * 2**20))
+            return _values(dataset, path, lazy, room)
+        if DECOMPOSITION in dataset:
+            return _parts(dataset, path, lazy, room)
         return _loaded(dataset if version == FORMAT else _from_format_1(dataset))
     except (KeyError, ValueError, TypeError) as error:
         raise OutputError(
@@ -91,15 +97,43 @@ def _left(dataset: xr.Dataset, lazy: bool | None) -> list[str]:
     return over if large else []
 
 
-def _values(dataset: xr.Dataset, path: Path, left: list[str], room: int) -> ValueFunction:
+def _dataset(path: Path, lazy: bool | None, group: str | None = None) -> xr.Dataset:
+    """The root of a file, or a group of it, without the arrays that stay in the file."""
+    try:
+        return read_netcdf(path, lambda data: _left(data, lazy), group)
+    except HoldfastError as error:
+        raise OutputError(error.cause, expected=error.expected, remedy=error.remedy) from None
+    except Exception as error:  # damaged files make the readers raise anything
+        raise OutputError(f"{path} cannot be read as NetCDF ({error})") from None
+
+
+def _values(
+    dataset: xr.Dataset, path: Path, lazy: bool | None, room: int, group: str = ""
+) -> ValueFunction:
     """The value function of a dataset, of which some arrays are still in the file."""
+    left = _left(dataset, lazy)
     if not left:
         return value_function(dataset)
-    first = StoredValues(path, "value", room)
-    stored = {name: first if name == "value" else first.beside(name) for name in left}
+    first = StoredValues(path, f"{group}/value".strip("/"), room)
+    stored = {
+        name: first if name == "value" else first.beside(f"{group}/{name}".strip("/"))
+        for name in left
+    }
     for values in stored.values():
         dataset = as_read(dataset, values)
     return value_function(dataset, StoredTables(stored, dataset["value"].attrs))
+
+
+def _parts(dataset: xr.Dataset, path: Path, lazy: bool | None, room: int) -> PartsValue:
+    """The set that is put together from the groups of a file."""
+    whole = decomposition_of(dataset)
+    names, values = group_names(whole), []
+    for name, part in zip(names, whole.parts, strict=True):
+        own = _dataset(path, lazy, name)
+        own.attrs.pop("format_version", None)
+        values.append(_values(own, path, lazy, room // len(names), name))
+        check_part(part, values[-1], name)
+    return PartsValue.of(whole, values)
 
 
 def _loaded(dataset: xr.Dataset) -> Result | Campaign:

@@ -25,6 +25,7 @@ def command() -> None:
 @click.option("--citation", default="", help="Text for those who use it.")
 def add(file: str, name: str | None, licence: str, citation: str) -> None:
     """Keep FILE, or what FOLDER#NAME or https://...#NAME stands for."""
+    from holdfast.analysis.decomposition.parts_value import PartsValue
     from holdfast.analysis.kernel_index import entry_of
     from holdfast.analysis.kernel_store import Store
     from holdfast.analysis.load import load
@@ -34,7 +35,7 @@ def add(file: str, name: str | None, licence: str, citation: str) -> None:
     store = Store()
     path = referred(file, store)
     value = load(path, lazy=True)
-    if not isinstance(value, ValueFunction):
+    if not isinstance(value, ValueFunction | PartsValue):
         raise OutputError(f"{file} is no kernel", expected="the file of a value function")
     if path.parent == store.folder.absolute() and not name:
         click.echo(f"in the store: {path}")

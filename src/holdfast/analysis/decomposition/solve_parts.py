@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from holdfast.analysis.decomposition.decomposition import Decomposition, Part
-from holdfast.analysis.decomposition.parts_value import PartsValue, SolvedPart
+from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.reachability import sets
 from holdfast.analysis.reachability.given import by_name, whole
 from holdfast.analysis.reachability.grid import TURN, grid
@@ -57,21 +57,15 @@ def solve_parts(
                     f"'{name}' is not a state of a part", remedy=suggestion(name, known)
                 )
     count = len(decomposition.parts)
-    done = 0
-    lists = []
-    for parts in decomposition.alternatives:
-        solved = []
-        for part in parts:
+    values = []
+    for done, part in enumerate(decomposition.parts):
 
-            def tell(fraction: float, before: int = done) -> None:
-                if progress is not None:
-                    progress((before + fraction) / count)
+        def tell(fraction: float, before: int = done) -> None:
+            if progress is not None:
+                progress((before + fraction) / count)
 
-            value = _solved(part, decomposition, box, nodes, ends or {}, horizon, tell, options)
-            solved.append(SolvedPart(part, value, decomposition.system))
-            done += 1
-        lists.append(tuple(solved))
-    return PartsValue(decomposition, tuple(lists))
+        values.append(_solved(part, decomposition, box, nodes, ends or {}, horizon, tell, options))
+    return PartsValue.of(decomposition, values)
 
 
 ROOM = 1
