@@ -65,13 +65,6 @@ class KernelScenario(SetScenario):
 
     grid: Grid
 
-    @property
-    def about(self) -> Region:
-        """The value function that the march begins with."""
-        found = self.goal or self.origin or self.region
-        assert found is not None
-        return found
-
     def solve(self, progress: Progress | None = None) -> ValueFunction:
         """The value function alone."""
         function: Callable[..., ValueFunction] = getattr(problems, self.kind.replace("-", "_"))

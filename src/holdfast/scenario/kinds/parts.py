@@ -13,6 +13,7 @@ from holdfast.analysis.decomposition.decomposition import Decomposition
 from holdfast.analysis.decomposition.parts_promise import PartsPromise, check_parts
 from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.decomposition.solve_parts import solve_parts
+from holdfast.analysis.reachability.solve import set_on_grid
 from holdfast.analysis.simulation.aggregates import Entry
 from holdfast.errors import ScenarioError
 from holdfast.execution.resources import Progress
@@ -47,6 +48,16 @@ class PartsResult:
             "parts": parts,
         }
         return found | ({"promise": self.promise.summary()} if self.promise else {})
+
+
+def _told(whole: Decomposition, number: int) -> str:
+    """The system, and what a figure of one of its parts shows of it."""
+    said = [whole.verdict]
+    if len(whole.parts) > 1:
+        said.append(f"part {number} of {len(whole.parts)}")
+    if whole.prediction is not None:
+        said.append("over predicted states")
+    return f"{whole.system.name}\n{', '.join(said)}"
 
 
 def _texts(table: Mapping[str, Any]) -> dict[str, str]:
@@ -150,13 +161,23 @@ class PartsScenario(SetScenario):
         from holdfast.presentation.figures import style
         from holdfast.presentation.figures.value_function import value_function_figure
 
-        files = []
-        for k, value in enumerate(answer.value.values, 1):
+        files, whole = [], answer.value.decomposition
+        alike = {k: v for k, v in self.options.items() if k in ("band", "precision")}
+        for k, (part, value) in enumerate(zip(whole.parts, answer.value.values, strict=True), 1):
             plane = self.figures.plane
             if plane is not None and not set(plane) <= set(value.names):
                 plane = None
             held = {n: v for n, v in self.held.items() if n in value.names}
-            drawn = value_function_figure(value, plane=plane, at=held or None)
+            known = set(plane or value.names[:2]) <= set(whole.system.state_names)
+            begun = set_on_grid(part.about, value.grid, **alike)
+            drawn = value_function_figure(
+                value.reported(system=_told(whole, k)),
+                plane=plane,
+                at=held or None,
+                others={part.about.name.replace("_", " "): begun},
+                scene=self.about.scene if known else (),
+                parameters={q.name: q.value for q in self.about.parameters},
+            )
             files += style.write(drawn, folder, f"set_{k}")
         return files
 

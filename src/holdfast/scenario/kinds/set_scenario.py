@@ -43,6 +43,13 @@ class SetScenario(Composed):
     figures: SetFiguresSpec
     held: Mapping[str, float]
 
+    @property
+    def about(self) -> Region:
+        """The value function that the march begins with."""
+        found = self.goal or self.origin or self.region
+        assert found is not None
+        return found
+
     def trouble(self, answer: Any) -> str:
         trouble: str = answer.trouble
         return trouble
