@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.errors import SimulationError
+from holdfast.errors import DefinitionError, SimulationError
 from holdfast.maths.expressions.functions import least
 from tests.parted_systems import Q, box, late_cart, plane, symbols, towed, walls
 
@@ -161,6 +161,28 @@ def test_a_grid_without_room_around_the_box_is_refused():
         hf.solve_parts(parted, {"x": (-1.5, 1.5), "v": (-2, 2)}, 21, 1.0)
     with pytest.raises(SimulationError, match="shape"):
         hf.solve_parts(parted, None, 21, 0.2).at([[0.0, 0.0]])
+
+
+def test_points_of_an_input_are_taken_in_the_part_that_needs_them():
+    """x' = u w, w' = c: the gain of the input is cut off, and the part that keeps it needs none."""
+    x, w, u, c = symbols("x w u c")
+    system = hf.System(
+        "gain", (Q("x"), Q("w")), (Q("u"), Q("c")), {"x": x / 2 + u * w, "w": c},
+        input_bounds=hf.Box((-1, -0.4), (1, 0.4)),
+    )  # fmt: skip
+    rows = {"low": -1 - x, "high": x - 1, "weak": 0.6 - w, "strong": w - 1.2}
+    region = hf.Region(
+        "room", (Q("x"), Q("w")), tuple(hf.Inequality(n, e) for n, e in rows.items())
+    )
+    over = {"x": (-1.2, 1.2), "w": (0.4, 1.4)}
+    found = hf.solve_parts(hf.decompose(system, region, cut={"w": None}), over, 41, 2.0, samples=3)
+    whole = hf.viability_kernel(system, region, hf.grid(system, over, 41), 2.0)
+    points = states(over)
+    inside = found.contains(points)
+    assert inside.sum() > 0.9 * whole.contains(points).sum()
+    assert whole.at(points[inside]).min() > -whole.report.cell / 2
+    with pytest.raises(DefinitionError, match="samples: 3"):
+        hf.solve_parts(hf.decompose(plane(), walls("x")), box("x", "vx"), 15, 0.2, samples=3)
 
 
 def test_what_a_guarantee_rests_on_is_not_changed_in_a_march():
