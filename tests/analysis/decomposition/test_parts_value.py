@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError, SimulationError
@@ -97,6 +98,25 @@ def test_random_chains_are_inside_their_kernel(seed):
     points = states({**over, "w": (-end, end)})
     inside = found.contains(points)
     assert inside.any()
+    assert whole.at(points[inside]).min() > -whole.report.cell / 2
+
+
+def test_two_states_that_are_cut_off_from_each_other_are_inside_their_kernel():
+    """x' = x + .6 y + u, y' = y - .6 x cos(y) + p: both leave by themselves, each is kept."""
+    x, y, u, p = symbols("x y u p")
+    system = hf.System(
+        "pair", (Q("x"), Q("y")), (Q("u"), Q("p")),
+        {"x": x + 0.6 * y + u, "y": y - 0.6 * x * sp.cos(y) + p},
+        input_bounds=hf.Box((-1.5, -1.5), (1.5, 1.5)),
+    )  # fmt: skip
+    over = box("x", "y")
+    parted = hf.decompose(system, walls("x", "y"), cut={"x": None, "y": None})
+    assert [p.system.state_names for p in parted.parts] == [("x",), ("y",)]
+    found = hf.solve_parts(parted, over, 61, 3.0)
+    whole = hf.viability_kernel(system, walls("x", "y"), hf.grid(system, over, 61), 3.0)
+    points = states(over)
+    inside = found.contains(points)
+    assert inside.sum() > 0.5 * whole.contains(points).sum()
     assert whole.at(points[inside]).min() > -whole.report.cell / 2
 
 

@@ -118,7 +118,8 @@ def _line(part: Part, whole: System) -> str:
     )
     given = ""
     if part.cut:
-        intervals = (f"{n} in [{a:.4g}, {b:.4g}]" for n, (a, b) in part.cut.items())
+        units = {q.name: q.unit for q in part.system.disturbances}
+        intervals = (f"{n} in {shown(i, units[n])}" for n, i in part.cut.items())
         given = f", disturbed by {', '.join(intervals)}"
     inputs = ", ".join(part.system.input_names) or "no input"
     about = ", ".join(part.inequality_names)
@@ -132,7 +133,12 @@ def _intervals(domain: Sequence[Inequality]) -> Iterator[str]:
         row, low, first = left.pop(0)
         if left and left[0][2] == -first:
             _, high, _ = left.pop(0)
-            unit = "" if row.unit == "1" else f" {row.unit}"
-            yield f"{sp.sstr(sp.N(-first, 3))} is in [{float(low):.4g}, {float(-high):.4g}]{unit}"
+            yield f"{sp.sstr(sp.N(-first, 3))} is in {shown((low, -high), row.unit)}"
         else:
             yield f"{sp.sstr(sp.N(row.expression, 3))} <= 0"
+
+
+def shown(interval: tuple[float, float], unit: str) -> str:
+    """An interval with its unit."""
+    low, high = map(float, interval)
+    return f"[{low:.4g}, {high:.4g}]" + ("" if unit == "1" else f" {unit}")

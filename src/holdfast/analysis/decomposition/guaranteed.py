@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import sympy as sp
 
-from holdfast.analysis.decomposition.decomposition import Part
+from holdfast.analysis.decomposition.decomposition import Part, shown
 from holdfast.analysis.decomposition.remainders import UNFOLLOWED, enclosed
 from holdfast.errors import SimulationError, suggestion
 from holdfast.maths.definitions.quantity import TIME
@@ -109,14 +109,14 @@ def _guarantee(
     unit = _unit(system, name)
     if limit is not None and (wanted is None or _within(limit, wanted)):
         return Guarantee(
-            limit, f"'{name}' stays within {_shown(limit, unit)}, which the region asks for", True
+            limit, f"'{name}' stays within {shown(limit, unit)}, which the region asks for", True
         )
     found = wanted or _rests_within(system, name, known, numbers)
     if found is None or not _invariant(system, name, found, known, numbers):
         return None
     return Guarantee(
         found,
-        f"'{name}' stays within {_shown(found, unit)} whatever the inputs do: at neither end does "
+        f"'{name}' stays within {shown(found, unit)} whatever the inputs do: at neither end does "
         "its rate lead out",
         False,
     )
@@ -132,7 +132,7 @@ def _without(system: System, asked: tuple[str, Interval | None]) -> SimulationEr
             remedy=f'give an interval: {{"{name}": (low, high)}}',
         )
     return SimulationError(
-        f"'{name}' is not seen to stay within {_shown(wanted, _unit(system, name))}: its rate is "
+        f"'{name}' is not seen to stay within {shown(wanted, _unit(system, name))}: its rate is "
         f"{sp.sstr(rate)[:120]}",
         expected="an interval that its rate does not lead out of, with the others in theirs",
         remedy="widen it, name the other states of the rate too, or constrain it in the region",
@@ -255,7 +255,3 @@ def _within(inner: Interval, outer: Interval) -> bool:
 
 def _unit(system: System, name: str) -> str:
     return next(q.unit for q in system.states if q.name == name)
-
-
-def _shown(interval: Interval, unit: str) -> str:
-    return f"[{interval[0]:.4g}, {interval[1]:.4g}]" + ("" if unit == "1" else f" {unit}")
