@@ -54,29 +54,33 @@ def test_a_set_put_together_is_marched_tried_and_written(late, tmp_path):
     scenario = load_scenario(late)
     answer = scenario.run()
     assert scenario.complaints(answer) == []
-    files = scenario.write(answer, tmp_path / "out", figures=False)
-    assert {f.name for f in files} == {"part_1.nc", "summary.json"}
+    files = scenario.write(answer, tmp_path / "out")
+    assert {f.name for f in files} == {"result.nc", "set_1.png", "set_1.svg", "summary.json"}
     text = scenario.report(answer, files)
     assert "inner: the set put together is inner" in text
-    assert "100 of 100 stay" in text
+    assert "100 of 100 stay for 4 s, with inputs held for 10 ms" in text
     said = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert said["verdict"] == "inner"
     assert said["promise"]["held"]
     assert 0.3 < said["promise"]["promised"]["rate"] < 0.9
-    assert hf.load(tmp_path / "out" / "part_1.nc").names == ("x", "v")
+    found = hf.load(tmp_path / "out" / "result.nc")
+    assert found.names == ("x", "v", "actual_a")
+    assert found.values[0].report.title == "A cart whose force lags"
+    assert found.decomposition.verdict == "inner"
 
 
 @pytest.mark.heavy
 def test_the_command_writes_figures_too(late, tmp_path):
     done = holdfast("run", late, "--out", str(tmp_path))
     assert done.returncode == 0, done.stderr
-    assert {p.name for p in tmp_path.iterdir()} >= {"part_1.nc", "set_1.png", "summary.json"}
+    assert {p.name for p in tmp_path.iterdir()} >= {"result.nc", "set_1.png", "summary.json"}
 
 
 def test_show_tells_the_parts(late):
     text = describe(late)
     assert text.startswith(LATE.rstrip())
-    assert "# part (x = 0.15*v + x, v = 0.15*actual_a + v) by a: left, right" in text
+    assert "# part (predicted x = 0.15*v + x, predicted v = 0.15*actual_a + v) by a: " in text
+    assert "# holds where actual_a is in [-0.6, 0.6] m/s^2\n" in text
     assert "# inner: " in text
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
+from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import HoldfastError, OutputError
 from holdfast.host.reading import check_file
@@ -97,7 +98,7 @@ def index_text(entries: Mapping[str, Entry]) -> str:
 
 
 def entry_of(
-    path: Path, value: ValueFunction, name: str, licence: str = "", citation: str = ""
+    path: Path, value: ValueFunction | PartsValue, name: str, licence: str = "", citation: str = ""
 ) -> Entry:
     """The entry of a file, which is read once for its digest."""
     check_name(name)
@@ -111,23 +112,35 @@ def entry_of(
     return Entry(name, digest_of(path), path.stat().st_size, said, licence, citation)
 
 
-def _problem(value: ValueFunction) -> dict[str, Any]:
-    """What a value function is of, and a digest of that."""
+def _problem(value: ValueFunction | PartsValue) -> dict[str, Any]:
+    """What a value is of, with a digest of that, and what was found."""
+    posed = _posed(value)
+    text = json.dumps(posed, sort_keys=True)
+    report = (value.values[0] if isinstance(value, PartsValue) else value).report
+    return posed | {
+        "digest": hashlib.sha256(text.encode()).hexdigest(),
+        "converged": value.converged if isinstance(value, PartsValue) else report.converged,
+        "scenario": report.scenario,
+        "holdfast_version": report.holdfast_version,
+    }
+
+
+def _posed(value: ValueFunction | PartsValue) -> dict[str, Any]:
+    """What a value is of."""
+    if isinstance(value, PartsValue):
+        whole = value.decomposition
+        return {
+            "kind": whole.kind, "system": whole.system.name, "verdict": whole.verdict,
+            "parts": [_posed(v) for v in value.values],
+        }  # fmt: skip
     report = value.report
     grid = {a.name: [a.low, a.high, a.count, a.ends] for a in value.grid.axes}
-    posed = {
+    return {
         "kind": report.kind, "system": report.system, "definition": report.definition,
         "region": report.region, "parameters": dict(report.parameters),
         "disturbance": dict(report.disturbance), "grid": grid, "horizon_s": report.horizon_s,
         "scheme": report.scheme, "precision": report.precision,
     }  # fmt: skip
-    text = json.dumps(posed, sort_keys=True)
-    return posed | {
-        "digest": hashlib.sha256(text.encode()).hexdigest(),
-        "converged": report.converged,
-        "scenario": report.scenario,
-        "holdfast_version": report.holdfast_version,
-    }
 
 
 def digest_of(path: Path) -> str:

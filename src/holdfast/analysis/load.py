@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
 from holdfast._version import __version__
+from holdfast.analysis.decomposition.parts_file import (
+    DECOMPOSITION,
+    check_part,
+    decomposition_of,
+    group_names,
+)
+from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.published_kernels import referred
 from holdfast.analysis.reachability.stored_tables import StoredTables
 from holdfast.analysis.reachability.stored_values import CACHE, Stamp, StoredValues, as_read
@@ -38,8 +47,10 @@ NEEDED = (
 @checked
 def load(
     path: str | Path, *, lazy: bool | None = None, cache: float = CACHE / 2**20
-) -> Result | ValueFunction | Campaign:
+) -> Result | ValueFunction | PartsValue | Campaign:
     """A saved result, without the shapes to draw; a saved value function, or table of a sweep.
+
+    Of a set that is put together from parts every part is a value function of its own.
 
     path: a file, or a kernel of the store (store:NAME, or NAME where no file has it), of a folder
     with an index (FOLDER#NAME) or of one on the web (https://...#NAME), whose digest is checked.
@@ -55,20 +66,11 @@ def load(
         raise OutputError(f"lazy is {lazy!r}", expected="True, False or None")
     if not 0 <= cache < math.inf:
         raise OutputError(f"cache is {cache}", expected="MiB, 0 or more")
-    left: list[str] = []
-
-    def chosen(data: xr.Dataset) -> list[str]:
-        left.extend(_left(data, lazy))
-        return left
-
-    try:
+    with _reading(path):
         path = referred(str(path))
         stamp = Stamp.of(path)
-        dataset = read_netcdf(path, chosen)
-    except HoldfastError as error:
-        raise OutputError(error.cause, expected=error.expected, remedy=error.remedy) from None
-    except Exception as error:  # damaged files make the readers raise anything
-        raise OutputError(f"{path} cannot be read as NetCDF ({error})") from None
+        dataset, left = _dataset(path, lazy)
+    room = int(cache * 2**20)
     if MARK not in dataset.attrs:
         raise OutputError(f"{path} was not written by holdfast")
     version = dataset.attrs.pop("format_version", 1)
@@ -79,7 +81,9 @@ def load(
         )
     try:
         if "value" in dataset:
-            return _values(dataset, path, left, int(cache * 2**20), stamp)
+            return _values(dataset, path, left, room, stamp)
+        if DECOMPOSITION in dataset:
+            return _parts(dataset, path, lazy, room, stamp)
         return _loaded(dataset if version == FORMAT else _from_format_1(dataset))
     except (KeyError, ValueError, TypeError) as error:
         raise OutputError(
@@ -112,18 +116,60 @@ def _is_plain(array: xr.DataArray) -> bool:
     return array.dtype.kind == "f" and not packed and bool(np.isnan(marks).all())
 
 
+@contextlib.contextmanager
+def _reading(path: str | Path) -> Iterator[None]:
+    """While a file is read: damaged files make the readers raise anything."""
+    try:
+        yield
+    except HoldfastError as error:
+        raise OutputError(error.cause, expected=error.expected, remedy=error.remedy) from None
+    except Exception as error:
+        raise OutputError(f"{path} cannot be read as NetCDF ({error})") from None
+
+
+def _dataset(
+    path: Path, lazy: bool | None, group: str | None = None
+) -> tuple[xr.Dataset, list[str]]:
+    """The root of a file, or a group of it, and its arrays that stay in the file."""
+    left: list[str] = []
+
+    def chosen(data: xr.Dataset) -> list[str]:
+        left.extend(_left(data, lazy))
+        return left
+
+    return read_netcdf(path, chosen, group), left
+
+
 def _values(
-    dataset: xr.Dataset, path: Path, left: list[str], room: int, stamp: Stamp
+    dataset: xr.Dataset, path: Path, left: list[str], room: int, stamp: Stamp, group: str = ""
 ) -> ValueFunction:
     """The value function of a dataset, of which some arrays are still in the file."""
     highest = dataset["value"].attrs.pop(HIGHEST, None)  # not of what is made of these values
     if not left:
         return value_function(dataset)
-    first = StoredValues(path, "value", room, stamp=stamp)
-    stored = {name: first if name == "value" else first.beside(name) for name in left}
+    first = StoredValues(path, f"{group}/value".strip("/"), room, stamp=stamp)
+    stored = {
+        name: first if name == "value" else first.beside(f"{group}/{name}".strip("/"))
+        for name in left
+    }
     for values in stored.values():
         dataset = as_read(dataset, values)
     return value_function(dataset, StoredTables(stored, highest))
+
+
+def _parts(
+    dataset: xr.Dataset, path: Path, lazy: bool | None, room: int, stamp: Stamp
+) -> PartsValue:
+    """The set that is put together from the groups of a file."""
+    whole = decomposition_of(dataset)
+    names, values = group_names(whole), []
+    for name, part in zip(names, whole.parts, strict=True):
+        with _reading(path):
+            own, left = _dataset(path, lazy, name)
+        own.attrs.pop("format_version", None)
+        values.append(_values(own, path, left, room // len(names), stamp, name))
+        check_part(part, values[-1], name)
+    return PartsValue.of(whole, values)
 
 
 def _loaded(dataset: xr.Dataset) -> Result | Campaign:

@@ -29,6 +29,7 @@ def command() -> None:
 @click.option("--citation", default="", help="Text for those who use it.")
 def add(file: str, name: str | None, licence: str, citation: str) -> None:
     """Keep FILE, or what FOLDER#NAME or https://...#NAME stands for."""
+    from holdfast.analysis.decomposition.parts_value import PartsValue
     from holdfast.analysis.kernel_index import entry_of
     from holdfast.analysis.kernel_store import Store
     from holdfast.analysis.load import load
@@ -38,7 +39,7 @@ def add(file: str, name: str | None, licence: str, citation: str) -> None:
     store = Store()
     path, said = found(file, store)
     value = load(path, lazy=True)
-    if not isinstance(value, ValueFunction):
+    if not isinstance(value, ValueFunction | PartsValue):
         raise OutputError(f"{file} is no kernel", expected="the file of a value function")
     named = name or (said.name if said else path.stem)
     if not name:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
+from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.load import load
 from holdfast.analysis.published_kernels import is_reference
 from holdfast.analysis.reachability.value_function import ValueFunction
@@ -167,6 +168,12 @@ def _has_all(scenario: KernelScenario | None, region: Region, system: System) ->
 
 def _loaded(path: str) -> ValueFunction:
     found = load(path)
+    if isinstance(found, PartsValue):
+        raise ScenarioError(
+            f"{path} is put together from parts and has no grid of all its states",
+            expected="a kernel on one grid here",
+            remedy="take hf.parts_law and the value that hf.load gives",
+        )
     if not isinstance(found, ValueFunction):
         raise ScenarioError(f"{path} holds trajectories", expected="a value function")
     return found

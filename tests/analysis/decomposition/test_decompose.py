@@ -19,8 +19,12 @@ def test_parts_without_a_common_input_make_up_the_kernel_exactly():
     assert found.verdict == "exact"
 
 
-def test_inputs_that_are_bounded_together_keep_the_states_together():
-    found = hf.decompose(plane(hf.Ball(1, 2)), walls("x", "y"))
+THRUSTERS = hf.LinearImage(sp.Matrix([[1, 1], [1, -1]]), hf.Box((-1, -1), (1, 1)))
+
+
+@pytest.mark.parametrize("bounds", [hf.Ball(1, 2), THRUSTERS])
+def test_inputs_that_are_bounded_together_keep_the_states_together(bounds):
+    found = hf.decompose(plane(bounds), walls("x", "y"))
     assert states_of(found) == [("x", "vx", "y", "vy")]
     assert any("one part" in r and "ux, uy" in r for r in found.reasons)
 

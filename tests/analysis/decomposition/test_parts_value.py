@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+import sympy as sp
 
 import holdfast as hf
-from holdfast.errors import SimulationError
+from holdfast.errors import DefinitionError, SimulationError
 from holdfast.maths.expressions.functions import least
 from tests.parted_systems import Q, box, late_cart, plane, symbols, towed, walls
 
@@ -100,6 +101,25 @@ def test_random_chains_are_inside_their_kernel(seed):
     assert whole.at(points[inside]).min() > -whole.report.cell / 2
 
 
+def test_two_states_that_are_cut_off_from_each_other_are_inside_their_kernel():
+    """x' = x + .6 y + u, y' = y - .6 x cos(y) + p: both leave by themselves, each is kept."""
+    x, y, u, p = symbols("x y u p")
+    system = hf.System(
+        "pair", (Q("x"), Q("y")), (Q("u"), Q("p")),
+        {"x": x + 0.6 * y + u, "y": y - 0.6 * x * sp.cos(y) + p},
+        input_bounds=hf.Box((-1.5, -1.5), (1.5, 1.5)),
+    )  # fmt: skip
+    over = box("x", "y")
+    parted = hf.decompose(system, walls("x", "y"), cut={"x": None, "y": None})
+    assert [p.system.state_names for p in parted.parts] == [("x",), ("y",)]
+    found = hf.solve_parts(parted, over, 61, 3.0)
+    whole = hf.viability_kernel(system, walls("x", "y"), hf.grid(system, over, 61), 3.0)
+    points = states(over)
+    inside = found.contains(points)
+    assert inside.sum() > 0.5 * whole.contains(points).sum()
+    assert whole.at(points[inside]).min() > -whole.report.cell / 2
+
+
 def test_the_gradient_is_that_of_the_part_that_decides():
     found = hf.solve_parts(hf.decompose(plane(), walls("x", "y")), PLANE, 15, 0.5)
     slopes = found.gradient([[0.8, 0.1, 0.0, 0.0], [0.0, 0.0, -0.8, 0.1]])
@@ -161,6 +181,28 @@ def test_a_grid_without_room_around_the_box_is_refused():
         hf.solve_parts(parted, {"x": (-1.5, 1.5), "v": (-2, 2)}, 21, 1.0)
     with pytest.raises(SimulationError, match="shape"):
         hf.solve_parts(parted, None, 21, 0.2).at([[0.0, 0.0]])
+
+
+def test_points_of_an_input_are_taken_in_the_part_that_needs_them():
+    """x' = u w, w' = c: the gain of the input is cut off, and the part that keeps it needs none."""
+    x, w, u, c = symbols("x w u c")
+    system = hf.System(
+        "gain", (Q("x"), Q("w")), (Q("u"), Q("c")), {"x": x / 2 + u * w, "w": c},
+        input_bounds=hf.Box((-1, -0.4), (1, 0.4)),
+    )  # fmt: skip
+    rows = {"low": -1 - x, "high": x - 1, "weak": 0.6 - w, "strong": w - 1.2}
+    region = hf.Region(
+        "room", (Q("x"), Q("w")), tuple(hf.Inequality(n, e) for n, e in rows.items())
+    )
+    over = {"x": (-1.2, 1.2), "w": (0.4, 1.4)}
+    found = hf.solve_parts(hf.decompose(system, region, cut={"w": None}), over, 41, 2.0, samples=3)
+    whole = hf.viability_kernel(system, region, hf.grid(system, over, 41), 2.0)
+    points = states(over)
+    inside = found.contains(points)
+    assert inside.sum() > 0.9 * whole.contains(points).sum()
+    assert whole.at(points[inside]).min() > -whole.report.cell / 2
+    with pytest.raises(DefinitionError, match="samples: 3"):
+        hf.solve_parts(hf.decompose(plane(), walls("x")), box("x", "vx"), 15, 0.2, samples=3)
 
 
 def test_what_a_guarantee_rests_on_is_not_changed_in_a_march():

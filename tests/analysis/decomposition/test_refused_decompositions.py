@@ -49,11 +49,17 @@ JUMP = hf.Inequality("jump", W - 0.5 - 0.6 * sgn(W - 0.2), "m"), hf.Inequality("
         ({"x": V, "v": U}, walls("x"), {"cut": {"x": None}}, "no part has 'x' as a disturbance"),
         ({"x": V, "v": U}, walls("x"), {"disturbances": "banana"}, "disturbances: 'banana'"),
         ({"x": V, "v": U}, walls("x"), {"disturbances": "max"}, "whose disturbances help"),
+        ({"x": V, "v": U}, None,
+         {"kind": "capture-basin", "goal": walls("x"), "disturbances": "max"},
+         "whose disturbances help"),
+        ({"x": V, "v": U + 1 - W**2, "w": -W}, walls("x"), {"cut": {"w": (-1, 1)}},
+         "are not affine in 'w'"),
     ],
 )  # fmt: skip
 def test_what_would_promise_too_much_is_refused(rates, region, options, said):
     """An actuator that runs away or rests elsewhere, a prediction that jumps, a state that leaves
-    an interval at whose end it may rest, an inequality that jumps, and arguments without effect."""
+    an interval at whose end it may rest, an inequality that jumps, a state whose worst value may
+    lie between its ends, and arguments without effect."""
     with pytest.raises(HoldfastError, match=said):
         hf.decompose(system(rates), region, **options)
 

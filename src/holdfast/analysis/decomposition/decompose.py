@@ -8,7 +8,7 @@ from dataclasses import replace
 import sympy as sp
 
 from holdfast.analysis.decomposition.decomposition import EXACT, INNER, Decomposition, Part
-from holdfast.analysis.decomposition.guaranteed import Guarantee, guarantees
+from holdfast.analysis.decomposition.guaranteed import Guarantee, check_tried, guarantees
 from holdfast.analysis.decomposition.lag_free import LagFree, lag_free
 from holdfast.analysis.reachability.given import by_name
 from holdfast.analysis.reachability.problem import with_disturbance
@@ -71,7 +71,7 @@ def decompose(
         raise SimulationError("no region", expected=_needs(kind))
     if disturbances not in ("min", "max"):
         raise SimulationError(f"disturbances: {disturbances!r}", expected='"min" or "max"')
-    if disturbances == "max" and kind in KERNELS:
+    if disturbances == "max" and kind in (*KERNELS, "capture-basin"):
         raise SimulationError(
             f"a {kind} whose disturbances help", expected='disturbances = "min", or another kind'
         )
@@ -107,6 +107,8 @@ def decompose(
         tuple(_part(g, kind, region, goal, aims, free) for g in grouping.groups)
         for grouping, aims in made
     )
+    for part in (p for ways in lists for p in ways):
+        check_tried(part)
     used = {n for ways in lists for part in ways for n in part.system.disturbance_names}
     for name in wanted:
         if name not in used:

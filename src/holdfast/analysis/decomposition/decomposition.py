@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import sympy as sp
@@ -98,9 +98,9 @@ class Decomposition:
             if several:
                 yield f"alternative {k + 1}"
             for part in parts:
-                yield ("  " if several else "") + _line(part)
-        for row in self.domain:
-            yield f"holds where {sp.sstr(row.expression)} <= 0"
+                yield ("  " if several else "") + _line(part, self.system)
+        if self.domain:
+            yield f"holds where {' and '.join(_intervals(self.domain))}"
         yield f"{self.verdict}: {self.guarantee}"
         for reason in self.reasons:
             yield f"- {reason}"
@@ -109,14 +109,36 @@ class Decomposition:
         return "\n".join(self.lines())
 
 
-def _line(part: Part) -> str:
+def _line(part: Part, whole: System) -> str:
     states = ", ".join(
-        n if str(e) == n else f"{n} = {sp.sstr(sp.N(e, 3))}" for n, e in part.coordinates.items()
+        n
+        if str(e) == n
+        else ("predicted " if n in whole.state_names else "") + f"{n} = {sp.sstr(sp.N(e, 3))}"
+        for n, e in part.coordinates.items()
     )
     given = ""
     if part.cut:
-        intervals = (f"{n} in [{a:.4g}, {b:.4g}]" for n, (a, b) in part.cut.items())
+        units = {q.name: q.unit for q in part.system.disturbances}
+        intervals = (f"{n} in {shown(i, units[n])}" for n, i in part.cut.items())
         given = f", disturbed by {', '.join(intervals)}"
     inputs = ", ".join(part.system.input_names) or "no input"
     about = ", ".join(part.inequality_names)
     return f"part ({states}) by {inputs}{given}: {about}"
+
+
+def _intervals(domain: Sequence[Inequality]) -> Iterator[str]:
+    """The inequalities in turn, two that bound one expression as its interval."""
+    left = [(row, *row.expression.as_coeff_Add()) for row in domain]
+    while left:
+        row, low, first = left.pop(0)
+        if left and left[0][2] == -first:
+            _, high, _ = left.pop(0)
+            yield f"{sp.sstr(sp.N(-first, 3))} is in {shown((low, -high), row.unit)}"
+        else:
+            yield f"{sp.sstr(sp.N(row.expression, 3))} <= 0"
+
+
+def shown(interval: tuple[float, float], unit: str) -> str:
+    """An interval with its unit."""
+    low, high = map(float, interval)
+    return f"[{low:.4g}, {high:.4g}]" + ("" if unit == "1" else f" {unit}")

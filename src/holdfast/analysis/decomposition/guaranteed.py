@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import sympy as sp
 
+from holdfast.analysis.decomposition.decomposition import Part, shown
 from holdfast.analysis.decomposition.remainders import UNFOLLOWED, enclosed
 from holdfast.errors import SimulationError, suggestion
 from holdfast.maths.definitions.quantity import TIME
@@ -16,6 +17,7 @@ from holdfast.maths.definitions.region import Inequality
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import magnitude
 from holdfast.maths.expressions.traversal import derivatives, parts
+from holdfast.maths.games.sampled_inputs import dependences
 
 Interval = tuple[float, float]
 
@@ -79,6 +81,23 @@ def guarantees(
     return {n: found[n] for n in asked}
 
 
+def check_tried(part: Part) -> None:
+    """Refuse rates that are not affine in a state that is cut off.
+
+    A march finds the worst value of a disturbance in closed form where the rates are affine in it;
+    points of its interval, which it takes elsewhere (`samples`), are not all that the state may be.
+    """
+    for q in part.system.disturbances:
+        curved = any(q.symbol in used for used in dependences(part.system, q.symbol))
+        if q.name in part.cut and curved:
+            raise SimulationError(
+                f"cut: the rates of ({', '.join(part.system.state_names)}) are not affine in "
+                f"'{q.name}'",
+                expected="rates that are affine in the states that are cut off",
+                remedy=f"leave '{q.name}' in the part",
+            )
+
+
 def _guarantee(
     system: System,
     name: str,
@@ -90,14 +109,14 @@ def _guarantee(
     unit = _unit(system, name)
     if limit is not None and (wanted is None or _within(limit, wanted)):
         return Guarantee(
-            limit, f"'{name}' stays within {_shown(limit, unit)}, which the region asks for", True
+            limit, f"'{name}' stays within {shown(limit, unit)}, which the region asks for", True
         )
     found = wanted or _rests_within(system, name, known, numbers)
     if found is None or not _invariant(system, name, found, known, numbers):
         return None
     return Guarantee(
         found,
-        f"'{name}' stays within {_shown(found, unit)} whatever the inputs do: at neither end does "
+        f"'{name}' stays within {shown(found, unit)} whatever the inputs do: at neither end does "
         "its rate lead out",
         False,
     )
@@ -113,7 +132,7 @@ def _without(system: System, asked: tuple[str, Interval | None]) -> SimulationEr
             remedy=f'give an interval: {{"{name}": (low, high)}}',
         )
     return SimulationError(
-        f"'{name}' is not seen to stay within {_shown(wanted, _unit(system, name))}: its rate is "
+        f"'{name}' is not seen to stay within {shown(wanted, _unit(system, name))}: its rate is "
         f"{sp.sstr(rate)[:120]}",
         expected="an interval that its rate does not lead out of, with the others in theirs",
         remedy="widen it, name the other states of the rate too, or constrain it in the region",
@@ -236,7 +255,3 @@ def _within(inner: Interval, outer: Interval) -> bool:
 
 def _unit(system: System, name: str) -> str:
     return next(q.unit for q in system.states if q.name == name)
-
-
-def _shown(interval: Interval, unit: str) -> str:
-    return f"[{interval[0]:.4g}, {interval[1]:.4g}]" + ("" if unit == "1" else f" {unit}")

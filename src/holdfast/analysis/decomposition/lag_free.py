@@ -170,7 +170,12 @@ def _domain(found: Prediction) -> tuple[Inequality, ...]:
 
 def _reason(found: Prediction) -> str:
     names = " and ".join(a.name for a in found.actuators)
+    is_, it, its, does = (
+        ("is", "it stays", "its", "it still does")
+        if len(found.actuators) == 1
+        else ("are", "they stay", "their", "they still do")
+    )
     return (
-        f"{names} are predicted: they stay within the share of their range that the law uses, and "
-        "what they still do to the predicted states is a disturbance within proved bounds"
+        f"{names} {is_} predicted: {it} within the share of {its} range that the law uses, and "
+        f"what {does} to the predicted states is a disturbance within proved bounds"
     )

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from holdfast.analysis.decomposition.decomposition import Decomposition, Part
+from holdfast.analysis.decomposition.parts_file import write_parts
 from holdfast.analysis.reachability.given import by_name, whole
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.arguments import checked
@@ -92,6 +94,19 @@ class PartsValue:
         """The value functions of all parts."""
         return tuple(s.value for parts in self.parts for s in parts)
 
+    @classmethod
+    def of(cls, decomposition: Decomposition, values: Iterable[ValueFunction]) -> PartsValue:
+        """The value of these value functions, one for each part in the order of the parts."""
+        whole, left = decomposition.system, iter(values)
+        lists = [
+            [SolvedPart(p, next(left), whole) for p in ps] for ps in decomposition.alternatives
+        ]
+        return cls(decomposition, tuple(map(tuple, lists)))
+
+    def reported(self, **changes: Any) -> PartsValue:
+        """The same with some entries of every part's report replaced; None removes an entry."""
+        return PartsValue.of(self.decomposition, [v.reported(**changes) for v in self.values])
+
     @property
     def converged(self) -> bool:
         """Whether the march of every part has converged."""
@@ -168,6 +183,15 @@ class PartsValue:
         low, high = (np.array([box[n][k] for n in self.names]) for k in (0, 1))
         states = np.random.default_rng(seed).uniform(low, high, (runs, len(low)))
         return float(self.contains(states).mean())
+
+    @checked
+    def save(self, path: str | Path) -> Path:
+        """Write a NetCDF-4 file, which `load` reads: the decomposition, and a group for each part.
+
+        A group is the file that its value function would have. Raises `OutputError` if the folder
+        cannot be written, and for expressions that a file cannot have.
+        """
+        return write_parts(self.decomposition, self.values, path)
 
     def _commands(self, points: Array, chosen: Array) -> Array:
         """The inputs that bring about what the parts choose."""

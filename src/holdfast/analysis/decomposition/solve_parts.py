@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from holdfast.analysis.decomposition.decomposition import Decomposition, Part
-from holdfast.analysis.decomposition.parts_value import PartsValue, SolvedPart
+from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.reachability import sets
 from holdfast.analysis.reachability.given import by_name, whole
 from holdfast.analysis.reachability.grid import TURN, grid
@@ -16,6 +16,7 @@ from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.resources import Progress
+from holdfast.maths.games.sampled_inputs import without_closed_form
 
 
 @checked
@@ -32,9 +33,10 @@ def solve_parts(
     """The value of a problem from those of its parts, each on a grid of its own.
 
     box, nodes, ends: of all states of the parts, as for `grid`; options: of every march. A symmetry
-    counts where a part has one of its states. Where actuators are predicted, the grid reaches over
-    the box of the decomposition, within which states are kept, by a cell at least; without a
-    box by one cell. Raises `SimulationError` as the problems do.
+    counts where a part has one of its states, and samples where a part has no closed form. Where
+    actuators are predicted, the grid reaches over the box of the decomposition, within which states
+    are kept, by a cell at least; without a box by one cell. Raises `SimulationError` as the
+    problems do.
     """
     box = _around(decomposition, nodes) if box is None else box
     by_name("box", box, '{"x": (0, 1)}')
@@ -57,21 +59,15 @@ def solve_parts(
                     f"'{name}' is not a state of a part", remedy=suggestion(name, known)
                 )
     count = len(decomposition.parts)
-    done = 0
-    lists = []
-    for parts in decomposition.alternatives:
-        solved = []
-        for part in parts:
+    values = []
+    for done, part in enumerate(decomposition.parts):
 
-            def tell(fraction: float, before: int = done) -> None:
-                if progress is not None:
-                    progress((before + fraction) / count)
+        def tell(fraction: float, before: int = done) -> None:
+            if progress is not None:
+                progress((before + fraction) / count)
 
-            value = _solved(part, decomposition, box, nodes, ends or {}, horizon, tell, options)
-            solved.append(SolvedPart(part, value, decomposition.system))
-            done += 1
-        lists.append(tuple(solved))
-    return PartsValue(decomposition, tuple(lists))
+        values.append(_solved(part, decomposition, box, nodes, ends or {}, horizon, tell, options))
+    return PartsValue.of(decomposition, values)
 
 
 ROOM = 1
@@ -146,6 +142,11 @@ def _check_room(
             )
 
 
+def _sampled(parts: Sequence[Part]) -> bool:
+    """Whether the Hamiltonian of some part needs points of a set."""
+    return any(without_closed_form(p.system) for p in parts)
+
+
 def _solved(
     part: Part,
     whole: Decomposition,
@@ -167,6 +168,8 @@ def _solved(
     if (symmetry := chosen.get("symmetry")) is not None:
         mine = {n: s for n, s in symmetry.items() if n in names}
         chosen["symmetry"] = mine if -1 in mine.values() else None
+    if chosen.get("samples") and _sampled(whole.parts) and not _sampled([part]):
+        del chosen["samples"]
     function = getattr(sets, part.kind.replace("-", "_"))
     about: tuple[Any, ...] = (part.about,)
     if part.kind == "capture-basin":

@@ -64,6 +64,7 @@ class _File:
 class StoredValues:
     """The array `name` of a NetCDF file, of which chunks are read and the last ones are kept.
 
+    name: with its group before it, as in "part_1/value", where it is not in the root.
     room: bytes of chunks that are kept. chunks_read, bytes_read: how often the file was read, and
     the bytes of numbers that came from it, before compression. The file stays open, so that one
     that replaces it under its name does not mix with it. stamp: of the file when it was opened
@@ -201,9 +202,10 @@ class _InXarray(xr.backends.BackendArray):
 
 def as_read(dataset: xr.Dataset, stored: StoredValues) -> xr.Dataset:
     """The dataset with the stored values in place of its array of their name."""
-    old = dataset.variables[stored.name]
+    name = stored.name.rpartition("/")[2]
+    old = dataset.variables[name]
     new = xr.Variable(old.dims, indexing.LazilyIndexedArray(_InXarray(stored)), old.attrs)
-    return dataset.assign({stored.name: new})
+    return dataset.assign({name: new})
 
 
 def _alone(work: Callable[[], T]) -> T:

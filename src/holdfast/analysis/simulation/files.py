@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -139,34 +139,54 @@ def _write_large(file: Any, name: str, variable: Any, said: dict[str, Any]) -> N
     made.setncatts({**said, HIGHEST: highest} if name == "value" else said)
 
 
-def _write(arrays: NamedArrays, path: Path, chunked: bool) -> None:
+def write_groups(whole: NamedArrays, groups: Mapping[str, NamedArrays], path: str | Path) -> Path:
+    """A file with `whole` in its root, and with groups, each written as by `write_values`."""
+    path = Path(path)
+    with atomic_file(path) as partial:
+        undisturbed(lambda: _write(whole, partial, False, groups))
+    return path
+
+
+def _write(
+    arrays: NamedArrays,
+    path: Path,
+    chunked: bool,
+    groups: Mapping[str, NamedArrays] | None = None,
+) -> None:
     from netCDF4 import Dataset
 
-    beside, alone = _related(arrays)
     with Dataset(path, "w", format="NETCDF4") as file:
-        file.setncatts({**arrays.attrs, "format_version": FORMAT, **alone})
-        for name, variable in arrays.variables.items():
-            dims = tuple(map(str, variable.dims))
-            if chunked and _is_large(variable):
-                _write_large(file, name, variable, {**variable.attrs, **beside[name]})
-                continue
-            values = variable.values
-            said = {**variable.attrs, **beside[name]}
-            stored = _storage(values.dtype.kind, values.ndim, values.size)
-            if values.dtype.kind == "U":
-                values = _characters(values)
-                dims = (*dims, f"string{values.shape[-1]}")
-                said["_Encoding"] = "utf-8"
-            for dim, length in zip(dims, values.shape, strict=True):
-                if dim not in file.dimensions:
-                    file.createDimension(dim, length)
-            missing = np.nan if values.dtype.kind == "f" else None
-            made = file.createVariable(name, values.dtype, dims, fill_value=missing, **stored)
-            made.set_auto_maskandscale(False)
-            made.set_auto_chartostring(False)
-            made.setncatts(said)
-            if values.size:
-                made[...] = values
+        _fill(file, arrays, chunked)
+        for name, inside in (groups or {}).items():
+            _fill(file.createGroup(name), inside, True)
+
+
+def _fill(group: Any, arrays: NamedArrays, chunked: bool) -> None:
+    """Write arrays to a file, or to a group of it."""
+    beside, alone = _related(arrays)
+    group.setncatts({**arrays.attrs, "format_version": FORMAT, **alone})
+    for name, variable in arrays.variables.items():
+        dims = tuple(map(str, variable.dims))
+        if chunked and _is_large(variable):
+            _write_large(group, name, variable, {**variable.attrs, **beside[name]})
+            continue
+        values = variable.values
+        said = {**variable.attrs, **beside[name]}
+        stored = _storage(values.dtype.kind, values.ndim, values.size)
+        if values.dtype.kind == "U":
+            values = _characters(values)
+            dims = (*dims, f"string{values.shape[-1]}")
+            said["_Encoding"] = "utf-8"
+        for dim, length in zip(dims, values.shape, strict=True):
+            if dim not in group.dimensions:
+                group.createDimension(dim, length)
+        missing = np.nan if values.dtype.kind == "f" else None
+        made = group.createVariable(name, values.dtype, dims, fill_value=missing, **stored)
+        made.set_auto_maskandscale(False)
+        made.set_auto_chartostring(False)
+        made.setncatts(said)
+        if values.size:
+            made[...] = values
 
 
 def _characters(texts: npt.NDArray[np.str_]) -> npt.NDArray[np.bytes_]:
@@ -193,9 +213,11 @@ def _related(arrays: NamedArrays) -> tuple[dict[str, dict[str, str]], dict[str, 
 
 
 def read_netcdf(
-    path: str | Path, left: Callable[[xr.Dataset], Sequence[str]] = lambda data: ()
+    path: str | Path,
+    left: Callable[[xr.Dataset], Sequence[str]] = lambda data: (),
+    group: str | None = None,
 ) -> xr.Dataset:
-    """The dataset of the file, which is closed again; readers check for damage.
+    """The dataset of the file, or of a group of it; it is closed again; readers check for damage.
 
     left: the names of the arrays of a dataset that are not read; instead of them the dataset has
     arrays of the same shape that take no memory. For a file not written by holdfast only the
@@ -207,7 +229,7 @@ def read_netcdf(
     check_file(path)
 
     def read() -> xr.Dataset:
-        with xr.open_dataset(path, engine="netcdf4") as data:
+        with xr.open_dataset(path, engine="netcdf4", group=group) as data:
             if MARK not in data.attrs:
                 return xr.Dataset(attrs=data.attrs)
             unread = {

@@ -41,17 +41,17 @@ def _set(share: float) -> str:
 
 
 def _promise(promise: PartsPromise) -> list[str]:
-    held = f"held for {1000 * promise.sample_time:g} ms, over {promise.horizon:g} s"
+    held = f"for {promise.horizon:g} s, with inputs held for {1000 * promise.sample_time:g} ms"
     found = [
         f"  promise        {100 * promise.promised.value:.3g} % of random states of the region are "
         "promised",
-        f"    of those more than {promise.margin:g} inside {promise.inside.count:,} of "
-        f"{promise.inside.total:,} stay, {held}",
+        f"    of those more than {promise.margin:g} inside, {promise.inside.count:,} of "
+        f"{promise.inside.total:,} stay {held}",
     ]
     if promise.outside is not None:
         found.append(
-            f"    of the others its law keeps {promise.outside.count:,} of "
-            f"{promise.outside.total:,}: given away at least"
+            f"    of the others, which are not promised, the same law keeps "
+            f"{promise.outside.count:,} of {promise.outside.total:,}"
         )
     found.append(f"    {promise.verdict or 'every start inside is kept'}")
     return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -22,16 +22,14 @@ from holdfast.analysis.simulation.aggregates import Entry
 from holdfast.errors import RenamedWarning, ScenarioError
 from holdfast.execution.resources import Progress
 from holdfast.host.output import make_folder, saved, write_summary
-from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Region
-from holdfast.maths.definitions.switching import Switching
-from holdfast.maths.definitions.system import System
 from holdfast.scenario.build.kernel import kernel_parts
 from holdfast.scenario.files import overridden
 from holdfast.scenario.kinds import kind_of
-from holdfast.scenario.kinds.base import Bar, Composed, Kind
+from holdfast.scenario.kinds.base import Bar, Kind
 from holdfast.scenario.kinds.parts import PartsScenario
-from holdfast.scenario.schema.kernel import PROBLEMS, SetFiguresSpec
+from holdfast.scenario.kinds.set_scenario import SetScenario
+from holdfast.scenario.schema.kernel import PROBLEMS
 from holdfast.scenario.validation import at
 
 
@@ -62,39 +60,10 @@ class KernelResult:
 
 
 @dataclass(frozen=True)
-class KernelScenario(Composed):
+class KernelScenario(SetScenario):
     """A composed scenario whose answer is a value function."""
 
-    name: str
-    file: str
-    text: str
-    title: str
-    kind: str
-    description: str
-    source: str
-    system: System
-    region: Region | None
-    goal: Region | None
-    origin: Region | None
-    law: Law | Switching | None
     grid: Grid
-    horizon: float
-    forever: bool
-    inner: bool
-    options: Mapping[str, Any]
-    promised: Mapping[str, Any] | None
-    figures: SetFiguresSpec
-    held: Mapping[str, float]
-
-    @property
-    def about(self) -> Region:
-        """The value function that the march begins with."""
-        found = self.goal or self.origin or self.region
-        assert found is not None
-        return found
-
-    def on_device(self, device: str) -> KernelScenario:
-        return replace(self, options={**self.options, "device": device})
 
     def solve(self, progress: Progress | None = None) -> ValueFunction:
         """The value function alone."""
@@ -142,14 +111,6 @@ class KernelScenario(Composed):
         except ScenarioError as error:  # the march was long: its value is not thrown away
             return KernelResult(value, None, str(error))
         return KernelResult(value, tried)
-
-    def trouble(self, answer: KernelResult) -> str:
-        return answer.trouble
-
-    def marched_on(self, *, cluster: Any = None, on_disk: Path | None = None) -> KernelScenario:
-        given = {"cluster": cluster, "on_disk": on_disk}
-        found = {k: v for k, v in given.items() if v is not None}
-        return replace(self, options={**self.options, **found})
 
     @cached_property
     def begun(self) -> ValueFunction:
@@ -220,14 +181,6 @@ class KernelScenario(Composed):
 
         return set_data(answer.value)
 
-    @property
-    def uses_all_cores(self) -> bool:
-        return True
-
-    @property
-    def seed(self) -> int:
-        return int((self.promised or {}).get("seed", 0))
-
     def tally(self, part: range | None, threads: int) -> dict[str, Entry]:
         """The size of the set, the outcome of the march, and the result of the promise."""
         answer = self.run()
@@ -243,11 +196,6 @@ class KernelScenario(Composed):
         for k, trials in enumerate(answer.promise.inside if answer.promise else ()):
             says = f"share kept inside the set against {trials.what}"
             found[f"kept_{k}"] = Entry("share", trials.kept.count, trials.kept.total, "1", says)
-        return found
-
-    @property
-    def given(self) -> Mapping[str, Any]:
-        found: Mapping[str, Any] = self.options.get("disturbance", {})
         return found
 
 

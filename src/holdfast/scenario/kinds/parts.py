@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -13,17 +13,16 @@ from holdfast.analysis.decomposition.decomposition import Decomposition
 from holdfast.analysis.decomposition.parts_promise import PartsPromise, check_parts
 from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.decomposition.solve_parts import solve_parts
+from holdfast.analysis.reachability.solve import set_on_grid
 from holdfast.analysis.simulation.aggregates import Entry
 from holdfast.errors import ScenarioError
 from holdfast.execution.resources import Progress
 from holdfast.host.output import make_folder, saved, write_summary
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
-from holdfast.maths.definitions.system import System
 from holdfast.scenario.build.kernel import Apart
-from holdfast.scenario.kinds.base import Bar, Composed
-from holdfast.scenario.schema.kernel import SetFiguresSpec
+from holdfast.scenario.kinds.base import Bar
+from holdfast.scenario.kinds.set_scenario import SetScenario
 from holdfast.scenario.validation import at
 
 
@@ -51,34 +50,25 @@ class PartsResult:
         return found | ({"promise": self.promise.summary()} if self.promise else {})
 
 
+def _told(whole: Decomposition, number: int) -> str:
+    """The system, and what a figure of one of its parts shows of it."""
+    said = [whole.verdict]
+    if len(whole.parts) > 1:
+        said.append(f"part {number} of {len(whole.parts)}")
+    if whole.prediction is not None:
+        said.append("over predicted states")
+    return f"{whole.system.name}\n{', '.join(said)}"
+
+
 def _texts(table: Mapping[str, Any]) -> dict[str, str]:
     return {n: str(e) for n, e in table.items()}
 
 
 @dataclass(frozen=True)
-class PartsScenario(Composed):
+class PartsScenario(SetScenario):
     """A composed scenario whose answer is a value put together from those of parts."""
 
-    name: str
-    file: str
-    text: str
-    title: str
-    kind: str
-    description: str
-    source: str
-    system: System
-    region: Region | None
-    goal: Region | None
-    origin: Region | None
-    law: Law | Switching | None
     apart: Apart
-    horizon: float
-    forever: bool
-    inner: bool
-    options: Mapping[str, Any]
-    promised: Mapping[str, Any] | None
-    figures: SetFiguresSpec
-    held: Mapping[str, float]
 
     def __post_init__(self) -> None:
         if self.inner:
@@ -114,14 +104,6 @@ class PartsScenario(Composed):
                 box=how.box if how.lag_share is not None else None,
             )
 
-    def on_device(self, device: str) -> PartsScenario:
-        return replace(self, options={**self.options, "device": device})
-
-    def marched_on(self, *, cluster: Any = None, on_disk: Path | None = None) -> PartsScenario:
-        given = {"cluster": cluster, "on_disk": on_disk}
-        found = {k: v for k, v in given.items() if v is not None}
-        return replace(self, options={**self.options, **found})
-
     def run(self, progress: Progress | None = None) -> PartsResult:
         """The value, and its promise tried in closed loop."""
         how, options = self.apart, dict(self.options)
@@ -136,7 +118,7 @@ class PartsScenario(Composed):
                 ends=how.ends,
                 progress=progress,
                 **options,
-            )
+            ).reported(title=self.title, scenario=self.name, scenario_text=self.text)
         if self.promised is None or self.region is None:
             return PartsResult(value, None)
         tried = {"horizon": self.horizon, **self.promised}
@@ -165,15 +147,11 @@ class PartsScenario(Composed):
             found |= dict(zip(names, whole.prediction.intervals, strict=True))
         return found
 
-    def trouble(self, answer: PartsResult) -> str:
-        return answer.trouble
-
     def write(
         self, answer: PartsResult, folder: Path, *, figures: bool = True, bar: Bar | None = None
     ) -> list[Path]:
         make_folder(folder)
-        values = answer.value.values
-        files = [saved(v, folder / f"part_{k}.nc") for k, v in enumerate(values, 1)]
+        files = [saved(answer.value, folder / "result.nc")]
         if figures:
             files += self._drawn(answer, folder)
         return [*files, write_summary(folder / "summary.json", answer.summary())]
@@ -183,13 +161,23 @@ class PartsScenario(Composed):
         from holdfast.presentation.figures import style
         from holdfast.presentation.figures.value_function import value_function_figure
 
-        files = []
-        for k, value in enumerate(answer.value.values, 1):
+        files, whole = [], answer.value.decomposition
+        alike = {k: v for k, v in self.options.items() if k in ("band", "precision")}
+        for k, (part, value) in enumerate(zip(whole.parts, answer.value.values, strict=True), 1):
             plane = self.figures.plane
             if plane is not None and not set(plane) <= set(value.names):
                 plane = None
             held = {n: v for n, v in self.held.items() if n in value.names}
-            drawn = value_function_figure(value, plane=plane, at=held or None)
+            known = set(plane or value.names[:2]) <= set(whole.system.state_names)
+            begun = set_on_grid(part.about, value.grid, **alike)
+            drawn = value_function_figure(
+                value.reported(system=_told(whole, k)),
+                plane=plane,
+                at=held or None,
+                others={part.about.name.replace("_", " "): begun},
+                scene=self.about.scene if known else (),
+                parameters={q.name: q.value for q in self.about.parameters},
+            )
             files += style.write(drawn, folder, f"set_{k}")
         return files
 
@@ -209,14 +197,6 @@ class PartsScenario(Composed):
             )
         return said
 
-    @property
-    def uses_all_cores(self) -> bool:
-        return True
-
-    @property
-    def seed(self) -> int:
-        return int((self.promised or {}).get("seed", 0))
-
     def tally(self, part: range | None, threads: int) -> dict[str, Entry]:
         """The sizes of the sets of the parts, and the result of the promise."""
         answer = self.run()
@@ -232,9 +212,4 @@ class PartsScenario(Composed):
                 ("kept", promise.inside, "share kept inside the set"),
             ):
                 found[name] = Entry("share", rate.count, rate.total, "1", says)
-        return found
-
-    @property
-    def given(self) -> Mapping[str, Any]:
-        found: Mapping[str, Any] = self.options.get("disturbance", {})
         return found
