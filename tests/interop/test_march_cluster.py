@@ -4,6 +4,7 @@ import asyncio
 import os
 import signal
 import socket
+import threading
 from types import SimpleNamespace
 
 import pytest
@@ -140,3 +141,22 @@ def test_workers_with_too_little_memory_or_another_version_are_refused(cluster, 
         monkeypatch.setattr(module, "__version__", "0.0.1")
         with pytest.raises(SimulationError, match=r"has holdfast .*; expected holdfast 0\.0\.1"):
             kernel(cluster=workers)
+
+
+def test_marches_at_the_same_time_do_not_mix(cluster):
+    found = {}
+
+    def march(name, problem):
+        with march_cluster(cluster.scheduler_address) as workers:
+            found[name] = problem(cluster=workers)
+
+    threads = [
+        threading.Thread(target=march, args=given)
+        for given in (("kernel", kernel), ("basin", basin))
+    ]
+    for one in threads:
+        one.start()
+    for one in threads:
+        one.join(120)
+    same(kernel(), found["kernel"])
+    same(basin(), found["basin"])

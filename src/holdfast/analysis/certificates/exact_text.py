@@ -14,6 +14,7 @@ import sympy as sp
 from holdfast.analysis.certificates.certificate import KNOWN
 from holdfast.errors import ExpressionError
 from holdfast.maths.expressions import functions
+from holdfast.maths.expressions.syntax import syntax_tree
 
 LONGEST = 100_000
 MOST = 64
@@ -34,7 +35,7 @@ def exact_expression(text: object, names: Names) -> sp.Expr:
     if not isinstance(text, str) or len(text) > LONGEST:
         raise ExpressionError(f"{text!r:.40} is no expression", expected="text")
     try:
-        return _of(ast.parse(text, mode="eval").body, names)
+        return _of(syntax_tree(text, "eval").body, names)
     except (SyntaxError, RecursionError, MemoryError, ValueError) as error:
         raise ExpressionError(f"'{text:.40}' is no expression ({error})") from None
 

@@ -27,6 +27,7 @@ from holdfast.execution.codegen.scalar_functions import (
     common,
     constant,
 )
+from holdfast.maths.expressions.syntax import syntax_tree
 
 
 @cache
@@ -41,7 +42,7 @@ def read(text: str) -> Scalars:
     The text of a star import is to stand above: a text has several versions of some functions.
     """
     found = Scalars({}, {})
-    for node in ast.parse(text).body:
+    for node in syntax_tree(text).body:
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(_ROOM):
             for one in node.names if node.names[0].name != "*" else ():
                 _import(found, node.module or "", one.name)

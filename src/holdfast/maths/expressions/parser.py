@@ -18,6 +18,7 @@ import sympy as sp
 from holdfast.arguments import checked
 from holdfast.errors import ExpressionError, suggestion
 from holdfast.maths.expressions.functions import greatest, least, select
+from holdfast.maths.expressions.syntax import syntax_tree
 from holdfast.maths.expressions.vocabulary import FORBIDDEN, FUNCTIONS, NUMERIC, pairwise
 
 MAX_LENGTH = 2000
@@ -90,7 +91,7 @@ class _Translator:
         try:
             with warnings.catch_warnings():  # "1if x else y" is one of them
                 warnings.simplefilter("error", SyntaxWarning)
-                self.tree = ast.parse(self.text, mode="eval").body
+                self.tree = syntax_tree(self.text, "eval").body
         except (SyntaxError, ValueError, MemoryError, RecursionError) as error:
             reason = getattr(error, "msg", None) or str(error) or type(error).__name__
             raise ExpressionError(
