@@ -35,7 +35,6 @@ class BlockCode:
         known = read("\n".join((folder / f"{name}.py").read_text("utf-8") for name in files))
         text = scalars_text(known, ENTRIES, single=precision == "float32", fused=True)
         machine = compiled_text(text, optimised=True)
-        self.constants = {name: int(value) for name, value in known.constants.items()}
         self._functions = {
             name: machine.function(name, len(known.functions[name].parameters)) for name in ENTRIES
         }

@@ -40,6 +40,13 @@ def find_block(block: int, of: Wholes, n: int, begin: Wholes, count: Wholes):
         count[i] = min(of[2 * n + i], of[i] - begin[i])
 
 
+def on_coarser(begin: Wholes, count: Wholes, n: int):
+    """The same of its nodes that the coarser grid has, on that grid."""
+    for i in range(n):
+        begin[i] = begin[i] // 2
+        count[i] = (count[i] + 1) // 2
+
+
 def rows_of_block(count: Wholes, n: int) -> int:
     """How many rows of the last axis a block has."""
     rows = 1
@@ -189,9 +196,7 @@ def look_over(
         if chosen[block] != 0:
             found[block] = crossed(values, of, n, begin, count, reach, index)
         else:
-            for i in range(n):
-                begin[i] = begin[i] // 2
-                count[i] = (count[i] + 1) // 2
+            on_coarser(begin, count, n)
             found[block] = crossed(coarse, thin, n, begin, count, reach, index) & CROSSED
 
 
@@ -207,9 +212,7 @@ def hand_down(
         if k < 0:
             break
         find_block(blocks[k], of, n, begin, count)
-        for i in range(n):
-            begin[i] = begin[i] // 2
-            count[i] = (count[i] + 1) // 2
+        on_coarser(begin, count, n)
         rows_here = rows_of_block(count, n)
         for r in range(rows_here):
             find_row(r, begin, count, n, index)
@@ -260,9 +263,7 @@ def losses(
             break
         if chosen[block] == 0:
             find_block(block, of, n, begin, count)
-            for i in range(n):
-                begin[i] = begin[i] // 2
-                count[i] = (count[i] + 1) // 2
+            on_coarser(begin, count, n)
             rows_here = rows_of_block(count, n)
             for r in range(rows_here):
                 find_row(r, begin, count, n, index)
