@@ -13,7 +13,7 @@ from holdfast.analysis.kernel_store import Store
 from holdfast.errors import OutputError
 from holdfast.scenario.kernel_reference import named_kernel
 from tests.served_files import served
-from tests.stored_cart import saved_cart
+from tests.stored_cart import kept_cart, saved_cart
 
 
 @pytest.fixture(scope="module")
@@ -24,10 +24,7 @@ def kernel(tmp_path_factory):
 @pytest.fixture
 def store(tmp_path, monkeypatch, kernel):
     monkeypatch.setenv("HOLDFAST_STORE", str(tmp_path / "store"))
-    value, path = kernel
-    found = Store()
-    found.add(path, entry_of(path, value, "cart", "CC-BY-4.0", "Doe 2026"))
-    return found
+    return kept_cart(*kernel)
 
 
 @pytest.fixture

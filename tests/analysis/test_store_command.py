@@ -11,7 +11,7 @@ import holdfast as hf
 from holdfast.analysis.kernel_index import INDEX, entry_of, index_text
 from holdfast.analysis.kernel_store import Store
 from holdfast.commands.store import command
-from tests.stored_cart import saved_cart
+from tests.stored_cart import kept_cart, saved_cart
 
 
 @pytest.fixture(scope="module")
@@ -22,10 +22,7 @@ def kernel(tmp_path_factory):
 @pytest.fixture
 def store(tmp_path, monkeypatch, kernel):
     monkeypatch.setenv("HOLDFAST_STORE", str(tmp_path / "store"))
-    value, path = kernel
-    found = Store()
-    found.add(path, entry_of(path, value, "cart", "CC-BY-4.0", "Doe 2026"))
-    return found
+    return kept_cart(*kernel)
 
 
 def test_the_command_adds_shows_checks_publishes_and_removes(tmp_path, kernel, monkeypatch):
