@@ -157,14 +157,35 @@ def _fetch(address, done):
 
 
 def test_processes_that_fetch_the_same_kernel_at_once_fetch_it_once(web, kernel):
-    context = multiprocessing.get_context("fork")
+    context = multiprocessing.get_context("spawn")
     done = context.Queue()
     both = [context.Process(target=_fetch, args=(web.address, done)) for _ in range(2)]
     for process in both:
         process.start()
-    assert [done.get(timeout=20) for _ in both] == ["cart", "cart"]
+    assert [done.get(timeout=200) for _ in both] == ["cart", "cart"]
     for process in both:
         process.join(20)
+    assert in_the_store() == [".json", ".nc"]
+    assert web.kernels_asked() == [None]
+
+
+def test_a_file_that_is_in_the_store_and_not_yet_in_its_index_is_not_fetched_again(
+    web, kernel, monkeypatch
+):
+    write, found, others = Store._write, [], []
+
+    def written_late(store, entries):
+        other = threading.Thread(target=lambda: found.append(is_loaded(web, kernel)))
+        others.append(other)
+        other.start()
+        other.join(1)  # time to find the new kernel nowhere
+        write(store, entries)
+
+    with monkeypatch.context() as inside:
+        inside.setattr(Store, "_write", written_late)
+        assert is_loaded(web, kernel)
+    others[0].join(20)
+    assert (found, len(others)) == ([True], 1)
     assert in_the_store() == [".json", ".nc"]
     assert web.kernels_asked() == [None]
 

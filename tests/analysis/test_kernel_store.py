@@ -95,7 +95,7 @@ def test_a_wrong_digest_a_truncated_file_and_no_network_are_refused(store, web, 
         with pytest.raises(OutputError, match=r"SHA-256|bytes"):
             hf.load(f"{folder}#cart")
         assert Store().entries() == {}
-    assert [p.name for p in Store().folder.iterdir()] == []
+    assert [p.name for p in Store().folder.iterdir()] == [".lock"]
     with pytest.raises(OutputError, match="cannot be fetched"):
         hf.load("http://127.0.0.1:9/nowhere#cart")
     with pytest.raises(OutputError, match="cannot be fetched"):

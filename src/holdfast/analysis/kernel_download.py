@@ -48,7 +48,9 @@ def downloaded(address: str, entry: Entry, store: Store) -> Entry:
     part = store.folder / f".{entry.sha256}{PART}"
     try:
         with _alone_with(part) as file:
-            if own := store.kept(entry):  # another process fetched it
+            with store.alone():  # who fetched it may not have written the index yet
+                own = store.kept(entry)
+            if own:
                 part.unlink()
                 return own
             _check_space(store.folder, entry, file.seek(0, os.SEEK_END))

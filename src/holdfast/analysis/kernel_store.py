@@ -111,7 +111,7 @@ class Store:
         path = Path(path)
         check_file(path)
         make_folder(self.folder, self.option)
-        with self._alone():
+        with self.alone():
             entries = self.entries()
             before = entries.get(entry.name)
             if before and before.sha256 != entry.sha256:
@@ -132,7 +132,7 @@ class Store:
 
         It gets its name or, where another kernel has that, the beginning of its digest behind it.
         """
-        with self._alone():
+        with self.alone():
             entries = self.entries()
             names = [entry.name, *(f"{entry.name[:40]}-{entry.sha256[:n]}" for n in (12, 39))]
             free = [n for n in names if n not in entries or entries[n].sha256 == entry.sha256]
@@ -148,7 +148,7 @@ class Store:
 
     def remove(self, name: str) -> Entry:
         """Forget a name; its file too, if no other name has it."""
-        with self._alone():
+        with self.alone():
             entry = self.entry(name)
             rest = {n: e for n, e in self.entries().items() if n != entry.name}
             self._write(rest)
@@ -172,6 +172,22 @@ class Store:
         for entry in [self.verify(name) for name in names]:
             other.add(self.folder / entry.file, entry)
         return other.folder / INDEX
+
+    @contextlib.contextmanager
+    def alone(self) -> Iterator[None]:
+        """While no other process changes this store."""
+        if not os.path.isdir(self.folder):
+            raise OutputError(f"there is no store {self.folder}", remedy="holdfast store add FILE")
+        try:
+            lock = (self.folder / ".lock").open("a")
+            locked(lock.fileno())
+        except OSError as error:
+            raise OutputError(
+                f"the store {self.folder} cannot be written ({error.strerror})",
+                remedy=f"choose another with {self.option}",
+            ) from None
+        with lock:
+            yield
 
     def _copy(self, path: Path, entry: Entry) -> None:
         digest = hashlib.sha256()
@@ -199,22 +215,6 @@ class Store:
             )
         with atomic_file(self.folder / INDEX, option=self.option) as partial:
             partial.write_text(text, "utf-8")
-
-    @contextlib.contextmanager
-    def _alone(self) -> Iterator[None]:
-        """While no other process changes this store."""
-        if not os.path.isdir(self.folder):
-            raise OutputError(f"there is no store {self.folder}", remedy="holdfast store add FILE")
-        try:
-            lock = (self.folder / ".lock").open("a")
-            locked(lock.fileno())
-        except OSError as error:
-            raise OutputError(
-                f"the store {self.folder} cannot be written ({error.strerror})",
-                remedy=f"choose another with {self.option}",
-            ) from None
-        with lock:
-            yield
 
 
 _TEXTS = ("licence", "citation")

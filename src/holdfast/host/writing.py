@@ -30,6 +30,8 @@ LONGEST = 80
 _HOST = re.sub(r"[^A-Za-z0-9]+", "_", socket.gethostname())[:60] or "host"
 _LEFT_OVER = re.compile(r"\..*\.by-(?P<host>\w+)-(?P<process>\d+)-[0-9a-f]{16}\.partial")
 _unfinished: set[Path] = set()
+_one_at_a_time = threading.Lock()
+_thread = threading.local()
 
 
 class atomic_file:
@@ -140,17 +142,23 @@ def discard_unfinished() -> None:
 def undisturbed(work: Callable[[], T]) -> T:
     """Run `work` in a thread that no signal interrupts, and return its result.
 
-    An exception in the midst of a library that takes locks, as HDF5's do, would leave them taken
-    for ever. An interruption is raised here as soon as the work is done.
+    Work with NetCDF files is done here: an exception between two locks of HDF5 would leave them
+    taken for ever, and HDF5 crashes where two threads use it, so that one work is done at a time.
+    Work that is asked for by another work is a part of it. An interruption is raised here as soon
+    as the work is done.
     """
+    if getattr(_thread, "works", False):
+        return work()
     answers: list[T] = []
     failures: list[BaseException] = []
     done = threading.Lock()
     done.acquire()
 
     def run() -> None:
+        _thread.works = True
         try:
-            answers.append(work())
+            with _one_at_a_time:
+                answers.append(work())
         except BaseException as error:
             failures.append(error)
         finally:

@@ -1,6 +1,7 @@
 """Values that stay in their file: the same numbers, of which only what is asked for is read."""
 
 import pickle
+from concurrent.futures import ThreadPoolExecutor
 from copy import deepcopy
 from importlib import import_module
 from threading import Thread
@@ -236,6 +237,23 @@ def test_a_thread_that_reads_a_table_keeps_its_numbers_until_it_has_read(both, m
     found = lazy.gradient(here)
     others[0].join()
     assert np.array_equal(found, value.gradient(here), equal_nan=True)
+
+
+def test_threads_read_and_write_files_at_the_same_time(tmp_path, both):
+    value, lazy = both[0], opened(both, cache=0)
+    points = states(30)
+    found = value.at(points)
+
+    def saved_and_loaded(k):
+        again = hf.load(lazy.save(tmp_path / f"{k}.nc"), lazy=k % 2 > 0)
+        return np.array_equal(again.at(points), found, equal_nan=True) and read(k)
+
+    def read(k):
+        return np.array_equal(lazy.at(points), found, equal_nan=True)
+
+    with ThreadPoolExecutor(8) as pool:
+        assert all(pool.map(saved_and_loaded, range(12)))
+        assert all(pool.map(read, range(12)))
 
 
 @pytest.mark.parametrize("held", [{"x": 0.9130434782608696}, {"x": 0.9}], ids=["node", "between"])

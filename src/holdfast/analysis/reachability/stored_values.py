@@ -29,9 +29,6 @@ Key = int | slice
 CACHE = 256 * 2**20
 """Bytes of chunks that are kept in memory by default."""
 
-_reading = threading.Lock()
-"""HDF5 serves one thread at a time."""
-
 _unused: deque[Any] = deque()
 """Files to be closed by whoever reads next: objects are forgotten at any time, in any thread."""
 
@@ -57,7 +54,7 @@ class _File:
     def __init__(self, path: Path) -> None:
         from netCDF4 import Dataset
 
-        self.dataset = _alone(lambda: Dataset(path))
+        self.dataset = _read(lambda: Dataset(path))
         weakref.finalize(self, _unused.append, self.dataset)
 
 
@@ -87,7 +84,11 @@ class StoredValues:
         self._kept: OrderedDict[tuple[int, ...], AnyArray] = OrderedDict()
         self._lock = threading.Lock()
         self._file = self._opened() if file is None else file
-        self._variable = self._file.dataset[name]
+        _read(self._look)
+
+    def _look(self) -> None:
+        """Find the array in its file."""
+        self._variable = self._file.dataset[self.name]
         self._variable.set_auto_maskandscale(False)
         self._variable.set_var_chunk_cache(0, 1, 0.0)  # chunks are kept here, and once
         self.shape: tuple[int, ...] = tuple(int(n) for n in self._variable.shape)
@@ -158,23 +159,34 @@ class StoredValues:
         return self._from_file((*first, *(slice(0, n) for n in rest)))
 
     def _chunk(self, place: tuple[int, ...]) -> AnyArray:
+        found = self._known(place)
+        return _read(lambda: self._kept_from(place)) if found is None else found
+
+    def _known(self, place: tuple[int, ...]) -> AnyArray | None:
         with self._lock:
             if place in self._kept:
                 self._kept.move_to_end(place)
-                return self._kept[place]
-            key = tuple(
-                slice(k * c, min((k + 1) * c, n))
-                for k, c, n in zip(place, self.chunks, self.shape, strict=True)
-            )
-            chunk = self._kept[place] = self._from_file(key)
-            most = max(1, self.room // (math.prod(self.chunks) * self.dtype.itemsize))
+            return self._kept.get(place)
+
+    def _kept_from(self, place: tuple[int, ...]) -> AnyArray:
+        """A chunk that no other thread reads now, and one may have read just before."""
+        if (found := self._known(place)) is not None:
+            return found
+        key = tuple(
+            slice(k * c, min((k + 1) * c, n))
+            for k, c, n in zip(place, self.chunks, self.shape, strict=True)
+        )
+        chunk = self._from_file(key)
+        most = max(1, self.room // (math.prod(self.chunks) * self.dtype.itemsize))
+        with self._lock:
+            self._kept[place] = chunk
             while len(self._kept) > most:
                 self._kept.popitem(last=False)
-            return chunk
+        return chunk
 
     def _from_file(self, key: tuple[Key, ...]) -> AnyArray:
         try:
-            found: AnyArray = _alone(lambda: np.asarray(self._variable[key], self.dtype))
+            found: AnyArray = _read(lambda: np.asarray(self._variable[key], self.dtype))
         except (RuntimeError, OSError, MemoryError) as error:
             raise OutputError(
                 f"{self.path} is damaged: a part of '{self.name}' cannot be read ({error})",
@@ -208,16 +220,15 @@ def as_read(dataset: xr.Dataset, stored: StoredValues) -> xr.Dataset:
     return dataset.assign({name: new})
 
 
-def _alone(work: Callable[[], T]) -> T:
-    """The result of `work`, while nobody else reads; files that nobody uses are closed before."""
+def _read(work: Callable[[], T]) -> T:
+    """The result of `work` with files; those that nobody uses are closed before."""
 
     def after_closing() -> T:
         while _unused:
             _unused.popleft().close()
         return work()
 
-    with _reading:
-        return undisturbed(after_closing)
+    return undisturbed(after_closing)
 
 
 def _slabs(shape: tuple[int, ...], dtype: np.dtype[Any]) -> tuple[int, ...]:

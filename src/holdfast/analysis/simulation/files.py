@@ -50,7 +50,7 @@ def write_netcdf(dataset: xr.Dataset, path: str | Path) -> Path:
         def write() -> None:
             stamped.to_netcdf(partial, engine="netcdf4", format="NETCDF4", encoding=encoding)
 
-        undisturbed(write)  # an exception between two locks of HDF5 would close both for ever
+        undisturbed(write)
     return path
 
 
