@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import holdfast as hf
-from holdfast.errors import ScenarioError
+from holdfast.analysis import load as load_module
+from holdfast.errors import ScenarioError, SimulationError
+from holdfast.execution import resources
 from holdfast.scenario.files import scenario_names
 from holdfast.scenario.kernel_reference import named_kernel
 from holdfast.scenario.load import load_scenario
@@ -260,5 +262,23 @@ def test_kernel_of_a_weaker_region_is_refused_for_safety(cart, tmp_path):
     saved = load_scenario(small).solve().save(tmp_path / "set.nc")
     path.write_text(HELD.replace("KERNEL", str(saved)))
     assert load_scenario(str(path)).run().viable == 1, "checked at the nodes, without its scenario"
+    with pytest.raises(ScenarioError, match="is not within region"):
+        load_scenario(str(path), [NARROW]).run()
+
+
+def test_a_kernel_that_does_not_fit_into_memory_is_read_where_the_runs_are(
+    cart, tmp_path, monkeypatch
+):
+    value = load_scenario(cart, ["grid.nodes=121"]).solve()
+    saved = value.save(tmp_path / "set.nc")
+    path = tmp_path / "held.toml"
+    path.write_text(HELD.replace("KERNEL", str(saved)) + "record_every = 0.02\n")
+    inside = load_scenario(str(path)).run()
+    monkeypatch.setattr(load_module, "LARGE", 1)
+    monkeypatch.setattr(resources, "total_memory", lambda: 1.4 * value.values().nbytes)
+    stored = load_scenario(str(path)).run()
+    assert inside.arrays["state"].values.tobytes() == stored.arrays["state"].values.tobytes()
+    with pytest.raises(SimulationError, match="needed as a whole here"):
+        hf.load(saved).law_table(all_times=False).whole()
     with pytest.raises(ScenarioError, match="is not within region"):
         load_scenario(str(path), [NARROW]).run()

@@ -22,12 +22,17 @@ def check_memory(
 ) -> None:
     """Refuse arrays beyond the memory, before anything is allocated."""
     total = total_memory()
-    if needed > 0.7 * total:
+    if not is_room_for(needed):
         raise SimulationError(
             f"{what} take {needed / 2**30:.3g} GiB, this machine has {total / 2**30:.3g}",
             expected="at most 70 % of it",
             remedy=remedy,
         )
+
+
+def is_room_for(needed: int) -> bool:
+    """Whether so many bytes are at most 70 % of the memory."""
+    return needed <= 0.7 * total_memory()
 
 
 def total_memory() -> float:

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray, Array
 from holdfast.execution.interpolate import numbers_of_places
-from holdfast.execution.resources import check_memory
+from holdfast.execution.resources import check_memory, is_room_for
 from holdfast.execution.scalar import called
 
 Whole = npt.NDArray[np.int64]
@@ -30,6 +30,9 @@ PAGE = 4096
 
 MOST_NODES = 1 << 19
 """Nodes that are fetched at a time."""
+
+BYTES_A_SECOND, SECONDS_OF_A_FETCH = 2.5e8, 1e-3
+"""About how fast a file is read and unpacked, and how long it takes to fetch for a few states."""
 
 NO_RESERVE = getattr(mmap, "MAP_NORESERVE", 0x4000 if sys.platform == "linux" else 0)
 
@@ -157,6 +160,23 @@ class TableInParts:
 def in_memory(values: AnyArray | TableInParts) -> AnyArray:
     """The numbers of a table, all of them in memory."""
     return values.whole() if isinstance(values, TableInParts) else values
+
+
+def read_at(values: AnyArray | TableInParts) -> int:
+    """The address at which compiled code reads a table."""
+    array = values.array if isinstance(values, TableInParts) else values
+    return array.ctypes.data
+
+
+def for_look_ups(values: AnyArray | TableInParts, count: int) -> AnyArray | TableInParts:
+    """All numbers of a table, where they fit and reading them takes less time than fetching.
+
+    count: of the times that something is fetched.
+    """
+    if not isinstance(values, TableInParts):
+        return values
+    short = values.nbytes / BYTES_A_SECOND < count * SECONDS_OF_A_FETCH
+    return values.whole() if short and is_room_for(values.nbytes) else values
 
 
 def can_reserve() -> bool:

@@ -17,6 +17,7 @@ from holdfast.analysis.load import load
 from holdfast.analysis.published_kernels import is_reference
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import OutputError, ScenarioError
+from holdfast.execution.arrays import AnyArray, Array
 from holdfast.execution.cache import cache_directory
 from holdfast.execution.evaluate import Evaluator
 from holdfast.execution.resources import Progress
@@ -126,32 +127,40 @@ def check_implies(
                     f"'{c.name}' of region '{region.name}' depends",
                     remedy="compute a kernel with that state, or use the kernel's region",
                 )
-    data = value.in_memory().dataset["value"]
-    numbers = data.max("time").values if "time" in data.dims else data.values
     rows = Evaluator(
         [c.expression for c in region.inequalities],
         [a.state.symbol for a in value.grid.axes],
         region.parameters,
     )
     nodes = [a.nodes for a in value.grid.axes]
-    for k, slab in enumerate(numbers):  # slab by slab, to save memory
-        places = np.nonzero(slab > 0)
-        count = len(places[0]) if places else int(slab > 0)
-        if not count:
-            continue
-        columns = [np.full(count, nodes[0][k])]
-        columns += [n[p] for n, p in zip(nodes[1:], places, strict=True)]
-        found = rows.values(np.stack(columns, axis=1))
-        row, j = np.unravel_index(int(found.argmax()), found.shape)
-        if found[row, j] > 1e-9:
-            c = region.inequalities[j]
-            shown = ", ".join(f"{n} = {v[row]:.3g}" for n, v in zip(names, columns, strict=True))
-            amount = f"{found[row, j]:.3g}" + ("" if c.unit == "1" else f" {c.unit}")
-            raise ScenarioError(
-                f"the kernel of '{kernel.name}' is not within region '{region.name}': at {shown} "
-                f"it violates '{c.name}' by {amount}",
-                remedy="compute the kernel of this region, or use the region of the kernel",
-            )
+    data = value.dataset["value"]
+    for time in data["time"].values if "time" in data.dims else (None,):
+        layers = value.layers(time)
+        for k in range(layers.shape[0]):
+            columns = _inside(layers[k], k, nodes)
+            if not len(columns):
+                continue
+            found = rows.values(columns)
+            row, j = np.unravel_index(int(found.argmax()), found.shape)
+            if found[row, j] > 1e-9:
+                c = region.inequalities[j]
+                shown = ", ".join(
+                    f"{n} = {v:.3g}" for n, v in zip(names, columns[row], strict=True)
+                )
+                amount = f"{found[row, j]:.3g}" + ("" if c.unit == "1" else f" {c.unit}")
+                raise ScenarioError(
+                    f"the kernel of '{kernel.name}' is not within region '{region.name}': at "
+                    f"{shown} it violates '{c.name}' by {amount}",
+                    remedy="compute the kernel of this region, or use the region of the kernel",
+                )
+
+
+def _inside(layer: AnyArray, k: int, nodes: list[Array]) -> Array:
+    """The nodes of the k-th layer along the first axis at which the value is positive."""
+    places = np.argwhere(layer > 0)
+    columns = [np.full(len(places), nodes[0][k])]
+    columns += [n[p] for n, p in zip(nodes[1:], places.T, strict=True)]
+    return np.stack(columns, axis=1)
 
 
 def _has_all(scenario: KernelScenario | None, region: Region, system: System) -> bool:

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+import sympy as sp
 
 import holdfast as hf
-from holdfast.errors import SimulationError
-from tests.carts import BOX, WALLS, cart, swinging
+from holdfast.errors import OutputError
+from holdfast.execution import table_in_parts
+from tests.carts import BOX, STATES, WALLS, X, cart, swinging
 
 MARGIN = 0.1
 
@@ -82,21 +84,92 @@ def test_the_default_margin_is_that_of_the_kernel_in_memory(both):
     assert a == b
 
 
-def test_runs_under_the_law_read_the_table_as_a_whole(both, monkeypatch):
-    laws = [hf.safety_law(cart(), v, swinging(), margin=MARGIN) for v in both]
-    options = {"starts": [[0.2, 0.3], [-0.4, 0.6]], "horizon": 0.4, "region": WALLS}
-    runs = [hf.simulate(cart(), law, **options) for law in laws]
-    for name in ("state", "input", "mode"):
-        a, b = (r.arrays[name].values for r in runs)
-        assert a.tobytes() == b.tobytes()
-    law = hf.safety_law(cart(), both[1], swinging(), margin=MARGIN)
-    monkeypatch.setattr("holdfast.execution.table_in_parts.check_memory", refused)
-    with pytest.raises(SimulationError, match="GiB"):
-        hf.simulate(cart(), law, **options)
+def kept_laws(both, law=None, **options):
+    options = {"margin": MARGIN} | options
+    return [hf.safety_law(cart(), v, law or swinging(), **options) for v in both]
 
 
-def refused(size, what, remedy):
-    raise SimulationError(f"{what} take {size / 2**30:.3g} GiB", remedy=remedy)
+def turns():
+    """Two modes that change often."""
+    laws = {n: hf.Law(n, STATES, {"u": sp.Float(u)}) for n, u in (("push", 0.9), ("pull", -0.9))}
+    there = hf.Transition("push", "pull", X - 0.5)
+    back = hf.Transition("pull", "push", -X - 0.5)
+    return hf.Switching("turns", laws, (there, back), initial="push")
+
+
+RUNS = {
+    "plain": {},
+    "late and noisy": {"delay": 0.04, "noise_normal": {"x": 0.01}, "seed": 3},
+    "continuous": {"continuous": True},
+    "adaptive steps": {"stepper": "dormand-prince"},
+    "one thread": {"threads": 1},
+}
+
+
+@pytest.mark.parametrize("options", RUNS.values(), ids=RUNS)
+@pytest.mark.parametrize("law", [swinging, turns])
+def test_runs_that_fetch_what_they_look_up_have_the_same_bits(both, monkeypatch, law, options):
+    monkeypatch.setattr(table_in_parts, "is_room_for", lambda needed: False)
+    starts = np.random.default_rng(5).uniform(-0.9, 0.9, (40, 2))
+    starts[3] = [1.2, 1.7]  # soon outside the grid
+    options = {"starts": starts, "horizon": 0.4, "start_outside": True} | options
+    options |= {"region": WALLS, "disturbance": {"d": 0.4}}
+    inside, stored = (hf.simulate(cart(), k, **options) for k in kept_laws(both, law()))
+    same_runs(inside, stored)
+
+
+def same_runs(one, other):
+    assert {"state", "input", "exit_time"} <= {*one.arrays.variables}
+    for name in one.arrays.variables:
+        assert one.arrays[name].values.tobytes() == other.arrays[name].values.tobytes()
+
+
+def test_runs_that_are_handed_commands_have_the_same_bits(both, monkeypatch):
+    monkeypatch.setattr(table_in_parts, "is_room_for", lambda needed: False)
+    starts = np.random.default_rng(6).uniform(-0.9, 0.9, (20, 2))
+    options = {"starts": starts, "horizon": 0.4, "command": lambda t, q: np.sin(9 * q[:, :1])}
+    same_runs(*(hf.simulate(cart(), f.law, **options) for f in filters(both)))
+
+
+def test_few_runs_read_some_chunks_and_many_the_whole_table(tmp_path):
+    path = found().save(tmp_path / "kernel.nc")
+    law = kept_laws([hf.load(path, lazy=True)])[0]
+    table = law.lookup.table[0]
+    options = {"horizon": 0.1, "sample_time": 0.02}
+    hf.simulate(cart(), law, starts=[[0.2, 0.3]], **options)
+    assert table._whole is not None  # it is small
+    table._whole = None
+    table.source.stored.bytes_read = 0
+    with pytest.MonkeyPatch.context() as slow:
+        slow.setattr(table_in_parts, "BYTES_A_SECOND", 1e6)
+        hf.simulate(cart(), law, starts=[[0.2, 0.3]], **options)
+        assert table._whole is None
+        assert 0 < table.source.stored.bytes_read < table.nbytes / 2
+        hf.simulate(cart(), law, starts=[[0.2, 0.3]] * 16 * 200, **options)
+        assert table._whole is not None
+
+
+def test_a_damaged_part_of_the_file_ends_the_runs_and_the_filter(both, monkeypatch):
+    monkeypatch.setattr(table_in_parts, "is_room_for", lambda needed: False)
+
+    def damaged(nodes):
+        raise OutputError("a part is damaged")
+
+    for few in (1, 400):
+        law = kept_laws(both)[1]
+        monkeypatch.setattr(law.lookup.table[0].source, "take", damaged)
+        with pytest.raises(OutputError, match="a part is damaged"):
+            hf.simulate(cart(), law, starts=[[0.2, 0.3]] * few, horizon=0.4)
+    keep = filters(both, states=["x"])[1]
+    source = keep.law.lookup.table[0].source
+    first = keep.step([0.2], [0.1])
+    with monkeypatch.context() as inside:
+        inside.setattr(source, "take", damaged)
+        with pytest.raises(OutputError, match="a part is damaged"):
+            keep.step([-0.9], [0.1])
+    again = filters(both, states=["x"])[0]
+    assert again.step([0.2], [0.1]).input.tobytes() == first.input.tobytes()
+    assert again.step([-0.8], [0.1], 0.02).input == keep.step([-0.8], [0.1], 0.02).input
 
 
 def test_pages_are_given_back_when_they_are_many(both):

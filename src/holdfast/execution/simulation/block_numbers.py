@@ -24,7 +24,7 @@ from holdfast.execution.simulation.layout import (
 )
 from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.execution.simulation.settings import Settings
-from holdfast.execution.table_in_parts import in_memory
+from holdfast.execution.table_in_parts import read_at
 from holdfast.maths.definitions.law import MOST_LEVELS
 
 Whole = npt.NDArray[np.int64]
@@ -166,13 +166,12 @@ class BlockNumbers:
         if program.table is None:
             return
         values, low, steps, shape, periodic, *of_cells = program.table
-        values = in_memory(values)
         numbers, rows = of_cells or ((), 0)
         self.w[:, at["cells"] : at["cells"] + len(numbers)] = numbers
         for k in layout.tables:
             noted = k == layout.tables[0]
             self.s[:, k : k + TABLE_ENTRIES] = (
-                values.ctypes.data, program.timed, noted, program.places, at["look_at"],
+                read_at(values), program.timed, noted, program.places, at["look_at"],
                 at["look"], at["alive"], at["time"], at["off_at"], at["outcome"], at["exit_time"],
                 at["grid"], layout.whole, at["cells"], rows, program.found,
             )  # fmt: skip

@@ -8,20 +8,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from holdfast.execution.arrays import Array
+from holdfast.execution.arrays import AnyArray, Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
 from holdfast.execution.codegen.loop_text import LOG
 from holdfast.execution.leaf import Leaves, Machine, compiled_leaves, compiled_text
 from holdfast.execution.scalar import address
 from holdfast.execution.simulation.block_numbers import BlockNumbers, Numbers, Whole, rings_of
-from holdfast.execution.simulation.layout import (
-    RECORDS,
-)
-from holdfast.execution.simulation.loop import KEPT, SINGLE, Loop
+from holdfast.execution.simulation.fetching import Fetching
+from holdfast.execution.simulation.layout import RECORDS
+from holdfast.execution.simulation.loop import KEPT, LOOK_UP, SINGLE, Loop
 from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.trajectories import Trajectories
 from holdfast.execution.simulation.written import NOTED, write_notes, write_records
+from holdfast.execution.table_in_parts import TableInParts
 
 MOST_BLOCKS, MOST_NUMBERS = 64, 1 << 22
 """Blocks of runs that one thread advances together, and numbers in their rings."""
@@ -86,6 +86,17 @@ class Blocks(BlockNumbers):
     ) -> None:
         super().__init__(loop.layout, program, settings, runs)
         self.functions = functions
+        self.fetching: Fetching | None = None
+        if program.table is not None and isinstance(program.table[0], TableInParts):
+            self._fetch(loop, program.table[0], program.table[1:5])
+
+    def _fetch(self, loop: Loop, table: TableInParts, grid: tuple[AnyArray, ...]) -> None:
+        """Let the loop fetch what it looks up."""
+        number = next(k for k, n in enumerate(loop.called) if n.removesuffix(SINGLE) == LOOK_UP)
+        addresses = self.functions.addresses
+        fetching = Fetching(table, grid, self.layout, int(addresses[number]))
+        addresses = fetching.in_place_of(addresses, number)
+        self.functions, self.fetching = self.functions._replace(addresses=addresses), fetching
 
     def begin(self, starts: Array, numbers: Numbers, first: int, of_all: int) -> None:
         """Begin the runs from `first` on, of which the first has the number `of_all` of all."""
@@ -115,6 +126,8 @@ class Blocks(BlockNumbers):
 
     def stage(self, name: str) -> None:
         """One part of a sample of every block."""
+        if name == "control" and self.fetching is not None:
+            self.fetching.begin(self.rows("look"), self.rows("alive"))
         self._call_all(self.functions.stages[STAGES.index(name)])
 
     def begin_records(self) -> int:
@@ -146,6 +159,8 @@ class Blocks(BlockNumbers):
             function(
                 w.ctypes.data, s.ctypes.data, self.functions.addresses.ctypes.data, stop.ctypes.data
             )
+        if self.fetching is not None:
+            self.fetching.end()
 
     def write_notes(self, out: Trajectories, first: int) -> None:
         """What is known of each run at its end, to the arrays `out` from the run `first` on."""

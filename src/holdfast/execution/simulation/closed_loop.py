@@ -34,6 +34,7 @@ from holdfast.execution.simulation.layout import shape_of
 from holdfast.execution.simulation.loop import Loop, built
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.trajectories import Trajectories, blank
+from holdfast.execution.table_in_parts import for_look_ups
 
 ATTEMPTS = 100_000
 """Draws of a random start, of which the first in the region is taken."""
@@ -273,6 +274,10 @@ class ClosedLoop:
             )
             return replace(result, wall_time=time.perf_counter() - began)
         loop, functions = self.loop(kind)
+        if program.table is not None:
+            steps = samples * (1 if not program.continuous else len(program.stepper.b) + 2)
+            table = for_look_ups(program.table[0], -(-runs // WIDTH) * steps)
+            program = replace(program, table=(table, *program.table[1:]))
 
         def work(start: int, stop_at: int, counter: npt.NDArray[np.int64]) -> None:
             some = Blocks(loop, functions, program, settings, stop_at - start)

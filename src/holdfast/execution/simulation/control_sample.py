@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,6 @@ from holdfast.execution.simulation.blocks import NEVER, Blocks
 from holdfast.execution.simulation.closed_loop import ClosedLoop
 from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.execution.simulation.settings import Settings
-from holdfast.execution.table_in_parts import TableInParts
 
 
 class Rows(NamedTuple):
@@ -49,12 +47,7 @@ class ControlSamples:
         settings = Settings(horizon=sample_time, sample_time=sample_time, record_every=sample_time)
         loop = ClosedLoop(program)
         self.program, self.count = program, count
-        self._in_parts, read = None, program
-        if program.table is not None and isinstance(program.table[0], TableInParts):
-            self._in_parts, rest = program.table[0], program.table[1:]
-            self._grid = rest[:4]
-            read = replace(program, table=(self._in_parts.array, *rest))
-        self.blocks = Blocks(*loop.loop(), read, settings, count)
+        self.blocks = Blocks(*loop.loop(), program, settings, count)
         self.width = len(program.states) + program.measured + len(program.handed)
         self._numbers = loop.parameter_array(None, sample_time)
         self._at, self._rows = self._places()
@@ -68,6 +61,7 @@ class ControlSamples:
         self._off = self.blocks.rows("off_at")
         self._first, self._answer = functions.first, functions.answer
         self._memory = self.blocks.rows("memory")
+        self._looked_up, self._alive = self.blocks.rows("look"), self.blocks.rows("alive")
         self._before = self._memory.copy()
         self._one = self.blocks.w[0], self._seen[0], self._time[0], self._pointers[0]
         self.begun = False
@@ -127,7 +121,7 @@ class ControlSamples:
             self._begin(t)
         if self.program.remembered:
             self._before = self._memory.copy()
-        if self._in_parts is None:
+        if self.blocks.fetching is None:
             self._answer(*pointers)
         else:
             self._answer_from_parts()
@@ -143,7 +137,7 @@ class ControlSamples:
         self._time[:] = t
         if not self.begun:
             self._begin(t)
-        if self._in_parts is None:
+        if self.blocks.fetching is None:
             for pointers in self._pointers:
                 self._answer(*pointers)
         else:
@@ -154,19 +148,18 @@ class ControlSamples:
         return found[: self.count]
 
     def _answer_from_parts(self) -> None:
-        """Answer; where numbers of the table were not in memory, fetch them and answer again."""
-        assert self._in_parts is not None
-        blocks = self.blocks
-        w, s = blocks.w.copy(), blocks.s.copy()
-        with self._in_parts.using:
-            while True:
-                for pointers in self._pointers:
-                    self._answer(*pointers)
-                looked_at = blocks.rows("look_at").transpose(0, 2, 1)
-                places = looked_at.reshape(-1, self.program.places)[: self.count]
-                if not self._in_parts.fetch_looked_up(places, self._grid):
-                    return
-                blocks.w[:], blocks.s[:] = w, s
+        """Answer from a table of which what is read is fetched."""
+        fetching = self.blocks.fetching
+        assert fetching is not None
+        before = self._memory.copy()
+        fetching.begin(self._looked_up, self._alive)
+        for pointers in self._pointers:
+            self._answer(*pointers)
+        try:
+            fetching.end()
+        except BaseException:
+            self._memory[:] = before
+            raise
 
     def forget(self) -> None:
         """Nothing is remembered of the last answer."""

@@ -35,6 +35,7 @@ from holdfast.execution.simulation.turns import turn
 KEPT = 64
 """Loops that a process keeps: runs of another program of the same shape begin at once."""
 
+LOOK_UP = "look_up_lanes"
 SINGLE = "_single"  # the end of the name of a part for a table in single precision
 
 
@@ -206,9 +207,9 @@ class _Builder:
         """What the law's table says."""
         if self.shape.places:
             body.call("places", t=t, q=seen, p=self.at["gains"], out=self.at["look_at"])
-            kind = "look_in_cells" if self.shape.of_cells else "look_up"
+            part = "look_in_cells_lanes" if self.shape.of_cells else LOOK_UP
             single = SINGLE if self.shape.single else ""
-            body.part(f"{kind}_lanes{single}", self.layout.tables[0 if noted else 1])
+            body.part(f"{part}{single}", self.layout.tables[0 if noted else 1])
 
     def _command(self, body: Instructions, t: int, seen: int) -> None:
         """The command of every lane in its mode, kept by its safeguard, and what is made of it."""
