@@ -122,6 +122,29 @@ def filters(lazy, whole):
     timed("500 steps along a path, file", drive, lazy.stored)
 
 
+def simulated(lazy, whole):
+    """Runs under a filter: over the file, as its own rule decides, and over a table in memory."""
+    swing = hf.Law("swing", system().states, {
+        f"u{i}": hf.parse_expression(f"{0.6 - 0.1 * i}*sin(t)", {"t": hf.TIME}) for i in range(3)
+    })  # fmt: skip
+    for runs in (16, 160):
+        starts = np.random.default_rng(1).uniform(-0.3, 0.3, (runs, 6))
+        found = {}
+        for name, value in (("file", lazy), ("memory", whole)):
+            if value is None:
+                continue
+            law = hf.safety_law(system(), value, swing, margin=0.05)
+            options = {"horizon": 10.0, "sample_time": 0.02, "record_every": 0.1, "starts": starts}
+
+            def run(law=law, options=options):
+                return hf.simulate(system(), law, **options).arrays["state"].values
+
+            hf.simulate(system(), law, **{**options, "horizon": 0.1, "starts": starts[:1]})
+            found[name] = timed(f"{runs} runs of 500 samples, {name}", run, value.stored)
+        if len(found) == 2:
+            assert found["file"].tobytes() == found["memory"].tobytes()
+
+
 def exported(value, folder, *, text):
     """The law in C, its table as text and in a file: sizes and compile times."""
     law = hf.safety_law(system(), value, None)
@@ -170,6 +193,7 @@ def main():
         if logical < 2**30:
             whole = timed("all in memory", lambda: hf.load(path, lazy=False))
         filters(lazy, whole)
+        simulated(lazy, whole)
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         print(f"the largest memory of this process: {peak:,.0f} MiB")
         small = written(folder, options.c_nodes)

@@ -80,6 +80,11 @@ class Decomposition:
         return max(len(p.system.states) for p in self.parts)
 
     @property
+    def where(self) -> str:
+        """The domain in words."""
+        return " and ".join(_intervals(self.domain))
+
+    @property
     def guarantee(self) -> str:
         """What the set put together is, in one sentence."""
         if self.verdict == EXACT:
@@ -100,7 +105,7 @@ class Decomposition:
             for part in parts:
                 yield ("  " if several else "") + _line(part, self.system)
         if self.domain:
-            yield f"holds where {' and '.join(_intervals(self.domain))}"
+            yield f"holds where {self.where}"
         yield f"{self.verdict}: {self.guarantee}"
         for reason in self.reasons:
             yield f"- {reason}"

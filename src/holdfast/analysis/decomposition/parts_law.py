@@ -11,7 +11,8 @@ import sympy as sp
 from holdfast.analysis.decomposition.parts_value import PartsValue, SolvedPart
 from holdfast.analysis.safety.safety_filter import safety_law
 from holdfast.arguments import checked
-from holdfast.errors import SimulationError
+from holdfast.errors import DefinitionError, SimulationError
+from holdfast.maths.control.safety_filter import check_fit, input_scales
 from holdfast.maths.definitions.law import Law, Safeguard
 from holdfast.maths.definitions.quantity import merge_parameters
 
@@ -25,42 +26,61 @@ def parts_law(value: PartsValue, law: Law | None = None, **options: Any) -> Law:
     of `safety_law`; its margin allows for everything that w and the actuators may do.
 
     Raises `SimulationError` for a value of several parts: these are systems of their own, whose
-    laws are those of `safety_law`, and `PartsValue.inputs` gives the inputs of all of them.
+    laws are those of `safety_law`, and `PartsValue.inputs` gives the inputs of all of them. Raises
+    `DefinitionError` for a law that has no safety filter, as `safety_law` does.
     """
+    solved = only_part(value)
+    system = value.decomposition.system
+    of_part = solved.part.system
+    asked = None
+    if law is not None:
+        check_fit(system, law)
+        if law.lookup is not None:
+            raise DefinitionError(f"law '{law.name}' has a value function already")
+        asked = Law("asked", of_part.states, dict.fromkeys(of_part.input_names, sp.S.Zero))
+    scales = options.pop("scales", None) or {}
+    every = input_scales(system, scales)
+    inside = {n: s for n, s in scales.items() if n in of_part.input_names}
+    made = safety_law(of_part, solved.value, asked, scales=inside, **options)
+    there = {q.symbol: solved.part.coordinates[q.name] for q in of_part.states}
+    gain, command = _command(value, solved)
+    assert made.lookup is not None
+    lookup = made.lookup.subs(there)
+    signals = {n: e.xreplace(there) for n, e in made.signals.items()}
+    if law is None:
+        chosen = {n: e.xreplace(there) for n, e in made.outputs.items()}
+        return replace(
+            made,
+            name=f"{made.name} of {system.name}",
+            reads=system.states,
+            outputs={n: gain * chosen.get(n, sp.S.Zero) + e for n, e in command.items()},
+            parameters=merge_parameters(made.parameters, system.parameters),
+            lookup=lookup,
+            signals=signals,
+        )
+    assert made.safeguard is not None
+    guard = _in_commands(made.safeguard.subs(there), gain, command)
+    reads = {q.name: q for q in (*law.reads, *system.states)}
+    return replace(
+        law,
+        name=f"{law.name}, kept safe",
+        reads=tuple(reads.values()),
+        parameters=merge_parameters(made.parameters, system.parameters, law.parameters),
+        lookup=lookup,
+        signals={**law.signals, **signals},
+        safeguard=replace(guard, scales={n: guard.scales.get(n, every[n]) for n in command}),
+    )
+
+
+def only_part(value: PartsValue) -> SolvedPart:
+    """The one part of a value; `SimulationError` for one of several."""
     if len(value.parts) != 1 or len(value.parts[0]) != 1:
         raise SimulationError(
             f"one law for {len(value.values)} parts",
             expected="a value of one part",
             remedy="take the safety_law of each part and its value, or PartsValue.inputs",
         )
-    solved = value.parts[0][0]
-    system = value.decomposition.system
-    of_part = solved.part.system
-    asked = None
-    if law is not None:
-        asked = Law("asked", of_part.states, dict.fromkeys(of_part.input_names, sp.S.Zero))
-    made = safety_law(of_part, solved.value, asked, **options)
-    there = {q.symbol: solved.part.coordinates[q.name] for q in of_part.states}
-    gain, command = _command(value, solved)
-    assert made.lookup is not None
-    chosen = {n: e.xreplace(there) for n, e in made.outputs.items()}
-    outputs = {n: gain * chosen.get(n, sp.S.Zero) + e for n, e in command.items()}
-    guard = made.safeguard
-    if law is not None and guard is not None:
-        outputs = {n: law.output(n, "the filter of the parts") for n in system.input_names}
-        guard = _in_commands(guard.subs(there), gain, command)
-    reads = {q.name: q for q in (*(law.reads if law else ()), *system.states)}
-    more = law.parameters if law else ()
-    return replace(
-        made,
-        name=f"{made.name} of {system.name}" if law is None else f"{law.name}, kept safe",
-        reads=tuple(reads.values()),
-        outputs=outputs,
-        parameters=merge_parameters(made.parameters, system.parameters, more),
-        lookup=made.lookup.subs(there),
-        signals={n: e.xreplace(there) for n, e in made.signals.items()},
-        safeguard=guard,
-    )
+    return value.parts[0][0]
 
 
 def _command(value: PartsValue, solved: SolvedPart) -> tuple[sp.Expr, dict[str, sp.Expr]]:
@@ -85,5 +105,4 @@ def _in_commands(guard: Safeguard, gain: sp.Expr, command: Mapping[str, sp.Expr]
         guard,
         normals={n: tuple(e / gain for e in row) for n, row in normals.items()},
         offsets=offsets,
-        scales={n: guard.scales.get(n, sp.S.One) for n in command},
     )

@@ -226,12 +226,17 @@ class PartsValue:
             return None
         return Evaluator([region.margin], symbols, region.parameters)
 
+    def excess(self, points: Array) -> Array:
+        """By how much states (count, states) are outside the domain of the decomposition; or 0."""
+        if self._domain is None:
+            return np.zeros(len(points))
+        found: Array = np.maximum(self._domain.values(points).max(axis=1), 0.0)
+        return found
+
     def _within(self, points: Array, levels: Array) -> Array:
         if self._margin is not None:
             levels = np.minimum(levels, self._margin.values(points)[:, 0])
-        if self._domain is None:
-            return levels
-        excess = self._domain.values(points).max(axis=1)
+        excess = self.excess(points)
         return np.where(excess > 0, np.fmin(levels, -excess), levels)
 
     def _points(self, states: npt.ArrayLike) -> Array:

@@ -5,12 +5,24 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from functools import reduce
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from functools import cached_property, reduce
+from typing import Any
 
+from holdfast.analysis.decomposition.parts_law import only_part, parts_law
+from holdfast.analysis.decomposition.parts_value import PartsValue
+from holdfast.analysis.reachability.problem import definition
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.safety_filter import safety_law
-from holdfast.errors import ArgumentError, DefinitionError, ModelWarning, suggestion
+from holdfast.errors import (
+    ArgumentError,
+    DefinitionError,
+    ModelWarning,
+    SimulationError,
+    suggestion,
+)
+from holdfast.execution.arrays import Array
+from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.control.command import commanded
 from holdfast.maths.control.priority import in_order
 from holdfast.maths.control.safety_filter import safeguard
@@ -19,28 +31,58 @@ from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 
-Keep = ValueFunction | Region
+Keep = ValueFunction | PartsValue | Region
 
 
-class Made(NamedTuple):
+@dataclass(frozen=True)
+class Made:
     """The law of a filter; first: the most important of what it keeps. region: of all regions."""
 
+    system: System
     law: Law
     first: Keep
-    kernel: ValueFunction | None
+    kernel: ValueFunction | PartsValue | None
     region: Region | None
+
+    @property
+    def parts(self) -> PartsValue | None:
+        """The kernel, if it is put together from parts."""
+        return self.kernel if isinstance(self.kernel, PartsValue) else None
+
+    @property
+    def table(self) -> ValueFunction | None:
+        """The value function of the kernel, or of its part, that the law looks up."""
+        return only_part(self.kernel).value if isinstance(self.kernel, PartsValue) else self.kernel
 
     @property
     def lasts(self) -> float:
         """How long the promise of the kernel lasts [s]."""
-        if self.kernel is None or self.kernel.report.converged:
+        if self.table is None or self.table.report.converged:
             return math.inf
-        return self.kernel.report.reached_s
+        return self.table.report.reached_s
 
     @property
-    def by_value(self) -> bool:
-        """Whether the value of a decision is that of the kernel."""
+    def looked_up(self) -> bool:
+        """Whether the value of a decision is what the law looks up."""
         return isinstance(self.first, ValueFunction)
+
+    def values(self, states: Array) -> Array:
+        """The value at states (count, states): V, or -max_j c_j of a region."""
+        if isinstance(self.first, Region):
+            return -self._levels.values(states).max(axis=1)
+        return self.first.at(states)
+
+    @cached_property
+    def _levels(self) -> Evaluator:
+        assert isinstance(self.first, Region)
+        states = [q.symbol for q in self.system.states]
+        return Evaluator(
+            [c.expression for c in self.first.inequalities], states, self.first.parameters
+        )
+
+    def places(self, states: Array) -> Array:
+        """Where states (count, states) are looked up."""
+        return states if self.parts is None else only_part(self.parts).coordinates(states)
 
 
 def filter_of(
@@ -61,12 +103,15 @@ def filter_of(
     """The law that hands on a command within what is kept; the options are of `SafetyFilter`."""
     kept: list[Any] = list(keep) if isinstance(keep, list | tuple) else [keep]
     for part in kept:
-        if not isinstance(part, ValueFunction | Region):
+        if not isinstance(part, ValueFunction | PartsValue | Region):
             raise ArgumentError(
                 f"SafetyFilter: keep is {part!r:.60}".rstrip(),
-                expected="a Region, a kernel (ValueFunction), or several in order",
+                expected="a Region, a kernel (ValueFunction, PartsValue), or several in order",
             )
-    kernels = [part for part in kept if isinstance(part, ValueFunction)]
+    kernels = [part for part in kept if not isinstance(part, Region)]
+    for part in kernels:
+        if isinstance(part, PartsValue):
+            _check_parts(system, part, len(kept))
     _check_options(
         bool(kernels), len(kernels) < len(kept), rate=rate, margin=margin, delay=delay,
         gains=gains, margins=margins, constraints=constraints, measured=measured,
@@ -86,11 +131,14 @@ def filter_of(
     command = commanded(system)
 
     def kept_in(part: Keep) -> Law:
-        if isinstance(part, ValueFunction):
-            return safety_law(
-                system, part, command, rate=rate, margin=margin, sample_time=sample_time,
-                delay=delay, scales=scales,
-            )  # fmt: skip
+        if not isinstance(part, Region):
+            options: dict[str, Any] = {
+                "rate": rate, "margin": margin, "sample_time": sample_time, "delay": delay,
+                "scales": scales,
+            }  # fmt: skip
+            if isinstance(part, PartsValue):
+                return parts_law(part, command, **options)
+            return safety_law(system, part, command, **options)
         inside = {n: v for n, v in (margins or {}).items() if n in part.inequality_names}
         return safeguard(
             system,
@@ -105,11 +153,30 @@ def filter_of(
 
     filters = [kept_in(part) for part in kept]
     return Made(
+        system,
         in_order(filters) if len(filters) > 1 else filters[0],
         kept[0],
         kernels[0] if kernels else None,
         reduce(both, regions) if regions else None,
     )
+
+
+def _check_parts(system: System, value: PartsValue, kept: int) -> None:
+    """Refuse a kernel that is put together for another system, and one beside regions."""
+    own = value.decomposition.system
+    same = own.state_names == system.state_names and definition(own) == definition(system)
+    numbers = [{q.name: float(q.value) for q in s.parameters} for s in (own, system)]
+    if not (same and numbers[0] == numbers[1]):
+        raise SimulationError(
+            f"the kernel of parts belongs to another system '{own.name}'",
+            expected=f"system '{system.name}' with the same rates, bounds and parameters",
+        )
+    if kept > 1:
+        raise DefinitionError(
+            "a kernel that is put together from parts is kept beside something else",
+            expected="it alone",
+            remedy="put the inequalities into the region that is taken apart",
+        )
 
 
 def _check_options(kernel: bool, region: bool, **given: Any) -> None:

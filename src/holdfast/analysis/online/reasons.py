@@ -8,14 +8,13 @@ from functools import cached_property
 import numpy as np
 
 from holdfast.analysis.online.decision import Decision, Status
+from holdfast.analysis.online.filter_law import Made
 from holdfast.analysis.online.forecast import HORIZON, Forecast
 from holdfast.analysis.online.measurements import Measurements
-from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching, as_switching
 from holdfast.maths.definitions.system import System
 
@@ -29,14 +28,13 @@ class Reasons:
     def __init__(
         self,
         system: System,
-        kernel: ValueFunction | None,
-        constraints: Region | None,
+        made: Made,
         law: Law | Switching,
         told: Measurements,
         program: ClosedLoopProgram,
         timed: bool,
     ) -> None:
-        self.system, self.kernel, self.constraints = system, kernel, constraints
+        self.system, self.made, self.constraints = system, made, made.region
         self.told, self.program = told, program
         ((_, self.hard),) = program.conditions_of_modes
         estimated = any(q.name.endswith("_hat") for q in law.reads)
@@ -99,10 +97,11 @@ class Reasons:
         """What is near, and what would have followed."""
         left, by = self._exit(decision)
         worst = self._worst(decision)
-        if self.kernel is not None and worst == "value":
+        table = self.made.table
+        if table is not None and worst == "value":
             room = decision.looked_up - self._margin
             side = "above" if room >= 0 else "below"
-            near = f"the value of the {self.kernel.report.kind} is {abs(room):.3g} {self._unit}"
+            near = f"the value of the {table.report.kind} is {abs(room):.3g} {self._unit}"
             near = f"{near.rstrip()} {side} its margin of {self._margin:.3g}"
             return near + self._would_be(left, "the set would have been left")
         assert self.constraints is not None
@@ -120,8 +119,8 @@ class Reasons:
 
     @property
     def _unit(self) -> str:
-        assert self.kernel is not None
-        unit = self.kernel.report.value_unit
+        assert self.made.table is not None
+        unit = self.made.table.report.value_unit
         return "" if unit == "1" else unit
 
     def _worst(self, decision: Decision) -> str:
@@ -192,10 +191,10 @@ class Reasons:
         times, states, left, by = self._forecast.motion(
             decision.seen[: len(self.system.states)], held
         )
-        if self.kernel is not None and self.constraints is None:
+        if self.made.kernel is not None and self.constraints is None:
             fine = np.isfinite(states).all(axis=1)
             values = np.full(len(times), math.nan)
-            values[fine] = self.kernel.at(states[fine])
+            values[fine] = self.made.kernel.at(states[fine])
             outside = np.flatnonzero(~(values > 0))
             return (float(times[outside[0]]) if len(outside) else math.nan), -1
         return left, by
@@ -219,15 +218,20 @@ class Reasons:
         return np.array([felt.get(name, 0.0) for name in self.system.disturbance_names])
 
     def _outside(self, decision: Decision) -> str:
-        assert self.kernel is not None
+        made, table = self.made, self.made.table
+        assert table is not None
         if not self.whole:
             return "the estimated state is outside the grid: nothing is promised"
+        states = decision.seen[np.newaxis, : len(self.system.states)]
+        if made.parts is not None and made.parts.excess(states)[0] > 0:
+            where = made.parts.decomposition.where
+            return f"the parts promise something where {where}, and nothing here"
         beyond = [
             f"{a.name} = {value:.4g} is outside {a.low:.4g} to {a.high:.4g}"
-            for a, value in zip(self.kernel.grid.axes, decision.seen, strict=False)
+            for a, value in zip(table.grid.axes, made.places(states)[0], strict=True)
             if a.ends != "periodic" and not a.low <= value <= a.high
         ]
         where = ", ".join(beyond) or (
-            f"at {decision.t:.4g} s the horizon of the {self.kernel.report.kind} has passed"
+            f"at {decision.t:.4g} s the horizon of the {table.report.kind} has passed"
         )
         return f"{where}: the filter used the nearest place of its grid and promises nothing"

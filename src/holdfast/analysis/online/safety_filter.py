@@ -19,7 +19,6 @@ from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.c_source import export_c, export_c_header
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
-from holdfast.execution.evaluate import Evaluator
 from holdfast.execution.simulation.control_sample import ControlSamples
 from holdfast.execution.simulation.steppers import RK4
 from holdfast.maths.control.observer import observe
@@ -40,7 +39,8 @@ class SafetyFilter:
     `holdfast.safeguard` (a control barrier function, of order two where necessary) for each of its
     inequalities; with a `ValueFunction`, a kernel, those of `holdfast.safety_law`.
 
-    system: its inputs are what the command gives. keep: a kernel of this system, or a region; or
+    system: its inputs are what the command gives. keep: a kernel of this system, which may be put
+    together from one part (`PartsValue`, see `parts_law`), or a region; or
     several of them, at most one a kernel, in order of priority: where not all can be kept, the last
     gives way first (`in_order`), and `Decision.gave_way` names what did.
     sample_time [s]: of your loop. delay [s]: how old a measurement is; a kernel's margin allows for
@@ -94,6 +94,8 @@ class SafetyFilter:
             gains=gains, margins=margins, constraints=constraints, measured=measured, worst=worst,
             scales=scales,
         )  # fmt: skip
+        if made.parts is not None and states is not None:
+            raise DefinitionError("parts promise nothing where not all states are measured")
         law: Law | Switching = made.law
         if rates is not None:
             law = limit_rates(system, law, rates)
@@ -181,7 +183,7 @@ class SafetyFilter:
             samples.forget()
             return self._refused(t, seen)
         changed = given != wanted
-        if self._past(t) or not math.isnan(values[rows.outside]):
+        if self._past(t) or not math.isnan(values[rows.outside]) or self._beyond(seen):
             status = Status.OUTSIDE_GRID
         elif values[rows.slack] > 0.0:
             status = Status.INFEASIBLE
@@ -226,22 +228,29 @@ class SafetyFilter:
         actuators, slack = found[:, rows.actuators], found[:, rows.slack].copy()
         overruled = found[:, rows.overruled] != 0.0
         changed = (inputs != nominal).any(axis=1)
+        states = np.where(finite[:, np.newaxis], seen, 0.0)[:, : len(self.system.states)]
         outside = ~np.isnan(found[:, rows.outside]) | self._past(t)
+        if self._made.parts is not None:
+            outside |= self._made.parts.excess(states) > 0
         for k in np.flatnonzero(~finite):
             refused = self._refused(t, seen[k])
             inputs[k], actuators[k], nominal[k] = refused.input, refused.actuators, refused.nominal
             slack[k], overruled[k] = 0.0, True
         codes = np.select([~finite, outside, slack > 0.0, changed], [4, 3, 2, 1], default=0)
         status = tuple(_STATUSES[k] for k in codes.tolist())
-        if self._made.by_value:
-            value = np.where(finite, found[:, rows.value], math.nan)
-        else:
-            value = np.where(finite, self._margins(np.where(finite[:, None], seen, 0.0)), math.nan)
+        made = self._made
+        values = found[:, rows.value] if made.looked_up else made.values(states)
+        value = np.where(finite, values, math.nan)
         return Decisions(inputs, actuators, nominal, overruled, slack, value, status)
 
     def _past(self, t: float) -> bool:
         """Whether a time is outside the horizon of the kernel."""
         return self._lasts < math.inf and not 0.0 <= t <= self._lasts
+
+    def _beyond(self, seen: Array) -> bool:
+        """Whether the parts of a kernel promise nothing at a state."""
+        parts, n = self._made.parts, len(self.system.states)
+        return parts is not None and bool(parts.excess(seen[np.newaxis, :n])[0] > 0)
 
     def reset(self) -> None:
         """Begin anew: the time is 0, and what an observer estimated is forgotten."""
@@ -269,11 +278,11 @@ class SafetyFilter:
         """`Decision.value`."""
         if decision.status is Status.NOT_A_NUMBER:
             return math.nan
-        if self._made.by_value:
+        if self._made.looked_up:
             return decision.looked_up
         if self._told.states != self.system.state_names:
             return math.nan
-        return float(self._margins(decision.seen[np.newaxis])[0])
+        return float(self._made.values(decision.seen[np.newaxis, : len(self.system.states)])[0])
 
     def reason(self, decision: Decision) -> str:
         """`Decision.why`."""
@@ -287,24 +296,12 @@ class SafetyFilter:
     def _reasons(self) -> Reasons:
         return Reasons(
             self.system,
-            self._made.kernel,
-            self._made.region,
+            self._made,
             self.law,
             self._told,
             self._program,
             timed=self._timed,
         )
-
-    def _margins(self, seen: Array) -> Array:
-        """-max_j c_j at the states."""
-        return -self._levels.values(seen[:, : len(self.system.states)]).max(axis=1)
-
-    @cached_property
-    def _levels(self) -> Evaluator:
-        first = self._made.first
-        assert isinstance(first, Region)
-        states = [q.symbol for q in self.system.states]
-        return Evaluator([c.expression for c in first.inequalities], states, first.parameters)
 
     # -- what is not as it should be ---------------------------------------------------------
 
