@@ -12,6 +12,7 @@ from __future__ import annotations
 import mmap
 import sys
 import threading
+from collections.abc import Iterator
 from typing import Any, Protocol
 
 import numpy as np
@@ -48,6 +49,7 @@ class Source(Protocol):
     def room(self) -> int: ...
     def take(self, nodes: Whole) -> AnyArray: ...
     def all(self) -> AnyArray: ...
+    def in_turn(self) -> Iterator[AnyArray]: ...
 
 
 class TableInParts:
@@ -160,6 +162,14 @@ class TableInParts:
 def in_memory(values: AnyArray | TableInParts) -> AnyArray:
     """The numbers of a table, all of them in memory."""
     return values.whole() if isinstance(values, TableInParts) else values
+
+
+def in_turn(values: AnyArray | TableInParts) -> Iterator[AnyArray]:
+    """The numbers of a table in rows, one after the other."""
+    if isinstance(values, TableInParts):
+        yield from values.source.in_turn()
+    else:
+        yield values
 
 
 def read_at(values: AnyArray | TableInParts) -> int:

@@ -5,7 +5,7 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.errors import OutputError
+from holdfast.errors import OutputError, SimulationError
 from holdfast.execution import table_in_parts
 from tests.carts import BOX, STATES, WALLS, X, cart, swinging
 
@@ -132,6 +132,7 @@ def test_runs_that_are_handed_commands_have_the_same_bits(both, monkeypatch):
 
 
 def test_few_runs_read_some_chunks_and_many_the_whole_table(tmp_path):
+    assert (table_in_parts.BYTES_A_SECOND, table_in_parts.SECONDS_OF_A_FETCH) == (250e6, 1e-3)
     path = found().save(tmp_path / "kernel.nc")
     law = kept_laws([hf.load(path, lazy=True)])[0]
     table = law.lookup.table[0]
@@ -170,6 +171,23 @@ def test_a_damaged_part_of_the_file_ends_the_runs_and_the_filter(both, monkeypat
     again = filters(both, states=["x"])[0]
     assert again.step([0.2], [0.1]).input.tobytes() == first.input.tobytes()
     assert again.step([-0.8], [0.1], 0.02).input == keep.step([-0.8], [0.1], 0.02).input
+
+
+def refused(size, what, remedy):
+    raise SimulationError(f"{what} take {size / 2**30:.3g} GiB", remedy=remedy)
+
+
+def test_the_table_of_a_law_in_c_is_written_part_by_part(both, tmp_path, monkeypatch):
+    monkeypatch.setattr(table_in_parts, "check_memory", refused)
+    files = [tmp_path / name for name in ("inside.bin", "stored.bin")]
+    sources = []
+    for law, path in zip(kept_laws(both), files, strict=True):
+        hf.export_c_table(law, path)
+        sources.append(hf.export_c(cart(), law, "kept", table="file"))
+    assert files[0].read_bytes() == files[1].read_bytes()
+    assert sources[0] == sources[1]
+    with pytest.raises(SimulationError, match="GiB"):
+        hf.export_c(cart(), kept_laws(both)[1], "kept", table="text")
 
 
 def test_pages_are_given_back_when_they_are_many(both):

@@ -45,6 +45,10 @@ class Part:
         """All entries in one row, past the chunks that are kept."""
         return self.of(self.stored.entries(self._first).reshape(-1))
 
+    def in_turn(self) -> Iterator[AnyArray]:
+        """All entries in rows, one slab after the other."""
+        return (slab.reshape(-1) for slab in self.slabs())
+
     def slabs(self) -> Iterator[AnyArray]:
         """The entries in parts along the first axis: one layer of chunks at a time."""
         axis = len(self._first)

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import hashlib
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.execution.arrays import AnyArray
 from holdfast.execution.codegen.c_text import c_file
-from holdfast.execution.table_in_parts import in_memory
+from holdfast.execution.table_in_parts import in_turn
 from holdfast.host.writing import atomic_file
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.lookup import CellLookup, Lookup
@@ -78,10 +79,11 @@ def export_c_table(law: Law | Switching, path: str | Path) -> Path:
         raise DefinitionError(
             f"law '{law.name}' has no kernel", expected="the law of a kernel, whose table is large"
         )
-    path, values = Path(path), _numbers(law.lookup)
+    path = Path(path)
     with atomic_file(path) as partial, partial.open("wb") as file:
         file.write(header_of(law.lookup))
-        file.write(_bytes(values))
+        for values in _numbers(law.lookup):
+            file.write(_bytes(values))
     return path
 
 
@@ -95,11 +97,13 @@ def numbers_of(lookup: Lookup | None) -> int:
 
 def header_of(lookup: Lookup) -> bytes:
     """The bytes before the numbers."""
-    values, table = _numbers(lookup), lookup.table
-    shape: Any = [int(n) for n in table[3]]  # type: ignore[index]
-    digest = hashlib.sha256(_bytes(values)).digest()
-    said = struct.pack("<8sIIQQ", b"HFTABLE\0", LAYOUT, values.itemsize, len(shape), values.size)
-    text = said + digest + struct.pack(f"<{len(shape)}Q", *shape)
+    table: Any = lookup.table
+    shape, digest = [int(n) for n in table[3]], hashlib.sha256()
+    for values in _numbers(lookup):
+        digest.update(_bytes(values))
+    size, count = table[0].dtype.itemsize, numbers_of(lookup)
+    said = struct.pack("<8sIIQQ", b"HFTABLE\0", LAYOUT, size, len(shape), count)
+    text = said + digest.digest() + struct.pack(f"<{len(shape)}Q", *shape)
     return text + bytes(-len(text) % 64)
 
 
@@ -152,12 +156,12 @@ def _named(text: str, name: str) -> str:
     return text.replace("NAME_", f"{name}_")
 
 
-def _numbers(lookup: Lookup) -> AnyArray:
-    """The numbers of the table, little-endian."""
+def _numbers(lookup: Lookup) -> Iterator[AnyArray]:
+    """The numbers of the table, little-endian, in parts."""
     table: Any = lookup.table
-    values = np.ascontiguousarray(in_memory(table[0]))
-    found: AnyArray = values.astype(values.dtype.newbyteorder("<"), copy=False)
-    return found
+    for part in in_turn(table[0]):
+        values = np.ascontiguousarray(part)
+        yield values.astype(values.dtype.newbyteorder("<"), copy=False)
 
 
 def _bytes(values: AnyArray) -> memoryview:
