@@ -265,7 +265,7 @@ def test_memory_is_known_before_the_march_and_said_after_it():
     assert hf.march_memory(grid, times=10) == 21 * 8 * node
     assert hf.march_memory(grid, capture=True) == 8 * 8 * node
     assert hf.march_memory(grid, capture=True, least_times=False) == 5 * 8 * node
-    assert hf.march_memory(grid, check_outside=True) == 7 * 8 * node
+    assert hf.march_memory(grid, check_outside=True) == (7 * 8 + 1) * node
     found = kernel(grid=grid)
     assert found.dataset.attrs["memory_bytes"] == hf.march_memory(grid)
     basin = hf.capture_basin(CART, WALLS, None, grid, 0.1, precision="float32")

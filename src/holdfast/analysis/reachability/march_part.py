@@ -66,16 +66,14 @@ class MarchPart:
         self.posed, self.part, self._stages, self._threads = posed, part, stages, threads
         self._h = hamiltonian_of(posed) if h is None else h
         self._room = room
-        self._obstacles = Obstacles(posed, part, self._empty)
+        kind = posed.marching.precision  # no method: the arrays would stay until a collection
+        self._obstacles = Obstacles(posed, part, lambda count: room.empty(count, kind))
         self._sweeping: Sweeping | DeviceSweeping | None = None
 
     @property
     def _plane(self) -> int:
         """Nodes at a place of the first axis."""
         return len(self._obstacles.start) // len(self.part.nodes)
-
-    def _empty(self, count: int) -> Array:
-        return self._room.empty(count, self.posed.marching.precision)
 
     def facts(self) -> Facts:
         """What is known of the start value in this part."""

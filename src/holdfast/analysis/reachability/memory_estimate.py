@@ -38,11 +38,11 @@ def march_memory(
     precision, order (or scheme), estimate_error and check_outside matter.
 
     In units of the value at every node: one for each stage of the Runge-Kutta method (two at
-    least), two for obstacles, two for each of the times (one until the end of the march), four for
-    `check_outside`, one for the error estimate; two and 8 bytes a node for the least times. With
-    `refine` the nodes are those of the finer grid; of the stages of the method only the blocks that
-    are marched take memory, so that this is then the most that it can be. The
-    compiled march and its libraries take some 300 MB more, independent of the grid.
+    least), two for obstacles, two for each of the times (one until the end of the march), one for
+    the error estimate, two and 8 bytes a node for the least times, four and a byte a node for
+    `check_outside`. With `refine` the nodes are those of the finer grid; of the stages of the
+    method only the blocks that are marched take memory, so that this is then the most that it can
+    be. The compiled march and its libraries take some 300 MB more, independent of the grid.
 
     Raises `SimulationError` for invalid options.
     """
@@ -111,4 +111,4 @@ def _bytes(grid: Grid, marching: Marching, obstacles: bool, times: int, arrivals
     nodes = grid.nodes
     if marching.refine > 1:
         nodes += finer(grid, marching.refine).nodes
-    return nodes * (size * arrays + 8 * arrivals)
+    return nodes * (size * arrays + 8 * arrivals + marching.check_outside)
