@@ -1,5 +1,8 @@
 """A safety filter whose kernel stays in its file: the bits of one in memory, from few chunks."""
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -148,6 +151,28 @@ def test_few_runs_read_some_chunks_and_many_the_whole_table(tmp_path):
         assert 0 < table.source.stored.bytes_read < table.nbytes / 2
         hf.simulate(cart(), law, starts=[[0.2, 0.3]] * 16 * 200, **options)
         assert table._whole is not None
+
+
+def test_a_law_that_is_forgotten_gives_its_pages_back_at_once(both, monkeypatch):
+    monkeypatch.setattr(table_in_parts, "is_room_for", lambda needed: False)
+
+    def simulated():
+        law = kept_laws(both)[1]
+        hf.simulate(cart(), law, starts=[[0.2, 0.3]] * 40, horizon=0.1)
+        return weakref.ref(law.lookup.table[0])
+
+    def stepped():
+        keep = filters(both)[1]
+        keep.step([0.2, 0.3], [0.1])
+        return weakref.ref(keep.law.lookup.table[0])
+
+    gc.collect()
+    gc.disable()
+    try:
+        assert simulated()() is None
+        assert stepped()() is None
+    finally:
+        gc.enable()
 
 
 def test_a_damaged_part_of_the_file_ends_the_runs_and_the_filter(both, monkeypatch):

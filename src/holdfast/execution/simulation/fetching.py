@@ -8,6 +8,7 @@ the loop, and every bit that it computes, are the same as for a table in memory.
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
@@ -28,16 +29,14 @@ class Fetching:
     def __init__(
         self, table: TableInParts, grid: tuple[AnyArray, ...], layout: Layout, look_up: int
     ) -> None:
-        self.table, self._grid = table, grid
-        axes, width = layout.counts["look_at"], layout.width
-        self._look_at = 8 * layout.at["look_at"], ctypes.c_double * (axes * width), (axes, width)
-        self._alive = 8 * layout.at["alive"], ctypes.c_double * width
-        self._look_up = ctypes.PYFUNCTYPE(None, *_PART)(look_up)
-        self._function = ctypes.CFUNCTYPE(None, *_PART)(self._called)
-        address = ctypes.cast(self._function, ctypes.c_void_p).value
+        self._failures: list[BaseException] = []
+        # no method of this object, or the table would stay until a collection
+        self._function = ctypes.CFUNCTYPE(None, *_PART)(
+            _fetching(table, grid, layout, ctypes.PYFUNCTYPE(None, *_PART)(look_up), self._failures)
+        )
+        address = ctypes.c_void_p.from_buffer(self._function).value  # a cast would keep it
         assert address is not None
         self.address = address
-        self._failure: BaseException | None = None
 
     def in_place_of(self, addresses: npt.NDArray[np.int64], number: int) -> npt.NDArray[np.int64]:
         """The addresses of what a loop calls, with this one at the place `number`."""
@@ -48,26 +47,41 @@ class Fetching:
     def begin(self, looked_up: Array, alive: Array) -> None:
         """Before the loop is called: what is not looked up in these rows is not a number.
 
-        An interruption of the main thread may come before the first line of `_called`, and is lost.
+        An interruption of the main thread may come before the first line of the function of Python,
+        and is lost.
         """
         np.copyto(looked_up, np.nan, where=alive != 0.0)
 
     def end(self) -> None:
         """After the loop was called: raises what was raised in it."""
-        failure, self._failure = self._failure, None
-        if failure is not None:
+        if self._failures:
+            failure = self._failures[0]
+            self._failures.clear()
             raise failure
 
-    def _called(self, s: int, w: int, entries: int) -> None:
-        if self._failure is not None:
+
+def _fetching(
+    table: TableInParts,
+    grid: tuple[AnyArray, ...],
+    layout: Layout,
+    look_up: Callable[[int, int, int], None],
+    failures: list[BaseException],
+) -> Callable[[int, int, int], None]:
+    """The function that the loop calls with the addresses of s and w, and the place of entries."""
+    axes, width = layout.counts["look_at"], layout.width
+    looked_at, alive = 8 * layout.at["look_at"], 8 * layout.at["alive"]
+    rows, row = ctypes.c_double * (axes * width), ctypes.c_double * width
+
+    def called(s: int, w: int, entries: int) -> None:
+        if failures:
             return
         try:
-            place, row = self._alive
-            alive = np.ctypeslib.as_array(row.from_address(w + place)) != 0.0
-            place, rows, shape = self._look_at
-            looked_at = np.ctypeslib.as_array(rows.from_address(w + place)).reshape(shape)
-            with self.table.using:
-                self.table.fetch_looked_up(looked_at.T[alive], self._grid)
-                self._look_up(s, w, entries)
+            goes = np.ctypeslib.as_array(row.from_address(w + alive)) != 0.0
+            places = np.ctypeslib.as_array(rows.from_address(w + looked_at)).reshape(axes, width)
+            with table.using:
+                table.fetch_looked_up(places.T[goes], grid)
+                look_up(s, w, entries)
         except BaseException as error:
-            self._failure = error
+            failures.append(error)
+
+    return called
