@@ -164,7 +164,7 @@ def test_processes_that_fetch_the_same_kernel_at_once_fetch_it_once(web, kernel)
         process.start()
     assert [done.get(timeout=200) for _ in both] == ["cart", "cart"]
     for process in both:
-        process.join(20)
+        process.join(100)
     assert in_the_store() == [".json", ".nc"]
     assert web.kernels_asked() == [None]
 
@@ -184,7 +184,7 @@ def test_a_file_that_is_in_the_store_and_not_yet_in_its_index_is_not_fetched_aga
     with monkeypatch.context() as inside:
         inside.setattr(Store, "_write", written_late)
         assert is_loaded(web, kernel)
-    others[0].join(20)
+    others[0].join(100)
     assert (found, len(others)) == ([True], 1)
     assert in_the_store() == [".json", ".nc"]
     assert web.kernels_asked() == [None]

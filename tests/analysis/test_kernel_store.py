@@ -255,7 +255,7 @@ def test_processes_that_add_at_once_lose_nothing(tmp_path, kernel):
     for worker in workers:
         worker.start()
     for worker in workers:
-        worker.join(20)
+        worker.join(100)
     assert len(Store(tmp_path / "store").entries()) == 15
 
 

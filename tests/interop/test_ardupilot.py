@@ -494,7 +494,7 @@ def test_events_are_told_once_a_second():
             wire.send(b"nonsense")
         wire.send(packet(2))
         wire.recv(4096)
-    server.join(10)
+    server.join(60)
     assert not server.is_alive()
     assert "has started" in news[0]
     assert len(news) <= 2

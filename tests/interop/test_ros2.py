@@ -198,7 +198,7 @@ def test_killed_controller_and_killed_vehicle_are_said_and_the_node_goes_on(begi
     assert node.poll() is None
 
     node.send_signal(signal.SIGTERM)
-    assert node.wait(10) == 0
+    assert node.wait(60) == 0
     monitor.until(lambda m: m.reports[-1].level == 3)
     assert monitor.commands[-1].force.x == 0.0
 
@@ -211,7 +211,7 @@ def test_ctrl_c_ends_the_node_cleanly_and_its_name_leaves_the_graph(begin, monit
 
     monitor.until(lambda m: m.records and listed(m))
     node.send_signal(signal.SIGINT)
-    assert node.wait(10) == 0
+    assert node.wait(60) == 0
     monitor.until(lambda m: not listed(m), 5)
 
 
