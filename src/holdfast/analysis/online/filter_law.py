@@ -61,15 +61,17 @@ class Made:
             return math.inf
         return self.table.report.reached_s
 
-    @property
-    def looked_up(self) -> bool:
-        """Whether the value of a decision is what the law looks up."""
-        return isinstance(self.first, ValueFunction)
+    def values(self, states: Array, looked_up: Array) -> Array:
+        """The value at states (count, states): V, or -max_j c_j of a region.
 
-    def values(self, states: Array) -> Array:
-        """The value at states (count, states): V, or -max_j c_j of a region."""
+        looked_up: what the law looks up there, at the remaining time.
+        """
         if isinstance(self.first, Region):
             return -self._levels.values(states).max(axis=1)
+        if isinstance(self.first, ValueFunction):
+            return looked_up
+        if self.law.lookup is not None and self.law.lookup.timed:
+            return self.first.within(states, looked_up)
         return self.first.at(states)
 
     @cached_property
@@ -164,7 +166,8 @@ def filter_of(
 def _check_parts(system: System, value: PartsValue, kept: int) -> None:
     """Refuse a kernel that is put together for another system, and one beside regions."""
     own = value.decomposition.system
-    same = own.state_names == system.state_names and definition(own) == definition(system)
+    names = [(s.state_names, s.input_names, s.disturbance_names) for s in (own, system)]
+    same = names[0] == names[1] and definition(own) == definition(system)
     numbers = [{q.name: float(q.value) for q in s.parameters} for s in (own, system)]
     if not (same and numbers[0] == numbers[1]):
         raise SimulationError(

@@ -104,12 +104,11 @@ class Reasons:
             near = f"the value of the {table.report.kind} is {abs(room):.3g} {self._unit}"
             near = f"{near.rstrip()} {side} its margin of {self._margin:.3g}"
             return near + self._would_be(left, "the set would have been left")
-        assert self.constraints is not None
-        names = self.constraints.inequality_names
-        if not self.whole:
-            return f"'{worst}' is near, by what the observer estimates"
+        names = self.constraints.inequality_names if self.constraints is not None else ()
         if worst not in names:  # of the rate of a state
             return f"the {worst} would be beyond its limit"
+        if not self.whole:
+            return f"'{worst}' is near, by what the observer estimates"
         name = names[by] if by >= 0 else worst
         return self._distance(decision, name) + self._would_be(left, "it would have been violated")
 
