@@ -89,7 +89,7 @@ def test_where_the_parts_promise_nothing_the_status_says_so():
     assert found == (
         Status.OUTSIDE_GRID, Status.PASSED, Status.OUTSIDE_GRID, Status.NOT_A_NUMBER
     )  # fmt: skip
-    assert "v = 9 is outside" in keep.step(states[2], [0.0]).why
+    assert "predicted v = 9 is outside" in keep.step(states[2], [0.0]).why
 
 
 def test_a_kernel_of_a_file_has_the_same_bits(tmp_path):
@@ -133,14 +133,22 @@ def test_every_input_stays_within_its_bounds_wherever_the_vehicle_is():
     assert np.abs(found.input).max() <= 1 + 1e-12
 
 
-def test_an_actuator_that_the_part_does_not_need_is_kept_in_its_share():
-    late = hf.lagged(plane(push=0.0), {"ux": 0.2, "uy": 0.2})
-    parted = hf.decompose(late, walls("x"), lag_share=SHARE, box=box("x", "vx", "y", "vy", at=1.5))
+def test_an_actuator_of_a_state_that_is_left_out_is_kept_in_its_share():
+    th, turn = hf.Quantity("th", "rad", angle=True), hf.symbol("turn")
+    cart = hf.System(
+        "carousel", (*late_cart().states[:2], th), (hf.Quantity("u"), hf.Quantity("turn")),
+        {"x": hf.symbol("v"), "v": hf.symbol("u"), "th": turn},
+        input_bounds=hf.Box((-1, -1), (1, 1)),
+    )  # fmt: skip
+    late = hf.lagged(cart, {"u": 0.2, "turn": 0.2})
+    over = {**box("x", "v", at=1.5), "th": (-np.pi, np.pi)}
+    parted = hf.decompose(late, walls("x"), lag_share=SHARE, box=over)
+    assert parted.parts[0].system.state_names == ("x", "v")
     keep = hf.SafetyFilter(late, hf.solve_parts(parted, None, 31, 0.5), sample_time=SAMPLE)
-    index = late.state_names.index("actual_uy")
-    state = np.zeros(6)
-    state[index] = SHARE
-    assert keep.step(state, [0.0, 1.0]).input[1] == pytest.approx(SHARE)
+    for thrust in (0.0, SHARE):
+        (_, turned) = keep.step([0.0, 0.0, 0.0, 0.0, thrust], [0.0, 9.0]).input
+        assert thrust + (turned - thrust) * (1 - np.exp(-SAMPLE / 0.2)) <= SHARE + 1e-12
+        assert SHARE <= turned + 1e-12 <= 1 + 2e-12
 
 
 def test_a_thrust_that_rests_at_an_end_of_its_share_is_within_it():

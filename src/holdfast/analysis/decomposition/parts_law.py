@@ -116,9 +116,12 @@ def _clipped(value: PartsValue, command: Mapping[str, sp.Expr]) -> dict[str, sp.
 
 
 def _unneeded(value: PartsValue, solved: SolvedPart) -> list[Row]:
-    """The bounds of the inputs that the part does not need, over all inputs."""
-    found, system = value.decomposition.prediction, value.decomposition.system
-    bounds = found.bounds if found is not None else system.input_bounds
+    """The bounds of the inputs that the part does not need, over all inputs.
+
+    A part with predicted actuators has all of them: they count as those of one set.
+    """
+    system = value.decomposition.system
+    bounds = system.input_bounds
     needed = [n in solved.part.system.input_names for n in system.input_names]
     if bounds is None or all(needed):
         return []

@@ -82,9 +82,17 @@ class Made:
             [c.expression for c in self.first.inequalities], states, self.first.parameters
         )
 
-    def places(self, states: Array) -> Array:
-        """Where states (count, states) are looked up."""
-        return states if self.parts is None else only_part(self.parts).coordinates(states)
+    def places(self, states: Array) -> dict[str, Array]:
+        """Where states (count, states) are looked up, along each axis by its name in a sentence."""
+        names = self.system.state_names
+        if self.parts is None:
+            return dict(zip(names, states.T, strict=True))
+        solved = only_part(self.parts)
+        shown = [
+            f"predicted {n}" if n in names and str(e) != n else n
+            for n, e in solved.part.coordinates.items()
+        ]
+        return dict(zip(shown, solved.coordinates(states).T, strict=True))
 
 
 def filter_of(

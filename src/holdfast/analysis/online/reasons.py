@@ -226,8 +226,10 @@ class Reasons:
             where = made.parts.decomposition.where
             return f"the parts promise something where {where}, and nothing here"
         beyond = [
-            f"{a.name} = {value:.4g} is outside {a.low:.4g} to {a.high:.4g}"
-            for a, value in zip(table.grid.axes, made.places(states)[0], strict=True)
+            f"{name} = {value:.4g} is outside {a.low:.4g} to {a.high:.4g}"
+            for a, (name, (value,)) in zip(
+                table.grid.axes, made.places(states).items(), strict=True
+            )
             if a.ends != "periodic" and not a.low <= value <= a.high
         ]
         where = ", ".join(beyond) or (
