@@ -114,6 +114,8 @@ def test_what_the_parts_do_not_promise_is_refused():
         made([kernel(), walls("x")])
     with pytest.raises(DefinitionError, match="where not all states are measured"):
         made(states=["x", "v"])
+    with pytest.raises(DefinitionError, match="the rate of 'u' is limited"):
+        made(rates={"u": 1.0})
     with pytest.raises(SimulationError, match="would leave its share in inputs held"):
         made(sample_time=0.3, rate=1.0)
     several = hf.solve_parts(

@@ -190,6 +190,23 @@ def _check_parts(system: System, value: PartsValue, kept: int) -> None:
         )
 
 
+def check_around_parts(
+    made: Made, states: Sequence[str] | None, rates: Mapping[str, float] | None
+) -> None:
+    """Refuse what takes from the parts of a kernel what their promise rests on."""
+    if made.parts is None:
+        return
+    if states is not None:
+        raise DefinitionError("parts promise nothing where not all states are measured")
+    slow = [n for n in rates or {} if n in made.system.input_names]
+    if slow and made.parts.decomposition.prediction is not None:
+        raise DefinitionError(
+            f"the rate of '{slow[0]}' is limited, by which actuators would leave their share",
+            expected="predicted actuators that follow their commands with a lag alone",
+            remedy="leave out the rates of inputs",
+        )
+
+
 def _check_options(kernel: bool, region: bool, **given: Any) -> None:
     """Refuse options that nothing of what is kept has."""
     if not kernel and not region:

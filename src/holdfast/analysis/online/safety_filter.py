@@ -11,7 +11,12 @@ import numpy.typing as npt
 import sympy as sp
 
 from holdfast.analysis.online.decision import Decision, Decisions, Status
-from holdfast.analysis.online.filter_law import Keep, filter_of, warn_of_reduction
+from holdfast.analysis.online.filter_law import (
+    Keep,
+    check_around_parts,
+    filter_of,
+    warn_of_reduction,
+)
 from holdfast.analysis.online.measurements import Given, Measurements, time_of
 from holdfast.analysis.online.reasons import Reasons
 from holdfast.arguments import checked
@@ -94,8 +99,7 @@ class SafetyFilter:
             gains=gains, margins=margins, constraints=constraints, measured=measured, worst=worst,
             scales=scales,
         )  # fmt: skip
-        if made.parts is not None and states is not None:
-            raise DefinitionError("parts promise nothing where not all states are measured")
+        check_around_parts(made, states, rates)
         law: Law | Switching = made.law
         if rates is not None:
             law = limit_rates(system, law, rates)
