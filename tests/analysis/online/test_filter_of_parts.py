@@ -175,6 +175,12 @@ def test_the_value_of_a_kernel_that_runs_out_is_that_of_the_remaining_time():
         assert keep.step_many([state], [[0.5, 0.0]], t).value == pytest.approx(known, abs=1e-12)
 
 
+def test_a_command_that_takes_an_actuator_out_of_its_share_is_said_to_be_one():
+    near = made().step([0.0, 0.0, 0.5], [0.9])
+    assert near.input[0] < 0.9
+    assert "an actuator would leave its share with it" in near.why
+
+
 def test_a_limit_of_an_acceleration_is_named():
     keep = hf.SafetyFilter(plane(), one_way(), sample_time=SAMPLE, rates={"vx": 0.5})
     assert "the rate of vx would be beyond its limit" in keep.step(np.zeros(4), [1.0, 0.0]).why

@@ -50,6 +50,11 @@ class Made:
         return self.kernel if isinstance(self.kernel, PartsValue) else None
 
     @property
+    def predicted(self) -> bool:
+        """Whether its actuators are predicted, and kept in a share of their range."""
+        return self.parts is not None and self.parts.decomposition.prediction is not None
+
+    @property
     def table(self) -> ValueFunction | None:
         """The value function of the kernel, or of its part, that the law looks up."""
         return only_part(self.kernel).value if isinstance(self.kernel, PartsValue) else self.kernel
@@ -199,7 +204,7 @@ def check_around_parts(
     if states is not None:
         raise DefinitionError("parts promise nothing where not all states are measured")
     slow = [n for n in rates or {} if n in made.system.input_names]
-    if slow and made.parts.decomposition.prediction is not None:
+    if slow and made.predicted:
         raise DefinitionError(
             f"the rate of '{slow[0]}' is limited, by which actuators would leave their share",
             expected="predicted actuators that follow their commands with a lag alone",

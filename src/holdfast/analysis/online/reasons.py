@@ -74,8 +74,10 @@ class Reasons:
             )
         if not decision.overruled:
             slow = any(name.startswith("last_") for name in self.program.remembered)
-            rates = " or changes faster than they may" if slow else ""
-            return f"{change}: the command is beyond the bounds of the inputs{rates}"
+            more = " or changes faster than they may" if slow else ""
+            if self.made.predicted:
+                more = ", or an actuator would leave its share with it"
+            return f"{change}: the command is beyond the bounds of the inputs{more}"
         return f"{change}: {self._cause(decision)}"
 
     # -- the parts of a sentence -------------------------------------------------------------
