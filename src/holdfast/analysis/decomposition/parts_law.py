@@ -2,31 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import sympy as sp
 
+from holdfast.analysis.decomposition.held_actuators import check_held, held_margin
 from holdfast.analysis.decomposition.parts_value import PartsValue, SolvedPart
 from holdfast.analysis.safety.safety_filter import safety_law
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, SimulationError
-from holdfast.maths.control.safety_filter import check_fit, input_scales
+from holdfast.maths.control.safety_filter import Row, check_fit, input_scales
 from holdfast.maths.definitions.law import Law, Safeguard
 from holdfast.maths.definitions.quantity import merge_parameters
+from holdfast.maths.expressions.functions import clip
 
 
 @checked
-def parts_law(value: PartsValue, law: Law | None = None, **options: Any) -> Law:
+def parts_law(
+    value: PartsValue,
+    law: Law | None = None,
+    *,
+    scales: Mapping[str, float] | None = None,
+    **options: Any,
+) -> Law:
     """The law that keeps the whole system in the set: optimal inputs, or a safety filter of `law`.
 
     It is that of `safety_law` for the part, with the part's states and inputs as functions of the
     whole: of predicted actuators u = k w + (1 - k) a, with the choice w of the part. options: those
-    of `safety_law`; its margin allows for everything that w and the actuators may do.
+    of `safety_law`; its margin allows for everything that w and the actuators may do while u is
+    held. An input that the part does not need is kept within its bounds.
 
     Raises `SimulationError` for a value of several parts: these are systems of their own, whose
-    laws are those of `safety_law`, and `PartsValue.inputs` gives the inputs of all of them. Raises
+    laws are those of `safety_law`, and `PartsValue.inputs` gives the inputs of all of them; and for
+    a sample time or a delay in which actuators would leave their share. Raises
     `DefinitionError` for a law that has no safety filter, as `safety_law` does.
     """
     solved = only_part(value)
@@ -38,9 +48,10 @@ def parts_law(value: PartsValue, law: Law | None = None, **options: Any) -> Law:
         if law.lookup is not None:
             raise DefinitionError(f"law '{law.name}' has a value function already")
         asked = Law("asked", of_part.states, dict.fromkeys(of_part.input_names, sp.S.Zero))
-    scales = options.pop("scales", None) or {}
-    every = input_scales(system, scales)
-    inside = {n: s for n, s in scales.items() if n in of_part.input_names}
+        check_held(value, options)
+        options = held_margin(value, solved, options)
+    every = input_scales(system, scales or {})
+    inside = {n: s for n, s in (scales or {}).items() if n in of_part.input_names}
     made = safety_law(of_part, solved.value, asked, scales=inside, **options)
     there = {q.symbol: solved.part.coordinates[q.name] for q in of_part.states}
     gain, command = _command(value, solved)
@@ -59,7 +70,8 @@ def parts_law(value: PartsValue, law: Law | None = None, **options: Any) -> Law:
             signals=signals,
         )
     assert made.safeguard is not None
-    guard = _in_commands(made.safeguard.subs(there), gain, command)
+    guard = _with_rows(made.safeguard.subs(there), _unneeded(value, solved), system.input_names)
+    guard = _in_commands(guard, gain, _clipped(value, command))
     reads = {q.name: q for q in (*law.reads, *system.states)}
     return replace(
         law,
@@ -93,13 +105,52 @@ def _command(value: PartsValue, solved: SolvedPart) -> tuple[sp.Expr, dict[str, 
     return sp.Float(found.gain), {n: found.command[n].xreplace(none) for n in names}
 
 
+def _clipped(value: PartsValue, command: Mapping[str, sp.Expr]) -> dict[str, sp.Expr]:
+    """b with actuators in their share, so that no command leaves its bounds wherever they are."""
+    found = value.decomposition.prediction
+    if found is None:
+        return dict(command)
+    ends = zip(found.actuators, found.intervals, strict=True)
+    held = {a.symbol: clip(a.symbol, sp.Float(low), sp.Float(high)) for a, (low, high) in ends}
+    return {n: e.xreplace(held) for n, e in command.items()}
+
+
+def _unneeded(value: PartsValue, solved: SolvedPart) -> list[Row]:
+    """The bounds of the inputs that the part does not need, over all inputs.
+
+    A part with predicted actuators has all of them: they count as those of one set.
+    """
+    system = value.decomposition.system
+    bounds = system.input_bounds
+    needed = [n in solved.part.system.input_names for n in system.input_names]
+    if bounds is None or all(needed):
+        return []
+    rows = bounds.half_spaces()
+    return [
+        (n, b) for n, b in rows if all(e == 0 for e, mine in zip(n, needed, strict=True) if mine)
+    ]
+
+
+def _with_rows(guard: Safeguard, rows: Sequence[Row], names: Sequence[str]) -> Safeguard:
+    """A safeguard with more hard rows, over all of the inputs."""
+    none = (sp.S.Zero,) * len(guard.offsets)
+    own = {n: guard.normals.get(n, none) for n in names}
+    more = {n: tuple(normal[i] for normal, _ in rows) for i, n in enumerate(names)}
+    hard = guard.hard
+    return replace(
+        guard,
+        normals={n: (*row[:hard], *more[n], *row[hard:]) for n, row in own.items()},
+        offsets=(*guard.offsets[:hard], *(b for _, b in rows), *guard.offsets[hard:]),
+        hard=hard + len(rows),
+    )
+
+
 def _in_commands(guard: Safeguard, gain: sp.Expr, command: Mapping[str, sp.Expr]) -> Safeguard:
     """Half-spaces of w = (u - b) / k as half-spaces of u."""
-    count = len(guard.offsets)
-    normals = {n: guard.normals.get(n, (sp.S.Zero,) * count) for n in command}
+    normals = guard.normals
     offsets = tuple(
-        guard.offsets[j] + sp.Add(*(normals[n][j] * b / gain for n, b in command.items()))
-        for j in range(count)
+        offset + sp.Add(*(normals[n][j] * b / gain for n, b in command.items()))
+        for j, offset in enumerate(guard.offsets)
     )
     return replace(
         guard,

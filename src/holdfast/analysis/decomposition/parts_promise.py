@@ -102,7 +102,7 @@ def check_parts(
                 expected="intervals of all states of the whole system",
                 remedy="leave out the promise where states are relative or do not matter",
             )
-    options = {"sample_time": sample_time, "rate": rate}
+    options: dict[str, Any] = {"sample_time": sample_time, "rate": rate}
     steered = parts_law(value, law, **(options if law is not None else {}))
     known = with_disturbance(system, disturbance or {})
     inside, outside, promised = _drawn(value, region, box, runs, margin, seed)

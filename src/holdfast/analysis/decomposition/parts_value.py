@@ -23,6 +23,9 @@ from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.traversal import derivatives
 from holdfast.maths.games.hamiltonian import hamiltonian
 
+ROUNDING = 1e-9
+"""Share of an end of the domain that a state may be beyond it, as one that rests there is."""
+
 
 @dataclass(frozen=True)
 class SolvedPart:
@@ -120,7 +123,7 @@ class PartsValue:
         Of a kernel V is at most the margin of a region that does not move, exact between nodes too.
         """
         points = self._points(states)
-        return self._within(points, self._alternatives(points, time).max(axis=0))
+        return self.within(points, self._alternatives(points, time).max(axis=0))
 
     @checked
     def contains(
@@ -230,10 +233,18 @@ class PartsValue:
         """By how much states (count, states) are outside the domain of the decomposition; or 0."""
         if self._domain is None:
             return np.zeros(len(points))
-        found: Array = np.maximum(self._domain.values(points).max(axis=1), 0.0)
-        return found
+        found = self._domain.values(points)
+        beyond: Array = np.where(found > self._rounding, found, 0.0).max(axis=1)
+        return beyond
 
-    def _within(self, points: Array, levels: Array) -> Array:
+    @cached_property
+    def _rounding(self) -> Array:
+        """Of every inequality of the domain; two in turn are the ends of one interval."""
+        ends = [abs(float(c.expression.as_coeff_Add()[0])) for c in self.decomposition.domain]
+        return ROUNDING * np.repeat(np.reshape(ends, (-1, 2)).max(axis=1), 2)
+
+    def within(self, points: Array, levels: Array) -> Array:
+        """V at states (count, states) where its parts are `levels`: see `at`."""
         if self._margin is not None:
             levels = np.minimum(levels, self._margin.values(points)[:, 0])
         excess = self.excess(points)

@@ -92,7 +92,10 @@ def _around(
     if not decomposition.box:
         raise SimulationError("no box", expected="the intervals of all states of the parts")
     found = {}
+    known = {n for p in decomposition.parts for n in p.system.state_names}
     for name, (low, high) in decomposition.box.items():
+        if name not in known:
+            continue
         cells = _count(nodes, name) - 1 - 2 * ROOM
         if name not in decomposition.within or _whole_turn(decomposition, name):
             found[name] = (low, high)

@@ -50,6 +50,11 @@ class Made:
         return self.kernel if isinstance(self.kernel, PartsValue) else None
 
     @property
+    def predicted(self) -> bool:
+        """Whether its actuators are predicted, and kept in a share of their range."""
+        return self.parts is not None and self.parts.decomposition.prediction is not None
+
+    @property
     def table(self) -> ValueFunction | None:
         """The value function of the kernel, or of its part, that the law looks up."""
         return only_part(self.kernel).value if isinstance(self.kernel, PartsValue) else self.kernel
@@ -61,15 +66,17 @@ class Made:
             return math.inf
         return self.table.report.reached_s
 
-    @property
-    def looked_up(self) -> bool:
-        """Whether the value of a decision is what the law looks up."""
-        return isinstance(self.first, ValueFunction)
+    def values(self, states: Array, looked_up: Array) -> Array:
+        """The value at states (count, states): V, or -max_j c_j of a region.
 
-    def values(self, states: Array) -> Array:
-        """The value at states (count, states): V, or -max_j c_j of a region."""
+        looked_up: what the law looks up there, at the remaining time.
+        """
         if isinstance(self.first, Region):
             return -self._levels.values(states).max(axis=1)
+        if isinstance(self.first, ValueFunction):
+            return looked_up
+        if self.law.lookup is not None and self.law.lookup.timed:
+            return self.first.within(states, looked_up)
         return self.first.at(states)
 
     @cached_property
@@ -80,9 +87,17 @@ class Made:
             [c.expression for c in self.first.inequalities], states, self.first.parameters
         )
 
-    def places(self, states: Array) -> Array:
-        """Where states (count, states) are looked up."""
-        return states if self.parts is None else only_part(self.parts).coordinates(states)
+    def places(self, states: Array) -> dict[str, Array]:
+        """Where states (count, states) are looked up, along each axis by its name in a sentence."""
+        names = self.system.state_names
+        if self.parts is None:
+            return dict(zip(names, states.T, strict=True))
+        solved = only_part(self.parts)
+        shown = [
+            f"predicted {n}" if n in names and str(e) != n else n
+            for n, e in solved.part.coordinates.items()
+        ]
+        return dict(zip(shown, solved.coordinates(states).T, strict=True))
 
 
 def filter_of(
@@ -164,7 +179,8 @@ def filter_of(
 def _check_parts(system: System, value: PartsValue, kept: int) -> None:
     """Refuse a kernel that is put together for another system, and one beside regions."""
     own = value.decomposition.system
-    same = own.state_names == system.state_names and definition(own) == definition(system)
+    names = [(s.state_names, s.input_names, s.disturbance_names) for s in (own, system)]
+    same = names[0] == names[1] and definition(own) == definition(system)
     numbers = [{q.name: float(q.value) for q in s.parameters} for s in (own, system)]
     if not (same and numbers[0] == numbers[1]):
         raise SimulationError(
@@ -176,6 +192,23 @@ def _check_parts(system: System, value: PartsValue, kept: int) -> None:
             "a kernel that is put together from parts is kept beside something else",
             expected="it alone",
             remedy="put the inequalities into the region that is taken apart",
+        )
+
+
+def check_around_parts(
+    made: Made, states: Sequence[str] | None, rates: Mapping[str, float] | None
+) -> None:
+    """Refuse what takes from the parts of a kernel what their promise rests on."""
+    if made.parts is None:
+        return
+    if states is not None:
+        raise DefinitionError("parts promise nothing where not all states are measured")
+    slow = [n for n in rates or {} if n in made.system.input_names]
+    if slow and made.predicted:
+        raise DefinitionError(
+            f"the rate of '{slow[0]}' is limited, by which actuators would leave their share",
+            expected="predicted actuators that follow their commands with a lag alone",
+            remedy="leave out the rates of inputs",
         )
 
 

@@ -74,8 +74,10 @@ class Reasons:
             )
         if not decision.overruled:
             slow = any(name.startswith("last_") for name in self.program.remembered)
-            rates = " or changes faster than they may" if slow else ""
-            return f"{change}: the command is beyond the bounds of the inputs{rates}"
+            more = " or changes faster than they may" if slow else ""
+            if self.made.predicted:
+                more = ", or an actuator would leave its share with it"
+            return f"{change}: the command is beyond the bounds of the inputs{more}"
         return f"{change}: {self._cause(decision)}"
 
     # -- the parts of a sentence -------------------------------------------------------------
@@ -104,12 +106,11 @@ class Reasons:
             near = f"the value of the {table.report.kind} is {abs(room):.3g} {self._unit}"
             near = f"{near.rstrip()} {side} its margin of {self._margin:.3g}"
             return near + self._would_be(left, "the set would have been left")
-        assert self.constraints is not None
-        names = self.constraints.inequality_names
-        if not self.whole:
-            return f"'{worst}' is near, by what the observer estimates"
+        names = self.constraints.inequality_names if self.constraints is not None else ()
         if worst not in names:  # of the rate of a state
             return f"the {worst} would be beyond its limit"
+        if not self.whole:
+            return f"'{worst}' is near, by what the observer estimates"
         name = names[by] if by >= 0 else worst
         return self._distance(decision, name) + self._would_be(left, "it would have been violated")
 
@@ -227,8 +228,10 @@ class Reasons:
             where = made.parts.decomposition.where
             return f"the parts promise something where {where}, and nothing here"
         beyond = [
-            f"{a.name} = {value:.4g} is outside {a.low:.4g} to {a.high:.4g}"
-            for a, value in zip(table.grid.axes, made.places(states)[0], strict=True)
+            f"{name} = {value:.4g} is outside {a.low:.4g} to {a.high:.4g}"
+            for a, (name, (value,)) in zip(
+                table.grid.axes, made.places(states).items(), strict=True
+            )
             if a.ends != "periodic" and not a.low <= value <= a.high
         ]
         where = ", ".join(beyond) or (

@@ -11,7 +11,12 @@ import numpy.typing as npt
 import sympy as sp
 
 from holdfast.analysis.online.decision import Decision, Decisions, Status
-from holdfast.analysis.online.filter_law import Keep, filter_of, warn_of_reduction
+from holdfast.analysis.online.filter_law import (
+    Keep,
+    check_around_parts,
+    filter_of,
+    warn_of_reduction,
+)
 from holdfast.analysis.online.measurements import Given, Measurements, time_of
 from holdfast.analysis.online.reasons import Reasons
 from holdfast.arguments import checked
@@ -94,8 +99,7 @@ class SafetyFilter:
             gains=gains, margins=margins, constraints=constraints, measured=measured, worst=worst,
             scales=scales,
         )  # fmt: skip
-        if made.parts is not None and states is not None:
-            raise DefinitionError("parts promise nothing where not all states are measured")
+        check_around_parts(made, states, rates)
         law: Law | Switching = made.law
         if rates is not None:
             law = limit_rates(system, law, rates)
@@ -238,9 +242,7 @@ class SafetyFilter:
             slack[k], overruled[k] = 0.0, True
         codes = np.select([~finite, outside, slack > 0.0, changed], [4, 3, 2, 1], default=0)
         status = tuple(_STATUSES[k] for k in codes.tolist())
-        made = self._made
-        values = found[:, rows.value] if made.looked_up else made.values(states)
-        value = np.where(finite, values, math.nan)
+        value = np.where(finite, self._made.values(states, found[:, rows.value]), math.nan)
         return Decisions(inputs, actuators, nominal, overruled, slack, value, status)
 
     def _past(self, t: float) -> bool:
@@ -278,11 +280,10 @@ class SafetyFilter:
         """`Decision.value`."""
         if decision.status is Status.NOT_A_NUMBER:
             return math.nan
-        if self._made.looked_up:
-            return decision.looked_up
-        if self._told.states != self.system.state_names:
+        if self._told.states != self.system.state_names and isinstance(self._made.first, Region):
             return math.nan
-        return float(self._made.values(decision.seen[np.newaxis, : len(self.system.states)])[0])
+        states = decision.seen[np.newaxis, : len(self.system.states)]
+        return float(self._made.values(states, np.array([decision.looked_up]))[0])
 
     def reason(self, decision: Decision) -> str:
         """`Decision.why`."""

@@ -1,0 +1,66 @@
+"""Lagging actuators under inputs that are held."""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.analysis.decomposition.held_actuators import overshoot
+from holdfast.errors import SimulationError
+from tests.parted_systems import box, late_cart, walls
+
+LAG, SHARE = 0.2, 0.3
+GAIN = (1 + SHARE) / (2 * SHARE)
+LONGEST = LAG * math.log(GAIN / (GAIN - 1))
+
+
+@cache
+def kernel():
+    parted = hf.decompose(
+        late_cart(LAG), walls("x"), lag_share=SHARE, box=box("x", "v", at=1.5, speed=1.5)
+    )
+    return hf.solve_parts(parted, None, 31, 2.0)
+
+
+def command():
+    return hf.commanded(late_cart(LAG))
+
+
+def margin(**options):
+    law = hf.parts_law(kernel(), command(), **options)
+    return next(float(p.value) for p in law.parameters if p.name == "safety_margin")
+
+
+def furthest(held, late):
+    """The largest share of |w| <= 1 that a thrust reaches in a run with random w."""
+    rng, thrust, fine = np.random.default_rng(0), [0.0], 20
+    fade, back = math.exp(-held / fine / LAG), round(late / held * fine)
+    for _ in range(4000):
+        seen = thrust[max(len(thrust) - 1 - back, 0)]
+        u = GAIN * rng.choice([-1.0, 1.0]) + (1 - GAIN) * seen
+        for _ in range(fine):
+            thrust.append(fade * thrust[-1] + (1 - fade) * u)
+    return max(map(abs, thrust))
+
+
+@pytest.mark.parametrize(("held", "late"), [(0.99 * LONGEST, 0.0), (0.02, 0.02)])
+def test_a_thrust_that_does_not_overshoot_stays_in_its_share(held, late):
+    assert overshoot(LAG, GAIN, held, late) == 0.0
+    assert furthest(held, late) <= 1 + 1e-12
+    hf.parts_law(kernel(), command(), rate=1.0, margin=0.1, sample_time=held, delay=late)
+
+
+@pytest.mark.parametrize(("held", "late"), [(1.2 * LONGEST, 0.0), (0.02, 0.1)])
+def test_a_sample_time_or_a_delay_with_which_it_overshoots_is_refused(held, late):
+    assert furthest(held, late) > 1.001
+    with pytest.raises(SimulationError, match=r"2\.167 times faster, would leave its share"):
+        hf.parts_law(kernel(), command(), rate=1.0, margin=0.1, sample_time=held, delay=late)
+
+
+def test_the_margin_counts_what_the_thrust_adds_while_an_input_is_held():
+    part = kernel().parts[0][0]
+    for held in (0.01, 0.05):
+        own = hf.sampled_margin(part.part.system, part.value, held)
+        assert own < margin(sample_time=held) < 3 * own
