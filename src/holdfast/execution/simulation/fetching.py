@@ -12,7 +12,7 @@ import ctypes
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.execution.arrays import AnyArray, Array
+from holdfast.execution.arrays import AnyArray
 from holdfast.execution.simulation.layout import Layout
 from holdfast.execution.table_in_parts import TableInParts
 
@@ -38,6 +38,7 @@ class Fetching:
         assert address is not None
         self.address = address
         self._failure: BaseException | None = None
+        self._done = 0
 
     def in_place_of(self, addresses: npt.NDArray[np.int64], number: int) -> npt.NDArray[np.int64]:
         """The addresses of what a loop calls, with this one at the place `number`."""
@@ -45,18 +46,25 @@ class Fetching:
         found[number] = self.address
         return found
 
-    def begin(self, looked_up: Array, alive: Array) -> None:
-        """Before the loop is called: what is not looked up in these rows is not a number.
+    def begin(self) -> None:
+        """Before the loop is called in the main thread, for as many look-ups as are told at `end`.
 
-        An interruption of the main thread may come before the first line of `_called`, and is lost.
+        What was raised in an earlier call that was interrupted before its end is forgotten.
         """
-        np.copyto(looked_up, np.nan, where=alive != 0.0)
+        self._failure, self._done = None, 0
 
-    def end(self) -> None:
-        """After the loop was called: raises what was raised in it."""
+    def end(self, look_ups: int = 0) -> None:
+        """After the loop was called: raises what was raised in it.
+
+        look_ups: at least so many have to be done since `begin`. An interruption of the main
+        thread may come before the first line of `_called`: the loop goes on then without the
+        look-up, and what Python raised is lost, so that it is raised here.
+        """
         failure, self._failure = self._failure, None
         if failure is not None:
             raise failure
+        if self._done < look_ups:
+            raise KeyboardInterrupt
 
     def _called(self, s: int, w: int, entries: int) -> None:
         if self._failure is not None:
@@ -69,5 +77,6 @@ class Fetching:
             with self.table.using:
                 self.table.fetch_looked_up(looked_at.T[alive], self._grid)
                 self._look_up(s, w, entries)
+            self._done += 1
         except BaseException as error:
             self._failure = error
