@@ -180,6 +180,14 @@ def undisturbed(work: Callable[[], T]) -> T:
     return answers[0]
 
 
+if hasattr(os, "register_at_fork"):  # a fork waits for the work, which no thread of it would end
+    os.register_at_fork(
+        before=_one_at_a_time.acquire,
+        after_in_parent=_one_at_a_time.release,
+        after_in_child=_one_at_a_time.release,
+    )
+
+
 def not_written(path: Path, problem: BaseException, option: str = "--out") -> OutputError:
     """The error of a file that cannot be written.
 
