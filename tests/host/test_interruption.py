@@ -5,6 +5,7 @@ import random
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import pytest
@@ -153,6 +154,30 @@ def test_undisturbed_work_gives_its_answer_or_its_failure():
     assert undisturbed(lambda: None) is None
     with pytest.raises(ZeroDivisionError):
         undisturbed(lambda: 1 / 0)
+
+
+def test_a_process_that_is_forked_during_work_can_work():
+    """Its copy of a lock that a thread of the other has would stay taken for ever."""
+    begun, done, ended = threading.Event(), threading.Event(), threading.Event()
+
+    def work():
+        begun.set()
+        done.wait()
+        ended.set()
+
+    working = threading.Thread(target=undisturbed, args=(work,))
+    working.start()
+    begun.wait()
+    threading.Timer(0.1, done.set).start()
+    process = os.fork()
+    if process == 0:
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.alarm(20)  # kills a process that waits
+        os._exit(undisturbed(lambda: 5))
+    assert os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]) == 5
+    assert ended.is_set()
+    working.join()
+    assert undisturbed(lambda: 6) == 6
 
 
 def test_processes_end_with_the_one_that_began_them(tmp_path):

@@ -264,6 +264,9 @@ def test_kernel_of_a_weaker_region_is_refused_for_safety(cart, tmp_path):
     assert load_scenario(str(path)).run().viable == 1, "checked at the nodes, without its scenario"
     with pytest.raises(ScenarioError, match="is not within region"):
         load_scenario(str(path), [NARROW]).run()
+    no_number = "region.constraints.right={expression='log(x) - 9', unit='m'}"
+    with pytest.raises(ScenarioError, match="violates 'right' by nan m"):
+        load_scenario(str(path), [no_number]).run()
 
 
 def test_a_kernel_that_does_not_fit_into_memory_is_read_where_the_runs_are(

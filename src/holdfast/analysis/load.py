@@ -56,8 +56,8 @@ def load(
     with an index (FOLDER#NAME) or of one on the web (https://...#NAME), whose digest is checked.
     lazy: whether the values of a value function stay in the file, and what is asked of it reads the
     chunks that it needs; by default those of `LARGE` bytes or more (256 MiB). cache: of these, MiB
-    of chunks that are kept in memory. Such a file stays open, and is not to be written to. Numbers
-    that another program packed (scale_factor, add_offset) are read as a whole.
+    of chunks that are kept in memory. Such a file stays open; one that was written to since is
+    refused. Numbers that another program packed (scale_factor, add_offset) are read as a whole.
 
     Files of older formats are read too. Raises `OutputError` if the file is damaged, is not one of
     from holdfast, has a newer format than this version knows, or lacks variables.

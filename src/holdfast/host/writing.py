@@ -30,7 +30,7 @@ LONGEST = 80
 _HOST = re.sub(r"[^A-Za-z0-9]+", "_", socket.gethostname())[:60] or "host"
 _LEFT_OVER = re.compile(r"\..*\.by-(?P<host>\w+)-(?P<process>\d+)-[0-9a-f]{16}\.partial")
 _unfinished: set[Path] = set()
-_one_at_a_time = threading.Lock()
+_one_at_a_time = threading.RLock()
 _thread = threading.local()
 
 
@@ -178,6 +178,14 @@ def undisturbed(work: Callable[[], T]) -> T:
     if failures:
         raise failures[0]
     return answers[0]
+
+
+if hasattr(os, "register_at_fork"):  # a fork waits for the work, which no thread of it would end
+    os.register_at_fork(
+        before=_one_at_a_time.acquire,
+        after_in_parent=_one_at_a_time.release,
+        after_in_child=_one_at_a_time.release,
+    )
 
 
 def not_written(path: Path, problem: BaseException, option: str = "--out") -> OutputError:

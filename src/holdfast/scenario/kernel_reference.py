@@ -142,7 +142,7 @@ def check_implies(
                 continue
             found = rows.values(columns)
             row, j = np.unravel_index(int(found.argmax()), found.shape)
-            if found[row, j] > 1e-9:
+            if not found[row, j] <= 1e-9:  # nor is what is not a number within
                 c = region.inequalities[j]
                 shown = ", ".join(
                     f"{n} = {v:.3g}" for n, v in zip(names, columns[row], strict=True)

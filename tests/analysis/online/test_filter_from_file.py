@@ -10,6 +10,7 @@ import sympy as sp
 import holdfast as hf
 from holdfast.errors import OutputError, SimulationError
 from holdfast.execution import table_in_parts
+from holdfast.execution.simulation import fetching
 from tests.carts import BOX, STATES, WALLS, X, cart, swinging
 
 MARGIN = 0.1
@@ -196,6 +197,39 @@ def test_a_damaged_part_of_the_file_ends_the_runs_and_the_filter(both, monkeypat
     again = filters(both, states=["x"])[0]
     assert again.step([0.2], [0.1]).input.tobytes() == first.input.tobytes()
     assert again.step([-0.8], [0.1], 0.02).input == keep.step([-0.8], [0.1], 0.02).input
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_an_interruption_before_the_first_line_of_a_look_up_is_not_lost(both, monkeypatch):
+    """Python raises it in a function that C calls, and goes on."""
+    monkeypatch.setattr(table_in_parts, "is_room_for", lambda needed: False)
+    made, left = fetching._fetching, []
+
+    def interrupted(*of):
+        called = made(*of)
+
+        def first(*given):
+            if left.pop():
+                raise KeyboardInterrupt
+            called(*given)
+
+        return first
+
+    monkeypatch.setattr(fetching, "_fetching", interrupted)
+    for options, seen in (({}, [0.1, 0.2]), ({"states": ["x"]}, [0.1])):
+        inside, stored = filters(both, **options)
+        left[:] = [False, True]
+        with pytest.raises(KeyboardInterrupt):
+            stored.step(seen, [0.3], 0.0)
+        a, b = (f.step(seen, [0.3], 0.0) for f in (inside, stored))
+        assert a.input.tobytes() == b.input.tobytes()
+        assert a.status is b.status
+    left[:] = [False, True, False, False]
+    with pytest.raises(KeyboardInterrupt):
+        hf.simulate(
+            cart(), filters(both)[1].law, starts=[[0.1, 0.2]], horizon=0.4,
+            command=lambda t, q: q[:, :1],
+        )  # fmt: skip
 
 
 def refused(size, what, remedy):

@@ -207,6 +207,19 @@ def test_a_file_that_is_replaced_is_not_read_in_place_of_the_one_that_was_sent(t
         pickle.loads(sent)
 
 
+def test_a_file_that_is_written_over_is_not_read_on(tmp_path):
+    path = made().save(tmp_path / "v.nc")
+    other = made(dtype=np.float64).save(tmp_path / "other.nc")
+    lazy = hf.load(path, lazy=True)
+    renamed = hf.load(other, lazy=True)
+    found = renamed.values().copy()
+    other.rename(tmp_path / "renamed.nc")
+    assert np.array_equal(renamed.values(), found, equal_nan=True)
+    path.write_bytes((tmp_path / "renamed.nc").read_bytes())
+    with pytest.raises(OutputError, match="is not the file that it was"):
+        lazy.at(states(3))
+
+
 def test_a_file_that_is_replaced_while_it_is_opened_is_refused(tmp_path, monkeypatch):
     path = made().save(tmp_path / "v.nc")
     read = load_module.read_netcdf

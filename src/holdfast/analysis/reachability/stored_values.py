@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import threading
 import weakref
 from collections import OrderedDict, deque
@@ -44,7 +45,10 @@ class Stamp:
     def of(cls, path: Path) -> Stamp:
         """That of a file; raises `ScenarioError` where there is none."""
         check_file(path)
-        found = path.stat()
+        return cls.of_status(path.stat())
+
+    @classmethod
+    def of_status(cls, found: os.stat_result) -> Stamp:
         return cls(found.st_size, found.st_mtime_ns)
 
 
@@ -56,6 +60,12 @@ class _File:
 
         self.dataset = _read(lambda: Dataset(path))
         weakref.finalize(self, _unused.append, self.dataset)
+        self._descriptor = os.open(path, os.O_RDONLY)  # after it, to be of this file or a later one
+        weakref.finalize(self, os.close, self._descriptor)
+
+    def stamp(self) -> Stamp:
+        """That of the open file, which may have another name by now."""
+        return Stamp.of_status(os.fstat(self._descriptor))
 
 
 class StoredValues:
@@ -100,12 +110,15 @@ class StoredValues:
 
     def _opened(self) -> _File:
         file = _File(self.path)
-        if Stamp.of(self.path) != self.stamp:
+        self._check_same(file)
+        return file
+
+    def _check_same(self, file: _File) -> None:
+        if file.stamp() != self.stamp:
             raise OutputError(
                 f"{self.path} is not the file that it was when its values were loaded",
                 remedy="load it again",
             )
-        return file
 
     def __getstate__(self) -> tuple[Path, str, int, None, Stamp]:
         return self.path, self.name, self.room, None, self.stamp
@@ -188,10 +201,12 @@ class StoredValues:
         try:
             found: AnyArray = _read(lambda: np.asarray(self._variable[key], self.dtype))
         except (RuntimeError, OSError, MemoryError) as error:
+            self._check_same(self._file)
             raise OutputError(
                 f"{self.path} is damaged: a part of '{self.name}' cannot be read ({error})",
                 remedy="compute it again, or fetch it again",
             ) from None
+        self._check_same(self._file)
         self.chunks_read += 1
         self.bytes_read += found.nbytes
         return found

@@ -126,9 +126,12 @@ class Blocks(BlockNumbers):
 
     def stage(self, name: str) -> None:
         """One part of a sample of every block."""
-        if name == "control" and self.fetching is not None:
-            self.fetching.begin(self.rows("look"), self.rows("alive"))
-        self._call_all(self.functions.stages[STAGES.index(name)])
+        looks_up = name == "control" and self.fetching is not None
+        if self.fetching is not None:
+            self.fetching.begin()
+        self._call_all(
+            self.functions.stages[STAGES.index(name)], look_ups=len(self.w) if looks_up else 0
+        )
 
     def begin_records(self) -> int:
         """Room for the next records, written by the stage `record`; how many."""
@@ -153,14 +156,16 @@ class Blocks(BlockNumbers):
             self._call_all(self.functions.first)
         self._call_all(self.functions.sample)
 
-    def _call_all(self, function: Callable[..., None], stop: Whole | None = None) -> None:
+    def _call_all(
+        self, function: Callable[..., None], stop: Whole | None = None, look_ups: int = 0
+    ) -> None:
         stop = NEVER if stop is None else stop
         for w, s in zip(self.w, self.s, strict=True):
             function(
                 w.ctypes.data, s.ctypes.data, self.functions.addresses.ctypes.data, stop.ctypes.data
             )
         if self.fetching is not None:
-            self.fetching.end()
+            self.fetching.end(look_ups)
 
     def write_notes(self, out: Trajectories, first: int) -> None:
         """What is known of each run at its end, to the arrays `out` from the run `first` on."""

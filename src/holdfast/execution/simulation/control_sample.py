@@ -61,7 +61,6 @@ class ControlSamples:
         self._off = self.blocks.rows("off_at")
         self._first, self._answer = functions.first, functions.answer
         self._memory = self.blocks.rows("memory")
-        self._looked_up, self._alive = self.blocks.rows("look"), self.blocks.rows("alive")
         self._before = self._memory.copy()
         self._one = self.blocks.w[0], self._seen[0], self._time[0], self._pointers[0]
         self.begun = False
@@ -152,11 +151,11 @@ class ControlSamples:
         fetching = self.blocks.fetching
         assert fetching is not None
         before = self._memory.copy()
-        fetching.begin(self._looked_up, self._alive)
-        for pointers in self._pointers:
-            self._answer(*pointers)
         try:
-            fetching.end()
+            fetching.begin()
+            for pointers in self._pointers:
+                self._answer(*pointers)
+            fetching.end(len(self._pointers))
         except BaseException:
             self._memory[:] = before
             raise

@@ -9,15 +9,24 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from holdfast.execution.arrays import AnyArray, Array
+from holdfast.execution.arrays import AnyArray
 from holdfast.execution.simulation.layout import Layout
 from holdfast.execution.table_in_parts import TableInParts
 
 _PART = ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int64
+
+
+@dataclass
+class _Noted:
+    """What was raised, and how many look-ups were done."""
+
+    failure: BaseException | None = None
+    done: int = 0
 
 
 class Fetching:
@@ -29,10 +38,10 @@ class Fetching:
     def __init__(
         self, table: TableInParts, grid: tuple[AnyArray, ...], layout: Layout, look_up: int
     ) -> None:
-        self._failures: list[BaseException] = []
+        self._noted = _Noted()
         # no method of this object, or the table would stay until a collection
         self._function = ctypes.CFUNCTYPE(None, *_PART)(
-            _fetching(table, grid, layout, ctypes.PYFUNCTYPE(None, *_PART)(look_up), self._failures)
+            _fetching(table, grid, layout, ctypes.PYFUNCTYPE(None, *_PART)(look_up), self._noted)
         )
         address = ctypes.c_void_p.from_buffer(self._function).value  # a cast would keep it
         assert address is not None
@@ -44,20 +53,25 @@ class Fetching:
         found[number] = self.address
         return found
 
-    def begin(self, looked_up: Array, alive: Array) -> None:
-        """Before the loop is called: what is not looked up in these rows is not a number.
+    def begin(self) -> None:
+        """Before the loop is called in the main thread, for as many look-ups as are told at `end`.
 
-        An interruption of the main thread may come before the first line of the function of Python,
-        and is lost.
+        What was raised in an earlier call that was interrupted before its end is forgotten.
         """
-        np.copyto(looked_up, np.nan, where=alive != 0.0)
+        self._noted.failure, self._noted.done = None, 0
 
-    def end(self) -> None:
-        """After the loop was called: raises what was raised in it."""
-        if self._failures:
-            failure = self._failures[0]
-            self._failures.clear()
+    def end(self, look_ups: int = 0) -> None:
+        """After the loop was called: raises what was raised in it.
+
+        look_ups: at least so many have to be done since `begin`. An interruption of the main thread
+        may come before the first line of the function that fetches: the loop goes on then without
+        the look-up, and what Python raised is lost, so that it is raised here.
+        """
+        failure, self._noted.failure = self._noted.failure, None
+        if failure is not None:
             raise failure
+        if self._noted.done < look_ups:
+            raise KeyboardInterrupt
 
 
 def _fetching(
@@ -65,7 +79,7 @@ def _fetching(
     grid: tuple[AnyArray, ...],
     layout: Layout,
     look_up: Callable[[int, int, int], None],
-    failures: list[BaseException],
+    noted: _Noted,
 ) -> Callable[[int, int, int], None]:
     """The function that the loop calls with the addresses of s and w, and the place of entries."""
     axes, width = layout.counts["look_at"], layout.width
@@ -73,7 +87,7 @@ def _fetching(
     rows, row = ctypes.c_double * (axes * width), ctypes.c_double * width
 
     def called(s: int, w: int, entries: int) -> None:
-        if failures:
+        if noted.failure is not None:
             return
         try:
             goes = np.ctypeslib.as_array(row.from_address(w + alive)) != 0.0
@@ -81,7 +95,8 @@ def _fetching(
             with table.using:
                 table.fetch_looked_up(places.T[goes], grid)
                 look_up(s, w, entries)
+            noted.done += 1
         except BaseException as error:
-            failures.append(error)
+            noted.failure = error
 
     return called
