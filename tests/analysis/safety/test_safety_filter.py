@@ -1,5 +1,6 @@
 """Laws from value functions: what a kernel promises is what the closed loop does."""
 
+import hashlib
 import math
 
 import numpy as np
@@ -215,6 +216,29 @@ def test_backward_set_reaches_its_target_through_anything():
 def test_value_of_other_bounds_is_refused(kernel):
     with pytest.raises(SimulationError, match="rates or the bounds"):
         hf.safety_law(cart(push=0.4), kernel)
+
+
+def two_pushes(*inputs):
+    a, b = (hf.symbol(n) for n in ("a", "b"))
+    return hf.System(
+        "pushed", STATES, tuple(hf.Quantity(n, "m/s^2") for n in inputs), {"x": V, "v": a - b},
+        input_bounds=hf.Box((-1, -0.1), (1, 0.1)),
+    )  # fmt: skip
+
+
+def test_value_of_other_inputs_with_the_same_bounds_is_refused():
+    """The first input of the kernel has the larger bounds, whatever its name."""
+    system = two_pushes("a", "b")
+    value = hf.viability_kernel(system, WALLS, hf.grid(system, BOX, 21), 0.2, scheme="upwind")
+    assert hf.safety_law(system, value).lookup is not None
+    with pytest.raises(SimulationError, match="rates or the bounds"):
+        hf.safety_law(two_pushes("b", "a"), value)
+    with pytest.raises(SimulationError, match="rates or the bounds"):
+        hf.safety_law(system, value.reported(definition="9b07eafac9e9d5bb"))
+    # files of before know nothing of names
+    said = [*system.rates.items(), system.input_bounds, system.disturbance_bounds]
+    digest = hashlib.sha256(repr(said).encode()).hexdigest()[:16]
+    assert hf.safety_law(system, value.reported(definition=digest)).lookup is not None
 
 
 POINT = STATES[:1]

@@ -179,8 +179,7 @@ def filter_of(
 def _check_parts(system: System, value: PartsValue, kept: int) -> None:
     """Refuse a kernel that is put together for another system, and one beside regions."""
     own = value.decomposition.system
-    names = [(s.state_names, s.input_names, s.disturbance_names) for s in (own, system)]
-    same = names[0] == names[1] and definition(own) == definition(system)
+    same = own.state_names == system.state_names and definition(own) == definition(system)
     numbers = [{q.name: float(q.value) for q in s.parameters} for s in (own, system)]
     if not (same and numbers[0] == numbers[1]):
         raise SimulationError(

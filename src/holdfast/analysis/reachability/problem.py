@@ -258,8 +258,23 @@ def _times(times: Sequence[float] | None, horizon: float) -> list[float]:
 
 
 def definition(system: System) -> str:
-    """A digest of what a system can do: its rates and bounds, as expressions of its parameters."""
-    said = [*system.rates.items(), system.input_bounds, system.disturbance_bounds]
+    """A digest of what a system can do: its rates and bounds, as expressions of its parameters.
+
+    Bounds are in the order of what they bound.
+    """
+    return _digest([*_able(system), system.input_names, system.disturbance_names])
+
+
+def is_defined_so(system: System, said: str) -> bool:
+    """Whether a digest, which may be one of former files without names, is that of a system."""
+    return said in (definition(system), _digest(_able(system)))
+
+
+def _able(system: System) -> list[object]:
+    return [*system.rates.items(), system.input_bounds, system.disturbance_bounds]
+
+
+def _digest(said: list[object]) -> str:
     return hashlib.sha256(repr(said).encode()).hexdigest()[:16]
 
 

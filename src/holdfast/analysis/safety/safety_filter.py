@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from holdfast.analysis.reachability.given import number
 from holdfast.analysis.reachability.node_sampler import Places
-from holdfast.analysis.reachability.problem import definition, with_disturbance
+from holdfast.analysis.reachability.problem import is_defined_so, with_disturbance
 from holdfast.analysis.reachability.stored_tables import Layers
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.arguments import checked
@@ -271,7 +271,7 @@ def decided(system: System, value: ValueFunction) -> System:
                 f"has {q.value:g}",
                 remedy="compute it again; to simulate another vehicle under this law, use plant",
             )
-    if report.definition not in ("", definition(system)):
+    if report.definition and not is_defined_so(system, report.definition):
         raise SimulationError(
             f"the rates or the bounds of system '{system.name}' are not those that the value "
             "function was computed with",
