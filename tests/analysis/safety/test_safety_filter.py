@@ -218,6 +218,12 @@ def test_value_of_other_bounds_is_refused(kernel):
         hf.safety_law(cart(push=0.4), kernel)
 
 
+@pytest.mark.parametrize("margin", [-0.1, math.nan, math.inf])
+def test_margin_that_is_outside_the_set_is_refused(kernel, margin):
+    with pytest.raises(SimulationError, match=r"margin is .*; expected 0 or more: below 0 is"):
+        hf.safety_law(cart(), kernel, swinging(), margin=margin)
+
+
 def two_pushes(*inputs):
     a, b = (hf.symbol(n) for n in ("a", "b"))
     return hf.System(

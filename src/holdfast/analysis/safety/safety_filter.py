@@ -67,9 +67,9 @@ def safety_law(
     last.
 
     Raises `SimulationError` for a value function of another system, or of a problem in which the
-    inputs do not maximise; for an empty set; for a rate too fast for the hold time and delay; for a
-    default margin that no state has; for a delay without a `law`; and for a `law` that has to
-    arrive by a value function that does not reach down to time 0.
+    inputs do not maximise; for an empty set; for a margin below 0; for a rate too fast for the hold
+    time and delay; for a default margin that no state has; for a delay without a `law`; and for a
+    `law` that has to arrive by a value function that does not reach down to time 0.
     """
     known = decided(system, value)
     check_not_empty(value)
@@ -82,6 +82,8 @@ def safety_law(
             )
         return optimal_law(known, lookup)
     check_pace(rate, sample_time, delay)
+    if margin is not None:
+        number("margin is ", margin, "0 or more: below 0 is outside", lambda v: 0 <= v < math.inf)
     kind = value.report.kind
     if kind in REACHED and (len(lookup.places) == len(system.states) or lookup.first_time > 0):
         raise SimulationError(
