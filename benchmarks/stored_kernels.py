@@ -4,7 +4,7 @@
 
 A kernel of six states is written, layer by layer, that no memory need hold; then it is opened, one
 state, a slice and a filter ask for what they need, and the bytes read are counted. The table of a
-law is exported to C as text and as a file. Numbers are in docs/large_kernels.md.
+law is exported to C as text and as a file. Numbers are in docs/kernel_store.md.
 """
 
 import argparse
