@@ -144,9 +144,8 @@ def sampled_margin(
 
     Raises `SimulationError` for an invalid sample time or delay.
     """
-    number(
-        "sample_time is ", sample_time, "a positive number of seconds", lambda v: 0 < v < math.inf
-    )
+    positive = "a positive number of seconds"
+    number("sample_time is ", sample_time, positive, lambda v: 0 < v < math.inf)
     number("delay is ", delay, "a number of seconds, 0 or more", lambda v: 0 <= v < math.inf)
     falls, reach = _Falls(system, value), 2.0 * value.report.cell
     while True:
