@@ -8,6 +8,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.analysis.decomposition.held_actuators import overshoot
+from holdfast.analysis.decomposition.parts_promise import check_parts
 from holdfast.errors import SimulationError
 from tests.parted_systems import box, late_cart, walls
 
@@ -57,6 +58,15 @@ def test_a_sample_time_or_a_delay_with_which_it_overshoots_is_refused(held, late
     assert furthest(held, late) > 1.001
     with pytest.raises(SimulationError, match=r"2\.167 times faster, would leave its share"):
         hf.parts_law(kernel(), command(), rate=1.0, margin=0.1, sample_time=held, delay=late)
+
+
+def test_optimal_inputs_are_refused_for_a_sample_time_that_is_too_long():
+    whole = {"x": (-1, 1), "v": (-1, 1), "actual_u": (-SHARE, SHARE)}
+    assert hf.parts_law(kernel(), sample_time=0.99 * LONGEST).lookup is not None
+    with pytest.raises(SimulationError, match="would leave its share"):
+        hf.parts_law(kernel(), sample_time=1.2 * LONGEST)
+    with pytest.raises(SimulationError, match="would leave its share"):
+        check_parts(kernel(), walls("x"), whole, sample_time=1.2 * LONGEST)
 
 
 def test_the_margin_counts_what_the_thrust_adds_while_an_input_is_held():

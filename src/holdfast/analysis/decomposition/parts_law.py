@@ -32,7 +32,8 @@ def parts_law(
     It is that of `safety_law` for the part, with the part's states and inputs as functions of the
     whole: of predicted actuators u = k w + (1 - k) a, with the choice w of the part. options: those
     of `safety_law`; its margin allows for everything that w and the actuators may do while u is
-    held. An input that the part does not need is kept within its bounds.
+    held. `sample_time` is checked for the optimal inputs too, if it is given. A filter keeps an
+    input that the part does not need within its bounds.
 
     Raises `SimulationError` for a value of several parts: these are systems of their own, whose
     laws are those of `safety_law`, and `PartsValue.inputs` gives the inputs of all of them; and for
@@ -43,12 +44,13 @@ def parts_law(
     system = value.decomposition.system
     of_part = solved.part.system
     asked = None
+    if law is not None or "sample_time" in options:
+        check_held(value, options)
     if law is not None:
         check_fit(system, law)
         if law.lookup is not None:
             raise DefinitionError(f"law '{law.name}' has a value function already")
         asked = Law("asked", of_part.states, dict.fromkeys(of_part.input_names, sp.S.Zero))
-        check_held(value, options)
         options = held_margin(value, solved, options)
     every = input_scales(system, scales or {})
     inside = {n: s for n, s in (scales or {}).items() if n in of_part.input_names}

@@ -90,7 +90,8 @@ def check_parts(
 
     The states are drawn uniformly in a box of all states and lie in the region. law: kept safe
     (`parts_law`), or None for the optimal inputs. Raises `SimulationError` for a value of several
-    parts, and where no state is promised.
+    parts, for a sample time in which actuators would leave their share, and where no state is
+    promised.
     """
     whole("runs: ", runs, 1)
     whole("seed: ", seed, 0)
@@ -102,8 +103,7 @@ def check_parts(
                 expected="intervals of all states of the whole system",
                 remedy="leave out the promise where states are relative or do not matter",
             )
-    options: dict[str, Any] = {"sample_time": sample_time, "rate": rate}
-    steered = parts_law(value, law, **(options if law is not None else {}))
+    steered = parts_law(value, law, sample_time=sample_time, rate=rate)
     known = with_disturbance(system, disturbance or {})
     inside, outside, promised = _drawn(value, region, box, runs, margin, seed)
     if not len(inside):
