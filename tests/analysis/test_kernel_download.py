@@ -14,14 +14,8 @@ from holdfast.analysis.kernel_index import INDEX, entry_of
 from holdfast.analysis.kernel_store import Store
 from holdfast.errors import OutputError
 from tests.served_files import served
-from tests.stored_cart import saved_cart
 
 FIRST = 3000
-
-
-@pytest.fixture(scope="module")
-def kernel(tmp_path_factory):
-    return saved_cart(tmp_path_factory.mktemp("kernel"))
 
 
 @pytest.fixture

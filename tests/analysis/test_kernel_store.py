@@ -13,18 +13,6 @@ from holdfast.analysis.kernel_store import Store
 from holdfast.errors import OutputError
 from holdfast.scenario.kernel_reference import named_kernel
 from tests.served_files import served
-from tests.stored_cart import kept_cart, saved_cart
-
-
-@pytest.fixture(scope="module")
-def kernel(tmp_path_factory):
-    return saved_cart(tmp_path_factory.mktemp("kernel"))
-
-
-@pytest.fixture
-def store(tmp_path, monkeypatch, kernel):
-    monkeypatch.setenv("HOLDFAST_STORE", str(tmp_path / "store"))
-    return kept_cart(*kernel)
 
 
 @pytest.fixture

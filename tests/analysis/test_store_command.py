@@ -4,25 +4,12 @@ import dataclasses
 
 import netCDF4
 import numpy as np
-import pytest
 from click.testing import CliRunner
 
 import holdfast as hf
 from holdfast.analysis.kernel_index import INDEX, entry_of, index_text
 from holdfast.analysis.kernel_store import Store
 from holdfast.commands.store import command
-from tests.stored_cart import kept_cart, saved_cart
-
-
-@pytest.fixture(scope="module")
-def kernel(tmp_path_factory):
-    return saved_cart(tmp_path_factory.mktemp("kernel"))
-
-
-@pytest.fixture
-def store(tmp_path, monkeypatch, kernel):
-    monkeypatch.setenv("HOLDFAST_STORE", str(tmp_path / "store"))
-    return kept_cart(*kernel)
 
 
 def test_the_command_adds_shows_checks_publishes_and_removes(tmp_path, kernel, monkeypatch):
