@@ -19,7 +19,7 @@ import sympy as sp
 
 from holdfast.analysis.decomposition.parts_value import ROUNDING, PartsValue, SolvedPart
 from holdfast.analysis.reachability.given import number
-from holdfast.analysis.safety.safety_filter import sampled_margin
+from holdfast.analysis.safety.safety_filter import possible_margin
 from holdfast.errors import SimulationError
 from holdfast.maths.decomposition.prediction import lags
 from holdfast.maths.definitions.sets.linear_image import LinearImage
@@ -83,16 +83,8 @@ def held_margin(
     bounds = system.input_bounds
     assert bounds is not None
     more = LinearImage(sp.ImmutableMatrix(sp.Float(wider) * sp.eye(bounds.dimension)), bounds)
-    margin = sampled_margin(
-        replace(system, input_bounds=more), solved.value.reported(definition=""), held, late
-    )
-    if not margin < (deepest := solved.value.highest()):
-        raise SimulationError(
-            f"V may fall by {margin:.3g} before an input answers, held for {held:g} s, and is "
-            f"nowhere above {deepest:.3g}",
-            remedy="take a shorter sample time or delay, or give a margin",
-        )
-    return {**options, "margin": margin}
+    wide, whole = replace(system, input_bounds=more), solved.value.reported(definition="")
+    return {**options, "margin": possible_margin(wide, whole, held, late)}
 
 
 def _times(options: Mapping[str, Any]) -> tuple[float, float]:

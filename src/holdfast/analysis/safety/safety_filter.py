@@ -93,13 +93,7 @@ def safety_law(
             remedy="compute it with times=[0, ...], or take the optimal inputs alone",
         )
     if margin is None:
-        margin = sampled_margin(system, value, sample_time, delay)
-        if not margin < (deepest := value.highest()):
-            raise SimulationError(
-                f"V may fall by {margin:.3g} before an input answers, held for {sample_time:g} s"
-                f"{_and_late(delay)}, and is nowhere above {deepest:.3g}",
-                remedy="take a shorter sample time or delay, or give a margin",
-            )
+        margin = possible_margin(system, value, sample_time, delay)
     return keep_value(known, law, lookup, rate=rate, margin=margin, scales=scales)
 
 
@@ -156,6 +150,20 @@ def sampled_margin(
         reach = margin  # from this depth a state may fall to the boundary
 
 
+def possible_margin(
+    system: System, value: ValueFunction, sample_time: float, delay: float
+) -> float:
+    """`sampled_margin`; raises `SimulationError` where no state has it."""
+    margin = sampled_margin(system, value, sample_time, delay)
+    if not margin < (deepest := value.highest()):
+        raise SimulationError(
+            f"V may fall by {margin:.3g} before an input answers, held for {sample_time:g} s"
+            f"{_and_late(delay)}, and is nowhere above {deepest:.3g}",
+            remedy="take a shorter sample time or delay, or give a margin",
+        )
+    return margin
+
+
 def worst_disturbance(
     system: System, value: ValueFunction, law: L, aimed_at: Region | None = None
 ) -> tuple[System, L]:
@@ -168,31 +176,6 @@ def worst_disturbance(
     parameters = () if aimed_at is None else aimed_at.parameters
     known = decided(system, value)
     return against_the_worst(known, law, lookup_of(value), margin, steps, parameters)
-
-
-def optimal_inputs(
-    system: System, value: ValueFunction, plane: tuple[str, str], held: Mapping[str, float]
-) -> tuple[dict[str, Array], tuple[Array, Array]]:
-    """At the nodes of a plane: the optimal inputs, and the two rates with the worst disturbance.
-
-    The states outside the plane are held. Arrays of shape (nodes of the first, of the second).
-    """
-    known = decided(system, value)
-    h = hamiltonian(known)
-    states = {q.name: q.symbol for q in known.states}
-    chosen = {q.symbol: h.inputs[q.name] for q in known.inputs}
-    chosen |= {q.symbol: h.disturbances[q.name] for q in known.disturbances}
-    rates = [known.rates[n].xreplace(chosen) for n in plane]
-    wanted = Evaluator(
-        [*h.inputs.values(), *rates], [*states.values(), *h.costates], known.parameters
-    )
-    axes = {a.name: a.nodes for a in value.grid.axes}
-    first, second = np.meshgrid(*(axes[n] for n in plane), indexing="ij")
-    columns = dict(held) | {plane[0]: first.ravel(), plane[1]: second.ravel()}
-    points = np.stack([np.broadcast_to(columns[n], first.size) for n in states], axis=1)
-    found = wanted.values(np.hstack([points, value.gradient(points)]), _parameters(value, known))
-    tables = [column.reshape(first.shape) for column in found.T]
-    return dict(zip(h.inputs, tables, strict=False)), (tables[-2], tables[-1])
 
 
 def lookup_of(value: ValueFunction) -> Lookup:
@@ -291,7 +274,7 @@ class _Falls:
         states = [q.symbol for q in known.states]
         self.value = value
         self.rise = Evaluator([h.value], [*states, *h.costates], known.parameters)
-        self.parameters = _parameters(value, known)
+        self.parameters = parameters_of(value, known)
         times = _times(value)
         known_at: list[float | None] = [None] if times is None else [float(t) for t in times]
         self.spans = list(pairwise(known_at))
@@ -335,6 +318,7 @@ def _near(
     return found.at(np.arange(len(found)))
 
 
-def _parameters(value: ValueFunction, system: System) -> dict[str, float]:
+def parameters_of(value: ValueFunction, system: System) -> dict[str, float]:
+    """The parameters of a system with the numbers that a value was computed with."""
     numbers = value.report.parameters
     return {q.name: numbers[q.name] for q in system.parameters if q.name in numbers}
