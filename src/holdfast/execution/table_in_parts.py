@@ -98,19 +98,18 @@ class TableInParts:
         """`look_up.slopes_at`, of which it fetches what it needs."""
         return self._found("slopes_many", points, grid, sloped=True)
 
-    def fetch(self, points: Array, grid: tuple[AnyArray, ...], *, sloped: bool) -> bool:
-        """Fetch what is read at points (count, axes); whether anything was missing."""
+    def fetch(self, points: Array, grid: tuple[AnyArray, ...], *, sloped: bool) -> None:
+        """Fetch what is read at points (count, axes) and missing."""
         nodes = _nodes(points, grid, sloped)
         with self.using:
             if self._known[nodes].all():
-                return False
+                return
             missing = np.unique(nodes[(nodes >= 0) & (self._known[nodes] == 0)])
             if len(missing):
                 if self._pages * PAGE > self.source.room:
                     self._forget()
                     missing = np.unique(nodes[nodes >= 0])
                 self._take(missing)
-            return bool(len(missing))
 
     def _take(self, missing: Whole) -> None:
         """Read these numbers from the source."""
@@ -121,12 +120,12 @@ class TableInParts:
         for size in (self.dtype.itemsize, 1):
             self._pages += int(np.count_nonzero(np.diff(missing * size // PAGE))) + 1
 
-    def fetch_looked_up(self, points: Array, grid: tuple[AnyArray, ...]) -> bool:
+    def fetch_looked_up(self, points: Array, grid: tuple[AnyArray, ...]) -> None:
         """`fetch` of what a law looks up: the value and the slopes at the nearest places."""
         low, steps, shape, periodic = grid
         ends = low + steps * (np.asarray(shape) - 1)
         nearest = np.minimum(np.maximum(points, low), ends)
-        return self.fetch(np.where(np.asarray(periodic, bool), points, nearest), grid, sloped=True)
+        self.fetch(np.where(np.asarray(periodic, bool), points, nearest), grid, sloped=True)
 
     def _forget(self) -> None:
         """Give all pages back."""

@@ -126,12 +126,8 @@ class Blocks(BlockNumbers):
 
     def stage(self, name: str) -> None:
         """One part of a sample of every block."""
-        looks_up = name == "control" and self.fetching is not None
-        if self.fetching is not None:
-            self.fetching.begin()
-        self._call_all(
-            self.functions.stages[STAGES.index(name)], look_ups=len(self.w) if looks_up else 0
-        )
+        look_ups = len(self.w) if name == "control" else 0
+        self._call_all(self.functions.stages[STAGES.index(name)], look_ups=look_ups)
 
     def begin_records(self) -> int:
         """Room for the next records, written by the stage `record`; how many."""
@@ -160,6 +156,8 @@ class Blocks(BlockNumbers):
         self, function: Callable[..., None], stop: Whole | None = None, look_ups: int = 0
     ) -> None:
         stop = NEVER if stop is None else stop
+        if self.fetching is not None:
+            self.fetching.begin()
         for w, s in zip(self.w, self.s, strict=True):
             function(
                 w.ctypes.data, s.ctypes.data, self.functions.addresses.ctypes.data, stop.ctypes.data

@@ -54,7 +54,7 @@ class Fetching:
         return found
 
     def begin(self) -> None:
-        """Before the loop is called in the main thread, for as many look-ups as are told at `end`.
+        """Before the loop is called, for as many look-ups as are told at `end`.
 
         What was raised in an earlier call that was interrupted before its end is forgotten.
         """
