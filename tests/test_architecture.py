@@ -1,6 +1,7 @@
 """The walls of the house: which room may import which, and that no room grows too large."""
 
 import ast
+import importlib.util
 import re
 import subprocess
 import sys
@@ -35,7 +36,17 @@ def test_contracts_name_rooms_only():
                 continue
             for room in line.split(" | "):
                 path = SOURCE.joinpath(*room.split(".")[1:])
-                assert path.is_dir() or path.with_suffix(".py").parent == SOURCE, room
+                at_the_top = path.parent == SOURCE and path.with_suffix(".py").is_file()
+                assert path.is_dir() or at_the_top, room
+
+
+def test_contracts_forbid_modules_that_exist():
+    """A contract on a name that is misspelt could not be broken."""
+    sources = [*FILES, *SOURCE.parent.joinpath("holdfast_check").rglob("*.py")]
+    used = {name for path in sources for name in imported(path)}
+    for contract in CONTRACTS:
+        for name in set(contract.get("forbidden_modules", ())) - used:
+            assert importlib.util.find_spec(name), (contract["name"], name)
 
 
 def test_layers_name_every_room():
