@@ -14,9 +14,6 @@ import pytest
 
 from holdfast.commands.main import main
 
-HEARS = (  # also where the tests run in the background, whose processes ignore the signal
-    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-)
 FAST = ["--set", "run.horizon=4", "--runs", "4"]
 
 
@@ -100,7 +97,7 @@ def ended(server):
 
 def started(code, *arguments):
     return subprocess.Popen(
-        [sys.executable, "-c", HEARS + code, *map(str, arguments)],
+        [sys.executable, "-c", code, *map(str, arguments)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
 

@@ -2,6 +2,7 @@
 
 import gc
 import os
+import signal
 
 os.environ.setdefault("SYMPY_CACHE_SIZE", "50000")  # many systems in one process
 
@@ -13,6 +14,8 @@ import sympy as sp
 import holdfast as hf
 
 np.seterr(all="raise", under="ignore")
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # in the background of a script
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # else no child could be interrupted
 gc.set_threshold(50_000)  # expressions and the compiler keep most of what they make
 
 

@@ -16,7 +16,7 @@ import xarray as xr
 
 import holdfast as hf
 from tests.c_code import needs_gcc
-from tests.command_line import FAST, HEARS, ONE_STATE, holdfast
+from tests.command_line import FAST, ONE_STATE, holdfast
 
 
 def test_version_is_printed():
@@ -335,7 +335,7 @@ def test_interruption_exits_130_and_leaves_no_partial_file(tmp_path):
     out = tmp_path / "out"
     process, terminal = on_a_terminal(
         "-c",
-        HEARS + "from holdfast.commands.main import main; main()",
+        "from holdfast.commands.main import main; main()",
         "run",
         "inspection",
         "--runs",
@@ -362,7 +362,7 @@ def test_interruption_exits_130_and_leaves_no_partial_file(tmp_path):
 
 def test_an_interruption_that_a_library_swallows_is_remembered():
     code = (
-        HEARS + "import os\n"
+        "import os, signal\n"
         "from holdfast.host.interruption import heed, listening\n"
         "ears = listening(); ears.__enter__()\n"
         "heed()\n"

@@ -19,11 +19,11 @@ import holdfast as hf
 from holdfast.analysis.online.interventions import Interventions
 from holdfast.host.terminal import Foot
 from holdfast.presentation.text.live import Live
-from tests.command_line import HEARS, called, started
+from tests.command_line import called, started
 from tests.decisions import START, camera_filter, drive, messages, pd, record, sample, stream
 from tests.scenario_files import EXTERNAL
 
-MAIN = HEARS + "from holdfast.__main__ import main; main()"
+MAIN = "from holdfast.__main__ import main; main()"
 
 
 @pytest.fixture

@@ -31,7 +31,7 @@ def test_interrupted_writes_leave_no_file_and_no_lock_behind(tmp_path):
     code = (
         BIG
         + """
-import random
+import random, signal
 moments = random.Random(0)
 begun = time.monotonic()
 write_netcdf(data, folder / "a.nc")
@@ -52,6 +52,21 @@ write_netcdf(data, folder / "b.nc")
     assert answer.returncode == 0, err
     assert out.count("interrupted") == 8
     assert sorted(f.name for f in tmp_path.iterdir()) == ["a.nc", "b.nc"]
+
+
+def test_interruptions_are_tested_where_a_script_has_the_tests_in_its_background(tmp_path):
+    """Its shell ignores SIGINT for them, and every process that they start would ignore it too."""
+    code = (
+        "import os, signal, sys\n"
+        "signal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+        "os.execv(sys.executable, [sys.executable, '-m', 'pytest', '-n', '0', *sys.argv[1:]])\n"
+    )
+    answer = started(
+        code, *("-p", "no:cacheprovider", "-k", "waits_for_ever and 1", "--timeout", "60", __file__)
+    )
+    out, err = answer.communicate(timeout=120)
+    assert answer.returncode == 0, out + err
+    assert "1 passed" in out
 
 
 def hung(where):

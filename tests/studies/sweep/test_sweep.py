@@ -26,7 +26,7 @@ from holdfast.studies.scenario_parameter import find_knob
 from holdfast.studies.sweep import sweep as module
 from holdfast.studies.sweep.axes import grid_cells, latin_cells, read_over
 from holdfast.studies.sweep.store import store
-from tests.command_line import HEARS, holdfast
+from tests.command_line import holdfast
 from tests.scenario_files import DRIFTING, LINE
 
 
@@ -348,7 +348,7 @@ MANY = 40
 
 
 def begun(cart, folder, *more):
-    code = HEARS + "from holdfast.commands.main import main; main()"
+    code = "from holdfast.commands.main import main; main()"
     words = [
         "sweep",
         cart,
