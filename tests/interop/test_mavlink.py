@@ -545,6 +545,43 @@ def test_vehicle_that_starts_again_is_measured_anew(link):
     assert record.state["x"] == -1.0
 
 
+def test_command_stays_live_where_the_vehicle_starts_again(link):
+    component, ground, boat, commands = link()
+    boat.states(START, 100.0)
+    ground.send(commands.of({"tau_u": 0.1, "tau_r": 0.0}, 1))
+    assert component.turn(0.0).lost == ""
+    boat.states(START, 0.2)
+    assert component.turn(0.02).lost == ""
+    assert component.counts.restarts == 1
+    boat.states(START, 0.5)
+    assert component.turn(0.3).lost == "command"  # as old as it is
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_position_and_attitude_that_come_apart_lose_no_command(link, seed):
+    """Each 20 times a second, up to 45 ms old when it comes, in any order among themselves."""
+    component, ground, boat, commands = link()
+    generator, lost, waiting = np.random.default_rng(seed), [], []
+    x, y, psi, *_ = START
+    for k in range(600):
+        now = 100.0 + 0.01 * k
+        if k % 5 == 0:
+            boot = round(1000 * now)
+            attitude = common.MAVLink_attitude_message(boot, 0, 0, -psi, 0, 0, 0)
+            place = common.MAVLink_local_position_ned_message(boot, x, -y, 0, 0, 0, 0)
+            for message in (attitude, place):
+                waiting.append((now + generator.uniform(0.0, 0.045), message))
+            ground.send(commands.of({"tau_u": 0.1, "tau_r": 0.0}, 1))
+        for one in [one for one in waiting if one[0] <= now]:
+            waiting.remove(one)
+            boat.send(one[1], sender=(1, 1))
+        record = component.turn(now)
+        if record is not None and k >= 10:
+            lost.append(record.lost)
+    assert len(lost) > 290
+    assert set(lost) == {""}
+
+
 def test_setpoints_of_velocity_are_filtered_for_a_robot(link):
     robot = hf.systems.unicycle()
     wall = hf.Region("wall", robot.states, (hf.Inequality("wall", hf.symbol("x") - 1, "m"),))

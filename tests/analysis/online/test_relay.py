@@ -5,6 +5,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import holdfast as hf
 from holdfast.errors import SimulationError
@@ -170,3 +172,122 @@ def test_clock_that_goes_back_begins_anew():
     assert relay.decide(9.0).status == "no measurement"
     relay.measured([-1.3, 0.2, 0, 0, 0, 0], 9.1)
     assert relay.decide(9.1).lost == "command"
+
+
+@pytest.fixture(scope="module")
+def far_away():
+    """A filter that changes no command, so that its input says which command it was given."""
+    cart = hf.System(
+        "cart", (hf.Quantity("x", "m"),), (hf.Quantity("u", "m/s"),), {"x": hf.symbol("u")},
+        input_bounds=hf.Box((-1e6,), (1e6,)),
+    )  # fmt: skip
+    end = hf.Region("end", cart.states, (hf.Inequality("end", hf.symbol("x") - 1e9),))
+    return hf.SafetyFilter(cart, end, fallback=[-1.0])
+
+
+PATIENCE = 0.25
+
+
+def newest(items, now):
+    """The last item with the latest time, of those that came, and that time."""
+    at, item = max(items, key=lambda one: one[0], default=(-math.inf, None))
+    return (at, item) if now - at <= PATIENCE else (-math.inf, None)
+
+
+def judged(relay, now, measured, commanded):
+    """The decision at a time is that on the newest of what came, and what is lost is lost."""
+    record = relay.decide(now)
+    (_, state), (_, command) = newest(measured, now), newest(commanded, now)
+    if state is None:
+        assert (record.lost, record.status) == ("measurement", "no measurement")
+    elif command is None:
+        assert (record.lost, record.state) == ("command", {"x": state})
+    else:
+        assert (record.lost, record.state, record.input) == ("", {"x": state}, {"u": command})
+    return record
+
+
+MESSAGES = st.lists(
+    st.tuples(
+        st.booleans(),  # a command, or a measurement
+        st.integers(0, 60),  # the hundredth of a second of its time
+        st.integers(0, 40),  # how many later it comes
+    ),
+    max_size=40,
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(MESSAGES, st.integers(1, 4))
+def test_what_is_live_is_never_lost_whatever_its_age_and_order(far_away, messages, every):
+    """Measurements and commands of any age, in any order, between samples of any rate."""
+    relay = hf.Relay(far_away, patience=PATIENCE)
+    queue = sorted(enumerate(messages), key=lambda one: one[1][1] + one[1][2])
+    come = ([], [])
+    for tick in range(0, 110, every):
+        while queue and sum(queue[0][1][1:]) <= tick:
+            number, (is_command, at, _) = queue.pop(0)
+            give = relay.commanded if is_command else relay.measured
+            give([float(number)], at / 100)
+            come[is_command].insert(0, (at / 100, float(number)))
+        judged(relay, tick / 100, *come)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.integers(0, 24),  # hundredths of a second that measurements are old
+    st.integers(0, 24),  # and commands
+    st.integers(100, 10_000),  # hundredths that the clock is set back by
+    st.booleans(),  # whether the commands go on
+)
+def test_clock_that_is_set_back_by_seconds_is_noticed_and_what_follows_counts(
+    far_away, measured_age, commanded_age, back, go_on
+):
+    relay, shift = hf.Relay(far_away, patience=PATIENCE), 0
+    for tick in range(200, 320, 2):
+        if tick == 260:
+            shift = back
+        if tick >= 200 + measured_age and not 260 <= tick < 260 + measured_age:
+            relay.measured([float(tick)], (tick - shift - measured_age) / 100)
+        if tick >= 200 + commanded_age and (tick < 260 or (go_on and tick >= 260 + commanded_age)):
+            relay.commanded([float(tick)], (tick - shift - commanded_age) / 100)
+        record = relay.decide((tick - shift) / 100)
+        if tick < 200 + max(measured_age, commanded_age):
+            continue
+        if tick < 260:
+            assert (record.lost, record.input) == ("", {"u": float(tick)})
+        elif tick < 260 + measured_age:
+            assert record.lost == "measurement"
+            assert tick > 260 or "since the clock was set back by" in record.why
+        elif not go_on or tick < 260 + commanded_age:  # that of before is not taken for a new one
+            assert (record.lost, record.state) == ("command", {"x": float(tick)})
+        else:
+            assert (record.lost, record.input) == ("", {"u": float(tick)})
+
+
+def test_measurement_that_is_always_older_than_the_last_command_loses_no_command():
+    """5 ms old, at 50 Hz."""
+    vehicle, keep = camera_filter()
+    relay, boat = hf.Relay(keep), hf.Plant(vehicle, [-1.3, 0.75, -0.35, 0, 0, 0])
+    for k in range(400):
+        now = 10.0 + 0.02 * k
+        relay.commanded(pd(boat.state), now)
+        relay.measured(boat.state, now - 0.005)
+        record = relay.decide(now)
+        assert record.lost == ""
+        boat.step(record.input)
+
+
+def test_times_that_the_clock_has_not_reached_count_as_those_of_the_next_decision(far_away):
+    """A sensor whose clock is an hour ahead is lost after the patience, not after an hour."""
+    relay = hf.Relay(far_away, patience=PATIENCE)
+    for k in range(10):
+        now = 0.02 * k
+        relay.measured([1.0], now + 3600.0)
+        relay.commanded([2.0], now)
+        assert relay.decide(now).lost == ""
+    relay.commanded([2.0], 0.4)
+    assert relay.decide(0.42).lost == ""
+    assert relay.decide(0.44).lost == "measurement"
+    relay.measured([3.0], 0.45)
+    assert relay.decide(0.46).state == {"x": 3.0}

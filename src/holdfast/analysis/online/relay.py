@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
 
+Item = TypeVar("Item")
+
 AGAIN = 0.25
 """Seconds after which the sentence of an intervention that goes on is made again."""
 
@@ -28,8 +30,14 @@ class Relay:
     measurement or a command may be. Without a newer command the filter is asked about its
     `fallback` instead, so that the vehicle slows down inside its constraints; without a newer
     measurement the input is the `fallback`, and nothing is promised; afterwards an observer begins
-    anew. All times are those of one clock, in seconds: that of the receiver. Where it goes back,
-    what was received before counts no more.
+    anew.
+
+    All times are those of one clock, in seconds: that of the receiver. The clock is read at
+    decisions. A measurement or a command has the time at which it was taken or received, which may
+    lie before the last decision and before the time of the other: that is its age. Of several the
+    one with the latest time counts, in whatever order they come; a time that the clock has not
+    reached counts as that of the next decision. Where a decision is earlier than the one before,
+    the clock was set back: what was received before counts no more, because its age is not known.
 
     Raises `SimulationError` for a patience that is not positive; its methods do for wrong names or
     shapes, for measured disturbances that are missing, and for times that are not finite.
@@ -43,48 +51,57 @@ class Relay:
         self.states, self.commands = keep.measured_states, keep.system.input_names
         keep.prepare()
         self._nothing = np.full(len(self.states), math.nan)
+        self._measurement = _Stream[tuple[Array, Array | None]]()
+        self._command = _Stream[Array]()
         self.reset()
 
     def reset(self) -> None:
         """Begin anew: nothing was received, and the time of the filter is 0."""
+        self._measurement.forget()
+        self._command.forget()
+        self._begin(-math.inf, "yet")
+
+    def _begin(self, now: float, since: str) -> None:
+        """Begin with the clock at `now` [s]; since: when what never came was last waited for."""
         self.keep.reset()
-        self._state, self._command = self._nothing, self.keep.fallback
         self._felt: Array | None = None
-        self._measured_at = self._commanded_at = -math.inf
-        self._began, self._missing, self._last = math.nan, False, -math.inf
-        self._said, self._said_at = "", -math.inf
+        self._began, self._missing, self._clock = math.nan, False, now
+        self._since, self._said, self._said_at = since, "", -math.inf
 
     def measured(self, state: Given, now: float, disturbance: Given | None = None) -> None:
-        """A measurement of the states that the filter is given, received at `now` [s]."""
-        now, found, felt = self._time(now), numbers(state, self.states, "state"), None
+        """A measurement of the states that the filter is given, taken or received at `now` [s]."""
+        at, found, felt = _time(now), numbers(state, self.states, "state"), None
         if self.keep.measured_disturbances:
             names = self.keep.measured_disturbances
             felt = numbers(() if disturbance is None else disturbance, names, "disturbance")
-        self._state, self._felt, self._measured_at = found, felt, now
+        self._measurement.take(at, (found, felt))
 
     def commanded(self, command: Given, now: float) -> None:
-        """A command, received at `now` [s]."""
-        now, self._command = self._time(now), numbers(command, self.commands, "command")
-        self._commanded_at = now
+        """A command, given or received at `now` [s]."""
+        self._command.take(_time(now), numbers(command, self.commands, "command"))
 
     def decide(self, now: float) -> DecisionRecord:
         """The decision at `now` [s], and what the vehicle is to be given."""
-        now = self._time(now)
+        now = self._advance(now)
         lost, age = "", 0.0
-        if not now - self._commanded_at <= self.patience:
-            lost, age = "command", now - self._commanded_at
-        if not now - self._measured_at <= self.patience:
-            lost, age = "measurement", now - self._measured_at
+        if not now - self._command.at <= self.patience:
+            lost, age = "command", now - self._command.at
+        if not now - self._measurement.at <= self.patience:
+            lost, age = "measurement", now - self._measurement.at
         if self._missing and lost != "measurement":
             self._begin_again(now)
         self._missing = lost == "measurement"
-        state = self._nothing if self._missing else self._state
-        command = self.keep.fallback if lost else self._command
+        state, command = self._nothing, self.keep.fallback
+        if self._measurement.newest is not None:
+            measured, self._felt = self._measurement.newest
+            state = self._nothing if self._missing else measured
+        if self._command.newest is not None and not lost:
+            command = self._command.newest
         return self._recorded(self._asked(state, command, now), now, lost, age, state)
 
     def unknown(self, now: float) -> DecisionRecord:
         """The decision where a sample came of which nothing can be believed: the fallback."""
-        now = self._time(now)
+        now = self._advance(now)
         nothing = np.full(len(self.commands), math.nan)
         decision = self._asked(self._nothing, nothing, now)
         return self._recorded(decision, now, "", 0.0, self._nothing)
@@ -98,20 +115,24 @@ class Relay:
             felt = np.zeros(len(self.keep.measured_disturbances))
         return self.keep.step(state, command, t=now - self._began, disturbance=felt)
 
-    def _time(self, now: float) -> float:
-        """The time, checked; where it goes back, what was received before counts no more."""
-        found = time_of(now, 0, 0.0) if now is not None else math.nan
-        if not math.isfinite(found):
-            raise SimulationError(f"now is {now!r}"[:80], expected="a number of seconds")
-        if found < self._last:
-            self.reset()
-        self._last = found
-        return found
+    def _advance(self, now: float) -> float:
+        """The clock, checked; where it was set back, what was received before counts no more."""
+        now = _time(now)
+        back = self._clock - now
+        for stream in (self._measurement, self._command):
+            stream.advance(now, set_back=back > 0.0)
+        if back > 0.0:
+            self._begin(now, f"since the clock was set back by {back:.2g} s")
+        self._clock = now
+        return now
 
     def _begin_again(self, now: float) -> None:
         """Forget what was estimated before the gap, and not that the fallback was given in it."""
         self.keep.reset()
         self._asked(self._nothing, self.keep.fallback, now)
+
+    def _while(self, age: float) -> str:
+        return self._since if math.isinf(age) else f"for {age:.2g} s"
 
     def _recorded(
         self, decision: Decision, now: float, lost: str, age: float, state: Array
@@ -121,11 +142,11 @@ class Relay:
         if kind == self._said and now - self._said_at < AGAIN:
             why = ""
         elif lost == "measurement":
-            why = f"no measurement {_since(age)}: the input is the fallback"
+            why = f"no measurement {self._while(age)}: the input is the fallback"
         elif decision.status is Status.PASSED:
-            why = f"no command {_since(age)}: the filter's fallback is taken" if lost else ""
+            why = f"no command {self._while(age)}: the filter's fallback is taken" if lost else ""
         else:
-            why = f"no command {_since(age)}: " if lost else ""
+            why = f"no command {self._while(age)}: " if lost else ""
             why += decision.why
         if kind != self._said or why:
             self._said, self._said_at = kind, now
@@ -145,8 +166,45 @@ class Relay:
         )
 
 
-def _since(age: float) -> str:
-    return "yet" if math.isinf(age) else f"for {age:.2g} s"
+class _Stream(Generic[Item]):
+    """The item with the latest time among those that came, and that time [s]."""
+
+    def __init__(self) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        """Nothing came."""
+        self.newest: Item | None = None
+        self.at = -math.inf
+        self._latest: tuple[float, Item] | None = None
+        self._last: tuple[float, Item] | None = None
+
+    def take(self, at: float, item: Item) -> None:
+        """An item of the time `at` [s], for the next decision."""
+        self._last = (at, item)
+        if self._latest is None or at >= self._latest[0]:
+            self._latest = self._last
+
+    def advance(self, now: float, *, set_back: bool) -> None:
+        """The decision at `now` [s]: what came since the one before is judged by that clock.
+
+        Where the clock was set back, only an item that came since then can be of the new clock,
+        and only the last one is taken to be.
+        """
+        come, last = self._latest, self._last
+        if set_back:
+            self.forget()
+            come = last if last is not None and last[0] <= now else None
+        if come is not None and come[0] >= self.at:
+            self.at, self.newest = min(come[0], now), come[1]
+        self._latest = self._last = None
+
+
+def _time(now: float) -> float:
+    found = time_of(now, 0, 0.0) if now is not None else math.nan
+    if not math.isfinite(found):
+        raise SimulationError(f"now is {now!r}"[:80], expected="a number of seconds")
+    return found
 
 
 def _named(names: tuple[str, ...], values: Any) -> Mapping[str, float]:

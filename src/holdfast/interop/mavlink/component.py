@@ -215,6 +215,8 @@ class SafetyComponent(Closing):
         found = self._measurements.take(message, now)
         if self._measurements.restarts > restarts:
             self.relay.reset()
+            if self._like is not None:  # its age is what it was
+                self.relay.commanded(self._read, self._commanded)
         if found is not None:
             states, received = found
             self.relay.measured({n: states[n] for n in self.relay.states}, received)
