@@ -11,6 +11,7 @@ from sympy.integrals.quadrature import gauss_legendre
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.quantity import symbol
+from holdfast.maths.expressions.canonical import canonical
 
 NODES = 16
 
@@ -68,8 +69,8 @@ class FlatOutput:
     antiderivatives: tuple[Antiderivative, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "first", sp.sympify(self.first))
-        object.__setattr__(self, "last", tuple(map(sp.sympify, self.last)))
+        object.__setattr__(self, "first", canonical(self.first))
+        object.__setattr__(self, "last", tuple(map(canonical, self.last)))
         if not self.last:
             raise DefinitionError("a flat output has no last coordinate", expected="z1 and zn")
 

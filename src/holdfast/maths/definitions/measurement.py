@@ -11,6 +11,7 @@ from holdfast.arguments import checked
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import Quantity
 from holdfast.maths.definitions.switching import Switching, Transition
+from holdfast.maths.expressions.canonical import canonical
 
 if TYPE_CHECKING:
     from holdfast.maths.definitions.system import System
@@ -25,7 +26,7 @@ class Measurement(Quantity):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "expression", sp.sympify(self.expression))
+        object.__setattr__(self, "expression", canonical(self.expression))
 
 
 def by_measurements(system: System, law: Law | Switching) -> Law | Switching:

@@ -13,8 +13,10 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
-from holdfast.maths.expressions.traversal import symbols_of
+from holdfast.maths.expressions.canonical import canonical
+from holdfast.maths.expressions.traversal import parts
 from holdfast.maths.expressions.vocabulary import FUNCTIONS
+from holdfast.maths.expressions.written import FUNCTIONS as COMPILED
 
 TIME = sp.Symbol("t", real=True)
 """Time in seconds, the only symbol that every expression may use undeclared."""
@@ -27,6 +29,9 @@ SAMPLE_TIME = sp.Symbol("sample_time", real=True)
 
 DELAY = sp.Symbol("delay", real=True)
 """Seconds from a measurement to the law that uses it; only gain conditions use it."""
+
+_COMPILED = (*COMPILED.values(), sp.Tuple)
+"""Classes of what expressions may be made of, all of which a file of a definition can have too."""
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _RESERVED = frozenset(("t", "time_in_mode", "sample_time", "delay", "pi", "diff", *FUNCTIONS))
@@ -116,8 +121,8 @@ def merge_parameters(*groups: Iterable[Parameter]) -> tuple[Parameter, ...]:
 
 
 def frozen(expressions: Mapping[str, object]) -> Mapping[str, sp.Expr]:
-    """A mapping of expressions that cannot be changed."""
-    return MappingProxyType({name: sp.sympify(e) for name, e in expressions.items()})
+    """A mapping of expressions, in canonical form, that cannot be changed."""
+    return MappingProxyType({name: canonical(e) for name, e in expressions.items()})
 
 
 def whole_number(value: object, what: str, least: int, most: int) -> int:
@@ -149,10 +154,21 @@ def check_unique(names: Iterable[str], owner: str) -> None:
 def check_symbols(
     expressions: Mapping[str, sp.Expr], allowed: Iterable[sp.Symbol], owner: str
 ) -> None:
-    """Refuse an expression with a symbol that its owner does not declare."""
+    """Refuse an expression with a symbol that its owner does not declare, or a function that
+    cannot be compiled."""
     known = set(allowed)
     for what, expression in expressions.items():
-        unknown = sorted(str(s) for s in symbols_of([expression]) - known)
+        found = list(parts([expression]))
+        unknown = sorted(str(s) for s in found if isinstance(s, sp.Symbol) and s not in known)
+        for part in found:
+            if part.args and not isinstance(part, _COMPILED):
+                raise DefinitionError(
+                    f"{what} of {owner} uses '{type(part).__name__}', which cannot be compiled: "
+                    f"{part!s:.60}",
+                    expected="arithmetic and functions such as "
+                    + ", ".join(n for n in FUNCTIONS if n != "wrap")
+                    + "; wrap for an angle",
+                )
         if unknown:
             raise DefinitionError(
                 f"{what} of {owner} uses the undeclared name '{unknown[0]}'",

@@ -25,7 +25,8 @@ from holdfast.maths.definitions.quantity import (
     merge_parameters,
 )
 from holdfast.maths.definitions.scene import Shape
-from holdfast.maths.expressions.functions import greatest, magnitude
+from holdfast.maths.expressions.canonical import canonical
+from holdfast.maths.expressions.functions import greatest
 
 
 @checked
@@ -40,8 +41,7 @@ class Inequality:
     scale: float | None = None
 
     def __post_init__(self) -> None:
-        expression = sp.sympify(self.expression).replace(sp.Abs, magnitude)  # its kinks are known
-        object.__setattr__(self, "expression", expression)
+        object.__setattr__(self, "expression", canonical(self.expression))
         if self.scale is not None and not 0 < self.scale < math.inf:
             raise DefinitionError(
                 f"inequality '{self.name}' has the scale {self.scale:g}",

@@ -23,6 +23,7 @@ from holdfast.maths.definitions.quantity import (
     frozen,
     merge_parameters,
 )
+from holdfast.maths.expressions.canonical import canonical
 
 if TYPE_CHECKING:
     from holdfast.maths.definitions.system import System
@@ -42,7 +43,7 @@ class Transition:
     when: sp.Expr
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "when", sp.sympify(self.when))
+        object.__setattr__(self, "when", canonical(self.when))
 
 
 @checked

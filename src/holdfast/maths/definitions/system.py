@@ -24,6 +24,7 @@ from holdfast.maths.definitions.quantity import (
     frozen,
     merge_parameters,
 )
+from holdfast.maths.expressions.canonical import canonical
 from holdfast.maths.expressions.traversal import derivatives
 
 
@@ -41,7 +42,7 @@ class PfaffianRow:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "coefficients", frozen(self.coefficients))
-        object.__setattr__(self, "rhs", sp.sympify(self.rhs))
+        object.__setattr__(self, "rhs", canonical(self.rhs))
 
 
 @checked
