@@ -113,6 +113,7 @@ def filter_of(
     constraints: Region | None,
     measured: bool,
     worst: Sequence[str],
+    uncertain: Mapping[str, Sequence[float]] | None,
     scales: Mapping[str, float] | None,
 ) -> Made:
     """The law that hands on a command within what is kept; the options are of `SafetyFilter`."""
@@ -130,7 +131,7 @@ def filter_of(
     _check_options(
         bool(kernels), len(kernels) < len(kept), rate=rate, margin=margin, delay=delay,
         gains=gains, margins=margins, constraints=constraints, measured=measured,
-        worst=worst,
+        worst=worst, uncertain=uncertain,
     )  # fmt: skip
     if constraints is not None:
         place, first = next((k, x) for k, x in enumerate(kept) if isinstance(x, Region))
@@ -164,6 +165,7 @@ def filter_of(
             scales=scales,
             measured=measured,
             worst=worst,
+            uncertain=uncertain,
         )
 
     filters = [kept_in(part) for part in kept]
@@ -227,6 +229,7 @@ def _check_options(kernel: bool, region: bool, **given: Any) -> None:
         "constraints": None,
         "measured": False,
         "worst": (),
+        "uncertain": None,
     }
     for usual, has, whose in ((of_kernels, kernel, "region"), (of_regions, region, "kernel")):
         for name, value in usual.items():

@@ -50,7 +50,7 @@ class SafetyFilter:
     gives way first (`in_order`), and `Decision.gave_way` names what did.
     sample_time [s]: of your loop. delay [s]: how old a measurement is; a kernel's margin allows for
     it. rate [1/s], margin [unit of V]: of a kernel's filter, see `safety_law`. gains [1/s],
-    margins, constraints, worst: of a region, see `safeguard`. measured: whether `step` is given the
+    margins, constraints, worst, uncertain: of a region, see `safeguard`. measured: whether `step` is given the
     disturbances. states: names of those that are measured, if not all: an observer with that
     `bandwidth` [1/s] estimates the others and the disturbances (`observe`), with `error_bounds`
     [unit of each state] a guaranteed set of them, which follows a disturbance that changes within
@@ -82,6 +82,7 @@ class SafetyFilter:
         constraints: Region | None = None,
         measured: bool = False,
         worst: Sequence[str] = (),
+        uncertain: Mapping[str, Sequence[float]] | None = None,
         states: Sequence[str] | None = None,
         bandwidth: float = 2.0,
         error_bounds: Mapping[str, float] | None = None,
@@ -97,7 +98,7 @@ class SafetyFilter:
         made = filter_of(
             system, keep, delay=delay, sample_time=self.sample_time, rate=rate, margin=margin,
             gains=gains, margins=margins, constraints=constraints, measured=measured, worst=worst,
-            scales=scales,
+            uncertain=uncertain, scales=scales,
         )  # fmt: skip
         check_around_parts(made, states, rates)
         law: Law | Switching = made.law

@@ -14,7 +14,7 @@ input bounds admit them, a c_j that starts with c_j <= 0 and dc_j/dt + k1 c_j <=
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from numbers import Real
 from typing import TypeVar, cast
@@ -24,6 +24,7 @@ import sympy as sp
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.control.barrier_conditions import ViabilityCondition, viability_conditions
+from holdfast.maths.control.parameter_box import parameter_box
 from holdfast.maths.control.velocity_tracking import believed_disturbances
 from holdfast.maths.definitions.extension import both
 from holdfast.maths.definitions.law import Law, Safeguard
@@ -49,6 +50,7 @@ def safeguard(
     scales: Mapping[str, float] | None = None,
     measured: bool = False,
     worst: Sequence[str] = (),
+    uncertain: Mapping[str, Sequence[float]] | None = None,
 ) -> L:
     """`law` with a safety filter: the least change of its inputs that keeps `region` viable.
 
@@ -60,13 +62,15 @@ def safeguard(
     of `worst`; if not, it uses its believed values, or zero. worst: disturbances against which the
     conditions hold wherever in their bounds they are (robust control barrier function), such as
     what a model leaves unexplained: the condition of a constraint c has the support function of the
-    bounds at the coefficients of d in it. If no input is admissible, all conditions are relaxed by
+    bounds at the coefficients of d in it. uncertain: parameter of the system or the region ->
+    (least, largest), in its unit: the conditions hold for every model of this box; a parameter that
+    multiplies an input makes two of one (`parameter_box`). If no input is admissible, all conditions are relaxed by
     the same least amount, and the run counts such samples.
 
     A `Switching` is treated mode by mode. Raises `DefinitionError` for a law that does not give
     the system's inputs, a condition of relative degree above 2, inputs bounded by a ball or by
-    more actuators than inputs, a condition that is not affine in a disturbance of `worst`, and
-    invalid names or numbers.
+    more actuators than inputs, a condition that is not affine in a disturbance of `worst` or not
+    rational in an uncertain parameter, and invalid names or numbers.
     """
     pair = isinstance(gains, Sequence) and len(gains) == 2
     if not (pair and all(_is_number(k) and k > 0 for k in gains)):
@@ -78,6 +82,7 @@ def safeguard(
             f"measured of the safeguard is {measured!r}", expected="true or false"
         )
     region = region if constraints is None else both(region, constraints)
+    box = parameter_box(uncertain, system, region)
     given = _table("margins", margins)
     for name, value in given.items():
         if name not in region.inequality_names:
@@ -99,13 +104,20 @@ def safeguard(
             for c in region.inequalities
             if c.name in given
         ),
+        *box.parameters,
     )
     bounds = input_rows(system)
     kept = viability_conditions(system, region)
-    against = _worst(system, worst, measured)
-    rows = [*bounds, *(_condition(c, c.name in given, against(c)) for c in kept)]
+    unknown = _Unknown(system, worst, measured)
+    rows, units, sources = [*bounds], [], []
     own = {c.name: c.unit for c in region.inequalities}
-    units = tuple(over_time(own[c.name], c.relative_degree) for c in kept)
+    for c in kept:
+        effect, offset = _condition(c, c.name in given)
+        weights = unknown.weights(c)
+        for n, w, g in box.worst(c.name, (effect, weights, unknown.without(-offset, weights))):
+            rows.append((n, -g - unknown.most(w)))
+            units.append(over_time(own[c.name], c.relative_degree))
+            sources.append(c.name)
     chosen = input_scales(system, _table("scales", scales))
 
     def guarded(law: Law) -> Law:
@@ -127,8 +139,8 @@ def safeguard(
                 offsets=columns[-1],
                 hard=len(bounds),
                 scales=chosen,
-                units=units,
-                names=tuple(c.name for c in kept),
+                units=tuple(units),
+                names=tuple(sources),
             ),
         )
 
@@ -138,55 +150,58 @@ def safeguard(
     return cast(L, guarded(law))
 
 
-def _condition(c: ViabilityCondition, kept_away: bool, worst: sp.Expr) -> Row:
+def _condition(c: ViabilityCondition, kept_away: bool) -> Row:
     k1, k2 = symbol("kappa1"), symbol("kappa2")
     depth = c.value + (symbol(f"margin_{c.name}") if kept_away else 0)
-    drift = c.drift + worst
     if c.relative_degree == 1:
-        return c.effect, -(drift + k1 * depth)
-    return c.effect, -(drift + (k1 + k2) * c.rate + k1 * k2 * depth)
+        return c.effect, -(c.drift + k1 * depth)
+    return c.effect, -(c.drift + (k1 + k2) * c.rate + k1 * k2 * depth)
 
 
-def _worst(
-    system: System, names: Sequence[str], measured: bool
-) -> Callable[[ViabilityCondition], sp.Expr]:
-    """For a condition the most that the named disturbances add to its drift."""
-    if isinstance(names, str) or any(n not in system.disturbance_names for n in names):
-        odd = names if isinstance(names, str) else _first_odd(names, system.disturbance_names)
-        raise DefinitionError(
-            f"worst of the safeguard names '{odd}', which is not a disturbance",
-            remedy=suggestion(str(odd), system.disturbance_names),
-        )
-    if not names:
-        return lambda c: sp.S.Zero
-    if measured and set(names) == set(system.disturbance_names):
-        raise DefinitionError(
-            f"'{names[0]}' is measured, and is to be the worst within its bounds",
-            expected="one of the two",
-        )
-    bounds = system.disturbance_bounds
-    if bounds is None:
-        raise DefinitionError(f"system '{system.name}' has no bounds of {', '.join(names)}")
-    chosen = {symbol(n) for n in names}
-    all_of_them = [d.symbol for d in system.disturbances]
+class _Unknown:
+    """The disturbances against which the conditions hold wherever in their bounds they are."""
 
-    def added(c: ViabilityCondition) -> sp.Expr:
+    def __init__(self, system: System, names: Sequence[str], measured: bool) -> None:
+        if isinstance(names, str) or any(n not in system.disturbance_names for n in names):
+            odd = names if isinstance(names, str) else _first_odd(names, system.disturbance_names)
+            raise DefinitionError(
+                f"worst of the safeguard names '{odd}', which is not a disturbance",
+                remedy=suggestion(str(odd), system.disturbance_names),
+            )
+        if names and measured and set(names) == set(system.disturbance_names):
+            raise DefinitionError(
+                f"'{names[0]}' is measured, and is to be the worst within its bounds",
+                expected="one of the two",
+            )
+        if names and system.disturbance_bounds is None:
+            raise DefinitionError(f"system '{system.name}' has no bounds of {', '.join(names)}")
+        self.bounds = system.disturbance_bounds
+        self.all = [d.symbol for d in system.disturbances]
+        self.still = {symbol(n): sp.S.Zero for n in names}
+
+    def weights(self, c: ViabilityCondition) -> tuple[sp.Expr, ...]:
+        """The coefficients of all disturbances in a condition, 0 of those that are not meant."""
         weights = [
-            w if d in chosen else sp.S.Zero for w, d in zip(c.carried, all_of_them, strict=True)
+            w if d in self.still else sp.S.Zero for w, d in zip(c.carried, self.all, strict=True)
         ]
         free = symbols_of([*c.effect, *weights, *([c.rate] if c.relative_degree == 2 else [])])
-        if free & chosen:
+        if free & set(self.still):
+            odd = ", ".join(sorted(s.name for s in self.still))
             raise DefinitionError(
-                f"the condition of '{c.name}' is not affine in {', '.join(sorted(names))}",
+                f"the condition of '{c.name}' is not affine in {odd}",
                 expected="disturbances of rates that are not yet in its first derivative",
             )
-        if all(w == 0 for w in weights):
-            return sp.S.Zero
-        still = dict.fromkeys(chosen, sp.S.Zero)
-        most = bounds.support(exchanged(weights, still), 1)[0]
-        return most - sp.Add(*(w * d for w, d in zip(weights, all_of_them, strict=True)))
+        return tuple(exchanged(weights, self.still))
 
-    return added
+    def without(self, rest: sp.Expr, weights: Sequence[sp.Expr]) -> sp.Expr:
+        """What is left of a condition where they are zero."""
+        return exchanged([rest], self.still)[0] if any(w != 0 for w in weights) else rest
+
+    def most(self, weights: Sequence[sp.Expr]) -> sp.Expr:
+        """The most that they add."""
+        if self.bounds is None or all(w == 0 for w in weights):
+            return sp.S.Zero
+        return self.bounds.support(weights, 1)[0]
 
 
 def _first_odd(names: Sequence[str], known: Sequence[str]) -> str:

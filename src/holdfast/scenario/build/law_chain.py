@@ -166,6 +166,11 @@ def _safeguarded(
             if name not in units:
                 raise ScenarioError("unknown name", remedy=suggestion(name, units))
             margins[name] = to_si(value, units[name])
+    units = {p.name: p.unit for p in (*system.parameters, *region.parameters)}
+    uncertain = {}
+    for name, limits in spec.uncertain.items():
+        with at(file, f"safeguard.uncertain.{name}"):
+            uncertain[name] = tuple(to_si(e, units.get(name, "1")) for e in limits)
     settings: Settings = {
         "constraints": more,
         "gains": spec.gains,
@@ -173,6 +178,7 @@ def _safeguarded(
         "scales": spec.scales,
         "measured": spec.measured,
         "worst": tuple(spec.worst),
+        "uncertain": uncertain or None,
     }
     with at(file, "safeguard"):
         guarded: Law | Switching = safeguard(system, law, region, **settings)

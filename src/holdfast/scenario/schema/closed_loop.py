@@ -176,6 +176,7 @@ class RedesignSpec(Section):
 class SafeguardSpec(Section):
     """[safeguard], a safety filter (CBF-QP): the least change of inputs that keeps [region] viable.
     constraints: further enforced ones; violating them does not count as leaving the region.
+    uncertain: parameter -> [least, largest]; the conditions hold for every model of this box.
     """
 
     constraints: dict[Name, InequalitySpec | Expression] = Field(default_factory=dict)
@@ -185,6 +186,7 @@ class SafeguardSpec(Section):
     rates: dict[Name, Value] = Field(default_factory=dict)
     measured: bool = False
     worst: list[Name] = Field(default_factory=list)
+    uncertain: dict[Name, Interval] = Field(default_factory=dict)
 
 
 class SafetySpec(Section):
