@@ -108,7 +108,7 @@ def filter_of(
     delay: float,
     rate: float,
     margin: float | None,
-    gains: tuple[float, float],
+    gains: tuple[float, float] | None,
     margins: Mapping[str, float] | None,
     constraints: Region | None,
     measured: bool,
@@ -164,6 +164,7 @@ def filter_of(
             scales=scales,
             measured=measured,
             worst=worst,
+            sample_time=sample_time,
         )
 
     filters = [kept_in(part) for part in kept]
@@ -222,7 +223,7 @@ def _check_options(kernel: bool, region: bool, **given: Any) -> None:
         )
     of_kernels = {"rate": 2.0, "margin": None, "delay": 0.0}
     of_regions = {
-        "gains": (1.0, 4.0),
+        "gains": None,
         "margins": None,
         "constraints": None,
         "measured": False,

@@ -77,7 +77,7 @@ class SafetyFilter:
         delay: float = 0.0,
         rate: float = 2.0,
         margin: float | None = None,
-        gains: tuple[float, float] = (1.0, 4.0),
+        gains: tuple[float, float] | None = None,
         margins: Mapping[str, float] | None = None,
         constraints: Region | None = None,
         measured: bool = False,

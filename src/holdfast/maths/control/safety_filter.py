@@ -24,6 +24,8 @@ import sympy as sp
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.control.barrier_conditions import ViabilityCondition, viability_conditions
+from holdfast.maths.control.held_conditions import check_held, conditions, usual_gains
+from holdfast.maths.control.later_inputs import kept_possible
 from holdfast.maths.control.velocity_tracking import believed_disturbances
 from holdfast.maths.definitions.extension import both
 from holdfast.maths.definitions.law import Law, Safeguard
@@ -44,16 +46,18 @@ def safeguard(
     region: Region,
     *,
     constraints: Region | None = None,
-    gains: tuple[float, float] = (1.0, 4.0),
+    gains: tuple[float, float] | None = None,
     margins: Mapping[str, float] | None = None,
     scales: Mapping[str, float] | None = None,
     measured: bool = False,
     worst: Sequence[str] = (),
+    sample_time: float | None = None,
 ) -> L:
     """`law` with a safety filter: the least change of its inputs that keeps `region` viable.
 
     constraints: further inequalities, enforced like those of the region. A run that violates one
-    of them has not left the region. gains: (k1, k2) in 1/s, above 0. margins: name of an inequality
+    of them has not left the region. gains: (k1, k2) in 1/s, above 0, by default (1, 4),
+    or as much less as a `sample_time` [s] bears that is known. margins: name of an inequality
     -> m_j >= 0 in its own unit, how far inside the boundary to stay. scales: input -> the change of
     it that counts as much as a change of another by its own scale; half the width of its bounds
     where they are finite, else 1. measured: whether the law measures the disturbances, but those
@@ -63,11 +67,16 @@ def safeguard(
     bounds at the coefficients of d in it. If no input is admissible, all conditions are relaxed by
     the same least amount, and the run counts such samples.
 
+    An input that enters a constraint later than others is used (`maths/control/later_inputs.py`). A
+    closed loop whose sample time does not bear the gains is refused
+    (`maths/control/held_conditions.py`).
+
     A `Switching` is treated mode by mode. Raises `DefinitionError` for a law that does not give
     the system's inputs, a condition of relative degree above 2, inputs bounded by a ball or by
     more actuators than inputs, a condition that is not affine in a disturbance of `worst`, and
     invalid names or numbers.
     """
+    gains = usual_gains(sample_time) if gains is None else gains
     pair = isinstance(gains, Sequence) and len(gains) == 2
     if not (pair and all(_is_number(k) and k > 0 for k in gains)):
         raise DefinitionError(
@@ -103,9 +112,14 @@ def safeguard(
     bounds = input_rows(system)
     kept = viability_conditions(system, region)
     against = _worst(system, worst, measured)
-    rows = [*bounds, *(_condition(c, c.name in given, against(c)) for c in kept)]
+    pieces = [_asked(system, c, c.name in given, against, measured) for c in kept]
+    asked = [row for piece in pieces for row in piece]
+    bearable = conditions(tuple(order for *_, order in piece) for piece in pieces)
+    if sample_time is not None:
+        check_held(bearable, gains, sample_time)
+    rows = [*bounds, *((normal, offset) for normal, offset, _, _ in asked)]
     own = {c.name: c.unit for c in region.inequalities}
-    units = tuple(over_time(own[c.name], c.relative_degree) for c in kept)
+    units = tuple(over_time(own[name], order) for _, _, name, order in asked)
     chosen = input_scales(system, _table("scales", scales))
 
     def guarded(law: Law) -> Law:
@@ -122,13 +136,14 @@ def safeguard(
             law,
             name=f"{law.name}, safeguarded",
             parameters=(*law.parameters, *system.parameters, *region.parameters, *parameters),
+            conditions=(*law.conditions, *bearable),
             safeguard=Safeguard(
                 normals=dict(zip(names, columns[:-1], strict=True)),
                 offsets=columns[-1],
                 hard=len(bounds),
                 scales=chosen,
                 units=units,
-                names=tuple(c.name for c in kept),
+                names=tuple(name for _, _, name, _ in asked),
             ),
         )
 
@@ -136,6 +151,25 @@ def safeguard(
     if isinstance(law, Switching):
         return cast(L, law.map_laws(guarded, f"{law.name}, safeguarded"))
     return cast(L, guarded(law))
+
+
+def _asked(
+    system: System,
+    c: ViabilityCondition,
+    kept_away: bool,
+    against: Callable[[ViabilityCondition], sp.Expr],
+    measured: bool,
+) -> list[tuple[tuple[sp.Expr, ...], sp.Expr, str, int]]:
+    """The conditions of c: normal, offset, name and the order of the derivative."""
+    worst = against(c)
+    unknown = {} if measured else {d.symbol: sp.S.Zero for d in system.disturbances}
+    drift = (c.drift + worst).xreplace(unknown)
+    row, later = kept_possible(system, c, _condition(c, kept_away, worst), drift)
+    found = [(*row, c.name, c.relative_degree)]
+    if later is not None:
+        offset = -(later.drift + against(later) + symbol("kappa2") * later.value)
+        found.append((later.effect, offset, c.name, 2))
+    return found
 
 
 def _condition(c: ViabilityCondition, kept_away: bool, worst: sp.Expr) -> Row:
