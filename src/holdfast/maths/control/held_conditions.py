@@ -102,6 +102,11 @@ def check_held(found: Iterable[HeldGains], gains: tuple[float, float], sample_ti
             raise DefinitionError(message)
 
 
+def longest_hold(gains: tuple[float, float], orders: tuple[int, ...]) -> float:
+    """The longest sample time that bears the gains [s]; orders: see `conditions`."""
+    return float(_longest(orders).subs({K1: gains[0], K2: gains[1]}))
+
+
 def usual_gains(sample_time: float | None) -> tuple[float, float]:
     """`USUAL`, or as many times less as the faster one is above 1 / sample_time."""
     share = 1.0 if sample_time is None else min(1.0, 1.0 / (USUAL[1] * sample_time))

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from numbers import Real
 from typing import TypeVar, cast
 
@@ -110,16 +110,17 @@ def safeguard(
         ),
     )
     bounds = input_rows(system)
-    kept = viability_conditions(system, region)
-    against = _worst(system, worst, measured)
-    pieces = [_asked(system, c, c.name in given, against, measured) for c in kept]
-    asked = [row for piece in pieces for row in piece]
-    bearable = conditions(tuple(order for *_, order in piece) for piece in pieces)
+    pieces = asked_of(system, region, tuple(given), worst, measured)
+    asked = [row for piece in pieces for row in piece.rows]
+    bearable = conditions(piece.orders for piece in pieces)
     if sample_time is not None:
         check_held(bearable, gains, sample_time)
-    rows = [*bounds, *((normal, offset) for normal, offset, _, _ in asked)]
+    rows = [*bounds, *((normal, offset) for normal, offset, _ in asked)]
+    names_of_rows = tuple(piece.condition.name for piece in pieces for _ in piece.rows)
     own = {c.name: c.unit for c in region.inequalities}
-    units = tuple(over_time(own[name], order) for _, _, name, order in asked)
+    units = tuple(
+        over_time(own[n], order) for n, (*_, order) in zip(names_of_rows, asked, strict=True)
+    )
     chosen = input_scales(system, _table("scales", scales))
 
     def guarded(law: Law) -> Law:
@@ -143,7 +144,7 @@ def safeguard(
                 hard=len(bounds),
                 scales=chosen,
                 units=units,
-                names=tuple(name for _, _, name, _ in asked),
+                names=names_of_rows,
             ),
         )
 
@@ -153,32 +154,65 @@ def safeguard(
     return cast(L, guarded(law))
 
 
-def _asked(
+@dataclass(frozen=True)
+class Asked:
+    """What a filter asks of a constraint: its condition, and P <= 0 where later inputs act on P.
+
+    rows: normal and offset of the half-spaces of the inputs, and the order of their derivative.
+    kept: what is kept at 0 or below from a start at which it is: c, and dc/dt + k1 c or P.
+    """
+
+    condition: ViabilityCondition
+    later: ViabilityCondition | None
+    rows: tuple[tuple[tuple[sp.Expr, ...], sp.Expr, int], ...]
+    kept: tuple[sp.Expr, ...]
+
+    @property
+    def orders(self) -> tuple[int, ...]:
+        return tuple(order for *_, order in self.rows)
+
+
+def asked_of(
     system: System,
-    c: ViabilityCondition,
-    kept_away: bool,
-    against: Callable[[ViabilityCondition], sp.Expr],
+    region: Region,
+    margins: Sequence[str],
+    worst: Sequence[str],
     measured: bool,
-) -> list[tuple[tuple[sp.Expr, ...], sp.Expr, str, int]]:
-    """The conditions of c: normal, offset, name and the order of the derivative."""
-    worst = against(c)
+) -> list[Asked]:
+    """What the filter of `safeguard` asks; margins: names of inequalities that have one."""
+    against = _worst(system, worst, measured)
     unknown = {} if measured else {d.symbol: sp.S.Zero for d in system.disturbances}
-    drift = (c.drift + worst).xreplace(unknown)
-    row, later = kept_possible(system, c, _condition(c, kept_away, worst), drift)
-    found = [(*row, c.name, c.relative_degree)]
-    if later is not None:
-        offset = -(later.drift + against(later) + symbol("kappa2") * later.value)
-        found.append((later.effect, offset, c.name, 2))
+    found = []
+    for c in viability_conditions(system, region):
+        most = against(c)
+        row, later = kept_possible(
+            system, c, _condition(c, c.name in margins, most), (c.drift + most).xreplace(unknown)
+        )
+        rows = [(*row, c.relative_degree)]
+        if later is not None:
+            bound = -(later.drift + against(later) + symbol("kappa2") * later.value)
+            rows.append((later.effect, bound, 2))
+        kept = [_depth(c, c.name in margins)]
+        if c.relative_degree == 2:
+            kept.append(c.rate + symbol("kappa1") * kept[0])
+        elif later is not None:
+            kept.append(later.value)
+        found.append(Asked(c, later, tuple(rows), tuple(kept)))
     return found
 
 
 def _condition(c: ViabilityCondition, kept_away: bool, worst: sp.Expr) -> Row:
     k1, k2 = symbol("kappa1"), symbol("kappa2")
-    depth = c.value + (symbol(f"margin_{c.name}") if kept_away else 0)
+    depth = _depth(c, kept_away)
     drift = c.drift + worst
     if c.relative_degree == 1:
         return c.effect, -(drift + k1 * depth)
     return c.effect, -(drift + (k1 + k2) * c.rate + k1 * k2 * depth)
+
+
+def _depth(c: ViabilityCondition, kept_away: bool) -> sp.Expr:
+    """c + m."""
+    return c.value + (symbol(f"margin_{c.name}") if kept_away else 0)
 
 
 def _worst(
