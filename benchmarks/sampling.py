@@ -8,9 +8,12 @@ kernel says that they can be kept by 2 cm (two kernels of three minutes, compute
 """
 
 import sys
+import warnings
 from collections.abc import Callable
 
 import holdfast as hf
+from holdfast.errors import GainWarning
+from holdfast.maths.control.held_conditions import longest_hold
 from holdfast.studies.comparison.compare import variant
 
 LAWS = {
@@ -26,6 +29,8 @@ FILTERS = {
     "off, kept in the kernel, 1 N": "1 N",
 }
 """Title -> case of `holdfast compare ch7-rescue`."""
+GAINS = (1.5, 8.0)
+"""Of the safeguards [1/s]."""
 PERIODS = (0.01, 0.02, 0.05, 0.1, 0.2)
 DELAYS = (0.0, 0.05, 0.1, 0.2, 0.3)
 STEP = 0.01  # of the integration [s]
@@ -33,7 +38,14 @@ STEP = 0.01  # of the integration [s]
 
 def viable(law: str, case: str, period: float, delay: float, starts: int) -> int:
     """How many of so many random starts stay in view, sampled and delayed like that."""
-    return variant("ch5-rescue", law, case, starts, timing(period, delay, 150)).run().viable
+    longest = longest_hold(GAINS, (2,))
+    changes = timing(period, delay, 150)
+    if period > longest:  # larger gains are refused
+        most = [k * longest / period * (1 - 1e-9) for k in GAINS]
+        changes.append(f"safeguard.gains={most!r}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", GainWarning)  # of delays that are tried on purpose
+        return variant("ch5-rescue", law, case, starts, changes).run().viable
 
 
 def kept(case: str, period: float, delay: float, starts: int) -> tuple[int, int]:

@@ -108,7 +108,7 @@ def filter_of(
     delay: float,
     rate: float,
     margin: float | None,
-    gains: tuple[float, float],
+    gains: tuple[float, float] | None,
     margins: Mapping[str, float] | None,
     constraints: Region | None,
     measured: bool,
@@ -166,6 +166,7 @@ def filter_of(
             measured=measured,
             worst=worst,
             uncertain=uncertain,
+            sample_time=sample_time,
         )
 
     filters = [kept_in(part) for part in kept]
@@ -224,7 +225,7 @@ def _check_options(kernel: bool, region: bool, **given: Any) -> None:
         )
     of_kernels = {"rate": 2.0, "margin": None, "delay": 0.0}
     of_regions = {
-        "gains": (1.0, 4.0),
+        "gains": None,
         "margins": None,
         "constraints": None,
         "measured": False,

@@ -14,6 +14,7 @@ from holdfast.analysis.online.measurements import Measurements
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
 from holdfast.execution.evaluate import Evaluator
+from holdfast.maths.control.later_inputs import unused_inputs
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.switching import Switching, as_switching
 from holdfast.maths.definitions.system import System
@@ -70,6 +71,7 @@ class Reasons:
                 f"{change}: no input within its bounds meets all conditions, the least violation "
                 f"is {decision.slack:.3g} {unit}".rstrip()
                 + (f"; {gave} gave way" if gave else "")
+                + self._left_alone(decision)
                 + self._nearest(decision)
             )
         if not decision.overruled:
@@ -79,6 +81,11 @@ class Reasons:
                 more = ", or an actuator would leave its share with it"
             return f"{change}: the command is beyond the bounds of the inputs{more}"
         return f"{change}: {self._cause(decision)}"
+
+    @cached_property
+    def unused(self) -> dict[str, tuple[str, ...]]:
+        """`SafetyFilter.unused`."""
+        return {} if self.constraints is None else unused_inputs(self.system, self.constraints)
 
     # -- the parts of a sentence -------------------------------------------------------------
 
@@ -132,6 +139,14 @@ class Reasons:
         """The inequalities whose conditions the input does not meet; "value" is the kernel's."""
         short = self._short(decision, decision.input) > 1e-7
         return tuple(dict.fromkeys(n for n, s in zip(self._names, short, strict=True) if s))
+
+    def _left_alone(self, decision: Decision) -> str:
+        """The inputs that could act on what gave way, and that no condition has."""
+        late = [(n, name) for name in self.gave_way(decision) for n in self.unused.get(name, ())]
+        said = [
+            f"'{n}' acts on '{name}' by a third derivative or later, unused" for n, name in late
+        ]
+        return "".join(f"; {text}" for text in said)
 
     def _short(self, decision: Decision, given: Array) -> Array:
         """By how much an input misses each condition, in units of its normal and its terms."""

@@ -18,6 +18,7 @@ from holdfast.analysis.online.filter_law import (
     warn_of_reduction,
 )
 from holdfast.analysis.online.measurements import Given, Measurements, time_of
+from holdfast.analysis.online.overshoot import Overshoot, overshoot_of
 from holdfast.analysis.online.reasons import Reasons
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, SimulationError
@@ -27,7 +28,9 @@ from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.simulation.control_sample import ControlSamples
 from holdfast.execution.simulation.steppers import RK4
 from holdfast.maths.control.observer import observe
+from holdfast.maths.control.parameter_box import parameter_box
 from holdfast.maths.control.rate_limits import limit_rates
+from holdfast.maths.control.safety_filter import asked_of
 from holdfast.maths.control.set_observer import observe_set
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Region
@@ -50,8 +53,9 @@ class SafetyFilter:
     gives way first (`in_order`), and `Decision.gave_way` names what did.
     sample_time [s]: of your loop. delay [s]: how old a measurement is; a kernel's margin allows for
     it. rate [1/s], margin [unit of V]: of a kernel's filter, see `safety_law`. gains [1/s],
-    margins, constraints, worst, uncertain: of a region, see `safeguard`. measured: whether `step` is given the
-    disturbances. states: names of those that are measured, if not all: an observer with that
+    refused where the sample time does not bear them, by default (1, 4) or as much less as it bears,
+    margins, constraints, worst, uncertain: of a region, see `safeguard`. measured: whether `step` is
+    given the disturbances. states: names of those that are measured, if not all: an observer with that
     `bandwidth` [1/s] estimates the others and the disturbances (`observe`), with `error_bounds`
     [unit of each state] a guaranteed set of them, which follows a disturbance that changes within
     `rate_bounds` (`observe_set`). scales: input -> the
@@ -77,7 +81,7 @@ class SafetyFilter:
         delay: float = 0.0,
         rate: float = 2.0,
         margin: float | None = None,
-        gains: tuple[float, float] = (1.0, 4.0),
+        gains: tuple[float, float] | None = None,
         margins: Mapping[str, float] | None = None,
         constraints: Region | None = None,
         measured: bool = False,
@@ -135,6 +139,7 @@ class SafetyFilter:
         self._count = 0
         self._fallback = self._checked_fallback(fallback)
         self._made = made
+        self._asked = tuple(margins or {}), tuple(worst), measured, uncertain
         warn_of_reduction(system, around)
 
     @property
@@ -274,6 +279,49 @@ class SafetyFilter:
     def export_c_header(self, name: str = "safety_filter", *, table: str = "text") -> str:
         """The header of `export_c`."""
         return export_c_header(self.system, self.law, name, table=table)
+
+    # -- what its sample time leaves ---------------------------------------------------------
+
+    @property
+    def gains(self) -> tuple[float, float] | None:
+        """k1 and k2 [1/s] of its conditions; None for a kernel alone."""
+        numbers = {p.name: float(p.value) for p in self._made.law.parameters}
+        return (numbers["kappa1"], numbers["kappa2"]) if "kappa1" in numbers else None
+
+    def overshoot(
+        self, box: Mapping[str, tuple[float, float]], *, runs: int = 1000, seed: int = 0
+    ) -> Overshoot:
+        """How far constraints are crossed because inputs are held: measured, in their units.
+
+        Gains that the sample time bears keep c <= 0 where the derivative of the condition does not
+        change during a hold. Where it does, d2c/dt2 <= M leaves about M T / (2 k1) of a condition
+        of order one, and d3c/dt3 <= J about J T / (2 k1 k2) of order two. The answer is the most of
+        so many runs, from states of `box` with c <= 0 and dc/dt + k1 c <= 0, under commands that
+        push as far as the bounds go; all states are measured, and there is no disturbance. A margin
+        of that size covers it.
+
+        box: the ends of every state in its unit; an angle that is left out is any.
+
+        Raises `DefinitionError` for a filter that keeps a kernel, a state without ends, and a box
+        in which no such state was found.
+        """
+        region = self._made.region
+        if region is None or self._made.kernel is not None:
+            raise DefinitionError("the filter keeps a kernel", expected="regions alone")
+        margins, worst, measured, uncertain = self._asked
+        models = parameter_box(uncertain, self.system, region)
+        pieces = asked_of(self.system, region, margins, worst, measured, models)
+        return overshoot_of(
+            self.system, self._made.law, region, pieces, box, self.sample_time, runs, seed
+        )
+
+    @property
+    def unused(self) -> Mapping[str, tuple[str, ...]]:
+        """Inequality -> inputs that act on it later than by two derivatives, which it leaves alone.
+
+        Where the others have no effect on the inequality, no input meets its condition.
+        """
+        return self._reasons.unused
 
     # -- what is said of a decision ----------------------------------------------------------
 

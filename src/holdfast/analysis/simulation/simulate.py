@@ -279,7 +279,7 @@ def _check_varied(program: ClosedLoopProgram, own: Array, first: int) -> None:
 def _warn_of_gains(
     program: ClosedLoopProgram, values: Mapping[sp.Symbol, float], own: Array
 ) -> None:
-    """One warning for each gain condition that at least one run violates."""
+    """One warning for each gain condition that at least one run violates, or a refusal."""
     names = [symbol(n) for n in program.varied.names]
     for condition in program.conditions:
         involved = (condition.value + condition.limit).free_symbols
@@ -292,5 +292,7 @@ def _warn_of_gains(
                 known[row.tobytes()] = condition.violation({**values, **numbers})
         violated = [message for row in rows if (message := known[row.tobytes()])]
         if violated:
+            if condition.refused:
+                raise SimulationError(violated[0])
             count = f" (in {len(violated)} of {len(rows)} runs)" if len(rows) > 1 else ""
             warnings.warn(violated[0] + count, GainWarning, stacklevel=3)

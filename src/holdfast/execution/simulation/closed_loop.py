@@ -74,7 +74,7 @@ class ClosedLoop:
             if name not in values:
                 raise SimulationError(f"no parameter '{name}' in this closed loop")
             values[name] = float(value)
-        self.program.check_sample_time(sample_time) if sample_time else None
+        self.program.check_sample_time(sample_time, values) if sample_time else None
         if not values.get(OBSERVER, 0.0) * sample_time < 1.0:
             raise SimulationError(
                 f"the observer's bandwidth is {values[OBSERVER]:g} 1/s at samples of "

@@ -52,6 +52,7 @@ def in_order(filters: Sequence[Law]) -> Law:
         reads=tuple(reads.values()),
         parameters=merge_parameters(*(law.parameters for law in filters)),
         signals={n: e for law in filters for n, e in law.signals.items()},
+        conditions=tuple({c: None for law in filters for c in law.conditions}),
         lookup=tables[0] if tables else None,
         safeguard=Safeguard(
             {

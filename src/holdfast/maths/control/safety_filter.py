@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from numbers import Real
 from typing import TypeVar, cast
 
@@ -24,7 +24,9 @@ import sympy as sp
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.control.barrier_conditions import ViabilityCondition, viability_conditions
-from holdfast.maths.control.parameter_box import parameter_box
+from holdfast.maths.control.held_conditions import check_held, conditions, usual_gains
+from holdfast.maths.control.later_inputs import kept_possible
+from holdfast.maths.control.parameter_box import ParameterBox, parameter_box
 from holdfast.maths.control.velocity_tracking import believed_disturbances
 from holdfast.maths.definitions.extension import both
 from holdfast.maths.definitions.law import Law, Safeguard
@@ -45,17 +47,19 @@ def safeguard(
     region: Region,
     *,
     constraints: Region | None = None,
-    gains: tuple[float, float] = (1.0, 4.0),
+    gains: tuple[float, float] | None = None,
     margins: Mapping[str, float] | None = None,
     scales: Mapping[str, float] | None = None,
     measured: bool = False,
     worst: Sequence[str] = (),
     uncertain: Mapping[str, Sequence[float]] | None = None,
+    sample_time: float | None = None,
 ) -> L:
     """`law` with a safety filter: the least change of its inputs that keeps `region` viable.
 
     constraints: further inequalities, enforced like those of the region. A run that violates one
-    of them has not left the region. gains: (k1, k2) in 1/s, above 0. margins: name of an inequality
+    of them has not left the region. gains: (k1, k2) in 1/s, above 0, by default (1, 4),
+    or as much less as a `sample_time` [s] bears that is known. margins: name of an inequality
     -> m_j >= 0 in its own unit, how far inside the boundary to stay. scales: input -> the change of
     it that counts as much as a change of another by its own scale; half the width of its bounds
     where they are finite, else 1. measured: whether the law measures the disturbances, but those
@@ -64,14 +68,19 @@ def safeguard(
     what a model leaves unexplained: the condition of a constraint c has the support function of the
     bounds at the coefficients of d in it. uncertain: parameter of the system or the region ->
     (least, largest), in its unit: the conditions hold for every model of this box; a parameter that
-    multiplies an input makes two of one (`parameter_box`). If no input is admissible, all conditions are relaxed by
-    the same least amount, and the run counts such samples.
+    multiplies an input makes two of one (`parameter_box`). If no input is admissible, all conditions
+    are relaxed by the same least amount, and the run counts such samples.
+
+    An input that enters a constraint later than others is used (`maths/control/later_inputs.py`). A
+    closed loop whose sample time does not bear the gains is refused
+    (`maths/control/held_conditions.py`).
 
     A `Switching` is treated mode by mode. Raises `DefinitionError` for a law that does not give
     the system's inputs, a condition of relative degree above 2, inputs bounded by a ball or by
     more actuators than inputs, a condition that is not affine in a disturbance of `worst` or not
     rational in an uncertain parameter, and invalid names or numbers.
     """
+    gains = usual_gains(sample_time) if gains is None else gains
     pair = isinstance(gains, Sequence) and len(gains) == 2
     if not (pair and all(_is_number(k) and k > 0 for k in gains)):
         raise DefinitionError(
@@ -107,17 +116,17 @@ def safeguard(
         *box.parameters,
     )
     bounds = input_rows(system)
-    kept = viability_conditions(system, region)
-    unknown = _Unknown(system, worst, measured)
-    rows, units, sources = [*bounds], [], []
+    pieces = asked_of(system, region, tuple(given), worst, measured, box)
+    asked = [row for piece in pieces for row in piece.rows]
+    bearable = conditions(piece.orders for piece in pieces)
+    if sample_time is not None:
+        check_held(bearable, gains, sample_time)
+    rows = [*bounds, *((normal, offset) for normal, offset, _ in asked)]
+    names_of_rows = tuple(piece.condition.name for piece in pieces for _ in piece.rows)
     own = {c.name: c.unit for c in region.inequalities}
-    for c in kept:
-        effect, offset = _condition(c, c.name in given)
-        weights = unknown.weights(c)
-        for n, w, g in box.worst(c.name, (effect, weights, unknown.without(-offset, weights))):
-            rows.append((n, -g - unknown.most(w)))
-            units.append(over_time(own[c.name], c.relative_degree))
-            sources.append(c.name)
+    units = tuple(
+        over_time(own[n], order) for n, (*_, order) in zip(names_of_rows, asked, strict=True)
+    )
     chosen = input_scales(system, _table("scales", scales))
 
     def guarded(law: Law) -> Law:
@@ -134,13 +143,14 @@ def safeguard(
             law,
             name=f"{law.name}, safeguarded",
             parameters=(*law.parameters, *system.parameters, *region.parameters, *parameters),
+            conditions=(*law.conditions, *bearable),
             safeguard=Safeguard(
                 normals=dict(zip(names, columns[:-1], strict=True)),
                 offsets=columns[-1],
                 hard=len(bounds),
                 scales=chosen,
-                units=tuple(units),
-                names=tuple(sources),
+                units=units,
+                names=names_of_rows,
             ),
         )
 
@@ -150,12 +160,74 @@ def safeguard(
     return cast(L, guarded(law))
 
 
-def _condition(c: ViabilityCondition, kept_away: bool) -> Row:
+@dataclass(frozen=True)
+class Asked:
+    """What a filter asks of a constraint: its condition, and P <= 0 where later inputs act on P.
+
+    rows: normal and offset of the half-spaces of the inputs, and the order of their derivative; one
+    for every case of a box of parameters. kept: what is kept at 0 or below from a start at which it
+    is: c, and dc/dt + k1 c or P.
+    """
+
+    condition: ViabilityCondition
+    later: ViabilityCondition | None
+    rows: tuple[tuple[tuple[sp.Expr, ...], sp.Expr, int], ...]
+    kept: tuple[sp.Expr, ...]
+
+    @property
+    def orders(self) -> tuple[int, ...]:
+        return tuple(order for *_, order in self.rows)
+
+
+def asked_of(
+    system: System,
+    region: Region,
+    margins: Sequence[str],
+    worst: Sequence[str],
+    measured: bool,
+    box: ParameterBox,
+) -> list[Asked]:
+    """What the filter of `safeguard` asks; margins: names of inequalities that have one."""
+    unknown = _Unknown(system, worst, measured)
+    believed = {} if measured else {d.symbol: sp.S.Zero for d in system.disturbances}
+    pieces = []
+    for c in viability_conditions(system, region):
+        depth, weights = _depth(c, c.name in margins), unknown.weights(c)
+        condition = (c.effect, weights, unknown.without(_level(c, depth), weights))
+        cases = [(n, -g - unknown.most(w)) for n, w, g in box.worst(c.name, condition)]
+        rows = [(*row, c.relative_degree) for row in cases]
+        drift = unknown.without(c.drift, weights) + unknown.most(weights)
+        row, later = kept_possible(system, c, cases[0], drift.xreplace(believed))
+        kept = [depth]
+        if later is not None:
+            if box.uncertain:
+                raise DefinitionError(
+                    f"inputs act on '{c.name}' by derivatives of different order, and "
+                    f"'{box.uncertain[0].name}' is uncertain",
+                    expected="one of the two",
+                    remedy="leave uncertain out, and give a margin for it",
+                )
+            w = unknown.weights(later)
+            level = unknown.without(later.drift + symbol("kappa2") * later.value, w)
+            rows = [(*row, 1), (later.effect, -level - unknown.most(w), 2)]
+            kept.append(later.value)
+        elif c.relative_degree == 2:
+            kept.append(c.rate + symbol("kappa1") * depth)
+        pieces.append(Asked(c, later, tuple(rows), tuple(kept)))
+    return pieces
+
+
+def _level(c: ViabilityCondition, depth: sp.Expr) -> sp.Expr:
+    """The part of a condition without inputs: level + effect . u <= 0."""
     k1, k2 = symbol("kappa1"), symbol("kappa2")
-    depth = c.value + (symbol(f"margin_{c.name}") if kept_away else 0)
     if c.relative_degree == 1:
-        return c.effect, -(c.drift + k1 * depth)
-    return c.effect, -(c.drift + (k1 + k2) * c.rate + k1 * k2 * depth)
+        return c.drift + k1 * depth
+    return c.drift + (k1 + k2) * c.rate + k1 * k2 * depth
+
+
+def _depth(c: ViabilityCondition, kept_away: bool) -> sp.Expr:
+    """c + m."""
+    return c.value + (symbol(f"margin_{c.name}") if kept_away else 0)
 
 
 class _Unknown:

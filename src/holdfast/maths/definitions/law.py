@@ -30,6 +30,7 @@ class GainCondition:
     """A stability condition value < limit on the gains, and the consequence of violating it.
 
     Besides parameters it may use `SAMPLE_TIME` and `DELAY`. `closed`: the limit itself is allowed.
+    `refused`: a closed loop that violates it is refused, where others are warned of.
     """
 
     value: sp.Expr
@@ -37,6 +38,7 @@ class GainCondition:
     consequence: str
     source: str
     closed: bool = False
+    refused: bool = False
 
     def violation(self, parameters: Mapping[sp.Symbol, float]) -> str | None:
         """A sentence with both numbers when the condition fails, else None.

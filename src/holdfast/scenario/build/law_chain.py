@@ -33,6 +33,7 @@ from holdfast.scenario.schema.closed_loop import (
     SafeguardSpec,
     ScenarioSpec,
 )
+from holdfast.scenario.schema.run import RunSpec
 from holdfast.scenario.validation import at, validated
 
 Settings = dict[str, Any]
@@ -68,7 +69,7 @@ def composed_law(
                     expected="[safeguard] measured = true, for a filter of another controller",
                 )
     if spec.safeguard is not None:
-        law, filtering = _safeguarded(composer, spec.safeguard, law, region, system)
+        law, filtering = _safeguarded(composer, spec.safeguard, law, region, system, spec.run)
     if spec.observer is not None:
         with at(composer.file, "observer"):
             law = _observed(composer, spec.observer, system, law)
@@ -151,6 +152,7 @@ def _safeguarded(
     law: Law | Switching,
     region: Region | None,
     system: System,
+    run: RunSpec,
 ) -> tuple[Law | Switching, Settings]:
     file = composer.file
     if region is None:
@@ -173,7 +175,7 @@ def _safeguarded(
             uncertain[name] = tuple(to_si(e, units.get(name, "1")) for e in limits)
     settings: Settings = {
         "constraints": more,
-        "gains": spec.gains,
+        "gains": spec.gains if "gains" in spec.model_fields_set else None,
         "margins": margins,
         "scales": spec.scales,
         "measured": spec.measured,
@@ -181,7 +183,8 @@ def _safeguarded(
         "uncertain": uncertain or None,
     }
     with at(file, "safeguard"):
-        guarded: Law | Switching = safeguard(system, law, region, **settings)
+        held = None if run.continuous else to_si(run.sample_time, "s")
+        guarded: Law | Switching = safeguard(system, law, region, sample_time=held, **settings)
         if spec.rates:
             units = {q.name: over_time(q.unit, 1) for q in (*system.inputs, *system.states)}
             rates = {n: to_si(v, units.get(n, "1")) for n, v in spec.rates.items()}
