@@ -314,7 +314,7 @@ def test_filter_of_a_kernel_has_no_box(craft):
     from holdfast.analysis.online.filter_law import _check_options
 
     with pytest.raises(DefinitionError, match="uncertain is given, which a kernel's filter has not"):
-        _check_options(True, False, uncertain={"m": (1, 2)}, gains=(1.0, 4.0), margins=None,
+        _check_options(True, False, uncertain={"m": (1, 2)}, gains=None, margins=None,
                        constraints=None, measured=False, worst=())  # fmt: skip
 
 

@@ -54,9 +54,9 @@ class SafetyFilter:
     sample_time [s]: of your loop. delay [s]: how old a measurement is; a kernel's margin allows for
     it. rate [1/s], margin [unit of V]: of a kernel's filter, see `safety_law`. gains [1/s],
     refused where the sample time does not bear them, by default (1, 4) or as much less as it bears,
-    margins, constraints, worst, uncertain: of a region, see `safeguard`. measured: whether `step` is
-    given the disturbances. states: names of those that are measured, if not all: an observer with that
-    `bandwidth` [1/s] estimates the others and the disturbances (`observe`), with `error_bounds`
+    margins, constraints, worst, uncertain: of a region, see `safeguard`. measured: whether `step`
+    is given the disturbances. states: names of those that are measured, if not all: an observer
+    with that `bandwidth` [1/s] estimates the others and the disturbances (`observe`), with `error_bounds`
     [unit of each state] a guaranteed set of them, which follows a disturbance that changes within
     `rate_bounds` (`observe_set`). scales: input -> the
     change of it that counts as 1. rates: the largest rates of inputs and of states (accelerations),

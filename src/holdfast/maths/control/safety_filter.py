@@ -68,8 +68,8 @@ def safeguard(
     what a model leaves unexplained: the condition of a constraint c has the support function of the
     bounds at the coefficients of d in it. uncertain: parameter of the system or the region ->
     (least, largest), in its unit: the conditions hold for every model of this box; a parameter that
-    multiplies an input makes two of one (`parameter_box`). If no input is admissible, all conditions
-    are relaxed by the same least amount, and the run counts such samples.
+    multiplies an input makes two of one (`parameter_box`). If no input is admissible, all
+    conditions are relaxed by the same least amount, and the run counts such samples.
 
     An input that enters a constraint later than others is used (`maths/control/later_inputs.py`). A
     closed loop whose sample time does not bear the gains is refused
