@@ -10,11 +10,11 @@
  */
 enum { HF_EXTRAPOLATED, HF_PERIODIC, HF_LIMITED };
 
-/* The value `distance` nodes beyond an edge: linear, and away from zero so no sign is made. */
+/* The value `distance` nodes beyond an edge, as in `stencils.py`. */
 HF_FUNCTION hf_real hf_beyond(hf_real edge, hf_real inner, hf_real distance)
 {
     const hf_real slope = fabs(edge - inner);
-    return fma(distance, edge >= (hf_real)0 ? slope : -slope, edge);
+    return fma(distance, edge > (hf_real)1e-6 * slope ? slope : -slope, edge);
 }
 
 /* The value at the place `there` along an axis, from the node at `place`, which is at `here`. */
