@@ -144,6 +144,8 @@ class DividedMarch:
         self._posed, self._parts = posed, parts
         facts = merged(parts.ask("facts"))
         check_start(posed, facts)
+        self.start_rate = max(parts.ask("start_rate"))
+        """The largest rate of change of the start value [its unit per second]."""
         given = () if begin is None else (begin,)
         self.start: Facts = merged(parts.ask("begin", facts, *given))
         """What is known of the start value."""

@@ -20,7 +20,7 @@ from holdfast.analysis.reachability.checkpoint_parts import (
     write_part,
 )
 from holdfast.analysis.reachability.obstacles import Facts, Obstacles
-from holdfast.analysis.reachability.posed_march import march_of, reflected
+from holdfast.analysis.reachability.posed_march import march_of, reflected, start_rate
 from holdfast.analysis.reachability.problem import Ends, Posed, touched
 from holdfast.analysis.reachability.snapshots import Record
 from holdfast.execution.arrays import AnyArray as Array
@@ -78,6 +78,10 @@ class MarchPart:
     def facts(self) -> Facts:
         """What is known of the start value in this part."""
         return self._obstacles.facts()
+
+    def start_rate(self) -> float:
+        """The largest rate of change of the start value [its unit per second] in this part."""
+        return start_rate(self.posed, self._h, self.part, self._obstacles.start)
 
     def begin(self, facts: Facts, least: Array | None = None) -> Facts:
         """The start value, from what is known of it over the grid.

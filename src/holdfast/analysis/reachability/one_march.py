@@ -72,9 +72,11 @@ class OneMarch:
         posed, marching = self._posed, self._posed.marching
         self._held, refined = held, marching.refine > 1
         self._march: March | RefinedMarch = (
-            refined_march(posed, self._base, self._h)
+            refined_march(posed, self._base, self._h, start_rate=held.start_rate)
             if refined
-            else march_of(posed, self._h, posed.grid, fastest=held.fastest)
+            else march_of(
+                posed, self._h, posed.grid, fastest=held.fastest, start_rate=held.start_rate
+            )
         )
         self._rounding = float(np.finfo(marching.precision).eps) / self._march.longest_step
         room, done = room_of(marching), Done()

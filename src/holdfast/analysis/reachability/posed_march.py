@@ -13,8 +13,12 @@ from holdfast.analysis.reachability.problem import Posed
 from holdfast.execution.device.program import device_named
 from holdfast.execution.level_set.layers import Part
 from holdfast.execution.level_set.march import March
+from holdfast.execution.level_set.over_grid import OverGrid
 from holdfast.execution.level_set.units import layout
 from holdfast.maths.games.hamiltonian import Hamiltonian
+
+RATE_TIMES = 9
+"""Times at which the rates of a problem that depends on time are looked at."""
 
 
 def march_of(
@@ -64,3 +68,60 @@ def reflected(posed: Posed, part: Part) -> list[npt.NDArray[np.int64]] | None:
     if not part.whole:
         found[0] = np.arange(len(part.nodes))
     return found
+
+
+def start_rate(posed: Posed, h: Hamiltonian, part: Part, start: npt.NDArray[Any]) -> float:
+    """The largest rate of change of the start value [its unit per second] in a part of the grid.
+
+        max over nodes of   sum_i c_i |dV/dx_i|
+
+    with the largest speeds c_i at the node and the flatter of the slopes at both sides of it, at
+    the nodes in the set or next to it. No value that begins with this one changes faster, where
+    nothing depends on time. Of what does, the rates of `RATE_TIMES` times count.
+    """
+    grid = posed.grid
+    axes = [grid.axes[0].nodes[part.nodes], *(a.nodes for a in grid.axes[1:])]
+    symbols = [a.state.symbol for a in grid.axes]
+    speeds = OverGrid(h.speeds, symbols, posed.parameters, axes)
+    first, pace = posed.clock
+    many = RATE_TIMES if posed.varies else 1
+    times = [first + pace * posed.horizon * k / max(many - 1, 1) for k in range(many)]
+    values = start.reshape([len(a) for a in axes])
+    plane, largest = values[0].size, 0.0
+    for k in range(part.own.start, part.own.stop):
+        near = values[max(k - 1, 0) : k + 2]
+        slopes, inside = _slopes_of_plane(near, k - max(k - 1, 0), [a.step for a in grid.axes])
+        for time in times:
+            for nodes, found in speeds.parts(time, slice(k * plane, (k + 1) * plane)):
+                here = slice(nodes.start - k * plane, nodes.stop - k * plane)
+                rate = (found * slopes[:, here]).sum(axis=0)[inside[here]]
+                largest = max(largest, float(rate.max(initial=0.0)))
+    return largest
+
+
+def _slopes_of_plane(
+    values: npt.NDArray[Any], k: int, steps: Sequence[float]
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+    """Of the nodes of a plane among its neighbours: the flatter of the slopes at both sides along
+    every axis, flat, and whether a node is in the set or next to it."""
+    own = values[k]
+    around = [values[j] if 0 <= j < len(values) else None for j in (k - 1, k + 1)]
+    inside, slopes = own > 0, np.zeros((len(steps), *own.shape))
+    for other in (v for v in around if v is not None):
+        inside = inside | (other > 0)
+    slopes[0] = _flatter([None if v is None else np.abs(own - v) / steps[0] for v in around])
+    positive = own > 0
+    for i in range(1, len(steps)):
+        rows, to = np.moveaxis(own, i - 1, 0), np.moveaxis(slopes[i], i - 1, 0)
+        change = np.abs(np.diff(rows, axis=0)) / steps[i]
+        to[1:-1] = np.minimum(change[1:], change[:-1])
+        to[0], to[-1] = change[0], change[-1]
+        near, of = np.moveaxis(inside, i - 1, 0), np.moveaxis(positive, i - 1, 0)
+        near[1:] |= of[:-1]
+        near[:-1] |= of[1:]
+    return slopes.reshape(len(steps), -1), inside.ravel()
+
+
+def _flatter(sides: Sequence[npt.NDArray[Any] | None]) -> npt.NDArray[Any] | float:
+    there = [s for s in sides if s is not None]
+    return np.minimum(*there) if len(there) == 2 else there[0] if there else 0.0

@@ -177,16 +177,28 @@ Ends = frozenset[tuple[int, int]]
 """Ends of the grid: an axis, and 0 for its lower or -1 for its upper end."""
 
 
+ON_END = 1e-6
+"""Cells within which an end of the grid is said to lie on a constraint."""
+
+
 def touched(values: npt.NDArray[np.floating], ends: tuple[bool, bool]) -> Ends:
     """The ends of the grid at which a value in some of its planes is positive.
 
-    ends: whether the first and the last of these are ends of the grid.
+    What is positive by less than `ON_END` of the change to the next node is zero but for rounding,
+    as in `beyond` of `stencils.py`. ends: whether the first and the last of these are ends of the
+    grid.
     """
+
+    def reaches(i: int, end: int) -> bool:
+        inner = min(1, values.shape[i] - 1) if end == 0 else max(-2, -values.shape[i])
+        edge, next_to_it = (np.take(values, k, axis=i) for k in (end, inner))
+        return bool((edge > ON_END * np.abs(edge - next_to_it)).any())
+
     return frozenset(
         (i, end)
         for i in range(values.ndim)
         for end in (0, -1)
-        if (i > 0 or ends[end]) and (np.take(values, end, axis=i) > 0).any()
+        if (i > 0 or ends[end]) and reaches(i, end)
     )
 
 
@@ -212,10 +224,12 @@ def check_inside(posed: Posed, reached: Ends) -> None:
                         f"'camera_view': along_wall), or give ends = {{\"{axis.name}\": "
                         '"extrapolated"} and accept extrapolated values',
                     )
+                wide = _end_of_region(posed, i, where)
+                far = "widen it" if wide is None else f"widen it to {axis.name} = {wide:.6g}"
                 raise SimulationError(
                     f"the grid cuts off region '{region.name}' at {axis.name} = {where:g}",
                     expected="a grid that contains the region",
-                    remedy=f'widen it, or give ends = {{"{axis.name}": "limited"}} if the state '
+                    remedy=f'{far}, or give ends = {{"{axis.name}": "limited"}} if the state '
                     'itself ends there, or "extrapolated" and accept extrapolated values',
                 )
 
@@ -226,11 +240,31 @@ FAR = (1e1, 1e2, 1e3)
 
 def _endless(posed: Posed, number: int, end: float) -> bool:
     """Whether the region is still there far beyond an end of an axis, however far one looks."""
+    axis = posed.grid.axes[number]
+    return all(_beyond(posed, number, end, (axis.high - axis.low) * np.array(FAR)))
+
+
+def _end_of_region(posed: Posed, number: int, end: float) -> float | None:
+    """A place beyond an end of an axis at which nothing is left of the region, in whole cells; None
+    if there is none within ten widths of the grid. The other axes are those of the grid."""
+    axis = posed.grid.axes[number]
+    cells = np.unique(np.geomspace(1, 10 * axis.count, 60).astype(int))
+    there = _beyond(posed, number, end, axis.step * cells)
+    if there[-1]:
+        return None
+    last = int(np.flatnonzero(np.append(True, there))[-1])  # of which the region is still there
+    outwards = 1.0 if end == axis.high else -1.0
+    return float(end + outwards * axis.step * cells[last])
+
+
+def _beyond(
+    posed: Posed, number: int, end: float, far: npt.NDArray[np.float64]
+) -> npt.NDArray[np.bool_]:
+    """Whether the region is somewhere so far beyond an end of an axis, at increasing distances."""
     axis, region = posed.grid.axes[number], posed.problem.start
-    width = axis.high - axis.low
     outwards = 1.0 if end == axis.high else -1.0
     nodes = [a.nodes for a in posed.grid.axes]
-    nodes[number] = np.sort(end + outwards * width * np.array(FAR))
+    nodes[number] = np.sort(end + outwards * far)
     margin = over_grid(
         region.margin,
         [a.state.symbol for a in posed.grid.axes],
@@ -239,7 +273,8 @@ def _endless(posed: Posed, number: int, end: float) -> bool:
         precision=posed.marching.precision,
     )
     table = margin(posed.clock[0]).reshape([len(n) for n in nodes])
-    return all((np.take(table, k, axis=number) > 0).any() for k in range(len(FAR)))
+    there = (np.moveaxis(table, number, 0).reshape(len(far), -1) > 0).any(axis=1)
+    return there if outwards > 0 else there[::-1]
 
 
 def _times(times: Sequence[float] | None, horizon: float) -> list[float]:

@@ -214,22 +214,23 @@ class Body:
         given = ", ".join(f"{double.vector(FLOAT)} {x}" for x in arguments)
         own, before = f"%{self.letter}{number}", self.label
         self._line(f"{own}.any = call i1 {reduce}({truth} {when})")
-        self._line(f"br i1 {own}.any, label %rare{number}, label %join{number}")
-        self.lines.append(f"rare{number}:")
+        place = f"{self.letter}{number}"
+        self._line(f"br i1 {own}.any, label %rare.{place}, label %join.{place}")
+        self.lines.append(f"rare.{place}:")
         self._line(f"{own}.all = call {several} @{function.name}({given})")
         for i, kind in enumerate(kinds):
             self._line(f"{own}.{i}.new = extractvalue {several} {own}.all, {i}")
             self._line(
                 f"{own}.{i}.one = select {truth} {when}, {kind} {own}.{i}.new, {kind} {usual[i]}"
             )
-        self._line(f"br label %join{number}")
-        self.lines.append(f"join{number}:")
+        self._line(f"br label %join.{place}")
+        self.lines.append(f"join.{place}:")
         for i, kind in enumerate(kinds):
             self._line(
                 f"{own}.{i} = phi {kind} [ {usual[i]}, %{before} ], "
-                f"[ {own}.{i}.one, %rare{number} ]"
+                f"[ {own}.{i}.one, %rare.{place} ]"
             )
-        self.label = f"join{number}"
+        self.label = f"join.{place}"
 
     def _function(self, function: Function) -> None:
         """Define a function of rare cases in the module."""

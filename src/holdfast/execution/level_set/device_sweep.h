@@ -10,11 +10,11 @@
  */
 enum { HF_EXTRAPOLATED, HF_PERIODIC, HF_LIMITED };
 
-/* The value `distance` nodes beyond an edge: linear, and away from zero so no sign is made. */
+/* The value `distance` nodes beyond an edge, as in `stencils.py`. */
 HF_FUNCTION hf_real hf_beyond(hf_real edge, hf_real inner, hf_real distance)
 {
     const hf_real slope = fabs(edge - inner);
-    return fma(distance, edge >= (hf_real)0 ? slope : -slope, edge);
+    return fma(distance, edge > (hf_real)1e-6 * slope ? slope : -slope, edge);
 }
 
 /* The value at the place `there` along an axis, from the node at `place`, which is at `here`. */
@@ -29,9 +29,10 @@ HF_FUNCTION hf_real hf_at(const hf_real *values, hf_int here, hf_int place, hf_i
                      (hf_real)(there < edge ? edge - there : there - edge));
 }
 
-/* The slopes on both sides of a node along an axis, in cells. */
+/* The slopes on both sides of a node along an axis, in cells, and its plain differences. */
 HF_FUNCTION void hf_sides(const hf_real *values, hf_int here, hf_int place, hf_int nodes,
-                          hf_int stride, hf_int kind, hf_real *below, hf_real *above)
+                          hf_int stride, hf_int kind, hf_real *below, hf_real *above, hf_real *plain_below,
+                          hf_real *plain_above)
 {
     hf_real n[2 * HF_GHOSTS + 1];
     if (place >= HF_GHOSTS && place + HF_GHOSTS < nodes) {
@@ -46,6 +47,8 @@ HF_FUNCTION void hf_sides(const hf_real *values, hf_int here, hf_int place, hf_i
 #else
     *below = hf_upper(n);
     *above = hf_lower(n + 1);
+    *plain_below = n[HF_GHOSTS] - n[HF_GHOSTS - 1];
+    *plain_above = n[HF_GHOSTS + 1] - n[HF_GHOSTS];
 #endif
 }
 
@@ -112,15 +115,16 @@ HF_FUNCTION void hf_stage_of(
         HF_EACH(t) {
             for (hf_int j = t; j < tall * wide; j += HF_THREADS) {
                 const hf_int r = j / wide, k = begin + j % wide, here = first + j;
-                hf_real below[HF_AXES], above[HF_AXES];
+                hf_real below[HF_AXES], above[HF_AXES], plain_below[HF_AXES], plain_above[HF_AXES];
                 for (int i = 0; i < HF_AXES; i++) {
                     const hf_int place = i < HF_AXES - 2 ? index[i] : i < HF_AXES - 1 ? row + r : k;
-                    hf_sides(values, here, place, shape[i], stride[i], kinds[i], below + i, above + i);
+                    hf_sides(values, here, place, shape[i], stride[i], kinds[i], below + i, above + i,
+                             plain_below + i, plain_above + i);
                 }
                 hf_real new_value, move = 0;
                 int differs, odd;
-                hf_node(numbers, along + k, nodes, of_row + r, below, above, values[here], base[here],
-                        before[here], HF_LOWER ? lower[here] : (hf_real)0,
+                hf_node(numbers, along + k, nodes, of_row + r, below, above, plain_below, plain_above,
+                        values[here], base[here], before[here], HF_LOWER ? lower[here] : (hf_real)0,
                         HF_UPPER ? upper[here] : (hf_real)0, &new_value, &differs, &odd, &move);
                 out[here] = new_value;
                 if (differs) changed = 1;

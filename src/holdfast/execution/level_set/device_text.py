@@ -14,7 +14,7 @@ from holdfast.execution.codegen.c_printer import Body, c_functions
 from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.codegen.lowering import FUNCTIONS
 from holdfast.execution.level_set.schemes import Scheme
-from holdfast.execution.level_set.stage_steps import NUMBERS, Stage
+from holdfast.execution.level_set.stage_steps import Stage, names_of_numbers
 from holdfast.execution.level_set.units import layout
 
 MOST_NODES = 256
@@ -86,11 +86,14 @@ def _cast(text: str, real: str) -> str:
 
 
 def _scheme(scheme: Scheme, precision: str, real: str) -> Iterable[str]:
-    """The slope at the upper and at the lower end of an interval, from the nodes n[0], n[1], ..."""
+    """The slope at the upper and at the lower end of an interval, from the nodes n[0], n[1], ...
+
+    The plain difference, which its leaf has too, is a subtraction in `device_sweep.h`.
+    """
     if scheme.one_slope:
         return
     leaf = scheme.leaf(precision)
-    for name, result in zip(("upper", "lower"), leaf.results, strict=True):
+    for name, result in zip(("upper", "lower"), leaf.results[:2], strict=True):
         body = Body(leaf.steps, [result], "    ", real, fused=True)
         given = {f"n{k}": f"n[{k}]" for k in range(2 * scheme.ghosts)}
         used = _inputs(leaf.steps, [result])
@@ -107,45 +110,43 @@ def _scheme(scheme: Scheme, precision: str, real: str) -> Iterable[str]:
 
 
 def _node(stage: Stage, real: str) -> str:
-    """From the slopes in cells on both sides of a node to its new value."""
-    n, rates = stage.axes, stage.rates
-    rate, along = rates.rate, rates.along
-    of_rate = real if rate.algebraic else "double"
-    slopes, found = stage.slopes()
-    means = Body(slopes, found, "        ", real, fused=True)
-    numbers = [*NUMBERS, *(f"{x}{i}" for x in ("half", "step") for i in range(n))]
-    given = {name: f"numbers[{k}]" for k, name in enumerate(numbers)}
-    sides = {f"{x}{i}": f"{x}[{i}]" for i in range(n) for x in ("below", "above")}
+    """From the slopes in cells on both sides of a node, and its plain differences, to its value."""
+    n = stage.axes
+    given = {name: f"numbers[{k}]" for k, name in enumerate(names_of_numbers(n))}
     names = [f"{x}{i}" for x in ("mean", "gap") for i in range(n)]
     lines = [
         *_declared(given, real),
         f"    {real} {', '.join(names)}, rate;",
-        "    {",
-        *_declared(sides, real, "        "),
-        *means.lines,
-        *(f"        {x} = {means.text(v.number)};" for x, v in zip(names, found, strict=True)),
-        "    }",
+        *_rate(stage, real, "", "rate", 0, declared=False),
     ]
-    used = _inputs(rate.steps, rate.results)
-    own: dict[str, str] = {}
-    for k, name in enumerate(rate.arguments["w"]):
-        if k < along:
-            own[name] = f"along[{k} * pitch]"
-        elif k < along + rates.of_row:
-            own[name] = f"(hf_real)of_row[{rates.outer + k - along} * HF_MOST_ROWS]"
-        else:
-            i = k - along - rates.of_row
-            own[name] = f"{'mean' if i < n else 'gap'}{i % n}"
-    own |= {name: f"of_row[{k} * HF_MOST_ROWS]" for k, name in enumerate(rate.arguments["u"])}
-    (result,) = rate.results
-    body = Body(rate.steps, [result], "        ", of_rate)
-    lines += [
-        "    {",
-        *_declared({k: v for k, v in own.items() if k in used}, of_rate, "        "),
-        *body.lines,
-        f"        rate = ({real})({body.text(result.number)});",
-        "    }",
-    ]
+    if stage.filtered:
+        sides = {
+            f"{kind}{x}{i}": f"{kind}{x}[{i}]"
+            for kind in ("", "plain_")
+            for i in range(n)
+            for x in ("below", "above")
+        }
+        steps, results = stage.apart()
+        apart = Body(steps, results, "        ", real, fused=True)
+        steps, (held,) = stage.filter()
+        last = Body(steps, [held], "            ", real, fused=True)
+        lines += [
+            "    {",
+            *_declared(sides, real, "        "),
+            *apart.lines,
+            f"        if ({apart.text(results[2].number)}) {{",
+            f"            const {real} apart = {apart.text(results[0].number)};",
+            f"            const {real} own_leeway = {apart.text(results[1].number)};",
+            f"            {real} monotone;",
+            *_rate(stage, real, "plain_", "monotone", 1, declared=True),
+            "            {",
+            f"            const {real} leeway = own_leeway;",
+            *last.lines,
+            f"            rate = {last.text(held.number)};",
+            "            }",
+            "        }",
+            "    }",
+        ]
     steps, results = stage.step(measured=True)
     last = Body(steps, results, "    ", real, fused=True)
     lines += last.lines
@@ -154,7 +155,8 @@ def _node(stage: Stage, real: str) -> str:
     return "\n".join(
         [
             "HF_FUNCTION void hf_node(const double *numbers, const hf_real *along, hf_int pitch,",
-            "    const double *of_row, const hf_real *below, const hf_real *above, hf_real value,",
+            "    const double *of_row, const hf_real *below, const hf_real *above,",
+            "    const hf_real *plain_below, const hf_real *plain_above, hf_real value,",
             "    hf_real base, hf_real before, hf_real lower, hf_real upper, hf_real *new_value,",
             "    int *differs, int *odd, hf_real *move)",
             "{",
@@ -162,6 +164,50 @@ def _node(stage: Stage, real: str) -> str:
             "}",
         ]
     )
+
+
+def _rate(
+    stage: Stage, real: str, kind: str, name: str, result: int, *, declared: bool
+) -> list[str]:
+    """A block that sets `name` to a result of the leaf of the rate, from the slopes of a kind.
+
+    declared: whether the means and gaps are the block's own, and not those outside it.
+    """
+    n, rates = stage.axes, stage.rates
+    rate, along = rates.rate, rates.along
+    of_rate = real if rate.algebraic else "double"
+    slopes, found = stage.slopes()
+    means = Body(slopes, found, "            ", real, fused=True)
+    names = [f"{x}{i}" for x in ("mean", "gap") for i in range(n)]
+    sides = {f"{x}{i}": f"{kind}{x}[{i}]" for i in range(n) for x in ("below", "above")}
+    wanted = rate.results[result]
+    used = _inputs(rate.steps, [wanted])
+    own: dict[str, str] = {}
+    for k, argument in enumerate(rate.arguments["w"]):
+        if k < along:
+            own[argument] = f"along[{k} * pitch]"
+        elif k < along + rates.of_row:
+            own[argument] = f"(hf_real)of_row[{rates.outer + k - along} * HF_MOST_ROWS]"
+        else:
+            i = k - along - rates.of_row
+            own[argument] = f"{'mean' if i < n else 'gap'}{i % n}"
+    own |= {x: f"of_row[{k} * HF_MOST_ROWS]" for k, x in enumerate(rate.arguments["u"])}
+    body = Body(rate.steps, [wanted], "            ", of_rate)
+    return [
+        "    {",
+        *([f"        {real} {', '.join(names)};"] if declared else []),
+        "        {",
+        *_declared(sides, real, "            "),
+        *means.lines,
+        *(f"            {x} = {means.text(v.number)};" for x, v in zip(names, found, strict=True)),
+        "        }",
+        "        {",
+        *_declared({k: v for k, v in own.items() if k in used}, of_rate, "            "),
+        *body.lines,
+        f"            {name} = ({real})({body.text(wanted.number)});",
+        "        }",
+        "    }",
+    ]
 
 
 def _inputs(steps: Steps, results: Sequence[Value]) -> set[str]:

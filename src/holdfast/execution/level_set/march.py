@@ -51,6 +51,11 @@ STAGES = {1: ((1.0, 0.0),), 2: ((1.0, 0.0), (0.5, 1.0)), 3: ((1.0, 0.0), (0.25, 
 ALL_MEASURED, MEASURED = 64, 4
 """Steps from the first for which it is measured how fast the set moves, then one in so many."""
 
+MOST_LEEWAY, LEEWAY = 0.1, 0.8
+"""How far the rates of a scheme of higher order may be from those of a monotone step (see
+`stage_steps.py`): shares of the largest rate of the start value, the second over the square root of
+the cells of an axis, whichever is less."""
+
 MOST_STEPS = 10**9
 """Steps of a march: it would take days on the smallest grid."""
 
@@ -91,12 +96,15 @@ class March:
         device: Device | None = None,
         cut: tuple[int, int, int, int] | None = None,
         fastest: Callable[[Sequence[float]], tuple[Array, float]] | None = None,
+        start_rate: float = math.inf,
     ) -> None:
         """clock: the time t at tau = 0, and how fast it runs, 1 or -1. reflected: for every axis,
         at which place of it the node is that always has the same value; half is computed then.
         device: where the stages are carried out, if not by the threads of this machine.
         cut: the units of the last two axes, where they are not those of `layout`. fastest: the
         largest speeds at times t, and the largest sum of them over the steps, from elsewhere.
+        start_rate: the largest rate of the start value; where it is infinite, no scheme is held
+        close to monotone steps.
         """
         scheme = self.scheme = schemes()[method.scheme]
         self.precision, self.device = precision, device
@@ -128,6 +136,9 @@ class March:
         symbols = [q.symbol for q in hamiltonian.system.states]
         own = Fastest(hamiltonian.speeds, symbols, parameters, axes, self.steps)
         self.fastest = fastest or own.at
+        cells = 1.0 / float(np.mean([1.0 / (len(a) - 1) for a in axes]))
+        self.share = min(MOST_LEEWAY, LEEWAY / math.sqrt(cells))
+        self.leeway = self.share * start_rate
 
     @property
     def name(self) -> str:
@@ -291,7 +302,8 @@ class March:
 
     def numbers(self, dt: float, weight: float, within: tuple[float, float, float]) -> Array:
         """Those of a stage (`stage_steps.py`). within: floor, ceiling, nearest."""
-        return np.array([dt, weight, *within, *0.5 / self.steps, *self.steps])
+        per_axis = (0.5 / self.steps, self.steps, self.speeds / self.steps)
+        return np.array([dt, weight, *within, self.leeway, self.share, *np.concatenate(per_axis)])
 
     def steps_to(self, times: Sequence[float]) -> Iterator[tuple[float, float, float | None]]:
         """Start and length of every step [s], and which of `times` it ends at."""

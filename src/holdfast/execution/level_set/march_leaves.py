@@ -40,7 +40,11 @@ class MarchLeaves:
         precision: str,
     ) -> None:
         self._rates = rate_leaves(
-            hamiltonian, parameters, dissipation=dissipation, precision=precision
+            hamiltonian,
+            parameters,
+            dissipation=dissipation,
+            filtered=not scheme.one_slope,
+            precision=precision,
         )
         self._scheme, self._limit, self._order = scheme, limit, order
         self._precision = precision

@@ -6,11 +6,12 @@ Every part of the rate is computed as far out as possible (`codegen/loop_nest.py
 |---|---|---|
 | along | the nodes of the last axis | what depends on the last axis alone |
 | rows | of each row the other axes | what depends on outer axes; what depends on the row's |
-| rate | along, the row's, mean slopes, half gaps | dW/dtau before it is limited |
+| rate | along, the row's, mean slopes, half gaps | dW/dtau before it is limited; of a monotone step |
 
 Their argument u are numbers that are the same at all nodes: of the first two the time, the
 parameters and the largest speed along each axis; of the last what the rows have of outer axes.
-The rate is not called but is a part of the leaf of a stage (`stage_leaf.py`).
+The rate is not called but is a part of the leaf of a stage (`stage_leaf.py`). Its second result is
+for the plain differences of a filtered scheme (`stage_steps.py`, `maths/games/monotone_flux.py`).
 No product and sum of the rate are fused: where the slope on one side is zero, two equal products
 are subtracted, and the sign of their difference decides which input is optimal.
 """
@@ -28,6 +29,7 @@ from holdfast.execution.codegen.loop_nest import BEFORE, Schedule
 from holdfast.execution.codegen.lowering import is_algebraic, lowered
 from holdfast.maths.definitions.quantity import TIME, Parameter
 from holdfast.maths.games.hamiltonian import Hamiltonian
+from holdfast.maths.games.monotone_flux import monotone_flux
 
 DISSIPATIONS = ("global", "local", "local-local")
 
@@ -49,9 +51,12 @@ def rate_leaves(
     parameters: Sequence[Parameter],
     *,
     dissipation: str,
+    filtered: bool,
     precision: str = "float64",
 ) -> RateLeaves:
-    """The leaves of the Lax-Friedrichs scheme with this Hamiltonian."""
+    """The leaves of the Lax-Friedrichs scheme with this Hamiltonian.
+
+    filtered: whether the rate of a monotone step is wanted, too."""
     n = len(hamiltonian.costates)
     gaps = [sp.Symbol(f"_g{i}", real=True) for i in range(n)]  # no user name begins so
     largest = [sp.Symbol(f"_a{i}", real=True) for i in range(n)]
@@ -63,13 +68,16 @@ def rate_leaves(
         (a * g for a, g in zip(speeds, gaps, strict=True)), start=sp.S.Zero
     )
     width = {s: sp.Abs(g) for s, g in zip(hamiltonian.spreads, gaps, strict=True)}
+    totals = [total.xreplace(width)]
+    if filtered:
+        totals.append(monotone_flux(hamiltonian, gaps))
     slopes = [*hamiltonian.costates, *gaps]
     axes = [q.symbol for q in hamiltonian.system.states]
     plan = Schedule(axes, frozenset(slopes))
-    (rate,) = plan.add([total.xreplace(width)])
+    results = plan.add(totals)
     at_node = plan.levels.get(n, [])
     outside = [x for level in range(BEFORE, n - 1) for x in plan.levels.get(level, [])]
-    asked = set().union(*(e.free_symbols for e in [*(e for _, e in at_node), rate]))
+    asked = set().union(*(e.free_symbols for e in [*(e for _, e in at_node), *results]))
     asked -= {s for s, _ in at_node} | set(slopes)
     order = sorted(asked, key=str)
     tables = {axes[-1], *(s for s, _ in plan.tables)}
@@ -79,13 +87,13 @@ def rate_leaves(
     outer = [s for s in order if s not in tables | row]
     same = [TIME, *(q.symbol for q in parameters), *largest]
     before = plan.levels.get(BEFORE, [])
-    algebraic = is_algebraic([rate, *(e for _, e in at_node)])
+    algebraic = is_algebraic([*results, *(e for _, e in at_node)])
     leaves = {
         "along": _leaf(axes[-1:], same, [*before, *plan.tables], along),
         "rows": _leaf(axes[:-1], same, outside, [*outer, *of_row]),
     }
     of_node = _leaf(
-        [*along, *of_row, *slopes], outer, at_node, [rate],
+        [*along, *of_row, *slopes], outer, at_node, results,
         single=precision == "float32", algebraic=algebraic,
     )  # fmt: skip
     return RateLeaves(leaves, of_node, len(along), len(of_row), len(outer))

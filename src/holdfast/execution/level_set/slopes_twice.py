@@ -4,8 +4,9 @@ A node takes the slope at the upper end of the interval below and that at the lo
 interval above. The slopes of an interval belong to the nodes on both sides of it: along an outer
 axis those above a place are kept for the next place.
 
-`own` has for each axis the slopes at the upper and at the lower ends of intervals, then rows of
-nodes, then the slopes of places that are kept. `kept` says of each axis where these begin, then
+`own` has for each axis the slopes at the upper and at the lower ends of intervals, their plain
+differences, and the same for the nodes below; then rows of nodes, then the slopes and differences
+of places that are kept. `kept` says of each axis where these begin, then
 where the units begin that they belong to; the units follow.
 """
 
@@ -16,16 +17,16 @@ from __future__ import annotations
 
 from holdfast.execution.level_set.stencils import *
 
-ENDS = 2 * RUN + VECTOR  # slopes at the upper ends of intervals; those at the lower ends follow
+ENDS = 2 * RUN + VECTOR  # slopes at the upper ends of intervals; the three others follow
 GATHERED = 7 * RUN + 2 * VECTOR  # nodes of a run and of three on either side
 
 
 def begin_slopes(kept: Wholes, strides: Wholes, within: Wholes, n: int):
     """No slopes are known yet."""
-    kept[0], kept[n + 1] = 2 * ENDS * n + GATHERED, 2 * n + 2
+    kept[0], kept[n + 1] = 4 * ENDS * n + GATHERED, 2 * n + 2
     for i in range(n):
         keeps = i < n - 2 and strides[i] <= KEPT
-        kept[i + 1] = kept[i] + (strides[i] if keeps else 0)
+        kept[i + 1] = kept[i] + (2 * strides[i] if keeps else 0)
         kept[n + 2 + i] = kept[n + 1 + i] + (within[i] if keeps else 0)
     for k in range(2 * n + 2, kept[2 * n + 1]):
         kept[k] = -1
@@ -110,15 +111,18 @@ def slopes_across(
     places: Wholes,
 ):  # fmt: skip
     """Slopes below and above the nodes of a run along an axis that is not the last."""
-    ends, rows, at = own[2 * ENDS * i :], own[2 * ENDS * n :], places[SLOPES + 2 * n :]
+    ends, rows, at = own[4 * ENDS * i :], own[4 * ENDS * n :], places[SLOPES + 4 * n :]
+    plain = places[SLOPES + 2 * n + 2 * i :]
     start, first = 0, kept[n + 1 + i]
-    places[SLOPES + 2 * i] = address(ends, 0)
+    places[SLOPES + 2 * i], plain[0] = address(ends, 0), address(ends, 2 * ENDS)
     if outer:
         tall, wide = 1, count
         if place > 0 and is_kept(kept, first, kept[n + 2 + i] - first, unit, several):
             start = 1
             places[SLOPES + 2 * i] = address(own, kept[i] + here % stride)
+            plain[0] = address(own, kept[i] + stride + here % stride)
     places[SLOPES + 2 * i + 1] = address(ends, ENDS + wide)
+    plain[1] = address(ends, 2 * ENDS + wide)
     source = values
     if not reach(at, here, place, tall, nodes, stride, count, kind, ghosts, size):
         gather(values, here, place, tall, nodes, stride, wide, kind, ghosts, rows, at)
@@ -136,8 +140,10 @@ def slopes_along_rows(
     own: Values, places: Wholes,
 ):  # fmt: skip
     """The same along the last axis."""
-    ends, rows, at = own[2 * ENDS * i :], own[2 * ENDS * n :], places[SLOPES + 2 * n :]
+    ends, rows, at = own[4 * ENDS * i :], own[4 * ENDS * n :], places[SLOPES + 4 * n :]
+    plain = places[SLOPES + 2 * n + 2 * i :]
     places[SLOPES + 2 * i], places[SLOPES + 2 * i + 1] = address(ends, 0), address(ends, ENDS + 1)
+    plain[0], plain[1] = address(ends, 2 * ENDS), address(ends, 3 * ENDS)
     for k in range(8):
         at[k] = k
     for k in range(tall):
@@ -146,6 +152,7 @@ def slopes_along_rows(
         call_scheme(scheme, rows, at, 0, ends[k * wide :], wide + 1)
         if k > 0:
             ends[k * wide + ENDS] = last
+        copy(ends, k * wide + 2 * ENDS + 1, wide, ends, k * wide + 3 * ENDS)
 
 
 def remember_slopes(
@@ -159,4 +166,5 @@ def remember_slopes(
         return
     for k in range(several):
         kept[first + (unit + k) % many] = unit + k + many
-    copy(own, 2 * ENDS * i + count, count, own, kept[i] + here % stride)
+    copy(own, 4 * ENDS * i + count, count, own, kept[i] + here % stride)
+    copy(own, 4 * ENDS * i + 2 * ENDS + count, count, own, kept[i] + stride + here % stride)

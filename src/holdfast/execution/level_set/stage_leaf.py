@@ -10,13 +10,14 @@ from collections.abc import Iterator, Sequence
 
 from holdfast.execution.arithmetic.steps import FLOAT, TRUTH, Steps, Value
 from holdfast.execution.codegen.llvm_body import Body, Format, Module, repeated
-from holdfast.execution.level_set.stage_steps import NUMBERS, Stage
+from holdfast.execution.level_set.stage_steps import NUMBERS, Stage, names_of_numbers
 
 PLACES = (
     "value", "base", "before", "lower", "upper", "out", "rest", "changed", "odd", "moves", "along",
     "of_row", "outer", "numbers",
 )  # fmt: skip
-"""The addresses that a stage asks for, in the order of `sweep.py`; two for each axis follow."""
+"""The addresses that a stage asks for, in the order of `sweep.py`. Two slopes for each axis follow,
+and of a filtered scheme two plain differences for each."""
 
 PITCH = 272
 """From a row of what depends on the last axis, or on a row of it, to the next; as in `sweep.py`."""
@@ -45,16 +46,20 @@ class _Text:
         self.lines: list[str] = []
         self.label = "loop"
         self._loaded: set[str] = set()
+        self._same: set[str] = set()
 
     @property
     def function(self) -> str:
         for name in PLACES:
             self.entry += self._address(name, PLACES.index(name))
-        numbers = [*NUMBERS, *(f"{x}{i}" for x in ("half", "step") for i in range(self.stage.axes))]
-        for k, name in enumerate(numbers):
+        for k, name in enumerate(names_of_numbers(self.stage.axes)):
             self._uniform(name, "numbers", k, self.own)
-        slopes = self._slopes()
-        self._step(self._rate(slopes), slopes)
+        sides = self._sides("", 0)
+        slopes = self._slopes(sides, "s")
+        rate = self._rate(slopes, 0, "r")
+        if self.stage.filtered:
+            rate = self._filtered(rate, sides)
+        self._step(rate, slopes)
         name = "measured" if self.measured else "stage"
         return "\n".join(
             [
@@ -74,20 +79,28 @@ class _Text:
             ]
         )
 
-    def _slopes(self) -> list[str]:
+    def _sides(self, kind: str, place: int) -> dict[str, str]:
+        """Of each axis the slopes at both sides of a node, or what else is there of this kind; they
+        follow so many others."""
+        found = {}
+        for i in range(self.stage.axes):
+            for k, name in enumerate((f"{kind}below{i}", f"{kind}above{i}")):
+                self.entry += self._address(name, len(PLACES) + place + 2 * i + k)
+                found[name] = self._load(name)
+        return found
+
+    def _slopes(self, sides: dict[str, str], letter: str) -> list[str]:
         """The names of means, then of gaps."""
-        given = {f"half{i}": f"%half{i}" for i in range(self.stage.axes)}
+        given = {f"half{i}": f"%half{i}" for i in range(self.stage.axes)} | sides
         if self.stage.one_slope:
             given["value"] = self._load("value")
-        for i in range(self.stage.axes):
-            for k, name in enumerate((f"below{i}", f"above{i}")):
-                self.entry += self._address(name, len(PLACES) + 2 * i + k)
-                given[name] = self._load(name)
-        return self._printed(*self.stage.slopes(), self.own, given, "s")
+        return self._printed(*self.stage.slopes(), self.own, given, letter)
 
-    def _rate(self, slopes: Sequence[str]) -> str:
+    def _rate(self, slopes: Sequence[str], result: int, letter: str) -> str:
+        """One of the two results of the leaf of the rate."""
         rate, along, of_row = self.rates.rate, self.rates.along, self.rates.of_row
-        needed = {rate.steps.list[k].given for k in rate.steps.needed([rate.results[0].number])}
+        wanted = rate.results[result]
+        needed = {rate.steps.list[k].given for k in rate.steps.needed([wanted.number])}
         given = {}
         for k, name in enumerate(rate.arguments["w"]):
             if name not in needed:
@@ -98,13 +111,44 @@ class _Text:
                 found = self._load("of_row", k - along)
             else:
                 found = slopes[k - along - of_row]
-            given[name] = self._converted(found, self.own, self.of_rate, f"w{k}")
+            given[name] = self._converted(found, self.own, self.of_rate, f"{letter}w{k}")
         for k, name in enumerate(rate.arguments["u"]):
             if name in needed:
                 self._uniform(name, "outer", k, self.of_rate)
                 given[name] = f"%{name}"
-        (found,) = self._printed(rate.steps, rate.results, self.of_rate, given, "r")
-        return self._converted(found, self.of_rate, self.own, "rate")
+        (found,) = self._printed(rate.steps, [wanted], self.of_rate, given, letter)
+        return self._converted(found, self.of_rate, self.own, f"{letter}rate")
+
+    def _filtered(self, rate: str, sides: dict[str, str]) -> str:
+        """The rate within the leeway of the monotone one, which is computed where a lane needs it.
+
+        A lane that does not need it has the rate of the scheme whether it is computed or not.
+        """
+        n, stage, truth, of = self.stage.axes, self.stage, self.own.vector(TRUTH), self.own
+        plain = self._sides("plain_", 2 * n)
+        given = sides | plain | {"leeway": "%leeway", "share": "%share"} | {f"pace{i}": f"%pace{i}" for i in range(n)}
+        apart, leeway, far = self._printed(*stage.apart(), self.own, given, "d")
+        reduce = f"@llvm.vector.reduce.or.v{self.lanes}i1"
+        self.module.intrinsics.add(f"declare i1 {reduce}({truth})")
+        before, loaded = self.label, set(self._loaded)
+        self.lines += [
+            f"  %any.far = call i1 {reduce}({truth} {far})",
+            "  br i1 %any.far, label %far, label %near",
+            "far:",
+        ]
+        self.label = "far"
+        slopes = self._slopes({k.removeprefix("plain_"): v for k, v in plain.items()}, "p")
+        monotone = self._rate(slopes, 1, "q")
+        given = {"rate": rate, "monotone": monotone, "apart": apart, "leeway": leeway}
+        (filtered,) = self._printed(*stage.filter(), self.own, given, "f")
+        vector = of.vector(FLOAT)
+        self.lines += [
+            "  br label %near",
+            "near:",
+            f"  %filtered = phi {vector} [ {rate}, %{before} ], [ {filtered}, %{self.label} ]",
+        ]
+        self.label, self._loaded = "near", loaded
+        return "%filtered"
 
     def _step(self, rate: str, slopes: Sequence[str]) -> None:
         n, stage = self.stage.axes, self.stage
@@ -146,6 +190,9 @@ class _Text:
 
     def _uniform(self, name: str, array: str, row: int, form: Format) -> None:
         """A number that is the same at all nodes; all of these are in double precision."""
+        if name in self._same:
+            return
+        self._same.add(name)
         value = f"%{name}.d"
         self.entry += [
             f"  %{name}.q = getelementptr double, ptr %{array}.a, i64 {row}",

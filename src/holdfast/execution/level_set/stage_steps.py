@@ -6,6 +6,20 @@
 
 Of a scheme that has one slope of every interval the slopes are differences of the nodes on either
 side; others have computed them before. What lies between the two is the rate (`rate_leaves.py`).
+
+A scheme of higher order may balance a ridge against its dissipation, and stand still where the
+equation does not. So it is filtered: with r the rate of the scheme, r_M that of the monotone step
+from the plain differences (`maths/games/monotone_flux.py`), and s a bound of |r - r_M|,
+
+    rate = r_M + w (r - r_M),   w = 1 to s = e,  2 - s / e to s = 2 e,  0 beyond
+
+Where the value is smooth s is less than the leeway e, and the rate is that of the scheme; a step
+differs from a monotone one by no more than e dt, and e tends to 0 with the cells, whatever the
+value, so that the values converge to the viscosity solution (G. Barles, P. E. Souganidis,
+Asymptotic Anal. 4, 1991; B. D. Froese, A. M. Oberman, SIAM J. Numer. Anal. 51, 2013;
+O. Bokanowski, M. Falcone, S. Sahu, SIAM J. Sci. Comput. 38, 2016, where w depends on |r - r_M|
+itself, which is small where a ridge is balanced). Limits and bounds keep the order of two values,
+and a Runge-Kutta step is a convex combination of such stages, so that it holds for a whole step.
 """
 
 from __future__ import annotations
@@ -17,10 +31,22 @@ from holdfast.execution.arithmetic.steps import FLOAT, Steps, Value, choose
 from holdfast.execution.codegen.llvm_body import LANES
 from holdfast.execution.level_set.rate_leaves import RateLeaves
 
-NUMBERS = ("dt", "weight", "floor", "ceiling", "nearest")
-"""The first of its numbers; for each axis half the inverse of its step, then for each its step."""
+NUMBERS = ("dt", "weight", "floor", "ceiling", "nearest", "leeway", "share")
+"""The first of its numbers; `OF_AXES` of every axis follow."""
+
+OF_AXES = ("half", "step", "pace")
+"""Numbers of each axis: half the inverse of its step, its step, the largest speed in cells."""
+
+
+def names_of_numbers(axes: int) -> list[str]:
+    """The numbers of a stage, in their order."""
+    return [*NUMBERS, *(f"{x}{i}" for x in OF_AXES for i in range(axes))]
+
 
 INFINITE = 1e300
+
+MOST_STEEP = 4.0
+"""How many times larger the leeway may be where the value is steeper than the start value."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +84,43 @@ class Stage:
             means.append(half * (below + above))
             gaps.append(half * (above - below))
         return steps, [*means, *gaps]
+
+    @property
+    def filtered(self) -> bool:
+        """Whether the rate is held close to that of a monotone step."""
+        return not self.one_slope
+
+    def apart(self) -> tuple[Steps, list[Value]]:
+        """s, a bound of |r - r_M| whatever the Hamiltonian; the leeway e; and whether s > e.
+
+        No speed exceeds c_i, that of `pace`, so that with slopes p and plain differences q, in
+        cells, on both sides of a node
+
+            |r - r_M| <= s = sum_i c_i (max(|p_i- - q_i-|, |p_i+ - q_i+|) + |q_i+ - q_i-| / 2)
+            e = a R,  or  a sum_i c_i min(|q_i-|, |q_i+|)  where that is more, at most 4 a R
+
+        with the share a and the largest rate R of the start value. Inputs: leeway, which is a R,
+        share, and of each axis below0, above0, plain_below0, plain_above0, pace0, ...
+        """
+        steps = Steps(expanded=True)
+        most, steep = steps.constant(0.0, FLOAT), steps.constant(0.0, FLOAT)
+        for i in range(self.axes):
+            pace, below, above = (steps.input(f"{x}{i}") for x in ("pace", "below", "above"))
+            lower, upper = steps.input(f"plain_below{i}"), steps.input(f"plain_above{i}")
+            differ = _at_least(abs(below - lower), abs(above - upper))
+            most = most + pace * (differ + 0.5 * abs(upper - lower))
+            steep = steep + pace * _at_most(abs(lower), abs(upper))
+        leeway = steps.input("leeway")
+        own = _at_least(steep * steps.input("share"), leeway)
+        own = _at_most(own, MOST_STEEP * leeway)
+        return steps, [most, own, most > own]
+
+    def filter(self) -> tuple[Steps, list[Value]]:
+        """The rate, from inputs rate, monotone, apart and leeway (those of `apart`)."""
+        steps = Steps(expanded=True)
+        rate, monotone, apart, leeway = map(steps.input, ("rate", "monotone", "apart", "leeway"))
+        left = _at_least((2.0 * leeway - apart) / leeway, steps.constant(0.0, FLOAT))
+        return steps, [choose(apart > leeway, monotone + left * (rate - monotone), rate)]
 
     def step(self, measured: bool) -> tuple[Steps, list[Value]]:
         """The new value, whether it differs, whether it is not finite, and how far it has moved.

@@ -30,9 +30,13 @@ def watch(own: Wholes, other: Wholes, value: int, times: int):
 
 
 def beyond(edge: Value, inner: Value, distance: Value) -> Value:
-    """The value `distance` nodes beyond an edge: linear, and away from zero so no sign is made."""
+    """The value `distance` nodes beyond an edge: linear, and away from zero so no sign is made.
+
+    An edge on which the value is zero, within rounding, is one of the set, and beyond it is less: a
+    grid that ends on a constraint is as good as a wider one. A millionth of a cell is rounding.
+    """
     slope = abs(edge - inner)
-    return edge + distance * (slope if edge >= 0.0 else -slope)
+    return edge + distance * (slope if edge > 1e-6 * slope else -slope)
 
 
 def place_of(there: int, nodes: int, kind: int) -> int:

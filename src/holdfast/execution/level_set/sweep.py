@@ -100,7 +100,7 @@ def sweep(
     unit_nodes = many * nodes if stretches == 1 else longest
     most = max(1, RUN // unit_nodes)  # units computed together; stretches, of one row
     places = wholes
-    changed = places[SLOPES + 2 * n + 8 :]
+    changed = places[SLOPES + 4 * n + 8 :]
     odd = changed[WORDS:]
     strides = odd[WORDS:]
     within, index = strides[n:], strides[2 * n :]

@@ -49,13 +49,13 @@ class SweepCode:
         of, n, nodes = self.constants, len(shape), shape[-1]
         local, stretches = cut[1] * cut[2], cut[2]
         along, of_row, outer = sizes[:3]
-        wholes, held = of["SLOPES"] + 2 * of["WORDS"] + 7 * n + 10, 2 * n * of["PITCH"]
+        wholes, held = of["SLOPES"] + 2 * of["WORDS"] + 9 * n + 10, 2 * n * of["PITCH"]
         if not self.one_slope:
-            held = 2 * of["ENDS"] * n + of["GATHERED"] + of["VECTOR"]
+            held = 4 * of["ENDS"] * n + of["GATHERED"] + of["VECTOR"]
             units, stride = local, shape[-1] * (shape[-2] if n > 1 else 1)
             for i in range(n - 3, -1, -1):
                 if stride <= of["KEPT"]:
-                    held, wholes = held + stride, wholes + units
+                    held, wholes = held + 2 * stride, wholes + units
                 units, stride = units * shape[i], stride * shape[i]
         held += (stretches * along + of_row + of["ARRAYS"] + 1) * of["PITCH"]
         reals = (n + of_row + outer) * of["PITCH"] + outer + (1 + along) * (nodes + of["VECTOR"])

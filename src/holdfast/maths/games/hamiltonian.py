@@ -40,7 +40,8 @@ class Hamiltonian:
     for p_i within `spreads` (half-widths) of `costates`, of the local-local scheme. samples: along
     every sampled coordinate, 0 for a closed form. separable: whether no rate mixes
     inputs with disturbances, so that it does not matter who chooses first (the condition of
-    R. Isaacs); where it is False, the disturbance answers the input.
+    R. Isaacs); where it is False, the disturbance answers the input. sides: "max" or "min", of the
+    inputs and of the disturbances.
     """
 
     system: System
@@ -53,6 +54,7 @@ class Hamiltonian:
     tight_speeds: tuple[sp.Expr, ...]
     samples: int = 0
     separable: bool = True
+    sides: tuple[str, str] = ("max", "min")
 
 
 @checked
@@ -88,27 +90,12 @@ def hamiltonian(
             "input and disturbance: a closed form exists",
             remedy="leave out samples",
         )
-    players, points = [], []
-    for what, members, bounds, side in (
-        ("input", system.inputs, system.input_bounds, inputs),
-        ("disturbance", system.disturbances, system.disturbance_bounds, disturbances),
-    ):
-        closed = tuple(q for q in members if q.symbol not in which)
-        rest = section(bounds, [q in closed for q in members])
-        players.append(_Player(system, what, closed, rest, side, frozenset(which)))
-        symbols = [q.symbol for q in members]
-        points.append(points_of(bounds, symbols, which, system.samples))
-    check_count(*(len(every) for every in points))
-    rates = sp.Matrix(list(system.rates.values()))
-    gains = [player.gain(rates) for player in players]
-    still = rates.xreplace({q.symbol: sp.S.Zero for one in players for q in one.members})
+    game = _game_with(system, inputs, disturbances, which)
+    players, points = game.players, game.points
 
     def case(u: Point, d: Point) -> _Case:
-        at = u | d
-        drift = still.xreplace(at)
-        now = [gain.xreplace(at) for gain in gains]
-        sets = zip(players, now, strict=True)
-        return _case(list(sets), drift, p, spread, at)
+        drift, gains = game.at(u | d)
+        return _case(list(zip(players, gains, strict=True)), drift, p, spread, u | d)
 
     answers = [_best([case(u, d) for d in points[1]], players[1].sign, spread) for u in points[0]]
     found = _best(answers, players[0].sign, spread)
@@ -127,7 +114,46 @@ def hamiltonian(
             for q in system.inputs
             for found in dependences(system, q.symbol)
         ),
+        (inputs, disturbances),
     )
+
+
+@dataclass(frozen=True)
+class Game:
+    """The players, the sampled points of each, and the rates: without the closed forms, and how
+    they change with these."""
+
+    players: list[Player]
+    points: list[list[Point]]
+    still: sp.Matrix
+    gains: list[sp.Matrix]
+
+    def at(self, point: Point) -> tuple[sp.Matrix, list[sp.Matrix]]:
+        """The rates without the closed forms, and the gains of these, at a sampled point."""
+        return self.still.xreplace(point), [gain.xreplace(point) for gain in self.gains]
+
+
+def game_of(h: Hamiltonian) -> Game:
+    """The game that a Hamiltonian is the value of."""
+    return _game_with(h.system, *h.sides, without_closed_form(h.system) if h.samples else set())
+
+
+def _game_with(system: System, inputs: str, disturbances: str, which: set[sp.Symbol]) -> Game:
+    """which: the inputs and disturbances that are sampled."""
+    players, points = [], []
+    for what, members, bounds, side in (
+        ("input", system.inputs, system.input_bounds, inputs),
+        ("disturbance", system.disturbances, system.disturbance_bounds, disturbances),
+    ):
+        closed = tuple(q for q in members if q.symbol not in which)
+        rest = section(bounds, [q in closed for q in members])
+        players.append(Player(system, what, closed, rest, side, frozenset(which)))
+        symbols = [q.symbol for q in members]
+        points.append(points_of(bounds, symbols, which, system.samples))
+    check_count(*(len(every) for every in points))
+    rates = sp.Matrix(list(system.rates.values()))
+    still = rates.xreplace({q.symbol: sp.S.Zero for one in players for q in one.members})
+    return Game(players, points, still, [player.gain(rates) for player in players])
 
 
 @dataclass(frozen=True)
@@ -146,7 +172,7 @@ class _Case:
 
 
 def _case(
-    sets: Sequence[tuple[_Player, sp.Matrix]],
+    sets: Sequence[tuple[Player, sp.Matrix]],
     drift: sp.Matrix,
     p: sp.Matrix,
     spread: sp.Matrix,
@@ -204,10 +230,10 @@ def _best(cases: Sequence[_Case], sign: int, spread: sp.Matrix) -> _Case:
     return _Case(
         first.value,
         first.chosen,
-        tuple(_of_all(least, [c.low[i] for c in cases]) for i in axes),
-        tuple(_of_all(greatest, [c.high[i] for c in cases]) for i in axes),
-        tuple(_of_all(greatest, [c.speeds[i] for c in cases]) for i in axes),
-        tuple(_of_all(greatest, row) for row in tight),
+        tuple(of_all(least, [c.low[i] for c in cases]) for i in axes),
+        tuple(of_all(greatest, [c.high[i] for c in cases]) for i in axes),
+        tuple(of_all(greatest, [c.speeds[i] for c in cases]) for i in axes),
+        tuple(of_all(greatest, row) for row in tight),
     )
 
 
@@ -230,11 +256,11 @@ def _first(cases: Sequence[_Case], sign: int) -> _Case:
     )
 
 
-def _of_all(pick: Callable[..., sp.Expr], values: Sequence[sp.Expr]) -> sp.Expr:
+def of_all(pick: Callable[..., sp.Expr], values: Sequence[sp.Expr]) -> sp.Expr:
     """The least or the greatest, by bisection of the list, so that expressions stay shallow."""
     if len(values) == 1:
         return values[0]
-    return pick(_of_all(pick, values[::2]), _of_all(pick, values[1::2]))
+    return pick(of_all(pick, values[::2]), of_all(pick, values[1::2]))
 
 
 def _check_bounded(
@@ -255,7 +281,7 @@ def _check_bounded(
 
 
 @dataclass(frozen=True)
-class _Player:
+class Player:
     """One player: its quantities with a closed form, their set, whether it maximises or minimises,
     and the sampled quantities of both players."""
 

@@ -36,11 +36,13 @@ class Scheme:
         return self.slopes is None
 
     def leaf(self, precision: str) -> Leaf:
-        """Of rows of nodes n0, n1, ... the slopes at the upper and the lower end of intervals."""
+        """Of rows of nodes n0, n1, ... the slopes at the upper and the lower end of intervals, and
+        the plain difference."""
         assert self.slopes is not None
         steps = Steps(expanded=True)
         nodes = [steps.input(f"n{i}") for i in range(2 * self.ghosts)]
-        found = list(self.slopes(*(b - a for a, b in pairwise(nodes))))
+        differences = [b - a for a, b in pairwise(nodes)]
+        found = [*self.slopes(*differences), differences[self.ghosts - 1]]
         arguments = {f"n{i}": [f"n{i}"] for i in range(MOST_NODES)}
         single = precision == "float32"
         return Leaf(steps, arguments, found, single=single, algebraic=True, fused=True)
