@@ -13,6 +13,7 @@ from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.reachability.given import by_name, whole
 from holdfast.analysis.reachability.problem import with_disturbance
 from holdfast.analysis.safety.adversary import CONSTANT, INSIDE, SWINGING, SWITCHING, schedules
+from holdfast.analysis.safety.verdict import CONFIRMED, FELL_SHORT, FROM_INSIDE
 from holdfast.analysis.simulation.law_comparison import Rate
 from holdfast.analysis.simulation.simulate import simulate
 from holdfast.arguments import checked
@@ -27,14 +28,18 @@ from holdfast.maths.definitions.system import System
 DRAWS = 200
 """Most batches of random states."""
 
+RUNS, SAMPLES = 100, 100_000
+"""Of the trial by default: the starts, and the samples of their runs at most."""
+
 
 @dataclass(frozen=True)
 class PartsPromise:
     """States of the region, drawn in a box: how many are promised, and how many of each are kept.
 
-    promised: of the states drawn in the region. inside: promised states, kept against every
-    disturbance tried; outside: the others, kept against none or against constant ones by the same
-    law: what the set gives away at least, None where every state is promised.
+    promised: of the states drawn in the region. share: of the set that is more than `margin`
+    inside, which was tried. inside: promised states, kept against every disturbance tried; outside:
+    the others, kept against none or against constant ones by the same law: what the set gives away
+    at least, None where every state is promised.
     """
 
     promised: Rate
@@ -43,6 +48,25 @@ class PartsPromise:
     horizon: float
     margin: float
     sample_time: float
+    share: float = 1.0
+
+    @property
+    def outcome(self) -> str:
+        """CONFIRMED, FROM_INSIDE or FELL_SHORT."""
+        if not self.held:
+            return FELL_SHORT
+        return CONFIRMED if self.share > 0.999 else FROM_INSIDE
+
+    @property
+    def kept_share(self) -> float:
+        """The share of the set in which no start is lost."""
+        return self.share if self.held else 0.0
+
+    @property
+    def conclusion(self) -> str:
+        """What the runs come to, as a sentence."""
+        tried = f"on {100 * self.share:.3g} % of the set"
+        return self.verdict or f"confirmed {tried}: every start is kept"
 
     @property
     def held(self) -> bool:
@@ -65,6 +89,9 @@ class PartsPromise:
             "margin": self.margin,
             "sample_time_s": self.sample_time,
             "held": self.held,
+            "share_of_set": self.share,
+            "outcome": self.outcome,
+            "conclusion": self.conclusion,
             "promised": self.promised.summary(),
             "inside": self.inside.summary(),
             "outside": self.outside.summary() if self.outside else None,
@@ -105,7 +132,7 @@ def check_parts(
             )
     steered = parts_law(value, law, sample_time=sample_time, rate=rate)
     known = with_disturbance(system, disturbance or {})
-    inside, outside, promised = _drawn(value, region, box, runs, margin, seed)
+    inside, outside, promised, share = _drawn(value, region, box, runs, margin, seed)
     if not len(inside):
         raise SimulationError(
             f"no state of the set is further inside than {margin:g}",
@@ -139,7 +166,44 @@ def check_parts(
         horizon=horizon,
         margin=margin,
         sample_time=sample_time,
+        share=share,
     )
+
+
+def default_parts_promise(value: PartsValue) -> PartsPromise | None:
+    """The promise of a kernel that was put together here: `RUNS` starts for its horizon at most.
+
+    Inputs are held for a step of the marches. Raises `SimulationError` where it cannot be tried.
+    """
+    whole = value.decomposition
+    if whole.kept is None or any(v.claim is None for v in value.values):
+        return None
+    reports = [v.report for v in value.values]
+    hold = min(r.reached_s / max(r.steps, 1) for r in reports)
+    horizon = min(min(r.horizon_s for r in reports), SAMPLES * hold / RUNS)
+    starts = box_of_starts(value)
+    given = reports[0].disturbance
+    disturbance = {n: float(v) for n, v in given.items()}
+    return check_parts(
+        value, whole.kept, starts, disturbance=disturbance, runs=RUNS, horizon=horizon,
+        sample_time=hold,
+    )  # fmt: skip
+
+
+def box_of_starts(value: PartsValue) -> dict[str, tuple[float, float]]:
+    """The box of the starts: of the grids, and of the states that the domain bounds."""
+    whole = value.decomposition
+    found: dict[str, tuple[float, float]] = {}
+    for solved in (s for parts in value.parts for s in parts):
+        for axis in solved.value.grid.axes:
+            if axis.name in whole.system.state_names:
+                found.setdefault(axis.name, (axis.low, axis.high))
+    for name, interval in ((n, i) for p in whole.parts for n, i in p.cut.items()):
+        found.setdefault(name, interval)
+    if whole.prediction is not None:
+        names = (a.name for a in whole.prediction.actuators)
+        found |= dict(zip(names, whole.prediction.intervals, strict=True))
+    return found
 
 
 def _drawn(
@@ -149,15 +213,16 @@ def _drawn(
     runs: int,
     margin: float,
     seed: int,
-) -> tuple[Array, Array, Rate]:
-    """States inside and outside the set, and the share of the region's states that is inside."""
+) -> tuple[Array, Array, Rate, float]:
+    """States inside and outside the set, the share of the region's states that is inside, and the
+    share of these that is deeper than the margin."""
     system: System = value.decomposition.system
     low, high = (np.array([box[n][k] for n in system.state_names]) for k in (0, 1))
     symbols = [q.symbol for q in system.states]
     safe = Evaluator([region.margin], symbols, region.parameters)
     generator = np.random.default_rng(seed)
     found: dict[bool, list[Array]] = {True: [], False: []}
-    count = total = 0
+    count = total = deep = 0
     for _ in range(DRAWS):
         states = generator.uniform(low, high, (20 * runs, len(low)))
         states = states[safe.values(states)[:, 0] > 0]
@@ -165,8 +230,9 @@ def _drawn(
         there = levels > 0
         count, total = count + int(there.sum()), total + len(states)
         found[True].append(states[levels > margin])
+        deep += len(found[True][-1])
         found[False].append(states[~there])
         if all(sum(map(len, some)) >= runs for some in found.values()):
             break
     inside, outside = (np.vstack(found[k])[:runs] for k in (True, False))
-    return inside, outside, Rate(count, max(total, 1))
+    return inside, outside, Rate(count, max(total, 1)), deep / max(count, 1)

@@ -123,6 +123,9 @@ def _promise(promise: Promise) -> list[str]:
         f"    at least {promise.depth} inside, as {100 * promise.share:.3g} % of the set are",
     ]
     lines += [f"      {_trials(t, promise)}" for t in promise.inside]
+    for layer in promise.layers:
+        lines.append(f"    {layer.where}, as {100 * layer.share:.3g} % of the set are")
+        lines.append(f"      {_trials(layer.trials, promise)}")
     if promise.outside is not None:
         lines.append(f"    at least {promise.depth_outside} outside, in the region")
         lines.append(f"      {_trials(promise.outside, promise)}")
@@ -130,10 +133,7 @@ def _promise(promise: Promise) -> list[str]:
     lines += [
         f"    {count} first beaten by {by}: {outcome}" for (by, outcome), count in beaten.items()
     ]
-    if promise.confirmed:
-        lines.append("    confirmed: every start is kept against every disturbance tried")
-    else:
-        lines.append(f"    {promise.verdict}")
+    lines.append(f"    {promise.conclusion}")
     return lines
 
 
