@@ -17,12 +17,12 @@ def value_text(
     begun: ValueFunction | None = None,
     files: Sequence[Path] = (),
     *,
-    promised: bool = False,
+    untried: str = "",
 ) -> str:
     """The set, the march, the error estimates, the closed-loop validation, the files.
 
     begun: the initial value function of the march, for the share that remains of it.
-    promised: whether a validation was requested.
+    untried: why there is no validation.
     """
     report = value.report
     axes = value.grid.axes
@@ -58,11 +58,8 @@ def value_text(
     )
     if promise is not None:
         lines += ["", *_promise(promise)]
-    elif promised and report.empty:
-        lines += [
-            "",
-            "  promise        none: the set is empty and has no state to start from",
-        ]
+    elif untried:
+        lines += ["", f"  promise        none: {untried}"]
     if files:
         folder = files[0].parent
         lines += ["", f"  files in {folder}: " + ", ".join(f.name for f in files)]
