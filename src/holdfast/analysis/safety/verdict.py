@@ -155,9 +155,11 @@ class Promise:
 
     def _amount(self, value: float) -> str:
         """A difference of V with its unit."""
-        if not math.isfinite(value):
-            return "more than can be said"
         return f"{value:.3g}" + ("" if self.unit == "1" else f" {self.unit}")
+
+    def _beyond(self, missed: float) -> str:
+        """How far lost starts come."""
+        return f"by up to {self._amount(missed)}" if math.isfinite(missed) else "some off the grid"
 
     @property
     def depth_outside(self) -> str:
@@ -178,7 +180,7 @@ class Promise:
             assert layer.allowed is not None
             return (
                 f"the promise falls short: {layer.lost} of {layer.trials.kept.total} starts "
-                f"{layer.where} are lost, by up to {self._amount(layer.missed)}, where an input "
+                f"{layer.where} are lost, {self._beyond(layer.missed)}, where an input "
                 f"held for {1000 * self.sample_time:g} ms may lose {self._amount(layer.allowed)}"
             )
         return f"the promise is not confirmed: {self.doubt}" if self.doubt else ""
@@ -195,10 +197,10 @@ class Promise:
             return f"confirmed on {100 * self.tried_share:.3g} % of the set: {kept}"
         whence = [self.depth, *(b.down_to for b in kept_layers)][-1]
         lost, total = sum(b.lost for b in rest), sum(b.trials.kept.total for b in rest)
-        missed = self._amount(max(b.missed for b in rest))
+        missed = self._beyond(max(b.missed for b in rest))
         return (
             f"confirmed from {whence} inside on, {100 * self.kept_share:.3g} % of the set: {kept}; "
-            f"of {total} starts nearer to the edge {lost} are lost, by up to {missed}"
+            f"of {total} starts nearer to the edge {lost} are lost, {missed}"
         )
 
     def summary(self) -> dict[str, Any]:
