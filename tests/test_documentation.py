@@ -291,7 +291,7 @@ def printed(scenario, result):
     if not isinstance(scenario, KernelScenario):
         return summary_text(result)
     region = set_on_grid(scenario.about, scenario.grid)
-    return value_text(result.value, result.promise, region, promised=True)
+    return value_text(result.value, result.promise, region)
 
 
 @pytest.mark.parametrize("name", ["ferry", "ferry-kernel", "ferry-safe"])

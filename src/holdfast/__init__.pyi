@@ -67,6 +67,8 @@ from .analysis.simulation.tuning import Tuning as Tuning
 from .errors import GainWarning as GainWarning
 from .errors import HoldfastError as HoldfastError
 from .errors import ModelWarning as ModelWarning
+from .errors import PromiseFellShortWarning as PromiseFellShortWarning
+from .errors import PromiseNotTriedWarning as PromiseNotTriedWarning
 from .errors import SlowWarning as SlowWarning
 from .execution.codegen.c_source import export_c as export_c
 from .execution.codegen.c_source import export_c_header as export_c_header

@@ -57,6 +57,14 @@ class ModelWarning(UserWarning):
     """A model that leaves out what a vehicle has: what was computed with it need not hold."""
 
 
+class PromiseNotTriedWarning(UserWarning):
+    """A kernel in use whose promise was never tried in closed loop."""
+
+
+class PromiseFellShortWarning(UserWarning):
+    """A kernel in use whose promise was tried in closed loop, and fell short."""
+
+
 class SlowWarning(UserWarning):
     """A computation that takes much longer than it would with more memory."""
 

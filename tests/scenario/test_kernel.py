@@ -1,6 +1,7 @@
 """Scenarios that ask for sets of states: read, refused, marched, tried, written."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -195,6 +196,30 @@ def test_promise_that_falls_short_ends_with_exit_status_1(cart, tmp_path):
     assert said["inside"][0]["count"] < 60
     assert said["beaten"]
     assert said["verdict"] in done.stderr
+
+
+def test_kernel_without_a_promise_in_its_file_is_tried_and_the_result_remembers_it(cart, tmp_path):
+    Path(cart).write_text(CART.split("[promise]")[0])
+    out = tmp_path / "out"
+    done = holdfast("run", cart, "--out", str(out), "--no-figures")
+    assert done.returncode == 0
+    assert "within a cell of the edge, as " in done.stdout
+    said = json.loads((out / "summary.json").read_text())
+    assert said["promise"]["share_tried"] == pytest.approx(1.0)
+    assert said["promise"]["conclusion"] in done.stdout
+    report = hf.load(out / "result.nc").report
+    assert report.promise_outcome == said["promise"]["outcome"]
+    assert report.promise_conclusion == said["promise"]["conclusion"]
+    assert report.promise_share == said["promise"]["share_kept"]
+
+
+def test_promise_of_no_runs_is_left_out_and_said_to_be(cart, tmp_path):
+    more = ("--set", "promise.runs=0", "--no-figures")
+    done = holdfast("run", cart, "--out", str(tmp_path), *more)
+    assert done.returncode == 0
+    assert "  promise        none: runs = 0" in done.stdout
+    assert "promise" not in json.loads((tmp_path / "summary.json").read_text())
+    assert hf.load(tmp_path / "result.nc").report.promise_outcome is None
 
 
 def test_promise_of_an_empty_kernel_is_said_to_be_none(cart, tmp_path):

@@ -367,11 +367,11 @@ def test_goal_that_is_held_for_a_minute_goes_on_shrinking(horizon, share):
 @pytest.mark.parametrize(
     ("name", "horizon", "left", "share", "outside"),
     [
-        ("ch7-discriminating", 3, 0.50, 0.32, 0),
-        ("ch7-any-current", 3, 0.40, 0.23, 0),
+        ("ch7-discriminating", 3, 0.50, 0.31, 0),
+        ("ch7-any-current", 3, 0.40, 0.24, 0),
         ("ch7-safety-law", 3, 0.51, 0.35, 2),
         ("ch7-capture-basin", 4, 15.8, 0.46, 0),
-        ("ch7-hold-goal", 60, 0.95, 0.81, 77),
+        ("ch7-hold-goal", 60, 0.95, 0.79, 77),
     ],
 )
 def test_every_state_that_a_kernel_of_chapter_7_promises_is_kept_for_its_horizon(
@@ -379,7 +379,8 @@ def test_every_state_that_a_kernel_of_chapter_7_promises_is_kept_for_its_horizon
 ):
     """1,000 of 1,000 for these seconds, a cell and what a held input can lose inside the set.
 
-    left: what the set is of its region, or of its goal. share: found from 1,000 states too.
+    left: what the set is of its region, or of its goal. share: of the set that is as deep. Nearer
+    to the edge all but the goal that is held gently lose states.
     """
     scenario = load_scenario(name)
     found = scenario.run()
@@ -393,7 +394,10 @@ def test_every_state_that_a_kernel_of_chapter_7_promises_is_kept_for_its_horizon
     assert promise.held_loss > 0
     assert promise.share == pytest.approx(share, abs=3 * math.sqrt(share * (1 - share) / 1000))
     assert promise.inside[0].kept.count == promise.inside[0].kept.total == 1000
-    assert promise.confirmed
+    assert promise.held
+    assert promise.tried_share == pytest.approx(1.0)
+    assert promise.confirmed == (name == "ch7-hold-goal")
+    assert promise.kept_share == (1.0 if promise.confirmed else promise.share)
     assert promise.outside.kept.count == pytest.approx(outside, abs=2)
 
 

@@ -6,7 +6,8 @@ import hashlib
 import json
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,9 @@ import sympy as sp
 from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.load import load
 from holdfast.analysis.published_kernels import is_reference
-from holdfast.analysis.reachability.value_function import ValueFunction
-from holdfast.errors import OutputError, ScenarioError
+from holdfast.analysis.reachability.value_function import Claim, ValueFunction
+from holdfast.analysis.safety.default_promise import default_promise
+from holdfast.errors import OutputError, ScenarioError, SimulationError
 from holdfast.execution.arrays import AnyArray, Array
 from holdfast.execution.cache import cache_directory
 from holdfast.execution.evaluate import Evaluator
@@ -49,13 +51,31 @@ class NamedKernel:
         """The value function of the file, or computed once and kept in the cache."""
         if self.scenario is None:
             return _loaded(self.name)
-        kept = cache_directory() / f"value_{self.digest}.nc"
         with suppress(OutputError):  # a truncated file, as after a full disk, is computed again
-            if kept.exists():
-                return _loaded(str(kept))
+            if self._file.exists():
+                return self._stored(self.scenario)
         value = self.scenario.solve(progress)
-        value.save(kept)
+        value.save(self._file)
         return value
+
+    def tried(self, value: ValueFunction) -> ValueFunction:
+        """The kernel of a scenario with what its promise came to, tried once and kept too."""
+        if self.scenario is None or value.report.promise_outcome is not None:
+            return value
+        with suppress(SimulationError):  # what cannot be tried is said by its filter
+            promise = default_promise(self.scenario.system, value)
+            if promise is not None:
+                value.tried(promise).save(self._file)
+                return self._stored(self.scenario)
+        return value
+
+    def _stored(self, scenario: KernelScenario) -> ValueFunction:
+        claim = Claim(scenario.region, scenario.goal)
+        return replace(_loaded(str(self._file)), claim=claim)
+
+    @property
+    def _file(self) -> Path:
+        return cache_directory() / f"value_{self.digest}.nc"
 
     def check_horizon(self, value: ValueFunction, horizon: float) -> None:
         """Refuse runs longer than the horizon of a kernel that has not converged."""

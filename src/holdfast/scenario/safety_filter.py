@@ -142,7 +142,7 @@ def online_filter(
             expected="alone = false",
         )
     with at(file, "safety"):
-        value = safety.value(system, scenario.region, progress)
+        value = safety.kernel.tried(safety.value(system, scenario.region, progress))
         timing["delay"] = float(scenario.settings["delay"])
         rate, margin = safety.spec.rate, safety.spec.margin
         return SafetyFilter(system, value, rate=rate, margin=margin, **settings, **timing)

@@ -52,7 +52,7 @@ def _with_law(loaded: KernelScenario, value: ValueFunction) -> Explored:
     step = float((loaded.promised or {}).get("sample_time", SAMPLE_TIME))
     law = safety_law(loaded.system, shown, loaded.law, sample_time=step)
     loss = sampled_margin(loaded.system, shown, step) if loaded.system.inputs else 0.0
-    starts, _, _ = inside_states(shown, np.random.default_rng(loaded.seed), FAN, None, loss)
+    starts, _ = inside_states(shown, np.random.default_rng(loaded.seed), FAN, None, loss)
     stride = max(round(RECORDED / step), 1)
     records = max(round(loaded.horizon / (stride * step)), 1)
     settings = Settings(

@@ -10,6 +10,10 @@ import holdfast as hf
 from holdfast.errors import DefinitionError, SimulationError
 from tests.parted_systems import box, late_cart, plane, walls
 
+pytestmark = pytest.mark.filterwarnings(  # the walls bound no speed: sets go on beyond any box
+    "ignore:of the discriminating-.*which the filter keeps:holdfast.errors.PromiseFellShortWarning"
+)
+
 Status = hf.Status
 SHARE = 0.6
 SAMPLE = 0.01

@@ -69,7 +69,8 @@ def test_kernel_comes_before_what_is_only_wanted(point):
     over = hf.grid(point, {"x": (-2, 1.5), "y": (-1, 1)}, 36, open_ends)
     value = hf.viability_kernel(point, corridor, over, 0.5)
     out = half_plane(point, "out", 3 - X)
-    keep = hf.SafetyFilter(point, [value, out], rate=1.0, margin=0.05)
+    with pytest.warns(hf.PromiseFellShortWarning, match="67 left the grid"):
+        keep = hf.SafetyFilter(point, [value, out], rate=1.0, margin=0.05)
     decision = keep.step([0.9, 0.0], [0.0, 0.0])
     assert decision.status is hf.Status.INFEASIBLE
     assert decision.gave_way == ("out",)

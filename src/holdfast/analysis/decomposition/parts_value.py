@@ -14,7 +14,7 @@ import numpy.typing as npt
 from holdfast.analysis.decomposition.decomposition import Decomposition, Part
 from holdfast.analysis.decomposition.parts_file import write_parts
 from holdfast.analysis.reachability.given import by_name, whole
-from holdfast.analysis.reachability.value_function import ValueFunction
+from holdfast.analysis.reachability.value_function import Tried, ValueFunction
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
@@ -109,6 +109,10 @@ class PartsValue:
     def reported(self, **changes: Any) -> PartsValue:
         """The same with some entries of every part's report replaced; None removes an entry."""
         return PartsValue.of(self.decomposition, [v.reported(**changes) for v in self.values])
+
+    def tried(self, promise: Tried) -> PartsValue:
+        """The same with what a closed-loop validation came to in the report of every part."""
+        return PartsValue.of(self.decomposition, [v.tried(promise) for v in self.values])
 
     @property
     def converged(self) -> bool:

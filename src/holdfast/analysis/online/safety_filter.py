@@ -17,6 +17,7 @@ from holdfast.analysis.online.filter_law import (
     filter_of,
     warn_of_reduction,
 )
+from holdfast.analysis.online.kernel_promise import warn_of_promise
 from holdfast.analysis.online.measurements import Given, Measurements, time_of
 from holdfast.analysis.online.overshoot import Overshoot, overshoot_of
 from holdfast.analysis.online.reasons import Reasons
@@ -65,6 +66,9 @@ class SafetyFilter:
     vehicle in the loop, where `system` is a reduced model of it: a `ModelWarning` names the states
     that the filter does not know.
 
+    A kernel that was computed here and not tried in closed loop is tried when its first filter is
+    made: about a second of work. `PromiseFellShortWarning` says that its promise fell short,
+    `PromiseNotTriedWarning` that it could not be tried, as that of an untried one from a file.
     A kernel that has not converged is one for its horizon: after that the status is OUTSIDE_GRID
     until `reset`. A filter is for one thread at a time.
 
@@ -141,6 +145,8 @@ class SafetyFilter:
         self._made = made
         self._asked = tuple(margins or {}), tuple(worst), measured, uncertain
         warn_of_reduction(system, around)
+        if made.kernel is not None:
+            warn_of_promise(system, made.kernel, stacklevel=3)
 
     @property
     def measured_states(self) -> tuple[str, ...]:

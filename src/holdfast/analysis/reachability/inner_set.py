@@ -80,7 +80,13 @@ def inner(value: ValueFunction) -> ValueFunction:
     dataset = value.dataset.assign(value=data.copy(data=worn))
     dataset = dataset.drop_vars([n for n in ("arrival", "outside") if n in dataset])
     worn_value = replace(value, dataset=dataset)
-    return worn_value.reported(inner_cells=cells, empty=not float(last.max()) > 0)
+    return worn_value.reported(
+        inner_cells=cells,
+        empty=not float(last.max()) > 0,
+        promise_outcome=None,
+        promise_conclusion=None,
+        promise_share=None,
+    )
 
 
 def _worn(numbers: Array, periodic: Iterable[bool], cells: int) -> Array:

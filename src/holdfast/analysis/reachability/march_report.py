@@ -29,7 +29,9 @@ class Report:
     The following are None unless requested. error_order, error_largest, error_rms, error_cells,
     volume_coarse: see `error_estimate.with_error`. error_reach: cells by which `inner` erodes the
     set; inner_cells: by which it did. nodes_from_outside, share_from_outside, nodes_kept_outside:
-    see `error_estimate.with_outside`. title, scenario, scenario_text: of the scenario.
+    see `error_estimate.with_outside`. promise_outcome, promise_conclusion: of the closed-loop
+    validation that was tried last (`ValueFunction.tried`); promise_share: of the set, from the
+    inside out, that lost no start. title, scenario, scenario_text: of the scenario.
     """
 
     kind: str = ""
@@ -76,6 +78,9 @@ class Report:
     nodes_from_outside: int | None = None
     share_from_outside: float | None = None
     nodes_kept_outside: int | None = None
+    promise_outcome: str | None = None
+    promise_conclusion: str | None = None
+    promise_share: float | None = None
     title: str | None = None
     scenario: str | None = None
     scenario_text: str | None = None

@@ -17,8 +17,8 @@ from holdfast.execution.resources import check_memory
 
 
 def check_trials(runs: int, states: int) -> None:
-    """Refuse a validation with more runs than the memory for their starts allows."""
-    check_memory(8 * 4 * runs * (2 * states + 4), f"the starts of {runs:,} runs", "try fewer")
+    """Refuse a validation with more runs, and as many near the edge, than the memory allows."""
+    check_memory(8 * 8 * runs * (2 * states + 4), f"the starts of {runs:,} runs", "try fewer")
 
 
 @checked

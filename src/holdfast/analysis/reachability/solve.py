@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from holdfast.analysis.reachability.one_march import Progress, Until
 from holdfast.analysis.reachability.options import Problem, marching_of
 from holdfast.analysis.reachability.problem import Posed, definition, pose
 from holdfast.analysis.reachability.refinement import check_refined
-from holdfast.analysis.reachability.value_function import ValueFunction, to_value_function
+from holdfast.analysis.reachability.value_function import Claim, ValueFunction, to_value_function
 from holdfast.errors import SimulationError
 from holdfast.execution.level_set.over_grid import over_grid
 from holdfast.maths.definitions.region import Region
@@ -88,7 +89,14 @@ def solve(
         found = with_error_in_cells(with_error(found, rougher), rougher[0])
     if marching.check_outside:
         found = with_outside(found, posed, marched)
-    return found.reported(definition=definition(system))
+    found = found.reported(definition=definition(system))
+    return replace(found, claim=_claim(problem))
+
+
+def _claim(problem: Problem) -> Claim:
+    if problem.limit == "shrink":
+        return Claim(problem.start)
+    return Claim(problem.above, problem.start)
 
 
 def _begun(

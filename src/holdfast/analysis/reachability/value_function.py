@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -37,6 +37,28 @@ from holdfast.execution.arrays import AnyArray, Array
 from holdfast.execution.look_up import slopes_at, values_at
 from holdfast.execution.resources import check_memory
 from holdfast.execution.table_in_parts import TableInParts
+from holdfast.maths.definitions.region import Region
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What the states of a set are said to be able to do: stay in `region`, or reach `goal`."""
+
+    region: Region | None
+    goal: Region | None = None
+
+
+class Tried(Protocol):
+    """A closed-loop validation, as `Promise`."""
+
+    @property
+    def outcome(self) -> str: ...
+
+    @property
+    def conclusion(self) -> str: ...
+
+    @property
+    def kept_share(self) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -47,12 +69,15 @@ class ValueFunction:
     `time` [s] first; of a capture basin also `arrival` [s], the least time to the goal. Its
     attributes hold the problem, the method, and the error estimates: see `report`. stored: where
     the values are still in a file (`load`), of which `at`, `gradient`, `contains`, `least_time`,
-    `slice` and laws read the chunks that they need; None where all are in memory.
+    `slice` and laws read the chunks that they need; None where all are in memory. claim: what the
+    set claims, by which it can be tried; None where it comes from a file, which has the outcome
+    (`tried`).
     """
 
     dataset: xr.Dataset
     grid: Grid
     stored: StoredTables | None = field(default=None, repr=False, compare=False)
+    claim: Claim | None = field(default=None, repr=False, compare=False)
 
     @property
     def report(self) -> Report:
@@ -65,14 +90,25 @@ class ValueFunction:
         others = {n: v for n, v in self.dataset.attrs.items() if n not in Report.names()}
         dataset = self.dataset.copy(deep=False)
         dataset.attrs = {**others, **attributes}
-        return ValueFunction(dataset, self.grid, self.stored)
+        return dataclasses.replace(self, dataset=dataset)
+
+    def tried(self, promise: Tried) -> ValueFunction:
+        """The same values with what a closed-loop validation of them came to in the report.
+
+        It is saved with them, so that `SafetyFilter` does not warn of a kernel that was not tried.
+        """
+        return self.reported(
+            promise_outcome=promise.outcome,
+            promise_conclusion=promise.conclusion,
+            promise_share=promise.kept_share,
+        )
 
     def in_memory(self) -> ValueFunction:
         """The same with all its numbers in memory; `SimulationError` where they do not fit."""
         if self.stored is None:
             return self
         self._check_room(self.dataset.nbytes)
-        return ValueFunction(self.dataset.load(), self.grid)
+        return dataclasses.replace(self, dataset=self.dataset.load(), stored=None)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -195,9 +231,9 @@ class ValueFunction:
             return self
         dataset = self.dataset.isel(time=-1, drop=True)
         if self.stored is None:
-            return ValueFunction(dataset, self.grid)
+            return dataclasses.replace(self, dataset=dataset)
         self._check_room(self.dataset["value"].nbytes // self.dataset.sizes["time"])
-        return ValueFunction(dataset.load(), self.grid)
+        return dataclasses.replace(self, dataset=dataset.load(), stored=None)
 
     @checked
     def slice(self, **at: float) -> ValueFunction:

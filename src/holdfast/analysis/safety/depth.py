@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,11 @@ from holdfast.maths.definitions.system import System
 DRAWS, EMPTY_DRAWS = 400, 40
 """Most batches of draws, and most batches while no state is found at all."""
 
-SHARED = 2000
-"""Number of states of the set that estimate the share as far inside as the starts."""
+SHARED = 4000
+"""Number of states of the set that estimate the shares of its layers."""
+
+POOLS = 10
+"""Most batches of states of the whole set, in which those of its outer layers are looked for."""
 
 
 def inside_states(
@@ -28,27 +32,83 @@ def inside_states(
     runs: int,
     margin: float | None,
     loss: float,
-) -> tuple[Array, float, float]:
-    """Random states inside, the share of the set that is as far inside, and the allowed loss."""
+) -> tuple[Array, float]:
+    """Random states inside, and the allowed loss."""
     numbers = value.values()
     within = Places(lambda k: numbers[k] > 0, numbers.shape)
     for allowed in (loss, 0.0) if loss else (0.0,):
 
         def deep(states: Array, allowed: float = allowed) -> Any:
-            if margin is not None:
-                return value.at(states) > margin
-            return a_cell_inside(value, states, above=allowed)
+            return _deep(value, states, margin, allowed)
 
         inside = _drawn(value, generator, runs, deep, within)
         if inside is not None:
-            of = _drawn(value, generator, SHARED, lambda q: value.at(q) > 0, within)
-            assert of is not None
-            return inside, float(np.mean(deep(of))), allowed
+            return inside, allowed
     shown = "a cell" if margin is None else f"{margin:g}"
     raise SimulationError(
         f"no state of the set is further inside than {shown}",
         remedy="take a finer grid, or " + ("give a" if margin is None else "a smaller") + " margin",
     )
+
+
+@dataclass(frozen=True)
+class Outer:
+    """The set beside the states `inside`: their share, and states of the layers around them.
+
+    between: states at least a cell inside; edge: within a cell of the edge. The shares are of the
+    volume of the set.
+    """
+
+    share: float
+    between_share: float
+    edge_share: float
+    between: Array
+    edge: Array
+
+
+def outer_states(
+    value: ValueFunction,
+    generator: np.random.Generator,
+    runs: int,
+    margin: float | None,
+    loss: float,
+) -> Outer:
+    """Up to `runs` random states in each layer of the set outside the states `inside`.
+
+    States of the whole set V > 0, between nodes too, are drawn uniformly and sorted by their depth.
+    """
+    near = value.values() > 0
+    for i in range(near.ndim):
+        near = near | np.roll(near, 1, i) | np.roll(near, -1, i)
+    nodes = Places(lambda k: near[k], near.shape)
+    between: list[Array] = []
+    edge: list[Array] = []
+    total = deep = cells = 0
+    for _ in range(POOLS):
+        states = _drawn(value, generator, SHARED, lambda q: value.at(q) > 0, nodes)
+        if states is None:
+            break
+        inside = _deep(value, states, margin, loss)
+        a_cell = a_cell_inside(value, states)
+        between.append(states[a_cell & ~inside])
+        edge.append(states[~a_cell & ~inside])
+        total, deep = total + len(states), deep + int(inside.sum())
+        cells += len(between[-1])
+        if cells >= runs and total - deep - cells >= runs:
+            break
+    found = [np.vstack(some)[:runs] for some in (between, edge)]
+    rest = total - deep - cells
+    return Outer(deep / total, cells / total, rest / total, found[0], found[1])
+
+
+def _deep(
+    value: ValueFunction, states: Array, margin: float | None, loss: float
+) -> npt.NDArray[np.bool_]:
+    """Whether V > margin; without a margin, whether V > loss at all states a cell away."""
+    if margin is None:
+        return a_cell_inside(value, states, above=loss)
+    there: npt.NDArray[np.bool_] = value.at(states) > margin
+    return there
 
 
 def outside_states(

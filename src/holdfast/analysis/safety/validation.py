@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.memory_estimate import check_trials
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.adversary import CONSTANT, INSIDE, SWINGING, SWITCHING, schedules
-from holdfast.analysis.safety.depth import inside_states, outside_states
+from holdfast.analysis.safety.depth import Outer, inside_states, outer_states, outside_states
 from holdfast.analysis.safety.safety_filter import (
     check_not_empty,
     decided,
@@ -23,7 +23,7 @@ from holdfast.analysis.safety.safety_filter import (
     sampled_margin,
     worst_disturbance,
 )
-from holdfast.analysis.safety.verdict import Beaten, Promise, Trials
+from holdfast.analysis.safety.verdict import Beaten, Layer, Promise, Trials
 from holdfast.analysis.simulation.law_comparison import Rate
 from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.simulate import simulate
@@ -43,6 +43,7 @@ from holdfast.maths.games.sampled_inputs import without_closed_form
 
 NO_DISTURBANCE = "no disturbance"
 OF_VALUE, OF_MARGIN = "the gradient of the value", "the gradient of the constraints"
+DISTURBED = (OF_VALUE, OF_MARGIN, CONSTANT, INSIDE, SWITCHING, SWINGING)
 RESTARTS = "restarts from the nearest starts"
 ALL = "every disturbance tried"
 
@@ -52,15 +53,28 @@ NEAREST, TRIES = 20, 10
 
 @dataclass(frozen=True)
 class _Runs:
-    """Outcomes of runs: kept, left the grid first, nearness to the boundary (large: near), time."""
+    """Outcomes of runs: kept, left the grid first, nearness to the boundary (large: near), time.
+
+    worst: the largest constraint of each run, NaN for a basin; missed: the negative value of the
+    run, by how much it leaves the region, or of a basin misses the goal or leaves it before.
+    """
 
     kept: npt.NDArray[np.bool_]
     off_grid: npt.NDArray[np.bool_]
     near: Array
     time: Array
     outcome: npt.NDArray[Any]
-    excursion: float
+    worst: Array
+    missed: Array
     relaxed: npt.NDArray[np.bool_]
+
+    @property
+    def excursion(self) -> float:
+        return float(np.max(self.worst))
+
+    def part(self, which: slice) -> _Runs:
+        """Those of some starts."""
+        return _Runs(**{f.name: getattr(self, f.name)[which] for f in fields(self)})
 
     def trials(self, what: str) -> Trials:
         kept = Rate(int(self.kept.sum()), len(self.kept))
@@ -84,6 +98,11 @@ def check_promise(
     progress: Progress | None = None,
 ) -> Promise:
     """Simulate from `runs` random states of the kernel, and as many of the rest of `region`.
+
+    Up to half as many more are in each layer of the kernel between these states and its edge: at
+    least a cell inside, and within a cell of the edge. So the whole set is tried, and the shares of
+    its volume are in the answer. Starts a cell inside may be lost by no more than a held input can
+    lose, without a `margin`; those within a cell of the edge are counted.
 
     Every start is run against each of these disturbances, and counts as kept if it is kept against
     all: one that lowers the value, one that lowers the margin of the constraints, constant
@@ -118,22 +137,19 @@ def check_promise(
     steered = safety_law(system, value, law, sample_time=sample_time, rate=rate)
     generator = np.random.default_rng(seed)
     loss = sampled_margin(system, value, sample_time) if margin is None and system.inputs else 0.0
-    inside, share, loss = inside_states(value, generator, runs, margin, loss)
+    inside, loss = inside_states(value, generator, runs, margin, loss)
     beyond = outside_states(value, generator, runs, margin, region, known)
+    outer = outer_states(value, np.random.default_rng((seed, 1)), (runs + 1) // 2, margin, loss)
     attack = _Attack(system, known, value, steered, region, goal, horizon, sample_time, seed)
-    found: dict[str, _Runs] = {}
-    steps = (7 if known.disturbances else 1) + 1
+    starts = np.vstack([inside, outer.between, outer.edge])
+    kinds = DISTURBED if known.disturbances else (NO_DISTURBANCE,)
+    steps = len(kinds) + 2
 
     def run(what: str, starts: Array, count: int) -> _Runs:
-        def tell(fraction: float) -> None:
-            if progress is not None:
-                progress((count + fraction) / steps)
+        return attack.run(what, starts, _part(progress, count / steps, steps))
 
-        return attack.run(what, starts, tell)
-
-    kinds = (OF_VALUE, OF_MARGIN, CONSTANT, INSIDE, SWITCHING, SWINGING)
-    for count, what in enumerate(kinds if known.disturbances else (NO_DISTURBANCE,)):
-        found[what] = run(what, inside, count)
+    every = [run(what, starts, count) for count, what in enumerate(kinds)]
+    found = {what: r.part(slice(0, runs)) for what, r in zip(kinds, every, strict=True)}
     kept: Any = np.stack([r.kept for r in found.values()]).all(axis=0)
     trials = [r.trials(what) for what, r in found.items()]
     beaten = _beaten(inside, found)
@@ -143,7 +159,7 @@ def check_promise(
         again = order[kept[order]]
         again = again[: max(1, runs // NEAREST)]
         if len(again):
-            tried = run(RESTARTS, np.repeat(inside[again], TRIES, axis=0), 6)
+            tried = run(RESTARTS, np.repeat(inside[again], TRIES, axis=0), len(kinds))
             beaten += _beaten(np.repeat(inside[again], TRIES, axis=0), {RESTARTS: tried}, TRIES)
             stood: Any = tried.kept.reshape(-1, TRIES).all(axis=1)
             off = tried.off_grid.reshape(-1, TRIES).any(axis=1) & ~stood
@@ -162,7 +178,7 @@ def check_promise(
     lost = None
     if beyond is not None:
         what = OF_VALUE if known.disturbances else NO_DISTURBANCE
-        lost = run(what, beyond, steps - 1).trials(what)
+        lost = run(what, beyond, len(kinds) + 1).trials(what)
     return Promise(
         law=steered.name,
         margin=margin,
@@ -175,8 +191,50 @@ def check_promise(
         beaten=tuple(beaten),
         doubt=_doubt(report) or _doubt_of_samples(known),
         held_loss=loss,
-        share=share,
+        share=outer.share,
+        layers=_layers(outer, every, loss if margin is None else None),
     )
+
+
+def _layers(outer: Outer, every: Sequence[_Runs], loss: float | None) -> tuple[Layer, ...]:
+    """The layers of a set around the states inside, whose runs are the last of every kind.
+
+    loss: of a held input, where the set claims what is a cell inside.
+    """
+    parts = (
+        (outer.between, outer.between_share, "at least a cell inside", "a cell", loss),
+        (outer.edge, outer.edge_share, "within a cell of the edge", "the edge", None),
+    )
+    layers, ahead = [], len(every[0].kept) - sum(len(states) for states, *_ in parts)
+    for states, share, where, down_to, allowed in parts:
+        runs = [r.part(slice(ahead, ahead + len(states))) for r in every]
+        ahead += len(states)
+        if len(states):
+            missed = max(float(np.where(r.kept, 0.0, r.missed).max()) for r in runs)
+            trials = _against_all(runs)
+            layers.append(Layer(where, down_to, share, trials, max(missed, 0.0), allowed))
+    return tuple(layers)
+
+
+def _against_all(every: Sequence[_Runs]) -> Trials:
+    """The starts against all that was tried."""
+    kept: Any = np.stack([r.kept for r in every]).all(axis=0)
+    off: Any = np.stack([r.off_grid for r in every]).any(axis=0) & ~kept
+    relaxed: Any = np.stack([r.relaxed for r in every]).any(axis=0)
+    worst = float(np.max([r.excursion for r in every]))
+    what = ALL if len(every) > 1 else NO_DISTURBANCE
+    rate = Rate(int(kept.sum()), len(kept))
+    return Trials(what, rate, int(off.sum()), worst, int(relaxed.sum()))
+
+
+def _part(tell: Progress | None, begin: float, parts: int) -> Callable[[float], None]:
+    """The progress of one of `parts` equal parts, which begins at a share of the whole."""
+
+    def told(fraction: float) -> None:
+        if tell is not None:
+            tell(begin + fraction / parts)
+
+    return told
 
 
 def _doubt(report: Report) -> str:
@@ -256,20 +314,28 @@ class _Attack:
             worst = (worst / np.array(scales)).max(axis=1)
         if self.goal is None:
             gone = np.isin(outcome, (Outcome.LEFT, Outcome.DIVERGED))
-            kept, near, excursion = ~gone & np.isinf(off), worst, float(worst.max())
+            kept, near, missed = ~gone & np.isinf(off), worst, worst
         else:
             states = data["state"].values
-            level = Evaluator(
-                [self.goal.worst], [q.symbol for q in self.system.states], self.goal.parameters
-            )
             flat = states.reshape(-1, states.shape[2])
             known = np.isfinite(flat).all(axis=1)  # the record of a diverged run ends there
-            levels = level.values(np.where(known[:, None], flat, 0.0))[:, 0]
-            there = ((levels <= 0) & known).reshape(states.shape[:2])
+            points = np.where(known[:, None], flat, 0.0)
+
+            def levels_of(region: Region) -> Any:
+                symbols = [q.symbol for q in self.system.states]
+                level = Evaluator([region.worst], symbols, region.parameters)
+                values = np.where(known, level.values(points)[:, 0], math.inf)
+                return values.reshape(states.shape[:2])
+
+            levels = levels_of(self.goal)
+            there = levels <= 0
             first = np.where(there.any(axis=1), data["time"].values[there.argmax(axis=1)], np.inf)
             lost = np.isin(outcome, (Outcome.LEFT, Outcome.DIVERGED))
             kept = np.isfinite(first) & (first <= off) & ((first <= left) | ~lost)
-            near, excursion = first, math.nan
+            if self.region is not None:  # the value of the run: min_t max(goal, max_s<t constraint)
+                levels = np.maximum(levels, np.maximum.accumulate(levels_of(self.region), axis=1))
+            missed = levels.min(axis=1)
+            near, worst = first, np.full(len(first), math.nan)
         off_first = ~kept & np.isfinite(off) & (off <= left)
         return _Runs(
             kept,
@@ -277,7 +343,8 @@ class _Attack:
             np.nan_to_num(near, nan=np.inf),
             np.minimum(left, off),
             np.where(off_first, int(Outcome.OFF_GRID), outcome),
-            excursion,
+            worst,
+            np.where(off_first | np.isnan(missed), math.inf, missed),
             data["infeasible"].values > 0,
         )
 

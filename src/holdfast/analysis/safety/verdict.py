@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import takewhile
 from typing import Any
 
 from holdfast.analysis.simulation.law_comparison import Rate
 
 LISTED = 20
 """Most beaten starts listed in a summary."""
+
+CONFIRMED, FROM_INSIDE = "confirmed", "confirmed from inside"
+UNCONFIRMED, FELL_SHORT = "not confirmed", "fell short"
 
 
 @dataclass(frozen=True)
@@ -25,6 +29,12 @@ class Trials:
     excursion: float
     relaxed: int
 
+    def summary(self) -> dict[str, Any]:
+        """The content of summary.json."""
+        worst = self.excursion if math.isfinite(self.excursion) else None
+        more = {"left_grid": self.off_grid, "worst_constraint": worst, "runs_relaxed": self.relaxed}
+        return {"against": self.what, "runs": self.kept.total, **self.kept.summary(), **more}
+
 
 @dataclass(frozen=True)
 class Beaten:
@@ -37,6 +47,40 @@ class Beaten:
 
 
 @dataclass(frozen=True)
+class Layer:
+    """States of the set nearer to its edge than the starts `inside`, and what of them is kept.
+
+    where: the depth in words; down_to: the depth at which the layer ends. share: of the volume of
+    the set. missed: by how much the worst of the lost starts leaves the region, or misses the goal,
+    in the unit of V. allowed: how much a held input may lose there; a layer that misses more
+    refutes the set. None within a cell of the edge, which a grid does not know better.
+    """
+
+    where: str
+    down_to: str
+    share: float
+    trials: Trials
+    missed: float = 0.0
+    allowed: float | None = None
+
+    @property
+    def lost(self) -> int:
+        """The number of starts that are lost."""
+        return self.trials.kept.total - self.trials.kept.count
+
+    @property
+    def refutes(self) -> bool:
+        """Whether more is lost than an input that is held may lose."""
+        return self.lost > 0 and self.allowed is not None and not self.missed <= self.allowed
+
+    def summary(self) -> dict[str, Any]:
+        """The content of summary.json."""
+        missed = self.missed if math.isfinite(self.missed) else None
+        more = {"share_of_set": self.share, "missed_by": missed, "allowed": self.allowed}
+        return {"where": self.where, **more, **self.trials.summary()}
+
+
+@dataclass(frozen=True)
 class Promise:
     """Closed loops from random states inside the set, and from states of K outside it.
 
@@ -44,9 +88,10 @@ class Promise:
     along any axis from the states inside V is above `held_loss`, the most that it can fall while
     an input is held (0 if no state is as far inside), and from those outside it is below 0.
     share: the share of the set that is as far inside. inside: against all disturbances together,
-    then against each kind; a single entry for a system without disturbances. outside: against the
-    gradient of the value, None if K has no such state. beaten: the lost starts. doubt: the reason
-    why the runs cannot confirm the set, even if all of them are kept.
+    then against each kind; a single entry for a system without disturbances. layers: the rest of
+    the set, from the inside out to its edge. outside: against the gradient of the value, None if K
+    has no such state. beaten: the lost starts inside. doubt: the reason why the runs cannot confirm
+    the set, even if all of them are kept.
     """
 
     law: str
@@ -61,24 +106,60 @@ class Promise:
     doubt: str = ""
     held_loss: float = 0.0
     share: float = 1.0
+    layers: tuple[Layer, ...] = ()
 
     @property
     def held(self) -> bool:
-        """Whether every run from inside stayed."""
-        return all(t.kept.count == t.kept.total for t in self.inside)
+        """Whether every run from inside stayed, and no start refutes the set."""
+        return all(t.kept.count == t.kept.total for t in self.inside) and self._refuting is None
 
     @property
     def confirmed(self) -> bool:
-        """Whether every run from inside stayed, and the set does not depend on extrapolation."""
-        return self.held and not self.doubt
+        """Whether every run stayed, up to the edge, and the set depends on no extrapolation."""
+        return self.outcome == CONFIRMED
+
+    @property
+    def outcome(self) -> str:
+        """One of CONFIRMED, FROM_INSIDE, UNCONFIRMED, FELL_SHORT."""
+        if not self.held:
+            return FELL_SHORT
+        if self.doubt:
+            return UNCONFIRMED
+        return FROM_INSIDE if any(b.lost for b in self.layers) else CONFIRMED
+
+    @property
+    def tried_share(self) -> float:
+        """The share of the set that was tried, by volume."""
+        return min(1.0, self.share + sum(b.share for b in self.layers))
+
+    @property
+    def kept_share(self) -> float:
+        """The share of the set from the inside out to the first layer that loses a start."""
+        kept = sum(b.share for b in self._kept_layers)
+        return min(1.0, self.share + kept) if self.held else 0.0
+
+    @property
+    def _kept_layers(self) -> tuple[Layer, ...]:
+        return tuple(takewhile(lambda b: not b.lost, self.layers))
+
+    @property
+    def _refuting(self) -> Layer | None:
+        return next((b for b in self.layers if b.refutes), None)
 
     @property
     def depth(self) -> str:
         """The depth of the starts inside the set."""
-        unit = "" if self.unit == "1" else f" {self.unit}"
         if self.margin is not None:
-            return f"{self.margin:.3g}{unit}"
-        return "a cell" + (f" and {self.held_loss:.3g}{unit}" if self.held_loss else "")
+            return self._amount(self.margin)
+        return "a cell" + (f" and {self._amount(self.held_loss)}" if self.held_loss else "")
+
+    def _amount(self, value: float) -> str:
+        """A difference of V with its unit."""
+        return f"{value:.3g}" + ("" if self.unit == "1" else f" {self.unit}")
+
+    def _beyond(self, missed: float) -> str:
+        """How far lost starts come."""
+        return f"by up to {self._amount(missed)}" if math.isfinite(missed) else "some off the grid"
 
     @property
     def depth_outside(self) -> str:
@@ -89,37 +170,61 @@ class Promise:
     def verdict(self) -> str:
         """The shortfall of the promise as a sentence, or an empty text."""
         total = self.inside[0]
-        if not self.held:
+        if total.kept.count < total.kept.total:
             off = f", {total.off_grid} left the grid" if total.off_grid else ""
             return (
                 f"the promise falls short: {total.kept.count} of {total.kept.total} starts "
                 f"{self.depth} inside {self.aim}{off}"
             )
+        if (layer := self._refuting) is not None:
+            assert layer.allowed is not None
+            return (
+                f"the promise falls short: {layer.lost} of {layer.trials.kept.total} starts "
+                f"{layer.where} are lost, {self._beyond(layer.missed)}, where an input "
+                f"held for {1000 * self.sample_time:g} ms may lose {self._amount(layer.allowed)}"
+            )
         return f"the promise is not confirmed: {self.doubt}" if self.doubt else ""
+
+    @property
+    def conclusion(self) -> str:
+        """What the runs come to, as a sentence."""
+        if self.verdict:
+            return self.verdict
+        kept = f"every start is kept{' against every disturbance tried' * (len(self.inside) > 1)}"
+        kept_layers = self._kept_layers
+        rest = self.layers[len(kept_layers) :]
+        if not rest:
+            return f"confirmed on {100 * self.tried_share:.3g} % of the set: {kept}"
+        whence = [self.depth, *(b.down_to for b in kept_layers)][-1]
+        lost, total = sum(b.lost for b in rest), sum(b.trials.kept.total for b in rest)
+        missed = self._beyond(max(b.missed for b in rest))
+        return (
+            f"confirmed from {whence} inside on, {100 * self.kept_share:.3g} % of the set: {kept}; "
+            f"of {total} starts nearer to the edge {lost} are lost, {missed}"
+        )
 
     def summary(self) -> dict[str, Any]:
         """The content of summary.json."""
-
-        def said(t: Trials) -> dict[str, Any]:
-            worst = t.excursion if math.isfinite(t.excursion) else None
-            more = {"left_grid": t.off_grid, "worst_constraint": worst, "runs_relaxed": t.relaxed}
-            return {"against": t.what, "runs": t.kept.total, **t.kept.summary(), **more}
-
         return {
             "law": self.law,
             "margin": "one cell" if self.margin is None else self.margin,
             "held_loss": self.held_loss,
             "share_of_set": self.share,
+            "share_tried": self.tried_share,
+            "share_kept": self.kept_share,
             "unit": self.unit,
             "horizon_s": self.horizon,
             "sample_time_s": self.sample_time,
             "held": self.held,
             "confirmed": self.confirmed,
+            "outcome": self.outcome,
+            "conclusion": self.conclusion,
             "verdict": self.verdict,
-            "inside": [said(t) for t in self.inside],
+            "inside": [t.summary() for t in self.inside],
+            "layers": [b.summary() for b in self.layers],
             "beaten": [
                 {"start": list(b.start), "by": b.by, "outcome": b.outcome, "time_s": b.time}
                 for b in self.beaten[:LISTED]
             ],
-            "outside": said(self.outside) if self.outside else None,
+            "outside": self.outside.summary() if self.outside else None,
         }

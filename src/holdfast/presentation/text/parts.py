@@ -48,10 +48,15 @@ def _promise(promise: PartsPromise) -> list[str]:
         f"    of those more than {promise.margin:g} inside, {promise.inside.count:,} of "
         f"{promise.inside.total:,} stay {held}",
     ]
+    if promise.edge is not None:
+        found.append(
+            f"    of the others that are promised, {promise.edge.count:,} of "
+            f"{promise.edge.total:,} stay"
+        )
     if promise.outside is not None:
         found.append(
-            f"    of the others, which are not promised, the same law keeps "
+            f"    of those that are not promised the same law keeps "
             f"{promise.outside.count:,} of {promise.outside.total:,}"
         )
-    found.append(f"    {promise.verdict or 'every start inside is kept'}")
+    found.append(f"    {promise.conclusion}")
     return found

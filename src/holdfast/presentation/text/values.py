@@ -17,12 +17,12 @@ def value_text(
     begun: ValueFunction | None = None,
     files: Sequence[Path] = (),
     *,
-    promised: bool = False,
+    untried: str = "",
 ) -> str:
     """The set, the march, the error estimates, the closed-loop validation, the files.
 
     begun: the initial value function of the march, for the share that remains of it.
-    promised: whether a validation was requested.
+    untried: why there is no validation.
     """
     report = value.report
     axes = value.grid.axes
@@ -58,11 +58,8 @@ def value_text(
     )
     if promise is not None:
         lines += ["", *_promise(promise)]
-    elif promised and report.empty:
-        lines += [
-            "",
-            "  promise        none: the set is empty and has no state to start from",
-        ]
+    elif untried:
+        lines += ["", f"  promise        none: {untried}"]
     if files:
         folder = files[0].parent
         lines += ["", f"  files in {folder}: " + ", ".join(f.name for f in files)]
@@ -123,6 +120,9 @@ def _promise(promise: Promise) -> list[str]:
         f"    at least {promise.depth} inside, as {100 * promise.share:.3g} % of the set are",
     ]
     lines += [f"      {_trials(t, promise)}" for t in promise.inside]
+    for layer in promise.layers:
+        lines.append(f"    {layer.where}, as {100 * layer.share:.3g} % of the set are")
+        lines.append(f"      {_trials(layer.trials, promise)}")
     if promise.outside is not None:
         lines.append(f"    at least {promise.depth_outside} outside, in the region")
         lines.append(f"      {_trials(promise.outside, promise)}")
@@ -130,10 +130,7 @@ def _promise(promise: Promise) -> list[str]:
     lines += [
         f"    {count} first beaten by {by}: {outcome}" for (by, outcome), count in beaten.items()
     ]
-    if promise.confirmed:
-        lines.append("    confirmed: every start is kept against every disturbance tried")
-    else:
-        lines.append(f"    {promise.verdict}")
+    lines.append(f"    {promise.conclusion}")
     return lines
 
 

@@ -15,11 +15,12 @@ from holdfast.analysis.reachability.memory_estimate import check_trials
 from holdfast.analysis.reachability.refinement import finer
 from holdfast.analysis.reachability.solve import set_on_grid
 from holdfast.analysis.reachability.value_function import ValueFunction
+from holdfast.analysis.safety.default_promise import default_promise
 from holdfast.analysis.safety.safety_filter import FORMER
 from holdfast.analysis.safety.validation import check_promise
 from holdfast.analysis.safety.verdict import Promise
 from holdfast.analysis.simulation.aggregates import Entry
-from holdfast.errors import RenamedWarning, ScenarioError
+from holdfast.errors import RenamedWarning, ScenarioError, SimulationError
 from holdfast.execution.resources import Progress
 from holdfast.host.output import make_folder, saved, write_summary
 from holdfast.maths.definitions.region import Region
@@ -37,12 +38,13 @@ from holdfast.scenario.validation import at
 class KernelResult:
     """The value function, and whether its promise was kept, where it was tried.
 
-    trouble: why it could not be tried, where it could not.
+    trouble: why it could not be tried, where it was asked for; untried: why it was not.
     """
 
     value: ValueFunction
     promise: Promise | None
     trouble: str = ""
+    untried: str = ""
 
     def answers(self, scenario: KernelScenario) -> bool:
         """Whether the set asked for was found: one that lasts is there once the march converged.
@@ -81,10 +83,14 @@ class KernelScenario(SetScenario):
 
     def run(self, progress: Progress | None = None) -> KernelResult:
         """The value function, and its promise tried in closed loop."""
-        if self.promised is not None:
+        return self._tried(progress, by_default=self.by_default)
+
+    def _tried(self, progress: Progress | None, *, by_default: bool) -> KernelResult:
+        trials = self.trials
+        if trials is not None:
             with at(self.file, "promise"):  # before a march that may take long
-                check_trials(self.promised["runs"], len(self.system.states))
-        share = 1.0 if self.promised is None else 0.6
+                check_trials(trials["runs"], len(self.system.states))
+        share = 0.6 if trials is not None else 0.9 if by_default else 1.0
 
         def first(fraction: float) -> None:
             if progress is not None:
@@ -95,8 +101,14 @@ class KernelScenario(SetScenario):
                 progress(share + (1 - share) * fraction)
 
         value = self.solve(first)
-        if self.promised is None or value.values().max() <= 0:
-            return KernelResult(value, None)
+        asked = by_default or trials is not None
+        if not value.highest() > 0:
+            why = "the set is empty and has no state to start from" if asked else ""
+            return KernelResult(value, None, untried=why)
+        if by_default:
+            return self._tried_by_default(value, second)
+        if trials is None:
+            return KernelResult(value, None, untried="" if self.promised is None else "runs = 0")
         try:
             with at(self.file, "promise"):
                 tried = check_promise(
@@ -106,11 +118,19 @@ class KernelScenario(SetScenario):
                     goal=self.goal,
                     law=self.law,
                     progress=second,
-                    **self.promised,
+                    **trials,
                 )
         except ScenarioError as error:  # the march was long: its value is not thrown away
             return KernelResult(value, None, str(error))
-        return KernelResult(value, tried)
+        return KernelResult(value.tried(tried), tried)
+
+    def _tried_by_default(self, value: ValueFunction, progress: Progress) -> KernelResult:
+        """For about a second; what cannot be tried is said, and was not asked for."""
+        try:
+            tried = default_promise(self.system, value, progress)
+        except SimulationError as error:
+            return KernelResult(value, None, untried=str(error))
+        return KernelResult(value if tried is None else value.tried(tried), tried)
 
     @cached_property
     def begun(self) -> ValueFunction:
@@ -160,8 +180,8 @@ class KernelScenario(SetScenario):
     def report(self, answer: KernelResult, files: Sequence[Path]) -> str:
         from holdfast.presentation.text.values import value_text
 
-        asked = self.promised is not None
-        return value_text(answer.value, answer.promise, self.begun, list(files), promised=asked)
+        told = list(files)
+        return value_text(answer.value, answer.promise, self.begun, told, untried=answer.untried)
 
     def complaints(self, answer: KernelResult) -> list[str]:
         if answer.trouble:
@@ -183,7 +203,7 @@ class KernelScenario(SetScenario):
 
     def tally(self, part: range | None, threads: int) -> dict[str, Entry]:
         """The size of the set, the outcome of the march, and the result of the promise."""
-        answer = self.run()
+        answer = self._tried(None, by_default=False)
         report = answer.value.report
         known = (
             ("fraction", answer.value.fraction(), "1", "share of the grid in the set"),

@@ -10,12 +10,17 @@ from typing import Any
 
 from holdfast.analysis.decomposition.decompose import decompose
 from holdfast.analysis.decomposition.decomposition import Decomposition
-from holdfast.analysis.decomposition.parts_promise import PartsPromise, check_parts
+from holdfast.analysis.decomposition.parts_promise import (
+    PartsPromise,
+    box_of_starts,
+    check_parts,
+    default_parts_promise,
+)
 from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.decomposition.solve_parts import solve_parts
 from holdfast.analysis.reachability.solve import set_on_grid
 from holdfast.analysis.simulation.aggregates import Entry
-from holdfast.errors import ScenarioError
+from holdfast.errors import ScenarioError, SimulationError
 from holdfast.execution.resources import Progress
 from holdfast.host.output import make_folder, saved, write_summary
 from holdfast.maths.definitions.law import Law
@@ -119,33 +124,32 @@ class PartsScenario(SetScenario):
                 progress=progress,
                 **options,
             ).reported(title=self.title, scenario=self.name, scenario_text=self.text)
-        if self.promised is None or self.region is None:
+        if self.region is None or (self.trials is None and not self.by_default):
             return PartsResult(value, None)
-        tried = {"horizon": self.horizon, **self.promised}
+        if self.trials is None:
+            return self._tried_by_default(value)
+        tried = {"horizon": self.horizon, **self.trials}
         try:
             with at(self.file, "promise"):
                 found = check_parts(
                     value,
                     self.region,
-                    self._starts(),
+                    box_of_starts(value),
                     law=self.law if isinstance(self.law, Law) else None,
                     disturbance=self.options.get("disturbance"),
                     **tried,
                 )
         except ScenarioError as error:  # the marches were long: their values are not thrown away
             return PartsResult(value, None, str(error))
-        return PartsResult(value, found)
+        return PartsResult(value.tried(found), found)
 
-    def _starts(self) -> dict[str, tuple[float, float]]:
-        """The box of the starts: of the grid, and of the states that the domain bounds."""
-        whole = self.decomposition
-        found = {n: self.apart.box[n] for n in whole.system.state_names if n in self.apart.box}
-        for n, interval in ((n, i) for p in whole.parts for n, i in p.cut.items()):
-            found.setdefault(n, interval)
-        if whole.prediction is not None:
-            names = (a.name for a in whole.prediction.actuators)
-            found |= dict(zip(names, whole.prediction.intervals, strict=True))
-        return found
+    def _tried_by_default(self, value: PartsValue) -> PartsResult:
+        """For about a second; what cannot be tried was not asked for."""
+        try:
+            found = default_parts_promise(value)
+        except SimulationError:
+            return PartsResult(value, None)
+        return PartsResult(value if found is None else value.tried(found), found)
 
     def write(
         self, answer: PartsResult, folder: Path, *, figures: bool = True, bar: Bar | None = None

@@ -19,7 +19,8 @@ from holdfast.scenario.schema.kernel import SetFiguresSpec
 class SetScenario(Composed):
     """A composed scenario whose answer is a set of states.
 
-    options: of the march. promised: of the trials in closed loop; None: they are not asked for.
+    options: of the march. promised: of the trials in closed loop, by 0 runs left out; None: a
+    kernel is tried by default.
     held: of a figure, the values of the states that are not drawn.
     """
 
@@ -42,6 +43,16 @@ class SetScenario(Composed):
     promised: Mapping[str, Any] | None
     figures: SetFiguresSpec
     held: Mapping[str, float]
+
+    @property
+    def by_default(self) -> bool:
+        """Whether its promise is tried although the file does not ask for it."""
+        return self.promised is None and self.kind in ("viability-kernel", "discriminating-kernel")
+
+    @property
+    def trials(self) -> Mapping[str, Any] | None:
+        """The trials that the file asks for."""
+        return self.promised if self.promised and self.promised["runs"] else None
 
     @property
     def about(self) -> Region:
