@@ -236,7 +236,10 @@ class ValueFunction:
 
     def summary(self) -> dict[str, Any]:
         """The problem, the method and the error estimates, for summary.json."""
+        lengths = self.report.boundary_error
         return {k: v for k, v in self.dataset.attrs.items() if k != "scenario_text"} | {
+            "boundary_error": dict(lengths) or None,
+            **({"approximation": word} if (word := self.report.approximation) else {}),
             "fraction_of_box": self.fraction(),
             "volume": self.volume(),
             "extent": {n: list(ends) for n, ends in self.extent().items()},
