@@ -83,13 +83,13 @@ def lake(nodes):
 @pytest.mark.parametrize(
     ("problem", "nodes", "false", "share"),
     [
-        (line, 33, (0.034, 0.041), 0.45),
-        (line, 65, (0.0, 0.0), 0.67),
-        (line, 201, (0.0, 0.0), 0.94),
-        (lake, 41, (0.006, 0.008), 0.81),
-        (lake, 81, (0.0105, 0.0125), 0.91),
+        (line, 33, (0.034, 0.041), 0.75),
+        (line, 65, (0.0, 0.0), 0.52),
+        (line, 201, (0.0, 0.0), 0.89),
+        (lake, 41, (0.006, 0.008), 0.23),
+        (lake, 81, (0.0105, 0.0125), 0.65),
         (population, 41, (0.008, 0.013), 0.63),
-        (population, 81, (0.003, 0.007), 0.89),
+        (population, 81, (0.003, 0.007), 0.81),
         (cart, 41, (0.0, 0.0), 0.81),
     ],
 )
@@ -101,6 +101,76 @@ def test_no_state_of_an_inner_set_is_lost(problem, nodes, false, share):
     assert not (inner & ~exact).any()
     assert not (inner & ~claimed).any()
     assert (inner & exact).sum() / exact.sum() == pytest.approx(share, abs=0.01)
+
+
+def unstable(bounds, kept):
+    """x' = x + u, y' = y + w in the square of 4 m, and its exact kernel; V jumps at its boundary."""
+    y, w = hf.symbol("y"), hf.symbol("w")
+    states = (hf.Quantity("x", "m"), hf.Quantity("y", "m"))
+    system = hf.System(
+        "unstable", states, (hf.Quantity("u", "m/s"), hf.Quantity("w", "m/s")),
+        {"x": X + U, "y": y + w}, input_bounds=bounds,
+    )  # fmt: skip
+    sides = {"east": X - 2, "west": -2 - X, "north": y - 2, "south": -2 - y}
+    square = hf.Region("square", states, tuple(hf.Inequality(n, e, "m") for n, e in sides.items()))
+    start = np.random.default_rng(0).uniform(-2, 2, (COUNT, 2))
+
+    def value(nodes, **options):
+        grid = hf.grid(system, {"x": (-2.3, 2.3), "y": (-2.3, 2.3)}, nodes)
+        return hf.viability_kernel(system, square, grid, 20, estimate_error=True, **options)
+
+    return value, start, kept(start)
+
+
+DISC = unstable(hf.Ball(1.0, 2), lambda q: np.hypot(*q.T) <= 1)
+BOX = unstable(hf.Box((-1, -1), (1, 1)), lambda q: np.abs(q).max(axis=1) <= 1)
+
+
+@pytest.mark.parametrize(
+    ("problem", "options", "shares"),
+    [
+        (DISC, {}, {41: 0.60, 81: 0.79}),
+        (DISC, {"scheme": "eno2"}, {41: 0.61, 81: 0.80}),
+        (DISC, {"scheme": "eno3"}, {41: 0.60, 81: 0.79}),
+        (DISC, {"scheme": "upwind"}, {41: 0.41, 81: 0.84, 161: 0.87}),
+        (DISC, {"dissipation": "global"}, {41: 0.63, 81: 0.83}),
+        (BOX, {}, {41: 0.45, 81: 0.82}),
+        (BOX, {"scheme": "upwind"}, {41: 0.46, 81: 0.83, 161: 0.84}),
+        pytest.param(DISC, {}, {161: 0.89, 321: 0.92}, marks=pytest.mark.heavy),
+        pytest.param(BOX, {}, {161: 0.83, 321: 0.95}, marks=pytest.mark.heavy),
+    ],
+)
+def test_inner_set_of_an_unstable_system_tends_to_the_exact_set(problem, options, shares):
+    """The set itself is up to 1.8 cells too large; the error is told in cells and in metres."""
+    kernel, states, exact = problem
+    for nodes, share in shares.items():
+        value = kernel(nodes, **options)
+        report, step = value.report, 4.6 / (nodes - 1)
+        assert report.jumps
+        assert report.boundary_error == pytest.approx(
+            dict.fromkeys("xy", report.error_reach * step)
+        )
+        assert report.error_cells == report.error_reach
+        claimed = value.contains(states)
+        if problem is DISC:
+            assert 0.04 < (claimed & ~exact).sum() / claimed.sum() < 0.16
+            assert 0.6 < (np.hypot(*states[claimed].T).max() - 1) / step < 1.8
+        inner = value.inner().contains(states)
+        assert not (inner & ~exact).any()
+        assert (inner & exact).sum() / exact.sum() == pytest.approx(share, abs=0.02)
+
+
+def test_value_that_does_not_jump_is_not_said_to():
+    assert not cart(41)[0].report.jumps
+    assert not population(81)[0].report.jumps
+
+
+@pytest.mark.parametrize("dissipation", ["global", "local"])
+def test_scheme_that_two_grids_say_nothing_of_has_no_inner_set(dissipation):
+    value = DISC[0](41, scheme="upwind", dissipation=dissipation)
+    assert value.report.boundary_error == {}
+    with pytest.raises(SimulationError, match=r'two grids do not tell.*dissipation="local-local"'):
+        value.inner()
 
 
 def test_grids_that_have_nothing_in_common_have_no_inner_set():
@@ -145,7 +215,7 @@ def test_promise_checks_the_inner_set_of_a_scenario(tmp_path):
     path = tmp_path / "line.toml"
     path.write_text(LINE)
     found = load_scenario(str(path)).run()
-    assert found.value.dataset.attrs["inner_cells"] == 2
+    assert found.value.dataset.attrs["inner_cells"] == 3
     assert found.value.extent()["x"][1] < 0.25
     assert found.promise.held
     with pytest.raises(ScenarioError, match=r"march\.inner: there is no estimate"):

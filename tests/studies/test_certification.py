@@ -177,3 +177,21 @@ def test_errors_and_delays_that_are_none_are_refused(given, said, tmp_path):
     answer = called("certify", "seen-target", *given, "--out", tmp_path)
     assert answer.returncode == 2
     assert said in answer.stderr
+
+
+def test_command_tries_the_cells_of_a_kernel(tmp_path):
+    """The view is certified from the file of its kernel, as from the whole region."""
+    solved = holdfast(
+        "run", "seen-target", "--set", "grid.nodes=31", "--out", "k", "--no-figures", cwd=tmp_path
+    )
+    assert solved.returncode in (0, 1), solved.stderr
+    of = ("certify", "seen-target", "--cells", "31", "--no-figures")
+    shares = []
+    for name, more in (("a", ()), ("b", ("--kernel", "k/result.nc"))):
+        answer = holdfast(*of, *more, "--out", name, cwd=tmp_path)
+        assert answer.returncode == 0, answer.stderr
+        shares.append(json.loads((tmp_path / name / "certificate.json").read_text())["share"])
+    assert shares[1] == pytest.approx(shares[0], abs=0.01)
+    answer = holdfast(*of, "--margin", "0.1", "--out", "c", cwd=tmp_path)
+    assert answer.returncode == 2
+    assert "--margin without --kernel" in answer.stderr

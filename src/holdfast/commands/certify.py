@@ -67,6 +67,17 @@ from holdfast.studies.progress import bar
     "is wider, agrees with what is stated (repeatable).",
 )
 @click.option(
+    "--kernel",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="The result.nc of the scenario's kernel: only the cells that its set touches are tried.",
+)
+@click.option(
+    "--margin",
+    type=float,
+    help="With --kernel: the cells in which V is above it [default: 0].",
+)
+@click.option(
     "--largest",
     metavar="NAME",
     help="Bisect a number of the scenario, such as a current, or uncertain.NAME: how far a "
@@ -99,6 +110,8 @@ def command(
     delay: float | None,
     refine: int,
     room: tuple[str, ...],
+    kernel: Path | None,
+    margin: float | None,
     largest: str | None,
     between: tuple[float, float] | None,
     tolerance: float | None,
@@ -134,6 +147,12 @@ def command(
         raise ScenarioError(
             "--box with --largest, --room or --refine", expected="a law's cells as they are"
         )
+    if kernel is None and margin is not None:
+        raise ScenarioError("--margin without --kernel", remedy="name the file of a kernel")
+    if kernel is not None and (largest is not None or room or box):
+        raise ScenarioError(
+            "--kernel with --largest, --room or --box", expected="the scenario as it was solved"
+        )
     if largest is not None and room:
         raise ScenarioError("--room with --largest", expected="one of them")
     if search and largest is None:
@@ -148,7 +167,7 @@ def command(
         options |= {"refine": refine, **search}
         answer = _of_largest(scenario, overrides, largest, options)
     else:
-        options |= {"refine": refine, "store": folder}
+        options |= {"refine": refine, "store": folder, "kernel": kernel, "margin": margin or 0.0}
         answer = _of_scenario(scenario, overrides, room, options)
     with bar(answer.stage) as tell:
         found = answer.find(progress=tell)

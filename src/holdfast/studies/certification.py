@@ -13,6 +13,8 @@ from holdfast.analysis.certificates.certificate import Certificate, Range
 from holdfast.analysis.certificates.certify import certify
 from holdfast.analysis.certificates.narrowed import narrowed
 from holdfast.analysis.certificates.problem import INPUTS
+from holdfast.analysis.load import load
+from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import ScenarioError
 from holdfast.host.output import make_folder, write_summary
 from holdfast.scenario.kinds.kernel import KernelScenario
@@ -39,16 +41,23 @@ def certified(
     delay: float = 0.0,
     refine: int = 0,
     store: Path | None = None,
+    kernel: Path | None = None,
+    margin: float = 0.0,
     progress: Callable[[str, float], None] | None = None,
 ) -> Certificate:
     """`hf.certify` for the system, the region, the grid's box and the disturbance of a kernel.
 
     The goal of a capture basin is the target. cells: by default as many as the grid has nodes.
-    horizon [s]: None is for ever. Raises `ScenarioError` for a scenario of another kind.
+    horizon [s]: None is for ever. kernel: the file of a value function of this scenario: only the
+    cells that its set V > `margin` touches are tried. Raises `ScenarioError` for a scenario of
+    another kind.
     """
     loaded = check_kernel(load_scenario(scenario, overrides), scenario)
     if loaded.region is None:
         raise ScenarioError(f"'{scenario}' has no region", remedy="add a [region]")
+    candidate = None if kernel is None else load(kernel)
+    if not isinstance(candidate, ValueFunction | None):
+        raise ScenarioError(f"{kernel} is no value function", expected="the result.nc of a kernel")
     if store is not None:
         make_folder(store)
     axes = loaded.grid.axes
@@ -67,6 +76,8 @@ def certified(
         delay=delay,
         refine=refine,
         store=store,
+        candidate=candidate,
+        margin=margin,
         progress=progress,
     )
 

@@ -8,6 +8,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError, OutputError, SimulationError
+from holdfast.presentation.text.values import value_text
 
 X, V, U, TH = (hf.symbol(n) for n in ("x", "v", "u", "theta"))
 
@@ -139,6 +140,24 @@ def test_limited_state_cannot_leave_through_its_end():
     found = hf.viability_kernel(CART, WALLS, grid, 4.0)
     top = found.slice(v=0.5)
     assert top.grid.axes[0].nodes[top.values() > 0].max() == pytest.approx(0.875, abs=0.03)
+
+
+def test_forward_reach_is_called_an_inner_approximation_wherever_it_is_told():
+    """x' = -x + u from rest reaches x < 1: a grid leaves some of it out."""
+    x, u = hf.symbol("x"), hf.symbol("u")
+    lag = hf.System(
+        "lag", (hf.Quantity("x", "m"),), (hf.Quantity("u", "m/s"),), {"x": u - x},
+        input_bounds=hf.Box((-1,), (1,)),
+    )  # fmt: skip
+    start = hf.Region("rest", lag.states, (hf.Inequality("near", sp.Abs(x) - 0.1, "m"),))
+    grid = hf.grid(lag, {"x": (-1.5, 1.5)}, 41, {"x": "extrapolated"})
+    ahead = hf.forward_reachable_set(lag, start, grid, 3.0)
+    assert ahead.extent()["x"][1] < 1 - 0.9 * np.exp(-3)
+    assert ahead.report.approximation == ahead.summary()["approximation"] == "inner approximation"
+    assert "; inner approximation" in value_text(ahead)
+    assert "inner approximation" in hf.value_function_figure(ahead).get_suptitle()
+    back = hf.backward_reachable_tube(lag, start, grid, 0.5)
+    assert "approximation" not in back.summary()
 
 
 def test_forward_reach_is_the_reverse_of_backward_reach():

@@ -278,6 +278,22 @@ def test_margin_counts_what_a_value_rises_by_as_time_runs_down(first, fall):
     assert hf.sampled_margin(falling, found, 0.02) == pytest.approx(0.02 * fall, rel=1e-3)
 
 
+def test_margin_of_a_value_that_jumps_does_not_grow_with_the_grid():
+    """x' = 2x + u/2 is held within 1/4, where V = 1 - |x| jumps: from .75 m all is lost at once."""
+    system = hf.System(
+        "unstable", POINT, (U_IN,), {"x": 2 * X + U / 2}, input_bounds=hf.Box((-1,), (1,))
+    )
+    walls = hf.Region("walls", POINT, (hf.Inequality("both", abs(X) - 1, "m"),))
+    margins = []
+    for nodes in (41, 161, 641):
+        grid = hf.grid(system, {"x": (-1.2, 1.2)}, nodes)
+        found = hf.viability_kernel(system, walls, grid, 20, scheme="upwind")
+        margins.append(hf.sampled_margin(system, found, 0.1))
+    assert margins == sorted(margins, reverse=True)
+    assert margins[0] < 0.9
+    assert margins[2] == pytest.approx(0.75 + 0.1 * 1.0, abs=0.02)
+
+
 def test_state_with_the_margin_has_some_value_left_at_the_next_sample():
     found = reaching(np.linspace(0, 1, 51))
     margin = hf.sampled_margin(MOVER, found, 0.02)

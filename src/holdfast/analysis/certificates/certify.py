@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import sympy as sp
 
+from holdfast.analysis.certificates.candidate_cells import check_candidate, touched_by
 from holdfast.analysis.certificates.cells import Cells, Floats
 from holdfast.analysis.certificates.certificate import (
     MOST_CELLS,
@@ -38,6 +39,7 @@ from holdfast.analysis.certificates.problem import (
 )
 from holdfast.analysis.certificates.reaching import reached
 from holdfast.analysis.certificates.stored_images import Store
+from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion
 from holdfast.execution.intervals.held_flow import HeldFlow, Sampling
@@ -57,8 +59,8 @@ def certify(
     system: System,
     region: Region,
     *,
-    box: Mapping[str, Range],
-    cells: int | Mapping[str, int | Sequence[float]] = CELLS,
+    box: Mapping[str, Range] | None = None,
+    cells: int | Mapping[str, int | Sequence[float]] | None = None,
     sample_time: float = 0.1,
     horizon: float | None = None,
     inputs: int | Mapping[str, int] = INPUTS,
@@ -70,6 +72,8 @@ def certify(
     delay: float = 0.0,
     refine: int = 0,
     store: str | Path | None = None,
+    candidate: ValueFunction | None = None,
+    margin: float = 0.0,
     progress: Callable[[str, float], None] | None = None,
 ) -> Certificate:
     """The largest set of cells in `region` that inputs held for `sample_time` [s] keep there.
@@ -92,11 +96,15 @@ def certify(
     at the edge of the region too. `kept.members` are cells of the smallest size, `kept.entries`
     those that were found, of all sizes.
 
+    candidate: a kernel of this system, or with a target a capture basin: only the cells that its
+    set V > `margin` touches are tried, so that the search is as much shorter as the set is smaller
+    than the region; box, cells and disturbance are by default those of its grid and problem.
+
     box: state -> (low, high), the cells of which are tried; an angle over a whole turn comes back
     to itself where rates and constraints have it in sines and cosines alone. cells: how many along
-    each state, or their edges. horizon [s]: None is for ever. inputs: how many values of each input
-    are tried between its bounds; of a law into how many parts its range is divided, where the input
-    may be anything. uncertain: parameter -> range, such as a mass that is wrong by a
+    each state (101), or their edges. horizon [s]: None is for ever. inputs: how many values of each
+    input are tried between its bounds; of a law into how many parts its range is divided, where the
+    input may be anything. uncertain: parameter -> range, such as a mass that is wrong by a
     fifth. disturbance: those that are known and constant; others are any within their bounds, at
     every instant. store: a folder in which what is found is kept until a certificate is written
     there: the same call goes on where it was interrupted, or its process killed, and ends with the
@@ -106,6 +114,21 @@ def certify(
     range and a law that remembers or depends on time, `DefinitionError` for functions without a
     proved enclosure, and for a law that does not fit the system.
     """
+    among = None
+    if candidate is not None:
+        if law is not None:
+            raise SimulationError("a candidate with a law", remedy="leave one of them out")
+        check_candidate(candidate, system, target=target is not None)
+        among = touched_by(candidate, margin)
+        axes = candidate.grid.axes
+        box = {a.name: (a.low, a.high) for a in axes} if box is None else box
+        even = {a.name: a.count - (a.ends != "periodic") for a in axes}
+        cells = even if cells is None else cells
+        if disturbance is None:
+            disturbance = {n: float(v) for n, v in candidate.report.disturbance.items()}
+    if box is None:
+        raise SimulationError("no box", expected="state -> (low, high), or a candidate")
+    cells = CELLS if cells is None else cells
     regions = (region, target) if target is not None else (region,)
     ranges = ranges_of(system, regions, dict(uncertain or {}), dict(disturbance or {}))
     constraints, arrival = (
@@ -175,7 +198,7 @@ def certify(
     else:
         proved = reached if target is not None else kept
         kept_in = None if store is None else Store(store)
-        found = proved(flow, grid, candidates, holds, progress, refine, kept_in)
+        found = proved(flow, grid, candidates, holds, progress, refine, kept_in, among)
     title = f"{system.name} in {region.name}" + (f" to {target.name}" if target else "")
     return Certificate(
         title=title + (f", by {law.name}" if law else ""),

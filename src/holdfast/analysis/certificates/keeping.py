@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from holdfast.analysis.certificates.cells import Cells, Counted, Floats, Wholes
+from holdfast.analysis.certificates.cells import Cells, Counted, Floats, Truths, Wholes
 from holdfast.analysis.certificates.images import Images
 from holdfast.analysis.certificates.kept_set import Kept
 from holdfast.analysis.certificates.refining import BEST, REGION, Ranks, refined
@@ -22,18 +22,23 @@ def kept(
     progress: Callable[[str, float], None] | None = None,
     refine: int = 0,
     store: Store | None = None,
+    among: Callable[[Cells], Truths] | None = None,
 ) -> Kept:
     """The cells in the region from which a held input leads to others of them, again and again.
 
     candidates: inputs that are tried, shape (inputs, ...). holds: how many sampling periods; None
-    for ever. refine: how often cells are halved that are left near those that are kept.
+    for ever. refine: how often cells are halved that are left near those that are kept. among:
+    which cells are tried; None is all of the region.
     """
 
     def settle(found: Images, cells: Cells, ranks: Ranks) -> tuple[Ranks, Wholes, int]:
         return settled(found, cells, ranks, holds)
 
     enough = BEST if holds is None else holds
-    found = refined(flow, cells, candidates, refine, settle, enough, progress=progress, store=store)
+    found = refined(
+        flow, cells, candidates, refine, settle, enough,
+        progress=progress, store=store, among=among,
+    )  # fmt: skip
     entries = found.entries
     if holds is None:
         entries[:, 2] = 0

@@ -16,6 +16,7 @@ from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.quantity import Parameter
 from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.sets.ball import Ball
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.traversal import exact
 
@@ -148,6 +149,8 @@ def candidates_of(
             raise SimulationError(f"{q.name}: {count} values from {low:g} to {high:g}")
         axes.append(np.linspace(low, high, count))
     tried = np.array(list(itertools.product(*axes)))
+    if isinstance(system.input_bounds, Ball):
+        return _drawn_in(tried)
     inside = np.ones(len(tried), dtype=bool)
     for normal, bound in system.input_bounds.half_spaces():
         *weights, (_, most) = _over_parameters(system, [*normal, -bound], ranges)
@@ -155,3 +158,10 @@ def candidates_of(
             most = most + np.maximum(a * tried[:, k], b * tried[:, k])
         inside &= most <= ROUNDED
     return tried[inside]
+
+
+def _drawn_in(cube: Floats) -> Floats:
+    """The points of a cube around zero drawn in to the ball in it, each along its ray."""
+    sizes = np.linalg.norm(cube, axis=1)
+    shares = np.abs(cube).max(axis=1) / np.where(sizes > 0, sizes, 1.0)
+    return cube * (shares * (1.0 - ROUNDED))[:, None]

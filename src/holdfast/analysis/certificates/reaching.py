@@ -27,13 +27,15 @@ def reached(
     progress: Callable[[str, float], None] | None = None,
     refine: int = 0,
     store: Store | None = None,
+    among: Callable[[Cells], Truths] | None = None,
 ) -> Kept:
     """The cells from which an input leads all states to cells that are closer to the target.
 
     Those of the target are 0 sampling periods away from it; a cell from which an input leads to
     cells of up to n periods, in the region on the way, is n + 1 away. holds: how many periods at
     most; None is as many as there are. refine: how often cells are halved that are left near those
-    that are found. The result's `holds` is the largest number, its entries' levels are the numbers
+    that are found. among: which cells are tried; None is all of the region. The result's `holds` is
+    the largest number, its entries' levels are the numbers
     of each.
     """
 
@@ -50,6 +52,7 @@ def reached(
         target=True,
         progress=progress,
         store=store,
+        among=among,
     )
     entries = found.entries[np.argsort(found.entries[:, 0], kind="stable")]
     entries[:, 2] = BEST - entries[:, 2]

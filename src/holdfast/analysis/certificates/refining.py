@@ -49,13 +49,15 @@ def refined(
     target: bool = False,
     progress: Callable[[str, float], None] | None = None,
     store: Store | None = None,
+    among: Callable[[Cells], Truths] | None = None,
 ) -> Refined:
     """What is found of the cells, of half of those that are left near it, and so on.
 
     At each depth those cells are halved that have less than `enough` and a better one beside them,
     again and again as long as that gains something; all of them where nothing is found yet. What
     was found of larger cells stands: an input leads from a cell to ranks that only grow. store:
-    where images are kept, so that an interrupted search goes on.
+    where images are kept, so that an interrupted search goes on. among: which cells are tried at
+    all.
     """
     tell = progress or (lambda what, share: None)
     _check_memory(cells, depth)
@@ -68,7 +70,8 @@ def refined(
             cells = cells.halved()
             ranks, region = doubled(ranks, cells), doubled(region, cells)
         region[where(flow.inside, cells, np.flatnonzero(~region))] = True
-        ranks[region & (ranks == NONE)] = REGION
+        tried = region if among is None else region & among(cells)
+        ranks[tried & (ranks == NONE)] = REGION
         if target:
             ranks[where(flow.arrived, cells, np.flatnonzero(ranks < BEST))] = BEST
         before = ranks.copy()

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from holdfast.analysis.reachability.grid import Axis, Grid
-from holdfast.analysis.reachability.obstacles import largest_change
+from holdfast.analysis.reachability.inner_set import beside
 from holdfast.analysis.reachability.problem import Posed, check_counts
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import HoldfastError, SimulationError
@@ -68,14 +68,15 @@ def with_error(found: ValueFunction, coarse: Sequence[ValueFunction]) -> ValueFu
 
         p = log2( |V_2h - V_4h| / |V_h - V_2h| ),   root mean squares near the boundary
 
-    Near the boundary are the common nodes where V_h or V_2h is within one change over a cell of
-    zero; where there are none, all. Attributes:
+    Near the boundary are the common nodes beside it, those with a neighbour in which V_h or V_2h
+    has another sign; where there are none, all. Attributes:
 
     error_order         p: 1, or as observed; one below 0.5 is taken for 0.5
     error_largest       largest |V_h - V_2h| / (2^p - 1) near the boundary, in the value's unit
     error_rms           its root mean square
     error_cells         how far off the boundary lies, in cells: the error over the change of V
-                        from cell to cell; 95 % of the nodes near the boundary are below
+                        from cell to cell; 95 % of the nodes near the boundary are below. Where V
+                        jumps, the distance of the boundaries (`inner_set`)
     volume_coarse       the volume on 2 h, to be compared with `volume`
     """
     thin = tuple(slice(None, None, 2) for _ in found.grid.axes)
@@ -93,7 +94,7 @@ def with_error(found: ValueFunction, coarse: Sequence[ValueFunction]) -> ValueFu
     slopes = np.zeros(apart.shape)
     for i in range(fine.ndim):  # of the rows with common nodes, to save memory
         rows = np.moveaxis(fine, i, 0)[(slice(None), *thin[1:])]
-        slopes += np.moveaxis(np.gradient(rows, axis=0)[::2] ** 2, 0, i)
+        slopes += np.moveaxis(_steeper(rows)[::2] ** 2, 0, i)
     with np.errstate(divide="ignore", invalid="ignore"):
         cells = np.where(error > 0, error / np.sqrt(slopes[near]), 0.0)
     return found.reported(
@@ -106,10 +107,17 @@ def with_error(found: ValueFunction, coarse: Sequence[ValueFunction]) -> ValueFu
 
 
 def _near(fine: Array, coarse: ValueFunction) -> Array:
-    values = coarse.values()
-    cell = largest_change(values) or math.inf
-    near = (np.abs(fine) <= cell) | (np.abs(values) <= cell)
+    periodic = [a.ends == "periodic" for a in coarse.grid.axes]
+    near = beside(fine, periodic) | beside(coarse.values(), periodic)
     return near if near.any() else np.ones_like(near)
+
+
+def _steeper(rows: Array) -> Array:
+    """The larger of the changes to both neighbours along the first axis."""
+    changes = np.abs(np.diff(rows, axis=0))
+    return np.maximum(
+        np.concatenate([changes, changes[-1:]]), np.concatenate([changes[:1], changes])
+    )
 
 
 def _rms(values: Array) -> float:

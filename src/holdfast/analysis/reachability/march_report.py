@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+FORWARD, INNER = "forward-reachable-set", "inner approximation"
+
 
 @dataclass(frozen=True)
 class Report:
@@ -26,10 +28,12 @@ class Report:
     many times shorter the cells near the boundary are, marched_share: the mean share of the nodes
     of this finer grid that were in blocks around it; None without `refine`.
 
-    The following are None unless requested. error_order, error_largest, error_rms, error_cells,
-    volume_coarse: see `error_estimate.with_error`. error_reach: cells by which `inner` erodes the
-    set; inner_cells: by which it did. nodes_from_outside, share_from_outside, nodes_kept_outside:
-    see `error_estimate.with_outside`. promise_outcome, promise_conclusion: of the closed-loop
+    The following are None, or empty, unless requested. error_order, error_largest, error_rms,
+    error_cells, volume_coarse: see `error_estimate.with_error`. error_reach: cells by which the
+    boundary may be off and `inner` erodes the set, boundary_error: the same along every axis, in
+    its unit, jumps: whether V jumps there (`inner_set.with_error_in_cells`); inner_cells: by which
+    a set was eroded. nodes_from_outside, share_from_outside, nodes_kept_outside: see
+    `error_estimate.with_outside`. promise_outcome, promise_conclusion: of the closed-loop
     validation that was tried last (`ValueFunction.tried`); promise_share: of the set, from the
     inside out, that lost no start. title, scenario, scenario_text: of the scenario.
     """
@@ -74,6 +78,8 @@ class Report:
     error_cells: float | None = None
     volume_coarse: float | None = None
     error_reach: int | None = None
+    jumps: bool = False
+    boundary_error: Mapping[str, float] = field(default_factory=dict)
     inner_cells: int | None = None
     nodes_from_outside: int | None = None
     share_from_outside: float | None = None
@@ -84,6 +90,15 @@ class Report:
     title: str | None = None
     scenario: str | None = None
     scenario_text: str | None = None
+
+    @property
+    def approximation(self) -> str:
+        """What the set is of the exact one, where a word for it is due; an empty text elsewhere.
+
+        The scheme smears what is thin, so that a forward reachable set leaves out states that can
+        be reached: fewer the finer the grid is.
+        """
+        return INNER if self.kind == FORWARD else ""
 
     def attributes(self) -> dict[str, Any]:
         """The attributes of a dataset: numbers and text, tables as JSON, without None."""

@@ -139,7 +139,8 @@ def forward_reachable_set(
 
     The forward reachable tube: the backward one of the reversed dynamics (thesis section 7.3). The
     states are those at the end of the horizon, after leaving `start` at any time within it.
-    disturbances: "max" are at the choice of whoever wants to get there, "min" work against it.
+    disturbances: "max" are at the choice of whoever wants to get there, "min" work against it. The
+    set is an inner approximation (`report.approximation`): on a grid it leaves out what is thin.
     """
     problem = Problem(
         "forward-reachable-set", "grow", start, disturbances=disturbances, backwards=True

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +38,10 @@ from holdfast.execution.look_up import slopes_at, values_at
 from holdfast.execution.resources import check_memory
 from holdfast.execution.table_in_parts import TableInParts
 from holdfast.maths.definitions.region import Region
+
+if TYPE_CHECKING:
+    from holdfast.analysis.certificates.certificate import Certificate
+    from holdfast.maths.definitions.system import System
 
 
 @dataclass(frozen=True)
@@ -225,6 +229,20 @@ class ValueFunction:
         """
         return inner(self)
 
+    @checked
+    def certified(self, system: System, region: Region, **options: Any) -> Certificate:
+        """The part of the set that is proved, as a certificate that another program checks.
+
+        The cells of the grid that V > `margin` (0) touches are a candidate: which of them held
+        inputs lead back into, between samples too, whatever the disturbances do, is decided by
+        intervals with every rounding counted. options: those of `hf.certify`, such as sample_time,
+        inputs, cells, refine, and the target of a capture basin. Cells smaller than the grid's
+        prove more. Raises as `hf.certify`.
+        """
+        from holdfast.analysis.certificates.certify import certify
+
+        return certify(system, region, candidate=self, **options)
+
     def last(self) -> ValueFunction:
         """The value function at its last time only."""
         if "time" not in self.dataset["value"].dims:
@@ -272,7 +290,10 @@ class ValueFunction:
 
     def summary(self) -> dict[str, Any]:
         """The problem, the method and the error estimates, for summary.json."""
+        lengths = self.report.boundary_error
         return {k: v for k, v in self.dataset.attrs.items() if k != "scenario_text"} | {
+            "boundary_error": dict(lengths) or None,
+            **({"approximation": word} if (word := self.report.approximation) else {}),
             "fraction_of_box": self.fraction(),
             "volume": self.volume(),
             "extent": {n: list(ends) for n, ends in self.extent().items()},

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -153,6 +154,21 @@ def a_cell_inside(
             with np.errstate(invalid="ignore"):
                 found &= sign * value.at(moved) > above
     return found
+
+
+def highest_within(value: ValueFunction, lengths: Array) -> float:
+    """The largest V of a state from which the boundary is within these lengths along the axes.
+
+    Counted in whole cells, and one more for states between nodes.
+    """
+    from scipy.ndimage import minimum_filter
+
+    numbers, axes = value.values(), value.grid.axes
+    cells = [math.ceil(s / a.step) + 1 for s, a in zip(lengths, axes, strict=True)]
+    sizes = [min(2 * k + 1, 2 * a.count - 1) for k, a in zip(cells, axes, strict=True)]
+    modes = ["wrap" if a.ends == "periodic" else "nearest" for a in axes]
+    near = numbers[minimum_filter(numbers, size=sizes, mode=modes) <= 0]
+    return float(near.max(initial=0.0))
 
 
 def _drawn(

@@ -12,10 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from holdfast.analysis.reachability.given import number
+from holdfast.analysis.reachability.inner_set import steeper_than_its_start
 from holdfast.analysis.reachability.node_sampler import Places
 from holdfast.analysis.reachability.problem import is_defined_so, with_disturbance
 from holdfast.analysis.reachability.stored_tables import Layers
 from holdfast.analysis.reachability.value_function import ValueFunction
+from holdfast.analysis.safety.depth import highest_within
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
@@ -135,6 +137,8 @@ def sampled_margin(
     between neighbouring times); otherwise the term is absent. The maxima are over the nodes at
     which V is at most two cells, or that margin, from the boundary, or `MANY` of them. A state
     measured with V above the margin has V > 0 until the next input, for any input and disturbance.
+    Where V jumps, its slope on a grid grows as cells shrink; then the margin is the largest V from
+    which the boundary is near enough to be reached in the time (`depth.highest_within`).
 
     Raises `SimulationError` for an invalid sample time or delay.
     """
@@ -142,6 +146,8 @@ def sampled_margin(
     number("sample_time is ", sample_time, positive, lambda v: 0 < v < math.inf)
     number("delay is ", delay, "a number of seconds, 0 or more", lambda v: 0 <= v < math.inf)
     falls, reach = _Falls(system, value), 2.0 * value.report.cell
+    if falls.jump:
+        return highest_within(value, (delay + sample_time) * falls.speeds())
     while True:
         still, moving = falls.most(reach)
         margin = delay * still + sample_time * moving
@@ -277,9 +283,24 @@ class _Falls:
         self.parameters = parameters_of(value, known)
         times = _times(value)
         known_at: list[float | None] = [None] if times is None else [float(t) for t in times]
+        self.jump = value.stored is None and times is None and steeper_than_its_start(value)
         self.spans = list(pairwise(known_at))
         if known_at[0] != 0.0:  # below the first time V is constant
             self.spans.insert(0, (known_at[0], known_at[0]))
+
+    def speeds(self) -> Array:
+        """The largest speed along every axis in the set, for any inputs and disturbance."""
+        axes, layers = self.value.grid.axes, self.value.layers(None)
+        within = Places(lambda k: layers[k] > 0, layers.shape)
+        some = np.arange(len(within))
+        if len(some) > MANY:
+            some = np.random.default_rng(0).choice(len(some), MANY, replace=False)
+        points = np.stack([a.nodes[k] for a, k in zip(axes, within.at(some), strict=True)], axis=1)
+        found = []
+        for way in np.eye(len(axes)):
+            rows = [np.hstack([points, np.tile(s * way, (len(points), 1))]) for s in (1.0, -1.0)]
+            found.append(-min(self.rise.values(q, self.parameters)[:, 0].min() for q in rows))
+        return np.array(found)
 
     def most(self, reach: float) -> tuple[float, float]:
         """The largest fall of V [1/s] where 0 < V <= reach: at one time, and as time runs down.

@@ -107,6 +107,8 @@ def told(value: ValueFunction) -> str:
             text += f"\nfor {reached}, not converged"
         else:
             text += f"\nwithin {reached}"
+        if report.approximation:
+            text += f", {report.approximation}"
     if not (last > 0).any():
         text += "; empty: no node of the grid is in the set"
     elif (last > 0).all():

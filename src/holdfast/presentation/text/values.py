@@ -38,6 +38,7 @@ def value_text(
     if begun is not None and (first := begun.fraction()) > 0:
         name, ratio = begun.report.region, share / first
         text += f", {100 * ratio:.3g} % of {name}" if ratio < 2 else f", {ratio:.3g} times {name}"
+    text += f"; {report.approximation}" if report.approximation else ""
     lines.append(f"  the set        {'empty' if report.empty else text}")
     if not report.empty:
         ends = value.extent()
@@ -47,6 +48,10 @@ def value_text(
                 " ".join([a.name, _range(*ends[a.name]), _unit(a.state.unit)]).rstrip()
                 for a in axes
             )
+        )
+    if report.approximation and not report.empty:
+        lines.append(
+            "                 states beyond it may be reached as well: outer() bounds them"
         )
     lines.append(f"  converged      {_converged(value)}")
     if report.ends_reached:
@@ -99,18 +104,27 @@ def _worth(value: ValueFunction) -> list[tuple[str, str]]:
     unit = report.value_unit
     found = []
     if report.error_largest is not None:
-        found.append(
-            (
-                "error",
-                f"up to {report.error_largest:.2g} {unit}, {report.error_cells:.2g} cells, by a "
-                "coarser grid",
-            )
-        )
+        shown = f"V up to {report.error_largest:.2g} {unit}, by a coarser grid"
+        found.append(("error", shown.replace(" 1,", ",")))
+        found.append(("boundary", _boundary_error(value)))
     if report.inner_cells is not None:
         found.append(("inner", f"eroded by {report.inner_cells} cells, the estimated error"))
     if report.nodes_from_outside is not None:
         found.append(("extrapolation", f"{report.nodes_from_outside:,} nodes depend on it"))
     return found
+
+
+def _boundary_error(value: ValueFunction) -> str:
+    """How far off the boundary may be, along every axis in its unit."""
+    report = value.report
+    jumps = "; V jumps there" if report.jumps else ""
+    if not report.boundary_error:
+        return "not known: the grids have too little in common" + jumps
+    units = {a.name: _unit(a.state.unit) for a in value.grid.axes}
+    lengths = ", ".join(
+        f"{name} {size:.2g} {units[name]}".rstrip() for name, size in report.boundary_error.items()
+    )
+    return f"off by up to {lengths} ({report.error_reach} cells){jumps}"
 
 
 def _promise(promise: Promise) -> list[str]:
