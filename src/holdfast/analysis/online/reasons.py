@@ -36,7 +36,8 @@ class Reasons:
     ) -> None:
         self.system, self.made, self.constraints = system, made, made.region
         self.told, self.program = told, program
-        ((_, self.hard),) = program.conditions_of_modes
+        ((self.count, self.hard),) = program.conditions_of_modes
+        (self._ahead,) = program.foresight_of_modes
         estimated = any(q.name.endswith("_hat") for q in law.reads)
         self.whole = told.states == system.state_names and not estimated
         self.law, self.timed = law, timed
@@ -126,17 +127,23 @@ class Reasons:
 
     def _worst(self, decision: Decision) -> str:
         """The inequality whose condition the command violates most, by its own size."""
+        short = self._short(decision, decision.nominal)
+        if self._ahead and not (short > 1e-7).any():
+            return "value"
         return self._names[int(np.argmax(self._short(decision, decision.nominal)))]
 
     def gave_way(self, decision: Decision) -> tuple[str, ...]:
         """The inequalities whose conditions the input does not meet; "value" is the kernel's."""
         short = self._short(decision, decision.input) > 1e-7
-        return tuple(dict.fromkeys(n for n, s in zip(self._names, short, strict=True) if s))
+        gave = [n for n, s in zip(self._names, short, strict=True) if s]
+        if self._ahead and not gave:
+            gave = ["value"]
+        return tuple(dict.fromkeys(gave))
 
     def _short(self, decision: Decision, given: Array) -> Array:
         """By how much an input misses each condition, in units of its normal and its terms."""
         m = len(self.system.inputs)
-        rows = decision.conditions[:-m].reshape(-1, m + 1)[self.hard :]
+        rows = decision.conditions[: self.count * (m + 1)].reshape(-1, m + 1)[self.hard :]
         size = np.linalg.norm(rows[:, :m], axis=1)
         found: Array = (rows[:, :m] @ given - rows[:, m]) / np.where(size > 0, size, 1.0)
         return found

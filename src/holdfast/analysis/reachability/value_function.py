@@ -47,12 +47,14 @@ class ValueFunction:
     `time` [s] first; of a capture basin also `arrival` [s], the least time to the goal. Its
     attributes hold the problem, the method, and the error estimates: see `report`. stored: where
     the values are still in a file (`load`), of which `at`, `gradient`, `contains`, `least_time`,
-    `slice` and laws read the chunks that they need; None where all are in memory.
+    `slice` and laws read the chunks that they need; None where all are in memory. games: what
+    `sampled_value` has computed of the same values.
     """
 
     dataset: xr.Dataset
     grid: Grid
     stored: StoredTables | None = field(default=None, repr=False, compare=False)
+    games: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def report(self) -> Report:
@@ -65,7 +67,7 @@ class ValueFunction:
         others = {n: v for n, v in self.dataset.attrs.items() if n not in Report.names()}
         dataset = self.dataset.copy(deep=False)
         dataset.attrs = {**others, **attributes}
-        return ValueFunction(dataset, self.grid, self.stored)
+        return ValueFunction(dataset, self.grid, self.stored, self.games)
 
     def in_memory(self) -> ValueFunction:
         """The same with all its numbers in memory; `SimulationError` where they do not fit."""

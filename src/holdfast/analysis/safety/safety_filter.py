@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any, TypeVar
@@ -16,11 +16,17 @@ from holdfast.analysis.reachability.node_sampler import Places
 from holdfast.analysis.reachability.problem import is_defined_so, with_disturbance
 from holdfast.analysis.reachability.stored_tables import Layers
 from holdfast.analysis.reachability.value_function import ValueFunction
+from holdfast.analysis.safety.sampled_value import is_foreseen, sampled_value
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
 from holdfast.execution.evaluate import Evaluator
-from holdfast.maths.control.value_filter import against_the_worst, keep_value, optimal_law
+from holdfast.maths.control.value_filter import (
+    against_the_worst,
+    keep_sampled_value,
+    keep_value,
+    optimal_law,
+)
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.lookup import Lookup
 from holdfast.maths.definitions.quantity import TIME
@@ -51,6 +57,7 @@ def safety_law(
     sample_time: float = 0.02,
     delay: float = 0.0,
     scales: Mapping[str, float] | None = None,
+    errors: Sequence[float] = (),
 ) -> L | Law:
     """The law that keeps the state in the set V > 0: optimal inputs, or a safety filter.
 
@@ -92,9 +99,38 @@ def safety_law(
             expected="values at equally spaced times from 0 to the horizon",
             remedy="compute it with times=[0, ...], or take the optimal inputs alone",
         )
+    if is_foreseen(known, value):
+        game = sampled_value(known, value, sample_time, errors)
+        if margin is None:
+            margin = game.possible_margin(_late(system, value, delay), sample_time, delay)
+        return keep_sampled_value(
+            known,
+            law,
+            game.lookup(lookup, sample_time),
+            points=game.points,
+            disturbances=game.moves,
+            errors=game.errors,
+            beyond=game.beyond,
+            rate=rate,
+            margin=margin,
+            scales=scales,
+        )
     if margin is None:
         margin = possible_margin(system, value, sample_time, delay)
     return keep_value(known, law, lookup, rate=rate, margin=margin, scales=scales)
+
+
+def _late(system: System, value: ValueFunction, delay: float) -> float:
+    """The most that V falls while a measurement is on its way."""
+    if not delay:
+        return 0.0
+    number("delay is ", delay, "a number of seconds, 0 or more", lambda v: 0 <= v < math.inf)
+    falls, reach = _Falls(system, value), 2.0 * value.report.cell
+    while True:
+        fall = delay * falls.most(reach)[0]
+        if fall <= reach:
+            return fall
+        reach = fall
 
 
 def check_not_empty(value: ValueFunction) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import sympy as sp
@@ -60,6 +60,56 @@ MOST_LEVELS = 6
 """Levels of priority of a safeguard."""
 
 
+@dataclass(frozen=True)
+class Foresight:
+    """A condition of a safeguard on the value W of a sampled game, one sample ahead:
+
+        W(base + (gains + curves u) u + move_r) >= level   for every r
+
+    motion: the numbers of `HeldMotion`, of places in the table of the law; moves, curved: of them
+    too. floor: the level below which the input is the best that there is. beyond: by how much W
+    falls with each cell outside the grid. points: inputs that are tried, in the order of the
+    inputs. first: whether half-spaces that are not hard give way to it.
+    """
+
+    motion: tuple[sp.Expr, ...]
+    moves: int
+    curved: bool
+    points: tuple[tuple[sp.Expr, ...], ...]
+    level: sp.Expr
+    floor: sp.Expr
+    beyond: sp.Expr
+    first: bool = True
+
+    @property
+    def expressions(self) -> tuple[sp.Expr, ...]:
+        """Its numbers: level, floor, beyond, motion, points."""
+        points = (e for point in self.points for e in point)
+        return (self.level, self.floor, self.beyond, *self.motion, *points)
+
+    @property
+    def counts(self) -> tuple[int, int, int, int, int]:
+        """The points, the moves, whether there are curves, the motion, and whether it is first."""
+        return (
+            len(self.points), self.moves, int(self.curved), len(self.motion), int(self.first)
+        )  # fmt: skip
+
+    def subs(self, values: Mapping[sp.Symbol, sp.Expr]) -> Foresight:
+        """The same with symbols replaced."""
+
+        def there(e: sp.Expr) -> sp.Expr:
+            return e.xreplace(values)
+
+        return replace(
+            self,
+            motion=tuple(map(there, self.motion)),
+            points=tuple(tuple(map(there, point)) for point in self.points),
+            level=there(self.level),
+            floor=there(self.floor),
+            beyond=there(self.beyond),
+        )
+
+
 @checked
 @dataclass(frozen=True)
 class Safeguard:
@@ -71,6 +121,7 @@ class Safeguard:
     `names`: the inequality that each comes from. Its expressions may use `SAMPLE_TIME`.
     `levels`: how many relaxed conditions each level of priority has, the most important first;
     where not all can be met the last level gives way first. By default there is one level.
+    foresight: a condition that is no half-space.
     """
 
     normals: Mapping[str, tuple[sp.Expr, ...]]
@@ -80,6 +131,7 @@ class Safeguard:
     units: tuple[str, ...] = ()
     names: tuple[str, ...] = ()
     levels: tuple[int, ...] = ()
+    foresight: Foresight | None = None
 
     def __post_init__(self) -> None:
         if len(self.levels) > MOST_LEVELS:
@@ -93,13 +145,15 @@ class Safeguard:
     def expressions(self) -> tuple[sp.Expr, ...]:
         """Every expression of it."""
         entries = (e for row in self.normals.values() for e in row)
-        return (*entries, *self.offsets, *self.scales.values())
+        more = self.foresight.expressions if self.foresight else ()
+        return (*entries, *self.offsets, *self.scales.values(), *more)
 
     def rows(self, inputs: Sequence[str]) -> list[sp.Expr]:
-        """The normal and the offset of every half-space in turn, then the scales."""
+        """The normal and the offset of every half-space in turn, the scales, the foresight."""
         pairs = enumerate(self.offsets)
         rows = [e for j, offset in pairs for e in (*(self.normals[n][j] for n in inputs), offset)]
-        return [*rows, *(self.scales[n] for n in inputs)]
+        more = self.foresight.expressions if self.foresight else ()
+        return [*rows, *(self.scales[n] for n in inputs), *more]
 
     def subs(self, values: Mapping[sp.Symbol, sp.Expr]) -> Safeguard:
         """The same safeguard with symbols replaced."""
@@ -111,6 +165,7 @@ class Safeguard:
             self.units,
             self.names,
             self.levels,
+            self.foresight.subs(values) if self.foresight else None,
         )
 
     @property
