@@ -329,11 +329,13 @@ def keep_foreseen(
     result[m] = 0.0
     if overrules(wanted, result, slack, constraints, m, most, hard):
         result[m] = 1.0
-    held = own
+    held, enough = own, floor
+    if first != 0 and most > hard:
+        enough = level
     for i in range(m):
         held[i] = result[i]
     short = search(
-        values, wanted, scales, constraints, motion, points, m, most, inputs, level, floor, beyond,
+        values, wanted, scales, constraints, motion, points, m, most, inputs, level, enough, beyond,
         low, steps, shape, periodic, axes, moves, curved, result, room, whole, own[m:], counts,
     )  # fmt: skip
     if short > 0.0 and first != 0 and most > hard:

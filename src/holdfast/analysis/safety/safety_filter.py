@@ -16,7 +16,7 @@ from holdfast.analysis.reachability.node_sampler import Places
 from holdfast.analysis.reachability.problem import is_defined_so, with_disturbance
 from holdfast.analysis.reachability.stored_tables import Layers
 from holdfast.analysis.reachability.value_function import ValueFunction
-from holdfast.analysis.safety.sampled_value import is_foreseen, sampled_value
+from holdfast.analysis.safety.sampled_value import KEPT, is_foreseen, sampled_value
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
@@ -99,10 +99,13 @@ def safety_law(
             expected="values at equally spaced times from 0 to the horizon",
             remedy="compute it with times=[0, ...], or take the optimal inputs alone",
         )
-    if is_foreseen(known, value):
+    game = None
+    if not lookup.timed and is_foreseen(known, value):
         game = sampled_value(known, value, sample_time, errors)
+    if game is not None and (value.report.converged or game.share(value) >= KEPT):
         if margin is None:
-            margin = game.possible_margin(_late(system, value, delay), sample_time, delay)
+            late = sampled_margin(system, value, sample_time, delay) if delay else 0.0
+            margin = game.possible_margin(late, sample_time, delay)
         return keep_sampled_value(
             known,
             law,
@@ -118,19 +121,6 @@ def safety_law(
     if margin is None:
         margin = possible_margin(system, value, sample_time, delay)
     return keep_value(known, law, lookup, rate=rate, margin=margin, scales=scales)
-
-
-def _late(system: System, value: ValueFunction, delay: float) -> float:
-    """The most that V falls while a measurement is on its way."""
-    if not delay:
-        return 0.0
-    number("delay is ", delay, "a number of seconds, 0 or more", lambda v: 0 <= v < math.inf)
-    falls, reach = _Falls(system, value), 2.0 * value.report.cell
-    while True:
-        fall = delay * falls.most(reach)[0]
-        if fall <= reach:
-            return fall
-        reach = fall
 
 
 def check_not_empty(value: ValueFunction) -> None:

@@ -43,9 +43,11 @@ TOGETHER = 1 << 26
 """Numbers of the motions that are held in memory; beyond it they are computed anew."""
 DEPTH = 2.0  # cells below 0 from which on a state is lost
 LITTLE = 1e-5  # cells by which a value has to fall to count
-TRIED = 3000  # states of which the falls between nodes are measured
+TRIED, SAMPLES = 2000, 100  # states between nodes from which the filter is tried, and its samples
+NEAR = 2.0  # cells above 0 from which these begin
+KEPT = 0.9  # the share of a set that has not converged below which the game is of no use to it
 SUBSTEPS = 8
-SPARE = 0.1  # of a cell, which a margin has beyond the falls that were seen
+SPARE = 0.1  # of a cell, by which the level to keep is above the highest that was lost
 INPUTS = {1: 9, 2: 5, 3: 3}
 
 
@@ -53,25 +55,22 @@ INPUTS = {1: 9, 2: 5, 3: 3}
 class SampledValue:
     """W at the nodes, and what a filter over it needs.
 
-    points: of the inputs; moves: of the disturbances; errors: of the inputs that act. fall: the most that W was seen to fall in a
-    sample under the best input, between nodes, or that V was seen to fall short of W within one.
+    points: of the inputs; moves: of the disturbances; errors: of the inputs that act. least:
+    the highest W from which a state was seen to be lost, and a tenth of the usual change of W over
+    a cell: the level to keep. beyond: the largest change of V over a cell.
     """
 
     table: AnyArray
     points: Points
     moves: Points
     errors: Points
-    fall: float
+    least: float
     beyond: float
 
-    @property
-    def margin(self) -> float:
-        """A level from which a filter does not come to 0: the fall, and a tenth of a cell."""
-        return self.fall + SPARE * self.beyond
-
     def possible_margin(self, late: float, sample_time: float, delay: float) -> float:
-        """The margin with what falls meanwhile; `SimulationError` where no state has it."""
-        margin, deepest = self.margin + late, float(self.table.max())
+        """`least` and what may fall while inputs are late; `SimulationError` where no state has it.
+        """
+        margin, deepest = self.least + late, float(self.table.max())
         if margin < deepest:
             return margin
         behind = f" and a delay of {delay:g} s" if delay else ""
@@ -80,6 +79,10 @@ class SampledValue:
             f"{behind}, and what held inputs keep is nowhere above {max(deepest, 0.0):.3g}",
             remedy="take a shorter sample time or delay, a finer grid, or give a margin",
         )
+
+    def share(self, value: ValueFunction) -> float:
+        """The share of the nodes of the set that held inputs keep in it."""
+        return float((self.table > 0).sum() / max((value.values() > 0).sum(), 1))
 
     def lookup(self, of: Lookup, sample_time: float) -> SampledLookup:
         """The table of a law, on the grid of the kernel's own."""
@@ -109,7 +112,7 @@ def is_foreseen(system: System, value: ValueFunction) -> bool:
         return False
     corners = value.grid.nodes * 2.0 ** len(system.states)
     inputs = INPUTS.get(len(system.inputs), 2) ** len(system.inputs)
-    return value.report.converged and corners * inputs <= MOST_WORK
+    return value.stored is None and corners * inputs <= MOST_WORK
 
 
 def sampled_value(
@@ -171,13 +174,13 @@ class _Game:
         lost = -DEPTH * self.cell
         found = np.maximum(np.where(np.isnan(start), lost, start), lost)
         self._iterate(found, lost)
-        fall = self._fall(found, start)
+        least, usual = self._least(found, start)
         if table.dtype == np.float32:
             single = found.astype(np.float32)
             above = single > found
             single[above] = np.nextafter(single[above], np.float32(-np.inf))
             found = single
-        return SampledValue(found, self.points, self.moves, self.errors, fall, self.cell)
+        return SampledValue(found, self.points, self.moves, self.errors, least + SPARE * usual, self.cell)
 
     def _iterate(self, found: Array, lost: float) -> None:
         count, layer = len(found), math.prod(self.shape[1:].tolist())
@@ -240,51 +243,65 @@ class _Game:
 
     # -- what is left out of the game --------------------------------------------------------
 
-    def _fall(self, found: Array, start: Array) -> float:
-        """By how much W falls within a sample, at most, where the best input is taken.
+    def _least(self, found: Array, start: Array) -> tuple[float, float]:
+        """The highest W from which a state was seen to be lost, and by how much W changes a cell.
 
-        Of states between nodes, from W = 0 to four cells above it.
+        The states are between nodes, at the boundary, under the best input of every sample and the
+        disturbance that is worst for it.
         """
-        states = self._near(found)
-        if not len(states):
-            return 0.0
-        now = self._at(found, states)
-        inputs, short = self._best(found, states, now)
-        fall = float(np.max(short))
-        generator = np.random.default_rng(1)
-        picks = generator.integers(len(self.disturbances), size=len(states))
-        middle, after = self._moved(states, inputs, self.disturbances[picks])
-        picks *= len(self.errors)
-        motions = self.moved.values(states)
-        model = self._model(motions, inputs, picks)
-        error = self._at(found, model) - self._at(found, after)
-        within = np.minimum(now, self._at(found, after)) - np.nan_to_num(
-            self._at(start, middle), nan=0.0
-        )
-        fine = np.isfinite(error) & np.isfinite(within)
-        fall += float(max(error[fine].max(initial=0.0), 0.0))
-        return fall + float(max(within[fine].max(initial=0.0), 0.0))
-
-    def _near(self, found: Array) -> Array:
-        """States between nodes, drawn from the cells at the boundary."""
         over = found.reshape(tuple(self.shape))
-        band = np.flatnonzero((over > 0).ravel() & (over <= 4 * self.cell).ravel())
+        inside = over > 0
+        usual, edge = 0.0, np.zeros_like(inside)
+        for axis in range(self.n):
+            near = np.roll(over, -1, axis)
+            both = inside & (near > 0)
+            edge |= (inside != (near > 0)) | np.roll(inside != (near > 0), 1, axis)
+            if both.any():
+                usual = max(usual, float(np.median(np.abs(near - over)[both])))
+        band = np.flatnonzero((inside & (edge | (over <= NEAR * usual))).ravel())
         if not len(band):
-            return np.empty((0, self.n))
+            return 0.0, usual
         generator = np.random.default_rng(0)
-        nodes = generator.choice(band, TRIED)
-        places = np.stack(np.unravel_index(nodes, tuple(self.shape)), axis=1)
+        places = np.stack(
+            np.unravel_index(generator.choice(band, TRIED), tuple(self.shape)), axis=1
+        )
         states = self.low + (places + generator.uniform(-1, 1, places.shape)) * self.steps
-        values = self._at(found, states)
-        near: Array = states[(values > 0) & (values <= 4 * self.cell)]
-        return near
+        begun = self._at(found, states)
+        states, begun = states[begun > 0], begun[begun > 0]
+        lost = np.zeros(len(states), dtype=bool)
+        for _ in range(SAMPLES):
+            left = np.flatnonzero(~lost)
+            if not len(left):
+                break
+            q = states[left]
+            inputs = self._best(found, q, self._at(found, q))
+            middle, after = self._worst(found, q, inputs)
+            within = self._at(start, middle)
+            value = self._at(found, after)
+            states[left] = after
+            lost[left] = ~(value > 0) | ~(within > 0)
+        return float(begun[lost].max(initial=0.0)), usual
+
+    def _worst(self, found: Array, states: Array, inputs: Array) -> tuple[Array, Array]:
+        """The states half a sample and a sample later, with the worst disturbance held."""
+        lowest = np.full(len(states), np.inf)
+        middle, after = states.copy(), states.copy()
+        for error in self.errors:
+            acting = inputs + np.array([[float(e) for e in error]]) if error else inputs
+            for d in self.disturbances:
+                moved = self._moved(states, acting, np.tile(d, (len(states), 1)))
+                value = np.nan_to_num(self._at(found, moved[1]), nan=-np.inf)
+                worse = value < lowest
+                lowest = np.minimum(lowest, value)
+                middle[worse], after[worse] = moved[0][worse], moved[1][worse]
+        return middle, after
 
     def _at(self, table: Array, states: Array) -> Array:
         grid = self.low, self.steps, self.shape, self.turns
         return values_at(table, np.ascontiguousarray(states), grid)
 
-    def _best(self, found: Array, states: Array, wanted: Array) -> tuple[Array, Array]:
-        """The best inputs that the filter finds at states, and what they lack of W there."""
+    def _best(self, found: Array, states: Array, wanted: Array) -> Array:
+        """The inputs that the filter finds at states for a level of W."""
         n, m, moves = self.n, self.m, self.motion.moves
         middle = (self.inputs.min(axis=0) + self.inputs.max(axis=0)) / 2
         half = np.maximum((self.inputs.max(axis=0) - self.inputs.min(axis=0)) / 2, 1e-300)
@@ -303,25 +320,7 @@ class _Game:
             out.reshape(-1), np.empty(room), np.zeros(whole, dtype=np.int64), np.empty(own),
             np.zeros(counts, dtype=np.int64),
         )  # fmt: skip
-        return out[:, :m], out[:, m]
-
-    def _model(self, motions: Array, inputs: Array, picks: Whole) -> Array:
-        n, m = self.n, self.m
-        after = motions[:, :n].copy()
-        if any(self.errors[0]):
-            inputs = inputs - np.array([[float(e) for e in self.errors[0]]])
-        gains = motions[:, n : n + n * m].reshape(len(motions), n, m)
-        after += np.einsum("knm,km->kn", gains, inputs)
-        behind = n * (1 + m)
-        if self.motion.curved:
-            pairs = [(j, k) for j in range(m) for k in range(j, m)]
-            curves = motions[:, behind : behind + n * len(pairs)].reshape(len(motions), n, len(pairs))
-            products = np.stack([inputs[:, j] * inputs[:, k] for j, k in pairs], axis=1)
-            after += np.einsum("knp,kp->kn", curves, products)
-            behind += n * len(pairs)
-        moves = motions[:, behind:].reshape(len(motions), self.motion.moves, n)
-        found: Array = after + moves[np.arange(len(picks)), picks]
-        return found
+        return out[:, :m]
 
     def _moved(self, states: Array, inputs: Array, disturbances: Array) -> tuple[Array, Array]:
         """The states half a sample later, and a sample later, by many Runge-Kutta steps."""
