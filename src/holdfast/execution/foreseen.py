@@ -20,7 +20,7 @@ from holdfast.execution.interpolate import between_nodes
 from holdfast.execution.sampled_game import held_place
 from holdfast.execution.simulation.quadratic_program import keep_in_order, keep_within, overrules
 
-CUTS = 3  # quadratic programs, of which each adds a plane for every move that falls short
+CUTS = 3  # quadratic programs, of which each adds a plane for every move that lacks something
 HALVINGS = 5  # of the way from an input that is admissible to the wanted one
 ROUNDS = 4  # of the search around the best point
 BETTER = 1e-9  # of the size of the values, by which a better input is better
@@ -312,7 +312,7 @@ def keep_foreseen(
     """The input nearest to `wanted` in the half-spaces, after which W is high enough; the slack.
 
     The half-spaces after the first `hard` give way to each other as in `keep_in_order`; where
-    `first` is set they all give way to W, else W to them. result: the input, and 1 where a
+    `first` is set they all give way to W, by as little as the input can, else W to them. result: the input, and 1 where a
     condition changed it, not the bounds alone. own: `m` numbers more than of `search`.
     """
     slack = keep_in_order(
@@ -334,22 +334,22 @@ def keep_foreseen(
         enough = level
     for i in range(m):
         held[i] = result[i]
-    short = search(
+    lacking = search(
         values, wanted, scales, constraints, motion, points, m, most, inputs, level, enough, beyond,
         low, steps, shape, periodic, axes, moves, curved, result, room, whole, own[m:], counts,
     )  # fmt: skip
-    if short > 0.0 and first != 0 and most > hard:
-        short = search(
-            values, wanted, scales, constraints, motion, points, m, hard, inputs, level, floor,
+    if lacking > 0.0 and first != 0 and most > hard:
+        lacking = search(
+            values, held, scales, constraints, motion, points, m, hard, inputs, level, floor,
             beyond, low, steps, shape, periodic, axes, moves, curved, result, room, whole, own[m:],
             counts,
         )  # fmt: skip
-    if short > 0.0:
+    if lacking > 0.0:
         result[m] = 1.0
     for i in range(m):
         if result[i] != held[i]:
             result[m] = 1.0
-    return max(slack, short)
+    return max(slack, lacking)
 
 
 def search_many(

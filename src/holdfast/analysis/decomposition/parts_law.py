@@ -73,7 +73,7 @@ def parts_law(
         )
     assert made.safeguard is not None
     guard = _with_rows(made.safeguard.subs(there), _unneeded(value, solved), system.input_names)
-    guard = _in_commands(guard, gain, _clipped(value, command))
+    guard = _in_commands(guard, of_part.input_names, gain, _clipped(value, command))
     reads = {q.name: q for q in (*law.reads, *system.states)}
     return replace(
         law,
@@ -147,7 +147,9 @@ def _with_rows(guard: Safeguard, rows: Sequence[Row], names: Sequence[str]) -> S
     )
 
 
-def _in_commands(guard: Safeguard, gain: sp.Expr, command: Mapping[str, sp.Expr]) -> Safeguard:
+def _in_commands(
+    guard: Safeguard, names: Sequence[str], gain: sp.Expr, command: Mapping[str, sp.Expr]
+) -> Safeguard:
     """Half-spaces of w = (u - b) / k as half-spaces of u."""
     normals = guard.normals
     offsets = tuple(
@@ -158,4 +160,5 @@ def _in_commands(guard: Safeguard, gain: sp.Expr, command: Mapping[str, sp.Expr]
         guard,
         normals={n: tuple(e / gain for e in row) for n, row in normals.items()},
         offsets=offsets,
+        foresight=guard.foresight and guard.foresight.of(names, list(command), gain, command),
     )

@@ -198,27 +198,6 @@ def _difference(function: sp.Expr, state: sp.Symbol, step: float) -> sp.Expr:
     return (above - below) / sp.Float(step)
 
 
-def _with_inputs(foresight: Foresight, system: System) -> Foresight:
-    """The same condition where the disturbances are inputs too, of which it says nothing."""
-    n, m, more = len(system.states), len(system.inputs), len(system.disturbances)
-    zeros = (sp.S.Zero,) * more
-    motion = list(foresight.motion)
-    gains = [(*motion[n + i * m : n + (i + 1) * m], *zeros) for i in range(n)]
-    behind = n * (1 + m)
-    curves: list[sp.Expr] = []
-    if foresight.curved:
-        for _ in range(n):
-            for j in range(m):
-                curves += [*motion[behind : behind + m - j], *zeros]
-                behind += m - j
-            curves += (sp.S.Zero,) * (more * (more + 1) // 2)
-    return replace(
-        foresight,
-        motion=(*motion[:n], *(e for row in gains for e in row), *curves, *motion[behind:]),
-        points=tuple((*point, *zeros) for point in foresight.points),
-    )
-
-
 def against_the_worst(
     system: System,
     law: L,
@@ -272,7 +251,12 @@ def against_the_worst(
                 guard,
                 normals={**guard.normals, **dict.fromkeys(system.disturbance_names, zeros)},
                 scales={**guard.scales, **dict.fromkeys(system.disturbance_names, sp.S.One)},
-                foresight=guard.foresight and _with_inputs(guard.foresight, system),
+                foresight=guard.foresight and guard.foresight.of(
+                    system.input_names,
+                    (*system.input_names, *system.disturbance_names),
+                    sp.S.One,
+                    dict.fromkeys((*system.input_names, *system.disturbance_names), sp.S.Zero),
+                ),
             )
         reads = {q.name: q for q in (*mode.reads, *system.states)}
         return replace(

@@ -94,6 +94,44 @@ class Foresight:
             len(self.points), self.moves, int(self.curved), len(self.motion), int(self.first)
         )  # fmt: skip
 
+    def of(
+        self, names: Sequence[str], inputs: Sequence[str], gain: sp.Expr,
+        shift: Mapping[str, sp.Expr],
+    ) -> Foresight:  # fmt: skip
+        """The same condition of `inputs` u, in place of w = (u - shift) / gain of some `names`."""
+        m, pairs = len(names), len(names) * (len(names) + 1) // 2
+        n = len(self.motion) // (1 + m + self.moves + (pairs if self.curved else 0))
+        own = {name: (sp.Symbol(f"_u_{name}", real=True) - shift[name]) / gain for name in names}
+        u = {name: sp.Symbol(f"_u_{name}", real=True) for name in inputs}
+        none = dict.fromkeys(u.values(), sp.S.Zero)
+        base, gains, curves = [], [], []
+        for i in range(n):
+            place = self.motion[i]
+            for j, a in enumerate(names):
+                place += self.motion[n + i * m + j] * own[a]
+            if self.curved:
+                at = n * (1 + m) + i * pairs
+                for j, a in enumerate(names):
+                    for b in names[j:]:
+                        place += self.motion[at] * own[a] * own[b]
+                        at += 1
+            slopes = [place.diff(a) for a in u.values()]
+            base.append(place.xreplace(none))
+            gains += [e.xreplace(none) for e in slopes]
+            for j, e in enumerate(slopes):
+                over = list(u.values())[j:]
+                curves += [e.diff(b) / (2 if k == 0 else 1) for k, b in enumerate(over)]
+        rest = self.motion[len(self.motion) - n * self.moves :]
+        points = [dict(zip(names, point, strict=True)) for point in self.points]
+        return replace(
+            self,
+            motion=(*base, *gains, *(curves if self.curved else ()), *rest),
+            points=tuple(
+                tuple(gain * point.get(name, sp.S.Zero) + shift[name] for name in inputs)
+                for point in points
+            ),
+        )
+
     def subs(self, values: Mapping[sp.Symbol, sp.Expr]) -> Foresight:
         """The same with symbols replaced."""
 
