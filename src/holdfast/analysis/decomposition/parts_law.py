@@ -8,9 +8,10 @@ from typing import Any
 
 import sympy as sp
 
-from holdfast.analysis.decomposition.held_actuators import check_held, held_margin
+from holdfast.analysis.decomposition.held_actuators import check_held, held_errors, held_margin
 from holdfast.analysis.decomposition.parts_value import PartsValue, SolvedPart
 from holdfast.analysis.safety.safety_filter import safety_law
+from holdfast.analysis.safety.sampled_value import is_foreseen
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.maths.control.safety_filter import Row, check_fit, input_scales
@@ -51,7 +52,10 @@ def parts_law(
         if law.lookup is not None:
             raise DefinitionError(f"law '{law.name}' has a value function already")
         asked = Law("asked", of_part.states, dict.fromkeys(of_part.input_names, sp.S.Zero))
-        options = held_margin(value, solved, options)
+        if solved.value.report.converged and is_foreseen(of_part, solved.value):
+            options = {**options, "errors": held_errors(value, options)}
+        else:
+            options = held_margin(value, solved, options)
     every = input_scales(system, scales or {})
     inside = {n: s for n, s in (scales or {}).items() if n in of_part.input_names}
     made = safety_law(of_part, solved.value, asked, scales=inside, **options)
