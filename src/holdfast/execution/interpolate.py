@@ -104,16 +104,18 @@ def beyond_grid(
 
 def look_up(
     values: Table, place: Floats, low: Floats, steps: Floats, shape: Wholes, periodic: Wholes,
-    axes: int, out: Floats, room: Floats, whole: Wholes,
+    axes: int, sloped: int, out: Floats, room: Floats, whole: Wholes,
 ) -> None:  # fmt: skip
-    """Fill `out` with the value and its slopes at a point, or at the nearest point of the grid."""
+    """Fill `out` with the value at a point, or at the nearest point of the grid; where `sloped`,
+    then with its slopes."""
     at = room[2 * axes :]
     for i in range(axes):
         at[i] = place[i]
         if not periodic[i]:
             at[i] = min(max(at[i], low[i]), low[i] + steps[i] * (shape[i] - 1))
     out[0] = interpolate(values, at, low, steps, shape, periodic, axes, room, whole)
-    slopes(values, at, low, steps, shape, periodic, axes, out[1:], room, whole)
+    if sloped != 0:
+        slopes(values, at, low, steps, shape, periodic, axes, out[1:], room, whole)
 
 
 def interpolate_many(

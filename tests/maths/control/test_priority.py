@@ -76,7 +76,9 @@ def test_kernel_comes_before_what_is_only_wanted(point):
     assert decision.gave_way == ("out",)
     assert decision.input[0] == pytest.approx(decision.value - 0.05, abs=1e-6)
     assert decision.value == pytest.approx(0.1, abs=0.02)
-    lost = hf.SafetyFilter(point, [out, value], rate=1.0, margin=0.05).step([0.9, 0.0], [0.0, 0.0])
+    other = hf.SafetyFilter(point, [out, value], rate=1.0, margin=0.05)
+    assert other.step([0.9, 0.0], [0.0, 0.0]).gave_way == ("out",), "V stays above its margin"
+    lost = other.step([0.94, 0.0], [0.0, 0.0])
     assert lost.gave_way == ("out", "value"), "the first cannot be met either"
     assert lost.input[0] == pytest.approx(1.0, abs=1e-6)
 

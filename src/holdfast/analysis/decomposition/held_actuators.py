@@ -67,6 +67,25 @@ def overshoot(constant: float, gain: float, held: float, late: float) -> float:
     return -math.fsum(a for a in thrust if a < 0)
 
 
+def held_errors(value: PartsValue, options: Mapping[str, Any]) -> tuple[float, ...]:
+    """By how much the input that acts may differ from w while u is held, for each input."""
+    found = value.decomposition.prediction
+    if found is None or found.gain <= 1:
+        return ()
+    return tuple((1 - 1 / found.gain) * moved for moved in _moved(value, options))
+
+
+def _moved(value: PartsValue, options: Mapping[str, Any]) -> list[float]:
+    """How far the thrust of each actuator may move while u is held."""
+    found = value.decomposition.prediction
+    assert found is not None
+    held, late = _times(options)
+    return [
+        min(1.0, (1 - math.exp(-(held + late) / constant)) * found.gain) * (high - low)
+        for (low, high), constant in zip(found.intervals, _constants(value), strict=True)
+    ]
+
+
 def held_margin(
     value: PartsValue, solved: SolvedPart, options: Mapping[str, Any]
 ) -> dict[str, Any]:
@@ -76,8 +95,7 @@ def held_margin(
         return dict(options)
     held, late = _times(options)
     wider = 1.0
-    for (low, high), constant in zip(found.intervals, _constants(value), strict=True):
-        moved = min(1.0, (1 - math.exp(-(held + late) / constant)) * found.gain) * (high - low)
+    for (low, high), moved in zip(found.intervals, _moved(value, options), strict=True):
         wider = max(wider, 1 + (1 - 1 / found.gain) * moved / min(-low, high))
     system = solved.part.system
     bounds = system.input_bounds

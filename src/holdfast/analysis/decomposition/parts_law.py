@@ -8,9 +8,10 @@ from typing import Any
 
 import sympy as sp
 
-from holdfast.analysis.decomposition.held_actuators import check_held, held_margin
+from holdfast.analysis.decomposition.held_actuators import check_held, held_errors, held_margin
 from holdfast.analysis.decomposition.parts_value import PartsValue, SolvedPart
 from holdfast.analysis.safety.safety_filter import safety_law
+from holdfast.analysis.safety.sampled_value import is_foreseen
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.maths.control.safety_filter import Row, check_fit, input_scales
@@ -51,7 +52,10 @@ def parts_law(
         if law.lookup is not None:
             raise DefinitionError(f"law '{law.name}' has a value function already")
         asked = Law("asked", of_part.states, dict.fromkeys(of_part.input_names, sp.S.Zero))
-        options = held_margin(value, solved, options)
+        if solved.value.report.converged and is_foreseen(of_part, solved.value):
+            options = {**options, "errors": held_errors(value, options)}
+        else:
+            options = held_margin(value, solved, options)
     every = input_scales(system, scales or {})
     inside = {n: s for n, s in (scales or {}).items() if n in of_part.input_names}
     made = safety_law(of_part, solved.value, asked, scales=inside, **options)
@@ -73,7 +77,7 @@ def parts_law(
         )
     assert made.safeguard is not None
     guard = _with_rows(made.safeguard.subs(there), _unneeded(value, solved), system.input_names)
-    guard = _in_commands(guard, gain, _clipped(value, command))
+    guard = _in_commands(guard, of_part.input_names, gain, _clipped(value, command))
     reads = {q.name: q for q in (*law.reads, *system.states)}
     return replace(
         law,
@@ -147,7 +151,9 @@ def _with_rows(guard: Safeguard, rows: Sequence[Row], names: Sequence[str]) -> S
     )
 
 
-def _in_commands(guard: Safeguard, gain: sp.Expr, command: Mapping[str, sp.Expr]) -> Safeguard:
+def _in_commands(
+    guard: Safeguard, names: Sequence[str], gain: sp.Expr, command: Mapping[str, sp.Expr]
+) -> Safeguard:
     """Half-spaces of w = (u - b) / k as half-spaces of u."""
     normals = guard.normals
     offsets = tuple(
@@ -158,4 +164,5 @@ def _in_commands(guard: Safeguard, gain: sp.Expr, command: Mapping[str, sp.Expr]
         guard,
         normals={n: tuple(e / gain for e in row) for n, row in normals.items()},
         offsets=offsets,
+        foresight=guard.foresight and guard.foresight.of(names, list(command), gain, command),
     )

@@ -14,6 +14,7 @@ from holdfast.analysis.online.measurements import Measurements
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
 from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.scalar import called
 from holdfast.maths.control.later_inputs import unused_inputs
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.switching import Switching, as_switching
@@ -37,7 +38,8 @@ class Reasons:
     ) -> None:
         self.system, self.made, self.constraints = system, made, made.region
         self.told, self.program = told, program
-        ((_, self.hard),) = program.conditions_of_modes
+        ((self.count, self.hard),) = program.conditions_of_modes
+        (self._ahead,) = program.foresight_of_modes
         estimated = any(q.name.endswith("_hat") for q in law.reads)
         self.whole = told.states == system.state_names and not estimated
         self.law, self.timed = law, timed
@@ -133,12 +135,32 @@ class Reasons:
 
     def _worst(self, decision: Decision) -> str:
         """The inequality whose condition the command violates most, by its own size."""
+        if self._ahead and self._lacks(decision, decision.nominal, 0) > 0:
+            return "value"
         return self._names[int(np.argmax(self._short(decision, decision.nominal)))]
 
     def gave_way(self, decision: Decision) -> tuple[str, ...]:
         """The inequalities whose conditions the input does not meet; "value" is the kernel's."""
         short = self._short(decision, decision.input) > 1e-7
-        return tuple(dict.fromkeys(n for n, s in zip(self._names, short, strict=True) if s))
+        gave = [n for n, s in zip(self._names, short, strict=True) if s]
+        if self._ahead and self._lacks(decision, decision.input, 1) > 0:
+            gave.insert(0 if self._ahead[4] else len(gave), "value")
+        return tuple(dict.fromkeys(gave))
+
+    def _lacks(self, decision: Decision, given: Array, level: int) -> float:
+        """What the value a sample after an input lacks of its level (0), or of its floor (1)."""
+        _, moves, curved, motion, _ = self._ahead
+        m = len(self.system.inputs)
+        numbers = decision.conditions[self.count * (m + 1) + m :].copy()
+        values, low, steps, shape, periodic = self.program.table
+        axes = len(shape)
+        whole = (np.ascontiguousarray(a, dtype=np.int64) for a in (shape, periodic))
+        least = called(
+            "foreseen", "least_after", values, numbers[3 : 3 + motion].copy(),
+            np.ascontiguousarray(given), -math.inf, low, steps, *whole, axes, m, moves, curved,
+            numbers[2], np.empty(6 * axes), np.zeros(3 * axes, dtype=np.int64),
+        )  # fmt: skip
+        return float(numbers[level] - least) - 1e-9 * numbers[2]
 
     def _left_alone(self, decision: Decision) -> str:
         """The inputs that could act on what gave way, and that no condition has."""
@@ -151,7 +173,7 @@ class Reasons:
     def _short(self, decision: Decision, given: Array) -> Array:
         """By how much an input misses each condition, in units of its normal and its terms."""
         m = len(self.system.inputs)
-        rows = decision.conditions[:-m].reshape(-1, m + 1)[self.hard :]
+        rows = decision.conditions[: self.count * (m + 1)].reshape(-1, m + 1)[self.hard :]
         size = np.linalg.norm(rows[:, :m], axis=1)
         found: Array = (rows[:, :m] @ given - rows[:, m]) / np.where(size > 0, size, 1.0)
         return found

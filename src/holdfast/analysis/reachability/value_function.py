@@ -75,13 +75,14 @@ class ValueFunction:
     the values are still in a file (`load`), of which `at`, `gradient`, `contains`, `least_time`,
     `slice` and laws read the chunks that they need; None where all are in memory. claim: what the
     set claims, by which it can be tried; None where it comes from a file, which has the outcome
-    (`tried`).
+    (`tried`). games: what `sampled_value` has computed of the same values.
     """
 
     dataset: xr.Dataset
     grid: Grid
     stored: StoredTables | None = field(default=None, repr=False, compare=False)
     claim: Claim | None = field(default=None, repr=False, compare=False)
+    games: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def report(self) -> Report:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any, TypeVar
@@ -18,11 +18,17 @@ from holdfast.analysis.reachability.problem import is_defined_so, with_disturban
 from holdfast.analysis.reachability.stored_tables import Layers
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.depth import highest_within
+from holdfast.analysis.safety.sampled_value import KEPT, is_foreseen, sampled_value
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
 from holdfast.execution.evaluate import Evaluator
-from holdfast.maths.control.value_filter import against_the_worst, keep_value, optimal_law
+from holdfast.maths.control.value_filter import (
+    against_the_worst,
+    keep_sampled_value,
+    keep_value,
+    optimal_law,
+)
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.lookup import Lookup
 from holdfast.maths.definitions.quantity import TIME
@@ -53,6 +59,7 @@ def safety_law(
     sample_time: float = 0.02,
     delay: float = 0.0,
     scales: Mapping[str, float] | None = None,
+    errors: Sequence[float] = (),
 ) -> L | Law:
     """The law that keeps the state in the set V > 0: optimal inputs, or a safety filter.
 
@@ -93,6 +100,25 @@ def safety_law(
             "arrive",
             expected="values at equally spaced times from 0 to the horizon",
             remedy="compute it with times=[0, ...], or take the optimal inputs alone",
+        )
+    game = None
+    if not lookup.timed and is_foreseen(known, value):
+        game = sampled_value(known, value, sample_time, errors)
+    if game is not None and (value.report.converged or game.share(value) >= KEPT):
+        if margin is None:
+            late = sampled_margin(system, value, sample_time, delay) if delay else 0.0
+            margin = game.possible_margin(late, sample_time, delay)
+        return keep_sampled_value(
+            known,
+            law,
+            game.lookup(lookup, sample_time),
+            points=game.points,
+            disturbances=game.moves,
+            errors=game.errors,
+            beyond=game.beyond,
+            rate=rate,
+            margin=margin,
+            scales=scales,
         )
     if margin is None:
         margin = possible_margin(system, value, sample_time, delay)

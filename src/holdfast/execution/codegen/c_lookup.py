@@ -78,7 +78,7 @@ class CTable:
         self.found = (
             f"{_placed(axes, 'kept')}    double look[{count}], between[{numbers}];\n"
             f"    long near[{whole}];\n"
-            f"    hf_look_up(hf_values, place, {GRID}, {axes}, look, between, near);\n"
+            f"    hf_look_up(hf_values, place, {GRID}, {axes}, {count - 1}, look, between, near);\n"
         )
         call = f"hf_beyond_grid(place, {GRID}, {axes}, {int(lookup.timed)})"
         self.asked = f"{_placed(axes, 's->kept')}    s->outside = {call};\n"

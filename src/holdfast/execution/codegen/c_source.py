@@ -15,15 +15,16 @@ import sympy as sp
 from holdfast._version import __version__
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
-from holdfast.execution.codegen.c_lookup import CTable
+from holdfast.execution.codegen.c_lookup import GRID, CTable
 from holdfast.execution.codegen.c_printer import c_body, c_functions
 from holdfast.execution.codegen.c_text import c_comment, c_name, c_needed, c_own
 from holdfast.execution.codegen.controller_program import ControllerProgram, controller_program
 from holdfast.execution.codegen.lowering import FUNCTIONS
 from holdfast.execution.codegen.scalar_c import scalars_c
 from holdfast.execution.codegen.scalar_reader import scalars
+from holdfast.execution.foreseen import CUTS, numbers_of_search
 from holdfast.execution.simulation.quadratic_program import numbers_of_programs
-from holdfast.maths.definitions.law import Law
+from holdfast.maths.definitions.law import Foresight, Law, Safeguard
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.traversal import symbols_of
@@ -197,7 +198,7 @@ class _File:
             c_needed("walls", functions),
         ]
         guards = self.program.safeguards.values()
-        scalar = sorted({"keep_in_order" if len(g.ends) > 1 else "keep_within" for g in guards})
+        scalar = sorted({_keeper(g) for g in guards})
         if self.table is not None:
             found.append(self.table.text)
             scalar += self.table.needed
@@ -231,17 +232,23 @@ class _File:
             asked = ""
             if guard := self.program.safeguards.get(name):
                 m, count = len(names), len(guard.offsets)
+                into, end = "asked", len(results) + count * (m + 1)
                 results += guard.rows(names)
-                into, end = "asked", len(results) - m
-                room, whole = numbers_of_programs(m, count)
-                asked = f"        double asked[{len(results)}], room[{room}];\n"
+                ahead = guard.foresight
+                rows = count + (CUTS * ahead.moves if ahead else 0)
+                room, whole = numbers_of_programs(m, rows)
+                asked = f"        double asked[{len(results)}], room[{room + m}];\n"
                 asked += f"        long counts[{whole}];\n"
                 called, ends = "keep_within", ""
-                if len(guard.ends) > 1:
+                if ahead:
+                    asked += _of_search(guard, ahead, m, len(lookup.places) if lookup else 0)
+                elif len(guard.ends) > 1:
                     called, ends = "keep_in_order", f"ends, {len(guard.ends)}, "
                     asked += f"        long ends[] = {{{', '.join(map(str, guard.ends))}}};\n"
                 ending = (
-                    f"return hf_{called}(asked, asked + {end}, asked + {m}, {m}, {count}, "
+                    _search(guard, ahead, m, end, len(lookup.places) if lookup else 0)
+                    if ahead
+                    else f"return hf_{called}(asked, asked + {end}, asked + {m}, {m}, {count}, "
                     f"{guard.hard}, {ends}command, room, counts);"
                 )
             body = c_body(unpack, results, into, "        ")
@@ -337,3 +344,34 @@ class _File:
             f"{remember}    return mode;\n}}"
         )
         return self._step_heading() + c_own(body, self.name)
+
+
+def _keeper(guard: Safeguard) -> str:
+    """The scalar function of a safeguard."""
+    if guard.foresight:
+        return "keep_foreseen"
+    return "keep_in_order" if len(guard.ends) > 1 else "keep_within"
+
+
+def _of_search(guard: Safeguard, ahead: Foresight, m: int, axes: int) -> str:
+    """The arrays of the search of a foresight."""
+    room = numbers_of_search(axes, m, len(guard.offsets), ahead.moves)
+    return (
+        f"        double result[{m + 1}], ahead[{room}];\n        long whole[{3 * axes}];\n"
+        f"        long ends[] = {{{', '.join(map(str, guard.ends))}}};\n"
+    )
+
+
+def _search(guard: Safeguard, ahead: Foresight, m: int, end: int, axes: int) -> str:
+    """The statements that search, and return the slack."""
+    points, moves, curved, motion, first = ahead.counts
+    more = end + m
+    return (
+        f"double slack = hf_keep_foreseen(hf_values, asked, asked + {end}, asked + {m}, "
+        f"asked + {more + 3}, asked + {more + 3 + motion}, {m}, {len(guard.offsets)}, "
+        f"{guard.hard}, ends, {len(guard.ends)}, {first}, {points}, asked[{more}], "
+        f"asked[{more + 1}], asked[{more + 2}], {GRID}, {axes}, {moves}, {curved}, result, ahead, "
+        f"whole, room, counts);\n"
+        f"        for (int i = 0; i < {m}; i++) command[i] = result[i];\n"
+        "        return slack;"
+    )

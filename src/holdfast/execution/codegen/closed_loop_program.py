@@ -21,7 +21,7 @@ from holdfast.execution.codegen.shared_rows import PREPARED, SHARED, with_shared
 from holdfast.execution.simulation.steppers import Tableau
 from holdfast.maths.control.outward_rates import check_reads
 from holdfast.maths.definitions.law import GainCondition, Law
-from holdfast.maths.definitions.lookup import CellLookup
+from holdfast.maths.definitions.lookup import CellLookup, SampledLookup
 from holdfast.maths.definitions.quantity import (
     SAMPLE_TIME,
     TIME,
@@ -44,7 +44,7 @@ class ClosedLoopProgram:
 
     leaves: see `_leaves`. targets: for each mode those of its guards, in order.
     conditions_of_modes: how many conditions its safeguard has, and how many are hard;
-    levels_of_modes: where its levels of priority end.
+    levels_of_modes: where its levels of priority end; foresight_of_modes: `Foresight.counts`.
     measured: how many disturbances the law measures; handed: what others hand it at every
     sample; limited: how many values its actuators have.
     places: how many axes its table has; timed: whether the first of them is the remaining time.
@@ -59,6 +59,7 @@ class ClosedLoopProgram:
     targets: tuple[tuple[int, ...], ...]
     conditions_of_modes: tuple[tuple[int, int], ...]
     levels_of_modes: tuple[tuple[int, ...], ...]
+    foresight_of_modes: tuple[tuple[int, ...], ...]
     measured: int
     handed: tuple[str, ...]
     limited: int
@@ -221,6 +222,10 @@ def closed_loop_program(
         levels_of_modes=tuple(
             guards[mode].ends if mode in guards else () for mode in controller.modes
         ),
+        foresight_of_modes=tuple(
+            ahead.counts if mode in guards and (ahead := guards[mode].foresight) else ()
+            for mode in controller.modes
+        ),
         measured=len(measured),
         handed=tuple(q.name for q in controller.handed),
         limited=len(controller.requested),
@@ -252,7 +257,7 @@ def closed_loop_program(
         continuous=continuous,
         table=lookup.table if lookup else None,
         found=len(lookup.symbols) if lookup else 0,
-        hold=lookup.hold if isinstance(lookup, CellLookup) else None,
+        hold=lookup.hold if isinstance(lookup, CellLookup | SampledLookup) else None,
     )
 
 

@@ -28,6 +28,7 @@ TURNS = ("time_in_mode", "next_mode", "changed", "forgotten")
 def mode_leaves(
     targets: Sequence[Sequence[int]],
     conditions: Sequence[tuple[int, int]],
+    foresights: Sequence[tuple[int, ...]],
     inputs: int,
     switch_limit: int,
 ) -> dict[str, Leaf]:
@@ -56,7 +57,7 @@ def mode_leaves(
     for k, (count, _) in enumerate(conditions):
         if count:
             answer = inputs + count * (inputs + 1)
-            found[f"held{k}"] = made(_held(k, inputs, count), t=len(CLOCK), q=answer, x=1)
+            found[f"held{k}"] = made(_held(k, inputs, count, bool(foresights[k])), t=len(CLOCK), q=answer, x=1)
     return found
 
 
@@ -146,8 +147,9 @@ def _blend(k: int, inputs: int) -> Results:
     return results
 
 
-def _held(k: int, inputs: int, count: int) -> Results:
-    """Whether the command of a lane in mode k violates a condition of its safeguard, or is NaN.
+def _held(k: int, inputs: int, count: int, ahead: bool) -> Results:
+    """Whether the command of a lane in mode k violates a condition of its safeguard, or is NaN;
+    where it looks ahead, that is not known.
 
     q: the command, and for each condition the entries of its normal and its offset.
     """
@@ -155,6 +157,8 @@ def _held(k: int, inputs: int, count: int) -> Results:
     def results(steps: Steps, values: Rows) -> list[Value]:
         wanted, rows = values["q"][:inputs], values["q"][inputs:]
         good = values["x"][0].differs(float(k))
+        if ahead:
+            return [choose(good, 0.0, clock(values)["alive"])]
         met: Value | None = None
         for j in range(count):
             *normal, offset = rows[j * (inputs + 1) : (j + 1) * (inputs + 1)]

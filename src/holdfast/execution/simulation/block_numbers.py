@@ -162,6 +162,7 @@ class BlockNumbers:
                 len(program.inputs), count, hard, at["answer"], at["command"], at["slack"],
                 at["overruled"], at["held"], at["room"], layout.whole, len(ends),
                 *ends, *(0 for _ in range(MOST_LEVELS - len(ends))),
+                *(program.foresight_of_modes[mode] or (0, 0, 0, 0, 0)), layout.tables[0],
             )  # fmt: skip
         if program.table is None:
             return

@@ -10,6 +10,7 @@ from holdfast.execution.codegen.lane_leaves import CLOCK
 from holdfast.execution.codegen.loop_text import RING, WIDTH
 from holdfast.execution.codegen.mode_leaves import SWITCHES, TURNS
 from holdfast.execution.codegen.random_leaves import DRAW
+from holdfast.execution.foreseen import CUTS, numbers_of_search
 from holdfast.execution.interpolate import numbers_of_places
 from holdfast.execution.simulation.quadratic_program import numbers_of_programs
 from holdfast.execution.simulation.steppers import Tableau
@@ -21,7 +22,9 @@ LATE, FORGOTTEN = 0, 1
 """The rings: of late states, and of changes of mode."""
 PARTS = RING + 8
 """Where the entries of the parts begin."""
-SAFEGUARD_ENTRIES, TABLE_ENTRIES = 11 + MOST_LEVELS, 16
+AHEAD = 11 + MOST_LEVELS
+"""Where the entries of a foresight begin among those of a safeguard."""
+SAFEGUARD_ENTRIES, TABLE_ENTRIES = AHEAD + 6, 16
 """Entries of the parts of `parts.py`; a table has two more for each of its axes."""
 
 
@@ -36,6 +39,7 @@ class Shape(NamedTuple):
     stepper: Tableau
     targets: tuple[tuple[int, ...], ...]
     conditions: tuple[tuple[int, int], ...]
+    foresights: tuple[tuple[int, ...], ...]
     states: int
     inputs: int
     actuators: int
@@ -65,6 +69,7 @@ def shape_of(program: ClosedLoopProgram, width: int = WIDTH) -> Shape:
         stepper=program.stepper,
         targets=program.targets,
         conditions=program.conditions_of_modes,
+        foresights=program.foresight_of_modes,
         states=len(program.states),
         inputs=len(program.inputs),
         actuators=len(program.actuators),
@@ -81,7 +86,7 @@ def shape_of(program: ClosedLoopProgram, width: int = WIDTH) -> Shape:
         shared=program.shared,
         places=program.places,
         found=program.found,
-        of_cells=0 if program.hold is None else len(program.table[5]),
+        of_cells=len(program.table[5]) if program.table and len(program.table) > 5 else 0,
         single=program.table is not None and program.table[0].dtype == "float32",
         safeguarded=program.safeguarded,
         continuous=program.continuous,
@@ -144,6 +149,7 @@ def _counts(shape: Shape) -> dict[str, int]:
     seen = n + shape.measured + shape.handed + shape.remembered + shape.shared
     parameters = shape.numbers + shape.prepared
     conditions = max(count for count, _ in shape.conditions)
+    ahead = max(_ahead(counts, m) for counts in shape.foresights)
     stages, modes = len(shape.stepper.b), shape.modes
     actuation = 2 * shape.limited + m
     return {
@@ -153,7 +159,7 @@ def _counts(shape: Shape) -> dict[str, int]:
         "close": 1, "unbounded": 1, "rises": watched, "worst": watched,
         **dict.fromkeys(SEARCH, 1), "inside": watched,
         "command": m, "nominal": m, "slack": 1, "overruled": 1, "overrules": 1, "infeasible": 1,
-        "largest_slack": 1, "held": 1, "answer": m + conditions * (m + 1) + m,
+        "largest_slack": 1, "held": 1, "answer": m + conditions * (m + 1) + m + ahead,
         **dict.fromkeys(SWITCHES, 1), "in_modes": modes, **dict.fromkeys(TURNS, 1),
         "levels": max(1, *(len(own) for own in shape.targets)),
         "bad": 1, "peaks": m + shape.actuators, "level": 1, "inside_since": 1,
@@ -171,12 +177,30 @@ def _room(shape: Shape) -> dict[str, int]:
     m, axes = shape.inputs, shape.places
     most = max(count for count, _ in shape.conditions)
     return {
-        "room": numbers_of_programs(m, most)[0] + 3 * m + most * (m + 1) if most else 0,
+        "room": _program_room(shape, most) if most or any(shape.foresights) else 0,
         "grid": 3 * axes + shape.found + numbers_of_places(axes)[0] if axes else 0,
         "cells": shape.of_cells,
     }
 
 
+def _ahead(counts: tuple[int, ...], m: int) -> int:
+    """The numbers of a foresight in the answer of a law."""
+    return 3 + counts[3] + counts[0] * m if counts else 0
+
+
+def _program_room(shape: Shape, most: int) -> int:
+    """The numbers of the program of a safeguard: a lane's answer, the result, and its room."""
+    m, axes = shape.inputs, shape.places
+    room, ahead = 0, 0
+    for counts in shape.foresights:
+        if counts:
+            rows = most + CUTS * counts[1]
+            room = max(room, numbers_of_search(axes, m, most, counts[1]))
+            ahead = max(ahead, _ahead(counts, m) + m + numbers_of_programs(m, rows)[0])
+    return room + ahead + numbers_of_programs(m, most)[0] + 3 * m + 1 + most * (m + 1)
+
+
 def _whole(shape: Shape) -> int:
     """How many numbers of s they have."""
-    return max(numbers_of_programs(shape.inputs, 0)[1], numbers_of_places(shape.places)[1])
+    programs = numbers_of_programs(shape.inputs, 0)[1]
+    return programs + max(numbers_of_places(shape.places)[1], 3 * shape.places)

@@ -75,7 +75,7 @@ class _Builder:
             step_leaves(weights[:stages], *weights[stages:], order=shape.stepper.order,
                         states=n, constraints=shape.constraints)
             | note_leaves(2 * limited + m, peaks, shape.bounded)
-            | mode_leaves(shape.targets, shape.conditions, m, kind.switch_limit)
+            | mode_leaves(shape.targets, shape.conditions, shape.foresights, m, kind.switch_limit)
             | (crossing_leaves(n) if shape.constraints else {})
             | ({"noise": noise_leaf(n)} if kind.noisy else {})
         )  # fmt: skip

@@ -10,8 +10,10 @@ import math
 
 from holdfast.execution.arrays import Floats, Table, Wholes
 from holdfast.execution.codegen.loop_text import LANES_OF_BLOCK
+from holdfast.execution.foreseen import keep_foreseen, numbers_of_search
 from holdfast.execution.interpolate import beyond_grid, look_up
 from holdfast.execution.look_in_cells import look_in_cells
+from holdfast.execution.simulation.layout import AHEAD
 from holdfast.execution.simulation.outcomes import Outcome
 from holdfast.execution.simulation.quadratic_program import keep_in_order, overrules
 
@@ -29,14 +31,34 @@ def keep_lanes(s: Wholes, w: Floats, k: int) -> None:
     rows = most * (m + 1)
     point, counts = w[s[k + 8] :], s[s[k + 9] :]
     levels, ends = s[k + 10], s[k + 11 :]
-    given = point[m + rows + m :]
-    room = given[m:]
+    ahead = s[k + AHEAD :]
+    inputs, moves, motion, first, grid = ahead[0], ahead[1], ahead[3], ahead[4], ahead[5]
+    numbers = m + rows + m
+    if inputs > 0:
+        numbers += 3 + motion + inputs * m
+    given = point[numbers:]
+    room = given[m + 1 :]
     for lane in range(width):
         if w[s[k + 7] + lane] == 0.0:
             continue
-        for i in range(m + rows + m):
+        for i in range(numbers):
             point[i] = w[answer + i * width + lane]
         conditions, scales = point[m:], point[m + rows :]
+        if inputs > 0:
+            axes, more = s[grid + 3], scales[m:]
+            low, shape = w[s[grid + 11] :], s[grid + 16 :]
+            search_room, search_whole = numbers_of_search(axes, m, most, moves), 3 * axes
+            slack = keep_foreseen(
+                table_at(s[grid]), point, scales, conditions, more[3:], more[3 + motion :], m, most,
+                hard, ends, levels, first, inputs, more[0], more[1], more[2], low, low[axes:],
+                shape, shape[axes:], axes, moves, ahead[2], given, room, counts,
+                room[search_room:], counts[search_whole:],
+            )  # fmt: skip
+            for i in range(m):
+                w[command + i * width + lane] = given[i]
+            w[s[k + 5] + lane] = slack
+            w[s[k + 6] + lane] = given[m]
+            continue
         slack = keep_in_order(
             point, scales, conditions, m, most, hard, ends, levels, given, room, counts
         )  # fmt: skip
@@ -59,14 +81,14 @@ def look_up_lanes(s: Wholes, w: Floats, k: int) -> None:
     whole, shape, periodic = s[s[k + 12] :], s[k + 16 :], s[k + 16 + axes :]
     low, steps = w[s[k + 11] :], w[s[k + 11] + axes :]
     point, found = steps[axes:], steps[2 * axes :]
-    rest = found[axes + 1 :]
+    rest, count = found[axes + 1 :], s[k + 15]
     for lane in range(width):
         if w[alive + lane] == 0.0:
             continue
         for i in range(axes):
             point[i] = w[look_at + i * width + lane]
-        look_up(values, point, low, steps, shape, periodic, axes, found, rest, whole)
-        for i in range(axes + 1):
+        look_up(values, point, low, steps, shape, periodic, axes, count - 1, found, rest, whole)
+        for i in range(count):
             w[look + i * width + lane] = found[i]
         if not noted or not math.isnan(w[off + lane]):
             continue

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
-from holdfast.maths.definitions.law import MOST_LEVELS, Law, Safeguard
+from holdfast.maths.definitions.law import MOST_LEVELS, Foresight, Law, Safeguard
 from holdfast.maths.definitions.quantity import merge_parameters
 
 
@@ -64,6 +64,16 @@ def in_order(filters: Sequence[Law]) -> Law:
             guards[0].scales,
             tuple(u for g in guards for u in g.units),
             tuple(n for g in guards for n in g.names),
-            tuple(len(g.offsets) - hard for g in guards),
+            _levels([len(g.offsets) - hard for g in guards]),
+            next((_placed(g.foresight, k) for k, g in enumerate(guards) if g.foresight), None),
         ),
     )
+
+
+def _levels(counts: Sequence[int]) -> tuple[int, ...]:
+    """The half-spaces of each level; a kernel that looks ahead has none."""
+    return tuple(n for n in counts if n) or (0,)
+
+
+def _placed(foresight: Foresight, place: int) -> Foresight:
+    return replace(foresight, first=place == 0)

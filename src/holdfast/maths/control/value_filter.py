@@ -19,13 +19,14 @@ from typing import TypeVar, cast
 import sympy as sp
 
 from holdfast.errors import DefinitionError
+from holdfast.maths.control.held_motion import held_motion
 from holdfast.maths.control.safety_filter import check_fit, input_rows, input_scales, over_time
-from holdfast.maths.definitions.law import Law, Safeguard
-from holdfast.maths.definitions.lookup import Lookup
+from holdfast.maths.definitions.law import Foresight, Law, Safeguard
+from holdfast.maths.definitions.lookup import Lookup, SampledLookup
 from holdfast.maths.definitions.quantity import Parameter, symbol
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
-from holdfast.maths.expressions.functions import select
+from holdfast.maths.expressions.functions import least, select
 from holdfast.maths.games.hamiltonian import Hamiltonian, hamiltonian
 
 L = TypeVar("L", bound=Law | Switching)
@@ -96,14 +97,78 @@ def keep_value(
     if len(lookup.places) > len(slopes):
         left = lookup.places[0] - sp.Float(lookup.first_time)
         worst -= select(left, lookup.slopes[0], sp.S.Zero)
+    room = symbol("safety_rate") * (lookup.value - symbol("safety_margin"))
+    bounds = input_rows(system)
+    rows = [*bounds, (tuple(-(gain.T * sp.Matrix(slopes))), worst + room)]
+    guard = Safeguard(
+        normals={name: tuple(n[i] for n, _ in rows) for i, name in enumerate(system.input_names)},
+        offsets=tuple(b for _, b in rows),
+        hard=len(bounds),
+        scales=input_scales(system, scales or {}),
+        units=(over_time(lookup.unit, 1),),
+        names=("value",),
+    )
+    return _guarded(system, law, lookup, guard, rate, margin)
+
+
+def keep_sampled_value(
+    system: System,
+    law: L,
+    lookup: SampledLookup,
+    *,
+    points: Sequence[Sequence[sp.Expr]],
+    disturbances: Sequence[Sequence[sp.Expr]],
+    errors: Sequence[Sequence[sp.Expr]] = ((),),
+    beyond: float,
+    rate: float,
+    margin: float,
+    scales: Mapping[str, float] | None = None,
+) -> L:
+    """`law` with the least change of its inputs after which W is high enough a sample later.
+
+    With the value W of the sampled game, the margin c and the hold T
+
+        W(q after the sample) >= c + (1 - rate T) (W(q) - c)   for each of the disturbances
+
+    or, where no input that is found does it, >= c, or else the most. points: inputs that are tried;
+    disturbances, errors: see `held_motion`. beyond: by how much W falls with each cell outside.
+
+    Raises `DefinitionError` as `keep_value` does.
+    """
+    if not system.inputs:
+        raise DefinitionError(f"system '{system.name}' has no inputs")
+    hamiltonian(replace(system, samples=0))  # refuses rates that are not affine
+    motion = held_motion(system, sp.Float(lookup.hold), disturbances, errors)
+    floor = symbol("safety_margin")
+    level = floor + (1 - symbol("safety_rate") * lookup.hold) * (lookup.value - floor)
+    bounds = input_rows(system)
+    guard = Safeguard(
+        normals={name: tuple(n[i] for n, _ in bounds) for i, name in enumerate(system.input_names)},
+        offsets=tuple(b for _, b in bounds),
+        hard=len(bounds),
+        scales=input_scales(system, scales or {}),
+        units=(lookup.unit,),
+        foresight=Foresight(
+            motion.expressions,
+            motion.moves,
+            motion.curved,
+            tuple(map(tuple, points)),
+            level,
+            least(level, floor),
+            sp.Float(beyond),
+        ),
+    )
+    return _guarded(system, law, lookup, guard, rate, margin)
+
+
+def _guarded(
+    system: System, law: L, lookup: Lookup, guard: Safeguard, rate: float, margin: float
+) -> L:
+    """`law`, or each of its modes, with a safeguard over the values of `lookup`."""
     parameters = (
         Parameter("safety_rate", "1/s", "how fast the value may fall", value=float(rate), above=0),
         Parameter("safety_margin", "1", "value to stay above", value=float(margin)),
     )
-    room = symbol("safety_rate") * (lookup.value - symbol("safety_margin"))
-    bounds = input_rows(system)
-    rows = [*bounds, (tuple(-(gain.T * sp.Matrix(slopes))), worst + room)]
-    chosen = input_scales(system, scales or {})
 
     def kept(mode: Law) -> Law:
         check_fit(system, mode)
@@ -117,16 +182,7 @@ def keep_value(
             parameters=(*mode.parameters, *system.parameters, *parameters),
             signals={**mode.signals, "value": lookup.value},
             lookup=lookup,
-            safeguard=Safeguard(
-                normals={
-                    name: tuple(n[i] for n, _ in rows) for i, name in enumerate(system.input_names)
-                },
-                offsets=tuple(b for _, b in rows),
-                hard=len(bounds),
-                scales=chosen,
-                units=(over_time(lookup.unit, 1),),
-                names=("value",),
-            ),
+            safeguard=guard,
         )
 
     if isinstance(law, Switching):
@@ -157,6 +213,8 @@ def against_the_worst(
     lower `margin`, an expression of the states and `parameters`, by its differences over `steps`.
     """
     h = hamiltonian(system)
+    if isinstance(law.lookup, SampledLookup):
+        lookup = law.lookup.with_slopes()
     slopes: Sequence[sp.Expr] = lookup.slopes[-len(system.states) :]
     if margin is not None:
         aimed = [
@@ -193,6 +251,12 @@ def against_the_worst(
                 guard,
                 normals={**guard.normals, **dict.fromkeys(system.disturbance_names, zeros)},
                 scales={**guard.scales, **dict.fromkeys(system.disturbance_names, sp.S.One)},
+                foresight=guard.foresight and guard.foresight.of(
+                    system.input_names,
+                    (*system.input_names, *system.disturbance_names),
+                    sp.S.One,
+                    dict.fromkeys((*system.input_names, *system.disturbance_names), sp.S.Zero),
+                ),
             )
         reads = {q.name: q for q in (*mode.reads, *system.states)}
         return replace(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import sympy as sp
@@ -62,6 +62,94 @@ MOST_LEVELS = 6
 """Levels of priority of a safeguard."""
 
 
+@dataclass(frozen=True)
+class Foresight:
+    """A condition of a safeguard on the value W of a sampled game, one sample ahead:
+
+        W(base + (gains + curves u) u + move_r) >= level   for every r
+
+    motion: the numbers of `HeldMotion`, of places in the table of the law; moves, curved: of them
+    too. floor: the level below which the input is the best that there is. beyond: by how much W
+    falls with each cell outside the grid. points: inputs that are tried, in the order of the
+    inputs. first: whether half-spaces that are not hard give way to it.
+    """
+
+    motion: tuple[sp.Expr, ...]
+    moves: int
+    curved: bool
+    points: tuple[tuple[sp.Expr, ...], ...]
+    level: sp.Expr
+    floor: sp.Expr
+    beyond: sp.Expr
+    first: bool = True
+
+    @property
+    def expressions(self) -> tuple[sp.Expr, ...]:
+        """Its numbers: level, floor, beyond, motion, points."""
+        points = (e for point in self.points for e in point)
+        return (self.level, self.floor, self.beyond, *self.motion, *points)
+
+    @property
+    def counts(self) -> tuple[int, int, int, int, int]:
+        """The points, the moves, whether there are curves, the motion, and whether it is first."""
+        return (
+            len(self.points), self.moves, int(self.curved), len(self.motion), int(self.first)
+        )  # fmt: skip
+
+    def of(
+        self, names: Sequence[str], inputs: Sequence[str], gain: sp.Expr,
+        shift: Mapping[str, sp.Expr],
+    ) -> Foresight:  # fmt: skip
+        """The same condition of `inputs` u, in place of w = (u - shift) / gain of some `names`."""
+        m, pairs = len(names), len(names) * (len(names) + 1) // 2
+        n = len(self.motion) // (1 + m + self.moves + (pairs if self.curved else 0))
+        own = {name: (sp.Symbol(f"_u_{name}", real=True) - shift[name]) / gain for name in names}
+        u = {name: sp.Symbol(f"_u_{name}", real=True) for name in inputs}
+        none = dict.fromkeys(u.values(), sp.S.Zero)
+        base, gains, curves = [], [], []
+        for i in range(n):
+            place = self.motion[i]
+            for j, a in enumerate(names):
+                place += self.motion[n + i * m + j] * own[a]
+            if self.curved:
+                at = n * (1 + m) + i * pairs
+                for j, a in enumerate(names):
+                    for b in names[j:]:
+                        place += self.motion[at] * own[a] * own[b]
+                        at += 1
+            slopes = [place.diff(a) for a in u.values()]
+            base.append(place.xreplace(none))
+            gains += [e.xreplace(none) for e in slopes]
+            for j, e in enumerate(slopes):
+                over = list(u.values())[j:]
+                curves += [e.diff(b) / (2 if k == 0 else 1) for k, b in enumerate(over)]
+        rest = self.motion[len(self.motion) - n * self.moves :]
+        points = [dict(zip(names, point, strict=True)) for point in self.points]
+        return replace(
+            self,
+            motion=(*base, *gains, *(curves if self.curved else ()), *rest),
+            points=tuple(
+                tuple(gain * point.get(name, sp.S.Zero) + shift[name] for name in inputs)
+                for point in points
+            ),
+        )
+
+    def subs(self, values: Mapping[sp.Symbol, sp.Expr]) -> Foresight:
+        """The same with symbols replaced."""
+
+        def there(e: sp.Expr) -> sp.Expr:
+            return e.xreplace(values)
+
+        return replace(
+            self,
+            motion=tuple(map(there, self.motion)),
+            points=tuple(tuple(map(there, point)) for point in self.points),
+            level=there(self.level),
+            floor=there(self.floor),
+            beyond=there(self.beyond),
+        )
+
+
 @checked
 @dataclass(frozen=True)
 class Safeguard:
@@ -73,6 +161,7 @@ class Safeguard:
     `names`: the inequality that each comes from. Its expressions may use `SAMPLE_TIME`.
     `levels`: how many relaxed conditions each level of priority has, the most important first;
     where not all can be met the last level gives way first. By default there is one level.
+    foresight: a condition that is no half-space.
     """
 
     normals: Mapping[str, tuple[sp.Expr, ...]]
@@ -82,6 +171,7 @@ class Safeguard:
     units: tuple[str, ...] = ()
     names: tuple[str, ...] = ()
     levels: tuple[int, ...] = ()
+    foresight: Foresight | None = None
 
     def __post_init__(self) -> None:
         if len(self.levels) > MOST_LEVELS:
@@ -95,13 +185,15 @@ class Safeguard:
     def expressions(self) -> tuple[sp.Expr, ...]:
         """Every expression of it."""
         entries = (e for row in self.normals.values() for e in row)
-        return (*entries, *self.offsets, *self.scales.values())
+        more = self.foresight.expressions if self.foresight else ()
+        return (*entries, *self.offsets, *self.scales.values(), *more)
 
     def rows(self, inputs: Sequence[str]) -> list[sp.Expr]:
-        """The normal and the offset of every half-space in turn, then the scales."""
+        """The normal and the offset of every half-space in turn, the scales, the foresight."""
         pairs = enumerate(self.offsets)
         rows = [e for j, offset in pairs for e in (*(self.normals[n][j] for n in inputs), offset)]
-        return [*rows, *(self.scales[n] for n in inputs)]
+        more = self.foresight.expressions if self.foresight else ()
+        return [*rows, *(self.scales[n] for n in inputs), *more]
 
     def subs(self, values: Mapping[sp.Symbol, sp.Expr]) -> Safeguard:
         """The same safeguard with symbols replaced."""
@@ -113,6 +205,7 @@ class Safeguard:
             self.units,
             self.names,
             self.levels,
+            self.foresight.subs(values) if self.foresight else None,
         )
 
     @property

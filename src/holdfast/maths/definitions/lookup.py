@@ -47,6 +47,21 @@ class Lookup:
 
 
 @dataclass(frozen=True)
+class SampledLookup(Lookup):
+    """The value of a sampled game, without its slopes: of inputs that are held for `hold` [s]."""
+
+    hold: float = 0.0
+
+    @property
+    def symbols(self) -> tuple[sp.Symbol, ...]:
+        return (self.value,)
+
+    def with_slopes(self) -> Lookup:
+        """The same table, of which the slopes are looked up too."""
+        return Lookup(self.places, self.table, self.first_time, self.timed, self.unit)
+
+
+@dataclass(frozen=True)
 class CellLookup(Lookup):
     """What is known of the cell that `places` are in, in place of a value between nodes.
 
