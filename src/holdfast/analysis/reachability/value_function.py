@@ -48,9 +48,7 @@ class ValueFunction:
     `time` [s] first; of a capture basin also `arrival` [s], the least time to the goal. Its
     attributes hold the problem, the method, and the error estimates: see `report`. stored: where
     the values are still in a file (`load`), of which `at`, `gradient`, `contains`, `least_time`,
-    `slice` and laws read the chunks that they need; None where all are in memory. claim: what the
-    set claims, by which it can be tried; None where it comes from a file, which has the outcome
-    (`tried`).
+    `slice` and laws read the chunks that they need; None where all are in memory. claim: None of a file.
     """
 
     dataset: xr.Dataset
@@ -72,7 +70,7 @@ class ValueFunction:
         return dataclasses.replace(self, dataset=dataset)
 
     def tried(self, promise: Tried) -> ValueFunction:
-        """The same values, whose report and file have what a closed-loop validation came to."""
+        """The same values with what a closed-loop validation came to in the report."""
         return self.reported(**recorded(promise))
 
     def in_memory(self) -> ValueFunction:
