@@ -48,7 +48,7 @@ class ValueFunction:
     `time` [s] first; of a capture basin also `arrival` [s], the least time to the goal. Its
     attributes hold the problem, the method, and the error estimates: see `report`. stored: where
     the values are still in a file (`load`), of which `at`, `gradient`, `contains`, `least_time`,
-    `slice` and laws read the chunks that they need; None where all are in memory. claim: None of a file.
+    `slice` and laws read the chunks that they need; else None. claim: None of a file.
     """
 
     dataset: xr.Dataset
