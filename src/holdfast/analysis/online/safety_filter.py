@@ -66,9 +66,7 @@ class SafetyFilter:
     vehicle in the loop, where `system` is a reduced model of it: a `ModelWarning` names the states
     that the filter does not know.
 
-    A kernel that was computed here and not tried in closed loop is tried when its first filter is
-    made: about a second of work. `PromiseFellShortWarning` says that its promise fell short,
-    `PromiseNotTriedWarning` that it could not be tried, as that of an untried one from a file.
+    An untried kernel is tried in closed loop (`PromiseFellShortWarning`, `PromiseNotTriedWarning`).
     A kernel that has not converged is one for its horizon: after that the status is OUTSIDE_GRID
     until `reset`. A filter is for one thread at a time.
 

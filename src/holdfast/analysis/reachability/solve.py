@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
+from holdfast.analysis.reachability.claim import Claim
 from holdfast.analysis.reachability.error_estimate import coarser, with_error, with_outside
 from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.hamilton_jacobi import marched
@@ -20,7 +21,7 @@ from holdfast.analysis.reachability.one_march import Progress, Until
 from holdfast.analysis.reachability.options import Problem, marching_of
 from holdfast.analysis.reachability.problem import Posed, definition, pose
 from holdfast.analysis.reachability.refinement import check_refined
-from holdfast.analysis.reachability.value_function import Claim, ValueFunction, to_value_function
+from holdfast.analysis.reachability.value_function import ValueFunction, to_value_function
 from holdfast.errors import SimulationError
 from holdfast.execution.level_set.over_grid import over_grid
 from holdfast.maths.definitions.region import Region

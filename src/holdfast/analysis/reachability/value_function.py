@@ -7,13 +7,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
 from holdfast.analysis.reachability.cells import share_inside
+from holdfast.analysis.reachability.claim import Claim, Tried, recorded
 from holdfast.analysis.reachability.given import number
 from holdfast.analysis.reachability.grid import Axis, Grid
 from holdfast.analysis.reachability.inner_set import inner
@@ -37,32 +38,11 @@ from holdfast.execution.arrays import AnyArray, Array
 from holdfast.execution.look_up import slopes_at, values_at
 from holdfast.execution.resources import check_memory
 from holdfast.execution.table_in_parts import TableInParts
-from holdfast.maths.definitions.region import Region
 
 if TYPE_CHECKING:
     from holdfast.analysis.certificates.certificate import Certificate
+    from holdfast.maths.definitions.region import Region
     from holdfast.maths.definitions.system import System
-
-
-@dataclass(frozen=True)
-class Claim:
-    """What the states of a set are said to be able to do: stay in `region`, or reach `goal`."""
-
-    region: Region | None
-    goal: Region | None = None
-
-
-class Tried(Protocol):
-    """A closed-loop validation, as `Promise`."""
-
-    @property
-    def outcome(self) -> str: ...
-
-    @property
-    def conclusion(self) -> str: ...
-
-    @property
-    def kept_share(self) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -73,9 +53,8 @@ class ValueFunction:
     `time` [s] first; of a capture basin also `arrival` [s], the least time to the goal. Its
     attributes hold the problem, the method, and the error estimates: see `report`. stored: where
     the values are still in a file (`load`), of which `at`, `gradient`, `contains`, `least_time`,
-    `slice` and laws read the chunks that they need; None where all are in memory. claim: what the
-    set claims, by which it can be tried; None where it comes from a file, which has the outcome
-    (`tried`). games: what `sampled_value` has computed of the same values.
+    `slice` and laws read the chunks that they need; else None. claim: None of a file. games: what
+    `sampled_value` has computed of the same values.
     """
 
     dataset: xr.Dataset
@@ -98,15 +77,8 @@ class ValueFunction:
         return dataclasses.replace(self, dataset=dataset)
 
     def tried(self, promise: Tried) -> ValueFunction:
-        """The same values with what a closed-loop validation of them came to in the report.
-
-        It is saved with them, so that `SafetyFilter` does not warn of a kernel that was not tried.
-        """
-        return self.reported(
-            promise_outcome=promise.outcome,
-            promise_conclusion=promise.conclusion,
-            promise_share=promise.kept_share,
-        )
+        """The same values with what a closed-loop validation came to in the report."""
+        return self.reported(**recorded(promise))
 
     def in_memory(self) -> ValueFunction:
         """The same with all its numbers in memory; `SimulationError` where they do not fit."""

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from holdfast.analysis.reachability.given import whole
 from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.memory_estimate import check_trials
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.adversary import CONSTANT, INSIDE, SWINGING, SWITCHING, schedules
-from holdfast.analysis.safety.depth import Outer, inside_states, outer_states, outside_states
+from holdfast.analysis.safety.depth import inside_states, outer_states, outside_states
 from holdfast.analysis.safety.safety_filter import (
     check_not_empty,
     decided,
@@ -23,7 +22,8 @@ from holdfast.analysis.safety.safety_filter import (
     sampled_margin,
     worst_disturbance,
 )
-from holdfast.analysis.safety.verdict import Beaten, Layer, Promise, Trials
+from holdfast.analysis.safety.trial_runs import ALL, NO_DISTURBANCE, Runs, layers_of
+from holdfast.analysis.safety.verdict import Beaten, Promise, Trials
 from holdfast.analysis.simulation.law_comparison import Rate
 from holdfast.analysis.simulation.result import Result
 from holdfast.analysis.simulation.simulate import simulate
@@ -41,44 +41,12 @@ from holdfast.maths.definitions.system import System
 from holdfast.maths.definitions.variation import Varied
 from holdfast.maths.games.sampled_inputs import without_closed_form
 
-NO_DISTURBANCE = "no disturbance"
 OF_VALUE, OF_MARGIN = "the gradient of the value", "the gradient of the constraints"
 DISTURBED = (OF_VALUE, OF_MARGIN, CONSTANT, INSIDE, SWITCHING, SWINGING)
 RESTARTS = "restarts from the nearest starts"
-ALL = "every disturbance tried"
 
 NEAREST, TRIES = 20, 10
 """Restarts: one start in this many, those that came nearest, and the tries of each."""
-
-
-@dataclass(frozen=True)
-class _Runs:
-    """Outcomes of runs: kept, left the grid first, nearness to the boundary (large: near), time.
-
-    worst: the largest constraint of each run, NaN for a basin; missed: the negative value of the
-    run, by how much it leaves the region, or of a basin misses the goal or leaves it before.
-    """
-
-    kept: npt.NDArray[np.bool_]
-    off_grid: npt.NDArray[np.bool_]
-    near: Array
-    time: Array
-    outcome: npt.NDArray[Any]
-    worst: Array
-    missed: Array
-    relaxed: npt.NDArray[np.bool_]
-
-    @property
-    def excursion(self) -> float:
-        return float(np.max(self.worst))
-
-    def part(self, which: slice) -> _Runs:
-        """Those of some starts."""
-        return _Runs(**{f.name: getattr(self, f.name)[which] for f in fields(self)})
-
-    def trials(self, what: str) -> Trials:
-        kept = Rate(int(self.kept.sum()), len(self.kept))
-        return Trials(what, kept, int(self.off_grid.sum()), self.excursion, int(self.relaxed.sum()))
 
 
 @checked
@@ -145,7 +113,7 @@ def check_promise(
     kinds = DISTURBED if known.disturbances else (NO_DISTURBANCE,)
     steps = len(kinds) + 2
 
-    def run(what: str, starts: Array, count: int) -> _Runs:
+    def run(what: str, starts: Array, count: int) -> Runs:
         return attack.run(what, starts, _part(progress, count / steps, steps))
 
     every = [run(what, starts, count) for count, what in enumerate(kinds)]
@@ -192,39 +160,8 @@ def check_promise(
         doubt=_doubt(report) or _doubt_of_samples(known),
         held_loss=loss,
         share=outer.share,
-        layers=_layers(outer, every, loss if margin is None else None),
+        layers=layers_of(outer, every, loss if margin is None else None),
     )
-
-
-def _layers(outer: Outer, every: Sequence[_Runs], loss: float | None) -> tuple[Layer, ...]:
-    """The layers of a set around the states inside, whose runs are the last of every kind.
-
-    loss: of a held input, where the set claims what is a cell inside.
-    """
-    parts = (
-        (outer.between, outer.between_share, "at least a cell inside", "a cell", loss),
-        (outer.edge, outer.edge_share, "within a cell of the edge", "the edge", None),
-    )
-    layers, ahead = [], len(every[0].kept) - sum(len(states) for states, *_ in parts)
-    for states, share, where, down_to, allowed in parts:
-        runs = [r.part(slice(ahead, ahead + len(states))) for r in every]
-        ahead += len(states)
-        if len(states):
-            missed = max(float(np.where(r.kept, 0.0, r.missed).max()) for r in runs)
-            trials = _against_all(runs)
-            layers.append(Layer(where, down_to, share, trials, max(missed, 0.0), allowed))
-    return tuple(layers)
-
-
-def _against_all(every: Sequence[_Runs]) -> Trials:
-    """The starts against all that was tried."""
-    kept: Any = np.stack([r.kept for r in every]).all(axis=0)
-    off: Any = np.stack([r.off_grid for r in every]).any(axis=0) & ~kept
-    relaxed: Any = np.stack([r.relaxed for r in every]).any(axis=0)
-    worst = float(np.max([r.excursion for r in every]))
-    what = ALL if len(every) > 1 else NO_DISTURBANCE
-    rate = Rate(int(kept.sum()), len(kept))
-    return Trials(what, rate, int(off.sum()), worst, int(relaxed.sum()))
 
 
 def _part(tell: Progress | None, begin: float, parts: int) -> Callable[[float], None]:
@@ -277,7 +214,7 @@ class _Attack:
     sample_time: float
     seed: int
 
-    def run(self, what: str, starts: Array, tell: Callable[[float], None]) -> _Runs:
+    def run(self, what: str, starts: Array, tell: Callable[[float], None]) -> Runs:
         """The outcomes of the starts against one kind of disturbance."""
         plant, driven = self.known, self.law
         settings: dict[str, Any] = {
@@ -303,7 +240,7 @@ class _Attack:
         result = simulate(plant, driven, starts=starts, region=self.region, **settings)
         return self._judged(result)
 
-    def _judged(self, result: Result) -> _Runs:
+    def _judged(self, result: Result) -> Runs:
         data = result.arrays
         outcome = data["outcome"].values
         left = np.nan_to_num(data["exit_time"].values, nan=np.inf)
@@ -337,7 +274,7 @@ class _Attack:
             missed = levels.min(axis=1)
             near, worst = first, np.full(len(first), math.nan)
         off_first = ~kept & np.isfinite(off) & (off <= left)
-        return _Runs(
+        return Runs(
             kept,
             off_first,
             np.nan_to_num(near, nan=np.inf),
@@ -349,7 +286,7 @@ class _Attack:
         )
 
 
-def _beaten(starts: Array, found: dict[str, _Runs], each: int = 1) -> list[Beaten]:
+def _beaten(starts: Array, found: dict[str, Runs], each: int = 1) -> list[Beaten]:
     """The starts that were lost, with the first disturbance that beat each; `each`: how many
     rows in turn are one start."""
     beaten: dict[int, Beaten] = {}
