@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from holdfast.analysis.boundary.contingent_cone import ContingentCone, generators, qualified
+from holdfast.analysis.boundary.constraint_qualification import equalities, qualified
+from holdfast.analysis.boundary.contingent_cone import ContingentCone, generators
 from holdfast.analysis.boundary.regulation_map import RegulationMap, input_half_spaces
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, SimulationError, suggestion
@@ -18,6 +19,8 @@ from holdfast.maths.control.barrier_conditions import ViabilityCondition, viabil
 from holdfast.maths.definitions.quantity import merge_parameters
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.random_points import is_zero
+from holdfast.maths.expressions.traversal import derivatives
 
 
 @checked
@@ -62,6 +65,7 @@ class Boundary:
         arguments = [q.symbol for q in (*system.states, *system.disturbances)]
         self._evaluate = Evaluator(expressions, arguments, known)
         self._bounds = input_half_spaces(system, self._values)
+        self._is_linear: dict[int, bool] = {}
 
     def _parts(self, states: Array, disturbance: Array) -> tuple[list[Array], Array]:
         points = np.hstack([states, np.broadcast_to(disturbance, (len(states), len(disturbance)))])
@@ -133,7 +137,7 @@ class Boundary:
         self._refuse_outside(state)
         normals = parts[1][active].reshape(-1, len(self.system.states))
         rays, lines = generators(normals)
-        fine = qualified(normals)
+        fine = self._qualified(parts, active, np.asarray(state, dtype=float))
         names = tuple(self.conditions[j].name for j in active)
         return ContingentCone(np.asarray(state, dtype=float), normals, names, rays, lines, fine)
 
@@ -212,7 +216,35 @@ class Boundary:
             np.concatenate([offsets, limits]),
             tuple(names),
             tuple(dict.fromkeys(hopeless)),
+            self._qualified(parts, active, np.asarray(state, dtype=float)),
         )
+
+    def _qualified(self, parts: list[Array], active: list[int], state: Array) -> bool:
+        """Whether the linearised cone of the active conditions is the contingent cone."""
+        if len(active) < 2:  # no gradient vanishes
+            return True
+        normals = parts[1][active]
+        linear = np.array([self._linear(j) for j in active])
+        equality = np.full(len(active), -1)
+        if not linear.all():
+            nearby = (
+                state
+                + np.random.default_rng(0).normal(size=(32, len(state)))
+                * (np.repeat([1e-3, 1e-2, 1e-1, 1.0], 8)[:, np.newaxis])
+            )
+            still = np.zeros(len(self.system.disturbances))
+            with np.errstate(all="ignore"):
+                values = self._parts(nearby, still)[0][0][:, active, 0]
+            equality = equalities(normals, values)
+        return qualified(normals, linear, equality)
+
+    def _linear(self, j: int) -> bool:
+        """Whether a condition is affine in the states, away from its ties."""
+        if j not in self._is_linear:
+            by = [q.symbol for q in self.system.states]
+            slopes = (derivatives(g, by).values() for g in self.conditions[j].gradient)
+            self._is_linear[j] = all(is_zero(s) for row in slopes for s in row)
+        return self._is_linear[j]
 
     def _disturbance(self, disturbance: Mapping[str, float] | str) -> Array:
         names = self.system.disturbance_names

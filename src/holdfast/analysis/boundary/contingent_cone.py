@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linprog
 
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
@@ -17,9 +16,9 @@ from holdfast.execution.arrays import Array
 class ContingentCone:
     """T_K(q) = { v : normals v <= 0 }: the velocities along which q does not leave the region.
 
-    This is the linearised cone. It is the contingent cone if some v has normals v < 0 (the
-    constraint qualification of Mangasarian and Fromovitz, `qualified`). Without such a v, as at a
-    cusp, the contingent cone may be smaller.
+    This is the linearised cone. It is the contingent cone where the constraints are `qualified`
+    (`constraint_qualification.py`): linear ones always are. Where they are not, as at a cusp, the
+    contingent cone may be smaller, and a velocity of this one may leave the region.
 
     `normals` are the gradients of the active pieces (none: every velocity). Every such v is
     a combination of the rows of `rays` with weights >= 0 and of those of `lines` with any.
@@ -62,18 +61,3 @@ def generators(normals: Array) -> tuple[Array, Array]:
             if along and not any(np.allclose(ray, r, atol=1e-9) for r in rays):
                 rays.append(ray)
     return np.array(rays).reshape(-1, n), lines
-
-
-def qualified(normals: Array) -> bool:
-    """Whether some velocity has normals v < 0: all active gradients point into one half-space."""
-    if not len(normals):
-        return True
-    unit = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    n = unit.shape[1]
-    found = linprog(
-        [*np.zeros(n), -1.0],
-        A_ub=np.hstack([unit, np.ones((len(unit), 1))]),
-        b_ub=np.zeros(len(unit)),
-        bounds=[(-1, 1)] * n + [(None, 1)],
-    )
-    return bool(-found.fun > 1e-9)

@@ -25,7 +25,10 @@ class RegulationMap:
 
     The rows come from the viability conditions first (`conditions` names their inequalities),
     then from the bounds U of the inputs. `hopeless` are inequalities that are violated for any
-    input: they are being crossed, and the input acts only on their second derivative.
+    input: they are being crossed, and the input acts only on their second derivative. `qualified`:
+    whether the linearised cone of the active constraints is the contingent cone, as
+    `ContingentCone.qualified` has it; where it is not, an input of the map may still leave the
+    region.
     """
 
     state: Array
@@ -34,6 +37,7 @@ class RegulationMap:
     offsets: Array
     conditions: tuple[str, ...]
     hopeless: tuple[str, ...] = ()
+    qualified: bool = True
 
     @property
     def empty(self) -> bool:
