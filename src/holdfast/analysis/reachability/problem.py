@@ -249,12 +249,11 @@ def _end_of_region(posed: Posed, number: int, end: float) -> float | None:
     if there is none within ten widths of the grid. The other axes are those of the grid."""
     axis = posed.grid.axes[number]
     cells = np.unique(np.geomspace(1, 10 * axis.count, 60).astype(int))
-    there = _beyond(posed, number, end, axis.step * cells)
-    if there[-1]:
+    left = _beyond(posed, number, end, axis.step * cells)
+    if left.all():
         return None
-    last = int(np.flatnonzero(np.append(True, there))[-1])  # of which the region is still there
     outwards = 1.0 if end == axis.high else -1.0
-    return float(end + outwards * axis.step * cells[last])
+    return float(end + outwards * axis.step * cells[int(np.argmin(left))])
 
 
 def _beyond(

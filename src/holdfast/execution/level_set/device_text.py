@@ -132,6 +132,8 @@ def _node(stage: Stage, real: str) -> str:
         last = Body(steps, [held], "            ", real, fused=True)
         lines += [
             "    {",
+            f"    {real} {', '.join(f'speed{i}' for i in range(n))};",
+            *(x for i in range(n) for x in _rate(stage, real, "", f"speed{i}", 2 + i, declared=True)),
             *_declared(sides, real, "        "),
             *apart.lines,
             f"        if ({apart.text(results[2].number)}) {{",

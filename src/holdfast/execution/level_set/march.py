@@ -51,7 +51,7 @@ STAGES = {1: ((1.0, 0.0),), 2: ((1.0, 0.0), (0.5, 1.0)), 3: ((1.0, 0.0), (0.25, 
 ALL_MEASURED, MEASURED = 64, 4
 """Steps from the first for which it is measured how fast the set moves, then one in so many."""
 
-MOST_LEEWAY, LEEWAY = 0.1, 0.8
+MOST_LEEWAY, LEEWAY = 0.12, 1.1
 """How far the rates of a scheme of higher order may be from those of a monotone step (see
 `stage_steps.py`): shares of the largest rate of the start value, the second over the square root of
 the cells of an axis, whichever is less."""
@@ -302,7 +302,7 @@ class March:
 
     def numbers(self, dt: float, weight: float, within: tuple[float, float, float]) -> Array:
         """Those of a stage (`stage_steps.py`). within: floor, ceiling, nearest."""
-        per_axis = (0.5 / self.steps, self.steps, self.speeds / self.steps)
+        per_axis = (0.5 / self.steps, self.steps)
         return np.array([dt, weight, *within, self.leeway, self.share, *np.concatenate(per_axis)])
 
     def steps_to(self, times: Sequence[float]) -> Iterator[tuple[float, float, float | None]]:

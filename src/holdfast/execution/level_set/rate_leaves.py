@@ -6,12 +6,13 @@ Every part of the rate is computed as far out as possible (`codegen/loop_nest.py
 |---|---|---|
 | along | the nodes of the last axis | what depends on the last axis alone |
 | rows | of each row the other axes | what depends on outer axes; what depends on the row's |
-| rate | along, the row's, mean slopes, half gaps | dW/dtau before it is limited; of a monotone step |
+| rate | along, the row's, mean slopes, half gaps | dW/dtau before it is limited; that of a monotone step; speeds |
 
 Their argument u are numbers that are the same at all nodes: of the first two the time, the
 parameters and the largest speed along each axis; of the last what the rows have of outer axes.
-The rate is not called but is a part of the leaf of a stage (`stage_leaf.py`). Its second result is
-for the plain differences of a filtered scheme (`stage_steps.py`, `maths/games/monotone_flux.py`).
+The rate is not called but is a part of the leaf of a stage (`stage_leaf.py`). The others of its
+results are for a filtered scheme (`stage_steps.py`): the rate of a monotone step from the plain
+differences (`maths/games/monotone_flux.py`), and the largest speeds at the node.
 No product and sum of the rate are fused: where the slope on one side is zero, two equal products
 are subtracted, and the sign of their difference decides which input is optimal.
 """
@@ -56,7 +57,7 @@ def rate_leaves(
 ) -> RateLeaves:
     """The leaves of the Lax-Friedrichs scheme with this Hamiltonian.
 
-    filtered: whether the rate of a monotone step is wanted, too."""
+    filtered: whether the rate of a monotone step and the speeds are wanted, too."""
     n = len(hamiltonian.costates)
     gaps = [sp.Symbol(f"_g{i}", real=True) for i in range(n)]  # no user name begins so
     largest = [sp.Symbol(f"_a{i}", real=True) for i in range(n)]
@@ -70,7 +71,7 @@ def rate_leaves(
     width = {s: sp.Abs(g) for s, g in zip(hamiltonian.spreads, gaps, strict=True)}
     totals = [total.xreplace(width)]
     if filtered:
-        totals.append(monotone_flux(hamiltonian, gaps))
+        totals += [monotone_flux(hamiltonian, gaps), *hamiltonian.speeds]
     slopes = [*hamiltonian.costates, *gaps]
     axes = [q.symbol for q in hamiltonian.system.states]
     plan = Schedule(axes, frozenset(slopes))

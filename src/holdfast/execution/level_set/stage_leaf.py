@@ -126,7 +126,10 @@ class _Text:
         """
         n, stage, truth, of = self.stage.axes, self.stage, self.own.vector(TRUTH), self.own
         plain = self._sides("plain_", 2 * n)
-        given = sides | plain | {"leeway": "%leeway", "share": "%share"} | {f"pace{i}": f"%pace{i}" for i in range(n)}
+        given = sides | plain | {x: f"%{x}" for x in ("leeway", "share")}
+        for i in range(n):
+            given[f"half{i}"] = f"%half{i}"
+            given[f"speed{i}"] = self._rate([], 2 + i, f"t{i}")
         apart, leeway, far = self._printed(*stage.apart(), self.own, given, "d")
         reduce = f"@llvm.vector.reduce.or.v{self.lanes}i1"
         self.module.intrinsics.add(f"declare i1 {reduce}({truth})")

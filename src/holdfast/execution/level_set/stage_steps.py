@@ -34,8 +34,8 @@ from holdfast.execution.level_set.rate_leaves import RateLeaves
 NUMBERS = ("dt", "weight", "floor", "ceiling", "nearest", "leeway", "share")
 """The first of its numbers; `OF_AXES` of every axis follow."""
 
-OF_AXES = ("half", "step", "pace")
-"""Numbers of each axis: half the inverse of its step, its step, the largest speed in cells."""
+OF_AXES = ("half", "step")
+"""Numbers of each axis: half the inverse of its step, its step."""
 
 
 def names_of_numbers(axes: int) -> list[str]:
@@ -93,19 +93,19 @@ class Stage:
     def apart(self) -> tuple[Steps, list[Value]]:
         """s, a bound of |r - r_M| whatever the Hamiltonian; the leeway e; and whether s > e.
 
-        No speed exceeds c_i, that of `pace`, so that with slopes p and plain differences q, in
-        cells, on both sides of a node
+        No speed exceeds c_i, so that with slopes p and plain differences q on both sides of a node
 
             |r - r_M| <= s = sum_i c_i (max(|p_i- - q_i-|, |p_i+ - q_i+|) + |q_i+ - q_i-| / 2)
             e = a R,  or  a sum_i c_i min(|q_i-|, |q_i+|)  where that is more, at most 4 a R
 
         with the share a and the largest rate R of the start value. Inputs: leeway, which is a R,
-        share, and of each axis below0, above0, plain_below0, plain_above0, pace0, ...
+        share, and of each axis below0, above0, plain_below0, plain_above0, speed0, half0, ...
         """
         steps = Steps(expanded=True)
         most, steep = steps.constant(0.0, FLOAT), steps.constant(0.0, FLOAT)
         for i in range(self.axes):
-            pace, below, above = (steps.input(f"{x}{i}") for x in ("pace", "below", "above"))
+            below, above = steps.input(f"below{i}"), steps.input(f"above{i}")
+            pace = 2.0 * (steps.input(f"half{i}") * steps.input(f"speed{i}"))
             lower, upper = steps.input(f"plain_below{i}"), steps.input(f"plain_above{i}")
             differ = _at_least(abs(below - lower), abs(above - upper))
             most = most + pace * (differ + 0.5 * abs(upper - lower))
