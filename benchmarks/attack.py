@@ -20,16 +20,28 @@ from attacks import engine, planted
 
 def main() -> int:
     names = [k.name for k in engine.kinds()]
-    ask = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    ask.add_argument("--minutes", type=float, help="wall time of the cases; what is found is shrunk after it")
+    ask = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    ask.add_argument(
+        "--minutes", type=float, help="wall time of the cases; what is found is shrunk after it"
+    )
     ask.add_argument("--count", type=int, help="cases of each kind, in place of --minutes")
     ask.add_argument("--seed", type=int, default=1)
-    ask.add_argument("--kind", action="append", choices=names, help="only this kind (again: several)")
+    ask.add_argument(
+        "--kind", action="append", choices=names, help="only this kind (again: several)"
+    )
     ask.add_argument("--first", type=int, default=0, help="number of the first case")
     ask.add_argument("--only", type=int, help="one case, in this process")
     ask.add_argument("--workers", type=int, default=2)
-    ask.add_argument("--out", type=Path, default=Path("attack"), help="folder of the faults and the table")
-    ask.add_argument("--planted", action="store_true", help="break the product on purpose: is every breakage found?")
+    ask.add_argument(
+        "--out", type=Path, default=Path("attack"), help="folder of the faults and the table"
+    )
+    ask.add_argument(
+        "--planted",
+        action="store_true",
+        help="break the product on purpose: is every breakage found?",
+    )
     asked = ask.parse_args()
     chosen = [k for k in engine.kinds() if not asked.kind or k.name in asked.kind]
     if asked.planted:

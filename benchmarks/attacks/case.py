@@ -56,10 +56,6 @@ class Kind:
     shown: tuple[str, ...] = ()
 
 
-class Refused(Exception):
-    """The product refused, by name, at a step."""
-
-
 def without_numbers(text: str) -> str:
     """A message without its numbers, to count messages of one kind."""
     return re.sub(r"[-+]?[0-9]+([.][0-9]+)?(e[-+]?[0-9]+)?", "#", text)

@@ -15,7 +15,7 @@ import holdfast as hf
 from attacks import writing
 from attacks.case import Fault, Kind, Outcome, attacked
 from attacks.oracle import moved, points, rates_at, worst
-from attacks.problems import ALIKE, Problem, drawn, problem
+from attacks.problems import ALIKE, Problem, drawn, problem, times
 from attacks.product import Built
 from holdfast_check.checker import NotValidError, check
 
@@ -32,11 +32,7 @@ def certified_problem(seed: int, number: int) -> Problem:
     p = replace(p, region=tuple(c for c in p.region if "*t" not in c), literal=False)
     if p.inputs and p.inputs[0] == "ball" and number // ALIKE % 10:  # most have boxes
         p = replace(p, inputs=["box", [-p.inputs[1]] * p.inputs[2], [p.inputs[1]] * p.inputs[2]])
-    if p.disturbances:  # weaker ones than of kernels: cells cost something too
-        weaker = [[0.4 * v for v in w] if isinstance(w, list) else w for w in p.disturbances]
-        if weaker[0] == "ball":
-            weaker[1] = 0.4 * float(p.disturbances[1])
-        p = replace(p, disturbances=weaker)
+    p = replace(p, disturbances=times(p.disturbances, 0.4))  # cells cost something too
     return replace(p, scales=tuple(1.0 for _ in p.scales), clock=1.0)
 
 
@@ -52,11 +48,18 @@ class Setting:
         speed = np.abs(rates_at(p, x, [v * ones for v in u], [v * ones for v in d])).max(axis=1)
         cells = CELLS[len(p.low)]
         size = (np.array(p.high) - np.array(p.low)) / cells
-        self.hold = float(f"{float(g.choice([0.5, 1, 2])) * np.min(size / np.maximum(speed, 1e-6)):.2g}")
+        self.hold = float(
+            f"{float(g.choice([0.5, 1, 2])) * np.min(size / np.maximum(speed, 1e-6)):.2g}"
+        )
         self.options: dict[str, Any] = {
-            "box": {n: (a, a + 2 * np.pi if t else b) for n, a, b, t in zip(p.states, p.low, p.high, p.angles, strict=True)},
-            "cells": cells, "sample_time": self.hold, "inputs": 3 if "u1" in "".join(p.rates) else 5,
-        }  # fmt: skip
+            "box": {
+                n: (a, a + 2 * np.pi if t else b)
+                for n, a, b, t in zip(p.states, p.low, p.high, p.angles, strict=True)
+            },
+            "cells": cells,
+            "sample_time": self.hold,
+            "inputs": 3 if "u1" in "".join(p.rates) else 5,
+        }
         if g.random() < 0.25:
             self.options["delay"] = float(f"{self.hold * drawn(g, 0.1, 0.5):.2g}")
         if g.random() < 0.2:
@@ -76,7 +79,9 @@ def trial(p: Problem, seed: int, number: int) -> dict[str, Any]:
     kept = found.kept
     if not len(kept.members):
         return {"runs": 0}
-    told: dict[str, Any] = {"runs": RUNS, "cells": len(kept.members)} | simulated(p, built, found, setting)
+    told: dict[str, Any] = {"runs": RUNS, "cells": len(kept.members)} | simulated(
+        p, built, found, setting
+    )
     if len(kept.entries) <= 500:
         told |= checked(found)
     return told
@@ -99,7 +104,11 @@ def simulated(p: Problem, built: Built, found: hf.Certificate, setting: Setting)
     g, kept = setting.generator, found.kept
     low, high = kept.cells.corners(kept.members)
     at = g.integers(len(low), size=RUNS)
-    place = np.where(g.random((RUNS, 1)) < 0.3, g.integers(0, 2, (RUNS, len(p.low))), g.random((RUNS, len(p.low))))
+    place = np.where(
+        g.random((RUNS, 1)) < 0.3,
+        g.integers(0, 2, (RUNS, len(p.low))),
+        g.random((RUNS, len(p.low))),
+    )
     place = 1e-9 + (1 - 2e-9) * place
     x = (low[at] + place * (high[at] - low[at])).T
     keep = hf.CertifiedFilter(found, built.system)
@@ -108,7 +117,11 @@ def simulated(p: Problem, built: Built, found: hf.Certificate, setting: Setting)
     pushed = members[g.integers(len(members), size=RUNS)]
     before = pool[g.integers(len(pool), size=RUNS)]
     before = np.clip(before, np.min(found.candidates, axis=0), np.max(found.candidates, axis=0))
-    left, outside, reach = np.full(RUNS, -math.inf), 0, HOLDS if kept.holds is None else min(kept.holds, HOLDS)
+    left, outside, reach = (
+        np.full(RUNS, -math.inf),
+        0,
+        HOLDS if kept.holds is None else min(kept.holds, HOLDS),
+    )
     for _ in range(reach):
         commands = pool[g.integers(len(pool), size=RUNS)]
         decisions = keep.step_many(np.ascontiguousarray(x.T), commands)
@@ -127,7 +140,11 @@ def simulated(p: Problem, built: Built, found: hf.Certificate, setting: Setting)
                 x[i] = (x[i] - p.low[i]) % (2 * np.pi) + p.low[i]
         x = np.clip(x, -1e6, 1e6)
     gone = left > 1e-7
-    told: dict[str, Any] = {"left": int(gone.sum()), "in no cell": outside, "options": {k: v for k, v in setting.options.items() if k != "box"}}
+    told: dict[str, Any] = {
+        "left": int(gone.sum()),
+        "in no cell": outside,
+        "options": {k: v for k, v in setting.options.items() if k != "box"},
+    }
     if gone.any():
         told["by"] = float(left.max())
     return told
@@ -157,7 +174,7 @@ def _attempt(seed: int, number: int, outcome: Outcome) -> None:
             outcome.faults.append(Fault(sentence + late, f"{p.form} {told}"))
 
 
-# -- laws -------------------------------------------------------------------------------------------
+# -- laws -------------------------------------------------------------------------------------
 
 LAW_SENTENCES = {
     "lost though proved": "a law that is proved to keep its region leaves it",
@@ -174,16 +191,27 @@ def law_trial(p: Problem, seed: int, number: int) -> dict[str, Any]:
     middle = points(p.inputs, 2).mean(axis=0)
     gains = g.uniform(-2, 2, (len(middle), len(p.low))).round(1)
     law = hf.Law(
-        "linear", built.system.states,
+        "linear",
+        built.system.states,
         {
-            q: sp.Float(str(round(m, 3))) - sum(sp.Float(str(k)) * (sp.sin(s) if t else s) for k, s, t in zip(row, built.states, p.angles, strict=True))
+            q: sp.Float(str(round(m, 3)))
+            - sum(
+                sp.Float(str(k)) * (sp.sin(s) if t else s)
+                for k, s, t in zip(row, built.states, p.angles, strict=True)
+            )
             for q, m, row in zip(built.system.input_names, middle, gains, strict=True)
         },
-    )  # fmt: skip
-    options = {k: v for k, v in setting.options.items() if k in ("box", "cells", "sample_time", "delay")}
+    )
+    options = {
+        k: v for k, v in setting.options.items() if k in ("box", "cells", "sample_time", "delay")
+    }
     judged = hf.judge_law(built.system, built.region, law, **options)
     kept = judged.certificate.kept
-    told: dict[str, Any] = {"runs": 0, "verdict": str(judged.verdict), "options": {k: v for k, v in options.items() if k != "box"}}
+    told: dict[str, Any] = {
+        "runs": 0,
+        "verdict": str(judged.verdict),
+        "options": {k: v for k, v in options.items() if k != "box"},
+    }
     if not len(kept.members) or p.inputs is None or p.inputs[0] != "box" or "delay" in options:
         return told
     low, high = kept.cells.corners(kept.members)
@@ -205,9 +233,13 @@ def law_trial(p: Problem, seed: int, number: int) -> dict[str, Any]:
 
 
 def shrink(seed: int, number: int, fault: Fault) -> None:
-    body = f"p = certified_problem({seed}, {number})\nprint(p)\nprint({'law_trial' if number % 4 == 3 else 'trial'}(p, {seed}, {number}))\n"
+    tried = "law_trial" if number % 4 == 3 else "trial"
+    body = f"p = certified_problem({seed}, {number})\nprint(p)\n"
+    body += f"print({tried}(p, {seed}, {number}))\n"
     modules = ("case", "enclosures", "problems", "oracle", "product", "writing", "certificates")
     fault.text = writing.alone(f"{fault.signature}.\n\n{fault.message}", modules, body)
 
 
-KIND = Kind("certificates", attempt, shrink, share=1.0, seconds=90.0, shown=("runs", "checks", "laws"))
+KIND = Kind(
+    "certificates", attempt, shrink, share=1.0, seconds=90.0, shown=("runs", "checks", "laws")
+)

@@ -3,7 +3,8 @@
 Many runs side by side; the input is held between samples, measurements may be late by whole
 samples. The adversaries: one that lowers a value along its slope, one that looks a sample ahead,
 constant extremes, extremes that switch at random, and random members. The commands are constants,
-and members that change at a random pace: what a filter is for.
+members that change at a random pace, and the member that lowers the value most: what a filter is
+for.
 """
 
 from __future__ import annotations
@@ -55,20 +56,30 @@ def command_pool(bound: list[Any]) -> Array:
 
 
 def run(
-    p: Problem, keep: Any, starts: Array, sample: float, duration: float,
-    value: Callable[[Array], Array], generator: np.random.Generator, delay: int = 0,
+    p: Problem,
+    keep: Any,
+    starts: Array,
+    sample: float,
+    duration: float,
+    value: Callable[[Array], Array],
+    generator: np.random.Generator,
+    delay: int = 0,
+    slack: float = 0.0,
 ) -> Runs:
-    """Runs (n, runs) of a filter `keep` in the units of the problem; `value` is what adversaries lower.
+    """Runs of a filter `keep` from states (n, runs); `value` is what adversaries lower.
 
-    sample, duration: of the problem's time. delay: of measurements, in samples.
-    """  # fmt: skip
+    sample, duration: of the problem's time. delay: of measurements, in samples. slack: by how much
+    an inequality is exceeded before a run counts as one that has left.
+    """
     scales, clock = np.array(p.scales)[:, None], p.clock
     x, count = starts.copy(), starts.shape[1]
     foe = np.arange(count) % len(ADVERSARIES)
     members = points(p.disturbances, 2)
     pool = command_pool(p.inputs)
     nominal = pool[generator.integers(len(pool), size=count)]
-    restless = generator.random(count) < 0.6
+    temper = generator.random(count)
+    restless, outward = temper < 0.4, temper > 0.6
+    extremes = points(p.inputs, 2)
     pushed = members[generator.integers(len(members), size=count)]
     pace = generator.uniform(0.02, 0.3, count)
     result = Runs(np.full(count, -np.inf), left_at=np.full(count, np.inf), adversary=foe)
@@ -77,14 +88,22 @@ def run(
     width = np.maximum(p.cells, 1e-9)[:, None]
     for step in range(max(int(duration / sample), 1)):
         changed = restless & (generator.random(count) < 10 * sample / duration)
-        nominal = np.where(changed[:, None], pool[generator.integers(len(pool), size=count)], nominal)
+        nominal = np.where(
+            changed[:, None], pool[generator.integers(len(pool), size=count)], nominal
+        )
+        ones = np.ones(count)
+        nexts = [value(moved(p, x, [v * ones for v in c], pushed.T, sample)) for c in extremes]
+        nominal = np.where(outward[:, None], extremes[np.argmin(nexts, axis=0)], nominal)
         measured = seen[max(len(seen) - 1 - delay, 0)]
-        decisions = keep.step_many(np.ascontiguousarray((measured * scales).T), nominal, t=step * sample * clock)
+        decisions = keep.step_many(
+            np.ascontiguousarray((measured * scales).T), nominal, t=step * sample * clock
+        )
         u = np.asarray(decisions.input)
-        _inspect(p, result, decisions, nominal, u, step * sample)
+        doubt = inspect(p, result, decisions, nominal, u)
+        result.infeasible |= doubt & ~np.isfinite(result.left_at)
         u = np.where(np.isfinite(u), u, 0.0)
         d = pushed
-        if members.shape[1]:
+        if members.shape[1] and len(members) > 1:
             d = _pushes(p, x, u, members, foe, pushed, sample, value, width)
             switch = generator.random(count) < pace
             fresh = members[generator.integers(len(members), size=count)]
@@ -93,7 +112,9 @@ def run(
         for _ in range(SUBSTEPS):
             x = moved(p, x, u.T, d.T, sample / SUBSTEPS)
             now = worst(p, x)
-            result.left_at = np.where((now > 0) & ~np.isfinite(result.left_at), step * sample, result.left_at)
+            result.left_at = np.where(
+                (now > slack) & ~np.isfinite(result.left_at), step * sample, result.left_at
+            )
             result.worst = np.fmax(result.worst, now)
         for i, turn in enumerate(p.angles):
             if turn:
@@ -104,9 +125,16 @@ def run(
 
 
 def _pushes(
-    p: Problem, x: Array, u: Array, members: Array, foe: Array, pushed: Array, sample: float,
-    value: Callable[[Array], Array], width: Array,
-) -> Array:  # fmt: skip
+    p: Problem,
+    x: Array,
+    u: Array,
+    members: Array,
+    foe: Array,
+    pushed: Array,
+    sample: float,
+    value: Callable[[Array], Array],
+    width: Array,
+) -> Array:
     """The disturbance of each run."""
     ones = np.ones(x.shape[1])
     slopes = []
@@ -124,8 +152,8 @@ def _pushes(
     return np.where((foe == 0)[:, None], members[np.argmin(falls, axis=0)], chosen)
 
 
-def _inspect(p: Problem, result: Runs, decisions: Any, nominal: Array, u: Array, t: float) -> None:
-    """What decisions say, against what they are."""
+def inspect(p: Problem, result: Runs, decisions: Any, nominal: Array, u: Array) -> Array:
+    """What decisions say, against what they are; where they say that they promise nothing."""
     status = np.array([s.value for s in decisions.status])
     finite = np.isfinite(u).all(axis=1)
     result.not_finite += int((~finite).sum())
@@ -133,5 +161,5 @@ def _inspect(p: Problem, result: Runs, decisions: Any, nominal: Array, u: Array,
     same = np.isclose(u, nominal, rtol=1e-6, atol=1e-9).all(axis=1)
     if ((status == "passed") & ~same).any():
         result.lies.append("says that it passed a command, and changed it")
-    doubt = (status == "infeasible") | (status == "outside the grid")
-    result.infeasible |= doubt & (t < result.left_at)
+    doubt: Array = (status == "infeasible") | (status == "outside the grid")
+    return doubt

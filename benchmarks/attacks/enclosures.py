@@ -57,7 +57,7 @@ def range_of_sine(low: Array, high: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Enclosure:
-    """Bounds (low, high) of a value, and of its slopes by each of the variables that are counted."""
+    """Bounds (low, high) of a value, and of its slopes by each counted variable."""
 
     value: tuple[Array, Array]
     slopes: Mapping[int, tuple[Array, Array]]
@@ -173,11 +173,21 @@ def _choice(larger: bool) -> Callable[[Any, Any], Enclosure]:
 
 
 ENCLOSED: dict[str, Callable[..., Any]] = {
-    "abs": abs, "max": _choice(True), "min": _choice(False), "sin": sine, "cos": cosine, "sqrt": root,
-}  # fmt: skip
+    "abs": abs,
+    "max": _choice(True),
+    "min": _choice(False),
+    "sin": sine,
+    "cos": cosine,
+    "sqrt": root,
+}
 NUMBERS: dict[str, Callable[..., Any]] = {
-    "abs": np.abs, "max": np.maximum, "min": np.minimum, "sin": np.sin, "cos": np.cos, "sqrt": np.sqrt,
-}  # fmt: skip
+    "abs": np.abs,
+    "max": np.maximum,
+    "min": np.minimum,
+    "sin": np.sin,
+    "cos": np.cos,
+    "sqrt": np.sqrt,
+}
 """What a formula may call, for enclosures and for arrays of numbers."""
 
 _COMPILED: dict[str, CodeType] = {}
@@ -198,10 +208,12 @@ def enclose_all(
     low, high = (np.array([np.broadcast_to(v.value[i], shape) for v in values]) for i in (0, 1))
     zero = (np.zeros(()), np.zeros(()))
     slopes = [
-        np.array([
-            [np.broadcast_to(v.slopes.get(k, zero)[i], shape) for k in range(variables)]
-            for v in values
-        ]).reshape(len(texts), variables, *shape)
+        np.array(
+            [
+                [np.broadcast_to(v.slopes.get(k, zero)[i], shape) for k in range(variables)]
+                for v in values
+            ]
+        ).reshape(len(texts), variables, *shape)
         for i in (0, 1)
-    ]  # fmt: skip
+    ]
     return (low, high), (slopes[0], slopes[1])

@@ -70,14 +70,19 @@ class Tally:
 
     def plain(self) -> dict[str, Any]:
         return {
-            "kind": self.kind.name, "cases": self.cases, "judged": self.judged,
-            "refused": sum(self.refused.values()), "refused_by": dict(self.refused.most_common()),
-            "faults": dict(self.faults), "counts": dict(self.counts), "cpu_s": round(self.cpu, 1),
+            "kind": self.kind.name,
+            "cases": self.cases,
+            "judged": self.judged,
+            "refused": sum(self.refused.values()),
+            "refused_by": dict(self.refused.most_common()),
+            "faults": dict(self.faults),
+            "counts": dict(self.counts),
+            "cpu_s": round(self.cpu, 1),
             "first": {s: n for s, (n, _) in self.first.items()},
-        }  # fmt: skip
+        }
 
 
-# -- processes --------------------------------------------------------------------------------------
+# -- processes --------------------------------------------------------------------------------
 
 
 def _serve(pipe: Connection, planted: str | None) -> None:
@@ -164,7 +169,13 @@ class Worker:
                 self.process.kill()
 
 
-def _numbers(chosen: Sequence[Kind], enough: Callable[[Tally], bool], tallies: dict[str, Tally], begun: Counter[str], first: int) -> Iterator[tuple[Kind, int]]:
+def _numbers(
+    chosen: Sequence[Kind],
+    enough: Callable[[Tally], bool],
+    tallies: dict[str, Tally],
+    begun: Counter[str],
+    first: int,
+) -> Iterator[tuple[Kind, int]]:
     """Cases, the kind that has had least of its share of time next."""
     while left := [k for k in chosen if not enough(tallies[k.name])]:
         kind = min(left, key=lambda k: (tallies[k.name].cpu + 0.05 * begun[k.name]) / k.share)
@@ -173,10 +184,17 @@ def _numbers(chosen: Sequence[Kind], enough: Callable[[Tally], bool], tallies: d
 
 
 def run(
-    chosen: Sequence[Kind], seed: int, *, minutes: float | None = None, count: int | None = None,
-    workers: int = 2, first: int = 0, planted: str | None = None, progress: bool = False,
+    chosen: Sequence[Kind],
+    seed: int,
+    *,
+    minutes: float | None = None,
+    count: int | None = None,
+    workers: int = 2,
+    first: int = 0,
+    planted: str | None = None,
+    progress: bool = False,
     until: str | None = None,
-) -> dict[str, Tally]:  # fmt: skip
+) -> dict[str, Tally]:
     """Try cases for so many minutes, or so many of each kind.
 
     first: number of the first case. until: stop at the first fault whose signature has this in it.
@@ -201,7 +219,13 @@ def run(
     return tallies
 
 
-def _work(crew: list[Worker], cases: Iterator[tuple[Kind, int]], seed: int, tallies: dict[str, Tally], progress: bool) -> None:
+def _work(
+    crew: list[Worker],
+    cases: Iterator[tuple[Kind, int]],
+    seed: int,
+    tallies: dict[str, Tally],
+    progress: bool,
+) -> None:
     busy: dict[int, tuple[Kind, int]] = {}
     more = True
     shown = time.monotonic()
@@ -223,7 +247,9 @@ def _work(crew: list[Worker], cases: Iterator[tuple[Kind, int]], seed: int, tall
                 tallies[kind.name].add(number, *got)
         if progress and time.monotonic() - shown > 20:
             shown = time.monotonic()
-            told = ", ".join(f"{t.kind.name} {t.cases} ({sum(t.faults.values())})" for t in tallies.values())
+            told = ", ".join(
+                f"{t.kind.name} {t.cases} ({sum(t.faults.values())})" for t in tallies.values()
+            )
             print(f"cases (faults): {told}", file=sys.stderr, flush=True)
 
 
@@ -244,14 +270,21 @@ def write_faults(tallies: dict[str, Tally], seed: int, folder: Path) -> list[Pat
                 else:
                     got = worker.answer()[0]
                 fault = got if isinstance(got, Fault) and got.text else fault
-                text = fault.text or f'"""{signature}\n\n{fault.message}\n\n{t.kind.name}, seed {seed}, case {number}.\n"""\n'
+                text = (
+                    fault.text
+                    or f'"""{signature}\n\n{fault.message}\n\nseed {seed}, case {number}\n"""\n'
+                )
                 folder.mkdir(parents=True, exist_ok=True)
-                path = folder / f"{t.kind.name.replace(' ', '_')}_{number}_{k}{fault.suffix if fault.text else '.py'}"
+                path = folder / f"{t.kind.name.replace(' ', '_')}_{number}_{k}{_suffix(fault)}"
                 path.write_text(text, "utf-8")
                 written.append(path)
     finally:
         worker.close()
     return written
+
+
+def _suffix(fault: Fault) -> str:
+    return fault.suffix if fault.text else ".py"
 
 
 def table(tallies: dict[str, Tally]) -> str:
@@ -262,14 +295,18 @@ def table(tallies: dict[str, Tally]) -> str:
         shown = ", ".join(f"{t.counts[k]:,.0f} {k}" for k in t.kind.shown if t.counts[k])
         judged += f" ({shown})" if shown else ""
         lines.append(
-            f"| {t.kind.name} | {t.cases:,} | {judged} | {100 * t.share_refused:.1f} % | {sum(t.faults.values())} | {t.cpu:.0f} |"
+            f"| {t.kind.name} | {t.cases:,} | {judged} | {100 * t.share_refused:.1f} % "
+            f"| {sum(t.faults.values())} | {t.cpu:.0f} |"
         )
     for t in tallies.values():
         for reason, number in t.refused.most_common(8):
             lines.append(f"refused {number:5d}  {t.kind.name}: {reason}")
     for t in tallies.values():
         for signature, number in t.faults.most_common():
-            lines.append(f"FAULT   {number:5d}  {t.kind.name}: {signature} (first: case {t.first[signature][0]})")
+            lines.append(
+                f"FAULT   {number:5d}  {t.kind.name}: {signature} "
+                f"(first: case {t.first[signature][0]})"
+            )
     return "\n".join(lines)
 
 

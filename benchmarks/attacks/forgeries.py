@@ -2,7 +2,7 @@
 
 Whether a forged statement is false is found by simulation of the statement in the file: from some
 state of an entry's cell, under its held input and a constant disturbance at a corner, the vehicle
-leaves the region or arrives in no cell of the file. What simulation cannot show false is not judged.
+leaves the region or arrives in no cell of the file. What simulation does not show is not judged.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from attacks import writing
 from attacks.case import Fault, Kind, Outcome, attacked
 from attacks.certificates import certified, certified_problem
 from attacks.enclosures import NUMBERS
-from holdfast_check.checker import NotValidError, check
+from holdfast_check.checker import check
 
 EACH = 10
 """Forgeries of one honest certificate."""
@@ -44,14 +44,18 @@ def sealed(path: Path, header: dict[str, Any], entries: Entries) -> None:
     """A file with the right digest."""
     packed = zlib.compress(b"".join(struct.pack("<IHI", *e) for e in entries))
     content = json.dumps(header, separators=(",", ":"), sort_keys=True).encode() + b"\n" + packed
-    path.write_bytes(b"holdfast-certificate 1 %s\n" % hashlib.sha256(content).hexdigest().encode() + content)
+    path.write_bytes(
+        b"holdfast-certificate 1 %s\n" % hashlib.sha256(content).hexdigest().encode() + content
+    )
 
 
 def numbers(row: list[str]) -> np.ndarray:
     return np.array([float.fromhex(v) for v in row])
 
 
-def forged(header: dict[str, Any], entries: Entries, g: np.random.Generator) -> tuple[str, dict[str, Any], Entries]:
+def forged(
+    header: dict[str, Any], entries: Entries, g: np.random.Generator
+) -> tuple[str, dict[str, Any], Entries]:
     """(what was done, header, entries)."""
     h, e = copy.deepcopy(header), list(entries)
     total = int(np.prod([len(v) - 1 for v in h["edges"]]))
@@ -84,7 +88,9 @@ def forged(header: dict[str, Any], entries: Entries, g: np.random.Generator) -> 
 
     def tighter() -> None:
         row = h["constraints"][int(g.integers(len(h["constraints"])))]
-        row["expression"] = f"({row['expression']}) + {float(g.choice([0.05, 0.3]))!r}".replace("0.05", "1/20").replace("0.3", "3/10")
+        row["expression"] = f"({row['expression']}) + {float(g.choice([0.05, 0.3]))!r}".replace(
+            "0.05", "1/20"
+        ).replace("0.3", "3/10")
 
     def weaker_inputs() -> None:
         h["candidates"] = [[float(0.6 * v).hex() for v in numbers(row)] for row in h["candidates"]]
@@ -94,9 +100,14 @@ def forged(header: dict[str, Any], entries: Entries, g: np.random.Generator) -> 
         h["rates"][k] = f"({h['rates'][k]}) + 1/10"
 
     ways |= {
-        "inputs of entries exchanged": other_inputs, "cells added": more_cells, "a cell taken away": fewer_cells,
-        "a longer hold": longer_hold, "a tighter constraint": tighter, "weaker inputs": weaker_inputs, "another rate": other_rate,
-    }  # fmt: skip
+        "inputs of entries exchanged": other_inputs,
+        "cells added": more_cells,
+        "a cell taken away": fewer_cells,
+        "a longer hold": longer_hold,
+        "a tighter constraint": tighter,
+        "weaker inputs": weaker_inputs,
+        "another rate": other_rate,
+    }
     if h["disturbances"]:
         ways["a stronger disturbance"] = stronger_push
     name = list(ways)[int(g.integers(len(ways)))]
@@ -117,9 +128,18 @@ def shown_false(h: dict[str, Any], entries: Entries, g: np.random.Generator) -> 
     low = np.array([v[i] for v, i in zip(edges, index, strict=True)])
     high = np.array([v[i + 1] for v, i in zip(edges, index, strict=True)])
     held = np.array([numbers(h["candidates"][k]) for _, k, _ in entries]).T
-    pushes = [numbers(d["range"]) for d in h["disturbances"]] + [numbers(d["range"]) for d in h["parameters"]]
+    pushes = [numbers(d["range"]) for d in h["disturbances"]] + [
+        numbers(d["range"]) for d in h["parameters"]
+    ]
     names = [d["name"] for d in (*h["states"], *h["inputs"], *h["disturbances"], *h["parameters"])]
-    functions = {**NUMBERS, "Abs": np.abs, "magnitude": np.abs, "least": np.minimum, "greatest": np.maximum, "pi": np.pi}
+    functions = {
+        **NUMBERS,
+        "Abs": np.abs,
+        "magnitude": np.abs,
+        "least": np.minimum,
+        "greatest": np.maximum,
+        "pi": np.pi,
+    }
     code = [compile(r, "<rate>", "eval") for r in h["rates"]]
     kept = [compile(c["expression"], "<constraint>", "eval") for c in h["constraints"]]
     hold = float.fromhex(h["hold"])
@@ -198,8 +218,23 @@ def _attempt(seed: int, number: int, outcome: Outcome) -> None:
 
 
 def shrink(seed: int, number: int, fault: Fault) -> None:
-    modules = ("case", "enclosures", "problems", "oracle", "product", "writing", "certificates", "forgeries")
-    fault.text = writing.alone(f"{fault.signature}.\n\n{fault.message}", modules, f"print(attempt({seed}, {number}).faults)\n")
+    modules = (
+        "case",
+        "enclosures",
+        "problems",
+        "oracle",
+        "product",
+        "writing",
+        "certificates",
+        "forgeries",
+    )
+    fault.text = writing.alone(
+        f"{fault.signature}.\n\n{fault.message}",
+        modules,
+        f"print(attempt({seed}, {number}).faults)\n",
+    )
 
 
-KIND = Kind("forged certificates", attempt, shrink, share=0.7, seconds=90.0, shown=("forgeries", "false"))
+KIND = Kind(
+    "forged certificates", attempt, shrink, share=0.7, seconds=90.0, shown=("forgeries", "false")
+)

@@ -1,4 +1,4 @@
-"""Identification: random craft, inputs and noise; do the intervals hold the truth as often as said?"""
+"""Identification: random craft, inputs and noise; do intervals hold the truth as often as said?"""
 
 from __future__ import annotations
 
@@ -22,44 +22,86 @@ Rates = Callable[[dict[str, float], np.ndarray, np.ndarray], np.ndarray]
 
 
 def craft(number: int) -> tuple[hf.System, list[str], dict[str, tuple[float, float]], Rates]:
-    """(system, parameters to estimate, their ranges, the same rates in NumPy) of one of four craft."""
+    """(system, what to estimate, ranges, the rates in NumPy) of one of four craft."""
     s = hf.symbol
     quantity, parameter = hf.Quantity, hf.Parameter
     form = number // 8 % 4
     if form == 0:  # surge with linear and quadratic drag
         ranges = {"a": (0.5, 3), "b": (0.5, 4)}
         system = hf.System(
-            "surge", (quantity("v", "m/s"),), (quantity("X", "N"),),
+            "surge",
+            (quantity("v", "m/s"),),
+            (quantity("X", "N"),),
             {"v": (s("X") - s("a") * s("v") - s("b") * s("v") * abs(s("v"))) / s("m")},
             input_bounds=hf.Box((-10,), (10,)),
-            parameters=(parameter("a", "kg/s", value=1.0), parameter("b", "kg/m", value=1.0), parameter("m", "kg", value=4.0)),
-        )  # fmt: skip
-        return system, ["a", "b"], ranges, lambda p, q, u: np.array([(u[0] - p["a"] * q[0] - p["b"] * q[0] * abs(q[0])) / 4.0])
+            parameters=(
+                parameter("a", "kg/s", value=1.0),
+                parameter("b", "kg/m", value=1.0),
+                parameter("m", "kg", value=4.0),
+            ),
+        )
+        return (
+            system,
+            ["a", "b"],
+            ranges,
+            lambda p, q, u: np.array([(u[0] - p["a"] * q[0] - p["b"] * q[0] * abs(q[0])) / 4.0]),
+        )
     if form == 1:  # a heading and its rate
         ranges = {"c": (0.3, 2), "k": (0.5, 3)}
         system = hf.System(
-            "yaw", (quantity("psi", "rad"), quantity("r", "rad/s")), (quantity("n", "N m"),),
-            {"psi": s("r"), "r": s("k") * s("n") - s("c") * s("r")}, input_bounds=hf.Box((-10,), (10,)),
+            "yaw",
+            (quantity("psi", "rad"), quantity("r", "rad/s")),
+            (quantity("n", "N m"),),
+            {"psi": s("r"), "r": s("k") * s("n") - s("c") * s("r")},
+            input_bounds=hf.Box((-10,), (10,)),
             parameters=(parameter("c", "1/s", value=1.0), parameter("k", "1/(kg m^2)", value=1.0)),
-        )  # fmt: skip
-        return system, ["c", "k"], ranges, lambda p, q, u: np.array([q[1], p["k"] * u[0] - p["c"] * q[1]])
+        )
+        return (
+            system,
+            ["c", "k"],
+            ranges,
+            lambda p, q, u: np.array([q[1], p["k"] * u[0] - p["c"] * q[1]]),
+        )
     if form == 2:  # a pendulum
         ranges = {"w": (1, 5), "z": (0.2, 1.5)}
         system = hf.System(
-            "pendulum", (quantity("th", "rad"), quantity("r", "rad/s")), (quantity("n", "1/s^2"),),
-            {"th": s("r"), "r": s("n") - s("w") * hf.parse_expression("sin(th)", {"th": s("th")}) - s("z") * s("r")},
+            "pendulum",
+            (quantity("th", "rad"), quantity("r", "rad/s")),
+            (quantity("n", "1/s^2"),),
+            {
+                "th": s("r"),
+                "r": s("n")
+                - s("w") * hf.parse_expression("sin(th)", {"th": s("th")})
+                - s("z") * s("r"),
+            },
             input_bounds=hf.Box((-10,), (10,)),
             parameters=(parameter("w", "1/s^2", value=2.0), parameter("z", "1/s", value=0.5)),
-        )  # fmt: skip
-        return system, ["w", "z"], ranges, lambda p, q, u: np.array([q[1], u[0] - p["w"] * np.sin(q[0]) - p["z"] * q[1]])
-    ranges = {"a": (0.3, 1.5), "c": (0.3, 1.5), "h": (0.3, 1.5)}  # surge and sway that feed each other
+        )
+        return (
+            system,
+            ["w", "z"],
+            ranges,
+            lambda p, q, u: np.array([q[1], u[0] - p["w"] * np.sin(q[0]) - p["z"] * q[1]]),
+        )
+    ranges = {
+        "a": (0.3, 1.5),
+        "c": (0.3, 1.5),
+        "h": (0.3, 1.5),
+    }  # surge and sway that feed each other
     system = hf.System(
-        "coupled", (quantity("u", "m/s"), quantity("v", "m/s")), (quantity("X", "m/s^2"), quantity("Y", "m/s^2")),
+        "coupled",
+        (quantity("u", "m/s"), quantity("v", "m/s")),
+        (quantity("X", "m/s^2"), quantity("Y", "m/s^2")),
         {"u": s("X") - s("a") * s("u") + s("h") * s("v"), "v": s("Y") - s("c") * s("v")},
         input_bounds=hf.Box((-10, -10), (10, 10)),
         parameters=tuple(parameter(n, "1/s", value=1.0) for n in ranges),
-    )  # fmt: skip
-    return system, list(ranges), ranges, lambda p, q, u: np.array([u[0] - p["a"] * q[0] + p["h"] * q[1], u[1] - p["c"] * q[1]])
+    )
+    return (
+        system,
+        list(ranges),
+        ranges,
+        lambda p, q, u: np.array([u[0] - p["a"] * q[0] + p["h"] * q[1], u[1] - p["c"] * q[1]]),
+    )
 
 
 def trial(seed: int, number: int) -> list[dict[str, Any]]:
@@ -84,14 +126,23 @@ def trial(seed: int, number: int) -> list[dict[str, Any]]:
     noise = float(g.choice([0.003, 0.01, 0.03])) * np.std(clean, axis=0)
     measured = clean + noise * g.standard_normal(clean.shape)
     log = hf.Log(
-        "drawn", {n: hf.Signal(time, v) for n, v in zip(system.state_names, measured.T, strict=True)},
-        {n: hf.Signal(time, v) for n, v in zip(system.input_names, pieces.T, strict=True)}, gap=10 * dt,
-    )  # fmt: skip
+        "drawn",
+        {n: hf.Signal(time, v) for n, v in zip(system.state_names, measured.T, strict=True)},
+        {n: hf.Signal(time, v) for n, v in zip(system.input_names, pieces.T, strict=True)},
+        gap=10 * dt,
+    )
     found = hf.identify(system, log, estimate=names, level=LEVEL)
     return [
-        {"name": e.name, "truth": truth[e.name], "low": e.low, "high": e.high, "said": str(getattr(e.status, "value", e.status))}
-        for e in found.parameters if e.name in truth
-    ]  # fmt: skip
+        {
+            "name": e.name,
+            "truth": truth[e.name],
+            "low": e.low,
+            "high": e.high,
+            "said": str(getattr(e.status, "value", e.status)),
+        }
+        for e in found.parameters
+        if e.name in truth
+    ]
 
 
 def attempt(seed: int, number: int) -> Outcome:
@@ -113,10 +164,13 @@ def _attempt(seed: int, number: int, outcome: Outcome) -> None:
 def chance_of_at_most(held: int, count: int, level: float) -> float:
     """P(X <= held) of a binomial X."""
     logs = [
-        math.lgamma(count + 1) - math.lgamma(k + 1) - math.lgamma(count - k + 1)
-        + k * math.log(level) + (count - k) * math.log1p(-level)
+        math.lgamma(count + 1)
+        - math.lgamma(k + 1)
+        - math.lgamma(count - k + 1)
+        + k * math.log(level)
+        + (count - k) * math.log1p(-level)
         for k in range(held + 1)
-    ]  # fmt: skip
+    ]
     return min(1.0, sum(math.exp(v) for v in logs))
 
 
@@ -129,12 +183,29 @@ def conclude(notes: list[Any]) -> list[Fault]:
     for name, held in groups.items():
         chance = chance_of_at_most(sum(held), len(held), LEVEL) if held else 1.0
         if chance < RARE:
-            faults.append(Fault(f"intervals of {LEVEL:.0%} hold the truth too seldom: {name}", f"{sum(held)} of {len(held)}, a chance of {chance:.1g}"))
+            faults.append(
+                Fault(
+                    f"intervals of {LEVEL:.0%} hold the truth too seldom: {name}",
+                    f"{sum(held)} of {len(held)}, a chance of {chance:.1g}",
+                )
+            )
     return faults
 
 
 def shrink(seed: int, number: int, fault: Fault) -> None:
-    fault.text = writing.alone(f"{fault.signature}.\n\n{fault.message}", ("case", "problems", "writing", "identification"), f"print(trial({seed}, {number}))\n")
+    fault.text = writing.alone(
+        f"{fault.signature}.\n\n{fault.message}",
+        ("case", "problems", "writing", "identification"),
+        f"print(trial({seed}, {number}))\n",
+    )
 
 
-KIND = Kind("identification", attempt, shrink, share=0.7, seconds=60.0, conclude=conclude, shown=("intervals", "hold"))
+KIND = Kind(
+    "identification",
+    attempt,
+    shrink,
+    share=0.7,
+    seconds=60.0,
+    conclude=conclude,
+    shown=("intervals", "hold"),
+)

@@ -13,7 +13,7 @@ import numpy as np
 
 from attacks import writing
 from attacks.case import Fault, Kind, Outcome, attacked
-from attacks.oracle import COUNTS, Brackets, brackets
+from attacks.oracle import COUNTS, brackets
 from attacks.problems import Problem, problem, widened, words
 from attacks.product import Built
 from holdfast.errors import HoldfastError
@@ -27,7 +27,9 @@ one and two states with one input."""
 
 def judge(p: Problem, built: Built, value: Any, tolerance: float = TOLERANCE) -> dict[str, Any]:
     """Nodes that the product keeps and that are surely lost, and the reverse."""
-    horizon = math.inf if value.report.converged and p.kind in ("kernel", "invariance") else p.horizon
+    horizon = (
+        math.inf if value.report.converged and p.kind in ("kernel", "invariance") else p.horizon
+    )
     lines = [a.nodes / k for a, k in zip(value.grid.axes, p.scales, strict=True)]
     nodes = np.array([m.ravel() for m in np.meshgrid(*lines, indexing="ij")])
     kept = value.values().ravel() > 0
@@ -39,17 +41,26 @@ def judge(p: Problem, built: Built, value: Any, tolerance: float = TOLERANCE) ->
         if sure is None:
             lost, held = np.ones(len(kept), bool), np.zeros(len(kept), bool)
         else:
-            lost, held = sure.none_outer(nodes - wide, nodes + wide), sure.all_inner(nodes - wide, nodes + wide)
+            lost, held = (
+                sure.none_outer(nodes - wide, nodes + wide),
+                sure.all_inner(nodes - wide, nodes + wide),
+            )
         found |= {"lost": int(lost.sum()), "held": int(held.sum())}
         found["kept but lost"] = int((kept & lost).sum())
-        found["lost but kept"] = int((~kept & held & _open(p, nodes)).sum())
+        lacks = ~kept & held & _open(p, nodes) & (not wears_away(p))
+        found["lost but kept"] = int(lacks.sum())
         if found["kept but lost"] or found["lost but kept"] or _decided(kept, lost, held):
             break
-    wrong = (kept & lost) if found["kept but lost"] else (~kept & held)
+    wrong = (kept & lost) if found["kept but lost"] else lacks
     if wrong.any():
         worst = np.argmax(np.where(wrong, np.abs(value.values().ravel()), -1))
         found["state"] = [float(v) for v in nodes[:, worst]]
     return found
+
+
+def wears_away(p: Problem) -> bool:
+    """Whether the page says of the dissipation that it makes sets smaller than they are."""
+    return p.options.get("dissipation", "local-local") != "local-local"
 
 
 def _open(p: Problem, nodes: np.ndarray) -> np.ndarray:
@@ -57,7 +68,9 @@ def _open(p: Problem, nodes: np.ndarray) -> np.ndarray:
     inside = np.ones(nodes.shape[1], bool)
     for i, turn in enumerate(p.angles):
         if not turn:
-            inside &= (nodes[i] > p.low[i] + 2 * p.cells[i]) & (nodes[i] < p.high[i] - 2 * p.cells[i])
+            inside &= (nodes[i] > p.low[i] + 2 * p.cells[i]) & (
+                nodes[i] < p.high[i] - 2 * p.cells[i]
+            )
     return inside
 
 
@@ -122,10 +135,11 @@ def compare_units(p: Problem, built: Built, value: Any, twin: Problem) -> str:
     slack = 0.05 if p.scheme.startswith("eno") else 1e-3
     if p.options.get("precision") == "float32":
         slack = max(slack, 0.01)
-    change = slack * max(_change(value.values()), 1e-300)
-    apart = float(np.max(np.abs(value.values() - other.values())))
-    if apart > change:
-        return f"values differ by {apart / change * slack:.2g} of the change over a cell"
+    near = slack * max(_change(value.values()), 1e-300)
+    first, second = value.values(), other.values()
+    apart = ((first > 0) != (second > 0)) & (np.maximum(np.abs(first), np.abs(second)) > near)
+    if apart.any():
+        return f"other sets: {int(apart.sum())} nodes"
     first, second = (v.dataset.attrs.get("steps") for v in (value, other))
     if first != second and slack == 1e-3:
         return f"{first} steps and {second} steps"
@@ -156,10 +170,15 @@ def _attempt(p: Problem, number: int, outcome: Outcome) -> None:
     if number % 6 == 0:
         twin = rescaled(p, np.random.default_rng([number, 9]))
         if told := compare_units(p, built, value, twin):
-            outcome.faults.append(Fault(f"other units, another answer: {told.split(':')[0].split(' by ')[0]}", f"{told} {twin.scales} {twin.clock}"))
+            outcome.faults.append(
+                Fault(
+                    f"other units, another answer: {told.split(':')[0].split(' by ')[0]}",
+                    f"{told} {twin.scales} {twin.clock}",
+                )
+            )
 
 
-# -- smaller problems with the same fault ---------------------------------------------------------
+# -- smaller problems with the same fault -----------------------------------------------------
 
 
 def smaller(p: Problem) -> Iterator[Problem]:
@@ -204,10 +223,15 @@ def shrink(seed: int, number: int, fault: Fault) -> None:
     what = next((w for w, s in VERDICTS.items() if fault.signature.startswith(s)), None)
     if what is not None:
         p = writing.shrunk(p, smaller, partial(wrong, what=what), seconds=40)
-        body = f"found = verdict(problem_of({p.plain()!r}))\nprint(found)\nprint(found[{what!r}], 'nodes:', {VERDICTS[what]!r})\n"
+        body = f"found = verdict(problem_of({p.plain()!r}))\nprint(found)\n"
+        body += f"print(found[{what!r}], 'nodes:', {VERDICTS[what]!r})\n"
     else:
         body = f"print(attempt({seed}, {number}).faults)\n"
-    fault.text = writing.alone(f"{fault.signature}.\n\n{fault.message}", ("case", "enclosures", "problems", "oracle", "product", "writing", "kernels"), body)
+    fault.text = writing.alone(
+        f"{fault.signature}.\n\n{fault.message}",
+        ("case", "enclosures", "problems", "oracle", "product", "writing", "kernels"),
+        body,
+    )
 
 
 KIND = Kind("kernels", attempt, shrink, share=3.0, seconds=90.0, shown=("nodes", "lost", "held"))

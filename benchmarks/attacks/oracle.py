@@ -32,7 +32,7 @@ from attacks.problems import Problem
 Array = np.ndarray
 REACH = 1 / 3
 """Of the domain, that a step may go at most."""
-COUNTS = {1: 3000, 2: 140, 3: 30}
+COUNTS = {1: 5000, 2: 140, 3: 30}
 """Cells along an axis, by the number of states."""
 
 
@@ -72,7 +72,9 @@ class Brackets:
         return some == every
 
 
-def _padded(s: Array, pads: Sequence[tuple[int, int]], turns: Sequence[bool], beyond: bool) -> Array:
+def _padded(
+    s: Array, pads: Sequence[tuple[int, int]], turns: Sequence[bool], beyond: bool
+) -> Array:
     for axis, (pad, turn) in enumerate(zip(pads, turns, strict=True)):
         widths = [pad if i == axis else (0, 0) for i in range(s.ndim)]
         s = np.pad(s, widths, mode="wrap") if turn else np.pad(s, widths, constant_values=beyond)
@@ -91,7 +93,7 @@ def _summed(s: Array) -> Array:
 def counted(
     sums: Array, first: Array, last: Array, pads: Sequence[tuple[int, int]]
 ) -> tuple[Array, Array]:
-    """(cells of the set, cells) in boxes of cells, both ends included; beyond the pad is the pad."""
+    """(cells of the set, cells) in boxes of cells, both ends included."""
     n = sums.ndim
     begin, end, every = [], [], np.ones(first.shape[1:], dtype=np.int64)
     for i in range(n):
@@ -111,7 +113,7 @@ def counted(
     return found, every
 
 
-# -- sets of inputs ---------------------------------------------------------------------------------
+# -- sets of inputs ---------------------------------------------------------------------------
 
 
 def pieces(bound: list[Any] | None, many: int) -> tuple[Array, Array]:
@@ -167,7 +169,7 @@ def hull_of(bound: list[Any] | None) -> tuple[Array, Array]:
     return corners.min(axis=0), corners.max(axis=0)
 
 
-# -- motion -----------------------------------------------------------------------------------------
+# -- motion -----------------------------------------------------------------------------------
 
 
 def names_at(p: Problem, x: Any, u: Any, d: Any, t: Any = 0.0) -> dict[str, Any]:
@@ -270,14 +272,16 @@ class Flow:
         varied = self.dt / 2 * self.varied @ wide
         return (self._start() + applied(self.most, rest) + varied).T
 
-    def radius_of_any_push(self) -> Array:
-        """Of states that any varying disturbance may lead to while an input is held, (n, cells)."""
+    def radii_of_any_push(self) -> tuple[Array, Array]:
+        """Of states that any varying disturbance may lead to, an input held: at the end of the
+        step, and at any time of it, (n, cells) each."""
         wide = (self.d[1] - self.d[0]) / 2
         rest = self.dt * (self.by_push @ wide)
-        return (self._start() + applied(self.most, rest)).T
+        at_end = self._start() + applied(self.most, rest)
+        return at_end.T, applied(self.most, self.half + rest).T
 
     def bulge(self) -> Array:
-        """How far a path of an eighth of a step may be outside the box of its two ends, (n, cells)."""
+        """How far a path of a quarter of a step may leave the box of its ends, (n, cells)."""
         return (self.dt / 4) ** 2 / 8 * applied(self.jacobian, self.speed.T).T
 
 
@@ -298,7 +302,7 @@ def exponential(m: Array) -> Array:
     return np.exp(-shift)[..., None, None] * (total + 2 * term) * (1 + 1e-9)
 
 
-# -- the brackets -----------------------------------------------------------------------------------
+# -- the brackets -----------------------------------------------------------------------------
 
 
 def brackets(
@@ -331,7 +335,13 @@ def brackets(
         inside = (every - size[:, None] / 2 >= grid_low) & (every + size[:, None] / 2 <= grid_high)
         stays = (inside | ~line).all(axis=0)
     else:
-        bounds = worst_over(p, every - size[:, None] / 2, every + size[:, None] / 2, "region", (0.0, time) if p.moves else start)
+        bounds = worst_over(
+            p,
+            every - size[:, None] / 2,
+            every + size[:, None] / 2,
+            "region",
+            (0.0, time) if p.moves else start,
+        )
         may_stay, stays = bounds[0] <= 0, bounds[1] < 0
     live = np.flatnonzero(may_stay)
     if not len(live):
@@ -346,9 +356,24 @@ def brackets(
     if reach:
         swept = flow.around
         goal_low = worst_over(p, middles - swept, middles + swept, "goal", start)[0] <= 0
-        goal_high = worst_over(p, middles - size[:, None] / 2, middles + size[:, None] / 2, "goal", start)[1] < 0
+        goal_high = (
+            worst_over(p, middles - size[:, None] / 2, middles + size[:, None] / 2, "goal", start)[
+                1
+            ]
+            < 0
+        )
     outer = _outer(p, flow, where, live, shape, steps, goal_low)
-    inner = _inner(p, flow, where, live, shape, steps + (0 if reach else 1), stays[live], goal_high, np.isfinite(time))
+    inner = _inner(
+        p,
+        flow,
+        where,
+        live,
+        shape,
+        steps + (0 if reach else 1),
+        stays[live],
+        goal_high,
+        np.isfinite(time),
+    )
     return Brackets(low, size, outer.reshape(shape), inner.reshape(shape), p.angles)
 
 
@@ -356,7 +381,9 @@ def _all_against(p: Problem) -> Problem:
     """Every input and disturbance as one disturbance: a box around both, or none."""
     from dataclasses import replace
 
-    low, high = (np.concatenate(v) for v in zip(hull_of(p.inputs), hull_of(p.disturbances), strict=True))
+    low, high = (
+        np.concatenate(v) for v in zip(hull_of(p.inputs), hull_of(p.disturbances), strict=True)
+    )
     count = len(hull_of(p.inputs)[0])
     names = {f"d{i}": f"d{i + count}" for i in reversed(range(len(low) - count))}
     names |= {f"u{i}": f"d{i}" for i in range(count)}
@@ -366,19 +393,21 @@ def _all_against(p: Problem) -> Problem:
             text = text.replace(old, new.replace("d", "#"))
         return text.replace("#", "d")
 
-    rounded = [b for b in (p.inputs, p.disturbances) if b and b[0] != "box" and not (b[0] == "ball" and b[2] == 1)]
+    rounded = [
+        b
+        for b in (p.inputs, p.disturbances)
+        if b and b[0] != "box" and not (b[0] == "ball" and b[2] == 1)
+    ]
     against: list[Any] = ["box", list(low), list(high)]
     if rounded:  # the outer set looks at members of the bounds alone
         against = ["listed", [list(v) for v in _members(p)], list(low), list(high)]
-    return replace(p, kind="kernel", inputs=None, disturbances=against, rates=tuple(map(renamed, p.rates)))
+    return replace(
+        p, kind="kernel", inputs=None, disturbances=against, rates=tuple(map(renamed, p.rates))
+    )
 
 
 def _members(p: Problem) -> list[Array]:
-    return [
-        np.concatenate([u, d])
-        for u in points(p.inputs, 3)
-        for d in points(p.disturbances, 3)
-    ]  # fmt: skip
+    return [np.concatenate([u, d]) for u in points(p.inputs, 3) for d in points(p.disturbances, 3)]
 
 
 def _pushes(p: Problem) -> Array:
@@ -453,9 +482,14 @@ def _ends(p: Problem, flow: Flow, u: Array, d: Array) -> tuple[Array, Array]:
 
 
 def _outer(
-    p: Problem, flow: Flow, where: _Places, live: Array, shape: tuple[int, ...], steps: int,
+    p: Problem,
+    flow: Flow,
+    where: _Places,
+    live: Array,
+    shape: tuple[int, ...],
+    steps: int,
     goal: Array | None,
-) -> Array:  # fmt: skip
+) -> Array:
     middles, half = pieces(p.inputs, _many(flow))
     boxes = []
     for d in _pushes(p):
@@ -498,10 +532,8 @@ def _many(flow: Flow) -> int:
     return int(np.clip(np.ceil(cells[-2] if len(cells) > 1 else 1), 8, 96))
 
 
-def _some(
-    sums: Array, first: Array, last: Array, witness: Array, asked: Array, pads: Any
-) -> Array:
-    """Whether some piece of inputs leads to a cell of the set; the piece that does is remembered."""
+def _some(sums: Array, first: Array, last: Array, witness: Array, asked: Array, pads: Any) -> Array:
+    """Whether some piece of inputs leads to a cell of the set; it is remembered."""
     good = np.zeros(len(asked), bool)
     left = np.arange(len(asked))
     mine = witness[asked]
@@ -519,11 +551,18 @@ def _some(
 
 
 def _inner(
-    p: Problem, flow: Flow, where: _Places, live: Array, shape: tuple[int, ...], steps: int,
-    stays: Array, goal: Array | None, finite: bool,
-) -> Array:  # fmt: skip
+    p: Problem,
+    flow: Flow,
+    where: _Places,
+    live: Array,
+    shape: tuple[int, ...],
+    steps: int,
+    stays: Array,
+    goal: Array | None,
+    finite: bool,
+) -> Array:
     middle = (flow.d[0] + flow.d[1]) / 2
-    radius = flow.radius_of_any_push()
+    radius, on_the_way = flow.radii_of_any_push()
     boxes, allowed = [], []
     chosen = points(p.inputs, {0: 1, 1: 5, 2: 3}[len(flow.u[0])])
     ones = np.ones(len(live))
@@ -533,15 +572,29 @@ def _inner(
         path, at = stays & flow.sure, flow.middles
         near = np.flatnonzero(path)
         if p.kind != "tube" and len(near):
-            sure = worst_over(p, (flow.middles - flow.around)[:, near], (flow.middles + flow.around)[:, near], "region", (0.0, p.horizon) if p.moves else (0.0, 0.0))[1] < 0
+            sure = (
+                worst_over(
+                    p,
+                    (flow.middles - flow.around)[:, near],
+                    (flow.middles + flow.around)[:, near],
+                    "region",
+                    (0.0, p.horizon) if p.moves else (0.0, 0.0),
+                )[1]
+                < 0
+            )
             near = near[~sure]
             at, bulge = flow.middles[:, near], flow.bulge()[:, near]
             held = [v * ones[near] for v in u], [v * ones[near] for v in middle]
-            spread = np.maximum(radius + error, flow.half[:, None])[:, near] + bulge
+            spread = (on_the_way + error)[:, near] + bulge
             for _ in range(4):
                 then = moved(p, at, *held, flow.dt / 4, 1)
                 low, high = np.minimum(at, then) - spread, np.maximum(at, then) + spread
-                path[near] &= worst_over(p, low, high, "region", (0.0, p.horizon) if p.moves else (0.0, 0.0))[1] < 0
+                path[near] &= (
+                    worst_over(p, low, high, "region", (0.0, p.horizon) if p.moves else (0.0, 0.0))[
+                        1
+                    ]
+                    < 0
+                )
                 at = then
         allowed.append(path)
     first, last = (np.stack([b[i] for b in boxes]) for i in (0, 1))

@@ -79,13 +79,16 @@ def _with_bounds(system: hf.System, inputs: float = 1.0, disturbance: float = 1.
         if isinstance(bounds, hf.Ball):
             return dataclasses.replace(bounds, radius=bounds.radius * factor)
         if isinstance(bounds, hf.Box):
-            return hf.Box(tuple(v * factor for v in bounds.lower), tuple(v * factor for v in bounds.upper))
+            return hf.Box(
+                tuple(v * factor for v in bounds.lower), tuple(v * factor for v in bounds.upper)
+            )
         return bounds
 
     return dataclasses.replace(
-        system, input_bounds=times(system.input_bounds, inputs),
+        system,
+        input_bounds=times(system.input_bounds, inputs),
         disturbance_bounds=times(system.disturbance_bounds, disturbance),
-    )  # fmt: skip
+    )
 
 
 def _decisions(change: Callable[[Any, np.ndarray, np.ndarray], np.ndarray]) -> None:
@@ -147,7 +150,9 @@ def ignored_delay() -> None:
     """Filters count with measurements that are not late, and so does their margin."""
     _filter_with(delay=0.0)
     real = hf.sampled_margin
-    hf.sampled_margin = lambda system, value, sample_time, delay=0.0: real(system, value, sample_time)  # type: ignore[assignment]
+    hf.sampled_margin = lambda system, value, sample_time, delay=0.0: real(
+        system, value, sample_time
+    )  # type: ignore[assignment]
 
 
 def _filter_with(**fixed: Any) -> None:
@@ -195,7 +200,11 @@ def narrower_intervals() -> None:
         return dataclasses.replace(
             found,
             parameters=tuple(
-                dataclasses.replace(e, low=e.value - 0.7 * (e.value - e.low), high=e.value + 0.7 * (e.high - e.value))
+                dataclasses.replace(
+                    e,
+                    low=e.value - 0.7 * (e.value - e.low),
+                    high=e.value + 0.7 * (e.high - e.value),
+                )
                 for e in found.parameters
             ),
         )
@@ -246,17 +255,29 @@ BREAKAGES: dict[str, Breakage] = {
     "sets smaller by six cells": Breakage(smaller_sets, "kernels", KEPT, 60),
     "a tenth of the disturbance": Breakage(ignored_disturbance, "kernels", LOST, 120),
     "inputs half as large again in kernels": Breakage(enlarged_inputs, "kernels", LOST, 120),
-    "inputs beyond their bounds": Breakage(inputs_beyond_bounds, "filters", "beyond its bounds", 12),
-    "a quarter of the commands let through": Breakage(commands_let_through, "filters", "loses what it promised", 40),
+    "inputs beyond their bounds": Breakage(
+        inputs_beyond_bounds, "filters", "beyond its bounds", 12
+    ),
+    "a quarter of the commands let through": Breakage(
+        commands_let_through, "filters", "loses what it promised", 40
+    ),
     "a status that lies": Breakage(passed_in_words, "filters", "its status is not", 12),
     "no margin for the sample time": Breakage(no_margin, "filters", "loses what it promised", 120),
     "a delay that is ignored": Breakage(ignored_delay, "filters", "loses what it promised", 200),
-    "a checker that skips cells": Breakage(checker_skips_cells, "forged certificates", "passes", 40),
-    "half of the disturbance in certificates": Breakage(certified_for_weaker_disturbance, "certificates", "leaves the region", 120),
-    "intervals of .7 of their width": Breakage(narrower_intervals, "identification", "too seldom", 120),
+    "a checker that skips cells": Breakage(
+        checker_skips_cells, "forged certificates", "passes", 40
+    ),
+    "half of the disturbance in certificates": Breakage(
+        certified_for_weaker_disturbance, "certificates", "leaves the region", 120
+    ),
+    "intervals of .7 of their width": Breakage(
+        narrower_intervals, "identification", "too seldom", 120
+    ),
     "a traceback": Breakage(a_traceback, "scenario files", "KeyError", 100),
-    "a message of three lines": Breakage(a_long_message, "scenario files", "more than one line", 40),
-}  # fmt: skip
+    "a message of three lines": Breakage(
+        a_long_message, "scenario files", "more than one line", 40
+    ),
+}
 
 
 def prove(workers: int = 2, seed: int = 3) -> int:
@@ -267,9 +288,13 @@ def prove(workers: int = 2, seed: int = 3) -> int:
     by_name = {k.name: k for k in engine.kinds()}
     for name, breakage in BREAKAGES.items():
         tallies = engine.run(
-            [by_name[breakage.kind]], seed, count=breakage.within, workers=workers, planted=name,
+            [by_name[breakage.kind]],
+            seed,
+            count=breakage.within,
+            workers=workers,
+            planted=name,
             until=breakage.words,
-        )  # fmt: skip
+        )
         t = tallies[breakage.kind]
         at = next((n for s, (n, _) in t.first.items() if breakage.words in s), None)
         missed += at is None

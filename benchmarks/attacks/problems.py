@@ -178,9 +178,13 @@ def rates_of(s: Structure, d: str, d1: str) -> tuple[str, list[str], list[bool]]
     form = s.one_of(*(f for f in forms if sizes.get(f, 2) == count))
     rates = forms[form]()
     turning = {
-        "ring": [True], "lane": [False, True], "boat": [False, True], "pendulum": [True, False],
-        "car": [False, False, True], "craft": [False, False, True],
-    }  # fmt: skip
+        "ring": [True],
+        "lane": [False, True],
+        "boat": [False, True],
+        "pendulum": [True, False],
+        "car": [False, False, True],
+        "craft": [False, False, True],
+    }
     return form, rates, turning.get(form, [False] * count)
 
 
@@ -198,9 +202,7 @@ def region_of(
     elif shape == "bands":
         region += [f"abs({m}) - {v}" for m, v in zip(q, w, strict=True)]
     elif shape == "walls":
-        region += [
-            t for m, v in zip(q, w, strict=True) for t in (f"{m} - {v}", f"0 - {v} - {m}")
-        ]  # fmt: skip
+        region += [t for m, v in zip(q, w, strict=True) for t in (f"{m} - {v}", f"0 - {v} - {m}")]
     elif shape == "disc":
         terms = " + ".join(f"({m}/{v})**2" for m, v in zip(q, w, strict=True))
         region.append(s.one_of(f"{terms} - 1", f"sqrt({terms}) - 1"))
@@ -223,12 +225,15 @@ def region_of(
                 )
             )
         elif m == k or angles[names.index(k)]:
-            region.append(s.one_of(f"{m} - {n(0.3, 0.7)}", f"{n(0.02, 0.1)} - ({m} - {n(0.4, 0.6, True)})**2"))
+            region.append(
+                s.one_of(f"{m} - {n(0.3, 0.7)}", f"{n(0.02, 0.1)} - ({m} - {n(0.4, 0.6, True)})**2")
+            )
         else:
             region.append(
                 s.one_of(
                     f"{n(0.5, 1, True)}*{m} + {n(0.5, 1, True)}*{k} - {n(0.4, 0.9)}",
-                    f"{n(0.03, 0.15)} - ({m} - {n(0.2, 0.6, True)})**2 - ({k} - {n(0.2, 0.6, True)})**2",
+                    f"{n(0.03, 0.15)} - ({m} - {n(0.2, 0.6, True)})**2"
+                    f" - ({k} - {n(0.2, 0.6, True)})**2",
                     f"abs({m} + {n(0.5, 1, True)}*{k}) - {n(0.15, 0.6)}",
                     f"{m}*{k} - {n(0.1, 0.4)}",
                     f"min({m} - {n(0, 0.3, True)}, {k} - {n(0, 0.3, True)})",
@@ -241,9 +246,19 @@ def region_of(
 
 KINDS = ("kernel", "kernel", "kernel", "kernel", "basin", "basin", "invariance", "tube")
 OPTIONS: tuple[dict[str, Any], ...] = (
-    {}, {}, {}, {"refine": 2}, {"band": 0.25}, {"precision": "float32"}, {"dissipation": "global"},
-    {"dissipation": "local"}, {"cfl": 0.95}, {"order": 1}, {"order": 3}, {"tolerance": 0.1},
-)  # fmt: skip
+    {},
+    {},
+    {},
+    {"refine": 2},
+    {"band": 0.25},
+    {"precision": "float32"},
+    {"dissipation": "global"},
+    {"dissipation": "local"},
+    {"cfl": 0.95},
+    {"order": 1},
+    {"order": 3},
+    {"tolerance": 0.1},
+)
 
 
 def problem(seed: int, number: int, kinds: Sequence[str] = KINDS) -> Problem:
@@ -267,7 +282,13 @@ def problem(seed: int, number: int, kinds: Sequence[str] = KINDS) -> Problem:
     )
     two = "u1" in "".join(rates)
     blended = form in ("modes", "converter")
-    bound = "unit" if blended else s.one_of("box", "box", "image", "ball") if two else s.one_of("box", "box", "ball")
+    bound = (
+        "unit"
+        if blended
+        else s.one_of("box", "box", "image", "ball")
+        if two
+        else s.one_of("box", "box", "ball")
+    )
     rim = second and s.chance(0.5)
     # what follows are the numbers of this problem
     numbers = {f"p{i}": drawn(g, *r) for i, r in enumerate(s.ranges)}
@@ -282,19 +303,34 @@ def problem(seed: int, number: int, kinds: Sequence[str] = KINDS) -> Problem:
             size = numbers[h] * (1 + beyond)
             low.append(-size if ends == "on" else -rounded(size))
             high.append(-low[-1])
-    horizon = drawn(g, 0.3, 2.0) if kind in ("basin", "tube") or moving or g.random() < 0.3 else 30.0
+    horizon = (
+        drawn(g, 0.3, 2.0) if kind in ("basin", "tube") or moving or g.random() < 0.3 else 30.0
+    )
     many = {1: (21, 102), 2: (19, 42), 3: (13, 20)}[len(names)]
     units = g.random() < 0.3
     return Problem(
-        kind=kind, form=form, rates=tuple(rates), region=tuple(region), goal=(goal + " - 1",),
-        numbers=numbers, inputs=_inputs(g, bound, 2 if two else 1),
-        disturbances=_disturbances(g, pushed, second, rim), angles=tuple(angles),
-        low=tuple(low), high=tuple(high), nodes=tuple(int(g.integers(*many)) for _ in names),
-        horizon=horizon, ends=ends, scheme=str(g.choice(["upwind", "eno2", "eno3", "weno5", "weno5"])),
+        kind=kind,
+        form=form,
+        rates=tuple(rates),
+        region=tuple(region),
+        goal=(goal + " - 1",),
+        numbers=numbers,
+        inputs=_inputs(g, bound, 2 if two else 1),
+        disturbances=_disturbances(g, pushed, second, rim),
+        angles=tuple(angles),
+        low=tuple(low),
+        high=tuple(high),
+        nodes=tuple(int(g.integers(*many)) for _ in names),
+        horizon=horizon,
+        ends=ends,
+        scheme=str(g.choice(["upwind", "eno2", "eno3", "weno5", "weno5"])),
         options={} if moving else dict(OPTIONS[int(g.integers(len(OPTIONS)))]),
-        scales=tuple(1.0 if t or not units else float(10.0 ** int(g.integers(-4, 5))) for t in angles),
-        clock=float(10.0 ** int(g.integers(-2, 3))) if units else 1.0, literal=bool(g.random() < 0.03),
-    )  # fmt: skip
+        scales=tuple(
+            1.0 if t or not units else float(10.0 ** int(g.integers(-4, 5))) for t in angles
+        ),
+        clock=float(10.0 ** int(g.integers(-2, 3))) if units else 1.0,
+        literal=bool(g.random() < 0.03),
+    )
 
 
 def _inputs(g: np.random.Generator, bound: str, size: int) -> list[Any]:
@@ -310,7 +346,9 @@ def _inputs(g: np.random.Generator, bound: str, size: int) -> list[Any]:
     return ["box", low, [drawn(g, 0.4, 1) for _ in range(size)]]
 
 
-def _disturbances(g: np.random.Generator, pushed: bool, second: bool, rim: bool) -> list[Any] | None:
+def _disturbances(
+    g: np.random.Generator, pushed: bool, second: bool, rim: bool
+) -> list[Any] | None:
     if not pushed:
         return None
     most = drawn(g, 0.4, 0.8) if g.random() < 0.2 else drawn(g, 0.05, 0.4)
@@ -318,6 +356,15 @@ def _disturbances(g: np.random.Generator, pushed: bool, second: bool, rim: bool)
         return ["ball", most, 2]
     size = 2 if second else 1
     return ["box", [-most] * size, [rounded(most * float(g.uniform(0.5, 1))) for _ in range(size)]]
+
+
+def times(bound: list[Any] | None, factor: float) -> list[Any] | None:
+    """A bound so many times as large; the box of an image."""
+    if bound is None:
+        return None
+    if bound[0] == "ball":
+        return ["ball", rounded(factor * bound[1]), bound[2]]
+    return [*bound[:-2], *([rounded(factor * v) for v in side] for side in bound[-2:])]
 
 
 def widened(p: Problem) -> Problem:

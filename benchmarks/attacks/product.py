@@ -12,8 +12,13 @@ import holdfast as hf
 from attacks.problems import TURN, Problem, words
 
 FUNCTIONS: dict[str, Callable[..., sp.Expr]] = {
-    "abs": sp.Abs, "max": sp.Max, "min": sp.Min, "sin": sp.sin, "cos": sp.cos, "sqrt": sp.sqrt,
-}  # fmt: skip
+    "abs": sp.Abs,
+    "max": sp.Max,
+    "min": sp.Min,
+    "sin": sp.sin,
+    "cos": sp.cos,
+    "sqrt": sp.sqrt,
+}
 
 
 class Built:
@@ -43,19 +48,26 @@ class Built:
         }
         bounds = [self._bounds("u", p.inputs), self._bounds("d", p.disturbances)]
         self.system = hf.System(
-            "attacked", quantities, tuple(hf.Quantity(f"u{i}") for i in range(count)), rates,
+            "attacked",
+            quantities,
+            tuple(hf.Quantity(f"u{i}") for i in range(count)),
+            rates,
             disturbances=tuple(hf.Quantity(f"d{i}") for i in range(pushes)),
-            input_bounds=bounds[0], disturbance_bounds=bounds[1],
-            parameters=tuple(self._used({"clock", *self._bound_names, *map("s_{}".format, p.states)}, p.rates)),
-        )  # fmt: skip
+            input_bounds=bounds[0],
+            disturbance_bounds=bounds[1],
+            parameters=tuple(
+                self._used({"clock", *self._bound_names, *map("s_{}".format, p.states)}, p.rates)
+            ),
+        )
         self.region, self.goal = (
             hf.Region(
-                name, quantities,
+                name,
+                quantities,
                 tuple(hf.Inequality(f"c{i}", self._formula(t)) for i, t in enumerate(texts)),
                 parameters=tuple(self._used({"clock"} if p.moves else set(), texts, system=False)),
             )
             for name, texts in (("region", p.region), ("goal", p.goal))
-        )  # fmt: skip
+        )
         box = {
             n: (a * k, a * k + TURN if t else b * k)
             for n, a, b, k, t in zip(p.states, p.low, p.high, p.scales, p.angles, strict=True)
@@ -115,7 +127,9 @@ class Built:
             options["times"] = [0.0, *options.get("times", [end])]
             if options.get("refine", 1) > 1:
                 del options["times"]
-            return hf.capture_basin(self.system, self.goal, self.region, self.grid, end, arrival_steps=0, **options)
+            return hf.capture_basin(
+                self.system, self.goal, self.region, self.grid, end, arrival_steps=0, **options
+            )
         if p.kind == "tube":
             return hf.backward_reachable_tube(self.system, self.goal, self.grid, end, **options)
         if p.kind == "invariance":

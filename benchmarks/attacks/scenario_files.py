@@ -28,16 +28,61 @@ from attacks import writing
 from attacks.case import Fault, Kind, Outcome, raised
 
 LIMITS = {
-    "nodes": 11, "horizon": 1.0, "random": 4, "runs": 4, "cells": 8, "refine": 0, "lattice": 4,
-}  # fmt: skip
+    "nodes": 11,
+    "horizon": 1.0,
+    "random": 4,
+    "runs": 4,
+    "cells": 8,
+    "refine": 0,
+    "lattice": 4,
+}
 """Numbers that a scenario takes time by, and what they are made at most."""
-LEFT_OUT = ("ch6", "ch7-six", "ch3-dynamic", "otter", "ch7-forward", "ch7-rescue", "craft", "slipping")
+LEFT_OUT = (
+    "ch6",
+    "ch7-six",
+    "ch3-dynamic",
+    "otter",
+    "ch7-forward",
+    "ch7-rescue",
+    "craft",
+    "slipping",
+)
 """Beginnings of scenarios whose derivation alone takes many seconds."""
 VALUES: tuple[Any, ...] = (
-    0, -1, 1, 3, 1e300, -1e-300, float("nan"), float("inf"), True, "", "x", "1 m", "-3 deg", "sin(x)", "1/0",
-    "x**2 - 1", "u0 - u0", "hypot(x, y) - 1", "log(-1)", "__import__('os')", "é\u202e", "a" * 3000, [], [1], [1, 2],
-    [2, 1], ["x"], [[1, 2], [3, 4]], {}, {"x": 1}, {"value": 1, "unit": "m"}, {"expression": "x", "unit": "kg"}, 10**20,
-)  # fmt: skip
+    0,
+    -1,
+    1,
+    3,
+    1e300,
+    -1e-300,
+    float("nan"),
+    float("inf"),
+    True,
+    "",
+    "x",
+    "1 m",
+    "-3 deg",
+    "sin(x)",
+    "1/0",
+    "x**2 - 1",
+    "u0 - u0",
+    "hypot(x, y) - 1",
+    "log(-1)",
+    "__import__('os')",
+    "é\u202e",
+    "a" * 3000,
+    [],
+    [1],
+    [1, 2],
+    [2, 1],
+    ["x"],
+    [[1, 2], [3, 4]],
+    {},
+    {"x": 1},
+    {"value": 1, "unit": "m"},
+    {"expression": "x", "unit": "kg"},
+    10**20,
+)
 STATUSES = (0, 1, 2)
 """Answered, not answered, refused."""
 
@@ -45,7 +90,9 @@ STATUSES = (0, 1, 2)
 def shipped() -> tuple[str, ...]:
     """Names of the scenarios that are tried."""
     folder = files("holdfast") / "scenarios"
-    names = sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml"))
+    names = sorted(
+        f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml")
+    )
     return tuple(n for n in names if not n.startswith(LEFT_OUT))
 
 
@@ -192,7 +239,7 @@ def name_and_tables(seed: int, number: int) -> tuple[str, dict[str, Any]]:
 
 
 def attempt(seed: int, number: int) -> Outcome:
-    name, tables = name_and_tables(seed, number)
+    _, tables = name_and_tables(seed, number)
     outcome = Outcome()
     text = text_of(tables)
     if text is None:

@@ -47,7 +47,7 @@ def alone(title: str, modules: Iterable[str], body: str) -> str:
     return (
         f'"""{quoted}\n"""\n\nfrom __future__ import annotations\n\n'
         + "\n\n".join(parts)
-        + f'\n\nif __name__ == "__main__":\n'
+        + '\n\nif __name__ == "__main__":\n'
         + "".join(f"    {line}\n" for line in body.splitlines())
     )
 
