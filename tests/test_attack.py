@@ -3,6 +3,7 @@
 What it finds in longer runs is on the page docs/attacks.md. Everything here is by count, not by time.
 """
 
+import itertools
 import math
 import re
 import subprocess
@@ -17,6 +18,7 @@ from attacks import (
     forgeries,
     identification,
     kernels,
+    planted,
     scenario_files,
     writing,
 )
@@ -77,6 +79,20 @@ def test_brackets_hold_the_exact_set_between_them(name):
     volume = np.prod(sure.size) * inside.sum()
     assert sure.outer.sum() * np.prod(sure.size) < 2.5 * volume
     assert sure.inner.sum() * np.prod(sure.size) > 0.5 * volume
+
+
+def test_brackets_lie_within_a_cell_of_a_grid_of_the_exact_set():
+    p, exact, _ = KNOWN["a cart that brakes"]
+    sure = brackets(p, None, math.inf)
+    g = np.random.default_rng(0)
+    x = g.uniform(p.low, p.high, (4000, 2)).T
+    wide = p.cells[:, None]
+    around = [
+        exact(x + wide * np.array(c)[:, None]) for c in itertools.product((-1, 0, 1), repeat=2)
+    ]
+    surely_in, surely_out = np.all(around, axis=0), ~np.any(around, axis=0)
+    decided = np.where(surely_in, sure.all_inner(x, x), sure.none_outer(x, x))
+    assert decided[surely_in | surely_out].mean() > 0.97
 
 
 def test_a_set_that_is_empty_though_it_falls_slowly_is_called_lost():
@@ -236,6 +252,26 @@ def test_a_table_says_what_was_refused_and_what_is_wrong():
     assert re.search(r"kernels \| 3 \| 2 \(5 nodes\) \| 33.3 % \| 1 ", text)
     assert "wrong (first: case 2)" in text
     assert '"refused": 1' in engine.as_json({"kernels": tally}, 1)
+
+
+def test_a_case_that_takes_too_long_is_a_fault_and_its_process_is_replaced():
+    worker = engine.Worker()
+    try:
+        worker.give(kernels.KIND, 1, 0)
+        assert worker.end_if_late() is None
+        worker.deadline = 0.0
+        outcome, _ = worker.end_if_late()
+        assert [f.signature for f in outcome.faults] == ["longer than its time limit"]
+        worker.give(identification.KIND, 1, 0)
+        outcome, _ = worker.answer()
+        assert outcome.judged == 1
+    finally:
+        worker.close()
+
+
+@pytest.mark.heavy
+def test_every_breakage_that_is_planted_is_found_within_its_number_of_cases():
+    assert planted.prove() == 0
 
 
 # -- the fixed first minute --------------------------------------------------------------------------

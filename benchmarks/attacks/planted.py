@@ -235,20 +235,6 @@ def a_long_message() -> None:
     HoldfastError.__str__ = lambda self: real(self) + "\nsee\nthe manual"  # type: ignore[method-assign]
 
 
-def a_hang() -> None:
-    """Every file with a grid is worked at for ever."""
-    from attacks import scenario_files
-
-    real = scenario_files.run
-
-    def run(text: str) -> Any:
-        while "[grid" in text:
-            pass
-        return real(text)
-
-    scenario_files.run = run
-
-
 LOST, KEPT = "has states that are surely lost", "lacks states that are surely kept"
 BREAKAGES: dict[str, Breakage] = {
     "sets larger by four cells": Breakage(larger_sets, "kernels", LOST, 60),
