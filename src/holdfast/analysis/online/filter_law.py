@@ -6,7 +6,7 @@ import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import cached_property, partial, reduce
 from typing import Any
 
 import numpy as np
@@ -189,11 +189,9 @@ def filter_of(
         kept[0],
         kernels[0] if kernels else None,
         region,
-        lambda: (
-            []
-            if region is None
-            else asked_of(system, region, tuple(margins or ()), worst, measured)
-        ),
+        partial(asked_of, system, region, tuple(margins or ()), tuple(worst), measured)
+        if region is not None
+        else list,
     )
 
 
