@@ -80,7 +80,7 @@ TABLES = {
         schema.SafeguardSpec,
         [hf.safeguard],
         {"rates": "hf.limit_rates, of any law"},
-        {},
+        {"sample_time": "in [run]"},
     ),
     "[observer]": (schema.ObserverSpec, [hf.observe, hf.observe_set], {}, {}),
     "[safety]": (

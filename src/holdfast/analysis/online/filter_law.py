@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import cached_property, partial, reduce
 from typing import Any
+
+import numpy as np
+import sympy as sp
 
 from holdfast.analysis.decomposition.parts_law import only_part, parts_law
 from holdfast.analysis.decomposition.parts_value import PartsValue
@@ -24,8 +27,9 @@ from holdfast.errors import (
 from holdfast.execution.arrays import Array
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.control.command import commanded
+from holdfast.maths.control.parameter_box import parameter_box
 from holdfast.maths.control.priority import in_order
-from holdfast.maths.control.safety_filter import safeguard
+from holdfast.maths.control.safety_filter import Asked, asked_of, safeguard
 from holdfast.maths.definitions.extension import both
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Region
@@ -36,13 +40,23 @@ Keep = ValueFunction | PartsValue | Region
 
 @dataclass(frozen=True)
 class Made:
-    """The law of a filter; first: the most important of what it keeps. region: of all regions."""
+    """The law of a filter; first: the most important of what it keeps. region: of all regions.
+
+    asked: what it asks of the region, by `asked_of`.
+    """
 
     system: System
     law: Law
     first: Keep
     kernel: ValueFunction | PartsValue | None
     region: Region | None
+    asked: Callable[[], list[Asked]]
+
+    @property
+    def gains(self) -> tuple[float, float] | None:
+        """k1 and k2 of the conditions of regions [1/s]; None without a region."""
+        numbers = {p.name: float(p.value) for p in self.law.parameters}
+        return (numbers["kappa1"], numbers["kappa2"]) if "kappa1" in numbers else None
 
     @property
     def parts(self) -> PartsValue | None:
@@ -170,13 +184,41 @@ def filter_of(
         )
 
     filters = [kept_in(part) for part in kept]
+    law = in_order(filters) if len(filters) > 1 else filters[0]
+    region = reduce(both, regions) if regions else None
     return Made(
         system,
-        in_order(filters) if len(filters) > 1 else filters[0],
+        law,
         kept[0],
         kernels[0] if kernels else None,
-        reduce(both, regions) if regions else None,
+        region,
+        partial(
+            asked_of,
+            system,
+            region,
+            tuple(margins or ()),
+            tuple(worst),
+            measured,
+            parameter_box(uncertain, system, region),
+        )
+        if region is not None
+        else list,
     )
+
+
+def fallback_of(system: System, given: Sequence[float] | None) -> tuple[Array, Array]:
+    """The input, within its bounds, that is applied where nothing is known; its actuators."""
+    names = system.input_names
+    wanted = np.zeros(len(names)) if given is None else np.asarray(given, dtype=np.float64)
+    if wanted.shape != (len(names),) or not np.isfinite(wanted).all():
+        raise SimulationError(
+            f"fallback is {given!r}", expected=f"{len(names)} numbers: {', '.join(names)}"
+        )
+    values = {p.symbol: p.value for p in system.parameters}
+    asked = system.allocated([sp.Float(v) for v in wanted])
+    limited = [sp.sympify(e).xreplace(values) for e in system.limited(asked)]
+    made = [sp.sympify(e).xreplace(values) for e in system.produced(limited)]
+    return np.array(made, dtype=np.float64), np.array(limited, dtype=np.float64)
 
 
 def _check_parts(system: System, value: PartsValue, kept: int) -> None:

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 import sympy as sp
 
+from holdfast.analysis.online.filter_law import Made
 from holdfast.analysis.simulation.simulate import simulate
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.execution.arrays import Array
@@ -29,7 +30,6 @@ from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.control.safety_filter import Asked
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.quantity import Quantity
-from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 
 DRAWN = 20
@@ -61,25 +61,24 @@ class Overshoot:
 
 
 def overshoot_of(
-    system: System,
-    law: Law,
-    region: Region,
-    pieces: Sequence[Asked],
-    box: Mapping[str, tuple[float, float]],
-    sample_time: float,
-    runs: int,
-    seed: int,
+    made: Made, box: Mapping[str, tuple[float, float]], sample_time: float, runs: int, seed: int
 ) -> Overshoot:
-    """The overshoot of the filter in `law`, a law that is handed its command.
+    """How far constraints are crossed because inputs are held: measured, in their units.
 
-    pieces: what the filter asks. box: the ends of every state; an angle that is left out is any.
+    It is the most of so many runs, from states of `box` with c <= 0 and dc/dt + k1 c <= 0, under
+    commands that push as far as the bounds go; all states are measured, and there is no
+    disturbance. A margin of that size covers it. box: the ends of every state in its unit; an angle
+    that is left out is any.
 
-    Raises `DefinitionError` for a state without ends, and a box without a state at which the
-    promise begins.
+    Raises `DefinitionError` for a filter that keeps a kernel, a state without ends, and a box
+    in which no such state was found.
     """
+    system, law, region = made.system, made.law, made.region
+    if region is None or made.kernel is not None:
+        raise DefinitionError("the filter keeps a kernel", expected="regions alone")
     numbers = {p.name: float(p.value) for p in law.parameters}
-    starts = _starts(system, law, pieces, box, runs, seed)
-    commands = _Hostile(system, law, region, len(starts), seed)
+    starts = _starts(system, law, made.asked(), box, runs, seed)
+    commands = _Hostile(system, law, len(starts), seed)
     samples = max(SAMPLES, math.ceil(PACES / (numbers["kappa1"] * sample_time)))
     commands.lasting = max(1, samples // PUSHES)
     commands.sample_time = sample_time
@@ -136,7 +135,7 @@ class _Hostile:
     lasting = 1
     sample_time = 1.0
 
-    def __init__(self, system: System, law: Law, region: Region, runs: int, seed: int) -> None:
+    def __init__(self, system: System, law: Law, runs: int, seed: int) -> None:
         guard = law.safeguard
         assert guard is not None
         self.inputs, self.soft = len(system.inputs), len(guard.offsets) - guard.hard

@@ -8,12 +8,12 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-import sympy as sp
 
 from holdfast.analysis.online.decision import Decision, Decisions, Status
 from holdfast.analysis.online.filter_law import (
     Keep,
     check_around_parts,
+    fallback_of,
     filter_of,
     warn_of_reduction,
 )
@@ -29,9 +29,7 @@ from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.simulation.control_sample import ControlSamples
 from holdfast.execution.simulation.steppers import RK4
 from holdfast.maths.control.observer import observe
-from holdfast.maths.control.parameter_box import parameter_box
 from holdfast.maths.control.rate_limits import limit_rates
-from holdfast.maths.control.safety_filter import asked_of
 from holdfast.maths.control.set_observer import observe_set
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Region
@@ -57,9 +55,9 @@ class SafetyFilter:
     refused where the sample time does not bear them, by default (1, 4) or as much less as it bears,
     margins, constraints, worst, uncertain: of a region, see `safeguard`. measured: whether `step`
     is given the disturbances. states: names of those that are measured, if not all: an observer
-    with that `bandwidth` [1/s] estimates the others and the disturbances (`observe`), with `error_bounds`
-    [unit of each state] a guaranteed set of them, which follows a disturbance that changes within
-    `rate_bounds` (`observe_set`). scales: input -> the
+    with that `bandwidth` [1/s] estimates the others and the disturbances (`observe`), with
+    `error_bounds` [unit of each state] a guaranteed set of them, which follows a disturbance that
+    changes within `rate_bounds` (`observe_set`). scales: input -> the
     change of it that counts as 1. rates: the largest rates of inputs and of states (accelerations),
     see `limit_rates`; with those of inputs the filter remembers its last input. fallback: the input
     where a measurement or the command is not finite, by default 0 within the bounds. around: the
@@ -139,9 +137,8 @@ class SafetyFilter:
             system.input_names,
         )  # fmt: skip
         self._count = 0
-        self._fallback = self._checked_fallback(fallback)
+        self._fallback = fallback_of(system, fallback)
         self._made = made
-        self._asked = tuple(margins or {}), tuple(worst), measured, uncertain
         warn_of_reduction(system, around)
         if made.kernel is not None:
             warn_of_promise(system, made.kernel, stacklevel=3)
@@ -289,43 +286,18 @@ class SafetyFilter:
     @property
     def gains(self) -> tuple[float, float] | None:
         """k1 and k2 [1/s] of its conditions; None for a kernel alone."""
-        numbers = {p.name: float(p.value) for p in self._made.law.parameters}
-        return (numbers["kappa1"], numbers["kappa2"]) if "kappa1" in numbers else None
+        return self._made.gains
+
+    @property
+    def unused(self) -> Mapping[str, tuple[str, ...]]:
+        """Inequality -> inputs that act on it after two derivatives, which it leaves alone."""
+        return self._reasons.unused
 
     def overshoot(
         self, box: Mapping[str, tuple[float, float]], *, runs: int = 1000, seed: int = 0
     ) -> Overshoot:
-        """How far constraints are crossed because inputs are held: measured, in their units.
-
-        Gains that the sample time bears keep c <= 0 where the derivative of the condition does not
-        change during a hold. Where it does, d2c/dt2 <= M leaves about M T / (2 k1) of a condition
-        of order one, and d3c/dt3 <= J about J T / (2 k1 k2) of order two. The answer is the most of
-        so many runs, from states of `box` with c <= 0 and dc/dt + k1 c <= 0, under commands that
-        push as far as the bounds go; all states are measured, and there is no disturbance. A margin
-        of that size covers it.
-
-        box: the ends of every state in its unit; an angle that is left out is any.
-
-        Raises `DefinitionError` for a filter that keeps a kernel, a state without ends, and a box
-        in which no such state was found.
-        """
-        region = self._made.region
-        if region is None or self._made.kernel is not None:
-            raise DefinitionError("the filter keeps a kernel", expected="regions alone")
-        margins, worst, measured, uncertain = self._asked
-        models = parameter_box(uncertain, self.system, region)
-        pieces = asked_of(self.system, region, margins, worst, measured, models)
-        return overshoot_of(
-            self.system, self._made.law, region, pieces, box, self.sample_time, runs, seed
-        )
-
-    @property
-    def unused(self) -> Mapping[str, tuple[str, ...]]:
-        """Inequality -> inputs that act on it later than by two derivatives, which it leaves alone.
-
-        Where the others have no effect on the inequality, no input meets its condition.
-        """
-        return self._reasons.unused
+        """How far constraints are crossed because inputs are held: see `overshoot_of`."""
+        return overshoot_of(self._made, box, self.sample_time, runs, seed)
 
     # -- what is said of a decision ----------------------------------------------------------
 
@@ -369,20 +341,6 @@ class SafetyFilter:
         for name, value in zip(self.system.input_names, self._fallback[0], strict=True):
             self._samples.remember(f"last_{name}", value)
         return Decision(row, rows, Status.NOT_A_NUMBER, True, t, seen, self)
-
-    def _checked_fallback(self, given: Sequence[float] | None) -> tuple[Array, Array]:
-        """The input, within its bounds, that is applied where nothing is known; its actuators."""
-        names = self.system.input_names
-        wanted = np.zeros(len(names)) if given is None else np.asarray(given, dtype=np.float64)
-        if wanted.shape != (len(names),) or not np.isfinite(wanted).all():
-            raise SimulationError(
-                f"fallback is {given!r}", expected=f"{len(names)} numbers: {', '.join(names)}"
-            )
-        values = {p.symbol: p.value for p in self.system.parameters}
-        asked = self.system.allocated([sp.Float(v) for v in wanted])
-        limited = [sp.sympify(e).xreplace(values) for e in self.system.limited(asked)]
-        made = [sp.sympify(e).xreplace(values) for e in self.system.produced(limited)]
-        return np.array(made, dtype=np.float64), np.array(limited, dtype=np.float64)
 
 
 _STATUSES = tuple(Status)

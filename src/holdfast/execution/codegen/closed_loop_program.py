@@ -103,24 +103,12 @@ class ClosedLoopProgram:
                 remedy="give simulate a command=, call it by SafetyFilter.step, or export it",
             )
 
-    def check_sample_time(
-        self, sample_time: float, values: Mapping[str, float] | None = None
-    ) -> None:
-        """Refuse inputs that are held for another time than the law's table is for, or can bear.
-
-        values: of the parameters by name, by default their own.
-        """
+    def check_sample_time(self, sample_time: float) -> None:
+        """Refuse inputs that are held for another time than the law's table is for."""
         if self.hold is not None and not abs(sample_time - self.hold) <= 1e-9 * self.hold:
             raise SimulationError(
                 f"the sample time is {sample_time:g} s", expected=f"{self.hold:g} s, of its law"
             )
-        if self.continuous:
-            return
-        numbers = {p.name: float(p.value) for p in self.parameters} | dict(values or {})
-        known = {symbol(n): v for n, v in numbers.items()} | {SAMPLE_TIME: sample_time}
-        for condition in self.conditions:
-            if condition.refused and (message := condition.violation(known)):
-                raise SimulationError(message)
 
     @property
     def prepared(self) -> int:

@@ -35,6 +35,7 @@ from holdfast.execution.simulation.loop import Loop, built
 from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.trajectories import Trajectories, blank
 from holdfast.execution.table_in_parts import for_look_ups
+from holdfast.maths.definitions.quantity import SAMPLE_TIME, symbol
 
 ATTEMPTS = 100_000
 """Draws of a random start, of which the first in the region is taken."""
@@ -74,7 +75,9 @@ class ClosedLoop:
             if name not in values:
                 raise SimulationError(f"no parameter '{name}' in this closed loop")
             values[name] = float(value)
-        self.program.check_sample_time(sample_time, values) if sample_time else None
+        if sample_time:
+            self.program.check_sample_time(sample_time)
+            self._check_gains(values, sample_time)
         if not values.get(OBSERVER, 0.0) * sample_time < 1.0:
             raise SimulationError(
                 f"the observer's bandwidth is {values[OBSERVER]:g} 1/s at samples of "
@@ -82,6 +85,14 @@ class ClosedLoop:
                 expected="less than one over the sample time",
             )
         return np.array([*values.values(), *self.program.given, sample_time], dtype=np.float64)
+
+    def _check_gains(self, values: Mapping[str, float], sample_time: float) -> None:
+        """Refuse gains that the sample time does not bear."""
+        known = {symbol(n): v for n, v in values.items()}
+        known[SAMPLE_TIME] = 0.0 if self.program.continuous else sample_time
+        for condition in self.program.conditions:
+            if condition.refused and (message := condition.violation(known)):
+                raise SimulationError(message)
 
     def constraints(self, states: Array) -> Array:
         """c_j of each state, shape (run, constraint)."""
