@@ -50,8 +50,8 @@ class SafetyFilter:
     gives way first (`in_order`), and `Decision.gave_way` names what did.
     sample_time [s]: of your loop. delay [s]: how old a measurement is; a kernel's margin allows for
     it. rate [1/s], margin [unit of V]: of a kernel's filter, see `safety_law`. gains [1/s],
-    margins, constraints, worst, uncertain: of a region, see `safeguard`. measured: whether `step` is given the
-    disturbances. states: names of those that are measured, if not all: an observer with that
+    margins, constraints, worst, uncertain: of a region, see `safeguard`. measured: whether `step`
+    is given the disturbances. states: names of those that are measured, if not all: an observer with that
     `bandwidth` [1/s] estimates the others and the disturbances (`observe`), with `error_bounds`
     [unit of each state] a guaranteed set of them, which follows a disturbance that changes within
     `rate_bounds` (`observe_set`). scales: input -> the

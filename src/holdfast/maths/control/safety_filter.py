@@ -64,8 +64,8 @@ def safeguard(
     what a model leaves unexplained: the condition of a constraint c has the support function of the
     bounds at the coefficients of d in it. uncertain: parameter of the system or the region ->
     (least, largest), in its unit: the conditions hold for every model of this box; a parameter that
-    multiplies an input makes two of one (`parameter_box`). If no input is admissible, all conditions are relaxed by
-    the same least amount, and the run counts such samples.
+    multiplies an input makes two of one (`parameter_box`). If no input is admissible, all
+    conditions are relaxed by the same least amount, and the run counts such samples.
 
     A `Switching` is treated mode by mode. Raises `DefinitionError` for a law that does not give
     the system's inputs, a condition of relative degree above 2, inputs bounded by a ball or by
