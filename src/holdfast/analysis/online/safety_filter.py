@@ -51,10 +51,10 @@ class SafetyFilter:
     sample_time [s]: of your loop. delay [s]: how old a measurement is; a kernel's margin allows for
     it. rate [1/s], margin [unit of V]: of a kernel's filter, see `safety_law`. gains [1/s],
     margins, constraints, worst, uncertain: of a region, see `safeguard`. measured: whether `step`
-    is given the disturbances. states: names of those that are measured, if not all: an observer with that
-    `bandwidth` [1/s] estimates the others and the disturbances (`observe`), with `error_bounds`
-    [unit of each state] a guaranteed set of them, which follows a disturbance that changes within
-    `rate_bounds` (`observe_set`). scales: input -> the
+    is given the disturbances. states: names of those that are measured, if not all: an observer
+    with that `bandwidth` [1/s] estimates the others and the disturbances (`observe`), with
+    `error_bounds` [unit of each state] a guaranteed set of them, which follows a disturbance that
+    changes within `rate_bounds` (`observe_set`). scales: input -> the
     change of it that counts as 1. rates: the largest rates of inputs and of states (accelerations),
     see `limit_rates`; with those of inputs the filter remembers its last input. fallback: the input
     where a measurement or the command is not finite, by default 0 within the bounds. around: the
