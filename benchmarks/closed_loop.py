@@ -44,7 +44,7 @@ def holdfast_contenders(task: Task) -> Iterator[Contender]:
             "holdfast, plain law", "continuous" if continuous else "held", run,
             partial(final_states, task, continuous), 0.0, task.runs, prepare=run,
         )  # fmt: skip
-    scene = hf.load_scenario("inspection")
+    scene = hf.load_scenario("inspection", ["safeguard.uncertain="])  # of the nominal model
     simulate = partial(holdfast, task, scene.system, scene.law, starts_inside(task, scene.region))
     watched = {"region": scene.region, "goal": scene.goal, "tolerance": 1e-3}
     for name, settings in (("", {}), (" in watched region", watched)):

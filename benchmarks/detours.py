@@ -1,7 +1,8 @@
 """How much longer is the way of `inspection` than the shortest found from the same start?
 
 Every start is run with many sets of numbers of the law; the shortest of its rescued runs is the
-shortest found. All go to the same pose.  python benchmarks/detours.py [starts]
+shortest found. All go to the same pose, and
+the filter knows the nominal model alone.  python benchmarks/detours.py [starts]
 """
 
 import itertools
@@ -21,7 +22,8 @@ GRID = {
 
 def lengths(runs: int, overrides: list[str]) -> np.ndarray:
     """The length of every path in the plane, infinite where the start was not rescued."""
-    data = load_scenario("inspection", overrides, runs=runs).run().dataset
+    changes = ["safeguard.uncertain=", *overrides]
+    data = load_scenario("inspection", changes, runs=runs).run().dataset
     steps = [np.diff(data["state"].sel(state_name=n).values, axis=1) for n in ("x", "y")]
     return np.where(data["outcome"].values == 1, np.hypot(*steps).sum(axis=1), np.inf)
 

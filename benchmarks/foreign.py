@@ -182,6 +182,7 @@ def inspection(boat: Boat, numbers: dict[str, float], estimate: bool) -> Any:
             "observer.bandwidth=4.0",
             "safeguard.measured=true",
         ]
+    sets.append("safeguard.uncertain=")  # of another vehicle
     return hf.load_scenario("inspection", sets)
 
 

@@ -45,7 +45,7 @@ def simulation(runs: int, device: str) -> str:
     seconds, outcomes = [], []
     few = min(runs, FEW)
     for where, many in ((device, runs), ("cpu", few)):
-        scenario = load_scenario("inspection", (), many)
+        scenario = load_scenario("inspection", ("safeguard.uncertain=",), many)  # nominal model
         result = scenario.with_settings(
             record_every=scenario.settings["horizon"], device=where
         ).run()

@@ -14,6 +14,7 @@ from holdfast.maths.control.lyapunov import surge_gain_limit
 from holdfast.studies.comparison.compare import variant
 
 ROOT = Path(__file__).parents[2]
+NOMINAL = "safeguard.uncertain="
 STILL = ("5 N", "0.3 N", "corners", "model")
 
 
@@ -43,15 +44,20 @@ def test_every_corner_of_a_model_wrong_by_a_fifth_keeps_every_start(results):
         assert (v["runs"], v["viable"], v["reached"], v["samples_relaxed"]) == (600, 600, 600, 0)
 
 
-def test_an_input_is_admissible_at_every_sample_but_at_the_start_on_two_limits_with_weak_thrusters(
+def test_an_input_is_admissible_at_every_sample_in_still_water_but_at_one_start_with_weak_thrusters(
     results,
 ):
-    """0.3 N cannot brake at once the start that lies on two limits: 17 samples of 20 ms."""
+    """0.3 N cannot brake at once the start that lies on two limits: 18 samples of 20 ms.
+
+    The measured current leaves ten runs without one for every model of the box, for 1.9 s at most.
+    """
     for case, result in results.items():
         samples = result.dataset["infeasible"].values
         if case == "0.3 N":
             assert np.flatnonzero(samples).tolist() == [1]
-            assert samples[1] == 17
+            assert samples[1] == 18
+        elif case == "current":
+            assert ((samples > 0).sum(), samples.max()) == (10, 94)
         else:
             assert samples.max() == 0, case
 
@@ -70,9 +76,9 @@ def test_vehicle_arrives_in_still_water_and_does_not_in_a_current(results):
 
 
 def test_third_of_the_starts_goes_straight_to_the_pose_and_few_turn_back_twice(results):
-    """5 N: 207 of 600 need no turn back, 360 one and 33 two; a turn ends two legs."""
+    """5 N: 202 of 600 need no turn back, 361 one and 37 two; a turn ends two legs."""
     turns = (results["5 N"].dataset["switches"].values + 1) // 2
-    assert np.bincount(turns).tolist() == [207, 360, 33]
+    assert np.bincount(turns).tolist() == [202, 361, 37]
 
 
 def test_table_of_the_flagship_is_what_its_comparison_gives(results):
@@ -159,8 +165,8 @@ def test_numbers_of_the_readme_are_these():
 
 
 def test_legs_of_the_comparison_of_laws_are_those_of_the_flagship():
-    """What docs/rescue.md says of the legs of `ch5-rescue` is said of `inspection`."""
-    ours, theirs = (hf.load_scenario(n) for n in ("inspection", "ch5-rescue"))
+    """What docs/rescue.md says of the legs of `ch5-rescue` is said of `inspection` without its box."""
+    ours, theirs = hf.load_scenario("inspection", [NOMINAL]), hf.load_scenario("ch5-rescue")
     assert ours.law == theirs.law
     assert ours.region == theirs.region
 
@@ -188,3 +194,88 @@ def test_a_fifth_of_a_second_between_samples_and_as_much_delay_lose_nearly_every
     assert sampled(0.2, 0.0, 60) == 60
     with pytest.warns(hf.GainWarning, match=r"kv\*\(delay \+ sample_time\) = 0.8 is above"):
         assert sampled(0.2, 0.2, 60) < 10
+
+
+# -- the box of the model: inertia and drag of every axis
+
+
+@pytest.fixture(scope="module")
+def model_box():
+    sys.path.insert(0, str(ROOT / "benchmarks"))
+    try:
+        import model_box
+    finally:
+        sys.path.pop(0)
+    return model_box
+
+
+def test_box_of_the_flagship_is_inertia_and_drag_of_every_axis_wrong_by_a_fifth():
+    """9 parameters, 64 vertices of the case: no vehicle of the case is outside the filter's box."""
+    scenario = hf.load_scenario("inspection")
+    counted = {p.name: p.value for p in scenario.law.parameters}
+    value = {p.name: p.value for p in scenario.system.parameters}
+    for name, rigid in (("Xudot", "mass"), ("Yvdot", "mass"), ("Nrdot", "Iz")):
+        ends = [value[rigid] - counted[name + end] for end in ("_most", "_least")]
+        inertia = value[rigid] - value[name]
+        assert ends == pytest.approx([0.8 * inertia, 1.2 * inertia], rel=1e-9)
+    for name in ("Xu", "Xuu", "Yv", "Yvv", "Nr", "Nrr"):
+        ends = [counted[name + end] for end in ("_most", "_least")]
+        assert ends == pytest.approx([0.8 * value[name], 1.2 * value[name]], rel=1e-9)
+    munk = [1.2 * (value["mass"] - value["Yvdot"]) - 0.8 * (value["mass"] - value["Xudot"])]
+    munk.append(value["Xudot"] - value["Yvdot"])
+    assert munk[0] / munk[1] - 1 == pytest.approx(0.91, abs=0.01)
+    modes = scenario.law.modes.values()
+    assert {len(law.safeguard.offsets) - law.safeguard.hard for law in modes} == {18}  # of 6
+    case = variant("inspection", "inspection", "axes", 1, [])
+    assert case.varied.turns == 64
+
+
+def test_every_vertex_of_the_model_keeps_a_few_starts(model_box):
+    """5 starts, 150 s, all 64 vertices; the filter of the nominal model loses some of them."""
+    result = model_box.vertices(31, 5).run()
+    assert (result.viable, result.dataset.sizes["run"]) == (320, 320)
+    assert result.dataset["infeasible"].values.max() == 0
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("seed", [7, 20261126])
+@pytest.mark.parametrize("starts", [203, 600])
+def test_every_vertex_of_the_model_keeps_every_start(model_box, starts, seed):
+    """203 and 600 starts, 150 s, 5 N, 64 vertices: all stay, an input is admissible throughout."""
+    result = model_box.vertices(seed, starts).run()
+    runs = 64 * starts
+    assert (result.viable, result.dataset.sizes["run"]) == (runs, runs)
+    assert result.outcomes["reached goal"] == runs
+    assert result.dataset["infeasible"].values.max() == 0
+    assert max(result.summary()["worst_constraint"].values()) <= 1e-3
+
+
+@pytest.mark.heavy
+def test_filter_of_the_nominal_model_loses_the_far_limit_where_surge_is_light_and_sway_heavy(
+    model_box,
+):
+    """203 starts, seed 1: 12,698 of 12,992, the fewest 162, all lost across the far limit."""
+    result = model_box.vertices(1, 203, NOMINAL).run()
+    vertices = {tuple(v["at"].values()): v["viable"] for v in result.summary()["vertices"]}
+    assert (result.viable, result.dataset.sizes["run"]) == (12_698, 12_992)
+    assert min(vertices.values()) == 162
+    assert min(vertices, key=vertices.get)[:2] == (0.8, 1.2)
+    crossed = {n for n, c in result.summary()["worst_constraint"].items() if c > 1e-3}
+    assert crossed == {"too_far"}
+
+
+@pytest.mark.heavy
+def test_weak_thrusters_keep_every_start_at_every_vertex_with_a_slower_law(model_box):
+    """0.3 N, 203 starts, seed 1, 64 vertices: 12,975 of 12,992, and all with k1 = 0.14 m/s."""
+    weak = "system.thrust_limit=0.3"
+    assert model_box.vertices(1, 203, weak).run().viable == 12_975
+    assert model_box.vertices(1, 203, weak, "law.k1=0.14").run().viable == 12_992
+
+
+@pytest.mark.heavy
+def test_table_of_what_no_box_counts_is_what_the_benchmark_gives(model_box):
+    """docs/rescue.md: 200 starts, 150 s, of both filters in every case beyond the box."""
+    page = (ROOT / "docs" / "rescue.md").read_text("utf-8")
+    for case in model_box.BEYOND:
+        nominal, box = (model_box.beyond(case, 200, 1, *o).viable for o in ((NOMINAL,), ()))
+        assert f"| {case} | {nominal} | {box} |" in page

@@ -165,6 +165,8 @@ def scenario_with(found: Identified, subject: Subject) -> tuple[str, tuple[str, 
         document["system"]["unmodelled"] = box
         if "safeguard" in document:
             document["safeguard"]["worst"] = [PREFIX + n for n in counted]
+    if "safeguard" in document:
+        document["safeguard"].pop("uncertain", None)  # ranges about the former numbers
     missing = tuple(n for n in left.names if n not in counted)
     return tomlkit.dumps(document), missing
 

@@ -173,6 +173,32 @@ def test_parameter_that_multiplies_inputs_to_the_second_degree_has_three_conditi
     assert largest[pushes] == pytest.approx(worst[pushes], abs=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("rate", "conditions"),
+    [
+        (lambda f, a, m: f + a - m * V, 1),
+        (lambda f, a, m: f + a - m**2 * V, 1),
+        (lambda f, a, m: f / m + a, 2),
+        (lambda f, a, m: f * m + a, 2),
+        (lambda f, a, m: (f + a) / m, 1),
+        (lambda f, a, m: f * m**2 + a, 3),
+        (lambda f, a, m: f * m**3 + a, 4),
+    ],
+)
+def test_conditions_of_one_are_as_many_as_the_page_says(rate, conditions):
+    """docs/viability.md, the table of a box of parameters, with two inputs."""
+    a = hf.symbol("a")
+    system = hf.System(
+        "two",
+        (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")),
+        (hf.Quantity("f", "N"), hf.Quantity("a", "m/s^2")),
+        {"x": V, "v": rate(F, a, hf.symbol("m"))},
+        parameters=(mass(),),
+        input_bounds=hf.Box((-5, -1), (5, 1)),
+    )
+    assert len(rows(system, wall(), {"m": (1.5, 3.0)})[0]) == conditions
+
+
 def test_box_of_one_point_is_the_filter_without_a_box():
     system = point(F / hf.symbol("m") - V, mass())
     given, parameters = rows(system, wall(), {"m": (2.0, 2.0)})
@@ -313,7 +339,9 @@ def test_condition_without_a_bound_is_refused_by_the_name_of_the_parameter(rates
 def test_filter_of_a_kernel_has_no_box(craft):
     from holdfast.analysis.online.filter_law import _check_options
 
-    with pytest.raises(DefinitionError, match="uncertain is given, which a kernel's filter has not"):
+    with pytest.raises(
+        DefinitionError, match="uncertain is given, which a kernel's filter has not"
+    ):
         _check_options(True, False, uncertain={"m": (1, 2)}, gains=None, margins=None,
                        constraints=None, measured=False, worst=())  # fmt: skip
 

@@ -9,6 +9,8 @@ import sympy as sp
 import holdfast as hf
 from holdfast.errors import DefinitionError, ScenarioError
 from holdfast.maths.control.set_observer import worst_of
+from holdfast.maths.definitions.law import Safeguard
+from holdfast.maths.expressions.functions import greatest
 from tests.drifts import drifting, told
 
 BOUNDS = {"x": 1e-3, "y": 1e-3, "psi": 1e-3, "u": 5e-3, "v": 5e-3, "r": 0.1}
@@ -332,3 +334,18 @@ def test_error_of_the_sway_that_is_not_measured_grows_at_speed_unless_the_bandwi
     drifting_and_turning = (-0.81, 0.09, 0.36)  # as in the runs whose sets are empty
     assert growth(drifting_and_turning, 40) == pytest.approx(0.37, abs=0.01)
     assert growth(drifting_and_turning, 90) < 0
+
+
+def test_condition_with_a_kink_is_bounded_beyond_it():
+    """-(x + |x|) and -max(x, 1 - 2 x): the slope at the centre says nothing of the other side."""
+    x, width = hf.symbol("x"), sp.Float(0.5)
+    for rising in (
+        x + greatest(x, -x),
+        greatest(x, 1 - 2 * x),
+        x**2 + greatest(-x, greatest(x, 0)),
+    ):
+        guard = Safeguard({"u": (sp.S.One,)}, (-rising,), 0, {"u": sp.S.One})
+        (counted,) = worst_of(guard, {x: width}).offsets
+        for centre in np.linspace(-1, 1, 21):
+            near = [float(rising.subs(x, centre + d)) for d in np.linspace(-0.5, 0.5, 41)]
+            assert -float(counted.subs(x, centre)) >= max(near) - 1e-12

@@ -40,7 +40,7 @@ from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.definitions.quantity import Parameter
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
-from holdfast.maths.expressions.functions import greatest, magnitude
+from holdfast.maths.expressions.functions import greatest
 from holdfast.maths.expressions.traversal import derivatives, exchanged, symbols_of
 
 Form = tuple[tuple[sp.Expr, ...], tuple[sp.Expr, ...], sp.Expr]
@@ -126,7 +126,8 @@ def _range(p: Parameter, limits: object) -> tuple[float, float]:
     pair = isinstance(limits, Sequence) and not isinstance(limits, str) and len(limits) == 2
     if not (pair and all(isinstance(e, Real) and not isinstance(e, bool) for e in limits)):  # type: ignore[attr-defined]
         raise DefinitionError(
-            f"the range of uncertain '{p.name}' is {limits!r}", expected="two numbers, [least, most]"
+            f"the range of uncertain '{p.name}' is {limits!r}",
+            expected="two numbers, [least, most]",
         )
     low, high = (float(e) for e in limits)  # type: ignore[attr-defined]
     shown = f"the range of uncertain '{p.name}' is [{low:g}, {high:g}]"
@@ -186,8 +187,7 @@ class _Worst:
         centre = exchanged([rest], middle)[0]
         slopes = list(derivatives(rest, affine).values())
         slopes = [
-            s * (self.ends[p][1] - self.ends[p][0]) / 2
-            for p, s in zip(affine, slopes, strict=True)
+            s * (self.ends[p][1] - self.ends[p][0]) / 2 for p, s in zip(affine, slopes, strict=True)
         ]
         most = {p: max(degrees[p], of_rest[p]) for p in counted}
         net = [centre, *exchanged(slopes, middle)]
@@ -195,7 +195,7 @@ class _Worst:
         sizes = self._coefficients([alone], most)
         levels = {
             place: (
-                values[0] + sp.Add(*(magnitude(s) for s in values[1:] if s != 0))
+                values[0] + sp.Add(*(greatest(s, -s) for s in values[1:] if s != 0))
             ) / sizes[place][0]
             for place, values in coefficients.items()
         }  # fmt: skip
@@ -395,7 +395,7 @@ def _lowered(
             nodes = sp.Matrix(n + 1, d + 1, lambda k, j: _bernstein(d, j, sp.Rational(k, n)))  # noqa: B023
             through = _from_values(n) * nodes * line
             over = line - _elevated(n, d) * through
-            gap = reduce(greatest, [e for e in over[1:-1]], sp.S.Zero)
+            gap = reduce(greatest, list(over[1:-1]), sp.S.Zero)
             gap *= 1 - sp.Rational(1, 2 ** (d - 1))
             for k in range(n + 1):
                 lower[(*place[:axis], k, *place[axis + 1 :])] = through[k] + gap

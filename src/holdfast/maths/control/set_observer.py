@@ -58,7 +58,8 @@ from holdfast.maths.definitions.law import Law, Safeguard
 from holdfast.maths.definitions.quantity import TIME, Parameter, symbol
 from holdfast.maths.definitions.switching import Switching, as_switching
 from holdfast.maths.definitions.system import System
-from holdfast.maths.expressions.functions import magnitude
+from holdfast.maths.expressions.functions import greatest, magnitude
+from holdfast.maths.expressions.traversal import exchanged
 
 HALF = sp.Rational(1, 2)
 
@@ -174,14 +175,25 @@ def worst_of(guard: Safeguard, width: Mapping[sp.Symbol, sp.Expr]) -> Safeguard:
             remedy="measure the states that it depends on",
         )
 
-    def worst(offset: sp.Expr) -> sp.Expr:
-        unsure = [s for s in width if offset.has(s)]
-        slopes = {s: offset.diff(s) for s in unsure}
-        margin = sp.Add(*(magnitude(slopes[s]) * width[s] for s in unsure))
-        for a, b in itertools.product(unsure, repeat=2):
-            bend = slopes[a].diff(b)
-            if bend != 0:
-                margin += HALF * magnitude(bend) * width[a] * width[b]
-        return offset - margin
+    return replace(guard, offsets=tuple(o - _change(o, width) for o in guard.offsets))
 
-    return replace(guard, offsets=tuple(worst(o) for o in guard.offsets))
+
+def _change(e: sp.Expr, width: Mapping[sp.Symbol, sp.Expr]) -> sp.Expr:
+    """The most by which an expression changes within the widths, of the second order.
+
+    The larger of two changes by no more than the one of them that changes most.
+    """
+    kinks = {k: sp.Dummy(real=True) for k in e.atoms(greatest) if k.free_symbols & set(width)}
+    (smooth,) = exchanged([e], kinks)
+    beside = {
+        d: greatest(*(_change(a, width) for a in k.args)) for k, d in kinks.items() if smooth.has(d)
+    }
+    widths = {**width, **beside}
+    unsure = [s for s in widths if smooth.has(s)]
+    slopes = {s: smooth.diff(s) for s in unsure}
+    margin = sp.Add(*(magnitude(slopes[s]) * widths[s] for s in unsure))
+    for a, b in itertools.product(unsure, repeat=2):
+        bend = slopes[a].diff(b)
+        if bend != 0:
+            margin += HALF * magnitude(bend) * widths[a] * widths[b]
+    return margin.xreplace({d: k for k, d in kinks.items()})
