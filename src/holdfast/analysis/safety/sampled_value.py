@@ -93,7 +93,7 @@ class SampledValue:
 def points_of(bounds: Bounds, dimension: int) -> Points:
     """Points of the bounds of inputs, their ends among them; the middle first."""
     count = INPUTS.get(dimension, 2)
-    return tuple(map(tuple, bounds.points(count)))
+    return tuple(map(tuple, bounds.inscribed_points(count)))
 
 
 def moves_of(bounds: Bounds | None, dimension: int) -> Points:
