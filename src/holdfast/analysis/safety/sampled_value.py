@@ -106,7 +106,7 @@ def moves_of(bounds: Bounds | None, dimension: int) -> Points:
 def is_foreseen(system: System, value: ValueFunction) -> bool:
     """Whether the sampled game over a value is solved.
 
-    That is where one table is for ever: of a kernel that converged, whose values fit in memory.
+    That is where its values are in memory, and not too many.
     """
     if not system.inputs or system.input_bounds is None or system.samples:
         return False
