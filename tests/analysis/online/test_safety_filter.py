@@ -136,7 +136,8 @@ def test_kernel_is_kept_against_the_worst_disturbance(boat):
         decision = keeper.step([x], [1.0])
         changed += decision.overruled
         assert decision.status in (hf.Status.PASSED, hf.Status.CHANGED)
-        assert decision.value == pytest.approx(value.at([[x]])[0], abs=1e-12)
+        assert decision.value == pytest.approx(value.at([[x]])[0], abs=1e-3)
+        assert decision.value <= value.at([[x]])[0], "what held inputs keep is within the kernel"
         x += 0.02 * (decision.input[0] + 0.5)
     assert changed > 40
     assert 0.8 < x < 1.0

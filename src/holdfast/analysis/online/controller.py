@@ -14,7 +14,7 @@ from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.simulation.control_sample import ControlSamples
 from holdfast.execution.simulation.steppers import RK4
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.lookup import CellLookup
+from holdfast.maths.definitions.lookup import CellLookup, SampledLookup
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 
@@ -92,7 +92,7 @@ class Controller:
             self.system, self.law = kept.model, kept.law
             sample_time = kept.settings["sample_time"] if sample_time is None else sample_time
         lookup = self.law.lookup
-        usual = lookup.hold if isinstance(lookup, CellLookup) else 0.02
+        usual = lookup.hold if isinstance(lookup, CellLookup | SampledLookup) else 0.02
         self.sample_time = usual if sample_time is None else float(sample_time)
         if not (math.isfinite(self.sample_time) and self.sample_time > 0):
             raise SimulationError(f"sample_time is {sample_time}", expected="seconds, above 0")

@@ -93,7 +93,7 @@ class SampledValue:
 def points_of(bounds: Bounds, dimension: int) -> Points:
     """Points of the bounds of inputs, their ends among them; the middle first."""
     count = INPUTS.get(dimension, 2)
-    return tuple(map(tuple, bounds.points(count)))
+    return tuple(map(tuple, bounds.inscribed_points(count)))
 
 
 def moves_of(bounds: Bounds | None, dimension: int) -> Points:
@@ -106,7 +106,7 @@ def moves_of(bounds: Bounds | None, dimension: int) -> Points:
 def is_foreseen(system: System, value: ValueFunction) -> bool:
     """Whether the sampled game over a value is solved.
 
-    That is where one table is for ever: of a kernel that converged, whose values fit in memory.
+    That is where its values are in memory, and not too many.
     """
     if not system.inputs or system.input_bounds is None or system.samples:
         return False

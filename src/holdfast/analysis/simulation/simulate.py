@@ -26,7 +26,7 @@ from holdfast.execution.simulation.settings import Settings
 from holdfast.execution.simulation.steppers import BY_NAME
 from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.lookup import CellLookup
+from holdfast.maths.definitions.lookup import CellLookup, SampledLookup
 from holdfast.maths.definitions.quantity import DELAY, SAMPLE_TIME, symbol
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.switching import Switching
@@ -123,6 +123,8 @@ def simulate(
     )
     if isinstance(law.lookup, CellLookup):
         _check_held(law.lookup, program, chosen)
+    if isinstance(law.lookup, SampledLookup):
+        _check_hold(law.lookup, "a sampled game", program, chosen)
     loop = ClosedLoop(program)
     values = {p.symbol: p.value for p in program.parameters}
     real = values | {symbol(name): float(value) for name, value in (plant or {}).items()}
@@ -186,15 +188,22 @@ def simulate(
 
 def _check_held(lookup: CellLookup, program: ClosedLoopProgram, chosen: Settings) -> None:
     """Refuse other samples than those of a certificate, and say what is beyond what it counts."""
+    _check_hold(lookup, "a certificate", program, chosen)
+    for more in _beyond(lookup, chosen):
+        warnings.warn(f"{more}: its promise does not hold", ModelWarning, stacklevel=4)
+
+
+def _check_hold(
+    lookup: CellLookup | SampledLookup, whose: str, program: ClosedLoopProgram, chosen: Settings
+) -> None:
+    """Refuse other samples than those of a law's table."""
     if chosen.continuous:
         raise SimulationError(
-            f"the inputs of a certificate are held for {lookup.hold:g} s",
+            f"the inputs of {whose} are held for {lookup.hold:g} s",
             expected="sampled control",
             key="continuous",
         )
     program.check_sample_time(chosen.sample_time)
-    for more in _beyond(lookup, chosen):
-        warnings.warn(f"{more}: its promise does not hold", ModelWarning, stacklevel=4)
 
 
 def _beyond(lookup: CellLookup, chosen: Settings) -> Iterator[str]:

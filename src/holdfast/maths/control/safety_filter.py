@@ -293,10 +293,10 @@ def check_fit(system: System, law: Law) -> None:
 
 
 def input_rows(system: System) -> list[Row]:
-    """The half-spaces of the input bounds, as expressions of the parameters."""
+    """Half-spaces within the input bounds, as expressions of the parameters."""
     if system.input_bounds is None:
         return []
-    return system.input_bounds.half_spaces()
+    return system.input_bounds.inscribed()
 
 
 def input_scales(system: System, given: Mapping[str, float]) -> Mapping[str, sp.Expr]:

@@ -10,10 +10,12 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
-from holdfast.maths.definitions.sets.base import Bounds, Reach, check_count, cube_surface, entries
+from holdfast.maths.definitions.sets.base import Bounds, Reach, Row, check_count, cube_surface, entries
 from holdfast.maths.expressions.functions import greatest, least, magnitude, select
 
 TINY = sp.Float(1e-300)
+
+SIDES, ALONG, MOST_DIMENSIONS = 32, 5, 3  # of a polygon and a polytope in a ball
 
 
 @checked
@@ -67,6 +69,36 @@ class Ball(Bounds):
 
     def ends(self) -> tuple[sp.Expr, ...]:
         return (self.radius,)
+
+    def inscribed(self) -> list[Row]:
+        """A regular polygon with `SIDES` corners on the rim; of a ball in space a polytope.
+
+        Its normals are those of `points`, so that its offsets, the radius times the cosine of the
+        largest angle to the nearest of them, leave no corner outside.
+        """
+        if self.dimension > MOST_DIMENSIONS:
+            return self.half_spaces()
+        if self.dimension == 2:
+            turns = [math.pi * (2 * k + 1) / SIDES for k in range(SIDES)]
+            normals = [(sp.Float(math.cos(a)), sp.Float(math.sin(a))) for a in turns]
+        else:
+            rim = [sp.Matrix(c) for c in cube_surface(self.dimension, ALONG)]
+            normals = [tuple(sp.Float(e) for e in c / c.norm()) for c in rim]
+        return [(n, self._inner) for n in normals]
+
+    @property
+    def _inner(self) -> sp.Expr:
+        """The radius of the largest ball in `inscribed`."""
+        if self.dimension == 1:
+            return self.radius
+        if self.dimension == 2:
+            return self.radius * sp.Float(math.cos(math.pi / SIDES))
+        # a direction is within half the diagonal of a square of the cube's surface of a normal
+        chord = math.sqrt(self.dimension - 1) / (ALONG - 1)
+        return self.radius * sp.Float(1 - chord**2 / 2)
+
+    def inscribed_points(self, samples: int) -> list[tuple[sp.Expr, ...]]:
+        return Ball(self._inner, self.dimension).points(samples)
 
     def reach(self, gain: sp.Matrix, p: sp.Matrix, spread: sp.Matrix, sign: int) -> Reach:
         """Centre and half-width of r G w/|w| for w = G'p, with p within the spread.

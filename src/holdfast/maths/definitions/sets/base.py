@@ -83,6 +83,14 @@ class Bounds(ABC):
             expected="a box, or a linear image of one with as many actuators as inputs",
         )
 
+    def inscribed(self) -> list[Row]:
+        """A polytope within the set, as `half_spaces`: the set itself where it is one."""
+        return self.half_spaces()
+
+    def inscribed_points(self, samples: int) -> list[tuple[sp.Expr, ...]]:
+        """`points` of that polytope."""
+        return self.points(samples)
+
     def corners(self) -> list[tuple[sp.Expr, ...]]:
         """Points whose convex hull is the set; `DefinitionError` for a set that has none."""
         raise DefinitionError(

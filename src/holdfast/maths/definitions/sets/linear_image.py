@@ -110,13 +110,22 @@ class LinearImage(Bounds):
         ]
 
     def half_spaces(self) -> list[Row]:
+        return self._rows(self.of.half_spaces)
+
+    def inscribed(self) -> list[Row]:
+        return self._rows(self.of.inscribed)
+
+    def inscribed_points(self, samples: int) -> list[tuple[sp.Expr, ...]]:
+        return [tuple(self.produce(a)) for a in self.of.inscribed_points(samples)]
+
+    def _rows(self, of: Callable[[], list[Row]]) -> list[Row]:
         if not self.matrix.is_square:
             raise DefinitionError(
                 "there are more actuators than inputs", expected="as many of each"
             )
         inverse = self.matrix.inv()
         return [
-            (tuple(sp.Matrix([normal]) * inverse), limit) for normal, limit in self.of.half_spaces()
+            (tuple(sp.Matrix([normal]) * inverse), limit) for normal, limit in of()
         ]
 
     def corners(self) -> list[tuple[sp.Expr, ...]]:

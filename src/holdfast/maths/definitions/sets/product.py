@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import sympy as sp
@@ -67,11 +67,17 @@ class Product(Bounds):
         return [e for part in self.parts for e in part.half_widths()]
 
     def half_spaces(self) -> list[Row]:
+        return self._rows(lambda part: part.half_spaces())
+
+    def inscribed(self) -> list[Row]:
+        return self._rows(lambda part: part.inscribed())
+
+    def _rows(self, of: Callable[[Bounds], list[Row]]) -> list[Row]:
         rows: list[Row] = []
         before = 0
         for part in self.parts:
             after = self.dimension - before - part.dimension
-            for normal, limit in part.half_spaces():
+            for normal, limit in of(part):
                 rows.append(((sp.S.Zero,) * before + normal + (sp.S.Zero,) * after, limit))
             before += part.dimension
         return rows
@@ -91,8 +97,13 @@ class Product(Bounds):
         return centre, width, near, narrow
 
     def points(self, samples: int) -> list[tuple[sp.Expr, ...]]:
-        every = itertools.product(*(part.points(samples) for part in self.parts))
-        return [tuple(itertools.chain(*one)) for one in every]
+        return self._joined(part.points(samples) for part in self.parts)
+
+    def inscribed_points(self, samples: int) -> list[tuple[sp.Expr, ...]]:
+        return self._joined(part.inscribed_points(samples) for part in self.parts)
+
+    def _joined(self, points: Iterable[list[tuple[sp.Expr, ...]]]) -> list[tuple[sp.Expr, ...]]:
+        return [tuple(itertools.chain(*one)) for one in itertools.product(*points)]
 
     def groups(self, members: Sequence[V]) -> list[Sequence[V]]:
         return [group for part, mine in self.split(members) for group in part.groups(mine)]
