@@ -21,15 +21,15 @@ REMEDY = "kernel = kernel.tried(hf.check_promise(system, kernel, region))"
 _warned: set[int] = set()
 
 
-def warn_of_promise(system: System, kernel: Kernel, stacklevel: int) -> None:
+def warn_of_promise(system: System, kernel: Kernel, sample_time: float, stacklevel: int) -> None:
     """Warn once of a kernel whose promise was not tried, or fell short.
 
-    A kernel that was computed here is tried now, with the trial by default, and remembers what it
-    came to; one from a file has been tried or not. `PromiseNotTriedWarning`,
-    `PromiseFellShortWarning`.
+    A kernel that was computed here is tried now, with the trial by default at the filter's
+    `sample_time` [s], and remembers what it came to; one from a file has been tried or not.
+    `PromiseNotTriedWarning`, `PromiseFellShortWarning`.
     """
     first = kernel.values[0] if isinstance(kernel, PartsValue) else kernel
-    trouble = _tried(system, kernel) if first.report.promise_outcome is None else ""
+    trouble = _tried(system, kernel, sample_time) if first.report.promise_outcome is None else ""
     report, key = first.report, id(first.dataset)
     if report.promise_outcome not in (None, FELL_SHORT, UNCONFIRMED) or key in _warned:
         return
@@ -53,13 +53,13 @@ def warn_of_promise(system: System, kernel: Kernel, stacklevel: int) -> None:
         )
 
 
-def _tried(system: System, kernel: Kernel) -> str:
+def _tried(system: System, kernel: Kernel, sample_time: float) -> str:
     """Try a kernel that was computed here, and note what it came to; why it cannot be tried."""
     try:
         if isinstance(kernel, PartsValue):
             promise: Tried | None = default_parts_promise(kernel)
         else:
-            promise = default_promise(system, kernel)
+            promise = default_promise(system, kernel, sample_time=sample_time)
     except SimulationError as error:
         return f" ({error})"
     if promise is not None:

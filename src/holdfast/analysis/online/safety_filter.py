@@ -141,7 +141,7 @@ class SafetyFilter:
         self._made = made
         warn_of_reduction(system, around)
         if made.kernel is not None:
-            warn_of_promise(system, made.kernel, stacklevel=3)
+            warn_of_promise(system, made.kernel, self.sample_time, stacklevel=3)
 
     @property
     def measured_states(self) -> tuple[str, ...]:

@@ -5,11 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import sympy as sp
+
 from holdfast.analysis.reachability.value_function import ValueFunction
-from holdfast.analysis.safety.safety_filter import REACHED
+from holdfast.analysis.safety.safety_filter import REACHED, decided
+from holdfast.analysis.safety.sampled_value import is_foreseen
 from holdfast.analysis.safety.validation import DISTURBED, check_promise
 from holdfast.analysis.safety.verdict import Promise
 from holdfast.execution.resources import Progress
+from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.system import System
 
 WORK = 3_000_000
@@ -33,16 +37,21 @@ class Trial:
         return {"runs": self.runs, "horizon": self.horizon, "sample_time": self.sample_time}
 
 
-def default_trial(system: System, value: ValueFunction) -> Trial:
+FALLS = 0.04
+"""The share of what is left above the level of a filter by which the value may fall in a sample."""
+
+
+def default_trial(system: System, value: ValueFunction, sample_time: float | None = None) -> Trial:
     """The trial of a value function that takes about a second, the same on every machine.
 
-    Inputs are held for a step of its march, in which no state crosses more than a cell, so that the
-    trial depends on no unit of time. A look-up in n states reads 2^n nodes, for the value and its n
-    slopes. The horizon is that of the value function, or, where FEWEST starts for as long are too
-    much work, as long as can be afforded; a goal is to be reached in the whole horizon.
+    Inputs are held for `sample_time` [s], by default for a step of its march, in which no state
+    crosses more than a cell, so that the trial depends on no unit of time. A look-up in n states
+    reads 2^n nodes, for the value and its n slopes. The horizon is that of the value function, or,
+    where FEWEST starts for as long are too much work, as long as can be afforded; a goal is to be
+    reached in the whole horizon.
     """
     report, states = value.report, len(value.grid.axes)
-    hold = report.reached_s / max(report.steps, 1)
+    hold = report.reached_s / max(report.steps, 1) if sample_time is None else sample_time
     kinds = len(DISTURBED) if system.disturbances else 1
     look_up = 2**states * (states + 1) / 12
     samples = WORK / (2 * kinds * max(look_up, 1.0))
@@ -54,14 +63,29 @@ def default_trial(system: System, value: ValueFunction) -> Trial:
 
 
 def default_promise(
-    system: System, value: ValueFunction, progress: Progress | None = None
+    system: System,
+    value: ValueFunction,
+    progress: Progress | None = None,
+    sample_time: float | None = None,
 ) -> Promise | None:
     """The promise of a value function by `default_trial`; None where what it claims is not known.
+
+    Where the sampled game is solved, the law is the safety filter around inputs of zero: at a ridge
+    of V the optimal inputs keep less than the kernel, and the filter is what a vehicle runs.
 
     Raises `SimulationError` where it cannot be tried, as `check_promise`.
     """
     if value.claim is None:
         return None
-    trial = default_trial(system, value).settings
+    trial = default_trial(system, value, sample_time)
     region, goal = value.claim.region, value.claim.goal
-    return check_promise(system, value, region, goal=goal, progress=progress, **trial)
+    options: dict[str, Any] = {"goal": goal, "progress": progress, **trial.settings}
+    if value.report.converged and is_foreseen(decided(system, value), value):
+        options |= {"law": _at_rest(system), "rate": FALLS / trial.sample_time}
+    return check_promise(system, value, region, **options)
+
+
+def _at_rest(system: System) -> Law:
+    """Inputs of zero, or those nearest to it within the bounds."""
+    zeros = dict.fromkeys(system.input_names, sp.S.Zero)
+    return Law(name=f"inputs of {system.name} at zero", reads=(), outputs=zeros)

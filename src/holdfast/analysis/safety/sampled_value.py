@@ -68,8 +68,7 @@ class SampledValue:
     beyond: float
 
     def possible_margin(self, late: float, sample_time: float, delay: float) -> float:
-        """`least` and what may fall while inputs are late; `SimulationError` where no state has it.
-        """
+        """`least` and what may fall while inputs are late; `SimulationError` where no state has it."""
         margin, deepest = self.least + late, float(self.table.max())
         if margin < deepest:
             return margin
@@ -180,7 +179,9 @@ class _Game:
             above = single > found
             single[above] = np.nextafter(single[above], np.float32(-np.inf))
             found = single
-        return SampledValue(found, self.points, self.moves, self.errors, least + SPARE * usual, self.cell)
+        return SampledValue(
+            found, self.points, self.moves, self.errors, least + SPARE * usual, self.cell
+        )
 
     def _iterate(self, found: Array, lost: float) -> None:
         count, layer = len(found), math.prod(self.shape[1:].tolist())
