@@ -114,13 +114,13 @@ def test_vehicle_arrives_although_its_model_lacks_a_force_and_a_moment():
     """
     without, estimated = inspection().run(), inspection("observer={bandwidth=8.0}").run()
     far, _ = ends(without)
-    assert without.viable == 76
+    assert without.viable == 108
     assert np.nanmin(far) > 0.01
     far, turned = ends(estimated)
     assert estimated.viable == 200
     assert far.max() < 0.002
     assert turned.max() < 0.02
-    for bandwidth, kept in ((2.0, 194), (1.0, 158)):
+    for bandwidth, kept in ((2.0, 200), (1.0, 195)):
         found = inspection(f"observer={{bandwidth={bandwidth}}}", "run.horizon=5").run()
         assert found.viable == kept
 

@@ -438,6 +438,8 @@ class _Skeletons:
 
     def terms(self, expression: sp.Expr) -> _Terms:
         """The products of an expression."""
+        if expression == 0:
+            return []
         skeleton = self._skeleton(expression)
         gens = (*self.parameters, *self._inverse)
         poly = sp.Poly(skeleton, *gens)
