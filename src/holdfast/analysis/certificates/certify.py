@@ -241,7 +241,7 @@ def _cells(
         if not (math.isfinite(low) and math.isfinite(high) and low < high) or count < 1:
             raise SimulationError(f"{q.name}: {count} cells from {low:g} to {high:g}")
         turns = q.unit == "rad" and abs(high - low - TURN) < 1e-9
-        turns = turns and all(_comes_back(e, q.symbol) for e in expressions)
+        turns = turns and all(comes_back(e, q.symbol) for e in expressions)
         if turns:  # a turn lies between two floats: the axis has the larger
             low, high = -TURN / 2, TURN / 2
         edges.append(np.linspace(low, high, count + 1))
@@ -281,10 +281,10 @@ def _edges(name: str, edges: Floats, low: float, high: float) -> Floats:
     return edges
 
 
-def _comes_back(e: sp.Expr, angle: sp.Symbol) -> bool:
+def comes_back(e: sp.Expr, angle: sp.Symbol) -> bool:
     """Whether an expression has an angle in sums inside sines and cosines alone."""
     if angle not in e.free_symbols:
         return True
     if isinstance(e, sp.sin | sp.cos):
         return e.args[0].diff(angle) in (1, -1)
-    return bool(e.args) and all(_comes_back(a, angle) for a in e.args)
+    return bool(e.args) and all(comes_back(a, angle) for a in e.args)

@@ -41,6 +41,7 @@ from holdfast.execution.table_in_parts import TableInParts
 
 if TYPE_CHECKING:
     from holdfast.analysis.certificates.certificate import Certificate
+    from holdfast.analysis.certificates.outer_set import OuterSet
     from holdfast.maths.definitions.region import Region
     from holdfast.maths.definitions.system import System
 
@@ -215,6 +216,13 @@ class ValueFunction:
         from holdfast.analysis.certificates.certify import certify
 
         return certify(system, region, candidate=self, **options)
+
+    @checked
+    def outer(self, system: System, region: Region | None, **options: Any) -> OuterSet:
+        """Cells outside which a state is lost, or not reached, for sure; see `hf.outer_set`."""
+        from holdfast.analysis.certificates.outer_set import outer_set
+
+        return outer_set(self, system, region, **options)
 
     def last(self) -> ValueFunction:
         """The value function at its last time only."""
