@@ -68,8 +68,7 @@ class SampledValue:
     beyond: float
 
     def possible_margin(self, late: float, sample_time: float, delay: float) -> float:
-        """`least` and what may fall while inputs are late; `SimulationError` where no state has it.
-        """
+        """`least` and what may fall while late; `SimulationError` where no state has it."""
         margin, deepest = self.least + late, float(self.table.max())
         if margin < deepest:
             return margin
@@ -180,7 +179,9 @@ class _Game:
             above = single > found
             single[above] = np.nextafter(single[above], np.float32(-np.inf))
             found = single
-        return SampledValue(found, self.points, self.moves, self.errors, least + SPARE * usual, self.cell)
+        return SampledValue(
+            found, self.points, self.moves, self.errors, least + SPARE * usual, self.cell
+        )
 
     def _iterate(self, found: Array, lost: float) -> None:
         count, layer = len(found), math.prod(self.shape[1:].tolist())
@@ -239,7 +240,8 @@ class _Game:
         rest = motions[:, behind + n * pairs :].reshape(len(motions), self.motion.moves, n)
         far = (base + gains + bent + np.abs(rest).max(axis=1)) / self.steps
         far = np.where(far < 1e6, far, 0.0)
-        return np.ceil(far.max(axis=0)).astype(np.int64)
+        found: Whole = np.ceil(far.max(axis=0)).astype(np.int64)
+        return found
 
     # -- what is left out of the game --------------------------------------------------------
 
@@ -316,9 +318,9 @@ class _Game:
             "foreseen", "search_many", len(states), found,
             np.ascontiguousarray(np.tile(middle, len(states))), half, constraints,
             motions.reshape(-1), self.wide, self.inputs.ravel(), m, 2 * m, len(self.inputs),
-            np.ascontiguousarray(wanted), self.cell, self.low, self.steps, self.shape, self.turns, n, moves, int(self.motion.curved),
-            out.reshape(-1), np.empty(room), np.zeros(whole, dtype=np.int64), np.empty(own),
-            np.zeros(counts, dtype=np.int64),
+            np.ascontiguousarray(wanted), self.cell, self.low, self.steps, self.shape, self.turns,
+            n, moves, int(self.motion.curved), out.reshape(-1), np.empty(room),
+            np.zeros(whole, dtype=np.int64), np.empty(own), np.zeros(counts, dtype=np.int64),
         )  # fmt: skip
         return out[:, :m]
 
