@@ -37,7 +37,9 @@ Points = tuple[tuple[sp.Expr, ...], ...]
 
 ENDS = {"extrapolated": 0, "contained": 0, "periodic": 1, "limited": 2}
 MOST_SWEEPS = 3000
-MOST_WORK = 4e9
+MOST_READ = 1 << 25
+"""Values that are read from a file, in which they would stay; `load` leaves no fewer there."""
+MOST_WORK = 1e9
 """Nodes times corners of a cell times inputs, from which on the game is not solved."""
 TOGETHER = 1 << 26
 """Numbers of the motions that are held in memory; beyond it they are computed anew."""
@@ -105,13 +107,14 @@ def moves_of(bounds: Bounds | None, dimension: int) -> Points:
 def is_foreseen(system: System, value: ValueFunction) -> bool:
     """Whether the sampled game over a value is solved.
 
-    That is where its values are in memory, and not too many.
+    That is where its values are in memory, or few, and not too many.
     """
     if not system.inputs or system.input_bounds is None or system.samples:
         return False
     corners = value.grid.nodes * 2.0 ** len(system.states)
     inputs = INPUTS.get(len(system.inputs), 2) ** len(system.inputs)
-    return value.stored is None and corners * inputs <= MOST_WORK
+    small = value.stored is None or value.grid.nodes <= MOST_READ
+    return small and corners * inputs <= MOST_WORK
 
 
 def sampled_value(
