@@ -50,11 +50,17 @@ class Problem:
     def built(self):
         """The system, the region and the grid of the product."""
         n, m, k = len(self.a), self.g.shape[1], self.e.shape[1]
-        q, u, d = ([hf.symbol(f"{c}{i}") for i in range(size)] for c, size in zip("xud", (n, m, k)))
+        q, u, d = (
+            [hf.symbol(f"{c}{i}") for i in range(size)]
+            for c, size in zip("xud", (n, m, k), strict=True)
+        )
         named = {s.name: s for s in (*q, *u, *d)}
 
         def line(row, symbols):
-            return " + ".join(f"({c!r})*{s}" for c, s in zip(map(float, row), symbols)) or "0"
+            return (
+                " + ".join(f"({c!r})*{s}" for c, s in zip(map(float, row), symbols, strict=True))
+                or "0"
+            )
 
         rates = {
             f"x{i}": hf.parse_expression(
@@ -73,10 +79,10 @@ class Problem:
             hf.Inequality(
                 f"c{j}", hf.parse_expression(f"abs({line(row, q)}) - ({float(b)!r})", named), "m"
             )
-            for j, (row, b) in enumerate(zip(self.rows, self.limits))
+            for j, (row, b) in enumerate(zip(self.rows, self.limits, strict=True))
         ]
         region = hf.Region("rows", system.states, tuple(inequalities))
-        box = {s.name: (-w, w) for s, w in zip(q, self.widths())}
+        box = {s.name: (-w, w) for s, w in zip(q, self.widths(), strict=True)}
         return system, region, hf.grid(system, box, nodes=self.nodes)
 
     def widths(self):
@@ -167,7 +173,9 @@ def ran(problem, rng, starts=40, seconds=6.0, most=400):
         after = np.stack([problem.step(q, u, np.tile(e, (count, 1)), h) for e in ends])
         next_values = np.stack([np.nan_to_num(value.at(x), nan=-9.0) for x in after])
         slopes = np.nan_to_num(value.gradient(np.clip(q, -half, half)))
-        falls = np.stack([(slopes * problem.rates(q, u, np.tile(e, (count, 1)))).sum(1) for e in ends])
+        falls = np.stack(
+            [(slopes * problem.rates(q, u, np.tile(e, (count, 1)))).sum(1) for e in ends]
+        )
         d = np.select(
             [(foe == k)[:, None] for k in range(len(FOES))],
             [

@@ -87,7 +87,13 @@ TABLES = {
         schema.SafetySpec,
         [hf.safety_law],
         {"kernel": "the file that computes the value", "alone": "in Python: no law is given"},
-        {"sample_time": "in [run]", "delay": "in [run]", "scales": "in [safeguard]"},
+        {
+            "sample_time": "in [run]",
+            "delay": "in [run]",
+            "scales": "in [safeguard]",
+            "errors": "of the parts of a kernel",
+            "ahead": "for laws that are to be certified",
+        },
     ),
     "[compare]": (
         schema.CompareSpec,

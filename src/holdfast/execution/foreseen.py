@@ -312,8 +312,9 @@ def keep_foreseen(
     """The input nearest to `wanted` in the half-spaces, after which W is high enough; the slack.
 
     The half-spaces after the first `hard` give way to each other as in `keep_in_order`; where
-    `first` is set they all give way to W, by as little as the input can, else W to them. result: the input, and 1 where a
-    condition changed it, not the bounds alone. own: `m` numbers more than of `search`.
+    `first` is set they all give way to W, by as little as the input can, else W to them. result:
+    the input, and 1 where a condition changed it, not the bounds alone. own: `m` numbers more than
+    of `search`.
     """
     slack = keep_in_order(
         wanted, scales, constraints, m, most, hard, ends, levels, result, own, counts

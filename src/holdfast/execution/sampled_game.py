@@ -83,8 +83,7 @@ def worst_after(
     shape: Wholes, ends: Wholes, axes: int, m: int, moves: int, curved: int, lost: float,
     room: Floats, whole: Wholes,
 ) -> float:  # fmt: skip
-    """The least of `others` over the disturbances, at a held input; no more is told below `least`.
-    """
+    """The least of `others` over the disturbances; where it is below `least`, one below it."""
     base, place = room[4 * axes :], room[5 * axes :]
     held_place(motion, u, axes, m, curved, base)
     move = motion[axes * (1 + m + curved * (m * (m + 1) // 2)) :]

@@ -54,7 +54,9 @@ def berthed():
     value = hf.discriminating_kernel(
         system, berth, hf.grid(system, {"x": (-1.2, 1.2), "y": (-1.2, 1.2)}, 121), 10.0
     )
-    law = safety_law(system, value, hf.commanded(system), rate=4.0, margin=0.15, sample_time=0.1)
+    law = safety_law(
+        system, value, hf.commanded(system), rate=4.0, margin=0.15, sample_time=0.1, ahead=False
+    )
     found = hf.certify(
         system, berth, law=law, box={"x": (-1, 1), "y": (-1, 1)}, cells=80, sample_time=0.1,
         inputs=10,
@@ -281,7 +283,7 @@ def filtered(law, rate=4.0):
     system, line = slider()
     grid = hf.grid(system, {"x": (-1.2, 1.2)}, 241)
     value = hf.discriminating_kernel(system, line, grid, 5.0)
-    return safety_law(system, value, law, rate=rate, margin=0.15, sample_time=0.1)
+    return safety_law(system, value, law, rate=rate, margin=0.15, sample_time=0.1, ahead=False)
 
 
 def outward(t, states):

@@ -184,6 +184,12 @@ def _check(program: ControllerProgram, ranges: Mapping[str, Range]) -> None:
             f"law '{law.name}' is that of a certificate, which proves it",
             remedy="check the certificate: holdfast-check FILE",
         )
+    if any(guard.foresight for guard in program.safeguards.values()):
+        raise SimulationError(
+            f"law '{law.name}' looks at a value a sample ahead, which is no half-space of inputs",
+            expected="a law of the slopes of a value",
+            remedy="take safety_law(..., ahead=False)",
+        )
     if program.lookup is not None and program.lookup.timed:
         raise SimulationError(
             f"law '{law.name}' looks up a value that depends on the time left",

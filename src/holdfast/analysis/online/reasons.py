@@ -155,12 +155,12 @@ class Reasons:
         values, low, steps, shape, periodic = self.program.table
         axes = len(shape)
         whole = (np.ascontiguousarray(a, dtype=np.int64) for a in (shape, periodic))
-        least = called(
+        least: float = called(
             "foreseen", "least_after", values, numbers[3 : 3 + motion].copy(),
             np.ascontiguousarray(given), -math.inf, low, steps, *whole, axes, m, moves, curved,
             numbers[2], np.empty(6 * axes), np.zeros(3 * axes, dtype=np.int64),
         )  # fmt: skip
-        return float(numbers[level] - least) - 1e-9 * numbers[2]
+        return float(numbers[level] - least - 1e-9 * numbers[2])
 
     def _left_alone(self, decision: Decision) -> str:
         """The inputs that could act on what gave way, and that no condition has."""

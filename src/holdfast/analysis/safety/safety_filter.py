@@ -60,20 +60,29 @@ def safety_law(
     delay: float = 0.0,
     scales: Mapping[str, float] | None = None,
     errors: Sequence[float] = (),
+    ahead: bool = True,
 ) -> L | Law:
     """The law that keeps the state in the set V > 0: optimal inputs, or a safety filter.
 
     Without `law` the optimal inputs, bang-bang within a box: max_u p . f with p = dV/dq (thesis
     (7.3), (7.7)). With `law` a safety filter, the least change of inputs in `scales` that satisfies
 
+        W(q after the sample) >= margin + (1 - rate sample_time) (W(q) - margin)
+
+    for every held disturbance; W is the value of the sampled game (`sampled_value`), whose inputs
+    are held for `sample_time`. It does nothing well inside the set and intervenes towards the
+    boundary. rate [1/s]. margin [unit of V]: by default `SampledValue.least`, and with a `delay` of
+    the measurement [s] `sampled_margin`, the most that V can fall before the input responds. If no
+    input is found that suffices, it is the best one, and runs count it. errors: by how much the
+    input that acts may differ from the held one, for each input.
+
+    Without such a game (`is_foreseen`; of a set that has not converged it has to keep `KEPT` of it;
+    and with `ahead` false, for a law that is to be certified) the condition is
+
         p . f(q, u, d) + rate (V - margin) >= 0   for every disturbance d
 
-    It does nothing well inside the set and intervenes towards the boundary. rate [1/s]. margin
-    [unit of V]: by default `sampled_margin`, the most that V can fall before the input responds to
-    a measurement that is `delay` s old; the input is held for `sample_time`. If no admissible input
-    suffices, the violation is the least possible, and runs count it. A value function with several
-    times is used at the remaining time and is constant below the first; a converged kernel at the
-    last.
+    with `sampled_margin` by default. A value function with several times is used at the remaining
+    time and is constant below the first; a converged kernel at the last.
 
     Raises `SimulationError` for a value function of another system, or of a problem in which the
     inputs do not maximise; for an empty set; for a margin below 0; for a rate too fast for the hold
@@ -102,7 +111,7 @@ def safety_law(
             remedy="compute it with times=[0, ...], or take the optimal inputs alone",
         )
     game = None
-    if not lookup.timed and is_foreseen(known, value):
+    if ahead and not lookup.timed and is_foreseen(known, value):
         game = sampled_value(known, value, sample_time, errors)
     if game is not None and (value.report.converged or game.share(value) >= KEPT):
         if margin is None:

@@ -37,7 +37,9 @@ Points = tuple[tuple[sp.Expr, ...], ...]
 
 ENDS = {"extrapolated": 0, "contained": 0, "periodic": 1, "limited": 2}
 MOST_SWEEPS = 3000
-MOST_WORK = 4e9
+MOST_READ = 1 << 25
+"""Values that are read from a file, in which they would stay; `load` leaves no fewer there."""
+MOST_WORK = 1e9
 """Nodes times corners of a cell times inputs, from which on the game is not solved."""
 TOGETHER = 1 << 26
 """Numbers of the motions that are held in memory; beyond it they are computed anew."""
@@ -68,7 +70,7 @@ class SampledValue:
     beyond: float
 
     def possible_margin(self, late: float, sample_time: float, delay: float) -> float:
-        """`least` and what may fall while inputs are late; `SimulationError` where no state has it."""
+        """`least` and what may fall while late; `SimulationError` where no state has it."""
         margin, deepest = self.least + late, float(self.table.max())
         if margin < deepest:
             return margin
@@ -105,13 +107,14 @@ def moves_of(bounds: Bounds | None, dimension: int) -> Points:
 def is_foreseen(system: System, value: ValueFunction) -> bool:
     """Whether the sampled game over a value is solved.
 
-    That is where its values are in memory, and not too many.
+    That is where its values are in memory, or few, and not too many.
     """
     if not system.inputs or system.input_bounds is None or system.samples:
         return False
     corners = value.grid.nodes * 2.0 ** len(system.states)
     inputs = INPUTS.get(len(system.inputs), 2) ** len(system.inputs)
-    return value.stored is None and corners * inputs <= MOST_WORK
+    small = value.stored is None or value.grid.nodes <= MOST_READ
+    return small and corners * inputs <= MOST_WORK
 
 
 def sampled_value(
@@ -240,7 +243,8 @@ class _Game:
         rest = motions[:, behind + n * pairs :].reshape(len(motions), self.motion.moves, n)
         far = (base + gains + bent + np.abs(rest).max(axis=1)) / self.steps
         far = np.where(far < 1e6, far, 0.0)
-        return np.ceil(far.max(axis=0)).astype(np.int64)
+        found: Whole = np.ceil(far.max(axis=0)).astype(np.int64)
+        return found
 
     # -- what is left out of the game --------------------------------------------------------
 
@@ -317,9 +321,9 @@ class _Game:
             "foreseen", "search_many", len(states), found,
             np.ascontiguousarray(np.tile(middle, len(states))), half, constraints,
             motions.reshape(-1), self.wide, self.inputs.ravel(), m, 2 * m, len(self.inputs),
-            np.ascontiguousarray(wanted), self.cell, self.low, self.steps, self.shape, self.turns, n, moves, int(self.motion.curved),
-            out.reshape(-1), np.empty(room), np.zeros(whole, dtype=np.int64), np.empty(own),
-            np.zeros(counts, dtype=np.int64),
+            np.ascontiguousarray(wanted), self.cell, self.low, self.steps, self.shape, self.turns,
+            n, moves, int(self.motion.curved), out.reshape(-1), np.empty(room),
+            np.zeros(whole, dtype=np.int64), np.empty(own), np.zeros(counts, dtype=np.int64),
         )  # fmt: skip
         return out[:, :m]
 

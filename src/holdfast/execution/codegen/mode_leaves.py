@@ -57,7 +57,9 @@ def mode_leaves(
     for k, (count, _) in enumerate(conditions):
         if count:
             answer = inputs + count * (inputs + 1)
-            found[f"held{k}"] = made(_held(k, inputs, count, bool(foresights[k])), t=len(CLOCK), q=answer, x=1)
+            found[f"held{k}"] = made(
+                _held(k, inputs, count, bool(foresights[k])), t=len(CLOCK), q=answer, x=1
+            )
     return found
 
 

@@ -174,7 +174,7 @@ def _counts(shape: Shape) -> dict[str, int]:
 
 def _room(shape: Shape) -> dict[str, int]:
     """How many numbers of w the parts have for themselves."""
-    m, axes = shape.inputs, shape.places
+    _m, axes = shape.inputs, shape.places
     most = max(count for count, _ in shape.conditions)
     return {
         "room": _program_room(shape, most) if most or any(shape.foresights) else 0,

@@ -251,7 +251,8 @@ def against_the_worst(
                 guard,
                 normals={**guard.normals, **dict.fromkeys(system.disturbance_names, zeros)},
                 scales={**guard.scales, **dict.fromkeys(system.disturbance_names, sp.S.One)},
-                foresight=guard.foresight and guard.foresight.of(
+                foresight=guard.foresight
+                and guard.foresight.of(
                     system.input_names,
                     (*system.input_names, *system.disturbance_names),
                     sp.S.One,

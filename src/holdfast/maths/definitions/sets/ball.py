@@ -10,7 +10,14 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
-from holdfast.maths.definitions.sets.base import Bounds, Reach, Row, check_count, cube_surface, entries
+from holdfast.maths.definitions.sets.base import (
+    Bounds,
+    Reach,
+    Row,
+    check_count,
+    cube_surface,
+    entries,
+)
 from holdfast.maths.expressions.functions import greatest, least, magnitude, select
 
 TINY = sp.Float(1e-300)

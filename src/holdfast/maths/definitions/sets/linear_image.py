@@ -124,9 +124,7 @@ class LinearImage(Bounds):
                 "there are more actuators than inputs", expected="as many of each"
             )
         inverse = self.matrix.inv()
-        return [
-            (tuple(sp.Matrix([normal]) * inverse), limit) for normal, limit in of()
-        ]
+        return [(tuple(sp.Matrix([normal]) * inverse), limit) for normal, limit in of()]
 
     def corners(self) -> list[tuple[sp.Expr, ...]]:
         return [self.produce(c) for c in self.of.corners()]
