@@ -114,7 +114,7 @@ def test_sampled_input_dissipates_no_more_than_one_with_a_closed_form():
     found = hf.viability_kernel(system, WALLS, grid, 40.0)
     assert found.extent()["x"] == pytest.approx((-0.25, 0.25), abs=0.012)
     plain = kernel(40.0, growth=2.0, push=0.5, nodes=201)
-    assert np.abs(found.values() - plain.values())[plain.values() > 0].max() < 1e-9
+    assert (found.values() - plain.values())[plain.values() > 0].min() > -1e-9
 
 
 def test_pursuit_with_two_balls_of_velocities_reaches_a_disc_that_grows_by_their_difference():

@@ -184,15 +184,15 @@ ON_END = 1e-6
 def touched(values: npt.NDArray[np.floating], ends: tuple[bool, bool]) -> Ends:
     """The ends of the grid at which a value in some of its planes is positive.
 
-    What is positive by less than `ON_END` of the change to the next node is zero but for rounding,
-    as in `beyond` of `stencils.py`. ends: whether the first and the last of these are ends of the
-    grid.
+    What is positive by less than `ON_END` of the largest change to the next plane is zero but for
+    rounding, as in `beyond` of `stencils.py`. ends: whether the first and the last of these are
+    ends of the grid.
     """
 
     def reaches(i: int, end: int) -> bool:
         inner = min(1, values.shape[i] - 1) if end == 0 else max(-2, -values.shape[i])
         edge, next_to_it = (np.take(values, k, axis=i) for k in (end, inner))
-        return bool((edge > ON_END * np.abs(edge - next_to_it)).any())
+        return bool((edge > ON_END * np.abs(edge - next_to_it).max()).any())
 
     return frozenset(
         (i, end)
@@ -272,7 +272,8 @@ def _beyond(
         precision=posed.marching.precision,
     )
     table = margin(posed.clock[0]).reshape([len(n) for n in nodes])
-    there = (np.moveaxis(table, number, 0).reshape(len(far), -1) > 0).any(axis=1)
+    largest = np.moveaxis(table, number, 0).reshape(len(far), -1).max(axis=1)
+    there = np.asarray(largest > 0)
     return there if outwards > 0 else there[::-1]
 
 

@@ -133,7 +133,11 @@ def _node(stage: Stage, real: str) -> str:
         lines += [
             "    {",
             f"    {real} {', '.join(f'speed{i}' for i in range(n))};",
-            *(x for i in range(n) for x in _rate(stage, real, "", f"speed{i}", 2 + i, declared=True)),
+            *(
+                x
+                for i in range(n)
+                for x in _rate(stage, real, "", f"speed{i}", 2 + i, declared=True)
+            ),
             *_declared(sides, real, "        "),
             *apart.lines,
             f"        if ({apart.text(results[2].number)}) {{",

@@ -6,7 +6,7 @@ Every part of the rate is computed as far out as possible (`codegen/loop_nest.py
 |---|---|---|
 | along | the nodes of the last axis | what depends on the last axis alone |
 | rows | of each row the other axes | what depends on outer axes; what depends on the row's |
-| rate | along, the row's, mean slopes, half gaps | dW/dtau before it is limited; that of a monotone step; speeds |
+| rate | along, the row's, mean slopes, half gaps | dW/dtau before it is limited, ... |
 
 Their argument u are numbers that are the same at all nodes: of the first two the time, the
 parameters and the largest speed along each axis; of the last what the rows have of outer axes.

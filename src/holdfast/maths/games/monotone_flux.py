@@ -9,75 +9,131 @@ from. It is H for g = 0, does not fall with a slope above nor rise with one belo
 faster than the speeds with either, so that the Euler step with it is monotone (H. J. Kushner,
 P. G. Dupuis, Numerical Methods for Stochastic Control Problems in Continuous Time, 1992).
 
-A set without corners, or with too many, has its support function in H, and the largest speed that
-it adds in the dissipation (Lax-Friedrichs), which is monotone, too, and smears a ridge more.
+Axes on which no input or disturbance acts jointly are a sum of such terms, each over the corners
+of what acts on it. A set without corners, or with too many, has its support function in H, and the
+largest speed that it adds in the dissipation (Lax-Friedrichs), which is monotone, too, and smears a
+ridge more.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import sympy as sp
 
 from holdfast.errors import DefinitionError
+from holdfast.maths.definitions.bounds import section
 from holdfast.maths.expressions.functions import greatest, least, magnitude
-from holdfast.maths.games.hamiltonian import Game, Hamiltonian, game_of, of_all
+from holdfast.maths.games.hamiltonian import Game, Hamiltonian, Player, game_of, of_all
 from holdfast.maths.games.sampled_inputs import Point
 
 MOST_PAIRS = 16
-"""Most pairs of corners of both sets that are compared at a sampled point."""
+"""Most pairs of corners of both sets that are compared at a sampled point, on axes that go
+together."""
+
+Corners = list[tuple[sp.Expr, ...]]
 
 
 def monotone_flux(h: Hamiltonian, gaps: Sequence[sp.Symbol]) -> sp.Expr:
     """H_M in terms of the costates of `h`, which stand for the mean slopes, and half gaps."""
     game = game_of(h)
-    corners = _corners(game)
-
-    def best(side: str, values: Sequence[sp.Expr]) -> sp.Expr:
-        return of_all(greatest if side == "max" else least, values)
+    blocks = list(_blocks(game))
 
     def case(u: Point, d: Point) -> sp.Expr:
         drift, gains = game.at(u | d)
-        still, wide, smooth = drift, [sp.S.Zero] * len(drift), sp.S.Zero
-        p = sp.Matrix(h.costates)
-        for player, gain, points in zip(game.players, gains, corners, strict=True):
-            if points is not None or not player.members:
+        return sp.Add(*(block.flux(h, gaps, drift, gains) for block in blocks))
+
+    picks = [greatest if side == "max" else least for side in h.sides]
+    answers = [of_all(picks[1], [case(u, d) for d in game.points[1]]) for u in game.points[0]]
+    return of_all(picks[0], answers)
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Axes, and of each player the members that act on them and on no others.
+
+    columns: their places among all members. corners: those that are compared; None for a support
+    function.
+    """
+
+    axes: tuple[int, ...]
+    players: tuple[Player, ...]
+    columns: tuple[tuple[int, ...], ...]
+    corners: tuple[Corners | None, ...]
+
+    def flux(
+        self,
+        h: Hamiltonian,
+        gaps: Sequence[sp.Symbol],
+        drift: sp.Matrix,
+        gains: Sequence[sp.Matrix],
+    ) -> sp.Expr:
+        """Its terms of H_M, from the rates without players and how these change them."""
+        axes, count = list(self.axes), len(self.axes)
+        p = sp.Matrix([h.costates[i] for i in axes])
+        g = [gaps[i] for i in axes]
+        still, wide, smooth = drift.extract(axes, [0]), [sp.S.Zero] * count, sp.S.Zero
+        moved = []
+        for player, gain, columns, corners in zip(
+            self.players, gains, self.columns, self.corners, strict=True
+        ):
+            own = gain.extract(axes, list(columns))
+            if corners is not None or not player.members:
+                moved.append([own * sp.Matrix(c) for c in corners or ()] or [sp.zeros(count, 1)])
                 continue
-            centre, width, _, _ = player.reach(gain, p, sp.zeros(len(drift), 1))
-            smooth += player.support(gain.T * p)[0] - (p.T * sp.Matrix(centre))[0]
+            centre, width, _, _ = player.reach(own, p, sp.zeros(count, 1))
+            smooth += player.support(own.T * p)[0] - (p.T * sp.Matrix(centre))[0]
             still = still + sp.Matrix(centre)
             wide = [a + b for a, b in zip(wide, width, strict=True)]
-        moved = [
-            [gain * sp.Matrix(c) for c in points] if points else [sp.zeros(len(drift), 1)]
-            for gain, points in zip(gains, corners, strict=True)
-        ]
-        return smooth + best(
-            h.sides[0],
-            [best(h.sides[1], [carried(still + a + b, wide) for b in moved[1]]) for a in moved[0]],
-        )
+            moved.append([sp.zeros(count, 1)])
 
-    def carried(rates: sp.Matrix, wide: Sequence[sp.Expr]) -> sp.Expr:
-        return sp.Add(
-            *(
-                f * p + (magnitude(f) + w) * g
-                for f, w, p, g in zip(rates, wide, h.costates, gaps, strict=True)
-            )
-        )
+        def carried(rates: sp.Matrix) -> sp.Expr:
+            terms = zip(rates, wide, p, g, strict=True)
+            return sp.Add(*(f * slope + (magnitude(f) + w) * gap for f, w, slope, gap in terms))
 
-    answers = [best(h.sides[1], [case(u, d) for d in game.points[1]]) for u in game.points[0]]
-    return best(h.sides[0], answers)
+        picks = [greatest if side == "max" else least for side in h.sides]
+        answers = [of_all(picks[1], [carried(still + a + b) for b in moved[1]]) for a in moved[0]]
+        return smooth + of_all(picks[0], answers)
 
 
-def _corners(game: Game) -> list[list[tuple[sp.Expr, ...]] | None]:
+def _blocks(game: Game) -> Iterator[_Block]:
+    """The axes in as many blocks as there are that no free group of members acts on jointly."""
+    block_of = list(range(len(game.still)))
+    groups: list[list[tuple[int, ...]]] = []
+    for player, gain in zip(game.players, game.gains, strict=True):
+        places = range(len(player.members))
+        free = player.bounds.groups(list(places)) if player.bounds and player.members else []
+        groups.append([tuple(group) for group in free])
+        for group in groups[-1]:
+            joint = {b for i, b in enumerate(block_of) if any(gain[i, j] != 0 for j in group)}
+            block_of = [min(joint) if b in joint else b for b in block_of]
+    for block in sorted(set(block_of)):
+        axes = tuple(i for i, b in enumerate(block_of) if b == block)
+        players, columns = [], []
+        for player, gain, free in zip(game.players, game.gains, groups, strict=True):
+            mine = [j for group in free for j in group if _acts(gain, group, axes)]
+            kept = [j in mine for j in range(len(player.members))]
+            members = tuple(q for q, k in zip(player.members, kept, strict=True) if k)
+            columns.append(tuple(j for j, k in enumerate(kept) if k))
+            players.append(replace(player, members=members, bounds=section(player.bounds, kept)))
+        yield _Block(axes, tuple(players), tuple(columns), _corners(players))
+
+
+def _acts(gain: sp.Matrix, group: Sequence[int], axes: Sequence[int]) -> bool:
+    return any(gain[i, j] != 0 for i in axes for j in group)
+
+
+def _corners(players: Sequence[Player]) -> tuple[Corners | None, ...]:
     """Of each player the corners that are compared; None for a support function."""
-    found: list[list[tuple[sp.Expr, ...]] | None] = []
-    for player in game.players:
+    corners: list[Corners | None] = []
+    for player in players:
         try:
-            found.append(player.bounds.corners() if player.bounds and player.members else None)
+            corners.append(player.bounds.corners() if player.bounds and player.members else None)
         except DefinitionError:  # it has none
-            found.append(None)
-    counts = [len(c) if c else 1 for c in found]
+            corners.append(None)
+    counts = [len(c) if c else 1 for c in corners]
     while counts[0] * counts[1] > MOST_PAIRS:
         k = 0 if counts[0] > counts[1] else 1
-        found[k], counts[k] = None, 1
-    return found
+        corners[k], counts[k] = None, 1
+    return tuple(corners)

@@ -1,0 +1,100 @@
+"""A grid that ends on a constraint gives the set of a wider one; one that ends before is refused."""
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from holdfast.errors import SimulationError
+
+HALF = {"x": 1.0, "v": 1.5}
+CELLS = 40
+
+
+def cart(scale=1.0):
+    _x, v, u = (hf.symbol(n) for n in ("x", "v", "u"))
+    system = hf.System(
+        "cart",
+        (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")),
+        (hf.Quantity("u", "m/s^2"),),
+        {"x": v, "v": u * scale},
+        input_bounds=hf.Box((-1,), (1,)),
+    )
+    rows = [
+        hf.Inequality(f"{side}_{q.name}", sign * q.symbol - scale * HALF[q.name], q.unit)
+        for q in system.states
+        for side, sign in (("low", -1), ("high", 1))
+    ]
+    return system, hf.Region("box", system.states, tuple(rows))
+
+
+def box(scale=1.0, more=0.0):
+    """The box of the region, wider by so many cells, or less than a cell."""
+    return {
+        n: tuple(side * scale * half * (1 + 2 * more / CELLS) for side in (-1, 1))
+        for n, half in HALF.items()
+    }
+
+
+def kernel(interval, nodes, scale=1.0, **options):
+    system, region = cart(scale)
+    grid = hf.grid(system, interval, nodes)
+    return hf.viability_kernel(system, region, grid, 20.0, **options)
+
+
+def share(found, scale=1.0):
+    return found.volume() / (4 * scale**2 * HALF["x"] * HALF["v"])
+
+
+@pytest.fixture(scope="module")
+def wide():
+    return share(kernel(box(more=2), CELLS + 5))
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-16, -1e-16, 3e-13])
+@pytest.mark.parametrize("scale", [1.0, 1e-6, 1e3])
+def test_grid_that_ends_on_the_constraints_gives_the_set_of_a_wider_one(wide, off, scale):
+    interval = {n: (a * (1 + off), b * (1 - off)) for n, (a, b) in box(scale).items()}
+    found = kernel(interval, CELLS + 1, scale)
+    assert share(found, scale) == pytest.approx(wide, abs=1e-3)
+    assert found.report.converged
+    assert not found.report.ends_reached
+
+
+@pytest.mark.parametrize("options", [{"precision": "float32"}, {"refine": 2}, {"scheme": "upwind"}])
+def test_so_it_is_with_every_kind_of_march(options):
+    nodes = {"refine": CELLS // 2 + 1}.get(next(iter(options)), CELLS + 1)
+    more = {"refine": CELLS // 2 + 3}.get(next(iter(options)), CELLS + 3)
+    wider = share(kernel(box(more=2 if "refine" in options else 1), more, **options))
+    assert share(kernel(box(), nodes, **options)) == pytest.approx(wider, abs=5e-3)
+
+
+@pytest.mark.parametrize(("name", "end"), [("x", 0), ("x", 1), ("v", 0), ("v", 1)])
+def test_each_end_on_a_constraint_lets_its_loss_in(wide, name, end):
+    interval = {n: list(b) for n, b in box(more=2).items()}
+    nodes = dict.fromkeys(HALF, CELLS + 5)
+    interval[name][end], nodes[name] = box()[name][end], CELLS + 3
+    assert share(kernel(interval, nodes)) == pytest.approx(wide, abs=1e-3)
+
+
+def test_grid_that_ends_before_the_constraint_is_refused_with_the_width_to_take():
+    interval = box() | {"x": (-1.0 + 0.5 * 2 / CELLS, 1.0)}
+    with pytest.raises(SimulationError, match=r"widen it to x = -1\.0") as refused:
+        kernel(interval, CELLS + 1)
+    place = float(str(refused.value).split("widen it to x = ")[1].split(",")[0])
+    found = kernel(box() | {"x": (place, 1.0)}, CELLS + 1)
+    assert 0.8 < share(found) < 0.83
+
+
+def test_basin_whose_target_ends_with_the_grid_is_that_of_a_wider_grid():
+    """x' = u to |x| < 1/2 within 1/2 s: |x| < 1."""
+    x, u = hf.symbol("x"), hf.symbol("u")
+    states = (hf.Quantity("x", "m"),)
+    line = hf.System(
+        "line", states, (hf.Quantity("u"),), {"x": u}, input_bounds=hf.Box((-1,), (1,))
+    )
+    near = hf.Region("near", states, (hf.Inequality("far", abs(x) - 0.5, "m"),))
+    for high, nodes in ((0.5, 81), (0.75, 91)):
+        grid = hf.grid(line, {"x": (-1.5, high)}, nodes, {"x": "extrapolated"})
+        found = hf.backward_reachable_tube(line, near, grid, 0.5)
+        inside = np.linspace(-1.49, 0.49, 199)
+        assert found.contains(inside[:, None]).mean() == pytest.approx(149 / 199, abs=0.02)

@@ -1,0 +1,149 @@
+"""Kernels that are empty though each input keeps one constraint: the value falls on its ridge alone.
+
+A positive combination a . x of the states falls for every input, so that within a bounded region
+every state is lost after the largest a . x over that rate. Each state alone can be raised and
+lowered, so that H >= 0 on both sides of a ridge, and < 0 on it.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+import holdfast as hf
+from tests.devices import needs_cpp
+
+HIGH = ("weno5", "eno3", "eno2")
+FALL = (0.005, 0.2)
+"""Rates at which the combination falls at least [1/s], the least and the largest."""
+
+
+def falling(rng: np.random.Generator, states: int, inputs: int) -> tuple[hf.System, float]:
+    """A system of rates f0 + G u + A (x - 1/2) in the unit cube, and when all is lost [s]."""
+    a = rng.uniform(0.2, 1.0, states)
+    corners = [np.array(c) for c in itertools.product((0.0, 1.0), repeat=states)]
+    choices = [np.array(c) for c in itertools.product((0.0, 1.0), repeat=inputs)]
+    while True:
+        gains = rng.uniform(-1.5, 1.5, (states, inputs))
+        drift = rng.uniform(-0.6, 0.6, states)
+        turn = rng.uniform(-0.2, 0.2, (states, states)) * rng.integers(0, 2)
+        fall = float(np.exp(rng.uniform(*np.log(FALL))))
+        most = max(
+            a @ (drift + gains @ u + turn @ (x - 0.5))
+            for x, u in itertools.product(corners, choices)
+        )
+        drift = drift - a * (most + fall) / (a @ a)
+        rates = np.array([drift + gains @ u for u in choices])
+        if (rates.max(axis=0) > 0.05).all() and (rates.min(axis=0) < -0.05).all():
+            break
+    x = [hf.symbol(f"x{i}") for i in range(states)]
+    u = [hf.symbol(f"u{j}") for j in range(inputs)]
+    system = hf.System(
+        "falling",
+        tuple(hf.Quantity(f"x{i}", "m") for i in range(states)),
+        tuple(hf.Quantity(f"u{j}", "1") for j in range(inputs)),
+        {
+            f"x{i}": float(drift[i])
+            + sum(float(gains[i, j]) * u[j] for j in range(inputs))
+            + sum(float(turn[i, j]) * (x[j] - 0.5) for j in range(states))
+            for i in range(states)
+        },
+        input_bounds=hf.Box((0,) * inputs, (1,) * inputs),
+    )
+    return system, float(a.sum()) / fall
+
+
+def cube(system: hf.System) -> hf.Region:
+    rows = [
+        hf.Inequality(f"{name}_{q.name}", expression, "m")
+        for q in system.states
+        for name, expression in (("low", -q.symbol), ("high", q.symbol - 1))
+    ]
+    return hf.Region("cube", system.states, tuple(rows))
+
+
+def kept(seed: int, states: int, nodes: int, scheme: str, **options: object) -> hf.ValueFunction:
+    rng = np.random.default_rng(seed)
+    system, time = falling(rng, states, int(rng.integers(1, 3)) if states == 2 else 2)
+    box = {q.name: (-rng.uniform(0.03, 0.15), 1 + rng.uniform(0.03, 0.15)) for q in system.states}
+    grid = hf.grid(system, box, nodes=nodes)
+    return hf.viability_kernel(system, cube(system), grid, 2 * time, scheme=scheme, **options)
+
+
+@pytest.mark.parametrize("scheme", HIGH)
+@pytest.mark.parametrize("seed", range(4))
+def test_no_scheme_keeps_a_state_where_a_combination_of_two_falls(scheme, seed):
+    assert kept(seed, 2, 41, scheme).report.empty
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("scheme", HIGH)
+@pytest.mark.parametrize("seed", range(100, 120))
+def test_nor_for_any_of_many_problems_in_two_states(scheme, seed):
+    assert kept(seed, 2, 61, scheme).report.empty
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("scheme", HIGH)
+@pytest.mark.parametrize("seed", range(200, 206))
+def test_nor_in_three_states(scheme, seed):
+    assert kept(seed, 3, 31, scheme).report.empty
+
+
+def two_modes(**options: object) -> hf.ValueFunction:
+    """(1, -.3) and (-.3, .05) blended: .23 x + y falls by .019 /s at least."""
+    m = hf.symbol("m")
+    states = (hf.Quantity("x0", "m"), hf.Quantity("x1", "m"))
+    rates = {"x0": 1 - 1.3 * m, "x1": -0.3 + 0.35 * m}
+    system = hf.System(
+        "two modes", states, (hf.Quantity("m", "1"),), rates, input_bounds=hf.Box((0,), (1,))
+    )
+    options = {"nodes": 61} | options
+    box = {"x0": (-0.1, 1.1), "x1": (-0.113, 1.1)}
+    grid = hf.grid(system, box, nodes=options.pop("nodes"))
+    return hf.viability_kernel(system, cube(system), grid, 100.0, **options)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"scheme": "weno5", "dissipation": "local"},
+        {"scheme": "eno3", "dissipation": "global"},
+        {"precision": "float32"},
+        {"nodes": 31, "refine": 2},
+        {"nodes": 31, "tolerance": 1e-4},
+        {"nodes": 31, "tolerance": 0.5},
+    ],
+)
+def test_two_modes_keep_nothing_whatever_the_options(options):
+    assert two_modes(**options).report.empty
+
+
+def test_two_modes_keep_nothing_on_a_disk(tmp_path):
+    assert two_modes(nodes=31, on_disk=tmp_path).report.empty
+
+
+@needs_cpp
+def test_two_modes_keep_nothing_on_a_device():
+    assert two_modes(nodes=31, device="c++").report.empty
+
+
+@pytest.mark.parametrize("scheme", HIGH)
+def test_converter_loses_the_corner_where_no_mix_of_its_modes_stays(scheme):
+    """DC-DC boost converter of A. Girard, G. Poessl, M. Zamani: at (1.16 A, 5.455 V) the
+    combination .17 i + v falls for every mix."""
+    i, v, m = (hf.symbol(n) for n in ("i", "v", "m"))
+    states = (hf.Quantity("i"), hf.Quantity("v"))
+    rates = {
+        "i": 1 / 3 - 0.05 / 3 * i - m * ((0.005 / 1.005) / 3 * i + v / (1.005 * 15)),
+        "v": -v / (70 * 1.005) + m * 5 * i / (1.005 * 70),
+    }
+    system = hf.System("converter", states, (hf.Quantity("m"),), rates, input_bounds=hf.Box((0,), (1,)))  # fmt: skip
+    rows = (("i_low", 1.15 - i), ("i_high", i - 1.55), ("v_low", 5.45 - v), ("v_high", v - 5.85))
+    region = hf.Region("limits", states, tuple(hf.Inequality(n, e) for n, e in rows))
+    grid = hf.grid(system, {"i": (1.13, 1.57), "v": (5.43, 5.87)}, nodes=41)
+    found = hf.viability_kernel(system, region, grid, 60.0, scheme=scheme)
+    assert not found.contains([[1.16, 5.455]]).any()
+    assert 0.97 < found.volume() / 0.16 < 0.99
