@@ -184,7 +184,10 @@ FUNCTIONS = {
     "certify": lambda: {
         "system": line(), "region": end(), "box": {"x": (-1.0, 1.0)}, "cells": 5, "sample_time": 0.1, "horizon": 0.2, "inputs": 2,
         "uncertain": {"push": (0.1, 0.2)}, "disturbance": {"d": 0.1}, "errors": {"x": 0.01}, "delay": 0.02,
-        "refine": 1, "store": tempfile.mkdtemp(),
+        "refine": 1, "store": tempfile.mkdtemp(), "candidate": None, "margin": 0.0,
+    },
+    "outer_set": lambda: {
+        "value": value(), "system": line(), "region": end(), "target": None, "cells": 5, "sample_time": 0.1, "inputs": 2, "refine": 0,
     },
     "judge_law": lambda: {
         "system": line(), "region": end(), "law": push_law(), "box": {"x": (-1.0, 1.0)}, "cells": 5, "sample_time": 0.1,

@@ -100,6 +100,11 @@ class Report:
         """
         return INNER if self.kind == FORWARD else ""
 
+    def told(self) -> dict[str, Any]:
+        """What a summary says in words and tables."""
+        word = {"approximation": self.approximation} if self.approximation else {}
+        return {"boundary_error": dict(self.boundary_error) or None, **word}
+
     def attributes(self) -> dict[str, Any]:
         """The attributes of a dataset: numbers and text, tables as JSON, without None."""
         return {n: _written(v) for n, v in asdict(self).items() if v is not None}

@@ -7,24 +7,20 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import xarray as xr
 
+from holdfast.analysis.reachability import stored_tables
 from holdfast.analysis.reachability.cells import share_inside
 from holdfast.analysis.reachability.claim import Claim, Tried, recorded
 from holdfast.analysis.reachability.given import number
 from holdfast.analysis.reachability.grid import Axis, Grid
 from holdfast.analysis.reachability.inner_set import inner
 from holdfast.analysis.reachability.march_report import Report
-from holdfast.analysis.reachability.stored_tables import (
-    ARRIVALS,
-    Layers,
-    StoredTables,
-    largest_over,
-)
+from holdfast.analysis.reachability.stored_tables import ARRIVALS, Layers, StoredTables
 from holdfast.analysis.reachability.value_dataset import (
     between_nodes,
     dataset_of,
@@ -38,12 +34,6 @@ from holdfast.execution.arrays import AnyArray, Array
 from holdfast.execution.look_up import slopes_at, values_at
 from holdfast.execution.resources import check_memory
 from holdfast.execution.table_in_parts import TableInParts
-
-if TYPE_CHECKING:
-    from holdfast.analysis.certificates.certificate import Certificate
-    from holdfast.analysis.certificates.outer_set import OuterSet
-    from holdfast.maths.definitions.region import Region
-    from holdfast.maths.definitions.system import System
 
 
 @dataclass(frozen=True)
@@ -151,10 +141,7 @@ class ValueFunction:
     def contains(
         self, states: npt.ArrayLike, margin: float = 0.0, time: float | None = None
     ) -> npt.NDArray[np.bool_]:
-        """Whether V > margin, at the end or at one of the requested times.
-
-        A state outside the grid is not contained.
-        """
+        """Whether V > margin, at the end or at one of the requested times; not outside the grid."""
         inside: npt.NDArray[np.bool_] = self.at(states, time) > margin
         return inside
 
@@ -196,30 +183,17 @@ class ValueFunction:
         return found
 
     def inner(self) -> ValueFunction:
-        """The set eroded by its estimated error in cells, from a coarser grid.
-
-        Needs `estimate_error` of the march; see `reachability.inner_set`. An estimate is not a
-        proof.
-        """
+        """The set eroded by its estimated error in cells; needs `estimate_error` of the march."""
         return inner(self)
 
-    @checked
-    def certified(self, system: System, region: Region, **options: Any) -> Certificate:
-        """The part of the set that is proved, as a certificate that another program checks.
-
-        The cells of the grid that V > `margin` (0) touches are a candidate: which of them held
-        inputs lead back into, between samples too, whatever the disturbances do, is decided by
-        intervals with every rounding counted. options: those of `hf.certify`, such as sample_time,
-        inputs, cells, refine, and the target of a capture basin. Cells smaller than the grid's
-        prove more. Raises as `hf.certify`.
-        """
+    def certified(self, system: Any, region: Any, **options: Any) -> Any:
+        """The part of the set that is proved, a certificate: `hf.certify` with this candidate."""
         from holdfast.analysis.certificates.certify import certify
 
         return certify(system, region, candidate=self, **options)
 
-    @checked
-    def outer(self, system: System, region: Region | None, **options: Any) -> OuterSet:
-        """Cells outside which a state is lost, or not reached, for sure; see `hf.outer_set`."""
+    def outer(self, system: Any, region: Any, **options: Any) -> Any:
+        """Cells outside which a state is lost, or not reached, for sure: `hf.outer_set`."""
         from holdfast.analysis.certificates.outer_set import outer_set
 
         return outer_set(self, system, region, **options)
@@ -256,14 +230,17 @@ class ValueFunction:
             self._axis(name)
         rest = [a.name for a in self.grid.axes if a.name not in names]
         data = self.dataset["value"]
-        data = data.max(rest) if self.stored is None else largest_over(data, rest, self.stored)
+        data = (
+            data.max(rest)
+            if self.stored is None
+            else stored_tables.largest_over(data, rest, self.stored)
+        )
         axes = tuple(a for a in self.grid.axes if a.name in names)
         return ValueFunction(data.to_dataset().assign_attrs(self.dataset.attrs), Grid(axes))
 
     @checked
     def save(self, path: str | Path) -> Path:
         """Write NetCDF-4, compressed, atomically; `OutputError` if the folder cannot be written.
-
         Values of more than 65,536 numbers are in chunks of at most so many, and nothing of them is
         copied.
         """
@@ -271,10 +248,8 @@ class ValueFunction:
 
     def summary(self) -> dict[str, Any]:
         """The problem, the method and the error estimates, for summary.json."""
-        lengths = self.report.boundary_error
         return {k: v for k, v in self.dataset.attrs.items() if k != "scenario_text"} | {
-            "boundary_error": dict(lengths) or None,
-            **({"approximation": word} if (word := self.report.approximation) else {}),
+            **self.report.told(),
             "fraction_of_box": self.fraction(),
             "volume": self.volume(),
             "extent": {n: list(ends) for n, ends in self.extent().items()},

@@ -172,9 +172,7 @@ def sampled_margin(
     between neighbouring times); otherwise the term is absent. The maxima are over the nodes at
     which V is at most two cells, or that margin, from the boundary, or `MANY` of them. A state
     measured with V above the margin has V > 0 until the next input, for any input and disturbance.
-    Where V jumps, its slope on a grid grows as cells shrink; then the margin is the largest V from
-    which the boundary is near enough to be reached in the time (`depth.highest_within`).
-
+    Where V jumps, it is the largest V from which the boundary may be reached in the time.
     Raises `SimulationError` for an invalid sample time or delay.
     """
     positive = "a positive number of seconds"
@@ -326,11 +324,8 @@ class _Falls:
     def speeds(self) -> Array:
         """The largest speed along every axis in the set, for any inputs and disturbance."""
         axes, layers = self.value.grid.axes, self.value.layers(None)
-        within = Places(lambda k: layers[k] > 0, layers.shape)
-        some = np.arange(len(within))
-        if len(some) > MANY:
-            some = np.random.default_rng(0).choice(len(some), MANY, replace=False)
-        points = np.stack([a.nodes[k] for a, k in zip(axes, within.at(some), strict=True)], axis=1)
+        within = _near(layers, layers, math.inf)
+        points = np.stack([a.nodes[k] for a, k in zip(axes, within, strict=True)], axis=1)
         found = []
         for way in np.eye(len(axes)):
             rows = [np.hstack([points, np.tile(s * way, (len(points), 1))]) for s in (1.0, -1.0)]
