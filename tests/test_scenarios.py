@@ -338,11 +338,16 @@ def test_key_with_nothing_after_the_sign_is_taken_away():
 
 
 def test_safeguard_keeps_constraints_of_its_own_beside_those_of_the_region():
-    """Four thruster limits, four constraints of the view, and |psi| <= 1.01 as its two pieces."""
+    """Four thruster limits, four constraints of the view, and |psi| <= 1.01 as its two pieces.
+
+    Over the box of the model a constraint of the view has four conditions, a piece of psi's one.
+    """
     own = ["safeguard.constraints.heading={expression='abs(psi) - 1.01', unit='rad'}"]
     scenario = load_scenario("inspection", own, runs=3)
     guard = next(iter(scenario.law.modes.values())).safeguard
-    assert (guard.hard, len(guard.offsets)) == (4, 10)
+    assert (guard.hard, len(guard.offsets)) == (4, 22)
+    nominal = load_scenario("inspection", [*own, "safeguard.uncertain="], runs=3).law.modes
+    assert {len(law.safeguard.offsets) for law in nominal.values()} == {10}
     assert scenario.region.inequality_names == ("edge_low", "edge_high", "too_near", "too_far")
     data = load_scenario("inspection", own, runs=20).run().dataset
     assert np.abs(data["state"].sel(state_name="psi").values[3:]).max() < 1.06
