@@ -60,7 +60,8 @@ def test_filter_leaves_the_law_alone_well_inside_and_takes_over_at_the_boundary(
     assert np.abs(given[0] - asked).max() < 1e-9
     assert given[1, 0] == pytest.approx(-1.0)
     value = result.dataset["signal"].sel(signal_name="value").values
-    assert value[0, 0] == pytest.approx(kernel.at([[0.0, 0.0]])[0])
+    of_kernel = kernel.at([[0.0, 0.0]])[0]
+    assert of_kernel - 0.1 < value[0, 0] <= of_kernel, "what held inputs keep is less"
     data = result.dataset
     assert data["signal"].attrs["value_of_kernel"] == "value"
     assert data["signal_unit"].values.tolist() == [kernel.dataset.attrs["value_unit"]]
@@ -69,7 +70,7 @@ def test_filter_leaves_the_law_alone_well_inside_and_takes_over_at_the_boundary(
     assert (answers[0] == SafeguardAnswer.KEPT).all()
     assert answers[1, 0] != SafeguardAnswer.KEPT
     assert np.array_equal(answers == SafeguardAnswer.INFEASIBLE, data["slack"].values > 0)
-    assert data["slack"].attrs["units"] == f"{kernel.dataset.attrs['value_unit']}/s"
+    assert data["slack"].attrs["units"] == kernel.dataset.attrs["value_unit"]
 
 
 def test_margin_for_a_held_input_is_what_a_sample_can_lose(kernel):
