@@ -340,11 +340,11 @@ def test_law_that_sees_the_state_late_keeps_it_with_the_margin_of_the_delay(kern
         ).viable
 
     assert stay(None) == 200
-    assert stay(margins[0]) < 190, "the margin without the delay does not suffice"
+    assert stay(margins[0]) == 174, "the margin without the delay does not suffice"
 
 
-def test_law_that_sees_the_state_late_swings_further_and_further(kernel):
-    """A margin that is much of what there is holds from input to input, and not for ever."""
+def test_law_that_sees_the_state_late_keeps_it_for_long(kernel):
+    """With a margin that is much of what there is; nothing is proved for ever."""
     push = hf.Law("push", STATES, {"u": hf.parse_expression("1", {})})
     points = np.random.default_rng(1).uniform([-1, -1.5], [1, 1.5], (4000, 2))
     stay = {}
