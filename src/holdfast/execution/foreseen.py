@@ -221,8 +221,8 @@ def search(
         if not slack < math.inf:
             break
         value = least_after(
-            values, motion, tried, -math.inf, low, steps, shape, periodic, axes, m, moves, curved,
-            beyond, room, whole,
+            values, motion, tried, min(level, reached), low, steps, shape, periodic, axes, m, moves,
+            curved, beyond, room, whole,
         )  # fmt: skip
         if value > reached + BETTER * beyond:
             reached = value

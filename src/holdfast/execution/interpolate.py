@@ -39,7 +39,9 @@ def between_nodes(
             last -= 1
         k = min(max(int(math.floor(x)), 0), last)  # noqa: RUF046
         near[i] = k
-        far[i] = (k + 1) % shape[i]
+        far[i] = k + 1
+        if k + 1 == shape[i]:
+            far[i] = 0
         room[i] = x - k
     return True
 
