@@ -100,11 +100,11 @@ class _Block:
 def _blocks(game: Game) -> Iterator[_Block]:
     """The axes in as many blocks as there are that no free group of members acts on jointly."""
     block_of = list(range(len(game.still)))
-    groups: list[list[tuple[int, ...]]] = []
+    groups: list[list[Sequence[int]]] = []
     for player, gain in zip(game.players, game.gains, strict=True):
         places = range(len(player.members))
-        free = player.bounds.groups(list(places)) if player.bounds and player.members else []
-        groups.append([tuple(group) for group in free])
+        free = player.bounds.groups(places) if player.bounds and player.members else []
+        groups.append(free)
         for group in groups[-1]:
             joint = {b for i, b in enumerate(block_of) if any(gain[i, j] != 0 for j in group)}
             block_of = [min(joint) if b in joint else b for b in block_of]
