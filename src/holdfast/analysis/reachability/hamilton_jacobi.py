@@ -35,10 +35,13 @@ def marched(
     progress: Progress | None = None,
     begin: Array | None = None,
     until: Until | None = None,
+    *,
+    filtered: bool = True,
 ) -> ValueFunction:
     """The value at the end of the march, with what it is worth.
 
     begin: values at the nodes that it begins with, where they are less than those of the problem.
+    filtered: whether a scheme of high order is held close to a monotone step.
     """
     check_fits(posed)
     h = hamiltonian_of(posed)
@@ -49,7 +52,7 @@ def marched(
     place, finer = workplace(posed.marching), on_finer_grid(posed)
     losses = 0
     while True:
-        attempt = OneMarch(posed, h, progress, until, begun=begin is not None)
+        attempt = OneMarch(posed, h, progress, until, begun=begin is not None, filtered=filtered)
         try:
             with place.parts(finer, h) as parts:
                 return attempt.result(DividedMarch(finer, parts, begin))

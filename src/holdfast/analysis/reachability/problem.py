@@ -87,9 +87,12 @@ class Posed:
 
     def aside(self, name: str) -> Posed:
         """The same problem for its end alone, to tell what its answer is worth."""
-        marching = self.marching.aside(name, self.problem.kind)
         last = (self.horizon,)
-        return replace(self, marching=marching, asked=last, several=False, arrival_steps=0)
+        return replace(self.renamed(name), asked=last, several=False, arrival_steps=0)
+
+    def renamed(self, name: str) -> Posed:
+        """The same problem, whose checkpoint is named so."""
+        return replace(self, marching=self.marching.aside(name, self.problem.kind))
 
 
 def pose(

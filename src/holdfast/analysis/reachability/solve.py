@@ -14,13 +14,13 @@ import sympy as sp
 from holdfast.analysis.reachability.claim import Claim
 from holdfast.analysis.reachability.error_estimate import coarser, with_error, with_outside
 from holdfast.analysis.reachability.grid import Grid
-from holdfast.analysis.reachability.hamilton_jacobi import marched
 from holdfast.analysis.reachability.inner_set import with_error_in_cells
 from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.one_march import Progress, Until
 from holdfast.analysis.reachability.options import Problem, marching_of
 from holdfast.analysis.reachability.problem import Posed, definition, pose
 from holdfast.analysis.reachability.refinement import check_refined
+from holdfast.analysis.reachability.resting_set import marched_to_rest
 from holdfast.analysis.reachability.value_function import ValueFunction, to_value_function
 from holdfast.errors import SimulationError
 from holdfast.execution.level_set.over_grid import over_grid
@@ -84,12 +84,12 @@ def solve(
     grids = {False: 0, True: 1, "order": 2}[marching.estimate_error]
     further = coarser(posed, grids)  # refused before the march, if it cannot be
     start = _begun(posed, begin, until)
-    found = marched(posed, progress, start, until)
+    found = marched_to_rest(posed, progress, start, until)
     if further:
-        rougher = [marched(other) for other in further]
+        rougher = [marched_to_rest(other) for other in further]
         found = with_error_in_cells(with_error(found, rougher), rougher[0])
     if marching.check_outside:
-        found = with_outside(found, posed, marched)
+        found = with_outside(found, posed, marched_to_rest)
     found = found.reported(definition=definition(system))
     return replace(found, claim=_claim(problem))
 
