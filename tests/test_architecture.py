@@ -81,7 +81,8 @@ def test_user_text_is_never_run(path):
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(SOURCE)))
 def test_no_module_outgrows_its_room(path):
-    assert len(path.read_text("utf-8").splitlines()) <= 340
+    """A module is one idea, whole: many files of one caller are as hard to read."""
+    assert len(path.read_text("utf-8").splitlines()) <= 800
 
 
 def test_importing_the_package_is_light():

@@ -120,7 +120,7 @@ def test_grid_that_does_not_contain_the_region():
     small = hf.grid(CART, BOX | {"x": (-0.8, 1.3)}, 21)
     message = (
         "the grid cuts off region 'walls' at x = -0.8; expected a grid that contains the region; "
-        'widen it, or give ends = {"x": "limited"}'
+        'widen it to x = -1.01, or give ends = {"x": "limited"}'
     )
     refused(message, lambda: kernel(grid=small))
 

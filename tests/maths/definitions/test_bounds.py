@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 import sympy as sp
 from hypothesis import given
@@ -87,3 +88,18 @@ def test_ranges_are_the_extremes_that_some_member_takes():
     assert hf.LinearImage(sp.Matrix([[3, 4]]), hf.Ball(2, 2)).ranges() == [(-10, 10)]
     assert product(box, hf.Ball(1, 1)).ranges() == [(-2, 2), (-1, 3), (-1, 1)]
     assert hf.Box((-sp.oo,), (1,)).ranges() == [(-sp.oo, 1)]
+
+
+@pytest.mark.parametrize(
+    ("dimension", "sides", "share"), [(1, 2, 1.0), (2, 32, 0.99), (3, 98, 0.93)]
+)
+def test_polytope_of_a_filter_lies_in_the_ball_and_fills_it(dimension, sides, share):
+    rows = hf.Ball(2.0, dimension).inscribed()
+    normals = np.array([[float(e) for e in normal] for normal, _ in rows])
+    offsets = np.array([float(offset) for _, offset in rows])
+    assert len(rows) == sides
+    drawn = np.random.default_rng(0).normal(size=(20_000, dimension))
+    drawn /= np.linalg.norm(drawn, axis=1)[:, np.newaxis]
+    reach = (offsets / np.maximum(drawn @ normals.T, 1e-9)).min(axis=1)  # from the middle outwards
+    assert reach.max() <= 2.0 * (1 + 1e-12)
+    assert reach.min() >= share * 2.0

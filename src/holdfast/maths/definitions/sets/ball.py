@@ -89,8 +89,8 @@ class Ball(Bounds):
             turns = [math.pi * (2 * k + 1) / SIDES for k in range(SIDES)]
             normals = [(sp.Float(math.cos(a)), sp.Float(math.sin(a))) for a in turns]
         else:
-            rim = [sp.Matrix(c) for c in cube_surface(self.dimension, ALONG)]
-            normals = [tuple(sp.Float(e) for e in c / c.norm()) for c in rim]
+            rim = [[float(e) for e in c] for c in cube_surface(self.dimension, ALONG)]
+            normals = [tuple(sp.Float(e / math.hypot(*c)) for e in c) for c in rim]
         return [(n, self._inner) for n in normals]
 
     @property
