@@ -146,4 +146,4 @@ def test_converter_loses_the_corner_where_no_mix_of_its_modes_stays(scheme):
     grid = hf.grid(system, {"i": (1.13, 1.57), "v": (5.43, 5.87)}, nodes=41)
     found = hf.viability_kernel(system, region, grid, 60.0, scheme=scheme)
     assert not found.contains([[1.16, 5.455]]).any()
-    assert 0.97 < found.volume() / 0.16 < 0.99
+    assert 0.985 < found.volume() / 0.16 < 0.998  # 99.1 % on 161 nodes

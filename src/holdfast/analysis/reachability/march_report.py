@@ -28,7 +28,7 @@ class Report:
     many times shorter the cells near the boundary are, marched_share: the mean share of the nodes
     of this finer grid that were in blocks around it; None without `refine`.
 
-    filtered_cells: cells of its rim that a converged set loses to the filtered scheme, at most;
+    filtered_share: the share of the nodes of a converged set that the filtered scheme took from it;
     None where that scheme made the set, or was not asked (`resting_set.py`).
 
     The following are None, or empty, unless requested. error_order, error_largest, error_rms,
@@ -75,7 +75,7 @@ class Report:
     parameters: Mapping[str, float] = field(default_factory=dict)
     disturbance: Mapping[str, float | str] = field(default_factory=dict)
     definition: str = ""
-    filtered_cells: int | None = None
+    filtered_share: float | None = None
     error_order: float | None = None
     error_largest: float | None = None
     error_rms: float | None = None

@@ -1,27 +1,27 @@
-"""A kernel that a march came to rest at, and whether the equation rests there too.
+"""A kernel at which a march comes to rest, and whether the equation rests there too.
 
 A scheme of high order may stand still at a ridge at which the solution falls. The same scheme held
 close to a monotone step (`execution/level_set/stage_steps.py`) converges to the solution, at the
 price of first order at every ridge. So both are asked: the march of high order goes first, and from
-its rest that of the filtered scheme goes on, until it rests as well. Where the set loses no more
-than `most_cells`, a share of the grid that tends to 0 with the cells, the first is the answer: it
-is as far from the filtered one at most, and so converges with it. Where it loses more, it rested at
-no solution, and the filtered march from the beginning is the answer.
+its rest that of the filtered scheme goes on, until it rests as well. With V of the first and F of
+the second the answer is
+
+    min(V, the largest F within `RIM` cells along the axes)
+
+It has the accuracy of high order where the two sets are that close, and as it is never further from
+the filtered value than a cell, it converges with it.
 
 Other problems, which grow, are held at an instant, or depend on time, are marched by the filtered
-scheme from the beginning.
+scheme from the beginning; so is a march from a disk or on a cluster.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import maximum_filter
 
-from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.hamilton_jacobi import marched
 from holdfast.analysis.reachability.one_march import Progress, Until
 from holdfast.analysis.reachability.problem import Posed
@@ -29,9 +29,8 @@ from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.schemes import schemes
 
-WORN = 0.4
-"""Cells by which the set may lose its rim to the filtered scheme, times the root of the cells along
-an axis: at its tips a monotone step wears off some, more on finer grids."""
+RIM = 1
+"""Cells by which the set of high order may be larger than that of the filtered scheme."""
 
 SETTLED = 0.1
 """The least tolerance [cells] of the rest of the filtered scheme: whole cells are asked of it."""
@@ -43,9 +42,9 @@ def marched_to_rest(
     begin: Array | None = None,
     until: Until | None = None,
 ) -> ValueFunction:
-    """As `marched`, whose rest the filtered scheme confirms."""
+    """As `marched`, of a scheme whose rest is one of the equation."""
     marching = posed.marching
-    rests = posed.limit == "shrink" and marching.cluster is None
+    rests = posed.limit == "shrink" and marching.cluster is None and marching.on_disk is None
     if schemes()[marching.scheme].one_slope or not rests:
         return marched(posed, progress, begin, until)
     sharp = marched(posed, progress, begin, until, filtered=False)
@@ -54,29 +53,28 @@ def marched_to_rest(
     aside = posed.aside("rest")
     coarse = replace(aside.marching, tolerance=max(marching.tolerance, SETTLED))
     worn = marched(replace(aside, marching=coarse), begin=np.asarray(sharp.values()))
-    lost = cells_lost(sharp, worn) if worn.report.converged else None
-    if lost is not None:
-        return sharp.reported(filtered_cells=lost)
-    return marched(posed.renamed("filtered"), progress)
+    return _no_larger(sharp, worn)
 
 
-def most_cells(grid: Grid) -> int:
-    """The most cells that a set may lose to the filtered scheme, and be the answer."""
-    return math.ceil(WORN * math.sqrt(np.mean([axis.count for axis in grid.axes])))
-
-
-def cells_lost(before: ValueFunction, after: ValueFunction) -> int | None:
-    """The most cells from a node of a set to the nearest one that is left of it, along the axes;
-    None where they are more than `most_cells`."""
-    was, left = before.values() > 0, after.values() > 0
-    turns = [axis.ends == "periodic" for axis in before.grid.axes]
-    for cells in range(most_cells(before.grid) + 1):
-        if not (was & ~_within(left, cells, turns)).any():
-            return cells
-    return None
-
-
-def _within(nodes: npt.NDArray[np.bool_], cells: int, turns: list[bool]) -> npt.NDArray[np.bool_]:
-    modes = ["wrap" if turn else "nearest" for turn in turns]
-    wide = maximum_filter(nodes.astype(np.uint8), size=2 * cells + 1, mode=modes)
-    return np.asarray(wide > 0)
+def _no_larger(sharp: ValueFunction, worn: ValueFunction) -> ValueFunction:
+    """The value of the first, where it is within the rim of the second, from its rest on."""
+    axes = sharp.grid.axes
+    modes = ["wrap" if axis.ends == "periodic" else "nearest" for axis in axes]
+    bound = maximum_filter(worn.values(), size=2 * RIM + 1, mode=modes)
+    dataset = sharp.dataset.copy(deep=True)
+    values, report = dataset["value"].values, sharp.report
+    before = int((sharp.values() > 0).sum())
+    if "time" in dataset["value"].dims:
+        rested = dataset["time"].values >= report.reached_s * (1.0 - 1e-9)
+        values[rested] = np.minimum(values[rested], bound)
+        last = values[-1]
+    else:
+        values[...] = np.minimum(values, bound)
+        last = values
+    left = int((last > 0).sum())
+    return replace(sharp, dataset=dataset).reported(
+        converged=worn.report.converged,
+        empty=left == 0,
+        filtered_share=(before - left) / before,
+        wall_time_s=report.wall_time_s + worn.report.wall_time_s,
+    )

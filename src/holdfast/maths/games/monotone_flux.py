@@ -4,10 +4,11 @@ With the mean p of the slopes at both sides of a node, and half their difference
 
     H_M(p, g) = opt_u opp_d  sum_i  f_i p_i + |f_i| g_i
 
-over the corners of both sets: every pair of them has the differences on the side that it comes
-from. It is H for g = 0, does not fall with a slope above nor rise with one below, and changes no
-faster than the speeds with either, so that the Euler step with it is monotone (H. J. Kushner,
-P. G. Dupuis, Numerical Methods for Stochastic Control Problems in Continuous Time, 1992).
+over the corners of both sets and points between them, since at a summit the best input is none of
+the corners: every pair of them has the differences on the side that it comes from. It is H for
+g = 0, does not fall with a slope above nor rise with one below, and changes no faster than the
+speeds with either, so that the Euler step with it is monotone (H. J. Kushner, P. G. Dupuis,
+Numerical Methods for Stochastic Control Problems in Continuous Time, 1992).
 
 Axes on which no input or disturbance acts jointly are a sum of such terms, each over the corners
 of what acts on it. A set without corners, or with too many, has its support function in H, and the
@@ -29,8 +30,11 @@ from holdfast.maths.games.hamiltonian import Game, Hamiltonian, Player, game_of,
 from holdfast.maths.games.sampled_inputs import Point
 
 MOST_PAIRS = 16
-"""Most pairs of corners of both sets that are compared at a sampled point, on axes that go
+"""Most pairs of points of both sets that are compared at a sampled point, on axes that go
 together."""
+
+BETWEEN = 3
+"""Points along every coordinate of a set, where these are not too many; else its corners."""
 
 Corners = list[tuple[sp.Expr, ...]]
 
@@ -125,14 +129,21 @@ def _acts(gain: sp.Matrix, group: Sequence[int], axes: Sequence[int]) -> bool:
 
 
 def _corners(players: Sequence[Player]) -> tuple[Corners | None, ...]:
-    """Of each player the corners that are compared; None for a support function."""
+    """Of each player the points that are compared, its corners among them; or None."""
     corners: list[Corners | None] = []
     for player in players:
         try:
             corners.append(player.bounds.corners() if player.bounds and player.members else None)
         except DefinitionError:  # it has none
             corners.append(None)
-    counts = [len(c) if c else 1 for c in corners]
+    more = [
+        player.bounds.points(BETWEEN) if some and player.bounds else some
+        for player, some in zip(players, corners, strict=True)
+    ]
+    for points in (more, corners):
+        counts = [len(p) if p else 1 for p in points]
+        if counts[0] * counts[1] <= MOST_PAIRS:
+            return tuple(points)
     while counts[0] * counts[1] > MOST_PAIRS:
         k = 0 if counts[0] > counts[1] else 1
         corners[k], counts[k] = None, 1
