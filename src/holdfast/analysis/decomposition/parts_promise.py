@@ -13,6 +13,7 @@ from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.reachability.given import by_name, whole
 from holdfast.analysis.reachability.problem import with_disturbance
 from holdfast.analysis.safety.adversary import CONSTANT, INSIDE, SWINGING, SWITCHING, schedules
+from holdfast.analysis.safety.default_promise import FALLS, at_rest
 from holdfast.analysis.safety.verdict import CONFIRMED, FELL_SHORT, FROM_INSIDE
 from holdfast.analysis.simulation.law_comparison import Rate
 from holdfast.analysis.simulation.simulate import simulate
@@ -187,7 +188,8 @@ def check_parts(
 def default_parts_promise(value: PartsValue) -> PartsPromise | None:
     """The promise of a kernel that was put together here: `RUNS` starts for its horizon at most.
 
-    Inputs are held for a step of the marches. The starts inside have the largest change of V over a
+    The law is the filter around inputs of zero, held for a step of the marches. The starts inside
+    have the largest change of V over a
     cell of any part, where a state of the set has it.
 
     Raises `SimulationError` where it cannot be tried.
@@ -205,7 +207,7 @@ def default_parts_promise(value: PartsValue) -> PartsPromise | None:
     disturbance = {n: float(v) for n, v in given.items()}
     return check_parts(
         value, whole.kept, box_of_starts(value), disturbance=disturbance, runs=RUNS, margin=margin,
-        horizon=horizon, sample_time=hold,
+        horizon=horizon, sample_time=hold, law=at_rest(whole.system), rate=FALLS / hold,
     )  # fmt: skip
 
 

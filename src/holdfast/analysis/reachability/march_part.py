@@ -91,7 +91,8 @@ class MarchPart:
         obstacles, posed = self._obstacles, self.posed
         found = obstacles.begin(facts)
         if least is not None:
-            np.minimum(obstacles.start, least.ravel(), out=obstacles.start)
+            planes = least.reshape(posed.grid.axes[0].count, -1)[self.part.nodes]
+            np.minimum(obstacles.start, planes.ravel(), out=obstacles.start)
             found = replace(found, deepest=obstacles.facts().deepest)
         mirror = reflected(posed, self.part)
         self.march = march_of(

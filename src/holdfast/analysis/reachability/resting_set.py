@@ -12,11 +12,12 @@ It has the accuracy of high order where the two sets are that close, and as it i
 the filtered value than a cell, it converges with it.
 
 Other problems, which grow, are held at an instant, or depend on time, are marched by the filtered
-scheme from the beginning; so is a march from a disk or on a cluster.
+scheme from the beginning.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -32,6 +33,9 @@ from holdfast.execution.level_set.schemes import schemes
 RIM = 1
 """Cells by which the set of high order may be larger than that of the filtered scheme."""
 
+TOGETHER = 1 << 22
+"""Nodes that are looked at together."""
+
 SETTLED = 0.1
 """The least tolerance [cells] of the rest of the filtered scheme: whole cells are asked of it."""
 
@@ -44,8 +48,7 @@ def marched_to_rest(
 ) -> ValueFunction:
     """As `marched`, of a scheme whose rest is one of the equation."""
     marching = posed.marching
-    rests = posed.limit == "shrink" and marching.cluster is None and marching.on_disk is None
-    if schemes()[marching.scheme].one_slope or not rests:
+    if schemes()[marching.scheme].one_slope or posed.limit != "shrink":
         return marched(posed, progress, begin, until)
     sharp = marched(posed, progress, begin, until, filtered=False)
     if not sharp.report.converged or sharp.report.empty:
@@ -57,24 +60,38 @@ def marched_to_rest(
 
 
 def _no_larger(sharp: ValueFunction, worn: ValueFunction) -> ValueFunction:
-    """The value of the first, where it is within the rim of the second, from its rest on."""
-    axes = sharp.grid.axes
-    modes = ["wrap" if axis.ends == "periodic" else "nearest" for axis in axes]
-    bound = maximum_filter(worn.values(), size=2 * RIM + 1, mode=modes)
-    dataset = sharp.dataset.copy(deep=True)
-    values, report = dataset["value"].values, sharp.report
-    before = int((sharp.values() > 0).sum())
-    if "time" in dataset["value"].dims:
-        rested = dataset["time"].values >= report.reached_s * (1.0 - 1e-9)
-        values[rested] = np.minimum(values[rested], bound)
-        last = values[-1]
-    else:
-        values[...] = np.minimum(values, bound)
-        last = values
-    left = int((last > 0).sum())
-    return replace(sharp, dataset=dataset).reported(
+    """The value of the first, where it is within the rim of the second, from its rest on.
+
+    It is changed in place, plane by plane, so that it may be larger than the memory.
+    """
+    report, table = sharp.report, sharp.dataset["value"].values
+    rested = [table]
+    if "time" in sharp.dataset["value"].dims:
+        times = sharp.dataset["time"].values
+        rested = [table[k] for k in np.flatnonzero(times >= report.reached_s * (1.0 - 1e-9))]
+    before = after = 0
+    for planes, bound in _largest_around(worn):
+        before += int((rested[-1][planes] > 0).sum())
+        for values in rested:
+            np.minimum(values[planes], bound, out=values[planes])
+        after += int((rested[-1][planes] > 0).sum())
+    return sharp.reported(
         converged=worn.report.converged,
-        empty=left == 0,
-        filtered_share=(before - left) / before,
+        empty=after == 0,
+        filtered_share=(before - after) / max(before, 1),
         wall_time_s=report.wall_time_s + worn.report.wall_time_s,
     )
+
+
+def _largest_around(value: ValueFunction) -> Iterator[tuple[slice, Array]]:
+    """Of some planes of the first axis at a time the largest value within `RIM` cells."""
+    axes, values = value.grid.axes, value.values()
+    modes = ["wrap" if axis.ends == "periodic" else "nearest" for axis in axes]
+    count = axes[0].count
+    step = max(1, TOGETHER // (values.size // count))
+    for first in range(0, count, step):
+        last = min(first + step, count)
+        around = np.arange(first - RIM, last + RIM)
+        around = around % count if modes[0] == "wrap" else np.clip(around, 0, count - 1)
+        bound = maximum_filter(values[around], size=2 * RIM + 1, mode=["nearest", *modes[1:]])
+        yield slice(first, last), bound[RIM : RIM + last - first]

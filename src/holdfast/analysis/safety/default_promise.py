@@ -81,11 +81,11 @@ def default_promise(
     region, goal = value.claim.region, value.claim.goal
     options: dict[str, Any] = {"goal": goal, "progress": progress, **trial.settings}
     if value.report.converged and is_foreseen(decided(system, value), value):
-        options |= {"law": _at_rest(system), "rate": FALLS / trial.sample_time}
+        options |= {"law": at_rest(system), "rate": FALLS / trial.sample_time}
     return check_promise(system, value, region, **options)
 
 
-def _at_rest(system: System) -> Law:
+def at_rest(system: System) -> Law:
     """Inputs of zero, or those nearest to it within the bounds."""
     zeros = dict.fromkeys(system.input_names, sp.S.Zero)
     return Law(name=f"inputs of {system.name} at zero", reads=(), outputs=zeros)

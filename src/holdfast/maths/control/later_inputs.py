@@ -99,7 +99,7 @@ def _meets_always(system: System, drift: sp.Expr) -> bool:
         return False
     bounds = system.input_bounds
     values = {p.symbol: p.value for p in system.parameters}
-    rows = [] if bounds is None else bounds.half_spaces()
+    rows = [] if bounds is None else bounds.inscribed()
     return all(float(sp.sympify(b).xreplace(values)) >= 0 for _, b in rows)
 
 

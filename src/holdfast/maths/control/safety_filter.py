@@ -76,9 +76,9 @@ def safeguard(
     (`maths/control/held_conditions.py`).
 
     A `Switching` is treated mode by mode. Raises `DefinitionError` for a law that does not give
-    the system's inputs, a condition of relative degree above 2, inputs bounded by a ball or by
-    more actuators than inputs, a condition that is not affine in a disturbance of `worst` or not
-    rational in an uncertain parameter, and invalid names or numbers.
+    the system's inputs, a condition of relative degree above 2, inputs bounded by a ball of more
+    than three dimensions or by more actuators than inputs, a condition that is not affine in a
+    disturbance of `worst` or not rational in an uncertain parameter, and invalid names or numbers.
     """
     gains = usual_gains(sample_time) if gains is None else gains
     pair = isinstance(gains, Sequence) and len(gains) == 2

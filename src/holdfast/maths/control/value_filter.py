@@ -77,7 +77,8 @@ def keep_value(
 
     The last axes of `lookup` are the states; one before them is the time to go, which falls.
     Raises `DefinitionError` for a law that does not give the system's inputs or has a safety filter
-    already, and for inputs bounded by a ball or by more actuators than inputs.
+    already, and for inputs bounded by a ball of more than three dimensions or by more actuators
+    than inputs.
     """
     if not system.inputs:
         raise DefinitionError(f"system '{system.name}' has no inputs")
