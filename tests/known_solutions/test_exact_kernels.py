@@ -58,7 +58,7 @@ def test_population_of_aubin_converges_to_its_kernel():
         found = found_on(problem, hf.grid(problem.system, problem.box, nodes))
         assert found.dataset.attrs["converged"] == 1
         errors.append(abs(area(found) / problem.volume - 1))
-    assert errors[0] < 0.008
+    assert errors[0] < 0.009  # 0.0083: a cell is trimmed at the tips, 0.0074 without the filter
     assert errors[1] < 0.003
     assert order_of(errors)[0] > 1.3
 

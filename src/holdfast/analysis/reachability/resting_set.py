@@ -11,8 +11,8 @@ the second the answer is
 It has the accuracy of high order where the two sets are that close, and as it is never further from
 the filtered value than a cell, it converges with it.
 
-Other problems, which grow, are held at an instant, or depend on time, are marched by the filtered
-scheme from the beginning.
+Of a set that grows a march that stands still too early gives an inner set, and those of an instant,
+or that depend on time, come to no rest: they are marched by the scheme of high order alone.
 """
 
 from __future__ import annotations
@@ -48,10 +48,9 @@ def marched_to_rest(
 ) -> ValueFunction:
     """As `marched`, of a scheme whose rest is one of the equation."""
     marching = posed.marching
-    if schemes()[marching.scheme].one_slope or posed.limit != "shrink":
-        return marched(posed, progress, begin, until)
     sharp = marched(posed, progress, begin, until, filtered=False)
-    if not sharp.report.converged or sharp.report.empty:
+    shrinks = posed.limit == "shrink" and not schemes()[marching.scheme].one_slope
+    if not (shrinks and sharp.report.converged) or sharp.report.empty:
         return sharp
     aside = posed.aside("rest")
     coarse = replace(aside.marching, tolerance=max(marching.tolerance, SETTLED))
