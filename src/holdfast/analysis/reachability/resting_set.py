@@ -6,10 +6,10 @@ price of first order at every ridge. So both are asked: the march of high order 
 its rest that of the filtered scheme goes on, until it rests as well. With V of the first and F of
 the second the answer is
 
-    min(V, the largest F within `RIM` cells along the axes)
+    min(V, the largest F within a few cells along the axes)
 
-It has the accuracy of high order where the two sets are that close, and as it is never further from
-the filtered value than a cell, it converges with it.
+It has the accuracy of high order where the two sets are that close. The few cells (`RIM`) are a
+share of the grid that tends to 0, so that it converges with the filtered value.
 
 Of a set that grows a march that stands still too early gives an inner set, and those of an instant,
 or that depend on time, come to no rest: they are marched by the scheme of high order alone.
@@ -17,6 +17,7 @@ or that depend on time, come to no rest: they are marched by the scheme of high 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -30,8 +31,10 @@ from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.schemes import schemes
 
-RIM = 1
-"""Cells by which the set of high order may be larger than that of the filtered scheme."""
+RIM = 0.125
+"""Cells by which the set of high order may be larger than that of the filtered scheme, in roots of
+the mean number of nodes along an axis, rounded up: at the tips of a set a monotone step wears off
+more cells of finer grids."""
 
 TOGETHER = 1 << 22
 """Nodes that are looked at together."""
@@ -83,14 +86,15 @@ def _no_larger(sharp: ValueFunction, worn: ValueFunction) -> ValueFunction:
 
 
 def _largest_around(value: ValueFunction) -> Iterator[tuple[slice, Array]]:
-    """Of some planes of the first axis at a time the largest value within `RIM` cells."""
+    """Of some planes of the first axis at a time the largest value within the rim."""
     axes, values = value.grid.axes, value.values()
+    rim = math.ceil(RIM * math.sqrt(float(np.mean([axis.count for axis in axes]))))
     modes = ["wrap" if axis.ends == "periodic" else "nearest" for axis in axes]
     count = axes[0].count
     step = max(1, TOGETHER // (values.size // count))
     for first in range(0, count, step):
         last = min(first + step, count)
-        around = np.arange(first - RIM, last + RIM)
+        around = np.arange(first - rim, last + rim)
         around = around % count if modes[0] == "wrap" else np.clip(around, 0, count - 1)
-        bound = maximum_filter(values[around], size=2 * RIM + 1, mode=["nearest", *modes[1:]])
-        yield slice(first, last), bound[RIM : RIM + last - first]
+        bound = maximum_filter(values[around], size=2 * rim + 1, mode=["nearest", *modes[1:]])
+        yield slice(first, last), bound[rim : rim + last - first]
