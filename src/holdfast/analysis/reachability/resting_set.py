@@ -6,7 +6,7 @@ price of first order at every ridge. So both are asked: the march of high order 
 its rest that of the filtered scheme goes on, until it rests as well. With V of the first and F of
 the second the answer is
 
-    min(V, the largest F within a few cells along the axes)
+    V,  or F where no F within a few cells along the axes is above 0
 
 It has the accuracy of high order where the two sets are that close. The few cells (`RIM`) are a
 share of the grid that tends to 0, so that it converges with the filtered value.
@@ -75,7 +75,7 @@ def _no_larger(sharp: ValueFunction, worn: ValueFunction) -> ValueFunction:
     for planes, bound in _largest_around(worn):
         before += int((rested[-1][planes] > 0).sum())
         for values in rested:
-            np.minimum(values[planes], bound, out=values[planes])
+            values[planes] = np.where(bound > 0, values[planes], np.minimum(values[planes], bound))
         after += int((rested[-1][planes] > 0).sum())
     return sharp.reported(
         converged=worn.report.converged,

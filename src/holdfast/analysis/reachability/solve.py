@@ -14,6 +14,7 @@ import sympy as sp
 from holdfast.analysis.reachability.claim import Claim
 from holdfast.analysis.reachability.error_estimate import coarser, with_error, with_outside
 from holdfast.analysis.reachability.grid import Grid
+from holdfast.analysis.reachability.hamilton_jacobi import marched
 from holdfast.analysis.reachability.inner_set import with_error_in_cells
 from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.one_march import Progress, Until
@@ -86,7 +87,7 @@ def solve(
     start = _begun(posed, begin, until)
     found = marched_to_rest(posed, progress, start, until)
     if further:
-        rougher = [marched_to_rest(other) for other in further]
+        rougher = [marched(other, filtered=False) for other in further]
         found = with_error_in_cells(with_error(found, rougher), rougher[0])
     if marching.check_outside:
         found = with_outside(found, posed, marched_to_rest)

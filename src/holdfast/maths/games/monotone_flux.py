@@ -18,7 +18,7 @@ ridge more.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import sympy as sp
@@ -98,7 +98,40 @@ class _Block:
 
         picks = [greatest if side == "max" else least for side in h.sides]
         answers = [of_all(picks[1], [carried(still + a + b) for b in moved[1]]) for a in moved[0]]
-        return smooth + of_all(picks[0], answers)
+        flux = smooth + of_all(picks[0], answers)
+        alone = [k for k, player in enumerate(self.players) if player.members]
+        if len(alone) == 1 and self.corners[alone[0]] is None:
+            sharper = self._over_points(alone[0], drift, gains, p, g, picks[alone[0]])
+            flux = picks[alone[0]](flux, sharper) if sharper is not None else flux
+        return flux
+
+    def _over_points(
+        self,
+        k: int,
+        drift: sp.Matrix,
+        gains: Sequence[sp.Matrix],
+        p: sp.Matrix,
+        g: Sequence[sp.Symbol],
+        pick: Callable[..., sp.Expr],
+    ) -> sp.Expr | None:
+        """The same over points of a set without corners, of one player alone; None for too many.
+
+        Points of the set get no more than the set, so that the better of both is H for g = 0.
+        """
+        bounds, axes = self.players[k].bounds, list(self.axes)
+        assert bounds is not None
+        points = bounds.points(BETWEEN)
+        if len(points) > MOST_PAIRS:
+            return None
+        own = gains[k].extract(axes, list(self.columns[k]))
+        rates = [drift.extract(axes, [0]) + own * sp.Matrix(c) for c in points]
+        return of_all(
+            pick,
+            [
+                sp.Add(*(f * s + magnitude(f) * gap for f, s, gap in zip(rate, p, g, strict=True)))
+                for rate in rates
+            ],
+        )
 
 
 def _blocks(game: Game) -> Iterator[_Block]:
