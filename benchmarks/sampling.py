@@ -43,9 +43,7 @@ def viable(law: str, case: str, period: float, delay: float, starts: int) -> int
     if period > longest:  # larger gains are refused
         most = [k * longest / period * (1 - 1e-9) for k in GAINS]
         changes.append(f"safeguard.gains={most!r}")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", GainWarning)  # of delays that are tried on purpose
-        return variant("ch5-rescue", law, case, starts, changes).run().viable
+    return variant("ch5-rescue", law, case, starts, changes).run().viable
 
 
 def kept(case: str, period: float, delay: float, starts: int) -> tuple[int, int]:
@@ -79,6 +77,7 @@ def table(title: str, cell: Callable[[float, float], int]) -> None:
 
 
 def main() -> None:
+    warnings.simplefilter("ignore", GainWarning)  # of delays that are tried on purpose
     starts = int(sys.argv[1]) if len(sys.argv) > 1 else 600
     for title, (law, case) in LAWS.items():
         table(f"{title}: viable of {starts}", lambda p, d, x=(law, case): viable(*x, p, d, starts))
