@@ -6,6 +6,7 @@ are the same for any cut, so that the steps, and when the march ends, are those 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
@@ -140,12 +141,14 @@ class PartsHere:
 class DividedMarch:
     """The stages of a march, and what there is to know of its values, from its parts."""
 
-    def __init__(self, posed: Posed, parts: Parts, begin: Array | None = None) -> None:
+    def __init__(
+        self, posed: Posed, parts: Parts, begin: Array | None = None, filtered: bool = True
+    ) -> None:
         self._posed, self._parts = posed, parts
         facts = merged(parts.ask("facts"))
         check_start(posed, facts)
-        self.start_rate = max(parts.ask("start_rate"))
-        """The largest rate of change of the start value [its unit per second]."""
+        self.start_rate = max(parts.ask("start_rate")) if filtered else math.inf
+        """The largest rate of change of the start value [its unit per second], for a filter."""
         given = () if begin is None else (begin,)
         self.start: Facts = merged(parts.ask("begin", facts, *given))
         """What is known of the start value."""

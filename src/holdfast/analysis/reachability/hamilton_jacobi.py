@@ -52,10 +52,10 @@ def marched(
     place, finer = workplace(posed.marching), on_finer_grid(posed)
     losses = 0
     while True:
-        attempt = OneMarch(posed, h, progress, until, begun=begin is not None, filtered=filtered)
+        attempt = OneMarch(posed, h, progress, until, begun=begin is not None)
         try:
             with place.parts(finer, h) as parts:
-                return attempt.result(DividedMarch(finer, parts, begin))
+                return attempt.result(DividedMarch(finer, parts, begin, filtered))
         except PartsLostError as lost:
             losses = 0 if attempt.got_further else losses + 1
             if losses == LOSSES:

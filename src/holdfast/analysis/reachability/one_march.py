@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import numpy as np
@@ -59,26 +58,25 @@ class OneMarch:
         until: Until | None,
         *,
         begun: bool,
-        filtered: bool,
     ) -> None:
         """posed: as it was asked for, on a grid that may be refined. begun: whether it begins with
-        another value than that of the problem. filtered: whether a scheme of high order is held
-        close to a monotone step."""
+        another value than that of the problem."""
         self._memory, self._base = memory_of(posed), posed.grid
         posed = on_finer_grid(posed)
         self._posed, self._h, self._progress, self._until = posed, h, progress, until
-        self._enough, self._begun, self._filtered = False, begun, filtered
+        self._enough, self._begun = False, begun
         self._saved: Checkpoint | None = None
         self.got_further = False  # than the checkpoint that it began with
 
     def result(self, held: DividedMarch) -> ValueFunction:
         posed, marching = self._posed, self._posed.marching
         self._held, refined = held, marching.refine > 1
-        start_rate = held.start_rate if self._filtered else math.inf
         self._march: March | RefinedMarch = (
-            refined_march(posed, self._base, self._h, start_rate=start_rate)
+            refined_march(posed, self._base, self._h, start_rate=held.start_rate)
             if refined
-            else march_of(posed, self._h, posed.grid, fastest=held.fastest, start_rate=start_rate)
+            else march_of(
+                posed, self._h, posed.grid, fastest=held.fastest, start_rate=held.start_rate
+            )
         )
         self._rounding = float(np.finfo(marching.precision).eps) / self._march.longest_step
         room, done = room_of(marching), Done()
