@@ -12,7 +12,7 @@ from tests.carts import BOX, STATES, WALLS, cart
 ORIGIN = hf.Region("origin", STATES[:1], (
     hf.Inequality("near", hf.symbol("x") ** 2 - 0.04, "m"),
 ))  # fmt: skip
-NODES = 401  # so that the scratch of a sweep, which no node has, is little beside them
+NODES = 601  # so that the scratch of a sweep, which no node has, is little beside them
 
 MARCHES: dict[str, Callable] = {
     "kernel": lambda grid, **o: hf.discriminating_kernel(cart(), WALLS, grid, 0.1, **o),
