@@ -103,7 +103,7 @@ def test_held_inputs_keep_almost_all_of_the_kernel():
             inside = value.values().ravel() > 0
             assert (game.table <= value.values().ravel() + 1e-12)[inside].all()
             assert (game.table > 0).sum() >= 0.98 * inside.sum()
-            assert (game.table > game.least).sum() >= 0.97 * inside.sum()
+            assert (game.table > game.least).sum() >= 0.96 * inside.sum()
 
 
 def test_at_every_node_some_held_input_keeps_its_value_whatever_the_disturbance():

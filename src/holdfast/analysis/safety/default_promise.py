@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -59,6 +60,7 @@ def default_trial(system: System, value: ValueFunction, sample_time: float | Non
     horizon = report.horizon_s
     if report.kind not in REACHED:
         horizon = min(horizon, samples * hold / runs)
+    horizon = max(1, math.floor(horizon / hold * (1 + 1e-9))) * hold
     return Trial(runs, horizon, hold)
 
 

@@ -46,6 +46,7 @@ TOGETHER = 1 << 26
 DEPTH = 2.0  # cells below 0 from which on a state is lost
 LITTLE = 1e-5  # cells by which a value has to fall to count
 TRIED, SAMPLES = 2000, 100  # states between nodes from which the filter is tried, and its samples
+LONG, LOWEST = 1000, 150  # samples of those that are lowest then, and how many they are
 NEAR = 2.0  # cells above 0 from which these begin
 KEPT = 0.9  # the share of a set that has not converged below which the game is of no use to it
 SUBSTEPS = 8
@@ -274,8 +275,12 @@ class _Game:
         begun = self._at(found, states)
         states, begun = states[begun > 0], begun[begun > 0]
         lost = np.zeros(len(states), dtype=bool)
-        for _ in range(SAMPLES):
-            left = np.flatnonzero(~lost)
+        flown = np.arange(len(states))
+        for sample in range(LONG):
+            if sample == SAMPLES:  # what escapes slowly is by now among the lowest
+                order = np.argsort(self._at(found, states[~lost]))
+                flown = np.flatnonzero(~lost)[order[:LOWEST]]
+            left = flown[~lost[flown]]
             if not len(left):
                 break
             q = states[left]
