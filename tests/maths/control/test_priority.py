@@ -69,7 +69,7 @@ def test_kernel_comes_before_what_is_only_wanted(point):
     over = hf.grid(point, {"x": (-2, 1.5), "y": (-1, 1)}, 36, open_ends)
     value = hf.viability_kernel(point, corridor, over, 0.5)
     out = half_plane(point, "out", 3 - X)
-    with pytest.warns(hf.PromiseFellShortWarning, match="67 left the grid"):
+    with pytest.warns(hf.PromiseFellShortWarning, match="touches the open ends of the grid"):
         keep = hf.SafetyFilter(point, [value, out], rate=1.0, margin=0.05)
     decision = keep.step([0.9, 0.0], [0.0, 0.0])
     assert decision.status is hf.Status.INFEASIBLE
