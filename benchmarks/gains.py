@@ -18,6 +18,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 import holdfast as hf
+from holdfast.maths.definitions.law import GainCondition
 from holdfast.presentation.figures import style
 from holdfast.scenario.files import scenario_names
 from holdfast.scenario.load import load_scenario
@@ -67,9 +68,15 @@ def tunable() -> list[tuple[str, str | None]]:
     found: list[tuple[str, str | None]] = []
     for name in scenario_names():
         scenario = load_scenario(name)
-        if scenario.kind == "closed-loop" and scenario.law.conditions:
+        if scenario.kind == "closed-loop" and any(map(of_the_law, scenario.law.conditions)):
             found.append((name, None))
     return [*found, ("inspection", MODEL)]
+
+
+def of_the_law(condition: GainCondition) -> bool:
+    """Whether a condition is one on the gains of the law itself, not of its safety filter."""
+    symbols = (condition.value + condition.limit).free_symbols
+    return not {s.name for s in symbols} & {"kappa1", "kappa2"}
 
 
 def tuned(name: str, case: str | None) -> Row:
