@@ -189,8 +189,7 @@ def default_parts_promise(value: PartsValue) -> PartsPromise | None:
     """The promise of a kernel that was put together here: `RUNS` starts for its horizon at most.
 
     The law is the filter around inputs of zero, held for a step of the marches. The starts inside
-    have the largest change of V over a
-    cell of any part, where a state of the set has it.
+    have the largest change of V over a cell of any part, where a state of the set has it.
 
     Raises `SimulationError` where it cannot be tried.
     """
