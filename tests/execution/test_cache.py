@@ -1,9 +1,11 @@
 """The cache of compiled code: what is damaged heals, and what others could write is never run."""
 
+import gc
 import os
 import subprocess
 import sys
 import warnings
+import weakref
 
 import numpy as np
 import pytest
@@ -42,6 +44,20 @@ def anew(text=TEXTS[0]):
 
 def files(folder):
     return sorted(folder.glob("leaf-*.code"))
+
+
+def test_a_function_holds_its_machine_code(folder):
+    """Else it would lead to memory that is no longer its own."""
+    function, out = leaf.compiled_text(TEXTS[0]).function("f", 1), np.zeros(1)
+    machine = weakref.ref(function.machine)
+    leaf._machines.clear()
+    gc.collect()
+    assert machine() is not None
+    function(out.ctypes.data)
+    assert out == ANSWER
+    del function
+    gc.collect()
+    assert machine() is None
 
 
 DAMAGES = {

@@ -113,8 +113,11 @@ class Machine:
         self._engine = _engine(_object_code(text, digest, optimised))  # it holds the machine code
 
     def function(self, name: str, arguments: int) -> Any:
-        """A function of pointers; other threads of Python run meanwhile."""
-        return ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(self.address(name))
+        """A function of pointers, which holds its machine code; other threads of Python run
+        meanwhile."""
+        function = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(self.address(name))
+        function.machine = self  # type: ignore[attr-defined]
+        return function
 
     def address(self, name: str) -> int:
         return int(self._engine.get_function_address(name))

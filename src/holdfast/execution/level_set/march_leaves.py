@@ -72,10 +72,10 @@ class MarchLeaves:
         """The addresses of leaves, with a stage and one that measures; the sizes of a sweep."""
         stage, scheme = self.stage(lower=lower, upper=upper), self._scheme
         own = {} if scheme.one_slope else {"scheme": scheme.leaf(self._precision)}
-        self._leaves = compiled_leaves({**self._rates.leaves, **own})  # it holds the machine code
-        machine, of = compiled_text(stage_text(stage)), self._leaves.addresses
+        self._leaves = compiled_leaves({**self._rates.leaves, **own})  # which hold the machine code
+        self._stage, of = compiled_text(stage_text(stage)), self._leaves.addresses
         plain, measured = (
-            np.array([of["along"], of["rows"], machine.address(name), of.get("scheme", 0)])
+            np.array([of["along"], of["rows"], self._stage.address(name), of.get("scheme", 0)])
             for name in ("holdfast_stage", "holdfast_measured")
         )
         rates = self._rates

@@ -72,13 +72,20 @@ class Workers:
             return counts
 
         self._begin(job)
-        found = job()
-        for other in self._others:
-            self.watch(self._waits, other.waits, self.stage + 1, SPINS)
-            theirs = other.result()
-            found[:2] += theirs[:2]
-            found[2] = max(found[2], theirs[2])
-        return found
+        try:
+            sums = job()
+        finally:  # none works on the caller's arrays when this ends, be it by an interrupt
+            others = [self._ended(other) for other in self._others]
+        for counts in others:
+            if isinstance(counts, BaseException):
+                raise counts
+            sums[:2] += counts[:2]
+            sums[2] = max(sums[2], counts[2])
+        return sums
+
+    def _ended(self, other: _Other) -> Counts | BaseException:
+        self.watch(self._waits, other.waits, self.stage + 1, SPINS)
+        return other.result()
 
 
 class _Other(threading.Thread):
@@ -95,7 +102,7 @@ class _Other(threading.Thread):
         self.go.acquire()
         self.done.acquire()
         self.waits = np.zeros(1, dtype=np.int64)
-        self.found: Counts | BaseException = np.zeros(3)
+        self.counts: Counts | BaseException = np.zeros(3)
 
     def run(self) -> None:
         first = 1
@@ -106,14 +113,18 @@ class _Other(threading.Thread):
             if self.of.job is None:
                 return
             try:
-                self.found = self.of.job()
+                self.counts = self.of.job()
             except BaseException as error:  # the caller raises it
-                self.found = error
+                self.counts = error
             self.done.release()
 
-    def result(self) -> Counts:
-        """Its counts in the stage that the caller has begun."""
-        self.done.acquire()
-        if isinstance(self.found, BaseException):
-            raise self.found
-        return self.found
+    def result(self) -> Counts | BaseException:
+        """Its counts in the stage that the caller has begun, or its error.
+
+        An interrupt that comes meanwhile is raised when the stage is done."""
+        try:
+            self.done.acquire()
+        except KeyboardInterrupt:
+            self.done.acquire()
+            raise
+        return self.counts

@@ -81,7 +81,8 @@ def look_up_lanes(s: Wholes, w: Floats, k: int) -> None:
     whole, shape, periodic = s[s[k + 12] :], s[k + 16 :], s[k + 16 + axes :]
     low, steps = w[s[k + 11] :], w[s[k + 11] + axes :]
     point, found = steps[axes:], steps[2 * axes :]
-    rest, count = found[axes + 1 :], s[k + 15]
+    count = s[k + 15]
+    rest = found[count:]
     for lane in range(width):
         if w[alive + lane] == 0.0:
             continue
