@@ -8,10 +8,15 @@ from typing import Any
 
 import sympy as sp
 
-from holdfast.analysis.decomposition.held_actuators import check_held, held_errors, held_margin
+from holdfast.analysis.decomposition.held_actuators import (
+    SAMPLE_TIME,
+    check_held,
+    held_errors,
+    held_margin,
+)
 from holdfast.analysis.decomposition.parts_value import PartsValue, SolvedPart
-from holdfast.analysis.safety.safety_filter import safety_law
-from holdfast.analysis.safety.sampled_value import is_foreseen
+from holdfast.analysis.safety.safety_filter import decided, safety_law
+from holdfast.analysis.safety.sampled_value import sampled_value
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.maths.control.safety_filter import Row, check_fit, input_scales
@@ -52,8 +57,10 @@ def parts_law(
         if law.lookup is not None:
             raise DefinitionError(f"law '{law.name}' has a value function already")
         asked = Law("asked", of_part.states, dict.fromkeys(of_part.input_names, sp.S.Zero))
-        if solved.value.report.converged and is_foreseen(of_part, solved.value):
-            options = {**options, "errors": held_errors(value, options)}
+        hold, errors = options.get("sample_time", SAMPLE_TIME), held_errors(value, options)
+        part = decided(of_part, solved.value)
+        if solved.value.report.converged and sampled_value(part, solved.value, hold, errors):
+            options = {**options, "errors": errors}
         else:
             options = held_margin(value, solved, options)
     every = input_scales(system, scales or {})

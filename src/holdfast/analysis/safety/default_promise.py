@@ -10,7 +10,7 @@ import sympy as sp
 
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.safety_filter import REACHED, decided
-from holdfast.analysis.safety.sampled_value import is_foreseen
+from holdfast.analysis.safety.sampled_value import sampled_value
 from holdfast.analysis.safety.validation import DISTURBED, check_promise
 from holdfast.analysis.safety.verdict import Promise
 from holdfast.execution.resources import Progress
@@ -82,7 +82,7 @@ def default_promise(
     trial = default_trial(system, value, sample_time)
     region, goal = value.claim.region, value.claim.goal
     options: dict[str, Any] = {"goal": goal, "progress": progress, **trial.settings}
-    if value.report.converged and is_foreseen(decided(system, value), value):
+    if value.report.converged and sampled_value(decided(system, value), value, trial.sample_time):
         options |= {"law": at_rest(system), "rate": FALLS / trial.sample_time}
     return check_promise(system, value, region, **options)
 

@@ -18,7 +18,7 @@ from holdfast.analysis.reachability.problem import is_defined_so, with_disturban
 from holdfast.analysis.reachability.stored_tables import Layers
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.depth import highest_within
-from holdfast.analysis.safety.sampled_value import KEPT, is_foreseen, sampled_value
+from holdfast.analysis.safety.sampled_value import sampled_value
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
@@ -76,8 +76,8 @@ def safety_law(
     input is found that suffices, it is the best one, and runs count it. errors: by how much the
     input that acts may differ from the held one, for each input.
 
-    Without such a game (`is_foreseen`; of a set that has not converged it has to keep `KEPT` of it;
-    and with `ahead` false, for a law that is to be certified) the condition is
+    Without such a game (where it is `None`, and with `ahead` false, for a law that is to be
+    certified) the condition is
 
         p . f(q, u, d) + rate (V - margin) >= 0   for every disturbance d
 
@@ -111,9 +111,9 @@ def safety_law(
             remedy="compute it with times=[0, ...], or take the optimal inputs alone",
         )
     game = None
-    if ahead and not lookup.timed and is_foreseen(known, value):
+    if ahead and not lookup.timed:
         game = sampled_value(known, value, sample_time, errors)
-    if game is not None and (value.report.converged or game.share(value) >= KEPT):
+    if game is not None:
         if margin is None:
             late = sampled_margin(system, value, sample_time, delay) if delay else 0.0
             margin = game.possible_margin(late, sample_time, delay)

@@ -36,11 +36,15 @@ Whole = npt.NDArray[np.int64]
 Points = tuple[tuple[sp.Expr, ...], ...]
 
 ENDS = {"extrapolated": 0, "contained": 0, "periodic": 1, "limited": 2}
-MOST_SWEEPS = 3000
 MOST_READ = 1 << 25
 """Values that are read from a file, in which they would stay; `load` leaves no fewer there."""
-MOST_WORK = 1e9
-"""Nodes times corners of a cell times inputs, from which on the game is not solved."""
+MOST_SWEEPS = 3000
+"""Beyond them values still fall by what interpolation loses; what is left is in the margin."""
+MOST_WORK = 2e7
+"""Nodes times corners of a cell times inputs and disturbances, from which on the game is not
+solved."""
+MOST_LOOKS = 1e9
+"""Corners looked up, from which on the game is given up: some seconds."""
 TOGETHER = 1 << 26
 """Numbers of the motions that are held in memory; beyond it they are computed anew."""
 DEPTH = 2.0  # cells below 0 from which on a state is lost
@@ -105,32 +109,27 @@ def moves_of(bounds: Bounds | None, dimension: int) -> Points:
     return tuple(map(tuple, bounds.points(3 if dimension < 3 else 2)))
 
 
-def is_foreseen(system: System, value: ValueFunction) -> bool:
-    """Whether the sampled game over a value is solved.
-
-    That is where its values are in memory, or few, and not too many.
-    """
-    if not system.inputs or system.input_bounds is None or system.samples:
-        return False
-    corners = value.grid.nodes * 2.0 ** len(system.states)
-    inputs = INPUTS.get(len(system.inputs), 2) ** len(system.inputs)
-    small = value.stored is None or value.grid.nodes <= MOST_READ
-    return small and corners * inputs <= MOST_WORK
-
-
 def sampled_value(
     system: System, value: ValueFunction, sample_time: float, errors: Sequence[float] = ()
-) -> SampledValue:
+) -> SampledValue | None:
     """The value of the game whose inputs are held for `sample_time` [s]; computed once.
 
     system: with the prescribed disturbances of the value, and its parameters. errors: by how much
-    each input that acts may differ from the one that is held.
+    each input that acts may differ from the one that is held. None where the game would take
+    longer than some seconds (`MOST_WORK`, `MOST_LOOKS`), the values stay in a file, or are not
+    those of all inputs; and of a set that has not converged where it keeps less than `KEPT` of it.
     """
+    if value.stored is not None and value.grid.nodes > MOST_READ:
+        return None
+    if not system.inputs or system.input_bounds is None or system.samples:
+        return None
     key = float(sample_time), tuple(map(float, errors))
     if key not in value.games:
         value.games[key] = _Game(system, value, *key).solved()
-    found: SampledValue = value.games[key]
-    return found
+    game: SampledValue | None = value.games[key]
+    if game is None or value.report.converged or game.share(value) >= KEPT:
+        return game
+    return None
 
 
 class _Game:
@@ -155,11 +154,7 @@ class _Game:
             return np.array(rows, dtype=np.float64).reshape(len(points), -1)
 
         self.inputs, self.disturbances = as_floats(self.points), as_floats(self.moves)
-        self.motion: HeldMotion = held_motion(
-            system, sp.Float(sample_time), self.moves, self.errors
-        )
         self.states = [q.symbol for q in system.states]
-        self.moved = Evaluator(self.motion.expressions, self.states, system.parameters)
         axes = value.grid.axes
         self.low = np.array([a.low for a in axes], dtype=np.float64)
         self.steps = np.array([a.step for a in axes], dtype=np.float64)
@@ -169,14 +164,21 @@ class _Game:
         self.cell = value.report.cell or 1.0
         n, m = len(axes), len(system.inputs)
         self.n, self.m = n, m
-        self.wide = numbers_of_motion(n, m, self.motion.moves, self.motion.curved)
+        self.corners = 2.0**n * len(self.points) * len(self.moves) * len(self.errors)
 
-    def solved(self) -> SampledValue:
+    def solved(self) -> SampledValue | None:
+        if self.corners * self.value.grid.nodes > MOST_WORK:
+            return None
+        system = self.system
+        self.motion: HeldMotion = held_motion(system, sp.Float(self.hold), self.moves, self.errors)
+        self.moved = Evaluator(self.motion.expressions, self.states, system.parameters)
+        self.wide = numbers_of_motion(self.n, self.m, self.motion.moves, self.motion.curved)
         table = self.value.in_memory().values()
         start = np.ascontiguousarray(table, dtype=np.float64).ravel()
         lost = -DEPTH * self.cell
         found = np.maximum(np.where(np.isnan(start), lost, start), lost)
-        self._iterate(found, lost)
+        if not self._iterate(found, lost):
+            return None
         least, usual = self._least(found, start)
         if table.dtype == np.float32:
             single = found.astype(np.float32)
@@ -187,7 +189,8 @@ class _Game:
             found, self.points, self.moves, self.errors, least + SPARE * usual, self.cell
         )
 
-    def _iterate(self, found: Array, lost: float) -> None:
+    def _iterate(self, found: Array, lost: float) -> bool:
+        """Lower the values until none falls, or for `MOST_SWEEPS`; False where that is too long."""
         count, layer = len(found), math.prod(self.shape[1:].tolist())
         together = max(layer, TOGETHER // self.wide // layer * layer)
         stored: dict[int, Array] = {}
@@ -204,13 +207,15 @@ class _Game:
             if len(firsts) == 1:
                 stored[first] = motions
         reach = np.minimum(reach, np.maximum((self.shape - 1) // 2, 1))
+        looks = 0.0
         for sweep in range(MOST_SWEEPS):
-            fallen = 0
-            back = sweep % 2
+            fallen, back = 0, sweep % 2
             for first in reversed(firsts) if back else firsts:
                 last = min(first + together, count)
-                if not flags[first:last].any():
+                flagged = np.count_nonzero(flags[first:last])
+                if not flagged:
                     continue
+                looks += flagged * self.corners
                 motions = stored[first] if first in stored else self._motions(first, last)
                 fallen += called(
                     "sampled_game", "sweep_game", found, flags, chosen, motions.reshape(-1), first,
@@ -219,7 +224,10 @@ class _Game:
                     int(self.motion.curved), lost, LITTLE * self.cell, room, whole,
                 )  # fmt: skip
             if not fallen:
-                return
+                break
+            if looks > MOST_LOOKS:
+                return False
+        return True
 
     def _nodes(self, first: int, last: int) -> Array:
         places = np.unravel_index(np.arange(first, last), tuple(self.shape))

@@ -91,6 +91,9 @@ class AllocatedImage(LinearImage):
             for row in ((share, high), (tuple(-e for e in share), -low))
         ]
 
+    def inscribed(self) -> list[Row]:
+        return self.half_spaces()
+
     def corners(self) -> list[tuple[sp.Expr, ...]]:
         """Of limits that are numbers: the points where as many actuators as inputs are at ends."""
         found = []
