@@ -63,6 +63,8 @@ def test_controller_plant_filter_and_monitor_are_a_pipe(mine):
     assert (keep.returncode, rest) == (0, b"")
     changed = sum(r.status == "changed" for r in records)
     assert f"holdfast: 300 samples: {changed} changed, 0 infeasible, 0 lost" in err.decode()
+    assert err.decode().startswith("holdfast: between samples, ")
+    assert err.decode().count("constraints may be crossed: ") == 1
     assert (mine / "log.jsonl").read_text().splitlines() == [r.line() for r in records]
     out, err = watch.communicate(timeout=30)
     assert (watch.returncode, err) == (0, b"")
@@ -107,6 +109,7 @@ def test_filter_refuses_what_it_cannot_begin_with(mine):
         assert (answer.returncode, answer.stdout) == (2, "")
         assert said in answer.stderr
         assert "Traceback" not in answer.stderr
+        assert "between samples" not in answer.stderr
 
 
 def test_filter_of_an_empty_stream_has_no_samples(mine):

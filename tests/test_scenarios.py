@@ -7,6 +7,7 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
+from holdfast.analysis.safety.default_promise import at_rest
 from holdfast.errors import ScenarioError
 from holdfast.maths.expressions.functions import (
     angle,
@@ -414,3 +415,30 @@ def test_centre_of_what_is_drawn_is_told_which_two_it_should_be():
     change = "region.scene=[{ kind='circle', role='buoy', centre=3, radius=1 }]"
     with pytest.raises(ScenarioError, match=r"centre: got 3; expected two .* \[x, y\]"):
         load_scenario("wheeled_camera", [change])
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize(("name", "share"), [("pushed-cart", 0.70), ("seen-by-thrust", 0.61)])
+def test_kernels_of_the_certificates_in_four_states_keep_what_they_promise(name, share):
+    """Their grids go on to the greatest speeds, so that no start leaves them."""
+    answer = load_scenario(name).run()
+    assert not answer.value.report.ends_reached
+    assert answer.promise.outcome == "confirmed from inside"
+    assert all(t.off_grid == 0 for t in answer.promise.inside)
+    assert answer.promise.kept_share == pytest.approx(share, abs=0.01)
+
+
+@pytest.mark.heavy
+def test_filter_keeps_the_kernel_of_camera_and_lasers_which_its_optimal_inputs_lose():
+    """Legs ahead and back move the vehicle along the wall, and V has a ridge between them."""
+    coarse = ["grid.nodes={R=38, beta=96, delta=31}", "march.horizon=20"]
+    scenario = load_scenario("seen-with-lasers", coarse)
+    answer = scenario.run()
+    assert answer.promise.outcome == "fell short"
+    law = at_rest(scenario.system)
+    tried = hf.check_promise(
+        scenario.system, answer.value, scenario.region, law=law, runs=40, horizon=9,
+        sample_time=0.02, rate=2.0,
+    )  # fmt: skip
+    assert tried.outcome == "confirmed"
+    assert tried.tried_share == pytest.approx(1.0, abs=1e-9)

@@ -78,6 +78,13 @@ from holdfast.studies.progress import bar
     help="With --kernel: the cells in which V is above it [default: 0].",
 )
 @click.option(
+    "--outer",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="The result.nc of the scenario's set: cells outside which a state is lost, or is not "
+    "reached, for sure.",
+)
+@click.option(
     "--largest",
     metavar="NAME",
     help="Bisect a number of the scenario, such as a current, or uncertain.NAME: how far a "
@@ -112,6 +119,7 @@ def command(
     room: tuple[str, ...],
     kernel: Path | None,
     margin: float | None,
+    outer: Path | None,
     largest: str | None,
     between: tuple[float, float] | None,
     tolerance: float | None,
@@ -124,10 +132,11 @@ def command(
 
     In a capture basin: from which they lead to its goal, in the region until then. Between samples
     too, for every disturbance within its bounds, with every rounding counted. With --box SCENARIO
-    is a closed loop, and its own law is what keeps the region, or is refuted by a trajectory. The
+    is a closed loop, and its own law is what keeps the region, or is refuted by a trajectory. With
+    --outer SCENARIO is any set on a grid, and what is proved is which states are not of it. The
     file certificate.holdfast is checked by another program: holdfast-check FILE. An interrupted
-    run, but for --largest and --box, resumes when it is repeated. The exit status is 1 if no cell
-    is certified, and with --largest if the limit was not found.
+    run, but for --largest, --box and --outer, resumes when it is repeated. The exit status is 1 if
+    no cell is certified, and with --largest if the limit was not found.
     """
     options: dict[str, Any] = {
         "cells": cells,
@@ -153,6 +162,13 @@ def command(
         raise ScenarioError(
             "--kernel with --largest, --room or --box", expected="the scenario as it was solved"
         )
+    if outer is not None:
+        beside = {
+            "kernel": kernel, "box": box, "room": room, "largest": largest, "horizon": horizon,
+            "uncertain": uncertain, "error": error, "delay": delay,
+        }  # fmt: skip
+        if wrong := [name for name, value in beside.items() if value not in (None, ())]:
+            raise ScenarioError(f"--{wrong[0]} with --outer", expected="the set as it was solved")
     if largest is not None and room:
         raise ScenarioError("--room with --largest", expected="one of them")
     if search and largest is None:
@@ -161,7 +177,10 @@ def command(
 
     folder = out if out is not None else Path("runs") / scenario_title(scenario)
     check_writable(folder)
-    if box:
+    if outer is not None:
+        options = {"outer": outer, "cells": cells, "sample_time": sample_time, "inputs": inputs}
+        answer = _of_outside(scenario, overrides, {**options, "refine": refine})
+    elif box:
         answer = _of_law(scenario, overrides, ranges, options)
     elif largest is not None:
         options |= {"refine": refine, **search}
@@ -207,6 +226,14 @@ def _of_scenario(
         "cells", find, write_certificate, certificate_text,
         lambda found: None if len(found.kept.members) else none,
     )  # fmt: skip
+
+
+def _of_outside(scenario: str, overrides: tuple[str, ...], options: dict[str, Any]) -> _Answer:
+    from holdfast.presentation.studies.certificate import outer_text
+    from holdfast.studies.certification import outside_of, write_outer
+
+    find = partial(outside_of, scenario, overrides, **options)
+    return _Answer("cells", find, write_outer, outer_text, lambda found: None)
 
 
 def _of_law(

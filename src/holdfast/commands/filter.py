@@ -91,6 +91,7 @@ def command(
         raise click.UsageError("--router and --namespace are of --ros2; give it too")
     if ros2 and mavlink is not None:
         raise click.UsageError("--ros2 and --mavlink are two connections; give one")
+    from holdfast.analysis.online.overshoot import crossings_text
     from holdfast.scenario.load import load_scenario
 
     loaded = load_scenario(scenario, overrides)
@@ -98,10 +99,12 @@ def command(
     with closing(Appended(log)) as file:
         with bar(f"{loaded.name}, preparing") as tell:
             keep = loaded.safety_filter(lambda fraction: tell("the kernel", fraction))
+        remains = crossings_text(keep.crossings, keep.sample_time)
         if not ros2 and mavlink is None:
-            status = serve_lines(keep, [tally, file], patience)
+            status = serve_lines(keep, [tally, file], patience, remains)
             click.echo(f"holdfast: {tally}", err=True)
             sys.exit(status or (NOT_ANSWERED if file.trouble else ANSWERED))
+        tell_of(remains)
         aside = Aside([shown, file])
         if mavlink is not None:
             serve_mavlink(keep, [tally, aside], patience, *mavlink)
@@ -114,10 +117,18 @@ def command(
     sys.exit(NOT_ANSWERED if file.trouble or aside.left_out else ANSWERED)
 
 
-def serve_lines(keep: SafetyFilter, kept: Sequence[Keeps], patience: float) -> int:
+def tell_of(remains: str) -> None:
+    """What may be crossed between samples, on standard error."""
+    if remains:
+        click.echo(f"holdfast: {remains}", err=True)
+
+
+def serve_lines(
+    keep: SafetyFilter, kept: Sequence[Keeps], patience: float, remains: str = ""
+) -> int:
     """Answer the lines of standard input until it ends; the exit status.
 
-    kept: called with every decision, after it was answered.
+    kept: called with every decision, after it was answered. remains: said after the first sample.
     """
     from holdfast.analysis.online.sample_lines import SampleLines
 
@@ -131,6 +142,8 @@ def serve_lines(keep: SafetyFilter, kept: Sequence[Keeps], patience: float) -> i
             record = samples.answer(line)
             sys.stdout.write(record.line() + "\n")
             sys.stdout.flush()
+            tell_of(remains)
+            remains = ""
             for keeps in kept:
                 keeps(record)
             if samples.refused:

@@ -12,18 +12,20 @@ import numpy as np
 from holdfast.analysis.certificates.certificate import Certificate, Range
 from holdfast.analysis.certificates.certify import certify
 from holdfast.analysis.certificates.narrowed import narrowed
+from holdfast.analysis.certificates.outer_cells import OuterSet
+from holdfast.analysis.certificates.outer_set import outer_set
 from holdfast.analysis.certificates.problem import INPUTS
 from holdfast.analysis.load import load
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import ScenarioError
-from holdfast.host.output import make_folder, write_summary
+from holdfast.host.output import make_folder, saved, write_summary
 from holdfast.scenario.kinds.kernel import KernelScenario
 from holdfast.scenario.load import load_scenario
 
 SAMPLE_TIME = 0.1
 """For which inputs are held, unless another time is asked for [s]."""
 
-FILE = "certificate.holdfast"
+FILE, LOST = "certificate.holdfast", "lost.holdfast"
 REACHES = "capture-basin"
 KINDS = ("viability-kernel", "discriminating-kernel", REACHES)
 
@@ -55,9 +57,7 @@ def certified(
     loaded = check_kernel(load_scenario(scenario, overrides), scenario)
     if loaded.region is None:
         raise ScenarioError(f"'{scenario}' has no region", remedy="add a [region]")
-    candidate = None if kernel is None else load(kernel)
-    if not isinstance(candidate, ValueFunction | None):
-        raise ScenarioError(f"{kernel} is no value function", expected="the result.nc of a kernel")
+    candidate = None if kernel is None else _value_in(kernel)
     if store is not None:
         make_folder(store)
     axes = loaded.grid.axes
@@ -110,6 +110,42 @@ def certified_with_room(
     return replace(narrowed(found, stated.ranges), kept=kept)
 
 
+def outside_of(
+    scenario: str,
+    overrides: Iterable[str] = (),
+    *,
+    outer: Path,
+    cells: int | None = None,
+    sample_time: float | None = None,
+    inputs: int = INPUTS,
+    refine: int = 0,
+    progress: Callable[[str, float], None] | None = None,
+) -> OuterSet:
+    """`hf.outer_set` for the system and the regions of a scenario, and its set in the file `outer`.
+
+    Raises `ScenarioError` for a scenario whose answer is no set on a grid.
+    """
+    loaded = load_scenario(scenario, overrides)
+    if not isinstance(loaded, KernelScenario):
+        raise ScenarioError(
+            f"'{scenario}' is no set on a grid", expected="a kernel, a reachable set or a basin"
+        )
+    reaches = loaded.kind == REACHES
+    region = loaded.region if reaches else loaded.about
+    return outer_set(
+        _value_in(outer), loaded.system, region, target=loaded.goal if reaches else None,
+        cells=cells, sample_time=sample_time, inputs=inputs, refine=refine, progress=progress,
+    )  # fmt: skip
+
+
+def _value_in(path: Path) -> ValueFunction:
+    """Raises `ScenarioError` for a file of anything else."""
+    found = load(path)
+    if not isinstance(found, ValueFunction):
+        raise ScenarioError(f"{path} is no value function", expected="the result.nc of a kernel")
+    return found
+
+
 def check_kernel(loaded: object, scenario: str) -> KernelScenario:
     """Raises `ScenarioError` for a scenario that is no kernel of a region."""
     if not isinstance(loaded, KernelScenario) or loaded.kind not in KINDS:
@@ -118,6 +154,23 @@ def check_kernel(loaded: object, scenario: str) -> KernelScenario:
             + ", ".join(KINDS),
         )  # fmt: skip
     return loaded
+
+
+def write_outer(found: OuterSet, folder: Path, *, figures: bool) -> list[Path]:
+    """The cells, what they say in JSON, the certificate of the others of a kernel, the figure."""
+    make_folder(folder)
+    files = [
+        saved(found, folder / "outer.nc"),
+        write_summary(folder / "outer.json", found.summary()),
+    ]
+    if found.lost is not None:
+        files = [found.lost.write(folder / LOST), *files]
+    if figures and len(found.names) > 1:
+        from holdfast.presentation.figures import style
+        from holdfast.presentation.studies.certificate import outer_figure
+
+        files += style.write(outer_figure(found), folder, "outer")
+    return files
 
 
 def write_certificate(found: Certificate, folder: Path, *, figures: bool) -> list[Path]:

@@ -8,7 +8,7 @@ from holdfast.errors import SimulationError
 from holdfast_check.checker import check
 from tests.certified_systems import cart
 
-X, Y, U, W = (hf.symbol(n) for n in ("x", "y", "u", "w"))
+X, Y, Z, U, W, S = (hf.symbol(n) for n in ("x", "y", "z", "u", "w", "s"))
 SPREADING = hf.System(
     "spreading", (hf.Quantity("x", "m"), hf.Quantity("y", "m")),
     (hf.Quantity("u", "m/s"), hf.Quantity("w", "m/s")), {"x": X + U, "y": Y + W},
@@ -97,6 +97,41 @@ def test_basin_is_a_candidate_of_what_leads_to_its_target():
     )  # fmt: skip
     assert set(found.kept.members) <= set(whole.kept.members)
     assert len(found.kept.members) > 0.95 * len(whole.kept.members) > 100
+
+
+SPACE = hf.System(
+    "in space", (*SPREADING.states, hf.Quantity("z", "m")),
+    (*SPREADING.inputs, hf.Quantity("s", "m/s")), {"x": X + U, "y": Y + W, "z": Z + S},
+    input_bounds=hf.Ball(1.0, 3),
+)  # fmt: skip
+
+
+def test_set_in_three_states_is_certified_where_it_can_be_held(tmp_path):
+    """The ball of 1 m can be held: nothing beyond it is certified, and most of it is."""
+    region = hf.Region(
+        "ball", SPACE.states, (hf.Inequality("near", X**2 + Y**2 + Z**2 - 2, "m^2"),)
+    )
+    grid = hf.grid(SPACE, dict.fromkeys("xyz", (-1.5, 1.5)), 25)
+    kernel = hf.viability_kernel(SPACE, region, grid, 20, scheme="upwind")
+    found = kernel.certified(SPACE, region, sample_time=0.2, refine=1)
+    low, high = found.cells.corners(found.kept.members)
+    assert np.linalg.norm(np.maximum(abs(low), abs(high)), axis=1).max() <= 1.0
+    assert (high - low).prod(axis=1).sum() / (4 / 3 * np.pi) == pytest.approx(0.63, abs=0.005)
+    assert check(str(found.write(tmp_path / "c.holdfast")), share=200 / len(found.kept.members))
+
+
+def test_set_in_four_states_is_certified_where_it_can_be_held(tmp_path):
+    """A cart in a square, pushed by a tenth of what it brakes with: |v| <= sqrt(1.8 (1 -+ x))."""
+    cart = hf.load_scenario("pushed-cart", ["grid.nodes=15"])
+    kernel = cart.solve()
+    found = kernel.certified(cart.system, cart.region, sample_time=0.6, cells=15, inputs=3)
+    low, high = found.cells.corners(found.kept.members)
+    for k in (0, 1):  # the corner that is nearest to a wall and fastest towards it
+        assert (high[:, k + 2] <= np.sqrt(1.8 * (1 - high[:, k]))).all()
+        assert (low[:, k + 2] >= -np.sqrt(1.8 * (1 + low[:, k]))).all()
+    exact = (2 * np.sqrt(1.8) * 2**1.5 / 1.5) ** 2
+    assert (high - low).prod(axis=1).sum() / exact == pytest.approx(0.455, abs=0.005)
+    assert check(str(found.write(tmp_path / "c.holdfast")), share=200 / len(found.kept.members))
 
 
 def test_what_is_no_candidate_is_refused(kernel):

@@ -8,7 +8,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.analysis.decomposition.held_actuators import overshoot
-from holdfast.analysis.decomposition.parts_promise import check_parts
+from holdfast.analysis.decomposition.parts_promise import check_parts, default_parts_promise
 from holdfast.errors import SimulationError
 from tests.parted_systems import box, late_cart, walls
 
@@ -74,3 +74,25 @@ def test_the_margin_counts_what_the_thrust_adds_while_an_input_is_held():
     for held in (0.01, 0.05):
         own = hf.sampled_margin(part.part.system, part.value, held)
         assert own < margin(sample_time=held) < 3 * own
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_grid_of_a_lagged_cart_is_its_own_whatever_the_lag_and_the_box(seed):
+    """Walls of x are slanted in the predicted place, and go on beyond the box of many of these."""
+    rng = np.random.default_rng(seed)
+    lag, share = rng.uniform(0.05, 0.5), rng.uniform(0.1, 0.9)
+    interval = {
+        "x": (-rng.uniform(1, 1.3), rng.uniform(1, 1.3)),
+        "v": (-rng.uniform(0.5, 3), rng.uniform(0.5, 3)),
+    }
+    parted = hf.decompose(late_cart(lag), walls("x"), lag_share=share, box=interval)
+    found = hf.solve_parts(parted, None, 31, 1.0)
+    late = lag * 2 * share / (1 + share)  # predicted x is x - late v - late^2 a, with |a| <= share
+    goes_on = any(
+        1 - late**2 * share + late * abs(v) > abs(x)
+        for x, v in zip(interval["x"], interval["v"], strict=True)
+    )
+    said = any("predicted x is kept within its box" in reason for reason in parted.reasons)
+    assert ("x" in parted.within) is said is goes_on
+    if seed < 3:
+        assert default_parts_promise(found).held

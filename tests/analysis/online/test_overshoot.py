@@ -35,6 +35,44 @@ def test_overshoot_over_a_curved_limit_is_of_the_size_that_is_derived(puck):
     assert str(found).startswith("in 1000 runs under hostile commands, held for 0.1 s")
 
 
+def test_filter_says_what_remains_between_samples_and_how_much_where_it_is_known(puck):
+    system, disc = puck
+    keep = hf.SafetyFilter(system, disc, gains=(GAIN, GAIN), sample_time=HOLD)
+    bound = keep.crossings["rim"]
+    assert bound == pytest.approx(2 * 2 * FAST**2 * HOLD / (2 * GAIN), rel=1e-9)
+    assert keep.overshoot(BOX).crossed["rim"] <= bound
+    assert str(keep) == (
+        "safety filter of 'puck': keeps 'disc', with inputs held for 0.1 s\n"
+        "between samples, 0.1 s apart, constraints may be crossed: 'rim' by at most 0.16; "
+        "a margin of that size covers it"
+    )
+    wide = hf.SafetyFilter(
+        system, disc, gains=(GAIN, GAIN), sample_time=HOLD, margins={"rim": 1.01 * bound}
+    )
+    assert not wide.crossings
+    assert wide.overshoot(BOX).crossed["rim"] == 0
+    half = hf.SafetyFilter(
+        system, disc, gains=(GAIN, GAIN), sample_time=HOLD, margins={"rim": bound / 2}
+    )
+    assert half.crossings["rim"] == pytest.approx(bound / 2)
+    side = hf.Region("strip", system.states, (hf.Inequality("side", X - 1, "m"),))
+    flat = hf.SafetyFilter(system, side, gains=(GAIN, GAIN), sample_time=HOLD)
+    assert not flat.crossings
+    assert "between samples" not in str(flat)
+
+
+def test_filter_of_order_two_says_that_what_remains_is_to_be_measured(vehicle):
+    keep = hf.SafetyFilter(vehicle, hf.regions.camera_view(), gains=(1.5, 8))
+    assert set(keep.crossings.values()) == {np.inf}
+    assert "by what SafetyFilter.overshoot(box) measures" in str(keep)
+    mass = hf.System(
+        "mass", (hf.Quantity("x", "m"), hf.Quantity("y", "m/s")), (hf.Quantity("a", "m/s^2"),),
+        {"x": Y, "y": A}, input_bounds=hf.Box((-1,), (1,)),
+    )  # fmt: skip
+    wall = hf.Region("wall", mass.states, (hf.Inequality("far", X - 1, "m"),))
+    assert not hf.SafetyFilter(mass, wall).crossings
+
+
 def test_margin_of_the_size_of_the_overshoot_covers_it(puck):
     plain = hf.SafetyFilter(*puck, gains=(GAIN, GAIN), sample_time=HOLD).overshoot(BOX)
     inside = {"rim": plain.crossed["rim"]}

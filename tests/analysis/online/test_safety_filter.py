@@ -479,3 +479,29 @@ void one(const double *seen, const double *handed, double *answer) {
     answer[2 * KEEP_INPUTS + 1] = s.outside;
 }
 """
+
+
+def test_two_constraints_that_no_input_keeps_together_are_crossed_only_after_infeasible():
+    """x' = u + 1/2, y' = u - 1/2: x - y grows by 1 m/s whatever u does, towards x <= 1 and y >= 0."""
+    x, y, u = (hf.symbol(n) for n in ("x", "y", "u"))
+    system = hf.System(
+        "pair", (hf.Quantity("x", "m"), hf.Quantity("y", "m")), (hf.Quantity("u", "m/s"),),
+        {"x": u + 0.5, "y": u - 0.5}, input_bounds=hf.Box((-2,), (2,)),
+    )  # fmt: skip
+    both = hf.Region(
+        "both", system.states, (hf.Inequality("x", x - 1, "m"), hf.Inequality("y", -y, "m"))
+    )
+    keep = hf.SafetyFilter(system, both, gains=(2, 2), sample_time=0.01)
+    assert not keep.crossings, "nothing is crossed because inputs are held"
+    state, statuses, worst = np.array([0.2, 0.8]), [], []
+    for _ in range(300):
+        decision = keep.step(state, [0.3])
+        statuses.append(decision.status)
+        worst.append(max(state[0] - 1, -state[1]))
+        if statuses[-1] == hf.Status.INFEASIBLE and hf.Status.INFEASIBLE not in statuses[:-1]:
+            assert set(decision.gave_way) <= {"x", "y"}
+            assert decision.gave_way
+        state = state + 0.01 * (decision.input[0] + np.array([0.5, -0.5]))
+    ended = statuses.index(hf.Status.INFEASIBLE)
+    assert max(worst[: ended + 1]) < 0 < worst[-1]
+    assert set(statuses[ended:]) == {hf.Status.INFEASIBLE}

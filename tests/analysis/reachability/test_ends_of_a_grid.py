@@ -98,3 +98,24 @@ def test_basin_whose_target_ends_with_the_grid_is_that_of_a_wider_grid():
         found = hf.backward_reachable_tube(line, near, grid, 0.5)
         inside = np.linspace(-1.49, 0.49, 199)
         assert found.contains(inside[:, None]).mean() == pytest.approx(149 / 199, abs=0.02)
+
+
+@pytest.mark.parametrize(("fastest", "ends"), [(0.8, "v = -0.8, v = 0.8"), (1.2, "")])
+def test_set_depends_on_nothing_beyond_an_end_that_nothing_leads_out_of(fastest, ends):
+    """A cart x' = v, v' = u + d - v |v| with |u| <= 1, |d| <= 0.1: v = 1.05 is its greatest speed."""
+    x, v, u, d = (hf.symbol(n) for n in ("x", "v", "u", "d"))
+    system = hf.System(
+        "cart in water",
+        (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")),
+        (hf.Quantity("u", "m/s^2"),),
+        {"x": v, "v": u + d - v * abs(v)},
+        disturbances=(hf.Quantity("d", "m/s^2"),),
+        input_bounds=hf.Box((-1,), (1,)),
+        disturbance_bounds=hf.Box((-0.1,), (0.1,)),
+    )
+    walls = hf.Region("walls", system.states, (hf.Inequality("far", abs(x) - 1, "m"),))
+    grid = hf.grid(system, {"x": (-1.1, 1.1), "v": (-fastest, fastest)}, 61)
+    found = hf.discriminating_kernel(system, walls, grid, 10.0)
+    assert found.contains([[0.0, fastest]])[0], "the set is there at the end"
+    assert found.report.ends_reached == ends
+    assert hf.check_promise(system, found, walls, runs=50).held is not bool(ends)

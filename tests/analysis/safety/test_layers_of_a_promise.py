@@ -130,6 +130,13 @@ def test_trial_by_default_of_a_long_horizon_is_fewer_starts_and_then_shorter():
     assert longer.sample_time == default_trial(system, value).sample_time
 
 
+@pytest.mark.parametrize("steps", [187, 374, 1266])
+def test_trial_by_default_is_no_longer_than_the_march_whatever_is_rounded(steps):
+    system, value = kernel()
+    trial = default_trial(system, value.reported(horizon_s=3.0, reached_s=3.0, steps=steps))
+    assert 3 - 3 / steps < trial.horizon <= 3
+
+
 def test_two_modes_that_leave_nothing_for_ever_fail_their_promise():
     """Mode rates (1, -.3) and (-.3, .05): .23 x + y falls whatever the inputs do, for 65 s."""
     x, y, m = (hf.symbol(n) for n in "xym")

@@ -13,7 +13,13 @@ import sympy as sp
 from holdfast.analysis.certificates.cells import Halvings
 from holdfast.analysis.certificates.certificate import Certificate, Range
 from holdfast.analysis.certificates.certify import certify
-from holdfast.analysis.certificates.outer_cells import OuterSet, both_bounds, even_cells, free_flow
+from holdfast.analysis.certificates.outer_cells import (
+    OuterSet,
+    both_bounds,
+    even_cells,
+    free_flow,
+    states_of,
+)
 from holdfast.analysis.certificates.refining import sure_of
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import SimulationError
@@ -115,7 +121,7 @@ def _less_the_lost(value: ValueFunction, found: Certificate) -> OuterSet:
     left[sure_of(flow_of(found).arrived, halvings)] = False
     return OuterSet(
         kind=value.report.kind,
-        names=value.names,
+        states=states_of(value),
         cells=found.cells,
         members=np.flatnonzero(left),
         hold=found.hold,

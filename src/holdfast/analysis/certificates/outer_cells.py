@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import xarray as xr
 
 from holdfast.analysis.certificates.cells import Cells, Floats, Truths, Wholes
 from holdfast.analysis.certificates.certificate import Certificate, check_functions
 from holdfast.analysis.certificates.problem import parameters_of, ranges_of
 from holdfast.analysis.reachability.value_function import ValueFunction
+from holdfast.analysis.simulation.files import write_netcdf
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.intervals.enclosure import Enclosure
@@ -35,14 +38,14 @@ AHEAD, BACK = (
 class OuterSet:
     """Cells outside which no state is of the exact set: lost, or not reached, for sure.
 
-    members: the numbers of the cells that the set may touch. hold [s]: of the enclosures. lost: of
-    a kernel the certificate of the others, which `holdfast-check` checks: of a system whose inputs
-    are the disturbances and whose disturbances are the inputs, and whose target is outside of the
-    region. None for what can be reached, and where nothing is lost.
+    states: their names and units. members: the numbers of the cells that the set may touch. hold
+    [s]: of the enclosures. lost: of a kernel the certificate of the others, which `holdfast-check`
+    checks: of a system whose inputs are the disturbances and whose disturbances are the inputs, and
+    whose target is outside of the region. None for what can be reached, and where nothing is lost.
     """
 
     kind: str
-    names: tuple[str, ...]
+    states: tuple[tuple[str, str], ...]
     cells: Cells
     members: Wholes
     hold: float
@@ -66,6 +69,11 @@ class OuterSet:
             ]
             found[row] = noted[np.ix_(*block)].any()
         return found
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the states."""
+        return tuple(n for n, _ in self.states)
 
     @property
     def volume(self) -> float:
@@ -94,10 +102,30 @@ class OuterSet:
             "certificate": None if self.lost is None else self.lost.summary(),
         }
 
+    def dataset(self) -> xr.Dataset:
+        """1 at the middles of cells that the set may touch, and 0 at those of the others."""
+        middles = {
+            n: (n, 0.5 * (e[:-1] + e[1:]), {"units": unit})
+            for (n, unit), e in zip(self.states, self.cells.edges, strict=True)
+        }
+        says = "1 where the cell may have a state of the set, 0 where it has none for sure"
+        members = self._noted().astype(np.int8), {"units": "1", "long_name": says}
+        attributes = {"kind": self.kind, "approximation": "outer approximation"}
+        return xr.Dataset({"member": (self.names, *members)}, middles, attributes)
+
+    def save(self, path: str | Path) -> Path:
+        """Write `dataset` as NetCDF-4, whole or not at all."""
+        return write_netcdf(self.dataset(), path)
+
     def _noted(self) -> Truths:
         noted = np.zeros(self.cells.total, dtype=bool)
         noted[self.members] = True
         return noted.reshape(self.cells.counts)
+
+
+def states_of(value: ValueFunction) -> tuple[tuple[str, str], ...]:
+    """The names and units of the states of a value function."""
+    return tuple((a.name, a.state.unit) for a in value.grid.axes)
 
 
 def both_bounds(system: System) -> Bounds | None:

@@ -11,7 +11,13 @@ import numpy as np
 from holdfast.analysis.certificates.cells import Cells, Floats, Truths, Wholes
 from holdfast.analysis.certificates.certify import comes_back
 from holdfast.analysis.certificates.images import where
-from holdfast.analysis.certificates.outer_cells import BACK, OuterSet, even_cells, free_flow
+from holdfast.analysis.certificates.outer_cells import (
+    BACK,
+    OuterSet,
+    even_cells,
+    free_flow,
+    states_of,
+)
 from holdfast.analysis.certificates.problem import parameters_of
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import SimulationError
@@ -76,7 +82,7 @@ def reached_within(
             trouble = why or trouble
             if members is None:
                 continue
-            found = OuterSet(value.report.kind, value.names, cells, members, hold)
+            found = OuterSet(value.report.kind, states_of(value), cells, members, hold)
             if best is None or found.volume < best.volume:
                 best = found
             if found.volume >= last:

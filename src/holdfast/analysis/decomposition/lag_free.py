@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 import sympy as sp
 
 from holdfast.analysis.decomposition.remainders import Affine, affine_in
 from holdfast.analysis.reachability.grid import TURN
 from holdfast.errors import SimulationError
+from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.decomposition.prediction import Prediction, predicted
 from holdfast.maths.definitions.bounds import Box, product
 from holdfast.maths.definitions.quantity import Quantity
@@ -20,6 +22,10 @@ from holdfast.maths.expressions.functions import magnitude
 Interval = tuple[float, float]
 REST = "rest_of_"
 """Before the name of a state: the disturbance that bounds what its rate leaves out."""
+LATTICE, ON_FACE = 129, 20_000
+"""Points along a state, and at an end of a box, at which it is looked whether a region goes on."""
+TOUCHING = 1e-9
+"""Share of the largest constraint by which a region may go on and still end there."""
 NOTHING = 1e-12
 """Rests below this, in the unit of the rate, are left out."""
 
@@ -78,14 +84,16 @@ def lag_free(
     read = set().union(*(c.expression.free_symbols for c in inequalities))
     unread = [q for q in found.states if q.symbol not in read]
     tight = [_tightened(c, rows[c.name], swung) for c in inequalities]
+    asked = [e.expression.xreplace(dict(numbers)) for e in (*tight, *_within(unread, over))]
+    held = [q for q in found.states if q in unread or _goes_on(asked, q, over)]
     return LagFree(
         _system(system, found, rates, swung),
-        (*tight, *_within(unread, over)),
+        (*tight, *_within(held, over)),
         {q.symbol: q.symbol + found.shift[q.name] for q in found.states},
-        {q.name: over[q.symbol] for q in unread},
+        {q.name: over[q.symbol] for q in held},
         _domain(found),
         found,
-        (_reason(found),),
+        (_reason(found), *(_limited(q, over) for q in held if q not in unread)),
     )
 
 
@@ -142,10 +150,28 @@ def _tightened(c: Inequality, row: Affine, swung: Mapping[sp.Symbol, Interval]) 
     return replace(c, expression=row.still + sp.Add(*more) + sp.Float(row.rest))
 
 
+def _goes_on(
+    constraints: Sequence[sp.Expr], state: Quantity, box: Mapping[sp.Symbol, Interval]
+) -> bool:
+    """Whether the constraints let a state beyond an end of its interval, the others in theirs.
+
+    Those of a place read the predicted speeds too, and their region in z is sheared: it may be
+    wider than that of the whole, which the box was given for.
+    """
+    low, high = box[state.symbol]
+    if state.angle and high - low >= TURN * (1 - 1e-9):
+        return False
+    count = min(LATTICE, max(3, int(ON_FACE ** (1 / max(len(box) - 1, 1)))))
+    sides = [(low, high) if s == state.symbol else np.linspace(*box[s], count) for s in box]
+    points = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, len(box))
+    worst = Evaluator(constraints, list(box), ()).values(points).max(axis=1)
+    return bool(worst.min() < -TOUCHING * np.abs(worst).max())
+
+
 def _within(states: Sequence[Quantity], box: Mapping[sp.Symbol, Interval]) -> list[Inequality]:
     """These states kept within the box that the bounds hold in, but for whole turns of an angle.
 
-    Those that the inequalities read need no more: their grid is refused unless it holds the region.
+    Those of which the inequalities keep z within need no more.
     """
     rows = []
     for q in states:
@@ -166,6 +192,14 @@ def _domain(found: Prediction) -> tuple[Inequality, ...]:
         rows.append(Inequality(f"{a.name}_low", sp.Float(low) - a.symbol, a.unit))
         rows.append(Inequality(f"{a.name}_high", a.symbol - sp.Float(high), a.unit))
     return tuple(rows)
+
+
+def _limited(state: Quantity, box: Mapping[sp.Symbol, Interval]) -> str:
+    low, high = box[state.symbol]
+    return (
+        f"predicted {state.name} is kept within its box, [{low:g}, {high:g}], beyond which the "
+        "constraints would let it go"
+    )
 
 
 def _reason(found: Prediction) -> str:

@@ -14,7 +14,14 @@ from holdfast.analysis.reachability.given import by_name, whole
 from holdfast.analysis.reachability.problem import with_disturbance
 from holdfast.analysis.safety.adversary import CONSTANT, INSIDE, SWINGING, SWITCHING, schedules
 from holdfast.analysis.safety.default_promise import FALLS, at_rest
-from holdfast.analysis.safety.verdict import CONFIRMED, FELL_SHORT, FROM_INSIDE
+from holdfast.analysis.safety.verdict import (
+    CONFIRMED,
+    EVERY,
+    FELL_SHORT,
+    FROM_INSIDE,
+    confirmation,
+    shortfall,
+)
 from holdfast.analysis.simulation.law_comparison import Rate
 from holdfast.analysis.simulation.simulate import simulate
 from holdfast.arguments import checked
@@ -72,14 +79,8 @@ class PartsPromise:
         """What the runs come to, as a sentence."""
         if self.verdict:
             return self.verdict
-        share = f"{100 * self.kept_share:.3g} % of the set: every start is kept"
-        if self.outcome == CONFIRMED:
-            return f"confirmed on {share}"
-        rest = ""
-        if self.edge is not None:
-            lost = self.edge.total - self.edge.count
-            rest = f"; of {self.edge.total} starts nearer to the edge {lost} are lost"
-        return f"confirmed from {self.margin:.3g} inside on, {share}{rest}"
+        whence = "" if self.outcome == CONFIRMED else f"{self.margin:.3g}"
+        return confirmation(self.kept_share, EVERY, whence, self.edge)
 
     @property
     def held(self) -> bool:
@@ -88,12 +89,7 @@ class PartsPromise:
     @property
     def verdict(self) -> str:
         """The shortfall as a sentence, or an empty text."""
-        if self.held:
-            return ""
-        return (
-            f"the promise falls short: {self.inside.count} of {self.inside.total} starts "
-            f"{self.margin:g} inside stay"
-        )
+        return "" if self.held else shortfall(self.inside, f"{self.margin:g}")
 
     def summary(self) -> dict[str, Any]:
         """The content of summary.json."""

@@ -7,8 +7,9 @@ changes meanwhile. With d2c/dt2 <= M, or d3c/dt3 <= J, along the holds beside th
     c(i+1) <= (1 - k1 T) c(i) + M T^2 / 2                 c <= M T / (2 k1)               order one
     d2c/dt2 <= -(k1 + k2) dc/dt - k1 k2 c + J t           c <= about J T / (2 k1 k2)      order two
 
-M and J over all states and inputs are many times what they are where a condition binds, so that the
-number is measured: closed loops from states at which the filter's promise begins, under commands
+Where M is the same at all states it bounds what is crossed (`crossings_of`). Else M and J over all
+states and inputs are many times what they are where a condition binds, so that the number is
+measured: closed loops from states at which the filter's promise begins, under commands
 that push as far as the bounds of the inputs go, along the normal of the nearest condition or at
 random corners.
 """
@@ -27,10 +28,12 @@ from holdfast.analysis.simulation.simulate import simulate
 from holdfast.errors import DefinitionError, suggestion
 from holdfast.execution.arrays import Array
 from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.maths.control.safety_filter import Asked
 from holdfast.maths.definitions.law import Law
-from holdfast.maths.definitions.quantity import Quantity
+from holdfast.maths.definitions.quantity import TIME, Quantity
 from holdfast.maths.definitions.system import System
+from holdfast.maths.expressions.traversal import exact
 
 DRAWN = 20
 """States that are drawn for each run, of which those serve at which the promise begins."""
@@ -58,6 +61,79 @@ class Overshoot:
             f"in {self.runs} runs under hostile commands, held for {self.sample_time:g} s, "
             f"constraints are crossed: {most}; in {self.relaxed} more no input met all conditions"
         )
+
+
+def crossings_of(
+    made: Made, sample_time: float, margins: Mapping[str, float], uncertain: Sequence[str]
+) -> dict[str, float]:
+    """Inequality -> the most by which held inputs can cross it, in its unit: `math.inf` if unknown.
+
+    An inequality is left out where the derivative that its condition bounds does not change during
+    a hold, since nothing remains then. Where it is the first derivative, and its own does not
+    depend on the states, M is its most over the bounds of inputs and disturbances, by intervals.
+    """
+    system, region = made.system, made.region
+    if region is None or made.gains is None:
+        return {}
+    numbers = {p.symbol: float(p.value) for p in made.law.parameters if p.name not in uncertain}
+    held: dict[str, float] = {}
+    for piece in made.asked():
+        c = piece.condition
+        derivatives = [region.inequality(c.name).expression]
+        for _ in range(max(piece.orders) + 1):
+            derivatives.append(_along(system, derivatives[-1]))
+        if sp.expand(derivatives[-1].xreplace(numbers)) == 0:
+            continue
+        most = math.inf
+        if piece.orders == (1,):
+            most = _most(system, derivatives[2].xreplace(numbers), numbers)
+        crossed = max(0.0, most) * sample_time / (2 * made.gains[0]) - margins.get(c.name, 0.0)
+        if crossed > 0:
+            held[c.name] = max(held.get(c.name, 0.0), crossed)
+    return held
+
+
+def crossings_text(crossings: Mapping[str, float], sample_time: float) -> str:
+    """What remains between samples, as a sentence; empty where nothing does."""
+    if not crossings:
+        return ""
+    bounded = [f"'{n}' by at most {v:.3g}" for n, v in crossings.items() if math.isfinite(v)]
+    others = ", ".join(f"'{n}'" for n, v in crossings.items() if not math.isfinite(v))
+    if others:
+        bounded.append(f"{others} by what SafetyFilter.overshoot(box) measures")
+    return (
+        f"between samples, {sample_time:g} s apart, constraints may be crossed: "
+        f"{'; '.join(bounded)}; a margin of that size covers it"
+    )
+
+
+def _along(system: System, e: sp.Expr) -> sp.Expr:
+    """The rate of an expression of t, the states and what is held."""
+    rates = (e.diff(q.symbol) * system.rates[q.name] for q in system.states)
+    return sp.Add(e.diff(TIME), *rates)
+
+
+def _most(system: System, e: sp.Expr, numbers: Mapping[sp.Symbol, float]) -> float:
+    """The most over the bounds of inputs and disturbances; infinite for what depends on others."""
+    ends: dict[sp.Symbol, tuple[float, float]] = {}
+    for members, bounds in (
+        (system.inputs, system.input_bounds),
+        (system.disturbances, system.disturbance_bounds),
+    ):
+        if bounds is None:
+            continue
+        for q, pair in zip(members, bounds.ranges(), strict=True):
+            low, high = (sp.sympify(end).xreplace(numbers) for end in pair)
+            if low.is_number and high.is_number:
+                ends[q.symbol] = float(low), float(high)
+    if e.free_symbols - set(ends) or not np.isfinite(list(ends.values())).all():
+        return math.inf
+    corners = np.array([list(ends.values())])
+    try:
+        _, (most,) = Enclosure([exact(e)], list(ends)).over(corners[:, :, 0], corners[:, :, 1])
+    except DefinitionError:
+        return math.inf
+    return math.inf if np.isnan(most[0]) else float(most[0])
 
 
 def overshoot_of(

@@ -19,7 +19,7 @@ from holdfast.analysis.online.filter_law import (
 )
 from holdfast.analysis.online.kernel_promise import warn_of_promise
 from holdfast.analysis.online.measurements import Given, Measurements, time_of
-from holdfast.analysis.online.overshoot import Overshoot, overshoot_of
+from holdfast.analysis.online.overshoot import Overshoot, crossings_of, crossings_text, overshoot_of
 from holdfast.analysis.online.reasons import Reasons
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, SimulationError
@@ -139,6 +139,7 @@ class SafetyFilter:
         self._count = 0
         self._fallback = fallback_of(system, fallback)
         self._made = made
+        self._margins, self._uncertain = dict(margins or {}), tuple(uncertain or ())
         warn_of_reduction(system, around)
         if made.kernel is not None:
             warn_of_promise(system, made.kernel, self.sample_time, stacklevel=3)
@@ -292,6 +293,27 @@ class SafetyFilter:
     def unused(self) -> Mapping[str, tuple[str, ...]]:
         """Inequality -> inputs that act on it after two derivatives, which it leaves alone."""
         return self._reasons.unused
+
+    @cached_property
+    def crossings(self) -> Mapping[str, float]:
+        """Inequality -> the most by which it may be crossed between samples [its unit].
+
+        `math.inf` where no bound is at hand, and `overshoot` measures it. Empty for a kernel, and
+        for conditions that do not change while an input is held.
+        """
+        return crossings_of(self._made, self.sample_time, self._margins, self._uncertain)
+
+    def __str__(self) -> str:
+        keeps = [self.keep] if isinstance(self.keep, Keep) else self.keep
+        names = [
+            f"'{k.name}'" if isinstance(k, Region) else f"a kernel of {k.names}" for k in keeps
+        ]
+        lines = [
+            f"safety filter of '{self.system.name}': keeps {' and '.join(names)}, "
+            f"with inputs held for {self.sample_time:g} s",
+            crossings_text(self.crossings, self.sample_time),
+        ]
+        return "\n".join(line for line in lines if line)
 
     def overshoot(
         self, box: Mapping[str, tuple[float, float]], *, runs: int = 1000, seed: int = 0

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import sympy as sp
 
 from holdfast._version import __version__
 from holdfast.analysis.reachability.checkpoint import Checkpoint
 from holdfast.analysis.reachability.divided_march import DividedMarch, room_of
-from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.memory_estimate import memory_of
 from holdfast.analysis.reachability.posed_march import march_of
@@ -20,10 +20,12 @@ from holdfast.analysis.reachability.value_function import ValueFunction, to_valu
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.march import March
+from holdfast.execution.level_set.over_grid import OverGrid
 from holdfast.execution.level_set.refined_march import RefinedMarch
 from holdfast.execution.level_set.settling import Done
 from holdfast.execution.working_room import Memory, Room
-from holdfast.maths.games.hamiltonian import Hamiltonian
+from holdfast.maths.definitions.system import System
+from holdfast.maths.games.hamiltonian import Hamiltonian, hamiltonian
 
 GROWTH_CHECKED = 25
 """Steps from one look at whether the value has grown to the next: they cost it nothing."""
@@ -179,7 +181,7 @@ class OneMarch:
             begun_from_another=self._begun,
             tolerance_cells=marching.tolerance,
             residual_cells=0.0 if self._decided(done) else self._residual(done),
-            ends_reached=_ends_reached(posed.grid, held.ends()),
+            ends_reached=_ends_reached(posed, h.system, held.ends()),
             cell=held.start.cell,
             scheme=marching.scheme,
             order=marching.method.order,
@@ -200,15 +202,32 @@ class OneMarch:
         )
 
 
-def _ends_reached(grid: Grid, reached: Ends) -> str:
-    """The nodes where the set touches an open end of the grid, so that the outside may matter."""
+def _ends_reached(posed: Posed, system: System, reached: Ends) -> str:
+    """The nodes where the set touches an open end of the grid, so that the outside may matter.
+
+    It does not where no input and no disturbance leads out of that end at any node of it. What a
+    forward set has beyond the grid is said in any case.
+    """
+    always = posed.varies or posed.problem.backwards
     return ", ".join(
         f"{axis.name} = {where:g}"
-        for i, axis in enumerate(grid.axes)
+        for i, axis in enumerate(posed.grid.axes)
         if axis.ends in ("contained", "extrapolated")
         for end, where in ((0, axis.low), (-1, axis.high))
-        if (i, end) in reached
+        if (i, end) in reached and (always or _leads_out(posed, system, i, where))
     )
+
+
+def _leads_out(posed: Posed, system: System, number: int, where: float) -> bool:
+    """Whether max_u max_d of the rate out of an end of an axis is above zero at a node of it."""
+    axes = posed.grid.axes
+    outwards = sp.S.One if where == axes[number].high else sp.S.NegativeOne
+    h = hamiltonian(system, inputs="max", disturbances="max")
+    costates = dict.fromkeys(h.costates, sp.S.Zero) | {h.costates[number]: outwards}
+    nodes = [np.array([where]) if i == number else a.nodes for i, a in enumerate(axes)]
+    symbols = [a.state.symbol for a in axes]
+    rate = OverGrid([h.value.xreplace(costates)], symbols, posed.parameters, nodes)
+    return any(bool((found > 0).any()) for _, (found,) in rate.parts(0.0))
 
 
 def _check_growth(largest: float, highest: float, cell: float, time: float) -> None:

@@ -61,7 +61,7 @@ def default_trial(system: System, value: ValueFunction, sample_time: float | Non
     if report.kind not in REACHED:
         horizon = min(horizon, samples * hold / runs)
     horizon = max(1, math.floor(horizon / hold * (1 + 1e-9))) * hold
-    return Trial(runs, horizon, hold)
+    return Trial(runs, min(horizon, max(report.horizon_s, hold)), hold)
 
 
 def default_promise(

@@ -16,6 +16,28 @@ CONFIRMED, FROM_INSIDE = "confirmed", "confirmed from inside"
 UNCONFIRMED, FELL_SHORT = "not confirmed", "fell short"
 
 
+EVERY = "every start is kept"
+
+
+def shortfall(kept: Rate, depth: str, aim: str = "stay") -> str:
+    """That not all starts are kept, as a sentence."""
+    return f"the promise falls short: {kept.count} of {kept.total} starts {depth} inside {aim}"
+
+
+def confirmation(share: float, kept: str, whence: str, edge: Rate | None, missed: str = "") -> str:
+    """On which share of the set starts are kept, as a sentence.
+
+    whence: how far inside they begin, where not all are kept that are nearer to the edge; edge: how
+    many of these are, None where none was tried; missed: what follows on those that are lost.
+    """
+    where = f"from {whence} inside on, " if whence else "on "
+    found = f"confirmed {where}{100 * share:.3g} % of the set: {kept}"
+    if not whence or edge is None:
+        return found
+    lost = edge.total - edge.count
+    return f"{found}; of {edge.total} starts nearer to the edge {lost} are lost{missed}"
+
+
 @dataclass(frozen=True)
 class Trials:
     """Starts against one kind of disturbance: `kept` stayed in the region, or, of a basin, reached
@@ -172,10 +194,7 @@ class Promise:
         total = self.inside[0]
         if total.kept.count < total.kept.total:
             off = f", {total.off_grid} left the grid" if total.off_grid else ""
-            return (
-                f"the promise falls short: {total.kept.count} of {total.kept.total} starts "
-                f"{self.depth} inside {self.aim}{off}"
-            )
+            return f"{shortfall(total.kept, self.depth, self.aim)}{off}"
         if (layer := self._refuting) is not None:
             assert layer.allowed is not None
             return (
@@ -190,18 +209,15 @@ class Promise:
         """What the runs come to, as a sentence."""
         if self.verdict:
             return self.verdict
-        kept = f"every start is kept{' against every disturbance tried' * (len(self.inside) > 1)}"
-        kept_layers = self._kept_layers
-        rest = self.layers[len(kept_layers) :]
+        kept = f"{EVERY}{' against every disturbance tried' * (len(self.inside) > 1)}"
+        rest = self.layers[len(self._kept_layers) :]
         if not rest:
-            return f"confirmed on {100 * self.tried_share:.3g} % of the set: {kept}"
-        whence = [self.depth, *(b.down_to for b in kept_layers)][-1]
-        lost, total = sum(b.lost for b in rest), sum(b.trials.kept.total for b in rest)
+            return confirmation(self.tried_share, kept, "", None)
+        whence = [self.depth, *(b.down_to for b in self._kept_layers)][-1]
+        rates = [b.trials.kept for b in rest]
+        edge = Rate(sum(r.count for r in rates), sum(r.total for r in rates))
         missed = self._beyond(max(b.missed for b in rest))
-        return (
-            f"confirmed from {whence} inside on, {100 * self.kept_share:.3g} % of the set: {kept}; "
-            f"of {total} starts nearer to the edge {lost} are lost, {missed}"
-        )
+        return confirmation(self.kept_share, kept, whence, edge, f", {missed}")
 
     def summary(self) -> dict[str, Any]:
         """The content of summary.json."""

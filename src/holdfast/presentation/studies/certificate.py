@@ -11,8 +11,10 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from holdfast.analysis.certificates.cells import Cells, Floats
 from holdfast.analysis.certificates.certificate import Certificate
 from holdfast.analysis.certificates.law_keeps import LawJudgement
+from holdfast.analysis.certificates.outer_cells import OuterSet
 from holdfast.arguments import checked
 from holdfast.presentation.figures import style
 
@@ -20,35 +22,86 @@ from holdfast.presentation.figures import style
 @checked
 def certificate_figure(found: Certificate) -> Figure:
     """The certified cells over the first two states, in the middle of the others."""
-    cells, kept = found.cells, found.kept
-    state = np.zeros(cells.counts)
-    state.reshape(-1)[kept.region] = 1
-    state.reshape(-1)[kept.members] = 2
+    marks = np.zeros(found.cells.total)
+    marks[found.kept.region], marks[found.kept.members] = 1, 2
+    says = {2: "certified", 1: "in the region, not certified"}
+    return _cells_figure(found.cells, found.states, marks, says)
+
+
+@checked
+def outer_figure(found: OuterSet) -> Figure:
+    """The cells that the set may touch over the first two states, in the middle of the others."""
+    marks = np.ones(found.cells.total)
+    marks[found.members] = 2
+    says = {2: "may be of the set", 1: "surely outside"}
+    return _cells_figure(found.cells, found.states, marks, says)
+
+
+def _cells_figure(
+    cells: Cells, states: Sequence[tuple[str, str]], marks: Floats, says: dict[int, str]
+) -> Figure:
+    """marks: 2 where a cell is blue, 1 where it is grey. states: with their units."""
     middle = tuple(n // 2 for n in cells.counts[2:])
-    shown = state.reshape(*cells.counts[:2], -1)[
+    shown = marks.reshape(*cells.counts[:2], -1)[
         ..., np.ravel_multi_index(middle, cells.counts[2:]) if middle else 0
     ]
-    colours = ListedColormap(["white", "0.85", style.BLUE])
+    colours = {2: style.BLUE, 1: "0.85"}
     with style.look():
         figure, axis = plt.subplots(figsize=(style.WIDTH / 1.6, style.WIDTH / 1.8))
         axis.pcolormesh(
-            cells.edges[0], cells.edges[1], shown.T, cmap=colours, vmin=0, vmax=2, rasterized=True
-        )
-        (a, unit_a), (b, unit_b) = found.states[:2]
-        axis.set_xlabel(f"{a} [{unit_a}]")
-        axis.set_ylabel(f"{b} [{unit_b}]")
-        handles = [
-            Patch(color=style.BLUE, label="certified"),
-            Patch(color="0.85", label="in the region, not certified"),
-        ]
+            cells.edges[0], cells.edges[1], shown.T, vmin=0, vmax=2, rasterized=True,
+            cmap=ListedColormap(["white", colours[1], colours[2]]),
+        )  # fmt: skip
+        (a, unit_a), (b, unit_b) = states[:2]
+        axis.set(xlabel=f"{a} [{unit_a}]", xlim=_shown(cells.edges[0]))
+        axis.set(ylabel=f"{b} [{unit_b}]", ylim=_shown(cells.edges[1]))
+        handles = [Patch(color=colours[mark], label=text) for mark, text in says.items()]
         axis.legend(handles=handles, loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
         others = [
             f"{n} = {0.5 * (e[k] + e[k + 1]):.3g} {u}"
-            for (n, u), e, k in zip(found.states[2:], cells.edges[2:], middle, strict=True)
+            for (n, u), e, k in zip(states[2:], cells.edges[2:], middle, strict=True)
         ]
         if others:
             axis.set_title(", ".join(others), fontsize="small", pad=24)
     return figure
+
+
+def _shown(edges: Floats) -> tuple[float, float]:
+    """The range of a state that is drawn: without ends that go on far beyond a grid."""
+    wide = np.diff(edges)
+    far = wide > 100 * np.median(wide)
+    return float(edges[int(far[0])]), float(edges[len(wide) - int(far[-1])])
+
+
+def outer_text(found: OuterSet, files: Sequence[Path] = ()) -> str:
+    """How many cells the set may touch, how far they reach, and what is sure of the others."""
+    ends = ", ".join(
+        f"{n} {a:.4g} to {b:.4g} {unit}"
+        for (n, unit), (a, b) in zip(found.states, found.extent().values(), strict=True)
+    )
+    why = ["  it is not reached, or does not reach, for any input and disturbance."]
+    if found.kind.endswith("kernel"):
+        why = [
+            "  it is outside of the region, or a disturbance, held, drives it out of that against",
+            "  every input.",
+        ]
+    lines = [
+        f"outer set of a {found.kind.replace('-', ' ')}",
+        "",
+        f"  may be of it   {len(found.members)} of {found.cells.total} cells "
+        f"({100 * len(found.members) / found.cells.total:.1f} %)",
+        f"  reaches        {ends if len(found.members) else 'nothing: the set is empty'}",
+        f"  cells          {' x '.join(map(str, found.cells.counts))}, "
+        f"enclosures over {found.hold:.4g} s",
+        "",
+        "  A state of no such cell is surely not of the set, if the model and the bounds hold:",
+        *why,
+    ]  # fmt: skip
+    if files:
+        lines += ["", f"  files in {files[0].parent}: {', '.join(f.name for f in files)}"]
+        if found.lost is not None:
+            lines.append(f"  check it: holdfast-check {files[0]}")
+    return "\n".join(lines)
 
 
 def certificate_text(found: Certificate, files: Sequence[Path] = ()) -> str:
