@@ -58,6 +58,17 @@ class Tally:
             self.faults[fault.signature] += 1
             self.first.setdefault(fault.signature, (number, fault))
 
+    def add_plain(self, told: dict[str, Any]) -> None:
+        """What came of other cases, as `plain` has said it."""
+        for name in ("cases", "judged"):
+            setattr(self, name, getattr(self, name) + told[name])
+        self.cpu += told["cpu_s"]
+        self.counts.update(told["counts"])
+        self.refused.update(told["refused_by"])
+        self.faults.update(told["faults"])
+        for signature, number in told["first"].items():
+            self.first.setdefault(signature, (number, Fault(signature, "")))
+
     def conclude(self) -> None:
         """Faults that only all cases show."""
         for fault in self.kind.conclude(self.notes):
@@ -308,6 +319,15 @@ def table(tallies: dict[str, Tally]) -> str:
                 f"(first: case {t.first[signature][0]})"
             )
     return "\n".join(lines)
+
+
+def summed(paths: Sequence[Path]) -> dict[str, Tally]:
+    """What came of several runs, from their tables, kinds without a case left out."""
+    tallies = {k.name: Tally(k) for k in kinds()}
+    for path in paths:
+        for told in json.loads(path.read_text("utf-8"))["kinds"]:
+            tallies[told["kind"]].add_plain(told)
+    return {name: t for name, t in tallies.items() if t.cases}
 
 
 def as_json(tallies: dict[str, Tally], seed: int) -> str:
