@@ -263,7 +263,7 @@ def test_tables_of_several_runs_add_up(tmp_path):
     both = engine.summed(paths)
     assert list(both) == ["kernels"]
     assert both["kernels"].plain() == tally.plain() | {
-        "cases": 6, "judged": 2, "refused": 2, "refused_by": {"too small": 2},
+        "cases": 6, "judged": 2, "refused": 2, "refused_by": {"too small": 2}, "first_refused": {"too small": 3},
         "faults": {"wrong": 2}, "counts": {"nodes": 10}, "cpu_s": 0.6, "first": {"wrong": 3},
     }  # fmt: skip
 

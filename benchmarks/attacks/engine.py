@@ -40,6 +40,7 @@ class Tally:
     judged: int = 0
     cpu: float = 0.0
     refused: Counter[str] = field(default_factory=Counter)
+    first_refused: dict[str, int] = field(default_factory=dict)
     faults: Counter[str] = field(default_factory=Counter)
     first: dict[str, tuple[int, Fault]] = field(default_factory=dict)
     """The first case of each signature."""
@@ -54,6 +55,7 @@ class Tally:
         self.notes += outcome.notes
         if outcome.refused:
             self.refused[outcome.refused] += 1
+            self.first_refused.setdefault(outcome.refused, number)
         for fault in outcome.faults:
             self.faults[fault.signature] += 1
             self.first.setdefault(fault.signature, (number, fault))
@@ -65,6 +67,7 @@ class Tally:
         self.cpu += told["cpu_s"]
         self.counts.update(told["counts"])
         self.refused.update(told["refused_by"])
+        self.first_refused = told["first_refused"] | self.first_refused
         self.faults.update(told["faults"])
         for signature, number in told["first"].items():
             self.first.setdefault(signature, (number, Fault(signature, "")))
@@ -86,6 +89,7 @@ class Tally:
             "judged": self.judged,
             "refused": sum(self.refused.values()),
             "refused_by": dict(self.refused.most_common()),
+            "first_refused": self.first_refused,
             "faults": dict(self.faults),
             "counts": dict(self.counts),
             "cpu_s": round(self.cpu, 1),
@@ -311,7 +315,10 @@ def table(tallies: dict[str, Tally]) -> str:
         )
     for t in tallies.values():
         for reason, number in t.refused.most_common(8):
-            lines.append(f"refused {number:5d}  {t.kind.name}: {reason}")
+            lines.append(
+                f"refused {number:5d}  {t.kind.name}: {reason} (first: case "
+                f"{t.first_refused[reason]})"
+            )
     for t in tallies.values():
         for signature, number in t.faults.most_common():
             lines.append(
