@@ -20,6 +20,7 @@ from attacks import (
     kernels,
     planted,
     scenario_files,
+    sure_sets,
     writing,
 )
 from attacks.case import Fault, Outcome
@@ -295,6 +296,7 @@ FIRST_MINUTE = {
     filters.KIND: range(0, 24),
     certificates.KIND: range(0, 16),
     forgeries.KIND: range(8, 12),
+    sure_sets.KIND: range(0, 16),
     identification.KIND: range(0, 12),
     scenario_files.KIND: range(0, 80),
 }

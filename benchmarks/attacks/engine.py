@@ -19,7 +19,10 @@ from typing import Any
 
 from attacks.case import Fault, Kind, Outcome
 
-MODULES = ("kernels", "filters", "certificates", "forgeries", "identification", "scenario_files")
+MODULES = (
+    "kernels", "filters", "certificates", "forgeries", "sure_sets", "identification",
+    "scenario_files",
+)  # fmt: skip
 """Every kind of attack is the `KIND` of one of them."""
 MEMORY = 6 * 2**30
 """Bytes of address space of a process that tries cases."""

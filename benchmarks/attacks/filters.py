@@ -23,7 +23,7 @@ from attacks.problems import Problem, drawn, problem, times
 from attacks.product import Built
 from holdfast.errors import HoldfastError
 
-STARTS = 20
+STARTS = 40
 """Starts of a case; each meets every adversary."""
 EXPLORED = 4000
 SHARE_OF_CELL = (0.05, 0.1, 0.3, 0.8)

@@ -135,6 +135,8 @@ KINKS: dict[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
     "tanh": (arb.tanh, lambda x: 1 - x.tanh() ** 2),
 }  # fmt: skip
 """Functions that have a slope here, and no series of more terms."""
+ONE_OF_TWO = {*CHOICES, "magnitude", "Abs"}
+"""Functions that are one of two others: of a and b, or of x and -x."""
 JUMPS: dict[str, Callable[..., Any]] = {
     "wrap": _wrapped, "angle": _angle, "atan2": lambda y, x: _angle(y, x, None),
     "length": lambda x, y, _: (x**2 + y**2).sqrt(),
@@ -151,11 +153,13 @@ def applied(name: str, *x: Any) -> Any:
         return PLAIN[name](*map(arb, x))
     if name in SMOOTH:
         return getattr(x[0], name)()
+    terms = [v if isinstance(v, arb_series) else arb_series([v]) for v in x]
+    a, b = terms[0], terms[-1] if name in CHOICES else -terms[0]
+    if name in ONE_OF_TWO and (a[0] >= b[0] or b[0] >= a[0]):  # one and the same all over the balls
+        return b if (a[0] >= b[0]) == (name == "least") else a
     if name in JUMPS or flint.ctx.cap > 2:
         raise ValueError
-    terms = [v if isinstance(v, arb_series) else arb_series([v]) for v in x]
     if name in CHOICES:
-        a, b = terms
         return arb_series([CHOICES[name](a[0], b[0]), a[1].union(b[1])])
     value, slope = KINKS[name]
     return arb_series([value(terms[0][0]), slope(terms[0][0]) * terms[0][1]])
