@@ -4,6 +4,7 @@
     python benchmarks/attack.py --kind kernels --count 200 --seed 7
     python benchmarks/attack.py --kind filters --only 15 --seed 1
     python benchmarks/attack.py --planted
+    python benchmarks/attack.py --sum one/table.json other/table.json --out both
 
 Every case follows from (seed, number). Faults are shrunk to files that run alone (--out), one for
 each kind of thing that is wrong. Exit status 1 if there is a fault.
@@ -42,6 +43,9 @@ def main() -> int:
         action="store_true",
         help="break the product on purpose: is every breakage found?",
     )
+    ask.add_argument(
+        "--sum", type=Path, nargs="+", metavar="TABLE", help="add up the tables of several runs"
+    )
     asked = ask.parse_args()
     chosen = [k for k in engine.kinds() if not asked.kind or k.name in asked.kind]
     if asked.planted:
@@ -52,11 +56,14 @@ def main() -> int:
         return 0
     if asked.minutes is None and asked.count is None:
         asked.minutes = 30.0
-    tallies = engine.run(
-        chosen, asked.seed, minutes=asked.minutes, count=asked.count, workers=asked.workers,
-        first=asked.first, progress=True,
-    )  # fmt: skip
-    written = engine.write_faults(tallies, asked.seed, asked.out)
+    if asked.sum:
+        tallies, written = engine.summed(asked.sum), []
+    else:
+        tallies = engine.run(
+            chosen, asked.seed, minutes=asked.minutes, count=asked.count, workers=asked.workers,
+            first=asked.first, progress=True,
+        )  # fmt: skip
+        written = engine.write_faults(tallies, asked.seed, asked.out)
     asked.out.mkdir(parents=True, exist_ok=True)
     (asked.out / "table.json").write_text(engine.as_json(tallies, asked.seed), "utf-8")
     print(engine.table(tallies))

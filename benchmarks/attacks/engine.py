@@ -19,7 +19,10 @@ from typing import Any
 
 from attacks.case import Fault, Kind, Outcome
 
-MODULES = ("kernels", "filters", "certificates", "forgeries", "identification", "scenario_files")
+MODULES = (
+    "kernels", "filters", "certificates", "forgeries", "sure_sets", "identification",
+    "scenario_files",
+)  # fmt: skip
 """Every kind of attack is the `KIND` of one of them."""
 MEMORY = 6 * 2**30
 """Bytes of address space of a process that tries cases."""
@@ -40,6 +43,7 @@ class Tally:
     judged: int = 0
     cpu: float = 0.0
     refused: Counter[str] = field(default_factory=Counter)
+    first_refused: dict[str, int] = field(default_factory=dict)
     faults: Counter[str] = field(default_factory=Counter)
     first: dict[str, tuple[int, Fault]] = field(default_factory=dict)
     """The first case of each signature."""
@@ -54,9 +58,22 @@ class Tally:
         self.notes += outcome.notes
         if outcome.refused:
             self.refused[outcome.refused] += 1
+            self.first_refused.setdefault(outcome.refused, number)
         for fault in outcome.faults:
             self.faults[fault.signature] += 1
             self.first.setdefault(fault.signature, (number, fault))
+
+    def add_plain(self, told: dict[str, Any]) -> None:
+        """What came of other cases, as `plain` has said it."""
+        for name in ("cases", "judged"):
+            setattr(self, name, getattr(self, name) + told[name])
+        self.cpu += told["cpu_s"]
+        self.counts.update(told["counts"])
+        self.refused.update(told["refused_by"])
+        self.first_refused = told["first_refused"] | self.first_refused
+        self.faults.update(told["faults"])
+        for signature, number in told["first"].items():
+            self.first.setdefault(signature, (number, Fault(signature, "")))
 
     def conclude(self) -> None:
         """Faults that only all cases show."""
@@ -75,6 +92,7 @@ class Tally:
             "judged": self.judged,
             "refused": sum(self.refused.values()),
             "refused_by": dict(self.refused.most_common()),
+            "first_refused": self.first_refused,
             "faults": dict(self.faults),
             "counts": dict(self.counts),
             "cpu_s": round(self.cpu, 1),
@@ -300,7 +318,10 @@ def table(tallies: dict[str, Tally]) -> str:
         )
     for t in tallies.values():
         for reason, number in t.refused.most_common(8):
-            lines.append(f"refused {number:5d}  {t.kind.name}: {reason}")
+            lines.append(
+                f"refused {number:5d}  {t.kind.name}: {reason} (first: case "
+                f"{t.first_refused[reason]})"
+            )
     for t in tallies.values():
         for signature, number in t.faults.most_common():
             lines.append(
@@ -308,6 +329,15 @@ def table(tallies: dict[str, Tally]) -> str:
                 f"(first: case {t.first[signature][0]})"
             )
     return "\n".join(lines)
+
+
+def summed(paths: Sequence[Path]) -> dict[str, Tally]:
+    """What came of several runs, from their tables, kinds without a case left out."""
+    tallies = {k.name: Tally(k) for k in kinds()}
+    for path in paths:
+        for told in json.loads(path.read_text("utf-8"))["kinds"]:
+            tallies[told["kind"]].add_plain(told)
+    return {name: t for name, t in tallies.items() if t.cases}
 
 
 def as_json(tallies: dict[str, Tally], seed: int) -> str:

@@ -128,9 +128,8 @@ def shown_false(h: dict[str, Any], entries: Entries, g: np.random.Generator) -> 
     low = np.array([v[i] for v, i in zip(edges, index, strict=True)])
     high = np.array([v[i + 1] for v, i in zip(edges, index, strict=True)])
     held = np.array([numbers(h["candidates"][k]) for _, k, _ in entries]).T
-    pushes = [numbers(d["range"]) for d in h["disturbances"]] + [
-        numbers(d["range"]) for d in h["parameters"]
-    ]
+    ranged = [*h["disturbances"], *h["parameters"]]
+    pushes = [np.unique(numbers(d["range"])) for d in ranged]  # a number has one end, not two
     names = [d["name"] for d in (*h["states"], *h["inputs"], *h["disturbances"], *h["parameters"])]
     functions = {
         **NUMBERS,

@@ -254,7 +254,7 @@ BREAKAGES: dict[str, Breakage] = {
         checker_skips_cells, "forged certificates", "passes", 40
     ),
     "half of the disturbance in certificates": Breakage(
-        certified_for_weaker_disturbance, "certificates", "leaves the region", 120
+        certified_for_weaker_disturbance, "certificates", "a run ", 120
     ),
     "intervals of .7 of their width": Breakage(
         narrower_intervals, "identification", "too seldom", 120

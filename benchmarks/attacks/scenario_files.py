@@ -83,8 +83,8 @@ VALUES: tuple[Any, ...] = (
     {"expression": "x", "unit": "kg"},
     10**20,
 )
-STATUSES = (0, 1, 2)
-"""Answered, not answered, refused."""
+ANSWERS = {0: "runs", 1: "runs without the answer", 2: "refused in a line"}
+"""What the statuses of the command mean."""
 
 
 def shipped() -> tuple[str, ...]:
@@ -208,9 +208,13 @@ def run(text: str) -> tuple[int, str, BaseException | None]:
             os.chdir(here)
 
 
-def faults_of(text: str) -> list[Fault]:
-    """What is wrong with the answer to a file."""
+def answer_of(text: str) -> tuple[int, list[Fault]]:
+    """(status, what is wrong) of the answer to a file."""
     status, err, error = run(text)
+    return status, _faults_in(status, err, error)
+
+
+def _faults_in(status: int, err: str, error: BaseException | None) -> list[Fault]:
     if isinstance(error, MemoryError):
         return [Fault("more memory than the limit", err[-300:])]
     if error is not None:
@@ -218,7 +222,7 @@ def faults_of(text: str) -> list[Fault]:
     if "Traceback (most recent call last)" in err:
         return [Fault("a traceback on standard error", err[-800:])]
     lines = [v for v in err.splitlines() if v.strip() and "warning:" not in v and "\r" not in v]
-    if status not in STATUSES:
+    if status not in ANSWERS:
         return [Fault(f"status {status}", err[-300:])]
     if status == 2 and not lines:
         return [Fault("status 2 without a message", err[-300:])]
@@ -246,8 +250,8 @@ def attempt(seed: int, number: int) -> Outcome:
         outcome.counts = {"no TOML": 1}
         return outcome
     outcome.judged = 1
-    outcome.faults = faults_of(text)
-    outcome.counts = {"files": 1}
+    status, outcome.faults = answer_of(text)
+    outcome.counts = {ANSWERS.get(status, "other"): 1}
     return outcome
 
 
@@ -267,7 +271,7 @@ def shrink(seed: int, number: int, fault: Fault) -> None:
 
     def has(t: dict[str, Any]) -> bool:
         text = text_of(t)
-        return text is not None and any(f.signature == fault.signature for f in faults_of(text))
+        return text is not None and any(f.signature == fault.signature for f in answer_of(text)[1])
 
     least = writing.shrunk(tables, smaller, has, seconds=30)
     fault.suffix = ".toml"
@@ -275,4 +279,6 @@ def shrink(seed: int, number: int, fault: Fault) -> None:
     fault.text = f"{told}\n# holdfast run THIS_FILE --no-figures\n{text_of(least)}"
 
 
-KIND = Kind("scenario files", attempt, shrink, share=1.0, seconds=40.0, shown=("files",))
+KIND = Kind(
+    "scenario files", attempt, shrink, share=1.0, seconds=40.0, shown=tuple(ANSWERS.values())
+)

@@ -135,6 +135,8 @@ KINKS: dict[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
     "tanh": (arb.tanh, lambda x: 1 - x.tanh() ** 2),
 }  # fmt: skip
 """Functions that have a slope here, and no series of more terms."""
+ONE_OF_TWO = {*CHOICES, "magnitude", "Abs"}
+"""Functions that are one of two others: of a and b, or of x and -x."""
 JUMPS: dict[str, Callable[..., Any]] = {
     "wrap": _wrapped, "angle": _angle, "atan2": lambda y, x: _angle(y, x, None),
     "length": lambda x, y, _: (x**2 + y**2).sqrt(),
@@ -151,11 +153,13 @@ def applied(name: str, *x: Any) -> Any:
         return PLAIN[name](*map(arb, x))
     if name in SMOOTH:
         return getattr(x[0], name)()
+    terms = [v if isinstance(v, arb_series) else arb_series([v]) for v in x]
+    a, b = terms[0], terms[-1] if name in CHOICES else -terms[0]
+    if name in ONE_OF_TWO and (a[0] >= b[0] or b[0] >= a[0]):  # one and the same all over the balls
+        return b if (a[0] >= b[0]) == (name == "least") else a
     if name in JUMPS or flint.ctx.cap > 2:
         raise ValueError
-    terms = [v if isinstance(v, arb_series) else arb_series([v]) for v in x]
     if name in CHOICES:
-        a, b = terms
         return arb_series([CHOICES[name](a[0], b[0]), a[1].union(b[1])])
     value, slope = KINKS[name]
     return arb_series([value(terms[0][0]), slope(terms[0][0]) * terms[0][1]])
@@ -167,6 +171,29 @@ def _times(a: Any, b: Any) -> Any:
         return a * b
     ends = itertools.product((a.lower(), a.upper()), (b.lower(), b.upper()))
     return functools.reduce(arb.union, itertools.starmap(mul, ends))
+
+
+def _root(node: ast.expr, x: Any) -> Any:
+    """The root; a ball around what is never negative may reach below 0, but its values do not."""
+    if isinstance(x, arb) and x.is_finite() and not x >= 0 and _never_negative(node):
+        return arb(0).union(x.upper().sqrt())
+    return applied("sqrt", x)
+
+
+def _never_negative(node: ast.expr) -> bool:
+    """Whether the form of a text says so: sums and quotients of squares, and roots."""
+    match node:
+        case ast.Constant(value=int(number)):
+            return number >= 0
+        case ast.BinOp(left=a, op=ast.Mult(), right=b) if ast.dump(a) == ast.dump(b):
+            return True
+        case ast.BinOp(left=a, op=ast.Add() | ast.Mult() | ast.Div(), right=b):
+            return _never_negative(a) and _never_negative(b)
+        case ast.BinOp(op=ast.Pow(), right=ast.Constant(value=int(exponent))):
+            return exponent % 2 == 0
+        case ast.Call(func=ast.Name(id=name)):
+            return name in ("sqrt", "exp", "magnitude", "Abs", "length")
+    return False
 
 
 OPERATIONS = {ast.Add: add, ast.Sub: sub, ast.Mult: _times, ast.Div: truediv}
@@ -197,21 +224,23 @@ class Expression:
             case ast.UnaryOp(op=ast.USub(), operand=inner):
                 return -self._value(inner, values)
             case ast.BinOp(left=base, op=ast.Pow(), right=exponent):
-                return self._power(self._value(base, values), exponent)
+                return self._power(base, self._value(base, values), exponent)
             case ast.BinOp(left=a, op=operation, right=b):
                 return OPERATIONS[type(operation)](self._value(a, values), self._value(b, values))
+            case ast.Call(func=ast.Name(id="sqrt"), args=[inner], keywords=[]):
+                return _root(inner, self._value(inner, values))
             case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
                 return applied(name, *(self._value(a, values) for a in arguments))
         raise SyntaxError(f"it has {ast.unparse(node)}")
 
-    def _power(self, base: Any, exponent: ast.expr) -> Any:
+    def _power(self, node: ast.expr, base: Any, exponent: ast.expr) -> Any:
         twice = 2 * Fraction(ast.unparse(exponent).replace(" ", ""))
         if twice.denominator != 1 or abs(twice) > 2 * MOST_POWER:
             raise SyntaxError(f"the exponent {twice / 2} is no half of a whole number, or large")
         whole, half = divmod(abs(int(twice)), 2)
         found = functools.reduce(_times, whole * [base], arb(1))
         if half:
-            found = found * applied("sqrt", base)
+            found = found * _root(node, base)
         return 1 / found if twice < 0 else found
 
 

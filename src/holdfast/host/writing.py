@@ -91,12 +91,11 @@ def _on_disk(path: Path) -> None:
 def remove_left_over(folder: Path) -> None:
     """Remove the unfinished files of processes of this machine that have ended."""
     try:
-        found = [(entry, _LEFT_OVER.fullmatch(entry)) for entry in os.listdir(folder)]
+        found = [_LEFT_OVER.fullmatch(entry) for entry in os.listdir(folder)]
     except OSError:
         return  # the attempt to write there reports it
-    for entry, match in found:
-        path = folder / entry
-        if match is None or match["host"] != _HOST or path in _unfinished:
+    for match in found:  # of thousands of names few are left over
+        if match is None or match["host"] != _HOST or (path := folder / match[0]) in _unfinished:
             continue
         process = int(match["process"])
         if process == os.getpid() or not _is_running(process):

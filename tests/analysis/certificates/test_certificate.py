@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import flint
 import numpy as np
 import pytest
 import sympy as sp
@@ -20,8 +21,10 @@ from tests.certified_systems import (
     BOX,
     CART,
     LEFT,
+    A,
     R,
     U,
+    V,
     X,
     camera,
     cart,
@@ -323,6 +326,56 @@ def test_squares_of_states_around_zero_are_checked(tmp_path):
     assert "19 of 19 entries hold" in check(str(found.write(tmp_path / "square.holdfast")))
 
 
+def test_root_of_squares_is_checked_where_a_cell_touches_zero(tmp_path):
+    """A ball around [0, 1] reaches a little below 0, where a root is no number."""
+    pushed, _ = cart()
+    disc = hf.Region(
+        "disc", pushed.states, (hf.Inequality("c", sp.sqrt(X**2 + V**2 / 4) - 1, "m"),)
+    )
+    found = certify(pushed, disc, box=CART, cells=20, sample_time=0.1, horizon=0.4)
+    assert len(found.kept.members) > 50
+    assert "entries hold" in check(str(found.write(tmp_path / "disc.holdfast")))
+
+
+@pytest.mark.parametrize("name", ["greatest", "least", "magnitude"])
+def test_kink_that_is_not_met_has_one_slope(name):
+    """What is one of two all over a ball has its Taylor series, and their union where both may be."""
+    flint.ctx.cap = 4
+    x, zero = flint.arb_series([checker.ball(1.0, 2.0), 1]), flint.arb_series([0])
+    others = [] if name == "magnitude" else [zero]
+    found = checker.applied(name, x, *others)
+    assert found[1] == (0 if name == "least" else 1)
+    assert checker.applied(name, -x, *others)[1] == {"greatest": 0, "least": -1}.get(name, 1)
+    with pytest.raises(ValueError):  # noqa: PT011 - there is no series
+        checker.applied(name, x - 1.5, *others)
+    flint.ctx.cap = 2
+    across = checker.applied(name, flint.arb_series([checker.ball(-0.5, 0.5), 1]), *others)[1]
+    assert across.contains(1 - 1 * (name == "least"))
+    assert across.contains(0 if others else -1)
+
+
+def test_certificate_of_rates_with_kinks_is_agreed_with(tmp_path):
+    """No cell meets the kinks: the checker's slopes are those of the search."""
+    system = hf.System(
+        "bent", (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")), (hf.Quantity("a", "m/s^2"),),
+        {"x": sp.Max(V, -0.666) - 0.474 * X, "v": sp.Min(-0.923 * X, 0.498) + 0.51 * A},
+        input_bounds=hf.Box((-0.9,), (0.9,)),
+    )  # fmt: skip
+    limits = (sp.Max(sp.Abs(X) - 0.775, sp.Abs(V) - 0.769), X - 0.529)
+    rows = tuple(hf.Inequality(f"c{k}", e, "m") for k, e in enumerate(limits))
+    box = {"x": (-1.2, 1.2), "v": (-1.21, 1.21)}
+    room = hf.Region("room", system.states, rows)
+    found = certify(system, room, box=box, cells=20, sample_time=0.068, horizon=0.272)
+    assert len(found.kept.members) > 20
+    assert "entries hold" in check(str(found.write(tmp_path / "bent.holdfast")))
+
+
+@pytest.mark.parametrize("text", ["sqrt(x*y)", "sqrt(x - 1)", "sqrt(x*x - y*y)", "sqrt(x**3)"])
+def test_root_of_what_may_be_negative_is_no_number(text):
+    across = checker.ball(-1.0, 1.0)
+    assert not checker.Expression(text).at({"x": across, "y": across}) <= 10
+
+
 def test_names_of_functions_and_numbers_are_refused():
     number = hf.Parameter("E", value=2.5)
     with pytest.raises(DefinitionError, match="'E' is the name of a function or number"):
@@ -401,7 +454,7 @@ def test_checker_is_short_enough_to_be_read():
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
             explained |= set(range(node.lineno, node.end_lineno + 1))
     code = {k for k, line in enumerate(source.splitlines(), 1) if line.strip()} - explained
-    assert len(code) == 498
+    assert len(code) == 520
 
 
 def test_angle_that_turns_faster_than_doubles_count_leaves_no_cell_unchecked(tmp_path):

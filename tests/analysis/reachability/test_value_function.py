@@ -65,6 +65,23 @@ def test_threads_and_precision_do_not_change_the_answer(found):
     assert np.abs(short.values() - found.values()).max() < 1e-3
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_ball_of_inputs_has_one_set_in_both_precisions():
+    """Where V is flat the best input is 0/0: what keeps it a number may not vanish in the short one."""
+    cart = hf.System(
+        "cart", (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")), (hf.Quantity("a", "m/s^2"),),
+        {"x": hf.symbol("v"), "v": hf.symbol("a")}, input_bounds=hf.Ball(1, 1),
+    )  # fmt: skip
+    near = hf.Inequality("near", sp.Abs(hf.symbol("x")) - 1, "m")
+    walls = hf.Region("walls", cart.states, (near,))
+    grid = hf.grid(cart, {"x": (-1.2, 1.2), "v": (-2, 2)}, 31)
+    short, long = (
+        hf.viability_kernel(cart, walls, grid, 5, precision=p) for p in ("float32", "float64")
+    )
+    assert short.report.converged
+    assert np.abs(short.values() - long.values()).max() < 1e-3
+
+
 def test_converged_and_not_converged_are_told_apart(found):
     said = found.dataset.attrs
     assert said["converged"] == 1

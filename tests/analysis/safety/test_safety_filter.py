@@ -378,13 +378,23 @@ def test_law_that_sees_the_state_late_keeps_it_for_long(kernel):
     assert stay[0.1, 200] == 100
 
 
+def test_rate_that_nobody_gave_is_what_the_sample_time_and_the_delay_bear(kernel):
+    """A slow vehicle is the same in minutes as a fast one in seconds."""
+    for hold, late, pace in ((0.02, 0.0, 2.0), (0.8, 0.0, 1.25), (0.5, 1.5, 0.5)):
+        law = hf.safety_law(
+            cart(), kernel, swinging(), sample_time=hold, delay=late, margin=0.1, ahead=False
+        )
+        rates = {q.name: float(q.value) for q in law.parameters}
+        assert rates["safety_rate"] == pytest.approx(pace)
+
+
 def test_delay_that_no_state_has_the_margin_for_is_refused(kernel):
     with pytest.raises(
         SimulationError, match=r"V may fall by 1.16 before an input answers, .* nowhere above 0.92"
     ):
         hf.safety_law(cart(), kernel, swinging(), delay=0.2)
     with pytest.raises(SimulationError, match=r"rate 2 1/s .* and a delay of 0.5 s"):
-        hf.safety_law(cart(), kernel, swinging(), delay=0.5)
+        hf.safety_law(cart(), kernel, swinging(), delay=0.5, rate=2.0)
     with pytest.raises(SimulationError, match=r"have no margin for a delay of 0.1 s"):
         hf.safety_law(cart(), kernel, delay=0.1)
     with pytest.raises(SimulationError, match=r"delay is -0.1"):

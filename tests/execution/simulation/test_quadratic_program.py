@@ -225,6 +225,20 @@ def test_bounds_hold_however_large_the_wanted_input_is(keep_within, size):
     assert given == pytest.approx([*other, 1.0], abs=1e-9)
 
 
+def test_bounds_hold_beside_a_faint_row_that_cannot_be_met(keep_within):
+    """Where a value is as good as flat its row is 1e-9 against a level of 1."""
+    bounds = [(1, 0, 1.49), (-1, 0, 1.46), (0, 1, 1.19), (0, -1, 0.669)]
+    generator = np.random.default_rng(0)
+    for size in 10 ** generator.uniform(-14, -4, 300):
+        angle = generator.uniform(0, 2 * np.pi)
+        faint = (size * math.cos(angle), size * math.sin(angle), -0.6)
+        wanted = generator.uniform(-3, 3, 2)
+        first, second, slack = keep_within(tuple(wanted), [*bounds, faint], 4)
+        assert -1.46 - 1e-9 <= first <= 1.49 + 1e-9
+        assert -0.669 - 1e-9 <= second <= 1.19 + 1e-9
+        assert slack > 0.5
+
+
 def test_rows_that_cannot_all_be_met_share_the_least_slack(keep_within):
     """u1 <= -1 and u1 >= 2 by 1.5 each; what does not matter to them stays as it was wanted."""
     conflict = [(1, 0, -1), (-1, 0, -2)]

@@ -1,6 +1,7 @@
 """Gains against the sample time: what a held input bears, derived, run and refused."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -97,6 +98,21 @@ def test_gain_that_the_sample_time_does_not_bear_is_refused_with_the_largest_tha
     result = hf.simulate(point, borne, sample_time=0.3, **run)
     assert result.viable == 1
     assert result.arrays["worst_constraint"].values.max() > -0.01  # pressed against the end
+
+
+@pytest.mark.parametrize("gains", [(26.5, 53.0), (53.0, 26.5), (100.0, 1.0)])
+def test_gains_of_a_refusal_are_borne_where_constraints_have_two_orders(gains):
+    """A wall of x is of order two, one of its speed of order one."""
+    cart = hf.System(
+        "cart", (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")), (hf.Quantity("u", "m/s^2"),),
+        {"x": hf.symbol("v"), "v": U}, input_bounds=hf.Box((-PUSH,), (PUSH,)),
+    )  # fmt: skip
+    limits = (hf.Inequality("slow", hf.symbol("v") - 1, "m/s"), hf.Inequality("end", X - 1, "m"))
+    room = hf.Region("room", cart.states, limits)
+    with pytest.raises(DefinitionError, match="expected at most") as refused:
+        hf.SafetyFilter(cart, room, gains=gains, sample_time=0.04)
+    most = re.search(r"expected at most ([0-9.]+) and ([0-9.]+) 1/s", str(refused.value))
+    hf.SafetyFilter(cart, room, gains=tuple(map(float, most.groups())), sample_time=0.04)
 
 
 def test_wall_is_never_crossed_with_the_largest_gains_that_the_sample_time_bears(

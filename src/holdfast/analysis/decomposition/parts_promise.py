@@ -120,7 +120,7 @@ def check_parts(
     margin: float = 0.0,
     horizon: float = 1.0,
     sample_time: float = 0.02,
-    rate: float = 2.0,
+    rate: float | None = None,
     seed: int = 0,
 ) -> PartsPromise:
     """Simulate the whole system from `runs` promised states, V > margin, and as many others.

@@ -120,7 +120,7 @@ def filter_of(
     *,
     sample_time: float,
     delay: float,
-    rate: float,
+    rate: float | None,
     margin: float | None,
     gains: tuple[float, float] | None,
     margins: Mapping[str, float] | None,
@@ -265,7 +265,7 @@ def _check_options(kernel: bool, region: bool, **given: Any) -> None:
             f"a delay of {given['delay']:g} s, for which a region's filter has no margin",
             remedy="give margins for what may happen meanwhile, or a kernel",
         )
-    of_kernels = {"rate": 2.0, "margin": None, "delay": 0.0}
+    of_kernels = {"rate": None, "margin": None, "delay": 0.0}
     of_regions = {
         "gains": None,
         "margins": None,

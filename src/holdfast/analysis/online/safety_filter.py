@@ -51,18 +51,18 @@ class SafetyFilter:
     several of them, at most one a kernel, in order of priority: where not all can be kept, the last
     gives way first (`in_order`), and `Decision.gave_way` names what did.
     sample_time [s]: of your loop. delay [s]: how old a measurement is; a kernel's margin allows for
-    it. rate [1/s], margin [unit of V]: of a kernel's filter, see `safety_law`. gains [1/s],
-    refused where the sample time does not bear them, by default (1, 4) or as much less as it bears,
-    margins, constraints, worst, uncertain: of a region, see `safeguard`. measured: whether `step`
-    is given the disturbances. states: names of those that are measured, if not all: an observer
-    with that `bandwidth` [1/s] estimates the others and the disturbances (`observe`), with
-    `error_bounds` [unit of each state] a guaranteed set of them, which follows a disturbance that
-    changes within `rate_bounds` (`observe_set`). scales: input -> the
-    change of it that counts as 1. rates: the largest rates of inputs and of states (accelerations),
-    see `limit_rates`; with those of inputs the filter remembers its last input. fallback: the input
-    where a measurement or the command is not finite, by default 0 within the bounds. around: the
-    vehicle in the loop, where `system` is a reduced model of it: a `ModelWarning` names the states
-    that the filter does not know.
+    it. rate [1/s], by default 2 or as much less as the sample time bears, margin [unit of V]: of a
+    kernel's filter, see `safety_law`. gains [1/s], refused where the sample time does not bear
+    them, by default (1, 4) or as much less as it bears, margins, constraints, worst, uncertain: of
+    a region, see `safeguard`. measured: whether `step` is given the disturbances. states: names of
+    those that are measured, if not all: an observer with that `bandwidth` [1/s] estimates the
+    others and the disturbances (`observe`), with `error_bounds` [unit of each state] a guaranteed
+    set of them, which follows a disturbance that changes within `rate_bounds` (`observe_set`).
+    scales: input -> the change of it that counts as 1. rates: the largest rates of inputs and of
+    states (accelerations), see `limit_rates`; with those of inputs the filter remembers its last
+    input. fallback: the input where a measurement or the command is not finite, by default 0 within
+    the bounds. around: the vehicle in the loop, where `system` is a reduced model of it: a
+    `ModelWarning` names the states that the filter does not know.
 
     An untried kernel is tried in closed loop (`PromiseFellShortWarning`, `PromiseNotTriedWarning`).
     A kernel that has not converged is one for its horizon: after that the status is OUTSIDE_GRID
@@ -79,7 +79,7 @@ class SafetyFilter:
         *,
         sample_time: float = 0.02,
         delay: float = 0.0,
-        rate: float = 2.0,
+        rate: float | None = None,
         margin: float | None = None,
         gains: tuple[float, float] | None = None,
         margins: Mapping[str, float] | None = None,

@@ -45,6 +45,11 @@ REACHED = ("capture-basin", "backward-reachable-tube", FORMER)
 LAWFUL = ("viability-kernel", "discriminating-kernel", *REACHED)
 """Problems in which the inputs maximise the value against the disturbances."""
 
+PACE = 2.0
+"""The rate of a safety filter [1/s] where none is given and the hold bears it."""
+
+ROUNDING = 1e-9  # of a rate that is exactly the fastest
+
 MANY = 100_000  # nodes near the boundary that a margin is computed from
 
 
@@ -54,7 +59,7 @@ def safety_law(
     value: ValueFunction,
     law: L | None = None,
     *,
-    rate: float = 2.0,
+    rate: float | None = None,
     margin: float | None = None,
     sample_time: float = 0.02,
     delay: float = 0.0,
@@ -71,10 +76,11 @@ def safety_law(
 
     for every held disturbance; W is the value of the sampled game (`sampled_value`), whose inputs
     are held for `sample_time`. It does nothing well inside the set and intervenes towards the
-    boundary. rate [1/s]. margin [unit of V]: by default `SampledValue.least`, and with a `delay` of
-    the measurement [s] `sampled_margin`, the most that V can fall before the input responds. If no
-    input is found that suffices, it is the best one, and runs count it. errors: by how much the
-    input that acts may differ from the held one, for each input.
+    boundary. rate [1/s]: by default `PACE`, or less for a longer hold. margin [unit of V]: by
+    default `SampledValue.least`, and with a `delay` of the measurement [s] `sampled_margin`, the
+    most that V can fall before the input responds. If no input is found that suffices, it is the
+    best one, and runs count it. errors: by how much the input that acts may differ from the held
+    one, for each input.
 
     Without such a game (where it is `None`, and with `ahead` false, for a law that is to be
     certified) the condition is
@@ -99,6 +105,8 @@ def safety_law(
                 remedy="give a law: its safety filter has a margin",
             )
         return optimal_law(known, lookup)
+    if rate is None:
+        rate = usual_pace(sample_time, delay)
     check_pace(rate, sample_time, delay)
     if margin is not None:
         number("margin is ", margin, "0 or more: below 0 is outside", lambda v: 0 <= v < math.inf)
@@ -145,9 +153,14 @@ def check_not_empty(value: ValueFunction) -> None:
         )
 
 
+def usual_pace(sample_time: float, delay: float = 0.0) -> float:
+    """`PACE`, or the fastest that the sample time and the delay bear."""
+    return min(PACE, 1.0 / (sample_time + delay))
+
+
 def check_pace(rate: float, sample_time: float, delay: float = 0.0) -> None:
     """Raises `SimulationError` for a rate too fast for the sample time and the delay."""
-    if not 0 < rate * (sample_time + delay) <= 1:
+    if not 0 < rate * (sample_time + delay) <= 1 + ROUNDING:
         raise SimulationError(
             f"rate {rate:g} 1/s with a sample time of {sample_time:g} s{_and_late(delay)}",
             expected="above 0, at most 1 / (sample_time + delay)",

@@ -61,7 +61,7 @@ def check_promise(
     margin: float | None = None,
     horizon: float | None = None,
     sample_time: float = 0.02,
-    rate: float = 2.0,
+    rate: float | None = None,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Promise:

@@ -9,11 +9,17 @@ own, which a target may skip where no value needs them.
 from __future__ import annotations
 
 import inspect
+import math
 import struct
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
+
+import numpy as np
+
+LEAST_SINGLE = float(np.finfo(np.float32).tiny)
+"""The least positive normal number of single precision; its inverse is finite."""
 
 FLOAT, WHOLE, TRUTH = "float", "whole", "truth"
 """Kinds of values: binary64, 64 bits as an integer, and a truth value."""
@@ -215,6 +221,13 @@ class Function:
     @cached_property
     def kinds(self) -> tuple[str, ...]:
         return tuple(v.kind for v in self.traced(expanded=True)[1])
+
+
+def in_single(value: float) -> float:
+    """A constant of code in single precision: what is added to a divisor does not vanish."""
+    with np.errstate(over="ignore", under="ignore"):
+        found = float(np.float32(value))
+    return found if found or not value else math.copysign(LEAST_SINGLE, value)
 
 
 def choose(condition: Value, a: Operand, b: Operand) -> Value:

@@ -12,10 +12,17 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 
-import numpy as np
 import sympy as sp
 
-from holdfast.execution.arithmetic.steps import FLOAT, WHOLE, Function, Step, Steps, Value
+from holdfast.execution.arithmetic.steps import (
+    FLOAT,
+    WHOLE,
+    Function,
+    Step,
+    Steps,
+    Value,
+    in_single,
+)
 from holdfast.execution.codegen.lowering import WALLS, lowered
 from holdfast.maths.definitions.quantity import SAMPLE_TIME, TIME, TIME_IN_MODE
 from holdfast.maths.expressions.traversal import symbols_of
@@ -234,8 +241,7 @@ def _constant(step: Step, *, single: bool = False) -> tuple[str, int]:
         return f"UINT64_C({step.given})", ATOM
     value: float = step.given
     if single:
-        with np.errstate(over="ignore"):
-            value = float(np.float32(value))
+        value = in_single(value)
     if math.isnan(value):
         return "NAN", ATOM
     text = repr(abs(value)) + "f" * single if math.isfinite(value) else "INFINITY"

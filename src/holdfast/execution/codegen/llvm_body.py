@@ -7,9 +7,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-import numpy as np
-
-from holdfast.execution.arithmetic.steps import FLOAT, TRUTH, WHOLE, Function, Step, Steps, Value
+from holdfast.execution.arithmetic.steps import (
+    FLOAT,
+    TRUTH,
+    WHOLE,
+    Function,
+    Step,
+    Steps,
+    Value,
+    in_single,
+)
 
 _SAME = "!invariant.load !0"
 
@@ -40,8 +47,7 @@ class Format:
             return self.splat("i64", str(step.given))
         value = step.given
         if self.real == "float":  # written as the double that it is
-            with np.errstate(over="ignore"):
-                value = float(np.float32(value))
+            value = in_single(value)
         (pattern,) = struct.unpack("<Q", struct.pack("<d", value))
         return self.splat(self.real, f"0x{pattern:016X}")
 

@@ -16,8 +16,12 @@ import numpy as np
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.layers import Part
 from holdfast.execution.level_set.mirrored_grid import Flags
-from holdfast.execution.level_set.stage_steps import INFINITE
-from holdfast.execution.level_set.sweeping import Sweeping, first_not_finite, on_one_side
+from holdfast.execution.level_set.sweeping import (
+    Sweeping,
+    first_not_finite,
+    not_finite,
+    on_one_side,
+)
 from holdfast.execution.level_set.workers import Counts
 from holdfast.execution.working_room import Room
 
@@ -91,7 +95,7 @@ class Slab(Sweeping):
         found = super().stage(s, u, numbers, measures)
         found[0] = self._computed
         if found[1] and self._stages > 1:  # some of them may lie in the halo
-            found[1] = np.count_nonzero(~(np.abs(self.own_values(self._out)) < INFINITE))
+            found[1] = np.count_nonzero(not_finite(self.own_values(self._out)))
         self._latest = 0 if s == self.order - 1 else s + 1
         return found
 

@@ -113,10 +113,15 @@ def on_one_side(values: Array, limit: str) -> bool:
     return not any((v > 0 if limit == "shrink" else v <= 0).any() for v in parts)
 
 
+def not_finite(values: Array) -> Array:
+    """Where values of either precision are no number, or as good as infinite."""
+    return ~(np.abs(values) < np.float64(INFINITE))
+
+
 def first_not_finite(values: Array) -> int:
     """The place of the first; some at a time, to save memory."""
     for first in range(0, len(values), TOGETHER):
-        wrong = ~(np.abs(values[first : first + TOGETHER]) < INFINITE)
+        wrong = not_finite(values[first : first + TOGETHER])
         if wrong.any():
             return first + int(np.argmax(wrong))
     return 0

@@ -75,6 +75,19 @@ def fill(
     return count
 
 
+def crossed(given: Floats, constraints: Floats, m: int, hard: int) -> bool:
+    """Whether one of the first `hard` constraints does not hold."""
+    for j in range(hard):
+        row = constraints[j * (m + 1) :]
+        level, size = -row[m], 0.0
+        for i in range(m):
+            level += row[i] * given[i]
+            size += row[i] * row[i]
+        if level > CLOSE * (math.sqrt(size) + abs(row[m])):
+            return True
+    return False
+
+
 def solve(
     wanted: Floats, scales: Floats, constraints: Floats, m: int, most: int, hard: int,
     result: Floats, room: Floats, counts: Wholes,
@@ -97,10 +110,18 @@ def solve(
         y[i] = wanted[i] / scales[i]
         reach = max(reach, abs(y[i]))
     y[m] = PULL * reach
-    if count < 0 or not nearest(rows, wide, count, m + 1, y, rest, counts):
-        return math.inf
+    met = count >= 0 and nearest(rows, wide, count, m + 1, y, rest, counts)
     for i in range(m):
-        result[i] = y[i] * scales[i]
+        result[i] = y[i] * scales[i] if met else wanted[i]
+    if crossed(result, constraints, m, hard):  # by rounding, beside a faint normal
+        for i in range(m):
+            y[i] = result[i] / scales[i]
+        count = fill(rows, constraints, scales, m, hard, hard, False)
+        if count >= 0 and nearest(rows, wide, count, m, y, rest, counts):
+            for i in range(m):
+                result[i] = y[i] * scales[i]
+    if not met:
+        return math.inf
     slack = 0.0
     for j in range(hard, most):
         given = constraints[j * (m + 1) :]

@@ -26,8 +26,8 @@ half a sample late.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import sympy as sp
 
@@ -94,12 +94,14 @@ def conditions(orders: Iterable[tuple[int, ...]]) -> tuple[HeldGains, ...]:
     return tuple(found)
 
 
-def check_held(found: Iterable[HeldGains], gains: tuple[float, float], sample_time: float) -> None:
+def check_held(found: Sequence[HeldGains], gains: tuple[float, float], sample_time: float) -> None:
     """Raises `DefinitionError` for gains that a sample time does not bear."""
     values = {K1: gains[0], K2: gains[1], SAMPLE_TIME: sample_time}
-    for condition in found:
-        if condition.refused and (message := condition.violation(values)):
-            raise DefinitionError(message)
+    crossed = [c for c in found if c.refused and c.violation(values)]
+    if crossed:  # what the shortest hold asks is enough for the others
+        shortest = min(crossed, key=lambda c: float(c.limit.subs(values)))
+        of_all = replace(shortest, orders=max(c.orders for c in found))
+        raise DefinitionError(of_all.violation(values) or "")
 
 
 def longest_hold(gains: tuple[float, float], orders: tuple[int, ...]) -> float:

@@ -115,7 +115,7 @@ def kernel_parts(file: str, data: Mapping[str, Any]) -> dict[str, Any]:
         with at(file, "promise"):  # now, not after an hour of marching
             if held <= 0:
                 raise SimulationError(f"sample_time {held:g} s", expected="above 0")
-            if law is not None:
+            if law is not None and p.rate is not None:
                 check_pace(p.rate, held)
         if p.horizon is not None:
             promised["horizon"] = seconds(p.horizon, "promise.horizon")

@@ -198,7 +198,7 @@ class SafetySpec(Section):
     """
 
     kernel: Text
-    rate: float = 2.0
+    rate: float | None = None
     margin: float | None = None
     alone: bool = False
 

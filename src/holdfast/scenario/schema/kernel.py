@@ -76,7 +76,7 @@ class PromiseSpec(Section):
     margin: Value | None = None
     horizon: Value | None = None
     sample_time: Value = 0.02
-    rate: float = 2.0
+    rate: float | None = None
     seed: int = 0
 
 
