@@ -51,13 +51,13 @@ def marched_to_rest(
 ) -> ValueFunction:
     """As `marched`, of a scheme whose rest is one of the equation."""
     marching = posed.marching
-    sharp = marched(posed, progress, begin, until, filtered=False)
+    sharp = marched(posed, progress, begin, until)
     shrinks = posed.limit == "shrink" and not schemes()[marching.scheme].one_slope
     if not (shrinks and sharp.report.converged) or sharp.report.empty:
         return sharp
     aside = posed.aside("rest")
     coarse = replace(aside.marching, tolerance=max(marching.tolerance, SETTLED))
-    worn = marched(replace(aside, marching=coarse), begin=np.asarray(sharp.values()))
+    worn = marched(replace(aside, marching=coarse, filtered=True), begin=np.asarray(sharp.values()))
     return _no_larger(sharp, worn)
 
 

@@ -87,7 +87,7 @@ def solve(
     start = _begun(posed, begin, until)
     found = marched_to_rest(posed, progress, start, until)
     if further:
-        rougher = [marched(other, filtered=False) for other in further]
+        rougher = [marched(other) for other in further]
         found = with_error_in_cells(with_error(found, rougher), rougher[0])
     if marching.check_outside:
         found = with_outside(found, posed, marched_to_rest)
