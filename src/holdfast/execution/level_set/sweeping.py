@@ -116,7 +116,7 @@ def on_one_side(values: Array, limit: str) -> bool:
 def first_not_finite(values: Array) -> int:
     """The place of the first; some at a time, to save memory."""
     for first in range(0, len(values), TOGETHER):
-        wrong = ~(np.abs(values[first : first + TOGETHER]) < INFINITE)
+        wrong = ~(np.abs(values[first : first + TOGETHER]) < np.float64(INFINITE))
         if wrong.any():
             return first + int(np.argmax(wrong))
     return 0
