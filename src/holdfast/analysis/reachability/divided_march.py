@@ -141,13 +141,11 @@ class PartsHere:
 class DividedMarch:
     """The stages of a march, and what there is to know of its values, from its parts."""
 
-    def __init__(
-        self, posed: Posed, parts: Parts, begin: Array | None = None, filtered: bool = True
-    ) -> None:
+    def __init__(self, posed: Posed, parts: Parts, begin: Array | None = None) -> None:
         self._posed, self._parts = posed, parts
         facts = merged(parts.ask("facts"))
         check_start(posed, facts)
-        self.start_rate = max(parts.ask("start_rate")) if filtered else math.inf
+        self.start_rate = max(parts.ask("start_rate")) if posed.filtered else math.inf
         """The largest rate of change of the start value [its unit per second], for a filter."""
         given = () if begin is None else (begin,)
         self.start: Facts = merged(parts.ask("begin", facts, *given))

@@ -35,13 +35,10 @@ def marched(
     progress: Progress | None = None,
     begin: Array | None = None,
     until: Until | None = None,
-    *,
-    filtered: bool = True,
 ) -> ValueFunction:
     """The value at the end of the march, with what it is worth.
 
     begin: values at the nodes that it begins with, where they are less than those of the problem.
-    filtered: whether a scheme of high order is held close to a monotone step.
     """
     check_fits(posed)
     h = hamiltonian_of(posed)
@@ -55,7 +52,7 @@ def marched(
         attempt = OneMarch(posed, h, progress, until, begun=begin is not None)
         try:
             with place.parts(finer, h) as parts:
-                return attempt.result(DividedMarch(finer, parts, begin, filtered))
+                return attempt.result(DividedMarch(finer, parts, begin))
         except PartsLostError as lost:
             losses = 0 if attempt.got_further else losses + 1
             if losses == LOSSES:

@@ -38,6 +38,7 @@ def march_of(
         [a.step for a in grid.axes],
         kinds,
         method=marching.method,
+        filtered=posed.filtered,
         limit=posed.limit,
         clock=posed.clock,
         precision=marching.precision,

@@ -29,7 +29,8 @@ HF_FUNCTION hf_real hf_at(const hf_real *values, hf_int here, hf_int place, hf_i
                      (hf_real)(there < edge ? edge - there : there - edge));
 }
 
-/* The slopes on both sides of a node along an axis, in cells, and its plain differences. */
+/* The slopes on both sides of a node along an axis, in cells, and its plain differences for a
+   filter. */
 HF_FUNCTION void hf_sides(const hf_real *values, hf_int here, hf_int place, hf_int nodes,
                           hf_int stride, hf_int kind, hf_real *below, hf_real *above, hf_real *plain_below,
                           hf_real *plain_above)
@@ -47,8 +48,12 @@ HF_FUNCTION void hf_sides(const hf_real *values, hf_int here, hf_int place, hf_i
 #else
     *below = hf_upper(n);
     *above = hf_lower(n + 1);
+#endif
+#if HF_FILTERED
     *plain_below = n[HF_GHOSTS] - n[HF_GHOSTS - 1];
     *plain_above = n[HF_GHOSTS + 1] - n[HF_GHOSTS];
+#else
+    *plain_below = *plain_above = 0;
 #endif
 }
 

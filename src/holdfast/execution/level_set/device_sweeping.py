@@ -18,7 +18,7 @@ from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.device.program import Device
 from holdfast.execution.level_set.device_text import march_text
 from holdfast.execution.level_set.mirrored_grid import Fold
-from holdfast.execution.level_set.sweeping import on_one_side
+from holdfast.execution.level_set.sweeping import first_not_finite, on_one_side
 from holdfast.execution.level_set.workers import Counts
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ class DeviceSweeping:
 
     def not_finite(self) -> int:
         """The first of the nodes that the last stage has made not finite."""
-        return int(np.argmax(~(np.abs(self._device.fetched(self._out)) < 1e300)))
+        return first_not_finite(self._device.fetched(self._out))
 
     @property
     def fixed(self) -> bool:

@@ -50,7 +50,8 @@ def march_text(stage: Stage, scheme: Scheme, precision: str, rows: int) -> str:
     functions = c_functions(text, FUNCTIONS).replace("static inline", "HF_FUNCTION")
     named = {
         "AXES": stage.axes, "GHOSTS": scheme.ghosts, "ONE_SLOPE": int(scheme.one_slope),
-        "LOWER": int(stage.lower), "UPPER": int(stage.upper), "ROW": rates.of_row + rates.outer,
+        "FILTERED": int(stage.filtered), "LOWER": int(stage.lower), "UPPER": int(stage.upper),
+        "ROW": rates.of_row + rates.outer,
         "MOST_ROWS": int(rows),
     }  # fmt: skip
     head = [f"#define HF_{name} {value}" for name, value in named.items()]
@@ -88,12 +89,12 @@ def _cast(text: str, real: str) -> str:
 def _scheme(scheme: Scheme, precision: str, real: str) -> Iterable[str]:
     """The slope at the upper and at the lower end of an interval, from the nodes n[0], n[1], ...
 
-    The plain difference, which its leaf has too, is a subtraction in `device_sweep.h`.
+    The plain difference, which its leaf may have too, is a subtraction in `device_sweep.h`.
     """
     if scheme.one_slope:
         return
-    leaf = scheme.leaf(precision)
-    for name, result in zip(("upper", "lower"), leaf.results[:2], strict=True):
+    leaf = scheme.leaf(precision, plain=False)
+    for name, result in zip(("upper", "lower"), leaf.results, strict=True):
         body = Body(leaf.steps, [result], "    ", real, fused=True)
         given = {f"n{k}": f"n[{k}]" for k in range(2 * scheme.ghosts)}
         used = _inputs(leaf.steps, [result])

@@ -96,6 +96,7 @@ class March:
         device: Device | None = None,
         cut: tuple[int, int, int, int] | None = None,
         fastest: Callable[[Sequence[float]], tuple[Array, float]] | None = None,
+        filtered: bool = False,
         start_rate: float = math.inf,
     ) -> None:
         """clock: the time t at tau = 0, and how fast it runs, 1 or -1. reflected: for every axis,
@@ -103,15 +104,16 @@ class March:
         device: where the stages are carried out, if not by the threads of this machine.
         cut: the units of the last two axes, where they are not those of `layout`. fastest: the
         largest speeds at times t, and the largest sum of them over the steps, from elsewhere.
-        start_rate: the largest rate of the start value; where it is infinite, no scheme is held
-        close to monotone steps.
+        filtered: whether the rate of a scheme of high order is held close to that of a monotone
+        step (`stage_steps.py`). start_rate: the largest rate of the start value, for that.
         """
         scheme = self.scheme = schemes()[method.scheme]
         self.precision, self.device = precision, device
+        self.filtered = filtered and not scheme.one_slope
         self.code = sweep_code(precision, one_slope=scheme.one_slope)
         self.leaves = MarchLeaves(
             hamiltonian, parameters, scheme, dissipation=method.dissipation, limit=limit,
-            order=method.order, precision=precision,
+            order=method.order, precision=precision, filtered=self.filtered,
         )  # fmt: skip
         self.hamiltonian, self.parameters = hamiltonian, parameters
         self.method = method

@@ -25,7 +25,8 @@ Numbers = npt.NDArray[np.int64]
 class MarchLeaves:
     """The leaves of a Hamiltonian with a scheme.
 
-    limit: a name in `LIMITS`; order: of the Runge-Kutta method.
+    limit: a name in `LIMITS`; order: of the Runge-Kutta method; filtered: whether the rate is held
+    close to that of a monotone step (`stage_steps.py`).
     """
 
     def __init__(
@@ -38,16 +39,17 @@ class MarchLeaves:
         limit: str,
         order: int,
         precision: str,
+        filtered: bool,
     ) -> None:
         self._rates = rate_leaves(
             hamiltonian,
             parameters,
             dissipation=dissipation,
-            filtered=not scheme.one_slope,
+            filtered=filtered,
             precision=precision,
         )
         self._scheme, self._limit, self._order = scheme, limit, order
-        self._precision = precision
+        self._precision, self._filtered = precision, filtered
         self._axes = len(hamiltonian.costates)
 
     @property
@@ -61,6 +63,7 @@ class MarchLeaves:
             self._rates,
             axes=self._axes,
             one_slope=self._scheme.one_slope,
+            filtered=self._filtered,
             limits=LIMITS[self._limit],
             side=1.0 if self._limit == "shrink" else -1.0,
             from_start=self._order == 1,
@@ -71,7 +74,9 @@ class MarchLeaves:
     def found(self, *, lower: bool, upper: bool) -> tuple[Numbers, Numbers, Numbers]:
         """The addresses of leaves, with a stage and one that measures; the sizes of a sweep."""
         stage, scheme = self.stage(lower=lower, upper=upper), self._scheme
-        own = {} if scheme.one_slope else {"scheme": scheme.leaf(self._precision)}
+        own = {}
+        if not scheme.one_slope:
+            own["scheme"] = scheme.leaf(self._precision, plain=stage.filtered)
         self._leaves = compiled_leaves({**self._rates.leaves, **own})  # which hold the machine code
         self._stage, of = compiled_text(stage_text(stage)), self._leaves.addresses
         plain, measured = (
@@ -79,5 +84,6 @@ class MarchLeaves:
             for name in ("holdfast_stage", "holdfast_measured")
         )
         rates = self._rates
-        sizes = [rates.along, rates.of_row, rates.outer, scheme.ghosts, stage.lanes]
+        of_nodes = [rates.along, rates.of_row, rates.outer]
+        sizes = [*of_nodes, scheme.ghosts, stage.lanes, int(stage.filtered)]
         return plain, measured, np.array(sizes)

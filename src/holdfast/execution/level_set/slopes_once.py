@@ -11,13 +11,13 @@ from __future__ import annotations
 from holdfast.execution.level_set.stencils import *
 
 
-def begin_slopes(kept: Wholes, strides: Wholes, within: Wholes, n: int):
+def begin_slopes(kept: Wholes, strides: Wholes, within: Wholes, n: int, plain: int):
     """No slopes are kept."""
 
 
 def remember_slopes(
     kept: Wholes, own: Values, i: int, n: int, unit: int, several: int, here: int,
-    stride: int, count: int,
+    stride: int, count: int, plain: int,
 ):  # fmt: skip
     """No slopes are kept."""
 
@@ -26,7 +26,7 @@ def slopes_across(
     scheme: int, values: Values, size: int, here: int, i: int, n: int, outer: int,
     place: int, tall: int, wide: int, stride: int, nodes: int, kind: int,
     ghosts: int, unit: int, several: int, count: int, kept: Wholes, own: Values,
-    places: Wholes,
+    places: Wholes, plain: int,
 ):  # fmt: skip
     """Where the nodes are on either side along an axis that is not the last."""
     if outer:
@@ -48,7 +48,7 @@ def slopes_across(
 def slopes_along_rows(
     scheme: int, values: Values, size: int, here: int, begin: int, tall: int,
     wide: int, nodes: int, kind: int, ghosts: int, count: int, i: int, n: int,
-    own: Values, places: Wholes,
+    own: Values, places: Wholes, plain: int,
 ):  # fmt: skip
     """The same along the last axis."""
     for side in range(2):

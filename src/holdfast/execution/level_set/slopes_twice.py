@@ -4,10 +4,10 @@ A node takes the slope at the upper end of the interval below and that at the lo
 interval above. The slopes of an interval belong to the nodes on both sides of it: along an outer
 axis those above a place are kept for the next place.
 
-`own` has for each axis the slopes at the upper and at the lower ends of intervals, their plain
-differences, and the same for the nodes below; then rows of nodes, then the slopes and differences
-of places that are kept. `kept` says of each axis where these begin, then
-where the units begin that they belong to; the units follow.
+`own` has for each axis the slopes at the upper and at the lower ends of intervals, then rows of
+nodes, then the slopes of places that are kept. `kept` says of each axis where these begin, then
+where the units begin that they belong to; the units follow. If `plain` is 1, and not 0, the plain
+differences of intervals are next to all slopes, and those for the nodes below.
 """
 
 # ruff: noqa: F403, F405
@@ -17,16 +17,16 @@ from __future__ import annotations
 
 from holdfast.execution.level_set.stencils import *
 
-ENDS = 2 * RUN + VECTOR  # slopes at the upper ends of intervals; the three others follow
+ENDS = 2 * RUN + VECTOR  # slopes at the upper ends of intervals; the others follow
 GATHERED = 7 * RUN + 2 * VECTOR  # nodes of a run and of three on either side
 
 
-def begin_slopes(kept: Wholes, strides: Wholes, within: Wholes, n: int):
+def begin_slopes(kept: Wholes, strides: Wholes, within: Wholes, n: int, plain: int):
     """No slopes are known yet."""
-    kept[0], kept[n + 1] = 4 * ENDS * n + GATHERED, 2 * n + 2
+    kept[0], kept[n + 1] = (2 + 2 * plain) * ENDS * n + GATHERED, 2 * n + 2
     for i in range(n):
         keeps = i < n - 2 and strides[i] <= KEPT
-        kept[i + 1] = kept[i] + (2 * strides[i] if keeps else 0)
+        kept[i + 1] = kept[i] + ((1 + plain) * strides[i] if keeps else 0)
         kept[n + 2 + i] = kept[n + 1 + i] + (within[i] if keeps else 0)
     for k in range(2 * n + 2, kept[2 * n + 1]):
         kept[k] = -1
@@ -108,21 +108,26 @@ def slopes_across(
     scheme: int, values: Values, size: int, here: int, i: int, n: int, outer: int,
     place: int, tall: int, wide: int, stride: int, nodes: int, kind: int,
     ghosts: int, unit: int, several: int, count: int, kept: Wholes, own: Values,
-    places: Wholes,
+    places: Wholes, plain: int,
 ):  # fmt: skip
     """Slopes below and above the nodes of a run along an axis that is not the last."""
-    ends, rows, at = own[4 * ENDS * i :], own[4 * ENDS * n :], places[SLOPES + 4 * n :]
-    plain = places[SLOPES + 2 * n + 2 * i :]
+    each = (2 + 2 * plain) * ENDS
+    ends, rows, at = own[each * i :], own[each * n :], places[SLOPES + 4 * n :]
+    differences = places[SLOPES + 2 * n + 2 * i :]
     start, first = 0, kept[n + 1 + i]
-    places[SLOPES + 2 * i], plain[0] = address(ends, 0), address(ends, 2 * ENDS)
+    places[SLOPES + 2 * i] = address(ends, 0)
+    if plain:
+        differences[0] = address(ends, 2 * ENDS)
     if outer:
         tall, wide = 1, count
         if place > 0 and is_kept(kept, first, kept[n + 2 + i] - first, unit, several):
             start = 1
             places[SLOPES + 2 * i] = address(own, kept[i] + here % stride)
-            plain[0] = address(own, kept[i] + stride + here % stride)
+            if plain:
+                differences[0] = address(own, kept[i] + stride + here % stride)
     places[SLOPES + 2 * i + 1] = address(ends, ENDS + wide)
-    plain[1] = address(ends, 2 * ENDS + wide)
+    if plain:
+        differences[1] = address(ends, 2 * ENDS + wide)
     source = values
     if not reach(at, here, place, tall, nodes, stride, count, kind, ghosts, size):
         gather(values, here, place, tall, nodes, stride, wide, kind, ghosts, rows, at)
@@ -137,13 +142,15 @@ def slopes_across(
 def slopes_along_rows(
     scheme: int, values: Values, size: int, here: int, begin: int, tall: int,
     wide: int, nodes: int, kind: int, ghosts: int, count: int, i: int, n: int,
-    own: Values, places: Wholes,
+    own: Values, places: Wholes, plain: int,
 ):  # fmt: skip
     """The same along the last axis."""
-    ends, rows, at = own[4 * ENDS * i :], own[4 * ENDS * n :], places[SLOPES + 4 * n :]
-    plain = places[SLOPES + 2 * n + 2 * i :]
+    each = (2 + 2 * plain) * ENDS
+    ends, rows, at = own[each * i :], own[each * n :], places[SLOPES + 4 * n :]
+    differences = places[SLOPES + 2 * n + 2 * i :]
     places[SLOPES + 2 * i], places[SLOPES + 2 * i + 1] = address(ends, 0), address(ends, ENDS + 1)
-    plain[0], plain[1] = address(ends, 2 * ENDS), address(ends, 3 * ENDS)
+    if plain:
+        differences[0], differences[1] = address(ends, 2 * ENDS), address(ends, 3 * ENDS)
     for k in range(8):
         at[k] = k
     for k in range(tall):
@@ -152,12 +159,13 @@ def slopes_along_rows(
         call_scheme(scheme, rows, at, 0, ends[k * wide :], wide + 1)
         if k > 0:
             ends[k * wide + ENDS] = last
-        copy(ends, k * wide + 2 * ENDS + 1, wide, ends, k * wide + 3 * ENDS)
+        if plain:
+            copy(ends, k * wide + 2 * ENDS + 1, wide, ends, k * wide + 3 * ENDS)
 
 
 def remember_slopes(
     kept: Wholes, own: Values, i: int, n: int, unit: int, several: int, here: int,
-    stride: int, count: int,
+    stride: int, count: int, plain: int,
 ):  # fmt: skip
     """Keep the slopes above for the next place along an outer axis."""
     first = kept[n + 1 + i]
@@ -166,5 +174,7 @@ def remember_slopes(
         return
     for k in range(several):
         kept[first + (unit + k) % many] = unit + k + many
-    copy(own, 4 * ENDS * i + count, count, own, kept[i] + here % stride)
-    copy(own, 4 * ENDS * i + 2 * ENDS + count, count, own, kept[i] + stride + here % stride)
+    ends = (2 + 2 * plain) * ENDS * i + count
+    copy(own, ends, count, own, kept[i] + here % stride)
+    if plain:
+        copy(own, ends + 2 * ENDS, count, own, kept[i] + stride + here % stride)

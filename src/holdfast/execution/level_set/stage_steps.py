@@ -32,7 +32,7 @@ from holdfast.execution.codegen.llvm_body import LANES
 from holdfast.execution.level_set.rate_leaves import RateLeaves
 
 NUMBERS = ("dt", "weight", "floor", "ceiling", "nearest", "leeway", "share")
-"""The first of its numbers; `OF_AXES` of every axis follow."""
+"""The first of its numbers, the last two for a filter; `OF_AXES` of every axis follow."""
 
 OF_AXES = ("half", "step")
 """Numbers of each axis: half the inverse of its step, its step."""
@@ -51,14 +51,15 @@ MOST_STEEP = 4.0
 
 @dataclass(frozen=True)
 class Stage:
-    """one_slope: whether an interval has one slope. limits: the lowest and the highest rate. side:
-    of zero, for which it is measured how fast the set moves. from_start: the values are those that
-    the step begins with and that its result is compared with. lower, upper: whether there are such
-    bounds at nodes."""
+    """one_slope: whether an interval has one slope. filtered: whether the rate is held close to
+    that of a monotone step. limits: the lowest and the highest rate. side: of zero, for which it is
+    measured how fast the set moves. from_start: the values are those that the step begins with and
+    that its result is compared with. lower, upper: whether there are such bounds at nodes."""
 
     rates: RateLeaves
     axes: int
     one_slope: bool
+    filtered: bool
     limits: tuple[float, float]
     side: float
     from_start: bool
@@ -84,11 +85,6 @@ class Stage:
             means.append(half * (below + above))
             gaps.append(half * (above - below))
         return steps, [*means, *gaps]
-
-    @property
-    def filtered(self) -> bool:
-        """Whether the rate is held close to that of a monotone step."""
-        return not self.one_slope
 
     def apart(self) -> tuple[Steps, list[Value]]:
         """s, a bound of |r - r_M| whatever the Hamiltonian; the leeway e; and whether s > e.

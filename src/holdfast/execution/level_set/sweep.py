@@ -90,13 +90,14 @@ def sweep(
     counts: units computed, nodes that are not finite, the largest move. wholes, reals, held: room.
     u: time, parameters, largest speeds. numbers: those of a stage. upper, lower: addresses, or 0.
     leaves: addresses; sizes: how many values depend on the last axis, on a row, on outer axes, how
-    many nodes a scheme reaches, how many lanes a stage has.
+    many nodes a scheme reaches, how many lanes a stage has, whether it asks for plain differences.
     """
     last, nodes = n - 1, shape[n - 1]
     rows_of = shape[n - 2] if n > 1 else 1
     many, groups, stretches, longest = cut[0], cut[1], cut[2], cut[3]
     local = groups * stretches
     along, of_row, outer, ghosts, lanes = sizes[0], sizes[1], sizes[2], sizes[3], sizes[4]
+    plain = sizes[5]
     unit_nodes = many * nodes if stretches == 1 else longest
     most = max(1, RUN // unit_nodes)  # units computed together; stretches, of one row
     places = wholes
@@ -115,7 +116,7 @@ def sweep(
     for i in range(n - 1, -1, -1):  # nodes and units of a place
         strides[i] = strides[i + 1] * shape[i + 1] if i < n - 1 else 1
         within[i] = within[i + 1] * shape[i + 1] if i < n - 3 else local
-    begin_slopes(kept, strides, within, n)
+    begin_slopes(kept, strides, within, n, plain)
     same = of_rows[(of_row + outer) * PITCH :]
     room = same[outer:]
     nodes_of_last_axis(
@@ -171,11 +172,11 @@ def sweep(
                     slopes_across(
                         leaves[3], values, size, here, i, n, i < n - 2,
                         index[i] if i < n - 2 else row, tall, wide, strides[i], shape[i], kinds[i],
-                        ghosts, unit, several, count, kept, of_slopes, places,
+                        ghosts, unit, several, count, kept, of_slopes, places, plain,
                     )  # fmt: skip
                 slopes_along_rows(
                     leaves[3], values, size, here, begin, tall, wide, nodes, kinds[last], ghosts,
-                    count, last, n, of_slopes, places,
+                    count, last, n, of_slopes, places, plain,
                 )  # fmt: skip
                 places[VALUE] = address_of_run(values, size, here, count, arrays)
                 places[BASE] = address_of_run(base, size, here, count, arrays[PITCH:])
@@ -192,7 +193,9 @@ def sweep(
                 done = count % lanes
                 copy(rest, 0, done, out, here + count - done)
                 for i in range(n - 2):
-                    remember_slopes(kept, of_slopes, i, n, unit, several, here, strides[i], count)
+                    remember_slopes(
+                        kept, of_slopes, i, n, unit, several, here, strides[i], count, plain
+                    )
                 if any_of(odd, 0, count):
                     for j in range(count):
                         wrong += (odd[j >> 6] >> (j & 63)) & 1

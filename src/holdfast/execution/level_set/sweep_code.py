@@ -48,14 +48,14 @@ class SweepCode:
         """How many numbers a sweep needs: whole ones, of double precision, of values."""
         of, n, nodes = self.constants, len(shape), shape[-1]
         local, stretches = cut[1] * cut[2], cut[2]
-        along, of_row, outer = sizes[:3]
+        (along, of_row, outer), plain = sizes[:3], sizes[5]
         wholes, held = of["SLOPES"] + 2 * of["WORDS"] + 9 * n + 10, 2 * n * of["PITCH"]
         if not self.one_slope:
-            held = 4 * of["ENDS"] * n + of["GATHERED"] + of["VECTOR"]
+            held = (2 + 2 * plain) * of["ENDS"] * n + of["GATHERED"] + of["VECTOR"]
             units, stride = local, shape[-1] * (shape[-2] if n > 1 else 1)
             for i in range(n - 3, -1, -1):
                 if stride <= of["KEPT"]:
-                    held, wholes = held + 2 * stride, wholes + units
+                    held, wholes = held + (1 + plain) * stride, wholes + units
                 units, stride = units * shape[i], stride * shape[i]
         held += (stretches * along + of_row + of["ARRAYS"] + 1) * of["PITCH"]
         reals = (n + of_row + outer) * of["PITCH"] + outer + (1 + along) * (nodes + of["VECTOR"])

@@ -35,14 +35,14 @@ class Scheme:
         """Whether both ends of an interval have the same slope."""
         return self.slopes is None
 
-    def leaf(self, precision: str) -> Leaf:
+    def leaf(self, precision: str, *, plain: bool) -> Leaf:
         """Of rows of nodes n0, n1, ... the slopes at the upper and the lower end of intervals, and
-        the plain difference."""
+        the plain difference if it is wanted."""
         assert self.slopes is not None
         steps = Steps(expanded=True)
         nodes = [steps.input(f"n{i}") for i in range(2 * self.ghosts)]
         differences = [b - a for a, b in pairwise(nodes)]
-        found = [*self.slopes(*differences), differences[self.ghosts - 1]]
+        found = [*self.slopes(*differences), *differences[self.ghosts - 1 :][: int(plain)]]
         arguments = {f"n{i}": [f"n{i}"] for i in range(MOST_NODES)}
         single = precision == "float32"
         return Leaf(steps, arguments, found, single=single, algebraic=True, fused=True)
