@@ -363,7 +363,7 @@ CLASSES = {
     "Plant": lambda: {"system": line(), "start": [0.1], "sample_time": 0.02, "substeps": 2},
     "Relay": lambda: {"keep": keeper(), "patience": 0.25},
     "SafetyFilter": lambda: {
-        "system": line(), "keep": end(), "sample_time": 0.02, "delay": 0.0, "rate": 2.0, "margin": None, "gains": (1.0, 4.0),
+        "system": line(), "keep": end(), "sample_time": 0.02, "delay": 0.0, "rate": None, "margin": None, "gains": (1.0, 4.0),
         "margins": {"end": 0.1}, "constraints": None, "measured": False, "states": None, "bandwidth": 2.0, "scales": {"u": 1.0}, "rates": {"x": 1.0},
         "fallback": [0.0], "around": line(),
     },
