@@ -106,6 +106,18 @@ def test_held_inputs_keep_almost_all_of_the_kernel():
             assert (game.table > game.least).sum() >= 0.96 * inside.sum()
 
 
+def test_a_game_that_takes_too_long_is_given_up_and_the_law_goes_by_slopes(monkeypatch):
+    """Of its nodes before it begins, of its look-ups while it lasts; what was given up stays so."""
+    zero = hf.Law("zero", leaning(31)[0].states, {"u": hf.symbol("x") * 0})
+    for limit in ("MOST_WORK", "MOST_LOOKS"):
+        system, value = leaning.__wrapped__(31)
+        with monkeypatch.context() as patch:
+            patch.setattr(f"holdfast.analysis.safety.sampled_value.{limit}", 1e4)
+            assert hf.safety_law(system, value, zero).safeguard.foresight is None
+        assert sampled_value(system, value, 0.02) is None
+    assert hf.safety_law(*leaning(31), zero).safeguard.foresight is not None
+
+
 def test_at_every_node_some_held_input_keeps_its_value_whatever_the_disturbance():
     """The fixed point, by plain interpolation of the exact motion of the cart."""
     h = 0.05
