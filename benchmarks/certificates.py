@@ -49,6 +49,10 @@ class Case:
     room: tuple[str, ...] = ()
 
 
+SLOW_BOAT = ("grid.box.u=[-0.4, 0.4]", "grid.box.v=[-0.16, 0.16]")
+SLOW_CART = ("grid.box.vx=[-1.2, 1.2]", "grid.box.vy=[-1.2, 1.2]")
+"""Speeds of the cases that are certified within less than the boxes of their scenarios."""
+
 CERTIFIED = {
     "seen-target": Case("seen-target", "target in view, any current up to 0.1 m/s"),
     "seen-leader": Case("seen-leader", "leader in view, up to 0.25 m/s in any direction"),
@@ -86,6 +90,7 @@ CERTIFIED = {
         "seen-by-thrust",
         "target in view by thrust, surge and sway states, any current up to 0.05 m/s",
         {"sample_time": 0.2},
+        (*SLOW_BOAT, "grid.nodes={ahead = 37, left = 49, u = 17, v = 9}"),
         room=(
             "system.parameters.current.value=0.06",
             "system.parameters.rough.value=0.03",
@@ -148,12 +153,17 @@ HALVED = {
         room=CERTIFIED["seen-with-sway"].room,
     ),
     "pushed-cart": Case(
-        "pushed-cart", "", {"cells": 16, "refine": 1, "sample_time": 0.5, "inputs": 3}, share=0.02
+        "pushed-cart",
+        "",
+        {"cells": 16, "refine": 1, "sample_time": 0.5, "inputs": 3},
+        SLOW_CART,
+        share=0.02,
     ),
     "seen-by-thrust": Case(
         "seen-by-thrust",
         "",
         {"cells": {"ahead": 25, "left": 33, "u": 17, "v": 9}, "refine": 1, "sample_time": 0.2},
+        SLOW_BOAT,
         share=0.02,
         room=CERTIFIED["seen-by-thrust"].room,
     ),
