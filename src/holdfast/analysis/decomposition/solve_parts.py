@@ -68,7 +68,7 @@ def solve_parts(
                 progress((before + fraction) / count)
 
         try:
-            found = _solved(part, decomposition, box, nodes, ends or {}, horizon, tell, options)
+            solved = _solved(part, decomposition, box, nodes, ends or {}, horizon, tell, options)
         except CutOffError as cut:
             name, far = cut.beyond
             if name in decomposition.within or name not in decomposition.box:
@@ -77,7 +77,7 @@ def solve_parts(
                 f"a region of predicted states reaches beyond the box of '{name}'",
                 remedy=f"give decompose a box in which '{name}' reaches to {far:.6g}",
             ) from cut
-        values.append(found)
+        values.append(solved)
     return PartsValue.of(decomposition, values)
 
 
