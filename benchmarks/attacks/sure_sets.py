@@ -76,10 +76,12 @@ def certified(
     """Certified cells of which every state is surely lost."""
     hold = 2 * value.report.reached_s / max(value.report.steps, 1)
     horizon = None if forever else p.horizon * p.clock
-    found = value.certified(built.system, built.region, sample_time=hold, horizon=horizon, inputs=3)
-    if not len(found.kept.members):
+    proved = value.certified(
+        built.system, built.region, sample_time=hold, horizon=horizon, inputs=3
+    )
+    if not len(proved.kept.members):
         return {}
-    low, high = found.kept.cells.corners(found.kept.members)
+    low, high = proved.kept.cells.corners(proved.kept.members)
     scales = np.array(p.scales)
     gone = np.ones(len(low), bool)
     if sure is not None:

@@ -332,9 +332,9 @@ def test_root_of_squares_is_checked_where_a_cell_touches_zero(tmp_path):
     disc = hf.Region(
         "disc", pushed.states, (hf.Inequality("c", sp.sqrt(X**2 + V**2 / 4) - 1, "m"),)
     )
-    found = certify(pushed, disc, box=CART, cells=20, sample_time=0.1, horizon=0.4)
-    assert len(found.kept.members) > 50
-    assert "entries hold" in check(str(found.write(tmp_path / "disc.holdfast")))
+    proved = certify(pushed, disc, box=CART, cells=20, sample_time=0.1, horizon=0.4)
+    assert len(proved.kept.members) > 50
+    assert "entries hold" in check(str(proved.write(tmp_path / "disc.holdfast")))
 
 
 @pytest.mark.parametrize("name", ["greatest", "least", "magnitude"])
@@ -343,8 +343,8 @@ def test_kink_that_is_not_met_has_one_slope(name):
     flint.ctx.cap = 4
     x, zero = flint.arb_series([checker.ball(1.0, 2.0), 1]), flint.arb_series([0])
     others = [] if name == "magnitude" else [zero]
-    found = checker.applied(name, x, *others)
-    assert found[1] == (0 if name == "least" else 1)
+    series = checker.applied(name, x, *others)
+    assert series[1] == (0 if name == "least" else 1)
     assert checker.applied(name, -x, *others)[1] == {"greatest": 0, "least": -1}.get(name, 1)
     with pytest.raises(ValueError):  # noqa: PT011 - there is no series
         checker.applied(name, x - 1.5, *others)
@@ -365,9 +365,9 @@ def test_certificate_of_rates_with_kinks_is_agreed_with(tmp_path):
     rows = tuple(hf.Inequality(f"c{k}", e, "m") for k, e in enumerate(limits))
     box = {"x": (-1.2, 1.2), "v": (-1.21, 1.21)}
     room = hf.Region("room", system.states, rows)
-    found = certify(system, room, box=box, cells=20, sample_time=0.068, horizon=0.272)
-    assert len(found.kept.members) > 20
-    assert "entries hold" in check(str(found.write(tmp_path / "bent.holdfast")))
+    proved = certify(system, room, box=box, cells=20, sample_time=0.068, horizon=0.272)
+    assert len(proved.kept.members) > 20
+    assert "entries hold" in check(str(proved.write(tmp_path / "bent.holdfast")))
 
 
 @pytest.mark.parametrize("text", ["sqrt(x*y)", "sqrt(x - 1)", "sqrt(x*x - y*y)", "sqrt(x**3)"])

@@ -12,6 +12,7 @@ from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.reachability import sets
 from holdfast.analysis.reachability.given import by_name, whole
 from holdfast.analysis.reachability.grid import TURN, grid
+from holdfast.analysis.reachability.problem import CutOffError
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError, suggestion
@@ -66,7 +67,17 @@ def solve_parts(
             if progress is not None:
                 progress((before + fraction) / count)
 
-        values.append(_solved(part, decomposition, box, nodes, ends or {}, horizon, tell, options))
+        try:
+            solved = _solved(part, decomposition, box, nodes, ends or {}, horizon, tell, options)
+        except CutOffError as cut:
+            name, far = cut.beyond
+            if name in decomposition.within or name not in decomposition.box:
+                raise
+            raise SimulationError(
+                f"a region of predicted states reaches beyond the box of '{name}'",
+                remedy=f"give decompose a box in which '{name}' reaches to {far:.6g}",
+            ) from cut
+        values.append(solved)
     return PartsValue.of(decomposition, values)
 
 

@@ -207,6 +207,12 @@ def touched(values: npt.NDArray[np.floating], ends: tuple[bool, bool]) -> Ends:
     )
 
 
+class CutOffError(SimulationError):
+    """A grid that cuts off a region. beyond: a state, and how far along it the region reaches."""
+
+    beyond: tuple[str, float]
+
+
 def check_inside(posed: Posed, reached: Ends) -> None:
     """Refuse a grid that cuts off the region along a state that the region is about."""
     if posed.problem.limit != "shrink":
@@ -231,12 +237,14 @@ def check_inside(posed: Posed, reached: Ends) -> None:
                     )
                 wide = _end_of_region(posed, i, where)
                 far = "widen it" if wide is None else f"widen it to {axis.name} = {wide:.6g}"
-                raise SimulationError(
+                cut = CutOffError(
                     f"the grid cuts off region '{region.name}' at {axis.name} = {where:g}",
                     expected="a grid that contains the region",
                     remedy=f'{far}, or give ends = {{"{axis.name}": "limited"}} if the state '
                     'itself ends there, or "extrapolated" and accept extrapolated values',
                 )
+                cut.beyond = axis.name, where if wide is None else wide
+                raise cut
 
 
 FAR = (1e1, 1e2, 1e3)

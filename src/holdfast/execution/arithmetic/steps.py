@@ -226,8 +226,8 @@ class Function:
 def in_single(value: float) -> float:
     """A constant of code in single precision: what is added to a divisor does not vanish."""
     with np.errstate(over="ignore", under="ignore"):
-        found = float(np.float32(value))
-    return found if found or not value else math.copysign(LEAST_SINGLE, value)
+        short = float(np.float32(value))
+    return short if short or not value else math.copysign(LEAST_SINGLE, value)
 
 
 def choose(condition: Value, a: Operand, b: Operand) -> Value:
