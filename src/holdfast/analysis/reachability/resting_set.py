@@ -11,9 +11,8 @@ the second the answer is
 It has the accuracy of high order where the two sets are that close. The few cells (`RIM`) are a
 share of the grid that tends to 0, so that it converges with the filtered value.
 
-A set that is to be reached against a disturbance is the same the other way about: a march may stop
-before all is won. It is filtered throughout (`filtered_throughout`). So is what depends on time.
-Without an opponent a set that grows has no ridge at which H is wrong on both sides: H is convex.
+Of a set that grows a march that stands still too early gives an inner set, and those of an instant,
+or that depend on time, come to no rest: they are marched by the scheme of high order alone.
 """
 
 from __future__ import annotations
@@ -48,14 +47,6 @@ STEP = 0.95
 which all rates vanish do not depend on how they are come to."""
 
 
-def filtered_throughout(posed: Posed) -> bool:
-    """Whether a march of this problem is filtered from its start on."""
-    opposed = posed.problem.disturbances == "min" and bool(posed.system.disturbances)
-    grows = posed.problem.limit != "shrink"
-    high = not schemes()[posed.marching.scheme].one_slope
-    return high and (posed.varies or (grows and opposed))
-
-
 def marched_to_rest(
     posed: Posed,
     progress: Progress | None = None,
@@ -65,14 +56,12 @@ def marched_to_rest(
     """As `marched`, of a scheme whose rest is one of the equation."""
     marching = posed.marching
     sharp = marched(posed, progress, begin, until)
-    one_slope = schemes()[marching.scheme].one_slope
-    shrinks = posed.limit == "shrink" and not one_slope and not posed.filtered
+    shrinks = posed.limit == "shrink" and not schemes()[marching.scheme].one_slope
     if not (shrinks and sharp.report.converged) or sharp.report.empty:
         return sharp
     aside = posed.aside("rest")
     tolerance = max(marching.tolerance, SETTLED)
-    order = 1 if sharp.report.steps > 1 else marching.order  # a single step may be of no length
-    plain = replace(aside.marching, tolerance=tolerance, order=order, cfl=STEP)
+    plain = replace(aside.marching, tolerance=tolerance, order=1, cfl=STEP)
     worn = marched(replace(aside, marching=plain, filtered=True), begin=np.asarray(sharp.values()))
     return _no_larger(sharp, worn)
 
