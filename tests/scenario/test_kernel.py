@@ -120,7 +120,7 @@ def test_mistakes_are_answered_with_the_key(cart, change, message):
 
 
 def test_law_that_cannot_follow_the_rate_is_refused_before_the_march(cart):
-    changes = ["law.outputs={a='1'}", "promise.sample_time=0.6"]
+    changes = ["law.outputs={a='1'}", "promise.rate=2", "promise.sample_time=0.6"]
     with pytest.raises(ScenarioError, match=r"cart\.toml: promise: rate 2 1/s with a sample time"):
         load_scenario(cart, changes)
 
