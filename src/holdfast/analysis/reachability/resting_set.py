@@ -42,10 +42,6 @@ TOGETHER = 1 << 22
 SETTLED = 0.1
 """The least tolerance [cells] of the rest of the filtered scheme: whole cells are asked of it."""
 
-STEP = 0.95
-"""The share of the largest stable step that it takes. Its steps are of first order: the values at
-which all rates vanish do not depend on how they are come to."""
-
 
 def marched_to_rest(
     posed: Posed,
@@ -60,9 +56,8 @@ def marched_to_rest(
     if not (shrinks and sharp.report.converged) or sharp.report.empty:
         return sharp
     aside = posed.aside("rest")
-    tolerance = max(marching.tolerance, SETTLED)
-    plain = replace(aside.marching, tolerance=tolerance, order=1, cfl=STEP)
-    worn = marched(replace(aside, marching=plain, filtered=True), begin=np.asarray(sharp.values()))
+    coarse = replace(aside.marching, tolerance=max(marching.tolerance, SETTLED))
+    worn = marched(replace(aside, marching=coarse, filtered=True), begin=np.asarray(sharp.values()))
     return _no_larger(sharp, worn)
 
 
