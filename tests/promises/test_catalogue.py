@@ -221,9 +221,4 @@ def test_field_with_a_potential_is_its_negative_gradient(field):
 @pytest.mark.parametrize("craft", VEHICLES, ids=lambda v: v.name)
 def test_every_craft_has_half_spaces_within_its_bounds(craft):
     """Those that a filter asks for; thrusters may be more than the inputs."""
-    bounds = craft.input_bounds
-    numbers = {q.symbol: sp.Float(float(q.value)) for q in craft.parameters if q.value is not None}
-    rows = [(n, sp.sympify(limit).xreplace(numbers)) for n, limit in bounds.inscribed()]
-    if any(limit.free_symbols for _, limit in rows):
-        pytest.skip("bounds without numbers")
-    assert rows
+    assert craft.input_bounds.inscribed()

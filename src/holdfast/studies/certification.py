@@ -140,10 +140,10 @@ def outside_of(
 
 def _value_in(path: Path) -> ValueFunction:
     """Raises `ScenarioError` for a file of anything else."""
-    found = load(path)
-    if not isinstance(found, ValueFunction):
+    value = load(path)
+    if not isinstance(value, ValueFunction):
         raise ScenarioError(f"{path} is no value function", expected="the result.nc of a kernel")
-    return found
+    return value
 
 
 def check_kernel(loaded: object, scenario: str) -> KernelScenario:

@@ -74,10 +74,10 @@ class MarchLeaves:
     def found(self, *, lower: bool, upper: bool) -> tuple[Numbers, Numbers, Numbers]:
         """The addresses of leaves, with a stage and one that measures; the sizes of a sweep."""
         stage, scheme = self.stage(lower=lower, upper=upper), self._scheme
-        own = {}
+        of_scheme = {}
         if not scheme.one_slope:
-            own["scheme"] = scheme.leaf(self._precision, plain=stage.filtered)
-        self._leaves = compiled_leaves({**self._rates.leaves, **own})  # which hold the machine code
+            of_scheme["scheme"] = scheme.leaf(self._precision, plain=stage.filtered)
+        self._leaves = compiled_leaves({**self._rates.leaves, **of_scheme})  # they hold the code
         self._stage, of = compiled_text(stage_text(stage)), self._leaves.addresses
         plain, measured = (
             np.array([of["along"], of["rows"], self._stage.address(name), of.get("scheme", 0)])
