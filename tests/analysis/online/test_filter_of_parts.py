@@ -76,7 +76,7 @@ def test_steps_are_those_of_the_law_and_the_value_is_that_of_the_kernel():
     calm = keep.step([0.0, 0.0, 0.0], [0.05])
     assert calm.status is Status.PASSED
     assert calm.input == 0.05
-    near = keep.step([0.5, 0.4, 0.1], [0.9])
+    near = keep.step([0.7, 0.4, 0.1], [0.7])
     assert near.status is Status.CHANGED
     assert "the value of the viability-kernel is" in near.why
 

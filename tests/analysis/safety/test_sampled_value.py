@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import sympy as sp
 
 import holdfast as hf
 from holdfast.analysis.safety.sampled_value import sampled_value
@@ -90,8 +91,8 @@ def test_filter_at_a_ridge_loses_no_start_whatever_the_scheme_and_the_grid(
         for command in (1.0, 0.0):
             for foe in ("outward", "random", "greedy"):
                 seconds = min(12.0, 3000 * sample_time)
-                found = lost(system, value, sample_time, push, lean, foe, seconds, command)
-                assert found == 0, (sample_time, command, foe)
+                runs_lost = lost(system, value, sample_time, push, lean, foe, seconds, command)
+                assert runs_lost == 0, (sample_time, command, foe)
 
 
 def test_held_inputs_keep_almost_all_of_the_kernel():
@@ -102,20 +103,27 @@ def test_held_inputs_keep_almost_all_of_the_kernel():
             game = sampled_value(system, value, sample_time)
             inside = value.values().ravel() > 0
             assert (game.table <= value.values().ravel() + 1e-12)[inside].all()
-            assert (game.table > 0).sum() >= 0.98 * inside.sum()
-            assert (game.table > game.least).sum() >= 0.96 * inside.sum()
+            assert (game.table > 0).sum() >= 0.95 * inside.sum()
+            assert (game.table > game.least).sum() >= 0.93 * inside.sum()
 
 
-def test_a_game_that_takes_too_long_is_given_up_and_the_law_goes_by_slopes(monkeypatch):
-    """Of its nodes before it begins, of its look-ups while it lasts; what was given up stays so."""
+def test_a_game_that_takes_too_long_is_not_begun_and_the_law_goes_by_slopes(monkeypatch):
+    """What is given up stays so."""
     zero = hf.Law("zero", leaning(31)[0].states, {"u": hf.symbol("x") * 0})
-    for limit in ("MOST_WORK", "MOST_LOOKS"):
-        system, value = leaning.__wrapped__(31)
-        with monkeypatch.context() as patch:
-            patch.setattr(f"holdfast.analysis.safety.sampled_value.{limit}", 1e4)
-            assert hf.safety_law(system, value, zero).safeguard.foresight is None
-        assert sampled_value(system, value, 0.02) is None
+    system, value = leaning.__wrapped__(31)
+    with monkeypatch.context() as patch:
+        patch.setattr("holdfast.analysis.safety.sampled_value.MOST_WORK", 1e4)
+        assert hf.safety_law(system, value, zero).safeguard.foresight is None
+    assert sampled_value(system, value, 0.02) is None
     assert hf.safety_law(*leaning(31), zero).safeguard.foresight is not None
+
+
+def test_a_game_that_is_cut_short_is_taken_if_trial_runs_stay(monkeypatch):
+    system, value = leaning.__wrapped__(31)
+    monkeypatch.setattr("holdfast.analysis.safety.sampled_value.MOST_LOOKS", 1e4)
+    game = sampled_value(system, value, 0.02)
+    assert game.share(value) > 0.9
+    assert lost(system, value, 0.02, 0.2, 0.2, "greedy", 6.0) == 0
 
 
 def test_at_every_node_some_held_input_keeps_its_value_whatever_the_disturbance():
@@ -217,3 +225,126 @@ def tried(seed, **options):
         pytest.skip("the kernel has not converged, or is too small")
     assert found.lost == 0
     assert found.beyond <= 1e-9
+
+
+def converter(nodes):
+    """A DC-DC converter whose two modes are blended: along its best motions V does not change."""
+    i, v, m = (hf.symbol(n) for n in "ivm")
+    of = sp.Rational
+    system = hf.System(
+        "converter", (hf.Quantity("i", "A"), hf.Quantity("v", "V")), (hf.Quantity("m"),),
+        {
+            "i": of(1, 3) - i / 60 - m * (i / 603 + 1000 * v / 15075),
+            "v": -v / of("70.35") + m * 5 * i / of("70.35"),
+        },
+        input_bounds=hf.Box((0,), (1,)),
+    )  # fmt: skip
+    region = hf.Region(
+        "ripple", system.states,
+        (
+            hf.Inequality("i least", 1.15 - i), hf.Inequality("i most", i - 1.55),
+            hf.Inequality("v least", 5.45 - v), hf.Inequality("v most", v - 5.85),
+        ),
+    )  # fmt: skip
+    grid = hf.grid(system, {"i": (1.13, 1.57), "v": (5.43, 5.87)}, nodes=nodes)
+    rates = lambda q, u, d: [  # noqa: E731
+        1 / 3 - q[0] / 60 - u * (q[0] / 603 + q[1] / 15.075), (-q[1] + 5 * u * q[0]) / 70.35
+    ]  # fmt: skip
+    left = lambda q: (q[0] < 1.15) | (q[0] > 1.55) | (q[1] < 5.45) | (q[1] > 5.85)  # noqa: E731
+    return system, hf.viability_kernel(system, region, grid, horizon=200), rates, left, [0.0]
+
+
+def pendulum(nodes):
+    """A pendulum beside its unstable rest: V jumps at the edge."""
+    system = hf.System(
+        "pendulum", (hf.Quantity("x", "rad"), hf.Quantity("v", "rad/s")), (hf.Quantity("u"),),
+        {"x": V, "v": sp.sin(X) + U}, input_bounds=hf.Box((-0.5,), (0.5,)),
+    )  # fmt: skip
+    region = hf.Region(
+        "near",
+        system.states,
+        (hf.Inequality("angle", abs(X) - 1, "rad"), hf.Inequality("speed", abs(V) - 1, "rad/s")),
+    )
+    grid = hf.grid(system, {"x": (-1.2, 1.2), "v": (-1.2, 1.2)}, nodes=nodes)
+    rates = lambda q, u, d: [q[1], np.sin(q[0]) + u]  # noqa: E731
+    left = lambda q: (np.abs(q[0]) > 1) | (np.abs(q[1]) > 1)  # noqa: E731
+    return system, hf.viability_kernel(system, region, grid, horizon=40), rates, left, [0.0]
+
+
+def car(nodes):
+    """A car of constant speed in a round room, pushed to the side: it has to circle."""
+    y, psi, w = (hf.symbol(n) for n in ("y", "psi", "w"))
+    system = hf.System(
+        "car",
+        (hf.Quantity("x", "m"), hf.Quantity("y", "m"), hf.Quantity("psi", "rad", angle=True)),
+        (hf.Quantity("w", "rad/s"),), {"x": sp.cos(psi) + D, "y": sp.sin(psi), "psi": w},
+        disturbances=(hf.Quantity("d", "m/s"),), input_bounds=hf.Box((-1,), (1,)),
+        disturbance_bounds=hf.Box((-0.1,), (0.1,)),
+    )  # fmt: skip
+    region = hf.Region("room", system.states[:2], (hf.Inequality("wall", X**2 + y**2 - 9, "m^2"),))
+    box = {"x": (-3.4, 3.4), "y": (-3.4, 3.4), "psi": (-np.pi, np.pi)}
+    grid = hf.grid(system, box, nodes=nodes)
+    rates = lambda q, u, d: [np.cos(q[2]) + d, np.sin(q[2]), u]  # noqa: E731
+    left = lambda q: q[0] ** 2 + q[1] ** 2 > 9  # noqa: E731
+    kernel = hf.discriminating_kernel(system, region, grid, horizon=40)
+    return system, kernel, rates, left, [-0.1, 0.1]
+
+
+def lost_and_share(problem, nodes, hold, seconds):
+    """Of 200 states right above the margin, those that leave under pushing commands; of the volume
+    of the kernel, the share above the margin."""
+    system, value, rates, left, pushes = problem(nodes)
+    keep = hf.SafetyFilter(system, value, sample_time=hold)
+    margin = next(p.value for p in keep.law.parameters if p.name == "safety_margin")
+    rng = np.random.default_rng(0)
+    low, high = (np.array([getattr(a, end) for a in value.grid.axes]) for end in ("low", "high"))
+    q = rng.uniform(low, high, (60_000, len(low)))
+    heights, inside = keep.step_many(q, np.zeros((len(q), 1))).value, value.at(q) > 0
+    share = (heights > margin).sum() / inside.sum()
+    above = np.flatnonzero(heights > margin)
+    q = q[above[np.argsort(heights[above])[:200]]]
+    commands = rng.choice([-9.0, 0.0, 9.0], (len(q), 1))
+    out = np.zeros(len(q), dtype=bool)
+
+    def moved(q, u, d):
+        f = lambda z: np.stack(np.broadcast_arrays(*rates(z.T, u, d)), axis=1)  # noqa: E731
+        for _ in range(2):
+            a = f(q)
+            b = f(q + hold / 4 * a)
+            c = f(q + hold / 4 * b)
+            q = q + hold / 12 * (a + 2 * b + 2 * c + f(q + hold / 2 * c))
+        return q
+
+    for _ in range(int(seconds / hold)):
+        u = keep.step_many(q, commands).input[:, 0]
+        after = np.stack([moved(q, u, d) for d in pushes])
+        heights = np.stack([np.nan_to_num(value.at(z), nan=-9.0) for z in after])
+        q = after[heights.argmin(axis=0), np.arange(len(q))]
+        out |= left(q.T)
+    return int(out.sum()), float(share)
+
+
+@pytest.mark.parametrize(
+    ("problem", "hold", "least"),
+    [(converter, 0.01, 0.95), (converter, 0.2, 0.95), (pendulum, 0.05, 0.75)],
+)
+def test_filter_loses_no_start_where_v_is_level_or_jumps(problem, hold, least):
+    lost_runs, share = lost_and_share(problem, 41, hold, min(8.0, 400 * hold))
+    assert lost_runs == 0
+    assert share > least
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize(
+    ("problem", "nodes", "hold", "least"),
+    [
+        *((converter, n, h, 0.96) for n in (81, 161) for h in (0.002, 0.01, 0.05, 0.2)),
+        *((pendulum, 81, h, s) for h, s in ((0.01, 0.78), (0.05, 0.88), (0.2, 0.94))),
+        *((car, 61, h, 0.85) for h in (0.02, 0.1)),
+        *((car, 31, h, 0.8) for h in (0.02, 0.1)),
+    ],
+)
+def test_filter_loses_no_start_where_v_is_level_or_jumps_for_long(problem, nodes, hold, least):
+    lost_runs, share = lost_and_share(problem, nodes, hold, 60.0 if hold > 0.002 else 12.0)
+    assert lost_runs == 0
+    assert share > least

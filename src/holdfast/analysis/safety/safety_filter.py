@@ -18,7 +18,7 @@ from holdfast.analysis.reachability.problem import is_defined_so, with_disturban
 from holdfast.analysis.reachability.stored_tables import Layers
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.depth import highest_within
-from holdfast.analysis.safety.sampled_value import sampled_value
+from holdfast.analysis.safety.sampled_value import LEVELS, sampled_value
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
@@ -120,11 +120,13 @@ def safety_law(
         )
     game = None
     if ahead and not lookup.timed:
-        game = sampled_value(known, value, sample_time, errors)
+        late = sampled_margin(system, value, sample_time, delay) if delay else 0.0
+        little = LEVELS[0] * (value.report.cell or 1.0)
+        above = late if margin is None else max(margin - little, 0.0)
+        game = sampled_value(known, value, sample_time, errors, above, late)
     if game is not None:
         if margin is None:
-            late = sampled_margin(system, value, sample_time, delay) if delay else 0.0
-            margin = game.possible_margin(late, sample_time, delay)
+            margin = game.possible_margin(sample_time, delay)
         return keep_sampled_value(
             known,
             law,

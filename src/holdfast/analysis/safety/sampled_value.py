@@ -4,19 +4,21 @@
 
 V is the kernel's value. From a state with W >= c some held input leads to W >= c whatever a held d
 does, at ridges of V too, where no input raises V at once. W is iterated on the grid; the state
-after a sample is `held_motion`, and W between nodes is that of `interpolate.py`.
+after a sample is `held_motion`, and W between nodes is that of `interpolate.py`. What holds at the
+nodes need not hold between them: V is cut off (`BANDS`) as far as trial runs ask for it.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 import sympy as sp
+from scipy import ndimage
 
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import SimulationError
@@ -39,22 +41,34 @@ ENDS = {"extrapolated": 0, "contained": 0, "periodic": 1, "limited": 2}
 MOST_READ = 1 << 25
 """Values that are read from a file, in which they would stay; `load` leaves no fewer there."""
 MOST_SWEEPS = 3000
-"""Beyond them values still fall by what interpolation loses; what is left is in the margin."""
-MOST_WORK = 2e7
+MOST_WORK = 5e7
 """Nodes times corners of a cell times inputs and disturbances, from which on the game is not
 solved."""
-MOST_LOOKS = 1e9
-"""Corners looked up, from which on the game is given up: some seconds."""
+MOST_LOOKS = 4e8
+"""Corners looked up, from which on a game is given up: some seconds."""
 TOGETHER = 1 << 26
 """Numbers of the motions that are held in memory; beyond it they are computed anew."""
-DEPTH = 2.0  # cells below 0 from which on a state is lost
+BANDS = (
+    (1e9, 2.0, 0), (3.0, 2.0, 0), (1.5, 2.0, 0), (1.5, 6.0, 0), (1.5, 20.0, 0), (1.5, 20.0, 1),
+)  # fmt: skip
+"""Cells above the level beyond which W is cut off, cells below it where a state is lost, and
+whether the outermost nodes of what is kept are left out. Where W is cut off it is steep, and what
+interpolation loses between nodes is won back within a cell. The narrower the band, and the deeper
+what is lost, the less is lost, and the less is kept. An edge that drives states away from itself,
+where V jumps, has to be left by a node."""
+LEVELS = (0.1, 0.3, 0.6, 1.0)  # cells above the level: the margins that are tried
+FALLEN = 0.5  # of a level, below which no trial run may fall
+DRIFT = 0.02  # cells by which the second halves of runs may be lower than the first ones
+FIRST_LEVELS = 2  # how many of them before the next band
+FLOWN, FEWEST, MOST, LONGEST = 120_000, 60, 300, 3000
+"""Samples of all trial runs together, the fewest and most runs, and the most samples of one."""
+CROSSINGS = 4.0  # of the grid, that a run may take at least at the highest speed
+HELD = 0.75  # the share of a set from which on a longer hold of the game is not tried
+FAR = 1.5  # cells that a state moves at most within that longer hold
+FARTHEST = 1e3  # cells below what is lost, at most
 LITTLE = 1e-5  # cells by which a value has to fall to count
-TRIED, SAMPLES = 2000, 100  # states between nodes from which the filter is tried, and its samples
-LONG, LOWEST = 1000, 150  # samples of those that are lowest then, and how many they are
-NEAR = 2.0  # cells above 0 from which these begin
-KEPT = 0.9  # the share of a set that has not converged below which the game is of no use to it
+KEPT = 0.75  # the share of a set that has not converged below which the game is of no use to it
 SUBSTEPS = 8
-SPARE = 0.1  # of a cell, by which the level to keep is above the highest that was lost
 INPUTS = {1: 9, 2: 5, 3: 3}
 
 
@@ -62,33 +76,34 @@ INPUTS = {1: 9, 2: 5, 3: 3}
 class SampledValue:
     """W at the nodes, and what a filter over it needs.
 
-    points: of the inputs; moves: of the disturbances; errors: of the inputs that act. least:
-    the highest W from which a state was seen to be lost, and a tenth of the usual change of W over
-    a cell: the level to keep. beyond: the largest change of V over a cell.
+    points: of the inputs; moves: of the disturbances; errors: of the inputs that act. least: the
+    level to keep, from which no trial run was lost. beyond: the usual change of V over a cell.
     """
 
     table: AnyArray
     points: Points
     moves: Points
     errors: Points
+    above: float
     least: float
     beyond: float
 
-    def possible_margin(self, late: float, sample_time: float, delay: float) -> float:
-        """`least` and what may fall while late; `SimulationError` where no state has it."""
-        margin, deepest = self.least + late, float(self.table.max())
-        if margin < deepest:
-            return margin
+    def possible_margin(self, sample_time: float, delay: float) -> float:
+        """`least`; `SimulationError` where no state has it."""
+        deepest = float(self.table.max())
+        if self.least < deepest:
+            return self.least
         behind = f" and a delay of {delay:g} s" if delay else ""
         raise SimulationError(
-            f"V may fall by {margin:.3g} before an input answers, held for {sample_time:g} s"
+            f"V may fall by {self.least:.3g} before an input answers, held for {sample_time:g} s"
             f"{behind}, and what held inputs keep is nowhere above {max(deepest, 0.0):.3g}",
             remedy="take a shorter sample time or delay, a finer grid, or give a margin",
         )
 
     def share(self, value: ValueFunction) -> float:
-        """The share of the nodes of the set that held inputs keep in it."""
-        return float((self.table > 0).sum() / max((value.values() > 0).sum(), 1))
+        """The share of the nodes of {V > above} that held inputs keep in it."""
+        inside = (value.values() > self.above).sum()
+        return float((self.table > self.above).sum() / max(inside, 1))
 
     def lookup(self, of: Lookup, sample_time: float) -> SampledLookup:
         """The table of a law, on the grid of the kernel's own."""
@@ -110,20 +125,26 @@ def moves_of(bounds: Bounds | None, dimension: int) -> Points:
 
 
 def sampled_value(
-    system: System, value: ValueFunction, sample_time: float, errors: Sequence[float] = ()
+    system: System,
+    value: ValueFunction,
+    sample_time: float,
+    errors: Sequence[float] = (),
+    above: float = 0.0,
+    late: float = 0.0,
 ) -> SampledValue | None:
     """The value of the game whose inputs are held for `sample_time` [s]; computed once.
 
     system: with the prescribed disturbances of the value, and its parameters. errors: by how much
-    each input that acts may differ from the one that is held. None where the game would take
-    longer than some seconds (`MOST_WORK`, `MOST_LOOKS`), the values stay in a file, or are not
-    those of all inputs; and of a set that has not converged where it keeps less than `KEPT` of it.
+    each input that acts may differ from the one that is held. above: the set to keep is {V > above}
+    [unit of V]. late: by how much V may fall before the input answers. None where the game would
+    take longer than some seconds (`MOST_WORK`), the values stay in a file, or are not those of all
+    inputs; and of a set that has not converged where it keeps less than `KEPT` of it.
     """
     if value.stored is not None and value.grid.nodes > MOST_READ:
         return None
     if not system.inputs or system.input_bounds is None or system.samples:
         return None
-    key = float(sample_time), tuple(map(float, errors))
+    key = float(sample_time), tuple(map(float, errors)), float(above), float(late)
     if key not in value.games:
         value.games[key] = _Game(system, value, *key).solved()
     game: SampledValue | None = value.games[key]
@@ -134,10 +155,12 @@ def sampled_value(
 
 class _Game:
     def __init__(
-        self, system: System, value: ValueFunction, sample_time: float, errors: tuple[float, ...]
-    ) -> None:
+        self, system: System, value: ValueFunction, sample_time: float, errors: tuple[float, ...],
+        above: float, late: float,
+    ) -> None:  # fmt: skip
         assert system.input_bounds is not None
-        self.system, self.value, self.hold = system, value, sample_time
+        self.system, self.value, self.hold, self.above = system, value, sample_time, above
+        self.late = late
         numbers = {q.symbol: sp.Float(float(q.value)) for q in system.parameters}
         self.points = points_of(system.input_bounds, len(system.inputs))
         self.moves = moves_of(system.disturbance_bounds, len(system.disturbances))
@@ -154,6 +177,7 @@ class _Game:
             return np.array(rows, dtype=np.float64).reshape(len(points), -1)
 
         self.inputs, self.disturbances = as_floats(self.points), as_floats(self.moves)
+        self.acting = as_floats(self.errors)
         self.states = [q.symbol for q in system.states]
         axes = value.grid.axes
         self.low = np.array([a.low for a in axes], dtype=np.float64)
@@ -165,34 +189,86 @@ class _Game:
         n, m = len(axes), len(system.inputs)
         self.n, self.m = n, m
         self.corners = 2.0**n * len(self.points) * len(self.moves) * len(self.errors)
-
-    def solved(self) -> SampledValue | None:
-        if self.corners * self.value.grid.nodes > MOST_WORK:
-            return None
-        system = self.system
-        self.motion: HeldMotion = held_motion(system, sp.Float(self.hold), self.moves, self.errors)
-        self.moved = Evaluator(self.motion.expressions, self.states, system.parameters)
-        self.wide = numbers_of_motion(self.n, self.m, self.motion.moves, self.motion.curved)
-        table = self.value.in_memory().values()
-        start = np.ascontiguousarray(table, dtype=np.float64).ravel()
-        lost = -DEPTH * self.cell
-        found = np.maximum(np.where(np.isnan(start), lost, start), lost)
-        if not self._iterate(found, lost):
-            return None
-        least, usual = self._least(found, start)
-        if table.dtype == np.float32:
-            single = found.astype(np.float32)
-            above = single > found
-            single[above] = np.nextafter(single[above], np.float32(-np.inf))
-            found = single
-        return SampledValue(
-            found, self.points, self.moves, self.errors, least + SPARE * usual, self.cell
+        held = [*system.inputs, *system.disturbances]
+        self.rates = Evaluator(
+            list(system.rates.values()),
+            [*self.states, *(q.symbol for q in held)],
+            system.parameters,
         )
 
-    def _iterate(self, found: Array, lost: float) -> bool:
-        """Lower the values until none falls, or for `MOST_SWEEPS`; False where that is too long."""
-        count, layer = len(found), math.prod(self.shape[1:].tolist())
-        together = max(layer, TOGETHER // self.wide // layer * layer)
+    def solved(self) -> SampledValue | None:
+        """The first of the games and `LEVELS` of which no trial run is lost, or the last.
+
+        Where interpolation loses more than a short sample moves, a game of a longer hold keeps
+        more. What is tried is always the hold of the filter.
+        """
+        if self.corners * self.value.grid.nodes > MOST_WORK:
+            return None
+        table = self.value.in_memory().values()
+        values = np.ascontiguousarray(table, dtype=np.float64).ravel() - self.above
+        values = np.where(np.isnan(values), -math.inf, values)
+        held = _Motions(self, self.hold)
+        cells = max(self._fastest(held), 1e-9)
+        kept, level = None, LEVELS[-1]
+        longest = max(self.hold, self.hold * FAR / cells)
+        for hold in dict.fromkeys((self.hold, longest)):
+            motions = held if hold == self.hold else _Motions(self, hold)
+            fewest = HELD * np.count_nonzero(values > 0) if hold < longest else 0.0
+            games: list[Array] = []
+            for kept in self._games(motions, values, fewest):
+                games.append(kept)
+                for level in LEVELS[:FIRST_LEVELS]:
+                    if self._stays(kept, values, level * self.cell, held, cells):
+                        return self._of(kept, level, table.dtype)
+            for level, kept in itertools.product(LEVELS[FIRST_LEVELS:], games):
+                if self._stays(kept, values, level * self.cell, held, cells):
+                    return self._of(kept, level, table.dtype)
+        return None if kept is None else self._of(kept, level, table.dtype)
+
+    def _of(self, kept: Array, level: float, dtype: npt.DTypeLike) -> SampledValue:
+        """`kept`, above the level of the set, in a precision in which it is no larger."""
+        table = (kept + self.above).astype(dtype)
+        over = table > kept + self.above
+        table[over] = np.nextafter(table[over], -np.inf, dtype=dtype)
+        least = self.above + level * self.cell
+        return SampledValue(
+            table, self.points, self.moves, self.errors, self.above, least, self.cell
+        )
+
+    def _games(self, motions: _Motions, values: Array, fewest: float) -> Iterator[Array]:
+        """W above its level for each of `BANDS`, each begun with the last; as far as they keep
+        enough and do not take too long."""
+        upper = values
+        for number, (top, bottom, worn) in enumerate(BANDS):
+            lost, most = -bottom * self.cell, top * self.cell + self.late
+            kept = np.clip(self._worn(upper) if worn else upper, lost, most)
+            if not self._iterate(kept, lost, motions, fewest):
+                if number == 0:
+                    continue  # those that are cut off rest sooner
+                return
+            yield self._outside(kept, values, lost)
+            upper = np.where(kept <= lost, values, kept)
+
+    def _outside(self, kept: Array, values: Array, lost: float) -> Array:
+        """W that falls as V does, from a cell outside of what is kept on."""
+        near = self._around(ndimage.maximum_filter, kept > lost)
+        return np.where(near, kept, np.clip(values, lost - FARTHEST * self.cell, kept))
+
+    def _worn(self, values: Array) -> Array:
+        """Values without the nodes beside those that are at most 0."""
+        inner = self._around(ndimage.minimum_filter, values > 0)
+        return np.where((values > 0) & ~inner, -math.inf, values)
+
+    def _around(self, of: Callable[..., AnyArray], nodes: npt.NDArray[np.bool_]) -> AnyArray:
+        """The most or the least over each node and the nodes around it."""
+        modes = ["wrap" if turns else "nearest" for turns in self.turns]
+        return of(nodes.reshape(tuple(self.shape)), size=3, mode=modes).ravel()
+
+    def _iterate(self, table: Array, lost: float, motions: _Motions, fewest: float) -> bool:
+        """Lower the values until none falls, or for `MOST_SWEEPS`; False where it leaves too few,
+        or takes too long."""
+        count, layer = len(table), math.prod(self.shape[1:].tolist())
+        together = max(layer, TOGETHER // motions.wide // layer * layer)
         stored: dict[int, Array] = {}
         flags, chosen = np.ones(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
         reach = np.ones(self.n, dtype=np.int64)
@@ -200,14 +276,12 @@ class _Game:
         room, whole = np.empty(8 * self.n), np.zeros(4 * self.n, dtype=np.int64)
         firsts = list(range(0, count, together))
         for first in firsts:
-            last = min(first + together, count)
-            motions = self._motions(first, last)
-            far = self._reach(motions, first, last)
-            reach = np.maximum(reach, far)
+            numbers = motions.at(self._nodes(first, min(first + together, count)))
+            reach = np.maximum(reach, np.ceil(self._reach(numbers, first, motions)).astype(int))
             if len(firsts) == 1:
-                stored[first] = motions
+                stored[first] = numbers
         reach = np.minimum(reach, np.maximum((self.shape - 1) // 2, 1))
-        looks = 0.0
+        looks, begun = 0.0, np.count_nonzero(table > 0)
         for sweep in range(MOST_SWEEPS):
             fallen, back = 0, sweep % 2
             for first in reversed(firsts) if back else firsts:
@@ -216,18 +290,21 @@ class _Game:
                 if not flagged:
                     continue
                 looks += flagged * self.corners
-                motions = stored[first] if first in stored else self._motions(first, last)
+                numbers = stored[first] if first in stored else motions.at(self._nodes(first, last))
                 fallen += called(
-                    "sampled_game", "sweep_game", found, flags, chosen, motions.reshape(-1), first,
-                    last - first, back, points, len(self.inputs), self.wide, self.low, self.steps,
-                    self.shape, self.ends, reach, self.n, self.m, self.motion.moves,
-                    int(self.motion.curved), lost, LITTLE * self.cell, room, whole,
+                    "sampled_game", "sweep_game", table, flags, chosen, numbers.reshape(-1), first,
+                    last - first, back, points, len(self.inputs), motions.wide, self.low,
+                    self.steps, self.shape, self.ends, reach, self.n, self.m, motions.moves,
+                    int(motions.curved), lost, LITTLE * self.cell, room, whole,
                 )  # fmt: skip
             if not fallen:
                 break
-            if looks > MOST_LOOKS:
+            left = np.count_nonzero(table > 0) if sweep % 20 == 0 else begun
+            if left < fewest:
                 return False
-        return True
+            if looks > MOST_LOOKS:
+                return fewest == 0 and bool(np.count_nonzero(table > 0) >= HELD * begun)
+        return bool(np.count_nonzero(table > 0) >= fewest)
 
     def _nodes(self, first: int, last: int) -> Array:
         places = np.unravel_index(np.arange(first, last), tuple(self.shape))
@@ -235,121 +312,122 @@ class _Game:
             [a.nodes[k] for a, k in zip(self.value.grid.axes, places, strict=True)], axis=1
         )
 
-    def _motions(self, first: int, last: int) -> Array:
-        found = self.moved.values(self._nodes(first, last))
-        return np.where(np.isfinite(found), found, 1e300)
+    def _fastest(self, motions: _Motions) -> float:
+        """The cells along an axis by which a sample moves a state, at most."""
+        count, layer = self.value.grid.nodes, math.prod(self.shape[1:].tolist())
+        together = max(layer, TOGETHER // motions.wide // layer * layer)
+        return max(
+            float(
+                self._reach(motions.at(self._nodes(k, min(k + together, count))), k, motions).max()
+            )
+            for k in range(0, count, together)
+        )
 
-    def _reach(self, motions: Array, first: int, last: int) -> Whole:
+    def _reach(self, numbers: Array, first: int, motions: _Motions) -> Array:
         """The cells along each axis by which a sample moves the state, at most."""
         n, m = self.n, self.m
         largest = np.abs(self.inputs).max(axis=0)
-        base = np.abs(motions[:, :n] - self._nodes(first, last))
-        gains = np.abs(motions[:, n : n + n * m].reshape(len(motions), n, m)) @ largest
-        pairs = m * (m + 1) // 2 * int(self.motion.curved)
+        base = np.abs(numbers[:, :n] - self._nodes(first, first + len(numbers)))
+        gains = np.abs(numbers[:, n : n + n * m].reshape(len(numbers), n, m)) @ largest
+        pairs = m * (m + 1) // 2 * int(motions.curved)
         behind = n * (1 + m)
-        curves = np.abs(motions[:, behind : behind + n * pairs].reshape(len(motions), n, pairs))
+        curves = np.abs(numbers[:, behind : behind + n * pairs].reshape(len(numbers), n, pairs))
         bent = curves.sum(axis=2) * (largest.max() ** 2 if m else 0.0)
-        rest = motions[:, behind + n * pairs :].reshape(len(motions), self.motion.moves, n)
+        rest = numbers[:, behind + n * pairs :].reshape(len(numbers), motions.moves, n)
         far = (base + gains + bent + np.abs(rest).max(axis=1)) / self.steps
-        far = np.where(far < 1e6, far, 0.0)
-        found: Whole = np.ceil(far.max(axis=0)).astype(np.int64)
-        return found
+        most: Array = np.where(far < 1e6, far, 0.0).max(axis=0)
+        return most
 
-    # -- what is left out of the game --------------------------------------------------------
+    # -- trial runs ------------------------------------------------------------------------
 
-    def _least(self, found: Array, start: Array) -> tuple[float, float]:
-        """The highest W from which a state was seen to be lost, and by how much W changes a cell.
+    def _stays(
+        self, table: Array, values: Array, level: float, held: _Motions, cells: float
+    ) -> bool:
+        """Whether no trial run from right above a level falls below `FALLEN` of it, or goes on
+        falling.
 
-        The states are between nodes, at the boundary, under the best input of every sample and the
-        disturbance that is worst for it.
+        The states are between nodes; the wanted inputs are those that the bounds allow at most and
+        least, and the middle; the disturbance is the one that is worst for the next sample.
         """
-        over = found.reshape(tuple(self.shape))
-        inside = over > 0
-        usual, edge = 0.0, np.zeros_like(inside)
-        for axis in range(self.n):
-            near = np.roll(over, -1, axis)
-            both = inside & (near > 0)
-            edge |= (inside != (near > 0)) | np.roll(inside != (near > 0), 1, axis)
-            if both.any():
-                usual = max(usual, float(np.median(np.abs(near - over)[both])))
-        band = np.flatnonzero((inside & (edge | (over <= NEAR * usual))).ravel())
-        if not len(band):
-            return 0.0, usual
+        samples = int(min(max(300.0, CROSSINGS * self.shape.max() / max(cells, 1e-9)), LONGEST))
+        runs = int(min(max(FLOWN / samples, FEWEST), MOST))
         generator = np.random.default_rng(0)
-        places = np.stack(
-            np.unravel_index(generator.choice(band, TRIED), tuple(self.shape)), axis=1
-        )
-        states = self.low + (places + generator.uniform(-1, 1, places.shape)) * self.steps
-        begun = self._at(found, states)
-        states, begun = states[begun > 0], begun[begun > 0]
-        lost = np.zeros(len(states), dtype=bool)
-        flown = np.arange(len(states))
-        for sample in range(LONG):
-            if sample == SAMPLES:  # what escapes slowly is by now among the lowest
-                order = np.argsort(self._at(found, states[~lost]))
-                flown = np.flatnonzero(~lost)[order[:LOWEST]]
-            left = flown[~lost[flown]]
-            if not len(left):
-                break
-            q = states[left]
-            inputs = self._best(found, q, self._at(found, q))
-            middle, after = self._worst(found, q, inputs)
-            within = self._at(start, middle)
-            value = self._at(found, after)
-            states[left] = after
-            lost[left] = ~(value > 0) | ~(within > 0)
-        return float(begun[lost].max(initial=0.0)), usual
+        states = self._between_nodes(table, level, runs, generator)
+        if not len(states):
+            return False
+        ends = np.stack([self.inputs.min(axis=0), self.inputs.max(axis=0)])
+        wanted = np.stack([*ends, ends.mean(axis=0)])[generator.integers(0, 3, len(states))]
+        lowest = np.full((2, len(states)), np.inf)
+        for sample in range(samples):
+            inputs = self._filtered(table, states, wanted, level, held)
+            middle, states = self._worst(table, states, inputs)
+            least = np.minimum(self._at(values, middle), self._at(table, states))
+            if not np.all(least > FALLEN * level):
+                return False
+            half = lowest[2 * sample // samples]
+            np.minimum(half, least, out=half)
+        first, second = lowest.mean(axis=1)
+        return bool(second > first - DRIFT * self.cell)
 
-    def _worst(self, found: Array, states: Array, inputs: Array) -> tuple[Array, Array]:
+    def _between_nodes(
+        self, table: Array, level: float, count: int, generator: np.random.Generator
+    ) -> Array:
+        """States from which W is above the level by at most a tenth of a cell, or some."""
+        near = np.flatnonzero((table > level - self.cell) & (table < level + self.cell))
+        if not len(near):
+            near = np.flatnonzero(table > level)
+        if not len(near):
+            return np.empty((0, self.n))
+        places = np.unravel_index(generator.choice(near, 50 * count), tuple(self.shape))
+        nodes = np.stack(places, axis=1)
+        states = self.low + (nodes + generator.uniform(-1, 1, nodes.shape)) * self.steps
+        height = self._at(table, states) - level
+        states, height = states[height > 0], height[height > 0]
+        return states[np.argsort(height)[: 2 * count]][::2]
+
+    def _worst(self, table: Array, states: Array, inputs: Array) -> tuple[Array, Array]:
         """The states half a sample and a sample later, with the worst disturbance held."""
-        lowest = np.full(len(states), np.inf)
-        middle, after = states.copy(), states.copy()
-        for error in self.errors:
-            acting = inputs + np.array([[float(e) for e in error]]) if error else inputs
-            for d in self.disturbances:
-                moved = self._moved(states, acting, np.tile(d, (len(states), 1)))
-                value = np.nan_to_num(self._at(found, moved[1]), nan=-np.inf)
-                worse = value < lowest
-                lowest = np.minimum(lowest, value)
-                middle[worse], after[worse] = moved[0][worse], moved[1][worse]
-        return middle, after
+        acts = [
+            np.hstack([inputs + e if len(e) else inputs, np.tile(d, (len(states), 1))])
+            for e in self.acting
+            for d in self.disturbances
+        ]
+        middle, after = self._moved(np.tile(states, (len(acts), 1)), np.concatenate(acts))
+        height = np.nan_to_num(self._at(table, after), nan=-np.inf).reshape(len(acts), -1)
+        worst = height.argmin(axis=0), np.arange(len(states))
+        shape = len(acts), len(states), self.n
+        return middle.reshape(shape)[worst], after.reshape(shape)[worst]
 
     def _at(self, table: Array, states: Array) -> Array:
         grid = self.low, self.steps, self.shape, self.turns
-        return values_at(table, np.ascontiguousarray(states), grid)
+        top = self.low + self.steps * (self.shape - 1)
+        limited = np.where(self.ends == ENDS["limited"], np.clip(states, self.low, top), states)
+        return values_at(table, np.ascontiguousarray(limited), grid)
 
-    def _best(self, found: Array, states: Array, wanted: Array) -> Array:
+    def _filtered(
+        self, table: Array, states: Array, wanted: Array, level: float, held: _Motions
+    ) -> Array:
         """The inputs that the filter finds at states for a level of W."""
-        n, m, moves = self.n, self.m, self.motion.moves
-        middle = (self.inputs.min(axis=0) + self.inputs.max(axis=0)) / 2
+        n, m, moves = self.n, self.m, held.moves
         half = np.maximum((self.inputs.max(axis=0) - self.inputs.min(axis=0)) / 2, 1e-300)
         rows = np.concatenate([np.eye(m), -np.eye(m)])
         most = np.concatenate([self.inputs.max(axis=0), -self.inputs.min(axis=0)])
         constraints = np.ascontiguousarray(np.hstack([rows, most[:, np.newaxis]])).ravel()
         room, whole = numbers_of_search(n, m, 2 * m, moves), 3 * n
         own, counts = numbers_of_programs(m, 2 * m + CUTS * moves)
-        motions = np.ascontiguousarray(self.moved.values(states))
         out = np.empty((len(states), m + 1))
         called(
-            "foreseen", "search_many", len(states), found,
-            np.ascontiguousarray(np.tile(middle, len(states))), half, constraints,
-            motions.reshape(-1), self.wide, self.inputs.ravel(), m, 2 * m, len(self.inputs),
-            np.ascontiguousarray(wanted), self.cell, self.low, self.steps, self.shape, self.turns,
-            n, moves, int(self.motion.curved), out.reshape(-1), np.empty(room),
+            "foreseen", "search_many", len(states), table, np.ascontiguousarray(wanted).reshape(-1),
+            half, constraints, held.at(states).reshape(-1), held.wide, self.inputs.ravel(), m,
+            2 * m, len(self.inputs), np.full(len(states), level), self.cell, self.low, self.steps,
+            self.shape, self.turns, n, moves, int(held.curved), out.reshape(-1), np.empty(room),
             np.zeros(whole, dtype=np.int64), np.empty(own), np.zeros(counts, dtype=np.int64),
         )  # fmt: skip
         return out[:, :m]
 
-    def _moved(self, states: Array, inputs: Array, disturbances: Array) -> tuple[Array, Array]:
-        """The states half a sample later, and a sample later, by many Runge-Kutta steps."""
-        held = [*self.system.inputs, *self.system.disturbances]
-        rates = Evaluator(
-            list(self.system.rates.values()),
-            [*self.states, *(q.symbol for q in held)],
-            self.system.parameters,
-        )
-        fixed = np.hstack([inputs, disturbances])
-        f: Callable[[Array], Array] = lambda q: rates.values(np.hstack([q, fixed]))  # noqa: E731
+    def _moved(self, states: Array, held: Array) -> tuple[Array, Array]:
+        """The states half a sample later, and a sample later, by some Runge-Kutta steps."""
+        f: Callable[[Array], Array] = lambda q: self.rates.values(np.hstack([q, held]))  # noqa: E731
         q, h = states, self.hold / SUBSTEPS
         middle = q
         for k in range(SUBSTEPS):
@@ -360,3 +438,17 @@ class _Game:
             if 2 * (k + 1) == SUBSTEPS:
                 middle = q
         return middle, q
+
+
+class _Motions:
+    """The numbers of the motion over a hold, at states."""
+
+    def __init__(self, game: _Game, hold: float) -> None:
+        motion: HeldMotion = held_motion(game.system, sp.Float(hold), game.moves, game.errors)
+        self.expressions = Evaluator(motion.expressions, game.states, game.system.parameters)
+        self.moves, self.curved = motion.moves, motion.curved
+        self.wide = numbers_of_motion(game.n, game.m, motion.moves, motion.curved)
+
+    def at(self, states: Array) -> Array:
+        numbers = self.expressions.values(states)
+        return np.ascontiguousarray(np.where(np.isfinite(numbers), numbers, 1e300))
