@@ -335,6 +335,7 @@ def test_filter_loses_no_start_where_v_is_level_or_jumps(problem, hold, least):
 
 
 @pytest.mark.heavy
+@pytest.mark.filterwarnings("ignore:of the viability-kernel:holdfast.errors.PromiseFellShortWarning")
 @pytest.mark.parametrize(
     ("problem", "nodes", "hold", "least"),
     [
