@@ -1,5 +1,6 @@
 """Filters over the value of the sampled game: what they keep at ridges of V, tried from outside."""
 
+import dataclasses
 import warnings
 from functools import cache
 
@@ -116,6 +117,15 @@ def test_a_game_that_takes_too_long_is_not_begun_and_the_law_goes_by_slopes(monk
         assert hf.safety_law(system, value, zero).safeguard.foresight is None
     assert sampled_value(system, value, 0.02) is None
     assert hf.safety_law(*leaning(31), zero).safeguard.foresight is not None
+
+
+def test_a_game_is_that_of_the_system_that_is_asked_for():
+    """Weaker inputs on the same value keep less."""
+    system, value = leaning(41)
+    weaker = dataclasses.replace(system, input_bounds=hf.Box((-0.8,), (0.8,)))
+    strong, weak = (sampled_value(s, value, 0.02) for s in (system, weaker))
+    assert (weak.table <= strong.table + 1e-12).all()
+    assert weak.share(value) < 0.95 * strong.share(value)
 
 
 def test_a_game_that_is_cut_short_is_taken_if_trial_runs_stay(monkeypatch):
@@ -335,7 +345,9 @@ def test_filter_loses_no_start_where_v_is_level_or_jumps(problem, hold, least):
 
 
 @pytest.mark.heavy
-@pytest.mark.filterwarnings("ignore:of the viability-kernel:holdfast.errors.PromiseFellShortWarning")
+@pytest.mark.filterwarnings(
+    "ignore:of the viability-kernel:holdfast.errors.PromiseFellShortWarning"
+)
 @pytest.mark.parametrize(
     ("problem", "nodes", "hold", "least"),
     [

@@ -144,9 +144,11 @@ def sampled_value(
         return None
     if not system.inputs or system.input_bounds is None or system.samples:
         return None
-    key = float(sample_time), tuple(map(float, errors)), float(above), float(late)
+    bounds = str(system.input_bounds), str(system.disturbance_bounds)
+    asked = float(sample_time), tuple(map(float, errors)), float(above), float(late)
+    key = asked, bounds, tuple(system.rates.values()), tuple(q.value for q in system.parameters)
     if key not in value.games:
-        value.games[key] = _Game(system, value, *key).solved()
+        value.games[key] = _Game(system, value, *asked).solved()
     game: SampledValue | None = value.games[key]
     if game is None or value.report.converged or game.share(value) >= KEPT:
         return game
