@@ -57,9 +57,9 @@ interpolation loses between nodes is won back within a cell. The narrower the ba
 what is lost, the less is lost, and the less is kept. An edge that drives states away from itself,
 where V jumps, has to be left by a node."""
 LEVELS = (0.1, 0.3, 0.6, 1.0)  # cells above the level: the margins that are tried
-FALLEN = 0.5  # of a level, below which no trial run may fall
-DRIFT = 0.02  # cells by which the second halves of runs may be lower than the first ones
 FIRST_LEVELS = 2  # how many of them before the next band
+FALLEN = 0.5  # of a margin, below which no trial run may fall
+DRIFT = 0.02  # cells by which the second halves of runs may be lower than the first ones
 FLOWN, FEWEST, MOST, LONGEST = 120_000, 60, 300, 3000
 """Samples of all trial runs together, the fewest and most runs, and the most samples of one."""
 CROSSINGS = 4.0  # of the grid, that a run may take at least at the highest speed
@@ -208,10 +208,10 @@ class _Game:
             return None
         table = self.value.in_memory().values()
         values = np.ascontiguousarray(table, dtype=np.float64).ravel() - self.above
-        values = np.where(np.isnan(values), -math.inf, values)
+        values = np.where(np.isnan(values), -FARTHEST * self.cell, values)
         held = _Motions(self, self.hold)
         cells = max(self._fastest(held), 1e-9)
-        kept, level = None, LEVELS[-1]
+        last: Array | None = None
         longest = max(self.hold, self.hold * FAR / cells)
         for hold in dict.fromkeys((self.hold, longest)):
             motions = held if hold == self.hold else _Motions(self, hold)
@@ -219,13 +219,15 @@ class _Game:
             games: list[Array] = []
             for kept in self._games(motions, values, fewest):
                 games.append(kept)
+                if last is None or kept.max() > LEVELS[-1] * self.cell:
+                    last = kept
                 for level in LEVELS[:FIRST_LEVELS]:
                     if self._stays(kept, values, level * self.cell, held, cells):
                         return self._of(kept, level, table.dtype)
             for level, kept in itertools.product(LEVELS[FIRST_LEVELS:], games):
                 if self._stays(kept, values, level * self.cell, held, cells):
                     return self._of(kept, level, table.dtype)
-        return None if kept is None else self._of(kept, level, table.dtype)
+        return None if last is None else self._of(last, LEVELS[-1], table.dtype)
 
     def _of(self, kept: Array, level: float, dtype: npt.DTypeLike) -> SampledValue:
         """`kept`, above the level of the set, in a precision in which it is no larger."""
@@ -259,7 +261,7 @@ class _Game:
     def _worn(self, values: Array) -> Array:
         """Values without the nodes beside those that are at most 0."""
         inner = self._around(ndimage.minimum_filter, values > 0)
-        return np.where((values > 0) & ~inner, -math.inf, values)
+        return np.where((values > 0) & ~inner, -FARTHEST * self.cell, values)
 
     def _around(self, of: Callable[..., AnyArray], nodes: npt.NDArray[np.bool_]) -> AnyArray:
         """The most or the least over each node and the nodes around it."""
