@@ -44,8 +44,10 @@ MOST_SWEEPS = 3000
 MOST_WORK = 5e7
 """Nodes times corners of a cell times inputs and disturbances, from which on the game is not
 solved."""
-MOST_LOOKS = 4e8
-"""Corners looked up, from which on a game is given up: some seconds."""
+MOST_LOOKS = 2e8
+"""Corners looked up, from which on a game is given up; all together as often as `GAMES` says:
+some seconds."""
+GAMES = 3
 TOGETHER = 1 << 26
 """Numbers of the motions that are held in memory; beyond it they are computed anew."""
 BANDS = (
@@ -162,7 +164,7 @@ class _Game:
     ) -> None:  # fmt: skip
         assert system.input_bounds is not None
         self.system, self.value, self.hold, self.above = system, value, sample_time, above
-        self.late = late
+        self.late, self.looks = late, 0.0
         numbers = {q.symbol: sp.Float(float(q.value)) for q in system.parameters}
         self.points = points_of(system.input_bounds, len(system.inputs))
         self.moves = moves_of(system.disturbance_bounds, len(system.disturbances))
@@ -251,6 +253,8 @@ class _Game:
                     continue  # those that are cut off rest sooner
                 return
             yield self._outside(kept, values, lost)
+            if self.looks >= GAMES * MOST_LOOKS:
+                return
             upper = np.where(kept <= lost, values, kept)
 
     def _outside(self, kept: Array, values: Array, lost: float) -> Array:
@@ -307,6 +311,7 @@ class _Game:
             if left < fewest:
                 return False
             if looks > MOST_LOOKS:
+                self.looks += looks
                 return fewest == 0 and bool(np.count_nonzero(table > 0) >= HELD * begun)
         return bool(np.count_nonzero(table > 0) >= fewest)
 
