@@ -28,6 +28,7 @@ from attacks.case import Fault, Outcome
 from attacks.enclosures import ENCLOSED, NUMBERS, between, enclose_all, read
 from attacks.oracle import brackets, hull_of, moved, pieces, points
 from attacks.problems import Problem, problem, problem_of
+from scipy.optimize import brentq
 
 
 def problem_in(rates, region, inputs, disturbances, half, kind="kernel", goal="x", horizon=30.0):
@@ -215,6 +216,36 @@ def test_a_set_that_is_too_large_or_too_small_is_seen_and_a_right_one_is_not(shi
     )
     found = kernels.judge(p, None, claimed)
     assert {k for k in kernels.VERDICTS if found[k]} == ({what} if what else set())
+
+
+def test_a_set_behind_a_pocket_that_no_cell_has_is_not_asked_for():
+    """x' = a(x) + .595 u: from x = .091 to x = .65 every input leads to the right, and between there
+    and the constraint, .08 of a cell further, a state can stay. The rates decide that, not an oracle."""
+    numbers = {"p0": 0.611, "p1": 0.439, "p2": 0.595, "p4": 1.73, "p5": 0.479}
+    p = Problem(
+        "kernel", "ring", ("p0*sin(x) + p1*cos(2*x) + p2*u0",), ("cos(x - p4) - p5",), (),
+        numbers, ["box", [-0.82], [0.501]], None, (True,), (-math.pi,), (math.pi,), (52,), 30.0,
+        scales=(1.0,),
+    )  # fmt: skip
+
+    def slowest(x):
+        return 0.611 * math.sin(x) + 0.439 * math.cos(2 * x) - 0.595 * 0.82
+
+    wall = 1.73 - math.acos(0.479)
+    pocket = wall - brentq(slowest, 0.5, wall)
+    assert min(map(slowest, np.linspace(0.1, 0.6, 200))) > 0 > slowest(wall)
+    assert 0 < pocket < 0.1 * p.cells[0]
+    behind = np.array([[0.3]])
+    assert brackets(p, horizon=30.0).all_inner(behind, behind)[0]
+    assert not brackets(p, horizon=30.0, narrower=p.cells).all_inner(behind, behind)[0]
+
+
+@pytest.mark.parametrize(
+    ("number", "scheme"), [(416, "eno3"), (1086, "upwind"), (48, "eno2"), (1752, "weno5")]
+)
+def test_a_kernel_that_the_engine_found_wrong_is_right(number, scheme):
+    assert problem(1, number).scheme == scheme
+    assert kernels.attempt(1, number).faults == []
 
 
 def test_intervals_that_hold_too_seldom_are_seen():

@@ -306,16 +306,22 @@ def exponential(m: Array) -> Array:
 
 
 def brackets(
-    p: Problem, count: int | None = None, horizon: float | None = None, most: int = 4000
+    p: Problem,
+    count: int | None = None,
+    horizon: float | None = None,
+    most: int = 4000,
+    narrower: Array | float = 0.0,
 ) -> Brackets | None:
     """Outer and inner cells of the set of a problem; None where its region is empty.
 
     horizon: of the claim, math.inf for ever. count: cells along each axis. A step is as long as
     keeps the spread of a step small against its way. most: steps at most, after which the outer set
-    is what it is (it only shrinks) and an inner set for ever that still shrinks is empty.
+    is what it is (it only shrinks) and an inner set for ever that still shrinks is empty. narrower:
+    the inner set is that of a region narrower by so much along each axis: all states that are so
+    near have to be in the region.
     """
     if p.kind == "invariance":
-        return brackets(_all_against(p), count, horizon, most)
+        return brackets(_all_against(p), count, horizon, most, narrower)
     n = len(p.rates)
     count = count or COUNTS[n]
     reach = p.kind in ("basin", "tube")
@@ -335,14 +341,11 @@ def brackets(
         inside = (every - size[:, None] / 2 >= grid_low) & (every + size[:, None] / 2 <= grid_high)
         stays = (inside | ~line).all(axis=0)
     else:
-        bounds = worst_over(
-            p,
-            every - size[:, None] / 2,
-            every + size[:, None] / 2,
-            "region",
-            (0.0, time) if p.moves else start,
-        )
-        may_stay, stays = bounds[0] <= 0, bounds[1] < 0
+        span = (0.0, time) if p.moves else start
+        half = (size / 2)[:, None]
+        more = half + np.broadcast_to(narrower, size.shape)[:, None]
+        may_stay = worst_over(p, every - half, every + half, "region", span)[0] <= 0
+        stays = worst_over(p, every - more, every + more, "region", span)[1] < 0
     live = np.flatnonzero(may_stay)
     if not len(live):
         return None
@@ -373,6 +376,7 @@ def brackets(
         stays[live],
         goal_high,
         np.isfinite(time),
+        np.broadcast_to(narrower, size.shape)[:, None],
     )
     return Brackets(low, size, outer.reshape(shape), inner.reshape(shape), p.angles)
 
@@ -560,6 +564,7 @@ def _inner(
     stays: Array,
     goal: Array | None,
     finite: bool,
+    narrower: Array,
 ) -> Array:
     middle = (flow.d[0] + flow.d[1]) / 2
     radius, on_the_way = flow.radii_of_any_push()
@@ -575,8 +580,8 @@ def _inner(
             sure = (
                 worst_over(
                     p,
-                    (flow.middles - flow.around)[:, near],
-                    (flow.middles + flow.around)[:, near],
+                    (flow.middles - flow.around - narrower)[:, near],
+                    (flow.middles + flow.around + narrower)[:, near],
                     "region",
                     (0.0, p.horizon) if p.moves else (0.0, 0.0),
                 )[1]
@@ -585,7 +590,7 @@ def _inner(
             near = near[~sure]
             at, bulge = flow.middles[:, near], flow.bulge()[:, near]
             held = [v * ones[near] for v in u], [v * ones[near] for v in middle]
-            spread = (on_the_way + error)[:, near] + bulge
+            spread = (on_the_way + error)[:, near] + bulge + narrower
             for _ in range(4):
                 then = moved(p, at, *held, flow.dt / 4, 1)
                 low, high = np.minimum(at, then) - spread, np.maximum(at, then) + spread

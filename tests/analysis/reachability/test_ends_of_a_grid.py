@@ -76,6 +76,20 @@ def test_each_end_on_a_constraint_lets_its_loss_in(wide, name, end):
     assert share(kernel(interval, nodes)) == pytest.approx(wide, abs=1e-3)
 
 
+@pytest.mark.parametrize("scheme", ["upwind", "weno5"])
+def test_a_drift_into_the_corner_of_two_constraints_empties_the_set(scheme):
+    """x' = u, v' = 1.2 u + 0.4: v - 1.2 x grows at 0.4 and is between -2.7 and 2.7 in the box."""
+    states = cart()[0].states
+    u = hf.symbol("u")
+    rates = {"x": u, "v": 1.2 * u + 0.4}
+    system = hf.System(
+        "drift", states, (hf.Quantity("u"),), rates, input_bounds=hf.Box((-1,), (1,))
+    )
+    found = hf.viability_kernel(system, cart()[1], hf.grid(system, box(), 21), 30.0, scheme=scheme)
+    assert found.report.empty
+    assert found.report.converged
+
+
 def test_grid_that_ends_before_the_constraint_is_refused_with_the_width_to_take():
     interval = box() | {"x": (-1.0 + 0.5 * 2 / CELLS, 1.0)}
     with pytest.raises(SimulationError, match=r"widen it to x = -1\.0") as refused:

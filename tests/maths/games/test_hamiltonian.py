@@ -8,6 +8,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
+from holdfast.maths.games.monotone_flux import monotone_flux
 from tests.conftest import number_at
 
 X, Y, U, W, D = (hf.symbol(n) for n in ("x", "y", "u", "w", "d"))
@@ -103,6 +104,32 @@ def test_speeds_bound_the_slope_of_the_hamiltonian_and_the_tight_ones_are_tighte
             assert abs(rise) <= tight[k] * gap + 1e-9
             assert tight[k] <= loose[k] + 1e-9
     assert tighter > 50
+
+
+@pytest.mark.parametrize("bounds", [hf.Box((-1,), (1,)), hf.Ball(1, 1)])
+def test_no_rounding_of_a_flat_value_decides_how_fast_an_input_may_be(bounds):
+    """Of the slopes 0 above and 1 below, only one end is where the input switches."""
+    h = hf.hamiltonian(system((U / 2 + sp.Rational(1, 4), Y), ("u",), bounds), inputs="min")
+
+    def fastest(above):
+        near = ((above + 1) / 2, 0, abs(above - 1) / 2, 0)
+        return number_at(h.tight_speeds[0], dict(zip((*h.costates, *h.spreads), near, strict=True)))
+
+    assert [fastest(a) for a in (1e-3, 1e-16, 0.0, -1e-16, -1e-9)] == pytest.approx([0.25] * 5)
+    assert fastest(-1e-3) == pytest.approx(0.75)
+
+
+def test_a_ball_of_one_input_is_an_interval():
+    ball, box = (
+        hf.hamiltonian(system((U * X + D, Y), ("u",), b, ("d",), hf.Box((-0.3,), (0.2,))))
+        for b in (hf.Ball(sp.Float(0.6), 1), hf.Box((-0.6,), (0.6,)))
+    )
+    gaps = sp.symbols("g0:2", real=True)
+    assert ball.tight_speeds == box.tight_speeds
+    for row in np.random.default_rng(2).uniform(-1, 1, (50, 6)):
+        at = dict(zip((X, Y, *ball.costates, *gaps), row, strict=True))
+        one, other = (number_at(monotone_flux(h, gaps), at) for h in (ball, box))
+        assert one == pytest.approx(other, abs=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from holdfast.analysis.reachability.problem import Ends, Posed, check_inside, touched
+from holdfast.analysis.reachability.problem import ON_END, Ends, Posed, check_inside, touched
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.layers import Part
@@ -39,6 +39,9 @@ class Facts:
 
 NOTHING = Facts(False, True, frozenset(), 0.0, -math.inf, 0.0)
 """Facts of a start value at no node; that a node is in the set has been found before."""
+
+LOWERED = 0.1
+"""Cells by which a corner of the grid is lower that lies on two constraints."""
 
 TOGETHER = 1 << 20
 """Nodes at which moving bounds are renewed together."""
@@ -119,8 +122,31 @@ class Obstacles:
             self.room = self._room_inside(open_ends(posed, facts.ends), facts.cell)
             self._begin_at(posed.clock[0])
             facts = replace(self.facts(), cell=facts.cell)
+        if posed.limit == "shrink" and len(self.shape) > 1:
+            self._lower_corners(facts.cell)
         self.highest = facts.highest
         return facts
+
+    def _lower_corners(self, cell: float) -> None:
+        """Lower a little what is 0 where two ends of the grid meet that lie on constraints.
+
+        Along either end the value is 0 up to their corner, so that what is continued beyond it is
+        0, and not what the constraint is there: such a corner would never fall, nor what moves to
+        it. Of a corner that is lower what is continued is lower still.
+        """
+        closed = [axis.ends == "contained" for axis in self.posed.grid.axes]
+        at_end = [
+            np.isin(np.arange(count), (0, count - 1)) & line
+            for count, line in zip(self.posed.grid.shape, closed, strict=True)
+        ]
+        meeting = np.zeros(self.shape[1:], dtype=np.int8)
+        for i, ends in enumerate(at_end[1:]):
+            meeting += ends.reshape([-1 if k == i else 1 for k in range(meeting.ndim)])
+        for plane, end in zip(
+            self.start.reshape(self.shape), at_end[0][self.part.nodes], strict=True
+        ):
+            corners = meeting + end > 1
+            plane[corners] -= LOWERED * cell * (np.abs(plane[corners]) <= ON_END * cell)
 
     def refresh(self, time: float) -> None:
         planes = self.shape[0]

@@ -19,6 +19,7 @@ from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.bounds import Bounds, section
 from holdfast.maths.definitions.quantity import Quantity, frozen
+from holdfast.maths.definitions.sets.base import WITHIN
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import greatest, least, magnitude, select
 from holdfast.maths.games.sampled_inputs import (
@@ -224,7 +225,7 @@ def _best(cases: Sequence[_Case], sign: int, spread: sp.Matrix) -> _Case:
             * spread[i]
             for i in axes
         )
-        room = swing - sign * (first.value - case.value)  # < 0: nowhere best
+        room = WITHIN * swing - sign * (first.value - case.value)  # < 0: nowhere best
         for i in axes:
             tight[i].append(select(room, case.tight_speeds[i], sp.S.Zero))
     return _Case(

@@ -11,6 +11,7 @@ import sympy as sp
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
 from holdfast.maths.definitions.sets.base import (
+    WITHIN,
     Bounds,
     Reach,
     Row,
@@ -18,6 +19,7 @@ from holdfast.maths.definitions.sets.base import (
     cube_surface,
     entries,
 )
+from holdfast.maths.definitions.sets.box import Box
 from holdfast.maths.expressions.functions import greatest, least, magnitude, select
 
 TINY = sp.Float(1e-300)
@@ -107,12 +109,18 @@ class Ball(Bounds):
     def inscribed_points(self, samples: int) -> list[tuple[sp.Expr, ...]]:
         return Ball(self._inner, self.dimension).points(samples)
 
+    def corners(self) -> list[tuple[sp.Expr, ...]]:
+        return [(-self.radius,), (self.radius,)] if self.dimension == 1 else super().corners()
+
     def reach(self, gain: sp.Matrix, p: sp.Matrix, spread: sp.Matrix, sign: int) -> Reach:
         """Centre and half-width of r G w/|w| for w = G'p, with p within the spread.
 
         w changes by at most d = |G|' dp. With s = |d|/|w| < 1 its direction turns by at most asin
-        s, and w/|w| by 2 sin(asin(s)/2) = s sqrt(2 / (1 + sqrt(1 - s^2))); else it may be any.
+        s, and w/|w| by 2 sin(asin(s)/2) = s sqrt(2 / (1 + sqrt(1 - s^2))); else it may be any. On a
+        line there are two directions, and s < 1 leaves it as it is.
         """
+        if self.dimension == 1:
+            return Box((-self.radius,), (self.radius,)).reach(gain, p, spread, sign)
         n = gain.rows
         width = [self.radius * sp.sqrt(sum(e**2 for e in gain.row(i))) for i in range(n)]
         weights, change = gain.T * p, gain.applyfunc(magnitude).T * spread
@@ -120,11 +128,12 @@ class Ball(Bounds):
         share = least(swing / (size + TINY), sp.S.One)
         turn = share * sp.sqrt(2 / (1 + sp.sqrt(1 - share**2)))
         best = gain * weights * (sign * self.radius / (size + TINY))
+        room = size - WITHIN * swing
         near, narrow = [], []
         for middle, most in zip(best, width, strict=True):
             low, high = greatest(middle - most * turn, -most), least(middle + most * turn, most)
-            near.append(select(size - swing, (low + high) / 2, sp.S.Zero))
-            narrow.append(select(size - swing, (high - low) / 2, most))
+            near.append(select(room, (low + high) / 2, sp.S.Zero))
+            narrow.append(select(room, (high - low) / 2, most))
         return [sp.S.Zero] * n, width, near, narrow
 
     def points(self, samples: int) -> list[tuple[sp.Expr, ...]]:

@@ -22,6 +22,13 @@ Row = tuple[tuple[sp.Expr, ...], sp.Expr]
 Reach = tuple[list[sp.Expr], list[sp.Expr], list[sp.Expr], list[sp.Expr]]
 """Of every rate: centre and half-width for any costate, and for those within the spread."""
 
+WITHIN = sp.Float(1 - 1e-6)
+"""The share of the spread that counts.
+
+Where the value is flat on one side of a node, one end of the spread is, within rounding, the
+costate at which an input switches. Whether it may switch decides the dissipation, and so is no
+matter of rounding: the last millionth of the spread does not count."""
+
 
 class Bounds(ABC):
     """A set of admissible values."""

@@ -11,7 +11,15 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError
-from holdfast.maths.definitions.sets.base import Bounds, Reach, Row, V, check_count, entries
+from holdfast.maths.definitions.sets.base import (
+    WITHIN,
+    Bounds,
+    Reach,
+    Row,
+    V,
+    check_count,
+    entries,
+)
 from holdfast.maths.expressions.functions import clip, magnitude, select, sgn
 
 
@@ -121,7 +129,7 @@ class Box(Bounds):
         """A member whose weight changes its sign for no p within the spread does not switch."""
         middle, half = sp.Matrix(self._middle), self.half_widths()
         sizes = gain.applyfunc(magnitude)
-        weights, swings = gain.T * p, sizes.T * spread
+        weights, swings = gain.T * p, sizes.T * (WITHIN * spread)
         fixed = [
             select(magnitude(w) - r, sp.S.One, sp.S.Zero)
             for w, r in zip(weights, swings, strict=True)
