@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 
 import holdfast as hf
+from holdfast.commands.main import main
 from holdfast.errors import HoldfastError, OutputError
 from holdfast.maths.definitions.vehicle_file import vehicle_for
 from holdfast.planning.geojson import geojson_cells
@@ -76,6 +77,20 @@ def test_foreign_netcdf_file_is_not_loaded(tmp_path):
     xr.Dataset({"a": ("x", np.zeros(3))}).to_netcdf(path)
     with pytest.raises(OutputError, match="was not written by holdfast"):
         hf.load(path)
+
+
+def test_memory_that_is_not_there_is_one_line(monkeypatch, capsys):
+    def takes_too_much(*_, **__):
+        raise MemoryError("Unable to allocate 5.96 GiB\nfor an array")
+
+    monkeypatch.setattr("holdfast.commands.main.cli.main", takes_too_much)
+    monkeypatch.setattr("sys.argv", ["holdfast", "run", "huge.toml"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    said = capsys.readouterr().err
+    assert ended.value.code == 2
+    assert said.count("\n") == 1
+    assert "not enough memory: Unable to allocate 5.96 GiB for an array; take a longer" in said
 
 
 @pytest.mark.parametrize("name", ["inspection", "ch7-discriminating"])

@@ -77,6 +77,15 @@ def _main() -> NoReturn:
         if debug:
             raise
         _fail(str(error), BAD_INPUT)
+    except MemoryError as error:
+        if debug:
+            raise
+        reason = " ".join(str(error).split()) or "no more of it is given"
+        _fail(
+            f"not enough memory: {reason}; take a longer sample time, a shorter horizon, fewer "
+            "starts or a coarser grid",
+            BAD_INPUT,
+        )
     except (click.exceptions.Abort, KeyboardInterrupt):
         end(INTERRUPTED, SAID)
     except click.ClickException as error:
