@@ -96,6 +96,10 @@ def shipped() -> tuple[str, ...]:
     return tuple(n for n in names if not n.startswith(LEFT_OUT))
 
 
+SHORTEST = 1e-4
+"""A sample time [s] below which a run takes as long as it was asked for."""
+
+
 def made_small(table: Any, key: str = "") -> Any:
     """A scenario whose march, runs and validations take little time."""
     if isinstance(table, dict):
@@ -170,8 +174,15 @@ def _misspelt(word: str, g: np.random.Generator) -> str:
 
 
 def _finite_work(tables: dict[str, Any]) -> dict[str, Any]:
-    """Not so much work asked for that time alone decides: a long horizon is no fault."""
+    """Not so much work asked for that time alone decides: a long horizon, or a sample time of
+    nanoseconds, is no fault."""
     capped: dict[str, Any] = made_small(tables)
+    for *way, last in places(capped):
+        place: Any = capped
+        for k in way:
+            place = place[k]
+        if last == "sample_time" and isinstance(place[last], int | float):
+            place[last] = max(place[last], SHORTEST) if place[last] > 0 else place[last]
     return capped
 
 
