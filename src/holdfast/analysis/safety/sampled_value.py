@@ -34,7 +34,6 @@ from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.lookup import Lookup, SampledLookup
 from holdfast.maths.definitions.system import System
 
-Whole = npt.NDArray[np.int64]
 Points = tuple[tuple[sp.Expr, ...], ...]
 
 ENDS = {"extrapolated": 0, "contained": 0, "periodic": 1, "limited": 2}
