@@ -183,8 +183,8 @@ def test_text_names_a_dissipation_that_enlarges_sets():
         ("global", "upwind", True), ("local-local", "upwind", False), ("global", "weno5", False),
     ):  # fmt: skip
         found = hf.viability_kernel(CART, WALLS, grid, 1.0, scheme=scheme, dissipation=dissipation)
-        told = "global: the set may be some cells too large, however fine the grid is"
-        assert (told in value_text(found)) is named
+        warning = "global: the set may be some cells too large, however fine the grid is"
+        assert (warning in value_text(found)) is named
 
 
 def test_forward_reach_is_the_reverse_of_backward_reach():

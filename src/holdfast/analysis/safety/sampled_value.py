@@ -77,8 +77,9 @@ INPUTS = {1: 9, 2: 5, 3: 3}
 class SampledValue:
     """W at the nodes, and what a filter over it needs.
 
-    points: of the inputs; moves: of the disturbances; errors: of the inputs that act. least: the
-    level to keep, from which no trial run was lost. beyond: the usual change of V over a cell.
+    points: of the inputs; moves: of the disturbances; errors: of the inputs that act. above: the
+    set to keep is {V > above}. least: the level of W from which no trial run was lost, or a cell
+    above `above` where every game lost one. beyond: the usual change of V over a cell.
     """
 
     table: AnyArray
@@ -218,22 +219,22 @@ class _Game:
             motions = held if hold == self.hold else _Motions(self, hold)
             fewest = HELD * np.count_nonzero(values > 0) if hold < longest else 0.0
             games: list[Array] = []
-            for kept in self._games(motions, values, fewest):
-                games.append(kept)
-                if last is None or kept.max() > LEVELS[-1] * self.cell:
-                    last = kept
+            for game in self._games(motions, values, fewest):
+                games.append(game)
+                if last is None or game.max() > LEVELS[-1] * self.cell:
+                    last = game
                 for level in LEVELS[:FIRST_LEVELS]:
-                    if self._stays(kept, values, level * self.cell, held, cells):
-                        return self._of(kept, level, table.dtype)
-            for level, kept in itertools.product(LEVELS[FIRST_LEVELS:], games):
-                if self._stays(kept, values, level * self.cell, held, cells):
-                    return self._of(kept, level, table.dtype)
+                    if self._stays(game, values, level * self.cell, held, cells):
+                        return self._of(game, level, table.dtype)
+            for level, game in itertools.product(LEVELS[FIRST_LEVELS:], games):
+                if self._stays(game, values, level * self.cell, held, cells):
+                    return self._of(game, level, table.dtype)
         return None if last is None else self._of(last, LEVELS[-1], table.dtype)
 
-    def _of(self, kept: Array, level: float, dtype: npt.DTypeLike) -> SampledValue:
-        """`kept`, above the level of the set, in a precision in which it is no larger."""
-        table = (kept + self.above).astype(dtype)
-        over = table > kept + self.above
+    def _of(self, game: Array, level: float, dtype: npt.DTypeLike) -> SampledValue:
+        """`game`, above the level of the set, in a precision in which it is no larger."""
+        table = (game + self.above).astype(dtype)
+        over = table > game + self.above
         table[over] = np.nextafter(table[over], -np.inf, dtype=dtype)
         least = self.above + level * self.cell
         return SampledValue(
@@ -246,20 +247,20 @@ class _Game:
         upper = values
         for number, (top, bottom, worn) in enumerate(BANDS):
             lost, most = -bottom * self.cell, top * self.cell + self.late
-            kept = np.clip(self._worn(upper) if worn else upper, lost, most)
-            if not self._iterate(kept, lost, motions, fewest):
+            game = np.clip(self._worn(upper) if worn else upper, lost, most)
+            if not self._iterate(game, lost, motions, fewest):
                 if number == 0:
                     continue  # those that are cut off rest sooner
                 return
-            yield self._outside(kept, values, lost)
+            yield self._outside(game, values, lost)
             if self.looks >= GAMES * MOST_LOOKS:
                 return
-            upper = np.where(kept <= lost, values, kept)
+            upper = np.where(game <= lost, values, game)
 
-    def _outside(self, kept: Array, values: Array, lost: float) -> Array:
+    def _outside(self, game: Array, values: Array, lost: float) -> Array:
         """W that falls as V does, from a cell outside of what is kept on."""
-        near = self._around(ndimage.maximum_filter, kept > lost)
-        return np.where(near, kept, np.clip(values, lost - FARTHEST * self.cell, kept))
+        near = self._around(ndimage.maximum_filter, game > lost)
+        return np.where(near, game, np.clip(values, lost - FARTHEST * self.cell, game))
 
     def _worn(self, values: Array) -> Array:
         """Values without the nodes beside those that are at most 0."""
