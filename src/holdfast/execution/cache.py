@@ -1,4 +1,5 @@
-"""The cache of compiled code: only this user's files are executed; damaged files are recompiled.
+"""The cache of what was computed once: compiled code, of which only this user's is executed, and
+games; damaged files are computed again.
 
 Machine code can do anything that its writer wants. A folder that other users may write to is
 therefore not used, nor a file of another user. Every file begins with the digest of
@@ -15,6 +16,7 @@ import stat
 import tempfile
 import warnings
 from functools import cache
+from importlib import resources
 from pathlib import Path
 
 import platformdirs
@@ -119,8 +121,18 @@ def _warn_once(message: str) -> None:
     warnings.warn(message, CacheWarning, stacklevel=2)
 
 
+@cache
+def code_digest() -> str:
+    """A digest of the code that results depend on, so that another version computes them anew."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(str(resources.files("holdfast"))).rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
 class Stored:
-    """Machine code on disk, by the digest of its text and the machine."""
+    """Data on disk, by the digest of what it follows from: of machine code its text and the
+    machine."""
 
     def __init__(self, name: str, stamp: str) -> None:
         self.name = "".join(c if c.isalnum() or c in "._-" else "_" for c in name)
@@ -128,12 +140,12 @@ class Stored:
 
     def _place(self, key: object) -> tuple[Path, bytes]:
         """The path of the file, and the key of its content."""
-        about = f"object code\n{self.stamp}\n{key!r}".encode()
+        about = f"{self.name}\n{self.stamp}\n{key!r}".encode()
         digest = hashlib.sha256(about).hexdigest()[:24]
         return cache_directory() / f"{self.name}-{digest}.code", about
 
     def load(self, key: object) -> bytes | None:
-        """The saved code; None if the file is missing or cannot be trusted."""
+        """The saved data; None if the file is missing or cannot be trusted."""
         path, about = self._place(key)
         try:
             with path.open("rb") as file:
@@ -150,7 +162,7 @@ class Stored:
         return data
 
     def save(self, key: object, data: bytes) -> None:
-        """Save the code for the next process; without space for it the next compiles again."""
+        """Save the data for the next process; without space for it the next computes them again."""
         path, about = self._place(key)
         try:
             with atomic_file(path, PRIVATE) as partial:

@@ -201,15 +201,6 @@ def _place_in(table: list[Any], part: str, change: str) -> int:
 
 
 @cache
-def code_digest() -> str:
-    """A digest of the code that results depend on, so that another version computes them anew."""
-    found = hashlib.sha256()
-    for path in sorted(Path(str(resources.files("holdfast"))).rglob("*.py")):
-        found.update(path.read_bytes())
-    return found.hexdigest()
-
-
-@cache
 def files_digest() -> str:
     """A digest of the scenarios and the vehicles, any of which another may name."""
     found = hashlib.sha256()

@@ -21,14 +21,14 @@ from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.default_promise import default_promise
 from holdfast.errors import OutputError, ScenarioError, SimulationError
 from holdfast.execution.arrays import AnyArray, Array
-from holdfast.execution.cache import cache_directory
+from holdfast.execution.cache import cache_directory, code_digest
 from holdfast.execution.evaluate import Evaluator
 from holdfast.execution.resources import Progress
 from holdfast.maths.definitions.quantity import symbol
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 from holdfast.scenario.build.system import LATE
-from holdfast.scenario.files import code_digest, merged, read_tables
+from holdfast.scenario.files import merged, read_tables
 from holdfast.scenario.kinds.kernel import KernelScenario, composed_kernel, is_kernel
 from holdfast.scenario.schema.kernel import PROBLEMS
 

@@ -9,7 +9,7 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.analysis.safety.sampled_value import sampled_value
+from holdfast.analysis.safety.sampled_value import _Game, sampled_value
 from holdfast.errors import SimulationError
 from tests.carts import WALLS, cart, swinging
 from tests.ridge_problems import drawn, ran
@@ -361,3 +361,24 @@ def test_filter_loses_no_start_where_v_is_level_or_jumps_for_long(problem, nodes
     lost_runs, share = lost_and_share(problem, nodes, hold, 60.0 if hold > 0.002 else 12.0)
     assert lost_runs == 0
     assert share > least
+
+
+def test_a_game_is_kept_in_the_cache_for_the_next_process(monkeypatch, tmp_path):
+    """Another copy of the same values takes it; other values, and damaged files, are solved."""
+    monkeypatch.setenv("HOLDFAST_CACHE_DIR", str(tmp_path))
+    system, value = leaning.__wrapped__(31)
+    game = sampled_value(system, value, 0.05)
+    (file,) = tmp_path.glob("game-*")
+    value.save(tmp_path / "kernel.nc")
+    solved = []
+    solve = _Game.solved
+    monkeypatch.setattr(_Game, "solved", lambda game: solved.append(game) or solve(game))
+    again = sampled_value(system, hf.load(tmp_path / "kernel.nc"), 0.05)
+    assert not solved
+    assert (again.table == game.table).all()
+    assert again.table.dtype == game.table.dtype
+    assert dataclasses.replace(again, table=None) == dataclasses.replace(game, table=None)
+    file.write_bytes(file.read_bytes()[:-9])
+    sampled_value(system, hf.load(tmp_path / "kernel.nc"), 0.05)
+    sampled_value(system, leaning.__wrapped__(31, push=0.3)[1], 0.05)
+    assert len(solved) == 2

@@ -10,6 +10,8 @@ nodes need not hold between them: V is cut off (`BANDS`) as far as trial runs as
 
 from __future__ import annotations
 
+import hashlib
+import io
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -23,6 +25,7 @@ from scipy import ndimage
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray, Array
+from holdfast.execution.cache import Stored, code_digest
 from holdfast.execution.evaluate import Evaluator
 from holdfast.execution.foreseen import CUTS, numbers_of_search
 from holdfast.execution.look_up import values_at
@@ -134,8 +137,9 @@ def sampled_value(
     above: float = 0.0,
     late: float = 0.0,
 ) -> SampledValue | None:
-    """The value of the game whose inputs are held for `sample_time` [s]; computed once.
+    """The value of the game whose inputs are held for `sample_time` [s].
 
+    It is computed once: kept beside the value, and in the cache for those who load the same value.
     system: with the prescribed disturbances of the value, and its parameters. errors: by how much
     each input that acts may differ from the one that is held. above: the set to keep is {V > above}
     [unit of V]. late: by how much V may fall before the input answers. None where the game would
@@ -150,7 +154,7 @@ def sampled_value(
     asked = float(sample_time), tuple(map(float, errors)), float(above), float(late)
     key = asked, bounds, tuple(system.rates.values()), tuple(q.value for q in system.parameters)
     if key not in value.games:
-        value.games[key] = _Game(system, value, *asked).solved()
+        value.games[key] = _Game(system, value, *asked).solved_once(key)
     game: SampledValue | None = value.games[key]
     if game is None or value.report.converged or game.share(value) >= KEPT:
         return game
@@ -200,14 +204,34 @@ class _Game:
             system.parameters,
         )
 
+    def solved_once(self, key: object) -> SampledValue | None:
+        """As `solved`, or as solved before: of the same values, by the same code.
+
+        key: what else the game follows from.
+        """
+        if self.corners * self.value.grid.nodes > MOST_WORK:
+            return None
+        values = np.ascontiguousarray(self.value.in_memory().values())
+        axes = [(a.name, a.low, a.high, a.count, a.ends) for a in self.value.grid.axes]
+        names = self.system.state_names, self.system.input_names, self.system.disturbance_names
+        content = hashlib.sha256(values).hexdigest(), str(values.dtype), axes, self.cell, names
+        stored, about = Stored("game", code_digest()), (content, str(key), MOST_LOOKS)
+        if data := stored.load(about):
+            with np.load(io.BytesIO(data)) as arrays:
+                return self._with(arrays["table"], float(arrays["least"]))
+        game = self.solved()
+        if game is not None:
+            file = io.BytesIO()
+            np.savez_compressed(file, table=game.table, least=game.least)
+            stored.save(about, file.getvalue())
+        return game
+
     def solved(self) -> SampledValue | None:
         """The first of the games and `LEVELS` of which no trial run is lost, or the last.
 
         Where interpolation loses more than a short sample moves, a game of a longer hold keeps
         more. What is tried is always the hold of the filter.
         """
-        if self.corners * self.value.grid.nodes > MOST_WORK:
-            return None
         table = self.value.in_memory().values()
         values = np.ascontiguousarray(table, dtype=np.float64).ravel() - self.above
         values = np.where(np.isnan(values), -FARTHEST * self.cell, values)
@@ -236,7 +260,9 @@ class _Game:
         table = (game + self.above).astype(dtype)
         over = table > game + self.above
         table[over] = np.nextafter(table[over], -np.inf, dtype=dtype)
-        least = self.above + level * self.cell
+        return self._with(table, self.above + level * self.cell)
+
+    def _with(self, table: AnyArray, least: float) -> SampledValue:
         return SampledValue(
             table, self.points, self.moves, self.errors, self.above, least, self.cell
         )

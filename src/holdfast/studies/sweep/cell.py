@@ -10,7 +10,8 @@ from typing import Any
 
 from holdfast.analysis.simulation.aggregates import Entry, as_table
 from holdfast.errors import GainWarning, HoldfastError, ScenarioError
-from holdfast.scenario.files import code_digest, overridden
+from holdfast.execution.cache import code_digest
+from holdfast.scenario.files import overridden
 from holdfast.scenario.kinds.base import Composed
 from holdfast.scenario.load import scenario_of
 

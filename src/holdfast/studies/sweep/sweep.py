@@ -16,9 +16,10 @@ from holdfast.analysis.simulation.sweep_table import Campaign
 from holdfast.arguments import checked
 from holdfast.errors import GainWarning, HoldfastError, ScenarioError
 from holdfast.execution.arrays import Array
+from holdfast.execution.cache import code_digest
 from holdfast.execution.resources import available_cores
 from holdfast.host.output import make_folder
-from holdfast.scenario.files import code_digest, files_digest, overridden, read_tables
+from holdfast.scenario.files import files_digest, overridden, read_tables
 from holdfast.scenario.kinds.base import Composed
 from holdfast.scenario.kinds.closed_loop import Scenario
 from holdfast.scenario.load import scenario_of
