@@ -16,7 +16,6 @@ from __future__ import annotations
 import math
 
 from holdfast.execution.arrays import Floats, Table, Wholes
-from holdfast.execution.interpolate import between_nodes
 from holdfast.execution.sampled_game import held_place
 from holdfast.execution.simulation.quadratic_program import keep_in_order, keep_within, overrules
 
@@ -29,63 +28,94 @@ ROUNDING = 1e-9  # of the terms of a half-space, beyond which a point is outside
 SIDES = 0.5  # how far around the best point the search begins, in half widths
 
 
+def numbers_of_look(axes: int, moves: int) -> int:
+    """The numbers of `room` that `least_after` needs; of `whole` it needs 3 * axes."""
+    return 4 * axes + 2 * (1 << axes) + moves
+
+
 def value_there(
     values: Table, q: Floats, low: Floats, steps: Floats, shape: Wholes, periodic: Wholes,
     axes: int, beyond: float, slope: Floats, sloped: bool, room: Floats, whole: Wholes,
 ) -> float:  # fmt: skip
-    """W at q, and its slope in the cell of q; beyond the grid less than 0, by `beyond` a cell."""
-    near, far = whole, whole[axes:]
-    at = room[2 * axes :]
-    out = 0.0
+    """W at q, and its slope in the cell of q; beyond the grid less than 0, by `beyond` a cell.
+
+    The values at the corners of the cell are halved axis by axis: the last two, then the others.
+    """
+    near, far, corners = whole, whole[axes:], room[axes:]
+    count, out = 1, 0.0
     for i in range(axes):
-        at[i] = q[i]
-        if not math.isfinite(q[i]):
+        x = (q[i] - low[i]) / steps[i]
+        if not math.isfinite(x):
             return -math.inf
-        if periodic[i] == 0:
-            top = low[i] + steps[i] * (shape[i] - 1)
-            at[i] = min(max(q[i], low[i]), top)
-            if periodic[i] == 0:
-                out += abs(q[i] - at[i]) / steps[i]
-    if not between_nodes(at, low, steps, shape, periodic, axes, room, whole):
-        return -math.inf
-    total = 0.0
+        top = shape[i] - 1
+        if periodic[i] != 0:
+            if not 0.0 <= x < shape[i]:
+                x -= shape[i] * math.floor(x / shape[i])
+        else:
+            if x < 0.0:
+                out -= x
+                x = 0.0
+            elif x > top:
+                out += x - top
+                x = float(top)
+            top -= 1
+        k = min(max(int(x), 0), top)
+        near[i] = k
+        far[i] = k + 1
+        if k + 1 == shape[i]:
+            far[i] = 0
+        room[i] = x - k
+    last, other, other_near, other_far, across, lines = axes - 1, axes - 2, 0, 0, 0.0, 1
+    if axes > 1:
+        other_near, other_far, across = near[other], far[other], room[other]
+        lines = shape[other]
+    corners[0] = 0.0  # the places of the corners along the axes before these two
+    for i in range(axes - 2):
+        for c in range(count - 1, -1, -1):
+            first = corners[c] * shape[i]
+            corners[2 * c] = first + near[i]
+            corners[2 * c + 1] = first + far[i]
+        count *= 2
+    tilts = corners[1 << axes :]  # of axis i from 1 << i on
+    for c in range(count):
+        plane = int(corners[c]) * lines
+        line = (plane + other_near) * shape[last]
+        next_line = (plane + other_far) * shape[last]
+        at, beside = float(values[line + near[last]]), float(values[next_line + near[last]])
+        tilt = float(values[line + far[last]]) - at
+        tilt_beside = float(values[next_line + far[last]]) - beside
+        at += room[last] * tilt
+        beside += room[last] * tilt_beside
+        corners[c] = at + across * (beside - at)
+        if sloped:
+            tilts[(1 << last) + c] = tilt + across * (tilt_beside - tilt)
+            if axes > 1:
+                tilts[(1 << other) + c] = beside - at
+    for k in range(axes - 2):
+        i = axes - 3 - k
+        count = count // 2
+        between = room[i]
+        if sloped:
+            for j in range(i + 1, axes):
+                along = tilts[1 << j :]
+                for c in range(count):
+                    along[c] = along[2 * c] + between * (along[2 * c + 1] - along[2 * c])
+            for c in range(count):
+                tilts[(1 << i) + c] = corners[2 * c + 1] - corners[2 * c]
+        for c in range(count):
+            corners[c] = corners[2 * c] + between * (corners[2 * c + 1] - corners[2 * c])
     if sloped:
         for i in range(axes):
-            slope[i] = 0.0
-    for corner in range(1 << axes):
-        place, weight = 0, 1.0
-        for i in range(axes):
-            if (corner >> i) & 1:
-                place = place * shape[i] + far[i]
-                weight *= room[i]
-            else:
-                place = place * shape[i] + near[i]
-                weight *= 1.0 - room[i]
-        value = float(values[place])
-        if weight != 0.0:
-            total += weight * value
-        if sloped:
-            for i in range(axes):
-                part = 1.0 / steps[i]
-                for j in range(axes):
-                    if j != i:
-                        if (corner >> j) & 1:
-                            part *= room[j]
-                        else:
-                            part *= 1.0 - room[j]
-                if (corner >> i) & 1:
-                    slope[i] += part * value
-                else:
-                    slope[i] -= part * value
+            slope[i] = tilts[1 << i] / steps[i]
     if out > 1e-6:
-        return min(total, 0.0) - out * beyond
-    return total
+        return min(corners[0], 0.0) - out * beyond
+    return corners[0]
 
 
 def numbers_of_search(axes: int, m: int, most: int, moves: int) -> int:
     """The numbers of `room` that `search` needs, without its program; of `whole` it needs
     3 * axes."""
-    return 6 * axes + (most + CUTS * moves) * (m + 1) + 5 * m
+    return numbers_of_look(axes, moves) + (most + CUTS * moves) * (m + 1) + 5 * m
 
 
 def least_after(
@@ -93,21 +123,27 @@ def least_after(
     shape: Wholes, periodic: Wholes, axes: int, m: int, moves: int, curved: int, beyond: float,
     room: Floats, whole: Wholes,
 ) -> float:  # fmt: skip
-    """The least W after a sample with an input; what is below `enough` need not be the least."""
-    base, place, slope = room[3 * axes :], room[4 * axes :], room[5 * axes :]
+    """The least W after a sample with an input; what is below `enough` need not be the least.
+
+    The heights of the moves, those that were not looked up -inf, and the place without a move are
+    left to `add_planes` at the beginning of `room`.
+    """
+    heights, base = room, room[moves:]
+    place, slope = base[axes:], base[2 * axes :]
+    rest = base[3 * axes :]
     held_place(motion, u, axes, m, curved, base)
     move = motion[axes * (1 + m + curved * (m * (m + 1) // 2)) :]
     found = math.inf
     for r in range(moves):
-        for i in range(axes):
-            place[i] = base[i] + move[r * axes + i]
-        value = value_there(
-            values, place, low, steps, shape, periodic, axes, beyond, slope, False, room, whole
-        )
-        if not value >= found:
-            found = value
-        if not found >= enough:
-            return found
+        heights[r] = -math.inf
+        if found >= enough:
+            for i in range(axes):
+                place[i] = base[i] + move[r * axes + i]
+            heights[r] = value_there(
+                values, place, low, steps, shape, periodic, axes, beyond, slope, False, rest, whole
+            )
+            if not heights[r] >= found:
+                found = heights[r]
     return found
 
 
@@ -117,18 +153,21 @@ def add_planes(
     rows: Floats, count: int, room: Floats, whole: Wholes,
 ) -> int:  # fmt: skip
     """Append a half-space of the inputs for each move after which W is below the level; how many
-    rows there are then.
+    rows there are then. `least_after` was called with the same input last.
 
     slope . (gain + curve) (v - u) >= level - W(u).
     """
-    base, place, slope = room[3 * axes :], room[4 * axes :], room[5 * axes :]
-    held_place(motion, u, axes, m, curved, base)
+    heights, base = room, room[moves:]
+    place, slope = base[axes:], base[2 * axes :]
+    rest = base[3 * axes :]
     move = motion[axes * (1 + m + curved * (m * (m + 1) // 2)) :]
     for r in range(moves):
+        if heights[r] >= level:
+            continue
         for i in range(axes):
             place[i] = base[i] + move[r * axes + i]
         value = value_there(
-            values, place, low, steps, shape, periodic, axes, beyond, slope, True, room, whole
+            values, place, low, steps, shape, periodic, axes, beyond, slope, True, rest, whole
         )
         if value >= level:
             continue
@@ -182,7 +221,7 @@ def search(
     if it lacks nothing. NaN gives NaN. room, whole: see `numbers_of_search`; own, counts: of
     `keep_within` with `most` constraints and `CUTS` for each move.
     """
-    rows = room[6 * axes :]
+    rows = room[numbers_of_look(axes, moves) :]
     best = rows[(most + CUTS * moves) * (m + 1) :]
     tried = best[m:]
     held = tried[m:]

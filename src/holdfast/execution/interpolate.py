@@ -32,12 +32,13 @@ def between_nodes(
             return False
         last = shape[i] - 1
         if periodic[i]:
-            x -= shape[i] * math.floor(x / shape[i])
+            if not 0.0 <= x < shape[i]:
+                x -= shape[i] * math.floor(x / shape[i])
         elif not -ON_GRID <= x <= last + ON_GRID:
             return False
         else:
             last -= 1
-        k = min(max(int(math.floor(x)), 0), last)  # noqa: RUF046
+        k = min(max(int(x), 0), last)
         near[i] = k
         far[i] = k + 1
         if k + 1 == shape[i]:

@@ -11,6 +11,9 @@ import sympy as sp
 import holdfast as hf
 from holdfast.analysis.safety.sampled_value import _Game, sampled_value
 from holdfast.errors import SimulationError
+from holdfast.execution.foreseen import numbers_of_look
+from holdfast.execution.look_up import values_at
+from holdfast.execution.scalar import called
 from tests.carts import WALLS, cart, swinging
 from tests.ridge_problems import drawn, ran
 
@@ -382,3 +385,38 @@ def test_a_game_is_kept_in_the_cache_for_the_next_process(monkeypatch, tmp_path)
     sampled_value(system, hf.load(tmp_path / "kernel.nc"), 0.05)
     sampled_value(system, leaning.__wrapped__(31, push=0.3)[1], 0.05)
     assert len(solved) == 2
+
+
+@pytest.mark.parametrize("axes", [1, 2, 3, 4])
+def test_look_up_of_the_filter_is_the_interpolant_with_its_slopes(axes):
+    """Within the grid and over its seam; beyond it W falls by the distance in cells."""
+    rng = np.random.default_rng(axes)
+    shape = np.array([5, 4, 6, 3][:axes])
+    turns = np.array([0, 1, 0, 1][:axes])
+    low, steps = rng.normal(size=axes), rng.uniform(0.1, 2, axes)
+    values = rng.normal(size=int(shape.prod()))
+    slope, room = np.zeros(axes), np.empty(numbers_of_look(axes, 1))
+
+    def look(q):
+        whole = np.zeros(3 * axes, np.int64)
+        return called(
+            "foreseen", "value_there", values, np.ascontiguousarray(q), low, steps, shape, turns,
+            axes, 10.0, slope, True, room, whole,
+        )  # fmt: skip
+
+    cells = rng.uniform(0.01, shape - 1.01, (200, axes)) + turns * rng.integers(-3, 4, (200, axes))
+    places = low + steps * cells
+    exact = values_at(values, places, (low, steps, shape, turns))
+    for q, value in zip(places, exact, strict=True):
+        assert look(q) == pytest.approx(value, abs=1e-12)
+        tilted = slope.copy()
+        for i in range(axes):
+            shift = np.where(np.arange(axes) == i, 1e-6 * steps, 0.0)
+            rise = (look(q + shift) - look(q - shift)) / (2e-6 * steps[i])
+            if np.floor(((q + shift - low) / steps)[i]) == np.floor(((q - shift - low) / steps)[i]):
+                assert tilted[i] == pytest.approx(rise, abs=1e-5 / steps.min())
+    beyond = places[0].copy()
+    beyond[0] = low[0] - 2 * steps[0]
+    edge = np.where(np.arange(axes) == 0, low, beyond)
+    assert look(beyond) == pytest.approx(min(look(edge), 0.0) - 20.0, abs=1e-9)
+    assert look(np.full(axes, np.nan)) == -np.inf

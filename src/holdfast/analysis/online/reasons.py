@@ -14,6 +14,7 @@ from holdfast.analysis.online.measurements import Measurements
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.closed_loop_program import ClosedLoopProgram
 from holdfast.execution.evaluate import Evaluator
+from holdfast.execution.foreseen import numbers_of_look
 from holdfast.execution.scalar import called
 from holdfast.maths.control.later_inputs import unused_inputs
 from holdfast.maths.definitions.law import Law
@@ -158,7 +159,7 @@ class Reasons:
         least: float = called(
             "foreseen", "least_after", values, numbers[3 : 3 + motion].copy(),
             np.ascontiguousarray(given), -math.inf, low, steps, *whole, axes, m, moves, curved,
-            numbers[2], np.empty(6 * axes), np.zeros(3 * axes, dtype=np.int64),
+            numbers[2], np.empty(numbers_of_look(axes, moves)), np.zeros(3 * axes, dtype=np.int64),
         )  # fmt: skip
         return float(numbers[level] - least - 1e-9 * numbers[2])
 

@@ -118,7 +118,7 @@ def safety_law(
             expected="values at equally spaced times from 0 to the horizon",
             remedy="compute it with times=[0, ...], or take the optimal inputs alone",
         )
-    game = None
+    game, late = None, 0.0
     if ahead and not lookup.timed:
         late = sampled_margin(system, value, sample_time, delay) if delay else 0.0
         little = LEVELS[0] * (value.report.cell or 1.0)
@@ -140,7 +140,7 @@ def safety_law(
             scales=scales,
         )
     if margin is None:
-        margin = possible_margin(system, value, sample_time, delay)
+        margin = possible_margin(system, value, sample_time, delay, late or None)
     return keep_value(known, law, lookup, rate=rate, margin=margin, scales=scales)
 
 
@@ -205,10 +205,15 @@ def sampled_margin(
 
 
 def possible_margin(
-    system: System, value: ValueFunction, sample_time: float, delay: float
+    system: System,
+    value: ValueFunction,
+    sample_time: float,
+    delay: float,
+    margin: float | None = None,
 ) -> float:
-    """`sampled_margin`; raises `SimulationError` where no state has it."""
-    margin = sampled_margin(system, value, sample_time, delay)
+    """`sampled_margin`, or `margin` if it is at hand; `SimulationError` where no state has it."""
+    if margin is None:
+        margin = sampled_margin(system, value, sample_time, delay)
     if not margin < (deepest := value.highest()):
         raise SimulationError(
             f"V may fall by {margin:.3g} before an input answers, held for {sample_time:g} s"
