@@ -48,9 +48,19 @@ class Scheme:
         return Leaf(steps, arguments, found, single=single, algebraic=True, fused=True)
 
 
+ALIKE = 1.0 + 1e-6
+"""The ratio of two magnitudes up to which they are equal: where they are, and the signs are not, it
+is not for rounding to say which of the two is taken."""
+
+
+def no_larger(a: Value, b: Value) -> Value:
+    """Whether the magnitude of the first is that of the second, or smaller."""
+    return abs(a) <= ALIKE * abs(b)
+
+
 def smaller(a: Value, b: Value) -> Value:
     """The one of smaller magnitude."""
-    return choose(abs(a) <= abs(b), a, b)
+    return choose(no_larger(a, b), a, b)
 
 
 def same_way(slope: Value, plain: Value) -> Value:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from holdfast.execution.arithmetic.steps import Value, choose
-from holdfast.execution.level_set.schemes.base import Scheme, same_way, smaller
+from holdfast.execution.level_set.schemes.base import Scheme, no_larger, same_way, smaller
 
 
 def one_side(a: Value, b: Value, c: Value, d: Value, e: Value) -> Value:
@@ -11,7 +11,7 @@ def one_side(a: Value, b: Value, c: Value, d: Value, e: Value) -> Value:
     d1, d2, d3, d4 = b - a, c - b, d - c, e - d
     below = c + 0.5 * d2 + smaller(d2 - d1, d3 - d2) * (1.0 / 3.0)
     above = c + 0.5 * d3 - smaller(d3 - d2, d4 - d3) * (1.0 / 6.0)
-    return choose(abs(d2) <= abs(d3), below, above)
+    return choose(no_larger(d2, d3), below, above)
 
 
 def slopes(a: Value, b: Value, c: Value, d: Value, e: Value) -> tuple[Value, Value]:
