@@ -45,6 +45,11 @@ TOGETHER = 1 << 22
 SETTLED = 0.1
 """The least tolerance [cells] of the rest of the filtered scheme: whole cells are asked of it."""
 
+STEP = 0.95
+"""The share of the largest stable step that the filtered march takes beside one that does not come
+to rest. Its steps are of first order: whole cells are asked of it. Where they come to rest depends
+on roundings, so that a march from a rest on has the order of the scheme."""
+
 
 def filtered_throughout(posed: Posed) -> bool:
     """Whether a march of this problem is filtered from its start on, and has no other beside it."""
@@ -67,14 +72,17 @@ def marched_to_rest(
     if posed.problem.limit != "shrink" or not _high(posed):
         return marched(posed, progress, begin, until)
     sharp = marched(posed, _half(progress, 0), begin, until)
-    report, marching = sharp.report, posed.marching
+    report = sharp.report
     if report.ended_early or (report.empty and not posed.several):
         return sharp
     beside = replace(posed.renamed("rest"), filtered=True, arrival_steps=0)
+    marching = beside.marching
     if report.converged and not posed.several:
         begin = np.asarray(sharp.values())
-        coarse = replace(beside.marching, tolerance=max(marching.tolerance, SETTLED))
-        beside = replace(beside, marching=coarse)
+        marching = replace(marching, tolerance=max(marching.tolerance, SETTLED))
+    elif not report.converged and report.steps > 1:  # a single step may be of no length
+        marching = replace(marching, order=1, cfl=STEP)
+    beside = replace(beside, marching=marching)
     return _no_larger(sharp, marched(beside, _half(progress, 1), begin))
 
 
