@@ -2,17 +2,22 @@
 
 A positive combination a . x of the states falls for every input, so that within a bounded region
 every state is lost after the largest a . x over that rate. Each state alone can be raised and
-lowered, so that H >= 0 on both sides of a ridge, and < 0 on it.
+lowered, so that H >= 0 on both sides of a ridge, and < 0 on it. Where a disturbance chooses what is
+the input there, all is driven out: it is won by who wants to get out, and the value rises.
 """
 
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import sympy as sp
 
 import holdfast as hf
+from holdfast.analysis.reachability import solve
+from holdfast.maths.definitions.quantity import TIME
 from tests.devices import needs_cpp
 
 HIGH = ("weno5", "eno3", "eno2")
@@ -90,6 +95,69 @@ def test_nor_for_any_of_many_problems_in_two_states(scheme, seed):
 @pytest.mark.parametrize("seed", range(200, 206))
 def test_nor_in_three_states(scheme, seed):
     assert kept(seed, 3, 31, scheme).report.empty
+
+
+def driven_out(kind: str, seed: int, nodes: int, scheme: str, **options: object) -> float:
+    """The share of the cube that is not won by getting out of it."""
+    system, time = falling(np.random.default_rng(seed), 2, 1)
+    told, bounds = system.inputs, system.input_bounds
+    system = replace(
+        system, inputs=(), input_bounds=None, disturbances=told, disturbance_bounds=bounds
+    )
+    x, y = (q.symbol for q in system.states)
+    outside = hf.Region(
+        "outside", system.states, (hf.Inequality("out", sp.Min(x, 1 - x, y, 1 - y), "m"),)
+    )
+    ends = {q.name: "limited" for q in system.states}
+    grid = hf.grid(system, {q.name: (-0.1, 1.1) for q in system.states}, nodes=nodes, ends=ends)
+    options = {"scheme": scheme} | options
+    if kind == "tube":
+        value = hf.backward_reachable_tube(system, outside, grid, 2 * time, **options)
+    else:
+        value = hf.capture_basin(system, outside, None, grid, 2 * time, arrival_steps=0, **options)
+    return float((value.values() <= 0).mean())
+
+
+STOOD = (9, 12, 14)
+"""Seeds of which schemes of high order stand still before all is won, if they are not filtered."""
+
+
+@pytest.mark.parametrize("kind", ["tube", "basin"])
+@pytest.mark.parametrize("scheme", HIGH)
+@pytest.mark.parametrize("seed", STOOD)
+def test_no_scheme_stands_still_before_all_is_won_against_a_disturbance(kind, scheme, seed):
+    assert driven_out(kind, seed, 41, scheme) == 0.0
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("kind", ["tube", "basin"])
+@pytest.mark.parametrize("scheme", HIGH)
+@pytest.mark.parametrize("seed", sorted({*range(15)} - {*STOOD}))
+def test_nor_for_any_of_many_problems_of_getting_out(kind, scheme, seed):
+    assert driven_out(kind, seed, 41, scheme) == 0.0
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("kind", ["tube", "basin"])
+@pytest.mark.parametrize("scheme", HIGH)
+def test_without_the_filter_three_of_fifteen_stand_still(kind, scheme, monkeypatch):
+    monkeypatch.setattr(solve, "filtered_throughout", lambda posed: False)
+    assert tuple(s for s in range(15) if driven_out(kind, s, 41, scheme) > 0) == STOOD
+
+
+def swaying(seed: int, nodes: int, scheme: str) -> hf.ValueFunction:
+    """The kernel of a system whose rates sway by a fifth, until all is lost."""
+    system, time = falling(np.random.default_rng(seed), 2, 1)
+    sway = 1 + sp.sin(TIME) / 5
+    system = replace(system, rates={n: sway * r for n, r in system.rates.items()})
+    grid = hf.grid(system, {q.name: (-0.1, 1.1) for q in system.states}, nodes=nodes)
+    return hf.viability_kernel(system, cube(system), grid, 1.3 * time, scheme=scheme)
+
+
+@pytest.mark.parametrize("scheme", HIGH)
+@pytest.mark.parametrize("seed", STOOD[:2])
+def test_no_scheme_keeps_a_state_where_rates_depend_on_time(scheme, seed):
+    assert swaying(seed, 31, scheme).report.empty
 
 
 def two_modes(**options: object) -> hf.ValueFunction:

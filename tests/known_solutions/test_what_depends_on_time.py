@@ -178,7 +178,8 @@ def test_what_depends_on_time_goes_on_from_a_checkpoint(tmp_path):
     again = kernel(checkpoint=tmp_path / "a", progress=rest.append)
     whole = kernel()
     assert again.dataset["value"].identical(whole.dataset["value"])
-    assert len(rest) == whole.dataset.attrs["steps"] - 11
+    first = sum(share <= 0.5 for share in rest)  # the filtered march has the second half
+    assert first == whole.dataset.attrs["steps"] - 11
 
 
 def test_target_that_was_larger_for_a_while_is_remembered_by_a_checkpoint(tmp_path):

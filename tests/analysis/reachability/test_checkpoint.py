@@ -100,7 +100,8 @@ def test_interrupted_march_ends_at_the_same_numbers(scheme, tmp_path):
     again = kernel(checkpoint=path, progress=told.append)
     whole = kernel()
     assert same(again, whole)
-    assert len(told) == whole.dataset.attrs["steps"] - 5
+    share = 1.0 if scheme == "upwind" else 0.5  # the filtered march beside it has the second half
+    assert sum(s <= share for s in told) == whole.dataset.attrs["steps"] - 5
 
 
 def test_finished_march_is_not_marched_again(tmp_path):

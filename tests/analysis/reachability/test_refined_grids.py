@@ -176,14 +176,15 @@ def test_values_at_several_times_are_those_of_the_finer_grid():
     [hf.forward_reachable_set, hf.backward_reachable_tube, hf.backward_reachable_at],
 )
 def test_reachable_sets_are_those_of_the_finer_grid(find):
-    """A cart that begins, or is to arrive, within a disk."""
+    """A cart that begins, or is to arrive, within a disk; against a disturbance it is filtered, with
+    a leeway that is larger on the coarser grid."""
     disk = hf.Region("disk", quantities("x", "v"), (hf.Inequality("disk", X**2 + V**2 - 0.1),))
     problem = replace(braking(), find=find, system=carts.cart(), regions=(disk,), horizon=0.5)
     problem = replace(problem, box={"x": (-1.6, 1.6), "v": (-1.6, 1.6)}, ends=None)
     fine, refined = pair(problem, (32, 32), scheme="eno2")
     cell = fine.grid.axes[0].step
     gaps = apart(fine, refined, 2 * cell)
-    assert gaps[0] < 0.02 * cell
+    assert gaps[0] < (0.02 if find is hf.forward_reachable_set else 0.025) * cell
     assert gaps[2] <= 1
     assert refined.report.marched_share < 0.9
 

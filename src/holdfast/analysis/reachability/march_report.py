@@ -28,8 +28,8 @@ class Report:
     many times shorter the cells near the boundary are, marched_share: the mean share of the nodes
     of this finer grid that were in blocks around it; None without `refine`.
 
-    filtered_share: the share of the nodes of a converged set that the filtered scheme took from it;
-    None where that scheme made the set, or was not asked (`resting_set.py`).
+    filtered_share: the share of the nodes of a set to be kept that the filtered scheme took from
+    it; None where that scheme made the set, or was not asked (`resting_set.py`).
 
     The following are None, or empty, unless requested. error_order, error_largest, error_rms,
     error_cells, volume_coarse: see `error_estimate.with_error`. error_reach: cells by which the

@@ -1,18 +1,20 @@
-"""A kernel at which a march comes to rest, and whether the equation rests there too.
+"""Sets of schemes of high order, held to those of a scheme that converges.
 
 A scheme of high order may stand still at a ridge at which the solution falls. The same scheme held
 close to a monotone step (`execution/level_set/stage_steps.py`) converges to the solution, at the
-price of first order at every ridge. So both are asked: the march of high order goes first, and from
-its rest that of the filtered scheme goes on, until it rests as well. With V of the first and F of
-the second the answer is
+price of first order at every ridge. So of a set that is to be kept both are asked: with V of the
+march of high order and F of the filtered one the answer is
 
     V,  or F where no F within a few cells along the axes is above 0
 
 It has the accuracy of high order where the two sets are that close. The few cells (`RIM`) are a
-share of the grid that tends to 0, so that it converges with the filtered value.
+share of the grid that tends to 0, so that it converges with the filtered value. Where V has come
+to rest the filtered march goes on from it, until it rests as well. Where it has not, or where
+values at earlier times are asked for, it goes the same way as the other from the start on.
 
-Of a set that grows a march that stands still too early gives an inner set, and those of an instant,
-or that depend on time, come to no rest: they are marched by the scheme of high order alone.
+A set that is to be reached against a disturbance is the same the other way about: a march may stop
+before all is won. It is filtered throughout (`filtered_throughout`).
+Without an opponent a set that grows has no ridge at which H is wrong on both sides: H is convex.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import maximum_filter
 
+from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.hamilton_jacobi import marched
 from holdfast.analysis.reachability.one_march import Progress, Until
 from holdfast.analysis.reachability.problem import Posed
@@ -42,6 +45,22 @@ TOGETHER = 1 << 22
 SETTLED = 0.1
 """The least tolerance [cells] of the rest of the filtered scheme: whole cells are asked of it."""
 
+STEP = 0.95
+"""The share of the largest stable step that the filtered march takes beside one that does not come
+to rest. Its steps are of first order: whole cells are asked of it. Where they come to rest depends
+on roundings, so that a march from a rest on has the order of the scheme."""
+
+
+def filtered_throughout(posed: Posed) -> bool:
+    """Whether a march of this problem is filtered from its start on, and has no other beside it."""
+    problem = posed.problem
+    opposed = problem.disturbances == "min" and bool(posed.system.disturbances)
+    return _high(posed) and problem.limit != "shrink" and opposed
+
+
+def _high(posed: Posed) -> bool:
+    return not schemes()[posed.marching.scheme].one_slope
+
 
 def marched_to_rest(
     posed: Posed,
@@ -49,45 +68,55 @@ def marched_to_rest(
     begin: Array | None = None,
     until: Until | None = None,
 ) -> ValueFunction:
-    """As `marched`, of a scheme whose rest is one of the equation."""
-    marching = posed.marching
-    sharp = marched(posed, progress, begin, until)
-    shrinks = posed.limit == "shrink" and not schemes()[marching.scheme].one_slope
-    if not (shrinks and sharp.report.converged) or sharp.report.empty:
+    """As `marched`, of a scheme that stands still only where the equation does."""
+    if posed.problem.limit != "shrink" or not _high(posed):
+        return marched(posed, progress, begin, until)
+    sharp = marched(posed, _half(progress, 0), begin, until)
+    report = sharp.report
+    if report.ended_early or (report.empty and not posed.several):
         return sharp
-    aside = posed.aside("rest")
-    coarse = replace(aside.marching, tolerance=max(marching.tolerance, SETTLED))
-    worn = marched(replace(aside, marching=coarse, filtered=True), begin=np.asarray(sharp.values()))
-    return _no_larger(sharp, worn)
+    beside = replace(posed.renamed("rest"), filtered=True, arrival_steps=0)
+    marching = beside.marching
+    if report.converged and not posed.several:
+        begin = np.asarray(sharp.values())
+        marching = replace(marching, tolerance=max(marching.tolerance, SETTLED))
+    elif not report.converged and report.steps > 1:  # a single step may be of no length
+        marching = replace(marching, order=1, cfl=STEP)
+    beside = replace(beside, marching=marching)
+    return _no_larger(sharp, marched(beside, _half(progress, 1), begin))
+
+
+def _half(progress: Progress | None, which: int) -> Progress | None:
+    """What the first or the second of two marches calls with its share."""
+    return None if progress is None else lambda share: progress(0.5 * (which + share))
 
 
 def _no_larger(sharp: ValueFunction, worn: ValueFunction) -> ValueFunction:
-    """The value of the first, where it is within the rim of the second, from its rest on.
+    """The value of the first, where it is within the rim of the second, at every time.
 
     It is changed in place, plane by plane, so that it may be larger than the memory.
     """
-    report, table = sharp.report, sharp.dataset["value"].values
-    rested = [table]
-    if "time" in sharp.dataset["value"].dims:
-        times = sharp.dataset["time"].values
-        rested = [table[k] for k in np.flatnonzero(times >= report.reached_s * (1.0 - 1e-9))]
+    report = sharp.report
+    tables = [v.dataset["value"].values for v in (sharp, worn)]
+    several = "time" in sharp.dataset["value"].dims
     before = after = 0
-    for planes, bound in _largest_around(worn):
-        before += int((rested[-1][planes] > 0).sum())
-        for values in rested:
+    for values, held in zip(*tables, strict=True) if several else [tables]:
+        before = after = 0  # the last are those of the horizon
+        for planes, bound in _largest_around(held, worn.grid):
+            before += int((values[planes] > 0).sum())
             values[planes] = np.where(bound > 0, values[planes], np.minimum(values[planes], bound))
-        after += int((rested[-1][planes] > 0).sum())
+            after += int((values[planes] > 0).sum())
     return sharp.reported(
-        converged=worn.report.converged,
+        converged=(report.converged or after == 0) and worn.report.converged,
         empty=after == 0,
         filtered_share=(before - after) / max(before, 1),
         wall_time_s=report.wall_time_s + worn.report.wall_time_s,
     )
 
 
-def _largest_around(value: ValueFunction) -> Iterator[tuple[slice, Array]]:
+def _largest_around(values: Array, grid: Grid) -> Iterator[tuple[slice, Array]]:
     """Of some planes of the first axis at a time the largest value within the rim."""
-    axes, values = value.grid.axes, value.values()
+    axes = grid.axes
     rim = math.ceil(RIM * math.sqrt(float(np.mean([axis.count for axis in axes]))))
     modes = ["wrap" if axis.ends == "periodic" else "nearest" for axis in axes]
     count = axes[0].count
