@@ -50,7 +50,7 @@ MOST_LOOKS = 2e8
 """Corners looked up, from which on a game is given up; all together as often as `GAMES` says:
 some seconds."""
 GAMES = 3
-TOGETHER = 1 << 26
+TOGETHER = 1 << 25
 """Numbers of the motions that are held in memory; beyond it they are computed anew."""
 BANDS = (
     (1e9, 2.0, 0), (3.0, 2.0, 0), (1.5, 2.0, 0), (1.5, 6.0, 0), (1.5, 20.0, 0), (1.5, 20.0, 1),
@@ -214,7 +214,7 @@ class _Game:
         values = np.ascontiguousarray(self.value.in_memory().values())
         axes = [(a.name, a.low, a.high, a.count, a.ends) for a in self.value.grid.axes]
         names = self.system.state_names, self.system.input_names, self.system.disturbance_names
-        content = hashlib.sha256(values).hexdigest(), str(values.dtype), axes, self.cell, names
+        content = hashlib.sha256(values.data).hexdigest(), str(values.dtype), axes, self.cell, names
         stored, about = Stored("game", code_digest()), (content, str(key), MOST_LOOKS)
         if data := stored.load(about):
             with np.load(io.BytesIO(data)) as arrays:
@@ -236,7 +236,7 @@ class _Game:
         values = np.ascontiguousarray(table, dtype=np.float64).ravel() - self.above
         values = np.where(np.isnan(values), -FARTHEST * self.cell, values)
         held = _Motions(self, self.hold)
-        cells = max(self._fastest(held), 1e-9)
+        cells = max(float(held.reach.max()), 1e-9)
         last: Array | None = None
         longest = max(self.hold, self.hold * FAR / cells)
         for hold in dict.fromkeys((self.hold, longest)):
@@ -301,33 +301,25 @@ class _Game:
     def _iterate(self, table: Array, lost: float, motions: _Motions, fewest: float) -> bool:
         """Lower the values until none falls, or for `MOST_SWEEPS`; False where it leaves too few,
         or takes too long."""
-        count, layer = len(table), math.prod(self.shape[1:].tolist())
-        together = max(layer, TOGETHER // motions.wide // layer * layer)
-        stored: dict[int, Array] = {}
+        count, parts = len(table), motions.parts
         flags, chosen = np.ones(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
-        reach = np.ones(self.n, dtype=np.int64)
         points = self.inputs.ravel()
         room, whole = np.empty(8 * self.n), np.zeros(4 * self.n, dtype=np.int64)
-        firsts = list(range(0, count, together))
-        for first in firsts:
-            numbers = motions.at(self._nodes(first, min(first + together, count)))
-            reach = np.maximum(reach, np.ceil(self._reach(numbers, first, motions)).astype(int))
-            if len(firsts) == 1:
-                stored[first] = numbers
-        reach = np.minimum(reach, np.maximum((self.shape - 1) // 2, 1))
+        reach = np.clip(np.ceil(motions.reach), 1, np.maximum((self.shape - 1) // 2, 1))
+        reach = reach.astype(np.int64)
         looks, begun = 0.0, np.count_nonzero(table > 0)
         for sweep in range(MOST_SWEEPS):
             fallen, back = 0, sweep % 2
-            for first in reversed(firsts) if back else firsts:
-                last = min(first + together, count)
+            for part in reversed(parts) if back else parts:
+                first, last = part.start, part.stop
                 flagged = np.count_nonzero(flags[first:last])
                 if not flagged:
                     continue
                 looks += flagged * self.corners
-                numbers = stored[first] if first in stored else motions.at(self._nodes(first, last))
                 fallen += called(
-                    "sampled_game", "sweep_game", table, flags, chosen, numbers.reshape(-1), first,
-                    last - first, back, points, len(self.inputs), motions.wide, self.low,
+                    "sampled_game", "sweep_game", table, flags, chosen,
+                    motions.of_nodes(part).reshape(-1), first, last - first, back, points,
+                    len(self.inputs), motions.wide, self.low,
                     self.steps, self.shape, self.ends, reach, self.n, self.m, motions.moves,
                     int(motions.curved), lost, LITTLE * self.cell, room, whole,
                 )  # fmt: skip
@@ -340,38 +332,6 @@ class _Game:
                 self.looks += looks
                 return fewest == 0 and bool(np.count_nonzero(table > 0) >= HELD * begun)
         return bool(np.count_nonzero(table > 0) >= fewest)
-
-    def _nodes(self, first: int, last: int) -> Array:
-        places = np.unravel_index(np.arange(first, last), tuple(self.shape))
-        return np.stack(
-            [a.nodes[k] for a, k in zip(self.value.grid.axes, places, strict=True)], axis=1
-        )
-
-    def _fastest(self, motions: _Motions) -> float:
-        """The cells along an axis by which a sample moves a state, at most."""
-        count, layer = self.value.grid.nodes, math.prod(self.shape[1:].tolist())
-        together = max(layer, TOGETHER // motions.wide // layer * layer)
-        return max(
-            float(
-                self._reach(motions.at(self._nodes(k, min(k + together, count))), k, motions).max()
-            )
-            for k in range(0, count, together)
-        )
-
-    def _reach(self, numbers: Array, first: int, motions: _Motions) -> Array:
-        """The cells along each axis by which a sample moves the state, at most."""
-        n, m = self.n, self.m
-        largest = np.abs(self.inputs).max(axis=0)
-        base = np.abs(numbers[:, :n] - self._nodes(first, first + len(numbers)))
-        gains = np.abs(numbers[:, n : n + n * m].reshape(len(numbers), n, m)) @ largest
-        pairs = m * (m + 1) // 2 * int(motions.curved)
-        behind = n * (1 + m)
-        curves = np.abs(numbers[:, behind : behind + n * pairs].reshape(len(numbers), n, pairs))
-        bent = curves.sum(axis=2) * (largest.max() ** 2 if m else 0.0)
-        rest = numbers[:, behind + n * pairs :].reshape(len(numbers), motions.moves, n)
-        far = (base + gains + bent + np.abs(rest).max(axis=1)) / self.steps
-        most: Array = np.where(far < 1e6, far, 0.0).max(axis=0)
-        return most
 
     # -- trial runs ------------------------------------------------------------------------
 
@@ -476,14 +436,50 @@ class _Game:
 
 
 class _Motions:
-    """The numbers of the motion over a hold, at states."""
+    """The numbers of the motion over a hold, at states.
+
+    parts: the nodes, as many together as the memory is to hold. reach: the cells along each axis
+    by which a sample moves the state, at most.
+    """
 
     def __init__(self, game: _Game, hold: float) -> None:
         motion: HeldMotion = held_motion(game.system, sp.Float(hold), game.moves, game.errors)
         self.expressions = Evaluator(motion.expressions, game.states, game.system.parameters)
         self.moves, self.curved = motion.moves, motion.curved
         self.wide = numbers_of_motion(game.n, game.m, motion.moves, motion.curved)
+        self._game, count = game, game.value.grid.nodes
+        layer = math.prod(game.shape[1:].tolist())
+        together = max(layer, TOGETHER // self.wide // layer * layer)
+        self.parts = [range(k, min(k + together, count)) for k in range(0, count, together)]
+        self._of_all = self._of(self.parts[0]) if len(self.parts) == 1 else None
+        self.reach: Array = np.max([self._reach(p) for p in self.parts], axis=0)
 
     def at(self, states: Array) -> Array:
         numbers = self.expressions.values(states)
         return np.ascontiguousarray(np.where(np.isfinite(numbers), numbers, 1e300))
+
+    def of_nodes(self, part: range) -> Array:
+        """At the nodes of one of `parts`."""
+        return self._of(part) if self._of_all is None else self._of_all
+
+    def _of(self, part: range) -> Array:
+        return self.at(self._nodes(part))
+
+    def _nodes(self, part: range) -> Array:
+        places = np.unravel_index(np.arange(part.start, part.stop), tuple(self._game.shape))
+        axes = self._game.value.grid.axes
+        return np.stack([a.nodes[k] for a, k in zip(axes, places, strict=True)], axis=1)
+
+    def _reach(self, part: range) -> Array:
+        n, m, numbers = self._game.n, self._game.m, self.of_nodes(part)
+        largest = np.abs(self._game.inputs).max(axis=0)
+        base = np.abs(numbers[:, :n] - self._nodes(part))
+        gains = np.abs(numbers[:, n : n + n * m].reshape(len(numbers), n, m)) @ largest
+        pairs = m * (m + 1) // 2 * int(self.curved)
+        behind = n * (1 + m)
+        curves = np.abs(numbers[:, behind : behind + n * pairs].reshape(len(numbers), n, pairs))
+        bent = curves.sum(axis=2) * (largest.max() ** 2 if m else 0.0)
+        rest = numbers[:, behind + n * pairs :].reshape(len(numbers), self.moves, n)
+        far = (base + gains + bent + np.abs(rest).max(axis=1)) / self._game.steps
+        most: Array = np.where(far < 1e6, far, 0.0).max(axis=0)
+        return most
