@@ -1,6 +1,7 @@
 """Observed orders of convergence against exact values, for every scheme: docs/convergence.md.
 
 python benchmarks/convergence.py [--only A2] [--schemes upwind,weno5]
+python benchmarks/convergence.py --beside OTHER/src     seconds by weno5 beside another version
 """
 
 from __future__ import annotations
@@ -8,6 +9,11 @@ from __future__ import annotations
 import argparse
 import itertools
 import math
+import os
+import statistics
+import subprocess
+import sys
+import time
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
@@ -92,11 +98,59 @@ def table(head: tuple[str, ...], lines: Iterable[tuple[str, ...]]) -> None:
     print()
 
 
+TURNS = 5
+
+
+def timed() -> None:
+    """Seconds of one core for every problem that is named on a line of the input."""
+    for line in sys.stdin:
+        problem = PROBLEMS[line.strip()]()
+        began = time.process_time()
+        problem.march(1, "weno5", threads=1, **options(problem))
+        print(time.process_time() - began, flush=True)
+
+
+def beside(other: str, names: Iterable[str]) -> None:
+    """Medians of some turns after one that compiles, and their ratio."""
+    sources = other, os.path.dirname(os.path.dirname(hf.__file__))
+    sides = [
+        subprocess.Popen(
+            [sys.executable, __file__, "--timed"], text=True, stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE, env={**os.environ, "PYTHONPATH": source},
+        )
+        for source in sources
+    ]  # fmt: skip
+
+    def seconds(side: subprocess.Popen[str], name: str) -> float:
+        assert side.stdin
+        assert side.stdout
+        side.stdin.write(f"{name}\n")
+        side.stdin.flush()
+        return float(side.stdout.readline())
+
+    ratios = []
+    print("| problem | there, s | here, s | there / here |\n| --- | --- | --- | --- |")
+    for name in names:
+        turns = [[seconds(side, name) for side in sides] for _ in range(1 + TURNS)]
+        there, here = (statistics.median(t[k] for t in turns[1:]) for k in (0, 1))
+        ratios.append(there / here)
+        print(f"| {name} | {there:.3f} | {here:.3f} | {there / here:.2f} |", flush=True)
+    print(f"median of the ratios: {statistics.median(ratios):.2f}")
+    for side in sides:
+        side.communicate()
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--only", choices=tuple(PROBLEMS), action="append")
     parser.add_argument("--schemes", default=",".join(SCHEMES))
+    parser.add_argument("--beside", help="the folder src of another version")
+    parser.add_argument("--timed", action="store_true", help=argparse.SUPPRESS)
     chosen = parser.parse_args()
+    if chosen.timed:
+        return timed()
+    if chosen.beside:
+        return beside(chosen.beside, chosen.only or PROBLEMS)
     problems = [PROBLEMS[name]() for name in chosen.only or PROBLEMS]
     table(
         ("problem", "", "cells along every axis", "near the boundary"),

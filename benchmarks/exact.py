@@ -89,6 +89,18 @@ def drift() -> Exact:
     )  # fmt: skip
 
 
+def nearly_balanced(rng: np.random.Generator) -> Array:
+    """Two velocities of which each raises one of two states and lowers the other; along some
+    positive direction both fall, by .005 to .2, so that no mix of them stays in a square."""
+    while True:
+        a = rng.uniform(0.2, 1.0, 2)
+        a /= np.hypot(*a)
+        along, fall = rng.uniform(-1.5, 1.5, 2), np.exp(rng.uniform(*np.log((0.005, 0.2)), 2))
+        pair = along[:, None] * np.array([-a[1], a[0]]) - fall[:, None] * a
+        if (pair.max(axis=0) > 0.05).all() and (pair.min(axis=0) < -0.05).all():
+            return np.asarray(pair)
+
+
 def population() -> Exact:
     """A1: J.-P. Aubin, P. Saint-Pierre; x is at x exp(y |y| / 2c) when y has been stopped."""
     a, b, c = 0.2, 3.0, 0.5
