@@ -87,10 +87,10 @@ def converter(nodes: int) -> Kernel:
 def exact(problem: Exact, level: int) -> Kernel:
     """A kernel whose value is known; judged by the mean error of the value near the boundary."""
     grid = problem.grid(level)
-    known = problem.exactly(grid)
+    exactly = problem.exactly(grid)
 
     def judge(values: Array) -> str:
-        return f"error {np.abs(values - known)[np.abs(known) <= problem.near].mean():.1e}"
+        return f"error {np.abs(values - exactly)[np.abs(exactly) <= problem.near].mean():.1e}"
 
     return Kernel(
         problem.what, problem.find, problem.system, problem.regions[0], grid, 0,

@@ -248,7 +248,6 @@ def test_a_set_behind_a_pocket_that_no_cell_has_is_not_asked_for():
         (48, "eno2"),
         (1752, "weno5"),
         (7746, "eno3"),
-        (9840, "eno2"),
     ],
 )
 def test_a_kernel_that_the_engine_found_wrong_is_right(number, scheme):

@@ -100,10 +100,8 @@ def test_nor_in_three_states(scheme, seed):
 def driven_out(kind: str, seed: int, nodes: int, scheme: str, **options: object) -> float:
     """The share of the cube that is not won by getting out of it."""
     system, time = falling(np.random.default_rng(seed), 2, 1)
-    told, bounds = system.inputs, system.input_bounds
-    system = replace(
-        system, inputs=(), input_bounds=None, disturbances=told, disturbance_bounds=bounds
-    )
+    foe = {"disturbances": system.inputs, "disturbance_bounds": system.input_bounds}
+    system = replace(system, inputs=(), input_bounds=None, **foe)
     x, y = (q.symbol for q in system.states)
     outside = hf.Region(
         "outside", system.states, (hf.Inequality("out", sp.Min(x, 1 - x, y, 1 - y), "m"),)

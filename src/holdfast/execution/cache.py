@@ -34,7 +34,7 @@ PRIVATE = 0o600
 
 
 def cache_directory() -> Path:
-    """The folder of compiled code, created if missing, for this user only.
+    """The folder of compiled code and of games, created if missing, for this user only.
 
     A default cache that cannot be written, or that others may write to, is replaced by a temporary
     folder for this process; a cache set by the user is then an `OutputError`.

@@ -44,8 +44,8 @@ def marched(
     h = hamiltonian_of(posed)
     if posed.marching.symmetry is not None:
         check_symmetry(h, posed.problem.regions, posed.marching.symmetry)
-    if posed.marching.on_disk is not None:
-        check_disk(posed, h)
+    if posed.marching.on_disk is not None and not (posed.filtered and posed.marched_twice):
+        check_disk(posed, h)  # of two marches before the first
     place, finer = workplace(posed.marching), on_finer_grid(posed)
     losses = 0
     while True:

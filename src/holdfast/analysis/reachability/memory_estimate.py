@@ -13,6 +13,7 @@ from holdfast.analysis.reachability.problem import Posed
 from holdfast.analysis.reachability.refinement import finer
 from holdfast.arguments import checked
 from holdfast.execution.level_set.layers import Part
+from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.resources import check_memory
 
 
@@ -39,23 +40,28 @@ def march_memory(
 
     In units of the value at every node: one for each stage of the Runge-Kutta method (two at
     least), two for obstacles, two for each of the times (one until the end of the march), one for
-    the error estimate, two and 8 bytes a node for the least times, four and a byte a node for
-    `check_outside`. With `refine` the nodes are those of the finer grid; of the stages of the
-    method only the blocks that are marched take memory, so that this is then the most that it can
-    be. The compiled march and its libraries take some 300 MB more, independent of the grid.
+    the error estimate, of a kernel by a scheme of high order what the march beside the filtered one
+    gave (one, or one for each of the times), two and 8 bytes a node for the least times, four and
+    a byte a node for `check_outside`. With `refine` the nodes are those of the finer grid; of the
+    stages of the method only the blocks that are marched take memory, so that this is then the
+    most that it can be. The compiled march and its libraries take some 300 MB more, independent of
+    the grid.
 
     Raises `SimulationError` for invalid options.
     """
     wanted = capture if least_times is None else least_times
     count = whole("times: ", times, 0)
-    return _bytes(grid, marching_of(options), capture or moving, count, wanted)
+    marching = marching_of(options)
+    beside = not capture and not schemes()[marching.scheme].one_slope
+    return _bytes(grid, marching, capture or moving, count, wanted, beside)
 
 
 def memory_of(posed: Posed) -> int:
     """The same for a complete problem."""
     obstacles = posed.problem.limit == "free" or posed.varies
     times = len(posed.asked) if posed.several else 0
-    return _bytes(posed.grid, posed.marching, obstacles, times, bool(posed.arrival_steps))
+    beside = posed.marched_twice
+    return _bytes(posed.grid, posed.marching, obstacles, times, bool(posed.arrival_steps), beside)
 
 
 def part_memory(posed: Posed, part: Part) -> int:
@@ -100,13 +106,15 @@ def answer_bytes(posed: Posed) -> int:
     return posed.grid.nodes * (size * (1 + times) + arrivals)
 
 
-def _bytes(grid: Grid, marching: Marching, obstacles: bool, times: int, arrivals: bool) -> int:
+def _bytes(
+    grid: Grid, marching: Marching, obstacles: bool, times: int, arrivals: bool, beside: bool
+) -> int:
     arrays = 1 + max(marching.method.order - 1, 1) + 2 * obstacles + 2 * arrivals
     if marching.check_outside:
         arrays += 4
     elif marching.estimate_error:
         arrays += 1
-    arrays = max(arrays + times, 2 * times + 1)
+    arrays = max(arrays + times, 2 * times + 1) + beside * max(times, 1)
     size = np.dtype(marching.precision).itemsize
     nodes = grid.nodes
     if marching.refine > 1:

@@ -73,6 +73,12 @@ class Posed:
         return any(r.has(TIME) for r in rates) or any(r.moves for r in self.problem.regions)
 
     @property
+    def marched_twice(self) -> bool:
+        """Whether a filtered march goes beside one of high order, to what is no larger."""
+        high = not schemes()[self.marching.scheme].one_slope
+        return high and self.problem.limit == "shrink"
+
+    @property
     def limit(self) -> str:
         """The sign that dW/dtau is limited to.
 

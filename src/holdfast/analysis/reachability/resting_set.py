@@ -55,11 +55,8 @@ def filtered_throughout(posed: Posed) -> bool:
     """Whether a march of this problem is filtered from its start on, and has no other beside it."""
     problem = posed.problem
     opposed = problem.disturbances == "min" and bool(posed.system.disturbances)
-    return _high(posed) and problem.limit != "shrink" and opposed
-
-
-def _high(posed: Posed) -> bool:
-    return not schemes()[posed.marching.scheme].one_slope
+    high = not schemes()[posed.marching.scheme].one_slope
+    return high and problem.limit != "shrink" and opposed
 
 
 def marched_to_rest(
@@ -68,18 +65,21 @@ def marched_to_rest(
     begin: Array | None = None,
     until: Until | None = None,
 ) -> ValueFunction:
-    """As `marched`, of a scheme that stands still only where the equation does."""
-    if posed.problem.limit != "shrink" or not _high(posed):
+    """As `marched`, of a scheme that stands still only where the equation does.
+
+    A march that `until` ended is not held to the filtered one. progress: half of it is that of the
+    first march, which may be the only one.
+    """
+    if not posed.marched_twice:
         return marched(posed, progress, begin, until)
     sharp = marched(posed, _half(progress, 0), begin, until)
     report = sharp.report
     if report.ended_early or (report.empty and not posed.several):
         return sharp
     beside = replace(posed.renamed("rest"), filtered=True, arrival_steps=0)
-    marching = beside.marching
+    marching = replace(beside.marching, tolerance=max(beside.marching.tolerance, SETTLED))
     if report.converged and not posed.several:
         begin = np.asarray(sharp.values())
-        marching = replace(marching, tolerance=max(marching.tolerance, SETTLED))
     elif not report.converged and report.steps > 1:  # a single step may be of no length
         marching = replace(marching, order=1, cfl=STEP)
     beside = replace(beside, marching=marching)

@@ -139,7 +139,8 @@ def sampled_value(
 ) -> SampledValue | None:
     """The value of the game whose inputs are held for `sample_time` [s].
 
-    It is computed once: kept beside the value, and in the cache for those who load the same value.
+    What it comes to is kept beside the value, and a game also in the cache, for those who load the
+    same value.
     system: with the prescribed disturbances of the value, and its parameters. errors: by how much
     each input that acts may differ from the one that is held. above: the set to keep is {V > above}
     [unit of V]. late: by how much V may fall before the input answers. None where the game would
@@ -151,8 +152,9 @@ def sampled_value(
     if not system.inputs or system.input_bounds is None or system.samples:
         return None
     bounds = str(system.input_bounds), str(system.disturbance_bounds)
+    numbers = tuple((q.name, q.value) for q in system.parameters)
     asked = float(sample_time), tuple(map(float, errors)), float(above), float(late)
-    key = asked, bounds, tuple(system.rates.values()), tuple(q.value for q in system.parameters)
+    key = asked, bounds, tuple(map(sp.srepr, system.rates.values())), numbers
     if key not in value.games:
         value.games[key] = _Game(system, value, *asked).solved_once(key)
     game: SampledValue | None = value.games[key]
