@@ -40,9 +40,8 @@ class Posed:
     may hold for these numbers only, and has them in the expressions. asked: the times [s] at which
     the value is wanted, the last of them the horizon; several: whether all are kept.
     arrival_steps: how often it is looked which nodes are new. beyond: what leaving the grid is
-    taken for, "lost" or "won"; "" continues the value. filtered: how much of its leeway the rate
-    of a scheme of high order has beside a monotone step (`execution/level_set/stage_steps.py`), 0
-    where it is not held.
+    taken for, "lost" or "won"; "" continues the value. filtered: whether the rate of a scheme of
+    high order is held close to that of a monotone step (`execution/level_set/stage_steps.py`).
 
     Time t runs from start_time to start_time + horizon. A problem is marched from its end, so that
     t = start_time + horizon - tau, or for one that runs in reverse from its start.
@@ -60,7 +59,7 @@ class Posed:
     arrival_steps: int = 0
     beyond: str = ""
     start_time: float = 0.0
-    filtered: float = 0.0
+    filtered: bool = False
 
     @property
     def named(self) -> tuple[Parameter, ...]:

@@ -45,10 +45,6 @@ TOGETHER = 1 << 22
 SETTLED = 0.1
 """The least tolerance [cells] of the rest of the filtered scheme: whole cells are asked of it."""
 
-CLOSER = 0.25
-"""How much of the leeway the filtered march has beside that of high order: a set that falls slower
-than the leeway would stand still, and the values are those of the other."""
-
 STEP = 0.95
 """The share of the largest stable step that the filtered march takes beside one that does not come
 to rest. Its steps are of first order: whole cells are asked of it. Where they come to rest depends
@@ -80,7 +76,7 @@ def marched_to_rest(
     report = sharp.report
     if report.ended_early or (report.empty and not posed.several):
         return sharp
-    beside = replace(posed.renamed("rest"), filtered=CLOSER, arrival_steps=0)
+    beside = replace(posed.renamed("rest"), filtered=True, arrival_steps=0)
     marching = replace(beside.marching, tolerance=max(beside.marching.tolerance, SETTLED))
     if report.converged and not posed.several:
         begin = np.asarray(sharp.values())

@@ -80,7 +80,7 @@ def solve(
         arrival_steps=arrival_steps,
         start_time=start_time,
     )
-    posed = replace(posed, filtered=float(filtered_throughout(posed)))
+    posed = replace(posed, filtered=filtered_throughout(posed))
     check_refined(posed)
     marching = posed.marching
     grids = {False: 0, True: 1, "order": 2}[marching.estimate_error]

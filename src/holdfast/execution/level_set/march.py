@@ -96,7 +96,7 @@ class March:
         device: Device | None = None,
         cut: tuple[int, int, int, int] | None = None,
         fastest: Callable[[Sequence[float]], tuple[Array, float]] | None = None,
-        filtered: float = 0.0,
+        filtered: bool = False,
         start_rate: float = math.inf,
     ) -> None:
         """clock: the time t at tau = 0, and how fast it runs, 1 or -1. reflected: for every axis,
@@ -104,13 +104,12 @@ class March:
         device: where the stages are carried out, if not by the threads of this machine.
         cut: the units of the last two axes, where they are not those of `layout`. fastest: the
         largest speeds at times t, and the largest sum of them over the steps, from elsewhere.
-        filtered: how much of the leeway the rate of a scheme of high order has beside that of a
-        monotone step (`stage_steps.py`), 0 where it is not held. start_rate: the largest rate of
-        the start value, for that.
+        filtered: whether the rate of a scheme of high order is held close to that of a monotone
+        step (`stage_steps.py`). start_rate: the largest rate of the start value, for that.
         """
         scheme = self.scheme = schemes()[method.scheme]
         self.precision, self.device = precision, device
-        self.filtered = filtered > 0 and not scheme.one_slope
+        self.filtered = filtered and not scheme.one_slope
         self.code = sweep_code(precision, one_slope=scheme.one_slope)
         self.leaves = MarchLeaves(
             hamiltonian, parameters, scheme, dissipation=method.dissipation, limit=limit,
@@ -140,7 +139,7 @@ class March:
         own = Fastest(hamiltonian.speeds, symbols, parameters, axes, self.steps)
         self.fastest = fastest or own.at
         cells = 1.0 / float(np.mean([1.0 / (len(a) - 1) for a in axes]))
-        self.share = (filtered or 1.0) * min(MOST_LEEWAY, LEEWAY / math.sqrt(cells))
+        self.share = min(MOST_LEEWAY, LEEWAY / math.sqrt(cells))
         self.leeway = self.share * start_rate
 
     @property
