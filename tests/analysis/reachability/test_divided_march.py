@@ -227,7 +227,7 @@ def test_a_disk_that_is_full_or_cannot_be_written_is_refused_before_the_march(
         kernel(on_disk=tmp_path / "file" / "d")
     large = hf.grid(ROBOT, {"x": (-2, 1), "y": (-1.3, 1.3), "psi": (0, 6.283185307179586)}, 8000,
                     {"x": "extrapolated"})  # fmt: skip
-    with pytest.raises(OutputError, match=r"nodes take 1.14e\+04 GiB, and .* has .* GiB left"):
+    with pytest.raises(OutputError, match=r"nodes take 1.53e\+04 GiB, and .* has .* GiB left"):
         hf.discriminating_kernel(ROBOT, post(), large, 0.1, on_disk=tmp_path)
 
 
