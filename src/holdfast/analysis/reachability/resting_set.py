@@ -45,10 +45,11 @@ TOGETHER = 1 << 22
 SETTLED = 0.1
 """The least tolerance [cells] of the rest of the filtered scheme: whole cells are asked of it."""
 
-STEP = 0.95
-"""The share of the largest stable step that the filtered march takes beside one that does not come
-to rest. Its steps are of first order: whole cells are asked of it. Where they come to rest depends
-on roundings, so that a march from a rest on has the order of the scheme."""
+ORDER = 2
+"""The order of the steps of the filtered march beside one that does not come to rest. Steps of
+first order would wear off what goes round, and a third stage gains nothing: whole cells are asked
+of it. Where a march comes to rest depends on roundings, so that one from a rest on has the order of
+the scheme."""
 
 
 def filtered_throughout(posed: Posed) -> bool:
@@ -81,7 +82,7 @@ def marched_to_rest(
     if report.converged and not posed.several:
         begin = np.asarray(sharp.values())
     elif not report.converged and report.steps > 1:  # a single step may be of no length
-        marching = replace(marching, order=1, cfl=STEP)
+        marching = replace(marching, order=min(marching.method.order, ORDER))
     beside = replace(beside, marching=marching)
     return _no_larger(sharp, marched(beside, _half(progress, 1), begin))
 
