@@ -83,6 +83,10 @@ class MarchPart:
         """The largest rate of change of the start value [its unit per second] in this part."""
         return start_rate(self.posed, self._h, self.part, self._obstacles.start)
 
+    def falls(self) -> Array:
+        """How steeply the start value falls beyond the ends of this part, of `March`."""
+        return self._obstacles.falls()
+
     def begin(self, facts: Facts, least: Array | None = None) -> Facts:
         """The start value, from what is known of it over the grid.
 

@@ -51,10 +51,10 @@ STAGES = {1: ((1.0, 0.0),), 2: ((1.0, 0.0), (0.5, 1.0)), 3: ((1.0, 0.0), (0.25, 
 ALL_MEASURED, MEASURED = 64, 4
 """Steps from the first for which it is measured how fast the set moves, then one in so many."""
 
-MOST_LEEWAY, LEEWAY = 0.12, 1.1
+MOST_LEEWAY, LEEWAY = 0.12, 7.2
 """How far the rates of a scheme of higher order may be from those of a monotone step (see
-`stage_steps.py`): shares of the largest rate of the start value, the second over the square root of
-the cells of an axis, whichever is less."""
+`stage_steps.py`): shares of the largest rate of the start value, the second over the cells of an
+axis, whichever is less."""
 
 MOST_STEPS = 10**9
 """Steps of a march: it would take days on the smallest grid."""
@@ -98,6 +98,7 @@ class March:
         fastest: Callable[[Sequence[float]], tuple[Array, float]] | None = None,
         filtered: bool = False,
         start_rate: float = math.inf,
+        falls: Sequence[Sequence[float]] | None = None,
     ) -> None:
         """clock: the time t at tau = 0, and how fast it runs, 1 or -1. reflected: for every axis,
         at which place of it the node is that always has the same value; half is computed then.
@@ -106,6 +107,8 @@ class March:
         largest speeds at times t, and the largest sum of them over the steps, from elsewhere.
         filtered: whether the rate of a scheme of high order is held close to that of a monotone
         step (`stage_steps.py`). start_rate: the largest rate of the start value, for that.
+        falls: how steeply the value falls at least beyond the lower and the upper end of every
+        axis, where they are lost [its unit per unit of the state].
         """
         scheme = self.scheme = schemes()[method.scheme]
         self.precision, self.device = precision, device
@@ -139,8 +142,10 @@ class March:
         own = Fastest(hamiltonian.speeds, symbols, parameters, axes, self.steps)
         self.fastest = fastest or own.at
         cells = 1.0 / float(np.mean([1.0 / (len(a) - 1) for a in axes]))
-        self.share = min(MOST_LEEWAY, LEEWAY / math.sqrt(cells))
+        self.share = min(MOST_LEEWAY, LEEWAY / cells)
         self.leeway = self.share * start_rate
+        ends = np.zeros((len(axes), 2)) if falls is None else np.array(falls, dtype=np.float64)
+        self.falls = ends.T * self.steps
 
     @property
     def name(self) -> str:
@@ -304,7 +309,7 @@ class March:
 
     def numbers(self, dt: float, weight: float, within: tuple[float, float, float]) -> Array:
         """Those of a stage (`stage_steps.py`). within: floor, ceiling, nearest."""
-        per_axis = (0.5 / self.steps, self.steps)
+        per_axis = (0.5 / self.steps, self.steps, *self.falls)
         return np.array([dt, weight, *within, self.leeway, self.share, *np.concatenate(per_axis)])
 
     def steps_to(self, times: Sequence[float]) -> Iterator[tuple[float, float, float | None]]:

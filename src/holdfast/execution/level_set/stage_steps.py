@@ -9,11 +9,15 @@ side; others have computed them before. What lies between the two is the rate (`
 
 A scheme of higher order may balance a ridge against its dissipation, and stand still where the
 equation does not. So it is filtered: with r the rate of the scheme, r_M that of the monotone step
-from the plain differences (`maths/games/monotone_flux.py`), and s a bound of |r - r_M|,
+from the plain differences (`maths/games/monotone_flux.py`), s a bound of |r - r_M|, and b how far
+the slopes are from the mean of the plain differences and from one another,
 
-    rate = r_M + w (r - r_M),   w = 1 to s = e,  2 - s / e to s = 2 e,  0 beyond
+    rate = r_M + w (r - r_M),   w = 1 to s + 12 b = e,  2 - (s + 12 b) / e to 2 e,  0 beyond
 
-Where the value is smooth s is less than the leeway e, and the rate is that of the scheme; a step
+Where the value is smooth s is of the order of a cell, b of its square, and both are less than the
+leeway e, so that the rate is that of the scheme. Where there is a kink within a cell, b is a part
+of s, however weak the kink: a scheme of high order takes the slope of one side of it beyond it, and
+stands still where neither side falls. A step
 differs from a monotone one by no more than e dt, and e tends to 0 with the cells, whatever the
 value, so that the values converge to the viscosity solution (G. Barles, P. E. Souganidis,
 Asymptotic Anal. 4, 1991; B. D. Froese, A. M. Oberman, SIAM J. Numer. Anal. 51, 2013;
@@ -34,8 +38,9 @@ from holdfast.execution.level_set.rate_leaves import RateLeaves
 NUMBERS = ("dt", "weight", "floor", "ceiling", "nearest", "leeway", "share")
 """The first of its numbers, the last two for a filter; `OF_AXES` of every axis follow."""
 
-OF_AXES = ("half", "step")
-"""Numbers of each axis: half the inverse of its step, its step."""
+OF_AXES = ("half", "step", "low", "high")
+"""Numbers of each axis: half the inverse of its step, its step, and by how much the value falls at
+least from node to node beyond its lower and beyond its upper end, where the end is lost."""
 
 
 def names_of_numbers(axes: int) -> list[str]:
@@ -47,6 +52,9 @@ INFINITE = 1e300
 
 MOST_STEEP = 4.0
 """How many times larger the leeway may be where the value is steeper than the start value."""
+
+BENT = 12.0
+"""How much a kink within a cell counts beside a curvature that changes the slope as much."""
 
 
 @dataclass(frozen=True)
@@ -87,11 +95,13 @@ class Stage:
         return steps, [*means, *gaps]
 
     def apart(self) -> tuple[Steps, list[Value]]:
-        """s, a bound of |r - r_M| whatever the Hamiltonian; the leeway e; and whether s > e.
+        """s + 12 b, with s a bound of |r - r_M| whatever the Hamiltonian; the leeway e; and whether
+        the first is more.
 
         No speed exceeds c_i, so that with slopes p and plain differences q on both sides of a node
 
             |r - r_M| <= s = sum_i c_i (max(|p_i- - q_i-|, |p_i+ - q_i+|) + |q_i+ - q_i-| / 2)
+                            b = sum_i c_i (|p_i- + p_i+ - q_i- - q_i+| + |p_i+ - p_i-|) / 2
             e = a R,  or  a sum_i c_i min(|q_i-|, |q_i+|)  where that is more, at most 4 a R
 
         with the share a and the largest rate R of the start value. Inputs: leeway, which is a R,
@@ -104,7 +114,8 @@ class Stage:
             pace = 2.0 * (steps.input(f"half{i}") * steps.input(f"speed{i}"))
             lower, upper = steps.input(f"plain_below{i}"), steps.input(f"plain_above{i}")
             differ = _at_least(abs(below - lower), abs(above - upper))
-            most = most + pace * (differ + 0.5 * abs(upper - lower))
+            bend = abs(below + above - lower - upper) + abs(above - below)
+            most = most + pace * (differ + 0.5 * abs(upper - lower) + 0.5 * BENT * bend)
             steep = steep + pace * _at_most(abs(lower), abs(upper))
         leeway = steps.input("leeway")
         own = _at_least(steep * steps.input("share"), leeway)
