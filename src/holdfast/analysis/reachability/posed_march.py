@@ -17,6 +17,10 @@ from holdfast.execution.level_set.over_grid import OverGrid
 from holdfast.execution.level_set.units import layout
 from holdfast.maths.games.hamiltonian import Hamiltonian
 
+BENT = 12.0
+"""How much a kink within a cell counts beside a curvature that changes the slope as much, for the
+filtered march beside one of high order (`stage_steps.py`)."""
+
 RATE_TIMES = 9
 """Times at which the rates of a problem that depends on time are looked at."""
 
@@ -39,6 +43,7 @@ def march_of(
         kinds,
         method=marching.method,
         filtered=posed.filtered,
+        bent=BENT if posed.marched_twice else 0.0,
         limit=posed.limit,
         clock=posed.clock,
         precision=marching.precision,

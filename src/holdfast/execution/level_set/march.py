@@ -98,6 +98,7 @@ class March:
         fastest: Callable[[Sequence[float]], tuple[Array, float]] | None = None,
         filtered: bool = False,
         start_rate: float = math.inf,
+        bent: float = 0.0,
         falls: Sequence[Sequence[float]] | None = None,
     ) -> None:
         """clock: the time t at tau = 0, and how fast it runs, 1 or -1. reflected: for every axis,
@@ -107,7 +108,8 @@ class March:
         largest speeds at times t, and the largest sum of them over the steps, from elsewhere.
         filtered: whether the rate of a scheme of high order is held close to that of a monotone
         step (`stage_steps.py`). start_rate: the largest rate of the start value, for that.
-        falls: how steeply the value falls at least beyond the lower and the upper end of every
+        bent: how much a kink within a cell counts for that, beside a curvature that changes the
+        slope as much. falls: how steeply the value falls at least beyond the lower and the upper end of every
         axis, where they are lost [its unit per unit of the state].
         """
         scheme = self.scheme = schemes()[method.scheme]
@@ -143,7 +145,7 @@ class March:
         self.fastest = fastest or own.at
         cells = 1.0 / float(np.mean([1.0 / (len(a) - 1) for a in axes]))
         self.share = min(MOST_LEEWAY, LEEWAY / cells)
-        self.leeway = self.share * start_rate
+        self.leeway, self.bent = self.share * start_rate, bent
         ends = np.zeros((len(axes), 2)) if falls is None else np.array(falls, dtype=np.float64)
         self.falls = ends.T * self.steps
 
@@ -310,7 +312,8 @@ class March:
     def numbers(self, dt: float, weight: float, within: tuple[float, float, float]) -> Array:
         """Those of a stage (`stage_steps.py`). within: floor, ceiling, nearest."""
         per_axis = (0.5 / self.steps, self.steps, *self.falls)
-        return np.array([dt, weight, *within, self.leeway, self.share, *np.concatenate(per_axis)])
+        of_filter = (self.leeway, self.share, self.bent)
+        return np.array([dt, weight, *within, *of_filter, *np.concatenate(per_axis)])
 
     def steps_to(self, times: Sequence[float]) -> Iterator[tuple[float, float, float | None]]:
         """Start and length of every step [s], and which of `times` it ends at."""

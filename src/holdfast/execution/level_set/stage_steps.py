@@ -12,7 +12,7 @@ equation does not. So it is filtered: with r the rate of the scheme, r_M that of
 from the plain differences (`maths/games/monotone_flux.py`), s a bound of |r - r_M|, and b how far
 the slopes are from the mean of the plain differences and from one another,
 
-    rate = r_M + w (r - r_M),   w = 1 to s + 12 b = e,  2 - (s + 12 b) / e to 2 e,  0 beyond
+    rate = r_M + w (r - r_M),   w = 1 to s + k b = e,  2 - (s + k b) / e to 2 e,  0 beyond
 
 Where the value is smooth s is of the order of a cell, b of its square, and both are less than the
 leeway e, so that the rate is that of the scheme. Where there is a kink within a cell, b is a part
@@ -35,8 +35,8 @@ from holdfast.execution.arithmetic.steps import FLOAT, Steps, Value, choose
 from holdfast.execution.codegen.llvm_body import LANES
 from holdfast.execution.level_set.rate_leaves import RateLeaves
 
-NUMBERS = ("dt", "weight", "floor", "ceiling", "nearest", "leeway", "share")
-"""The first of its numbers, the last two for a filter; `OF_AXES` of every axis follow."""
+NUMBERS = ("dt", "weight", "floor", "ceiling", "nearest", "leeway", "share", "bent")
+"""The first of its numbers, the last three for a filter; `OF_AXES` of every axis follow."""
 
 OF_AXES = ("half", "step", "low", "high")
 """Numbers of each axis: half the inverse of its step, its step, and by how much the value falls at
@@ -52,9 +52,6 @@ INFINITE = 1e300
 
 MOST_STEEP = 4.0
 """How many times larger the leeway may be where the value is steeper than the start value."""
-
-BENT = 12.0
-"""How much a kink within a cell counts beside a curvature that changes the slope as much."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +92,7 @@ class Stage:
         return steps, [*means, *gaps]
 
     def apart(self) -> tuple[Steps, list[Value]]:
-        """s + 12 b, with s a bound of |r - r_M| whatever the Hamiltonian; the leeway e; and whether
+        """s + k b, with s a bound of |r - r_M| whatever the Hamiltonian; the leeway e; and whether
         the first is more.
 
         No speed exceeds c_i, so that with slopes p and plain differences q on both sides of a node
@@ -105,9 +102,10 @@ class Stage:
             e = a R,  or  a sum_i c_i min(|q_i-|, |q_i+|)  where that is more, at most 4 a R
 
         with the share a and the largest rate R of the start value. Inputs: leeway, which is a R,
-        share, and of each axis below0, above0, plain_below0, plain_above0, speed0, half0, ...
+        share, bent, which is k, and of each axis below0, above0, plain_below0, plain_above0, speed0, half0, ...
         """
         steps = Steps(expanded=True)
+        bent = steps.input("bent")
         most, steep = steps.constant(0.0, FLOAT), steps.constant(0.0, FLOAT)
         for i in range(self.axes):
             below, above = steps.input(f"below{i}"), steps.input(f"above{i}")
@@ -115,7 +113,7 @@ class Stage:
             lower, upper = steps.input(f"plain_below{i}"), steps.input(f"plain_above{i}")
             differ = _at_least(abs(below - lower), abs(above - upper))
             bend = abs(below + above - lower - upper) + abs(above - below)
-            most = most + pace * (differ + 0.5 * abs(upper - lower) + 0.5 * BENT * bend)
+            most = most + pace * (differ + 0.5 * abs(upper - lower) + 0.5 * (bent * bend))
             steep = steep + pace * _at_most(abs(lower), abs(upper))
         leeway = steps.input("leeway")
         own = _at_least(steep * steps.input("share"), leeway)

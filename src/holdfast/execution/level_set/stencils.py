@@ -18,7 +18,7 @@ PITCH = RUN + VECTOR  # a run, and what more of it a register takes; as in `stag
 VALUE, BASE, BEFORE, LOWER, UPPER, OUT, REST = range(7)
 CHANGED, ODD, MOVES, ALONG, OF_ROW, OUTER, NUMBERS, SLOPES = range(7, 15)
 
-FALLS = 7  # numbers of a stage before those of axes, as in `stage_steps.py`
+FALLS = 8  # numbers of a stage before those of axes, as in `stage_steps.py`
 
 MOST_SLICES = 1 << 20  # the turns of a stage; the next stage has the next so many
 
