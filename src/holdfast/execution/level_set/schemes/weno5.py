@@ -21,7 +21,7 @@ def slopes(a: Value, b: Value, c: Value, d: Value, e: Value) -> tuple[Value, Val
     s1 = BEND * (d2 - d1) * (d2 - d1) + t1 * t1
     s2 = BEND * (d3 - d2) * (d3 - d2) + t2 * t2
     s3 = BEND * (d4 - d3) * (d4 - d3) + t3 * t3
-    scale = 1e3 / (c * c + s1 + s2 + s3 + 1e-30)
+    scale = 1e3 / (c * c + s1 + s2 + s3 + 1e-34)
     s1, s2, s3 = scale * s1 + 1e-3, scale * s2 + 1e-3, scale * s3 + 1e-3
     s1, s2, s3 = s1 * s1, s2 * s2, s3 * s3
     w1, w2, w3 = s2 * s3, 6.0 * (s1 * s3), s1 * s2
