@@ -58,7 +58,7 @@ def test_population_of_aubin_converges_to_its_kernel():
         found = found_on(problem, hf.grid(problem.system, problem.box, nodes))
         assert found.dataset.attrs["converged"] == 1
         errors.append(abs(area(found) / problem.volume - 1))
-    assert errors[0] < 0.009  # 0.0083: a cell is trimmed at the tips, 0.0074 without the filter
+    assert errors[0] < 0.010  # 0.0095: a cell is trimmed at the tips
     assert errors[1] < 0.003
     assert order_of(errors)[0] > 1.3
 
@@ -84,7 +84,7 @@ def test_braking_before_two_walls_against_a_disturbance(scheme, percent):
 
 
 @pytest.mark.parametrize(
-    ("dissipation", "kept"), [("local-local", 0.102), ("local", None), ("global", None)]
+    ("dissipation", "kept"), [("local-local", 0.108), ("local", None), ("global", None)]
 )
 def test_speeds_that_two_slopes_allow_leave_a_kernel_where_two_players_nearly_balance(
     dissipation, kept

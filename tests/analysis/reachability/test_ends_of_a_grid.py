@@ -77,6 +77,25 @@ def test_each_end_on_a_constraint_lets_its_loss_in(wide, name, end):
 
 
 @pytest.mark.parametrize("scheme", ["upwind", "weno5"])
+@pytest.mark.parametrize("low", ["0.2 - x**0.5", "1/(x + 0.02) - 1/0.06"])
+def test_margin_that_is_no_number_beyond_the_grid_says_nothing_of_what_is_there(low, scheme):
+    """x is kept from .04 to 1; the grid ends at 0."""
+    states = (hf.Quantity("x", "m"),)
+    x, u = hf.symbol("x"), hf.symbol("u")
+    system = hf.System(
+        "point", states, (hf.Quantity("u", "m/s"),), {"x": u}, input_bounds=hf.Box((-1,), (1,))
+    )
+    below = hf.parse_expression(low, {"x": x})
+    rows = (hf.Inequality("low", below), hf.Inequality("high", x - 1))
+    found = hf.viability_kernel(
+        system, hf.Region("between", states, rows), hf.grid(system, {"x": (0, 1.2)}, 61), 5.0,
+        scheme=scheme,
+    )  # fmt: skip
+    assert found.report.converged
+    assert found.extent()["x"] == pytest.approx((0.04, 1.0), abs=1e-3)
+
+
+@pytest.mark.parametrize("scheme", ["upwind", "weno5"])
 def test_a_drift_into_the_corner_of_two_constraints_empties_the_set(scheme):
     """x' = u, v' = 1.2 u + 0.4: v - 1.2 x grows at 0.4 and is between -2.7 and 2.7 in the box."""
     states = cart()[0].states

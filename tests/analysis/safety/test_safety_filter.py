@@ -356,7 +356,7 @@ def test_law_that_sees_the_state_late_keeps_it_with_the_margin_of_the_delay(kern
         ).viable
 
     assert stay(None) == 200
-    assert stay(margins[0]) == 135, "the margin without the delay does not suffice"
+    assert stay(margins[0]) == 136, "the margin without the delay does not suffice"
 
 
 def test_law_that_sees_the_state_late_keeps_it_for_long(kernel):

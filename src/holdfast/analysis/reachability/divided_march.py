@@ -147,6 +147,8 @@ class DividedMarch:
         check_start(posed, facts)
         self.start_rate = max(parts.ask("start_rate")) if posed.filtered else math.inf
         """The largest rate of change of the start value [its unit per second], for a filter."""
+        self.falls = np.max(parts.ask("falls", facts.highest), axis=0)
+        """Of `March`."""
         given = () if begin is None else (begin,)
         self.start: Facts = merged(parts.ask("begin", facts, *given))
         """What is known of the start value."""

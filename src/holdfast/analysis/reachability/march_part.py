@@ -83,6 +83,13 @@ class MarchPart:
         """The largest rate of change of the start value [its unit per second] in this part."""
         return start_rate(self.posed, self._h, self.part, self._obstacles.start)
 
+    def falls(self, highest: float) -> Array:
+        """How the start value falls beyond the ends of this part, of `March`.
+
+        highest: the highest start value, as far below zero as which it falls at most.
+        """
+        return self._obstacles.falls(highest)
+
     def begin(self, facts: Facts, least: Array | None = None) -> Facts:
         """The start value, from what is known of it over the grid.
 

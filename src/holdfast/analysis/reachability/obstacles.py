@@ -10,13 +10,14 @@ open ends of the grid, leaving the grid counts as lost with W <= d, and as won w
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from holdfast.analysis.reachability.problem import ON_END, Ends, Posed, check_inside, touched
+from holdfast.analysis.reachability.problem import Ends, Posed, check_inside, touched
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.layers import Part
@@ -40,8 +41,12 @@ class Facts:
 NOTHING = Facts(False, True, frozenset(), 0.0, -math.inf, 0.0)
 """Facts of a start value at no node; that a node is in the set has been found before."""
 
-LOWERED = 0.1
-"""Cells by which a corner of the grid is lower that lies on two constraints."""
+WIDER = 1.0 / 15.0
+"""Share of an axis for which the margin is taken to fall beyond its ends. With a few cells in its
+place finer grids would keep too much where constraints meet; without end all would too little."""
+
+ROUNDING = 1e-6
+"""Part of a cell by which a value above zero is rounding, as in `stencils.py`."""
 
 TOGETHER = 1 << 20
 """Nodes at which moving bounds are renewed together."""
@@ -122,31 +127,40 @@ class Obstacles:
             self.room = self._room_inside(open_ends(posed, facts.ends), facts.cell)
             self._begin_at(posed.clock[0])
             facts = replace(self.facts(), cell=facts.cell)
-        if posed.limit == "shrink" and len(self.shape) > 1:
-            self._lower_corners(facts.cell)
         self.highest = facts.highest
         return facts
 
-    def _lower_corners(self, cell: float) -> None:
-        """Lower a little what is 0 where two ends of the grid meet that lie on constraints.
+    def falls(self, highest: float) -> Array:
+        """How steeply the margin falls beyond the lower and the upper end of every axis, at most
+        [its unit per unit of the state], over nodes that are lost, and down to what.
 
-        Along either end the value is 0 up to their corner, so that what is continued beyond it is
-        0, and not what the constraint is there: such a corner would never fall, nor what moves to
-        it. Of a corner that is lower what is continued is lower still.
+        So the value falls beyond an end (`stencils.py`) as on a grid that is wider by `WIDER`.
+        highest: of `MarchPart.falls`.
         """
-        closed = [axis.ends == "contained" for axis in self.posed.grid.axes]
-        at_end = [
-            np.isin(np.arange(count), (0, count - 1)) & line
-            for count, line in zip(self.posed.grid.shape, closed, strict=True)
-        ]
-        meeting = np.zeros(self.shape[1:], dtype=np.int8)
-        for i, ends in enumerate(at_end[1:]):
-            meeting += ends.reshape([-1 if k == i else 1 for k in range(meeting.ndim)])
-        for plane, end in zip(
-            self.start.reshape(self.shape), at_end[0][self.part.nodes], strict=True
-        ):
-            corners = meeting + end > 1
-            plane[corners] -= LOWERED * cell * (np.abs(plane[corners]) <= ON_END * cell)
+        posed, values = self.posed, self.start.reshape(self.shape)
+        ends = np.tile((0.0, 0.0, -math.inf, -math.inf), (len(self.shape), 1))
+        if posed.problem.limit != "shrink":
+            return ends
+        symbols = [a.state.symbol for a in posed.grid.axes]
+        axes = [posed.grid.axes[0].nodes[self.part.nodes], *(a.nodes for a in posed.grid.axes[1:])]
+        for (i, axis), side in itertools.product(enumerate(posed.grid.axes), (0, 1)):
+            if axis.ends != "contained" or (i == 0 and not self.part.ends[side]):
+                continue
+            place = (self.part.own.start, self.part.own.stop - 1)[side] if i == 0 else -side
+            edge = np.take(values, place, axis=i)
+            further = (axis.low - axis.step, axis.high + axis.step)[side]
+            beyond = over_grid(
+                posed.problem.regions[0].margin, symbols, posed.parameters,
+                [np.array([further]) if k == i else nodes for k, nodes in enumerate(axes)],
+                band=posed.marching.band,
+            )(posed.clock[0]).reshape(edge.shape)  # fmt: skip
+            fall = edge - np.maximum(beyond, -highest)  # none where that is no number
+            lost = edge <= ROUNDING * fall
+            steepest = np.max(fall, initial=0.0, where=lost) / axis.step
+            depth = WIDER * (axis.high - axis.low) * steepest
+            lowest = np.max(edge, initial=-math.inf, where=lost) - depth
+            ends[i, [side, 2 + side]] = steepest, lowest
+        return ends
 
     def refresh(self, time: float) -> None:
         planes = self.shape[0]

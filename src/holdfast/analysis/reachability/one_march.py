@@ -31,10 +31,13 @@ GROWTH_CHECKED = 25
 """Steps from one look at whether the value has grown to the next: they cost it nothing."""
 
 DEEPEST = 4.0
-"""Times the largest magnitude of the start value: the value is cut off so far below zero.
+"""Times the largest magnitude of the start value, or cells of a set that is kept: the value is cut
+off so far below zero.
 
 Of an unstable system it would grow without end outside the set, and at a front of such a height the
-boundary would run ahead of what it is the boundary of."""
+boundary would run ahead of what it is the boundary of. Of a set that is kept it is cut off where it
+is as far below zero as the start value is above it anywhere, however wide the grid is: the boundary
+is in the middle of a front that is as deep as it is high."""
 
 ROUNDING = 64.0
 """Last places by which a node may change in a step without being said to move."""
@@ -73,12 +76,11 @@ class OneMarch:
     def result(self, held: DividedMarch) -> ValueFunction:
         posed, marching = self._posed, self._posed.marching
         self._held, refined = held, marching.refine > 1
+        of_start = {"start_rate": held.start_rate, "falls": held.falls}
         self._march: March | RefinedMarch = (
-            refined_march(posed, self._base, self._h, start_rate=held.start_rate)
+            refined_march(posed, self._base, self._h, **of_start)
             if refined
-            else march_of(
-                posed, self._h, posed.grid, fastest=held.fastest, start_rate=held.start_rate
-            )
+            else march_of(posed, self._h, posed.grid, fastest=held.fastest, **of_start)
         )
         self._rounding = float(np.finfo(marching.precision).eps) / self._march.longest_step
         room, done = room_of(marching), Done()
@@ -101,8 +103,10 @@ class OneMarch:
     def _to_the_end(self, done: Done) -> Done:
         held, posed, march, band = self._held, self._posed, self._march, self._posed.marching.band
         start = held.start
+        kept = posed.problem.limit == "shrink"
+        deepest = max(start.highest, DEEPEST * start.cell) if kept else DEEPEST * start.deepest
         limits = {
-            "floor": -min(band, DEEPEST * start.deepest),
+            "floor": -min(band, deepest),
             "ceiling": min(band, start.highest) if posed.beyond else band,
             "nearest": 1e-9 * start.highest,
         }

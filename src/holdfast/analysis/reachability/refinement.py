@@ -46,15 +46,15 @@ def check_refined(posed: Posed) -> None:
 
 
 def refined_march(
-    posed: Posed, base: Grid, hamiltonian: Hamiltonian, *, start_rate: float
+    posed: Posed, base: Grid, hamiltonian: Hamiltonian, **options: Any
 ) -> RefinedMarch:
-    """The march of a problem; base: the grid that it is refined from; start_rate: of `March`."""
+    """The march of a problem; base: the grid that it is refined from; options: of `March`."""
     threads = posed.marching.threads or available_cores()
 
     def of(grid: Grid, stretch: int | None) -> March:
         rows = grid.shape[-2] if len(grid.axes) > 1 else 1
         cut = None if stretch is None else (1, rows, -(-grid.shape[-1] // stretch), stretch)
-        return march_of(posed, hamiltonian, grid, threads=threads, cut=cut, start_rate=start_rate)
+        return march_of(posed, hamiltonian, grid, threads=threads, cut=cut, **options)
 
     between = [2**k for k in range(1, posed.marching.refine.bit_length())]
     marches = [of(base, None), *(of(finer(base, k), STRETCH) for k in between)]

@@ -42,9 +42,6 @@ more cells of finer grids."""
 TOGETHER = 1 << 22
 """Nodes that are looked at together."""
 
-SETTLED = 0.1
-"""The least tolerance [cells] of the rest of the filtered scheme: whole cells are asked of it."""
-
 ORDER = 2
 """The order of the steps of the filtered march beside one that does not come to rest. Steps of
 first order would wear off what goes round, and a third stage gains nothing: whole cells are asked
@@ -78,13 +75,19 @@ def marched_to_rest(
     if report.ended_early or (report.empty and not posed.several):
         return sharp
     beside = replace(posed.renamed("rest"), filtered=True, arrival_steps=0)
-    marching = replace(beside.marching, tolerance=max(beside.marching.tolerance, SETTLED))
-    if report.converged and not posed.several:
+    tolerance = max(beside.marching.tolerance, float(rim_of(posed.grid)))
+    marching = replace(beside.marching, tolerance=tolerance)
+    at_rest = report.converged and not posed.several
+    if at_rest:
         begin = np.asarray(sharp.values())
     elif not report.converged and report.steps > 1:  # a single step may be of no length
         marching = replace(marching, order=min(marching.method.order, ORDER))
     beside = replace(beside, marching=marching)
-    return _no_larger(sharp, marched(beside, _half(progress, 1), begin))
+    worn = marched(beside, _half(progress, 1), begin)
+    left = worn.report.residual_cells
+    if at_rest and not worn.report.converged and left is not None and left <= tolerance:
+        worn = marched(beside.renamed("at rest"), _half(progress, 1), np.array(worn.values()))
+    return _no_larger(sharp, worn)
 
 
 def _half(progress: Progress | None, which: int) -> Progress | None:
@@ -115,10 +118,16 @@ def _no_larger(sharp: ValueFunction, worn: ValueFunction) -> ValueFunction:
     )
 
 
+def rim_of(grid: Grid) -> int:
+    """Cells by which the set of high order may be larger, which is also how far the filtered one
+    may still move where it is said to rest."""
+    return math.ceil(RIM * math.sqrt(float(np.mean([axis.count for axis in grid.axes]))))
+
+
 def _largest_around(values: Array, grid: Grid) -> Iterator[tuple[slice, Array]]:
     """Of some planes of the first axis at a time the largest value within the rim."""
     axes = grid.axes
-    rim = math.ceil(RIM * math.sqrt(float(np.mean([axis.count for axis in axes]))))
+    rim = rim_of(grid)
     modes = ["wrap" if axis.ends == "periodic" else "nearest" for axis in axes]
     count = axes[0].count
     step = max(1, TOGETHER // (values.size // count))

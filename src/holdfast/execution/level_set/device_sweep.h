@@ -11,28 +11,35 @@
 enum { HF_EXTRAPOLATED, HF_PERIODIC, HF_LIMITED };
 
 /* The value `distance` nodes beyond an edge, as in `stencils.py`. */
-HF_FUNCTION hf_real hf_beyond(hf_real edge, hf_real inner, hf_real distance)
+HF_FUNCTION hf_real hf_beyond(hf_real edge, hf_real inner, hf_real distance, hf_real fall,
+                              hf_real lowest)
 {
     const hf_real slope = fabs(edge - inner);
-    return fma(distance, edge > (hf_real)1e-6 * slope ? slope : -slope, edge);
+    hf_real steep = edge - lowest;
+    steep = steep > 0 ? steep : 0;
+    steep = fall < steep ? fall : steep;
+    steep = slope > steep ? slope : steep;
+    return fma(distance, edge > (hf_real)1e-6 * slope ? slope : -steep, edge);
 }
 
 /* The value at the place `there` along an axis, from the node at `place`, which is at `here`. */
 HF_FUNCTION hf_real hf_at(const hf_real *values, hf_int here, hf_int place, hf_int there,
-                          hf_int nodes, hf_int stride, hf_int kind)
+                          hf_int nodes, hf_int stride, hf_int kind, const double *falls)
 {
     if (kind == HF_PERIODIC) there = (there + nodes) % nodes;
     if (kind == HF_LIMITED) there = there < 0 ? 0 : there >= nodes ? nodes - 1 : there;
     if (0 <= there && there < nodes) return values[here + (there - place) * stride];
     const hf_int edge = there < 0 ? 0 : nodes - 1, inner = there < 0 ? 1 : nodes - 2;
     return hf_beyond(values[here + (edge - place) * stride], values[here + (inner - place) * stride],
-                     (hf_real)(there < edge ? edge - there : there - edge));
+                     (hf_real)(there < edge ? edge - there : there - edge),
+                     (hf_real)falls[there < 0 ? 0 : HF_AXES],
+                     (hf_real)falls[there < 0 ? 2 * HF_AXES : 3 * HF_AXES]);
 }
 
 /* The slopes on both sides of a node along an axis, in cells, and its plain differences for a
    filter. */
 HF_FUNCTION void hf_sides(const hf_real *values, hf_int here, hf_int place, hf_int nodes,
-                          hf_int stride, hf_int kind, hf_real *below, hf_real *above, hf_real *plain_below,
+                          hf_int stride, hf_int kind, const double *falls, hf_real *below, hf_real *above, hf_real *plain_below,
                           hf_real *plain_above)
 {
     hf_real n[2 * HF_GHOSTS + 1];
@@ -40,7 +47,7 @@ HF_FUNCTION void hf_sides(const hf_real *values, hf_int here, hf_int place, hf_i
         for (int k = 0; k <= 2 * HF_GHOSTS; k++) n[k] = values[here + (k - HF_GHOSTS) * stride];
     } else {
         for (int k = 0; k <= 2 * HF_GHOSTS; k++)
-            n[k] = hf_at(values, here, place, place + k - HF_GHOSTS, nodes, stride, kind);
+            n[k] = hf_at(values, here, place, place + k - HF_GHOSTS, nodes, stride, kind, falls);
     }
 #if HF_ONE_SLOPE
     *below = n[0];
@@ -123,8 +130,8 @@ HF_FUNCTION void hf_stage_of(
                 hf_real below[HF_AXES], above[HF_AXES], plain_below[HF_AXES], plain_above[HF_AXES];
                 for (int i = 0; i < HF_AXES; i++) {
                     const hf_int place = i < HF_AXES - 2 ? index[i] : i < HF_AXES - 1 ? row + r : k;
-                    hf_sides(values, here, place, shape[i], stride[i], kinds[i], below + i, above + i,
-                             plain_below + i, plain_above + i);
+                    hf_sides(values, here, place, shape[i], stride[i], kinds[i],
+                             numbers + HF_FALLS + i, below + i, above + i, plain_below + i, plain_above + i);
                 }
                 hf_real new_value, move = 0;
                 int differs, odd;

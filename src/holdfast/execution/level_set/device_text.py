@@ -51,6 +51,7 @@ def march_text(stage: Stage, scheme: Scheme, precision: str, rows: int) -> str:
     named = {
         "AXES": stage.axes, "GHOSTS": scheme.ghosts, "ONE_SLOPE": int(scheme.one_slope),
         "FILTERED": int(stage.filtered), "LOWER": int(stage.lower), "UPPER": int(stage.upper),
+        "FALLS": names_of_numbers(stage.axes).index("low0"),
         "ROW": rates.of_row + rates.outer,
         "MOST_ROWS": int(rows),
     }  # fmt: skip

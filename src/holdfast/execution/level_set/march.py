@@ -51,11 +51,6 @@ STAGES = {1: ((1.0, 0.0),), 2: ((1.0, 0.0), (0.5, 1.0)), 3: ((1.0, 0.0), (0.25, 
 ALL_MEASURED, MEASURED = 64, 4
 """Steps from the first for which it is measured how fast the set moves, then one in so many."""
 
-MOST_LEEWAY, LEEWAY = 0.12, 1.1
-"""How far the rates of a scheme of higher order may be from those of a monotone step (see
-`stage_steps.py`): shares of the largest rate of the start value, the second over the square root of
-the cells of an axis, whichever is less."""
-
 MOST_STEPS = 10**9
 """Steps of a march: it would take days on the smallest grid."""
 
@@ -98,6 +93,8 @@ class March:
         fastest: Callable[[Sequence[float]], tuple[Array, float]] | None = None,
         filtered: bool = False,
         start_rate: float = math.inf,
+        leeway: tuple[float, float] = (0.0, 0.0),
+        falls: Sequence[Sequence[float]] | None = None,
     ) -> None:
         """clock: the time t at tau = 0, and how fast it runs, 1 or -1. reflected: for every axis,
         at which place of it the node is that always has the same value; half is computed then.
@@ -106,6 +103,9 @@ class March:
         largest speeds at times t, and the largest sum of them over the steps, from elsewhere.
         filtered: whether the rate of a scheme of high order is held close to that of a monotone
         step (`stage_steps.py`). start_rate: the largest rate of the start value, for that.
+        leeway: for that, the share of it by which rates may be apart, and how much a kink counts.
+        falls: of every axis, how steeply what a set is kept within falls beyond
+        the lower and the upper end [its unit per unit of the state], and down to what.
         """
         scheme = self.scheme = schemes()[method.scheme]
         self.precision, self.device = precision, device
@@ -138,9 +138,10 @@ class March:
         symbols = [q.symbol for q in hamiltonian.system.states]
         own = Fastest(hamiltonian.speeds, symbols, parameters, axes, self.steps)
         self.fastest = fastest or own.at
-        cells = 1.0 / float(np.mean([1.0 / (len(a) - 1) for a in axes]))
-        self.share = min(MOST_LEEWAY, LEEWAY / math.sqrt(cells))
-        self.leeway = self.share * start_rate
+        self.share, self.bent = leeway
+        self.leeway = self.share * start_rate if filtered else math.inf
+        ends = np.zeros((len(axes), 4)) if falls is None else np.array(falls, dtype=np.float64)
+        self.falls = [*(ends[:, :2].T * self.steps), *ends[:, 2:].T]
 
     @property
     def name(self) -> str:
@@ -304,8 +305,9 @@ class March:
 
     def numbers(self, dt: float, weight: float, within: tuple[float, float, float]) -> Array:
         """Those of a stage (`stage_steps.py`). within: floor, ceiling, nearest."""
-        per_axis = (0.5 / self.steps, self.steps)
-        return np.array([dt, weight, *within, self.leeway, self.share, *np.concatenate(per_axis)])
+        per_axis = (0.5 / self.steps, self.steps, *self.falls)
+        of_filter = (self.leeway, self.share, self.bent)
+        return np.array([dt, weight, *within, *of_filter, *np.concatenate(per_axis)])
 
     def steps_to(self, times: Sequence[float]) -> Iterator[tuple[float, float, float | None]]:
         """Start and length of every step [s], and which of `times` it ends at."""

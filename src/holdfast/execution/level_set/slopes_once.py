@@ -26,7 +26,7 @@ def slopes_across(
     scheme: int, values: Values, size: int, here: int, i: int, n: int, outer: int,
     place: int, tall: int, wide: int, stride: int, nodes: int, kind: int,
     ghosts: int, unit: int, several: int, count: int, kept: Wholes, own: Values,
-    places: Wholes, plain: int,
+    places: Wholes, plain: int, falls: Floats,
 ):  # fmt: skip
     """Where the nodes are on either side along an axis that is not the last."""
     if outer:
@@ -41,14 +41,17 @@ def slopes_across(
             continue
         to = (2 * i + side) * PITCH
         for k in range(tall):
-            fetch(values, here, place, there + k, nodes, stride, kind, wide, own, to + k * wide)
+            fetch(
+                values, here, place, there + k, nodes, stride, kind, wide, own, to + k * wide,
+                falls[i:], n,
+            )  # fmt: skip
         places[SLOPES + 2 * i + side] = address(own, to)
 
 
 def slopes_along_rows(
     scheme: int, values: Values, size: int, here: int, begin: int, tall: int,
     wide: int, nodes: int, kind: int, ghosts: int, count: int, i: int, n: int,
-    own: Values, places: Wholes, plain: int,
+    own: Values, places: Wholes, plain: int, falls: Floats,
 ):  # fmt: skip
     """The same along the last axis."""
     for side in range(2):
@@ -65,5 +68,5 @@ def slopes_along_rows(
             end = 0 if side == 0 else wide - 1
             for k in range(tall):
                 row = here - begin + k * nodes
-                own[to + k * wide + end] = ghost(values, row, there, nodes, kind)
+                own[to + k * wide + end] = ghost(values, row, there, nodes, kind, falls[i:], n)
         places[SLOPES + 2 * i + side] = address(own, to)

@@ -55,18 +55,21 @@ def reach(
 
 def gather(
     values: Values, first: int, place: int, tall: int, nodes: int, stride: int,
-    wide: int, kind: int, ghosts: int, rows: Values, at: Wholes,
+    wide: int, kind: int, ghosts: int, rows: Values, at: Wholes, falls: Floats, n: int,
 ):  # fmt: skip
     """The `wide` nodes of each of `tall` places along an axis and those around, in `rows`."""
     for k in range(tall + 2 * ghosts):
-        fetch(values, first, place, place + k - ghosts, nodes, stride, kind, wide, rows, k * wide)
+        there = place + k - ghosts
+        fetch(
+            values, first, place, there, nodes, stride, kind, wide, rows, k * wide, falls, n
+        )  # fmt: skip
     for k in range(2 * ghosts + 1):
         at[k] = k * wide
 
 
 def gather_along(
     values: Values, first: int, start: int, nodes: int, wide: int, kind: int,
-    ghosts: int, line: Values,
+    ghosts: int, line: Values, falls: Floats, n: int,
 ):  # fmt: skip
     """line[j]: the nodes from `start` - ghosts on of a row of the last axis that is at `first`."""
     length = wide + 2 * ghosts
@@ -74,9 +77,9 @@ def gather_along(
     high = max(min(length, nodes - start + ghosts), low)
     copy(values, first + start - ghosts + low, high - low, line, low)
     for j in range(low):
-        line[j] = ghost(values, first, start - ghosts + j, nodes, kind)
+        line[j] = ghost(values, first, start - ghosts + j, nodes, kind, falls, n)
     for j in range(high, length):
-        line[j] = ghost(values, first, start - ghosts + j, nodes, kind)
+        line[j] = ghost(values, first, start - ghosts + j, nodes, kind, falls, n)
 
 
 def call_scheme(scheme: int, source: Values, at: Wholes, k: int, ends: Values, count: int):
@@ -108,7 +111,7 @@ def slopes_across(
     scheme: int, values: Values, size: int, here: int, i: int, n: int, outer: int,
     place: int, tall: int, wide: int, stride: int, nodes: int, kind: int,
     ghosts: int, unit: int, several: int, count: int, kept: Wholes, own: Values,
-    places: Wholes, plain: int,
+    places: Wholes, plain: int, falls: Floats,
 ):  # fmt: skip
     """Slopes below and above the nodes of a run along an axis that is not the last."""
     each = (2 + 2 * plain) * ENDS
@@ -130,7 +133,7 @@ def slopes_across(
         differences[1] = address(ends, 2 * ENDS + wide)
     source = values
     if not reach(at, here, place, tall, nodes, stride, count, kind, ghosts, size):
-        gather(values, here, place, tall, nodes, stride, wide, kind, ghosts, rows, at)
+        gather(values, here, place, tall, nodes, stride, wide, kind, ghosts, rows, at, falls[i:], n)
         source = rows
     if tall > 1:  # the slopes above a row are those below the next
         call_scheme(scheme, source, at, 0, ends, count + wide)
@@ -142,7 +145,7 @@ def slopes_across(
 def slopes_along_rows(
     scheme: int, values: Values, size: int, here: int, begin: int, tall: int,
     wide: int, nodes: int, kind: int, ghosts: int, count: int, i: int, n: int,
-    own: Values, places: Wholes, plain: int,
+    own: Values, places: Wholes, plain: int, falls: Floats,
 ):  # fmt: skip
     """The same along the last axis."""
     each = (2 + 2 * plain) * ENDS
@@ -154,7 +157,9 @@ def slopes_along_rows(
     for k in range(8):
         at[k] = k
     for k in range(tall):
-        gather_along(values, here - begin + k * nodes, begin, nodes, wide, kind, ghosts, rows)
+        gather_along(
+            values, here - begin + k * nodes, begin, nodes, wide, kind, ghosts, rows, falls[i:], n
+        )
         last = ends[k * wide + ENDS]  # the slope above the row before
         call_scheme(scheme, rows, at, 0, ends[k * wide :], wide + 1)
         if k > 0:

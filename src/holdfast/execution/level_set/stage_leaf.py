@@ -126,7 +126,7 @@ class _Text:
         """
         n, stage, truth, of = self.stage.axes, self.stage, self.own.vector(TRUTH), self.own
         plain = self._sides("plain_", 2 * n)
-        given = sides | plain | {x: f"%{x}" for x in ("leeway", "share")}
+        given = sides | plain | {x: f"%{x}" for x in ("leeway", "share", "bent")}
         for i in range(n):
             given[f"half{i}"] = f"%half{i}"
             given[f"speed{i}"] = self._rate([], 2 + i, f"t{i}")

@@ -9,13 +9,18 @@ side; others have computed them before. What lies between the two is the rate (`
 
 A scheme of higher order may balance a ridge against its dissipation, and stand still where the
 equation does not. So it is filtered: with r the rate of the scheme, r_M that of the monotone step
-from the plain differences (`maths/games/monotone_flux.py`), and s a bound of |r - r_M|,
+from the plain differences (`maths/games/monotone_flux.py`), s a bound of |r - r_M|, and b how far
+the slopes are from the mean of the plain differences and from one another,
 
-    rate = r_M + w (r - r_M),   w = 1 to s = e,  2 - s / e to s = 2 e,  0 beyond
+    rate = r_M + w (r - r_M),   w = 1 to s + k b = e,  2 - (s + k b) / e to 2 e,  0 beyond
 
-Where the value is smooth s is less than the leeway e, and the rate is that of the scheme; a step
-differs from a monotone one by no more than e dt, and e tends to 0 with the cells, whatever the
-value, so that the values converge to the viscosity solution (G. Barles, P. E. Souganidis,
+Where the value is smooth s is of the order of a cell, b of its square, and both are less than the
+leeway e, so that the rate is that of the scheme. At a kink within a cell b is a part of s, however
+weak the kink: there a scheme of high order takes the slope of either side as far as the kink, and
+stands still where neither side falls. k is 0 where no other march is beside this one.
+
+A step differs from a monotone one by no more than e dt, and e tends to 0 with the cells, whatever
+the value, so that the values converge to the viscosity solution (G. Barles, P. E. Souganidis,
 Asymptotic Anal. 4, 1991; B. D. Froese, A. M. Oberman, SIAM J. Numer. Anal. 51, 2013;
 O. Bokanowski, M. Falcone, S. Sahu, SIAM J. Sci. Comput. 38, 2016, where w depends on |r - r_M|
 itself, which is small where a ridge is balanced). Limits and bounds keep the order of two values,
@@ -31,11 +36,12 @@ from holdfast.execution.arithmetic.steps import FLOAT, Steps, Value, choose
 from holdfast.execution.codegen.llvm_body import LANES
 from holdfast.execution.level_set.rate_leaves import RateLeaves
 
-NUMBERS = ("dt", "weight", "floor", "ceiling", "nearest", "leeway", "share")
-"""The first of its numbers, the last two for a filter; `OF_AXES` of every axis follow."""
+NUMBERS = ("dt", "weight", "floor", "ceiling", "nearest", "leeway", "share", "bent")
+"""The first of its numbers, the last three for a filter; `OF_AXES` of every axis follow."""
 
-OF_AXES = ("half", "step")
-"""Numbers of each axis: half the inverse of its step, its step."""
+OF_AXES = ("half", "step", "low", "high", "lowest_low", "lowest_high")
+"""Numbers of each axis: half the inverse of its step, its step, and of what a set is kept within
+(`stencils.py`) how much it falls from node to node beyond both ends, and down to what."""
 
 
 def names_of_numbers(axes: int) -> list[str]:
@@ -87,24 +93,29 @@ class Stage:
         return steps, [*means, *gaps]
 
     def apart(self) -> tuple[Steps, list[Value]]:
-        """s, a bound of |r - r_M| whatever the Hamiltonian; the leeway e; and whether s > e.
+        """s + k b, with s a bound of |r - r_M| whatever the Hamiltonian; the leeway e; and whether
+        the first is more.
 
         No speed exceeds c_i, so that with slopes p and plain differences q on both sides of a node
 
             |r - r_M| <= s = sum_i c_i (max(|p_i- - q_i-|, |p_i+ - q_i+|) + |q_i+ - q_i-| / 2)
+                         b = sum_i c_i (|p_i- + p_i+ - q_i- - q_i+| + |p_i+ - p_i-|) / 2
             e = a R,  or  a sum_i c_i min(|q_i-|, |q_i+|)  where that is more, at most 4 a R
 
         with the share a and the largest rate R of the start value. Inputs: leeway, which is a R,
-        share, and of each axis below0, above0, plain_below0, plain_above0, speed0, half0, ...
+        share, bent, which is k, and of each axis below0, above0, plain_below0, plain_above0,
+        speed0, half0, ...
         """
         steps = Steps(expanded=True)
+        bent = steps.input("bent")
         most, steep = steps.constant(0.0, FLOAT), steps.constant(0.0, FLOAT)
         for i in range(self.axes):
             below, above = steps.input(f"below{i}"), steps.input(f"above{i}")
             pace = 2.0 * (steps.input(f"half{i}") * steps.input(f"speed{i}"))
             lower, upper = steps.input(f"plain_below{i}"), steps.input(f"plain_above{i}")
             differ = _at_least(abs(below - lower), abs(above - upper))
-            most = most + pace * (differ + 0.5 * abs(upper - lower))
+            bend = abs(below + above - lower - upper) + abs(above - below)
+            most = most + pace * (differ + 0.5 * abs(upper - lower) + 0.5 * (bent * bend))
             steep = steep + pace * _at_most(abs(lower), abs(upper))
         leeway = steps.input("leeway")
         own = _at_least(steep * steps.input("share"), leeway)

@@ -18,6 +18,8 @@ PITCH = RUN + VECTOR  # a run, and what more of it a register takes; as in `stag
 VALUE, BASE, BEFORE, LOWER, UPPER, OUT, REST = range(7)
 CHANGED, ODD, MOVES, ALONG, OF_ROW, OUTER, NUMBERS, SLOPES = range(7, 15)
 
+FALLS = 8  # numbers of a stage before those of axes, as in `stage_steps.py`
+
 MOST_SLICES = 1 << 20  # the turns of a stage; the next stage has the next so many
 
 
@@ -29,14 +31,18 @@ def watch(own: Wholes, other: Wholes, value: int, times: int):
             return
 
 
-def beyond(edge: Value, inner: Value, distance: Value) -> Value:
+def beyond(edge: Value, inner: Value, distance: Value, fall: Value, lowest: Value) -> Value:
     """The value `distance` nodes beyond an edge: linear, and away from zero so no sign is made.
 
     An edge on which the value is zero, within rounding, is one of the set, and beyond it is less: a
     grid that ends on a constraint is as good as a wider one. A millionth of a cell is rounding.
+    Beyond a lost edge above `lowest` it falls by `fall` from node to node at least, as what a set
+    is kept within does: where two constraints meet the value is level within the grid; it would be
+    level beyond it, and never fall.
     """
     slope = abs(edge - inner)
-    return edge + distance * (slope if edge > 1e-6 * slope else -slope)
+    steep = max(slope, min(fall, max(edge - lowest, 0.0)))
+    return edge + distance * (slope if edge > 1e-6 * slope else -steep)
 
 
 def place_of(there: int, nodes: int, kind: int) -> int:
@@ -48,29 +54,37 @@ def place_of(there: int, nodes: int, kind: int) -> int:
 
 def fetch(
     values: Values, first: int, place: int, there: int, nodes: int, stride: int,
-    kind: int, count: int, target: Values, to: int,
+    kind: int, count: int, target: Values, to: int, falls: Floats, n: int,
 ):  # fmt: skip
-    """The run of `count` nodes at the place `there` of an axis; that at `place` is at `first`."""
+    """The run of `count` nodes at the place `there` of an axis; that at `place` is at `first`.
+
+    falls: `fall` of `beyond` at the lower end, n places further at the upper, then both `lowest`.
+    """
     there = place_of(there, nodes, kind)
     if 0 <= there < nodes:
         copy(values, first + (there - place) * stride, count, target, to)
         return
     edge = 0 if there < 0 else nodes - 1
     inner = 1 if there < 0 else nodes - 2
-    distance = float(abs(there - edge))
+    distance, end = float(abs(there - edge)), 0 if there < 0 else n
+    fall, lowest = falls[end], falls[end + 2 * n]
     at_edge, inside = first + (edge - place) * stride, first + (inner - place) * stride
     for j in range(count):
-        target[to + j] = beyond(values[at_edge + j], values[inside + j], distance)
+        target[to + j] = beyond(values[at_edge + j], values[inside + j], distance, fall, lowest)
 
 
-def ghost(values: Values, first: int, there: int, nodes: int, kind: int) -> Value:
+def ghost(
+    values: Values, first: int, there: int, nodes: int, kind: int, falls: Floats, n: int
+) -> Value:
     """The value at a place beyond the ends of a row of the last axis that is at `first`."""
     place = place_of(there, nodes, kind)
     if 0 <= place < nodes:
         return values[first + place]
     edge = 0 if there < 0 else nodes - 1
     inner = 1 if there < 0 else nodes - 2
-    return beyond(values[first + edge], values[first + inner], float(abs(there - edge)))
+    distance, end = float(abs(there - edge)), 0 if there < 0 else n
+    fall, lowest = falls[end], falls[end + 2 * n]
+    return beyond(values[first + edge], values[first + inner], distance, fall, lowest)
 
 
 def mark(

@@ -126,6 +126,7 @@ def sweep(
     places[CHANGED], places[ODD] = address(changed, 0), address(odd, 0)
     places[OF_ROW], places[OUTER] = address(held, of_row_at), address(same, 0)
     places[NUMBERS] = address(numbers, 0)
+    falls = numbers[FALLS + 2 * n :]
     wrong, computed, of_block = 0, 0, -1
     while True:
         slice_ = take(turn) % MOST_SLICES
@@ -172,11 +173,11 @@ def sweep(
                     slopes_across(
                         leaves[3], values, size, here, i, n, i < n - 2,
                         index[i] if i < n - 2 else row, tall, wide, strides[i], shape[i], kinds[i],
-                        ghosts, unit, several, count, kept, of_slopes, places, plain,
+                        ghosts, unit, several, count, kept, of_slopes, places, plain, falls,
                     )  # fmt: skip
                 slopes_along_rows(
                     leaves[3], values, size, here, begin, tall, wide, nodes, kinds[last], ghosts,
-                    count, last, n, of_slopes, places, plain,
+                    count, last, n, of_slopes, places, plain, falls,
                 )  # fmt: skip
                 places[VALUE] = address_of_run(values, size, here, count, arrays)
                 places[BASE] = address_of_run(base, size, here, count, arrays[PITCH:])
