@@ -87,12 +87,12 @@ def test_margin_that_is_no_number_beyond_the_grid_says_nothing_of_what_is_there(
     )
     below = hf.parse_expression(low, {"x": x})
     rows = (hf.Inequality("low", below), hf.Inequality("high", x - 1))
-    found = hf.viability_kernel(
+    value = hf.viability_kernel(
         system, hf.Region("between", states, rows), hf.grid(system, {"x": (0, 1.2)}, 61), 5.0,
         scheme=scheme,
     )  # fmt: skip
-    assert found.report.converged
-    assert found.extent()["x"] == pytest.approx((0.04, 1.0), abs=1e-3)
+    assert value.report.converged
+    assert value.extent()["x"] == pytest.approx((0.04, 1.0), abs=1e-3)
 
 
 @pytest.mark.parametrize("scheme", ["upwind", "weno5"])

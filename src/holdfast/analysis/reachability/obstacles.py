@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from holdfast.analysis.reachability.problem import Ends, Posed, check_inside, touched
+from holdfast.analysis.reachability.problem import ON_END, Ends, Posed, check_inside, touched
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.layers import Part
@@ -44,9 +44,6 @@ NOTHING = Facts(False, True, frozenset(), 0.0, -math.inf, 0.0)
 WIDER = 1.0 / 15.0
 """Share of an axis for which the margin is taken to fall beyond its ends. With a few cells in its
 place finer grids would keep too much where constraints meet; without end all would too little."""
-
-ROUNDING = 1e-6
-"""Part of a cell by which a value above zero is rounding, as in `stencils.py`."""
 
 TOGETHER = 1 << 20
 """Nodes at which moving bounds are renewed together."""
@@ -154,8 +151,8 @@ class Obstacles:
                 [np.array([further]) if k == i else nodes for k, nodes in enumerate(axes)],
                 band=posed.marching.band,
             )(posed.clock[0]).reshape(edge.shape)  # fmt: skip
-            fall = edge - np.maximum(beyond, -highest)  # none where that is no number
-            lost = edge <= ROUNDING * fall
+            fall = edge - np.maximum(beyond, -highest)  # of NaN no node is lost
+            lost = edge <= ON_END * fall
             steepest = np.max(fall, initial=0.0, where=lost) / axis.step
             depth = WIDER * (axis.high - axis.low) * steepest
             lowest = np.max(edge, initial=-math.inf, where=lost) - depth
