@@ -82,7 +82,9 @@ def test_kernel_in_a_current_that_rises(order):
     for to_go, high in ((1.0, 0.0), (1.5, 0.5), (2.0, 1.0)):
         assert interval(found, to_go)[1] == pytest.approx(high, abs=CELL)
     later = hf.viability_kernel(current, walls, line(), 1.5, start_time=0.5, order=order)
-    assert later.values() == pytest.approx(found.values(1.5), abs=1e-3)
+    longest = 1.5 * CELL / 3  # step [s], at 3 m/s
+    jump = 2 * longest  # that the current has in a step in which it sets in
+    assert later.values() == pytest.approx(found.values(1.5), abs=1e-3 if order == 1 else jump)
 
 
 def test_steps_are_short_enough_for_a_current_that_comes_later():
@@ -189,7 +191,7 @@ def test_target_that_was_larger_for_a_while_is_remembered_by_a_checkpoint(tmp_pa
 
     def stop(_share):
         told.append(1)
-        if len(told) > 18:
+        if len(told) > 8:
             raise KeyboardInterrupt
 
     def reach(**options):

@@ -128,13 +128,13 @@ class MarchCluster:
 
     def _stages(self, posed: Posed, count: int, threads: int) -> int:
         """From an exchange to the next: one stage, or those of a step."""
-        order = posed.marching.method.order
+        stages = posed.marching.method.stages
         if self._exchange != "auto":
-            return order if self._exchange == "step" else 1
+            return stages if self._exchange == "step" else 1
         of = layers_of(posed)
-        nodes = posed.grid.nodes / of.count * of.reach * order * (order - 1)
+        nodes = posed.grid.nodes / of.count * of.reach * stages * (stages - 1)
         twice = nodes * UPDATE / threads if count > 1 else 0.0
-        return order if twice < (order - 1) * MESSAGE else 1
+        return stages if twice < (stages - 1) * MESSAGE else 1
 
 
 class ClusterParts:

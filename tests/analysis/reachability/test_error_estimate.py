@@ -118,7 +118,7 @@ def test_growth_from_outside_ends_a_march_at_once():
     seen = []
     with pytest.raises(SimulationError, match=r"by (0\.\d+) s the value has grown to"):
         hf.backward_reachable_tube(DRIFT, target, LINE, 20.0, progress=seen.append)
-    assert seen[-1] < 0.03
+    assert seen[-1] < 0.05
 
 
 def test_marches_beside_have_checkpoints_beside(tmp_path):

@@ -27,7 +27,6 @@ from holdfast.analysis.reachability.memory_estimate import answer_bytes, memory_
 from holdfast.analysis.reachability.problem import Posed
 from holdfast.errors import OutputError, SlowWarning
 from holdfast.execution.level_set.layers import Part
-from holdfast.execution.level_set.march import STAGES
 from holdfast.execution.level_set.mirrored_grid import halves
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.stage_orders import StageOrder
@@ -109,17 +108,17 @@ def traffic(posed: Posed) -> tuple[int, int]:
     every stage that has it: what goes in, what the step began with, what came out before. Of a
     symmetric grid it is the half that is computed, with what that reaches.
     """
-    order, grid = posed.marching.method.order, posed.grid
+    stages, grid = posed.marching.method.stages, posed.grid
     bounds = (posed.problem.limit == "free" or posed.varies) * len(posed.problem.regions)
     moving = bounds * any(r.moves for r in posed.problem.regions)
     share, axis = 1.0, None
     if (signs := posed.marching.symmetry) is not None:
         axis = next(i for i, a in enumerate(grid.axes) if signs.get(a.name) == -1)
         share = _share(grid.axes[axis], schemes()[posed.marching.scheme].ghosts)
-    if streams(len(grid.axes), order, axis == 0):
-        read, written = max(order, 2) + bounds, max(order, 2) + moving
+    if streams(len(grid.axes), stages, axis == 0):
+        read, written = max(stages, 2) + bounds, max(stages, 2) + moving
     else:
-        read, written = max(3 * order - 2, 2) + order * bounds, order * (1 + moving)
+        read, written = max(3 * stages - 2, 2) + stages * bounds, stages * (1 + moving)
     size = share * grid.nodes * np.dtype(posed.marching.precision).itemsize
     return round(read * size), round(written * size)
 
@@ -174,11 +173,11 @@ def _computing(posed: Posed, h: Hamiltonian) -> float:
     held.begin(facts)
     march, clock = held.march, posed.clock[0]
     march.speeds[:], total = held.fastest([clock])
-    dt = posed.marching.cfl / total if total > 0 else 1.0
+    dt = posed.marching.cfl * march.method.steps.lengths / total if total > 0 else 1.0
     then = clock if any(r.moves for r in posed.problem.regions) else None
     held.open()
     orders = []
-    for s, (weight, _) in enumerate(STAGES[march.method.order]):
+    for s, (weight, _) in enumerate(march.method.steps.stages):
         numbers = march.numbers(dt, weight, (-math.inf, math.inf, 0.0))
         orders.append(StageOrder(s, march.u(0.0), numbers, False, then, s == 0))
     times = []

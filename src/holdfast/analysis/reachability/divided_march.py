@@ -79,7 +79,7 @@ class Here:
     @contextmanager
     def parts(self, posed: Posed, h: Hamiltonian) -> Iterator[Parts]:
         found = cut(posed, self._count)
-        stages = posed.marching.method.order if self._by_step else 1
+        stages = posed.marching.method.stages if self._by_step else 1
         parts = layers_of(posed).parts(found, stages)
         local = PartsHere(
             [
@@ -152,7 +152,7 @@ class DividedMarch:
         given = () if begin is None else (begin,)
         self.start: Facts = merged(parts.ask("begin", facts, *given))
         """What is known of the start value."""
-        self._order = posed.marching.method.order
+        self._stages = posed.marching.method.stages
         self._waiting: list[StageOrder] = []
         self._time: float | None = None
         self._again = False
@@ -174,7 +174,7 @@ class DividedMarch:
         order = StageOrder(s, u, numbers, measures, self._time, self._again)
         self._waiting.append(order)
         self._again = False
-        if s < self._order - 1 and self._parts.stages > len(self._waiting):
+        if s < self._stages - 1 and self._parts.stages > len(self._waiting):
             return np.zeros(3)
         found = joined(self._parts.ask("carry_out", self._waiting))
         self._waiting = []

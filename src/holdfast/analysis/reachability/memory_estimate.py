@@ -109,7 +109,7 @@ def answer_bytes(posed: Posed) -> int:
 def _bytes(
     grid: Grid, marching: Marching, obstacles: bool, times: int, arrivals: bool, beside: bool
 ) -> int:
-    arrays = 1 + max(marching.method.order - 1, 1) + 2 * obstacles + 2 * arrivals
+    arrays = 1 + max(marching.method.stages - 1, 1) + 2 * obstacles + 2 * arrivals
     if marching.check_outside:
         arrays += 4
     elif marching.estimate_error:

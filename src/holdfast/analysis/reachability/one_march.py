@@ -163,7 +163,8 @@ class OneMarch:
             return True
         little = self._residual(done) <= posed.marching.tolerance
         still = done.settled(little and (done.slows or done.speed <= ROUNDING * self._rounding))
-        return (still and done.steps >= max(posed.grid.shape)) or (little and done.fixed)
+        lengths = done.steps * posed.marching.method.steps.lengths
+        return (still and lengths >= max(posed.grid.shape)) or (little and done.fixed)
 
     def _report(self, done: Done, largest: float) -> Report:
         posed, h, held = self._posed, self._h, self._held

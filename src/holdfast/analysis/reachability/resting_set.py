@@ -44,9 +44,20 @@ TOGETHER = 1 << 22
 
 ORDER = 2
 """The order of the steps of the filtered march beside one that does not come to rest. Steps of
-first order would wear off what goes round, and a third stage gains nothing: whole cells are asked
-of it. Where a march comes to rest depends on roundings, so that one from a rest on has the order of
-the scheme."""
+first order would wear off what goes round, and a third gains nothing: whole cells are asked of it.
+Where a march comes to rest depends on roundings, so that one from a rest on has the order and the
+precision of the other."""
+
+LONGER, LONGEST = 1.25, 0.95
+"""How many times as long its steps are, but no longer than this share of a stable one: a filtered
+step is as good as monotone up to the whole."""
+
+SINGLE = 1e12
+"""The largest change between neighbours, and the inverse of the least, of a value that the filtered
+march beside one that does not come to rest has in single precision: squares of it are numbers."""
+
+DEEP = 1e30
+"""A value further below zero is not told apart from this one there."""
 
 
 def filtered_throughout(posed: Posed) -> bool:
@@ -81,7 +92,10 @@ def marched_to_rest(
     if at_rest:
         begin = np.asarray(sharp.values())
     elif not report.converged and report.steps > 1:  # a single step may be of no length
-        marching = replace(marching, order=min(marching.method.order, ORDER))
+        cfl = max(marching.cfl, min(LONGER * marching.cfl, LONGEST))
+        marching = replace(marching, order=min(marching.method.order, ORDER), cfl=cfl)
+        if 1.0 / SINGLE < report.cell < SINGLE:
+            marching = replace(marching, precision="float32", band=min(marching.band, DEEP))
     beside = replace(beside, marching=marching)
     worn = marched(beside, _half(progress, 1), begin)
     left = worn.report.residual_cells

@@ -36,7 +36,7 @@ class DeviceSweeping:
         upper: Array | None,
         lower: Array | None,
     ) -> None:
-        self._device, self._order = device, march.method.order
+        self._device, self._stages = device, march.method.stages
         self._xp: Any = device.arrays
         self._march, self._host = march, values
         stage = march.leaves.stage(lower=lower is not None, upper=upper is not None)
@@ -44,12 +44,12 @@ class DeviceSweeping:
         text = march_text(stage, march.scheme, march.precision, march.cut[0])
         self._program = device.program(text)
         self._units = march.units
-        arrays = 1 + max(self._order - 1, 1) + sum(b is not None for b in (upper, lower))
+        arrays = 1 + max(self._stages - 1, 1) + sum(b is not None for b in (upper, lower))
         device.check_memory(arrays * values.nbytes, f"{arrays} arrays of {len(values):,} nodes")
         own = self._xp.asarray(values)
         own = own.copy() if own is values else own
-        self._arrays = [own, *(own.copy() for _ in range(max(self._order - 1, 1)))]
-        self._flags = self._xp.ones((max(self._order, 2), self._units), dtype=np.uint8)
+        self._arrays = [own, *(own.copy() for _ in range(max(self._stages - 1, 1)))]
+        self._flags = self._xp.ones((max(self._stages, 2), self._units), dtype=np.uint8)
         self._bounds_here = upper, lower
         self._bounds: list[Any] = []
         self.bounds_moved()
@@ -85,15 +85,15 @@ class DeviceSweeping:
 
     def stage(self, s: int, u: Array, numbers: Array, measures: bool) -> Counts:
         """Carry out a stage of a step: units computed, nodes not finite, the largest move."""
-        xp, order, arrays, flags = self._xp, self._order, self._arrays, self._flags
-        last = s == order - 1
-        own = flags[1:order] if last and order > 1 else flags[:1]
-        many = order - 1 if last else 0
-        self._out = arrays[1] if order == 1 else arrays[0 if last else s + 1]
+        xp, stages, arrays, flags = self._xp, self._stages, self._arrays, self._flags
+        last = s == stages - 1
+        own = flags[1:stages] if last and stages > 1 else flags[:1]
+        many = stages - 1 if last else 0
+        self._out = arrays[1] if stages == 1 else arrays[0 if last else s + 1]
         here, there = flags[s], flags[(s + 1) % len(flags)]
         if self._fold is not None:
             self._fold.narrow(here)
-        before = arrays[0] if order == 1 else self._out
+        before = arrays[0] if stages == 1 else self._out
         u, numbers = xp.asarray(u), xp.asarray(numbers)
         counts = xp.zeros(3, dtype=np.uint64)
         axis = self._axes[-1]
@@ -107,7 +107,7 @@ class DeviceSweeping:
         )  # fmt: skip
         if self._fold is not None:
             self._mirror(self._out, self._fold.needed)
-        if order == 1:
+        if stages == 1:
             arrays.reverse()
             self._flags = flags[::-1]
         found = self._device.fetched(counts)

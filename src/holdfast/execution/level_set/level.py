@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from holdfast.execution.arrays import AnyArray as Array
-from holdfast.execution.level_set.march import STAGES, March
+from holdfast.execution.level_set.march import March
 from holdfast.execution.level_set.march_arrays import MarchArrays
 from holdfast.execution.level_set.sweeping import first_not_finite
 from holdfast.execution.level_set.workers import Workers
@@ -36,11 +36,11 @@ class Level(MarchArrays):
         fast the set moved [cells/s]."""
         march, computed = self.march, 0
         found, u = np.zeros(3), march.u(begin)
-        for s, (weight, _) in enumerate(STAGES[self.order]):
+        for s, (weight, _) in enumerate(march.method.steps.stages):
             if units is not None:
                 here = self.marks(s)[0]
                 here &= units
-            measures = s == self.order - 1 and measure and self.numbers[2] > 0
+            measures = s == self.stages - 1 and measure and self.numbers[2] > 0
             found = self.swept(workers, s, u, march.numbers(dt, weight, self.numbers), measures)
             computed += int(found[0])
             if found[1]:

@@ -30,6 +30,7 @@ from holdfast.execution.level_set.device_text import device_layout
 from holdfast.execution.level_set.march_leaves import MarchLeaves
 from holdfast.execution.level_set.mirrored_grid import Fold
 from holdfast.execution.level_set.over_grid import Fastest, over_grid, padded_rows
+from holdfast.execution.level_set.runge_kutta import METHODS, RungeKutta
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.settling import Done
 from holdfast.execution.level_set.stage_orders import Stages
@@ -43,10 +44,6 @@ from holdfast.maths.games.hamiltonian import Hamiltonian
 
 ENDS = {"contained": 0, "extrapolated": 0, "periodic": 1, "limited": 2}
 """The continuation beyond the ends of an axis; the numbers of `stencils.py`."""
-
-STAGES = {1: ((1.0, 0.0),), 2: ((1.0, 0.0), (0.5, 1.0)), 3: ((1.0, 0.0), (0.25, 1.0), (2 / 3, 0.5))}
-"""(weight, time) of the stages of the total-variation-diminishing Runge-Kutta methods
-(C.-W. Shu, S. Osher, J. Comput. Phys. 77, 1988)."""
 
 ALL_MEASURED, MEASURED = 64, 4
 """Steps from the first for which it is measured how fast the set moves, then one in so many."""
@@ -69,6 +66,15 @@ class Method:
     dissipation: str = "local-local"
     cfl: float = 0.75
     skip: bool = True
+
+    @property
+    def steps(self) -> RungeKutta:
+        return METHODS[self.order]
+
+    @property
+    def stages(self) -> int:
+        """Of a step."""
+        return len(self.steps.stages)
 
 
 class March:
@@ -111,10 +117,7 @@ class March:
         self.precision, self.device = precision, device
         self.filtered = filtered and not scheme.one_slope
         self.code = sweep_code(precision, one_slope=scheme.one_slope)
-        self.leaves = MarchLeaves(
-            hamiltonian, parameters, scheme, dissipation=method.dissipation, limit=limit,
-            order=method.order, precision=precision, filtered=self.filtered,
-        )  # fmt: skip
+        self.limit = limit
         self.hamiltonian, self.parameters = hamiltonian, parameters
         self.method = method
         self.shape = np.array([len(a) for a in axes], dtype=np.int64)
@@ -149,6 +152,16 @@ class March:
         return self.code.name if self.device is None else f"{self.code.name} as kernels"
 
     @cached_property
+    def leaves(self) -> MarchLeaves:
+        """What the sweep calls: where another carries out the stages they are not needed."""
+        method = self.method
+        return MarchLeaves(
+            self.hamiltonian, self.parameters, self.scheme, dissipation=method.dissipation,
+            limit=self.limit, one_stage=method.stages == 1, precision=self.precision,
+            filtered=self.filtered,
+        )  # fmt: skip
+
+    @cached_property
     def longest_step(self) -> float:
         """The largest stable step at the beginning [s]; see `_longest_step`."""
         return self._longest_step((0.0,))
@@ -162,7 +175,7 @@ class March:
         for i in np.flatnonzero(~np.isfinite(self.speeds)):
             bad = [tau for tau in at if not np.isfinite(self._speed(int(i), tau)).all()]
             raise self._not_finite(int(i), bad[0])
-        return self.method.cfl / total if total > 0 else math.inf
+        return self.method.cfl * self.method.steps.lengths / total if total > 0 else math.inf
 
     def _speed(self, i: int, tau: float) -> Array:
         """The largest speed along an axis at every node."""
@@ -249,8 +262,7 @@ class March:
         done = done or Done()
         if done.stopped:
             return done
-        order = self.method.order
-        stages = STAGES[order]
+        stages = self.method.steps.stages
         began, step = time.perf_counter() - done.seconds, math.nan
         for start, dt, ends in itertools.islice(self.steps_to(times), done.steps, None):
             if dt != step or not self.method.skip or self.varying or refresh is not None:
@@ -261,7 +273,7 @@ class March:
                 done.steps < ALL_MEASURED or done.steps % MEASURED == 0 or ends is not None
             )
             for s, (weight, fraction) in enumerate(stages):
-                last = s == order - 1
+                last = s == len(stages) - 1
                 if refresh is not None:  # what comes out is for the time of the next stage
                     then = 1.0 if last else stages[s + 1][1]
                     refresh(self._time(start + then * dt))
@@ -272,7 +284,7 @@ class March:
                 done.computed += int(found[0])
                 if found[1]:
                     raise self.not_finite(sweeping.not_finite(), int(found[1]), start + dt)
-            done.of += self.units * order
+            done.of += self.units * len(stages)
             done.steps += 1
             done.time = start + dt if ends is None else ends
             if done.measured:
@@ -304,10 +316,11 @@ class March:
         return np.concatenate([[self._time(tau)], self.p, self.speeds])
 
     def numbers(self, dt: float, weight: float, within: tuple[float, float, float]) -> Array:
-        """Those of a stage (`stage_steps.py`). within: floor, ceiling, nearest."""
+        """Those of a stage of a step of dt (`stage_steps.py`). within: floor, ceiling, nearest."""
         per_axis = (0.5 / self.steps, self.steps, *self.falls)
         of_filter = (self.leeway, self.share, self.bent)
-        return np.array([dt, weight, *within, *of_filter, *np.concatenate(per_axis)])
+        of_step = (dt * self.method.steps.share, weight, *within)
+        return np.array([*of_step, *of_filter, *np.concatenate(per_axis)])
 
     def steps_to(self, times: Sequence[float]) -> Iterator[tuple[float, float, float | None]]:
         """Start and length of every step [s], and which of `times` it ends at."""

@@ -32,10 +32,10 @@ class MarchArrays:
         another: Callable[[Array], Array],
     ) -> None:
         """upper, lower: bounds at every node. another: gives the arrays for values of stages."""
-        order = march.method.order
-        self.march, self.order = march, order
-        self.arrays = [values, *(another(values) for _ in range(max(order - 1, 1)))]
-        self.flags = np.ones((max(order, 2), march.units), dtype=np.uint8)
+        stages = march.method.stages
+        self.march, self.stages = march, stages
+        self.arrays = [values, *(another(values) for _ in range(max(stages - 1, 1)))]
+        self.flags = np.ones((max(stages, 2), march.units), dtype=np.uint8)
         plain, measured, self.sizes = march.leaves.found(
             lower=lower is not None, upper=upper is not None
         )
@@ -49,15 +49,15 @@ class MarchArrays:
 
     def marks(self, s: int) -> tuple[Flags, Flags, Flags]:
         """The units to be computed in a stage, those in the next, and which of the later ones."""
-        flags, order = self.flags, self.order
-        last = s == order - 1
-        return flags[s], flags[(s + 1) % len(flags)], flags[1:order] if last else flags[:0]
+        flags, stages = self.flags, self.stages
+        last = s == stages - 1
+        return flags[s], flags[(s + 1) % len(flags)], flags[1:stages] if last else flags[:0]
 
     def swept(self, workers: Workers, s: int, u: Array, numbers: Array, measures: bool) -> Counts:
         """A stage of the units at the places that the workers share."""
         march, arrays, out = self.march, self.arrays, self.out(s)
         here, there, own = self.marks(s)
-        before = arrays[0] if self.order == 1 else out
+        before = arrays[0] if self.stages == 1 else out
         return workers.run(march.code.sweep, self._room, [
             *map(address, (u, numbers, arrays[s], arrays[0], out, before)),
             *(0 if bound is None else address(bound) for bound in self.kept), len(out),
@@ -69,6 +69,6 @@ class MarchArrays:
 
     def ended(self, s: int) -> None:
         """After a stage: of a method with a single one the arrays change places."""
-        if self.order == 1:
+        if self.stages == 1:
             self.arrays.reverse()
             self.flags = self.flags[::-1]

@@ -25,7 +25,7 @@ Numbers = npt.NDArray[np.int64]
 class MarchLeaves:
     """The leaves of a Hamiltonian with a scheme.
 
-    limit: a name in `LIMITS`; order: of the Runge-Kutta method; filtered: whether the rate is held
+    limit: a name in `LIMITS`; one_stage: whether a step has one; filtered: whether the rate is held
     close to that of a monotone step (`stage_steps.py`).
     """
 
@@ -37,7 +37,7 @@ class MarchLeaves:
         *,
         dissipation: str,
         limit: str,
-        order: int,
+        one_stage: bool,
         precision: str,
         filtered: bool,
     ) -> None:
@@ -48,7 +48,7 @@ class MarchLeaves:
             filtered=filtered,
             precision=precision,
         )
-        self._scheme, self._limit, self._order = scheme, limit, order
+        self._scheme, self._limit, self._one_stage = scheme, limit, one_stage
         self._precision, self._filtered = precision, filtered
         self._axes = len(hamiltonian.costates)
 
@@ -66,7 +66,7 @@ class MarchLeaves:
             filtered=self._filtered,
             limits=LIMITS[self._limit],
             side=1.0 if self._limit == "shrink" else -1.0,
-            from_start=self._order == 1,
+            from_start=self._one_stage,
             lower=lower,
             upper=upper,
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
@@ -41,8 +42,7 @@ class OverGrid:
         axes: Sequence[Array],
     ) -> None:
         same = (TIME, *(q.symbol for q in parameters))
-        leaf = leaf_of({"w": symbols, "u": same}, expressions, uniform=("u",))
-        self._leaves: Leaves = compiled_leaves({"values": leaf})
+        self._leaves = _leaves_of(tuple(expressions), tuple(symbols), same)
         self._u = np.array([0.0, *(float(q.value) for q in parameters)])
         self._count = len(expressions)
         inner = len(axes) - 1
@@ -70,6 +70,15 @@ class OverGrid:
             begin = k * self._nodes
             low, high = max(first, begin), min(last, begin + self._nodes)
             yield slice(low, high), out[:, low - begin : high - begin]
+
+
+@lru_cache(maxsize=64)
+def _leaves_of(
+    expressions: tuple[sp.Expr, ...], symbols: tuple[sp.Symbol, ...], same: tuple[sp.Symbol, ...]
+) -> Leaves:
+    """The same margin is wanted at all nodes, beyond every end, and by both marches of a kernel."""
+    leaf = leaf_of({"w": symbols, "u": same}, expressions, uniform=("u",))
+    return compiled_leaves({"values": leaf})
 
 
 def over_grid(

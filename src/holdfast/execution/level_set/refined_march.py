@@ -10,10 +10,10 @@ interval of a few steps of the finer one at a time:
     4. the chosen blocks are marched by the same sweep as any grid;
     5. the nodes of the coarser grid in them take the value of the finer one.
 
-The boundary crosses at most one cell in a step, so that it stays within the chosen blocks. Where
-the value of the coarser grid comes to zero elsewhere, its blocks are chosen too. Where all blocks
-are chosen, the values are those of the march over the whole finest grid, to the bit. What is beyond
-an end of the grid is continued from the nodes of one grid.
+The boundary crosses at most a cell in an Euler step, so that it stays within the chosen blocks.
+Where the value of the coarser grid comes to zero elsewhere, its blocks are chosen too. Where all
+blocks are chosen, the values are those of the march over the whole finest grid, to the bit. What is
+beyond an end of the grid is continued from the nodes of one grid.
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ class RefinedMarch:
         n = len(self.fine.shape)
         sizes = [*[SIDE.get(n, LEAST_SIDE)] * (n - 1), STRETCH]
         self.blocks = [Blocks(m.shape.tolist(), periodic, sizes) for m in marches[1:]]
-        self.every = min(sizes) // 2  # steps of an interval
         fine = self.fine
+        self.every = max(min(sizes) // (2 * fine.method.steps.lengths), 1)  # steps of an interval
         self.longest_step, self.crossing, self.code = fine.longest_step, fine.crossing, fine.code
         self.refine = 2 ** len(self.blocks)
         self.complete: Callable[[], object] = lambda: None
@@ -172,6 +172,7 @@ class _Pair:
         self.values = level.arrays[0]
         self.tasks = BlockTasks(blocks, workers, level.march.code.kind.name)
         self.chosen = np.ones(blocks.counts, dtype=bool)  # all have the value to begin with
+        self.cells = level.march.method.steps.lengths  # that the boundary crosses in a step
         self.own = 0.0
 
     @property
@@ -193,7 +194,7 @@ class _Pair:
         tasks.hand_down(self.chosen, values, coarser.values)  # a finer grid may have changed them
         before = coarser.values.copy()
         coarser.advance(start, steps * dt)
-        crossed = tasks.crossed(self.chosen, values, before, self.every + 2)
+        crossed = tasks.crossed(self.chosen, values, before, self.every * self.cells + 2)
         wanted = blocks.near(self.chosen, crossed)
         bounds, rim = self.level.kept, blocks.beside(wanted)
         tasks.fill(wanted & ~self.chosen, [values], (before, before), bounds)
@@ -217,7 +218,7 @@ class _Pair:
                 self.workers, start + k * dt, dt, measure=done.measured, units=units
             )
             done.computed += computed
-            done.of += level.march.units * level.march.method.order
+            done.of += level.march.units * level.march.method.stages
             done.steps += 1
             if last:
                 least = max(level.numbers[2], 1e-300)

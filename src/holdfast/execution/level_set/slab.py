@@ -66,7 +66,7 @@ class Slab(Sweeping):
         super().__init__(march, values, upper, lower, room)
         assert march.units == len(part.layers) * part.of.units
         self.part, self._stages = part, stages
-        self._rows = np.ones((max(self.order, 2) + 1, march.units), dtype=np.uint8)
+        self._rows = np.ones((max(self.stages, 2) + 1, march.units), dtype=np.uint8)
         self.flags = self._rows[:-1]
         self._layer = len(values) // int(part.starts[-1])  # nodes at a place of the axis
         self._of = {k: np.flatnonzero(part.layers == k).tolist() for k in part.layers.tolist()}
@@ -96,7 +96,7 @@ class Slab(Sweeping):
         found[0] = self._computed
         if found[1] and self._stages > 1:  # some of them may lie in the halo
             found[1] = np.count_nonzero(not_finite(self.own_values(self._out)))
-        self._latest = 0 if s == self.order - 1 else s + 1
+        self._latest = 0 if s == self.stages - 1 else s + 1
         return found
 
     def own_values(self, array: Array | None = None) -> Array:
@@ -133,7 +133,7 @@ class Slab(Sweeping):
         """What other parts, or this one at the other end, have handed over."""
         array, own = self.arrays[self._latest], self.part.own_layers
         halo = {k: [j for j in at if j not in own] for k, at in self._of.items()}
-        if self.order == 1:  # where nothing was handed over, the last two steps are equal
+        if self.stages == 1:  # where nothing was handed over, the last two steps are equal
             for j in (j for at in halo.values() for j in at):
                 array[self._nodes(j)] = self.arrays[1][self._nodes(j)]
         for edges in found:

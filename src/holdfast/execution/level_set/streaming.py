@@ -20,12 +20,12 @@ NODES = 1_000_000
 """Nodes that a stage computes before the next follows, at least."""
 
 
-def streams(states: int, order: int, reflects_first: bool) -> bool:
+def streams(states: int, stages: int, reflects_first: bool) -> bool:
     """Whether the stages of a step may follow one another so.
 
     reflects_first: whether a symmetry has a plane of the first axis reflected onto another.
     """
-    return states > 2 and order > 1 and not reflects_first
+    return states > 2 and stages > 1 and not reflects_first
 
 
 class Streaming(Sweeping):
@@ -35,7 +35,7 @@ class Streaming(Sweeping):
     def streams(self) -> bool:
         """Whether its stages may follow one another so."""
         fold = self.march.fold
-        return streams(len(self.march.shape), self.order, fold is not None and fold.axis == 0)
+        return streams(len(self.march.shape), self.stages, fold is not None and fold.axis == 0)
 
     def step(self, orders: Sequence[StageOrder], bounds: Bounds) -> list[StageAnswer]:
         """All stages of a step."""
