@@ -39,12 +39,13 @@ import numpy as np
 
 import holdfast as hf
 from holdfast.analysis.reachability.disk_estimate import disk_speed
+from holdfast.execution.level_set.runge_kutta import METHODS
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.streaming import Streaming
 from holdfast.interop.march_cluster import march_cluster
 from holdfast.scenario.load import load_scenario
 
-STAGES, REACH, BYTES = 3, 3, 4
+STAGES, REACH, BYTES = len(METHODS[3].stages), 3, 4
 """Of weno5 with its Runge-Kutta method, in single precision."""
 
 STEPS = 15

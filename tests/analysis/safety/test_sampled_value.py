@@ -99,6 +99,19 @@ def test_filter_at_a_ridge_loses_no_start_whatever_the_scheme_and_the_grid(
                 assert runs_lost == 0, (sample_time, command, foe)
 
 
+def test_filter_over_a_kernel_in_single_precision_decides_as_one_in_double():
+    """Its table is of another kind, in memory, than that of all other kernels."""
+    (system, double), (_, single) = leaning(), leaning(precision="float32")
+    assert single.values().dtype == "float32"
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-1, 1, (2000, 2)) * [1.4, 1.9]
+    wanted = rng.uniform(-1, 1, (2000, 1))
+    one, other = (hf.SafetyFilter(system, v).step_many(q, wanted) for v in (double, single))
+    assert np.mean([a == b for a, b in zip(one.status, other.status, strict=True)]) > 0.99
+    assert (np.abs(one.input - other.input) < 0.01).mean() > 0.99  # a ridge has two best inputs
+    assert lost(system, single, 0.02, 0.2, 0.2, "greedy", 6.0) == 0
+
+
 def test_held_inputs_keep_almost_all_of_the_kernel():
     """The share of the nodes, measured: 98.7 to 99.7 % by WENO5 on 81 nodes."""
     for scheme, push in (("weno5", 0.2), ("upwind", 0.5)):

@@ -64,6 +64,16 @@ def kept_in_kernel():
     return cart(), hf.safety_law(cart(), kernel(precision="float32"), swinging())
 
 
+def kept_at_rest():
+    """One sample ahead, by a table in single precision."""
+    system, grid = cart(), hf.grid(cart(), BOX, 41)
+    value = hf.discriminating_kernel(system, WALLS, grid, horizon=40, precision="float32")
+    law = hf.safety_law(system, value, swinging())
+    assert law.safeguard.foresight is not None
+    assert law.lookup.table[0].dtype == "float32"
+    return system, law
+
+
 def optimal():
     return cart(), hf.safety_law(cart(), kernel())
 
@@ -80,6 +90,7 @@ def at_the_time_left():
 MADE = {
     "walls": kept_off_walls,
     "kernel": kept_in_kernel,
+    "kernel at rest": kept_at_rest,
     "optimal": optimal,
     "time left": at_the_time_left,
 }

@@ -152,6 +152,7 @@ def identity(posed: Posed) -> dict[str, str]:
         )
     }  # fmt: skip
     found["order"] = repr(marching.method.order)
+    found["the Runge-Kutta method"] = repr(marching.method.steps)
     found["whether it is filtered"] = repr(posed.filtered)
     return found
 

@@ -208,8 +208,11 @@ class _Builder:
         if self.shape.places:
             body.call("places", t=t, q=seen, p=self.at["gains"], out=self.at["look_at"])
             part = "look_in_cells_lanes" if self.shape.of_cells else LOOK_UP
-            single = SINGLE if self.shape.single else ""
-            body.part(f"{part}{single}", self.layout.tables[0 if noted else 1])
+            self._reads(body, part, self.layout.tables[0 if noted else 1])
+
+    def _reads(self, body: Instructions, part: str, at: int) -> None:
+        """A part that reads the law's table, in the precision of the table."""
+        body.part(f"{part}{SINGLE if self.shape.single else ''}", at)
 
     def _command(self, body: Instructions, t: int, seen: int) -> None:
         """The command of every lane in its mode, kept by its safeguard, and what is made of it."""
@@ -234,7 +237,7 @@ class _Builder:
         if k in self.layout.safeguards:
             body.call(f"held{k}", t=at["length"], q=answer, x=at["mode"], out=at["held"])
             with body.if_any(at["held"]):
-                body.part("keep_lanes", self.layout.safeguards[k])
+                self._reads(body, "keep_lanes", self.layout.safeguards[k])
 
     def _end(self, body: Instructions, flags: str) -> None:
         """End the lanes with such a flag."""
