@@ -45,7 +45,7 @@ def test_a_worker_killed_costs_what_was_done_since_the_checkpoint(cluster, tmp_p
 
     def progress(share):
         told.append(share)
-        if len(told) == 8:
+        if len(told) == 4:
             worker = next(iter(cluster.workers.values()))
             os.kill(worker.pid, signal.SIGKILL)
             killed.append(worker.pid)

@@ -143,9 +143,10 @@ def sweep_game(
     """Lower the values of `count` nodes from `first` on, in turn or back; how many fell.
 
     flags: the nodes to look at; those that fall by more than `little` set the flags around them.
-    chosen: the input of each node that was best last. Nodes at `lost` stay there.
+    chosen: the input of each node that was best last. Nodes at `lost` stay there. whole[4 axes]:
+    the inputs that were tried at nodes are added to it.
     """
-    fallen = 0
+    fallen, tried = 0, 0
     for step in range(count):
         j = step
         if back != 0:
@@ -162,6 +163,7 @@ def sweep_game(
             values, motion, points[chosen[node] * m :], node, -math.inf, low, steps, shape, ends,
             axes, m, moves, curved, lost, room, whole,
         )  # fmt: skip
+        tried += 1
         if best >= value:
             continue
         for k in range(inputs):
@@ -171,6 +173,7 @@ def sweep_game(
                 values, motion, points[k * m :], node, best, low, steps, shape, ends, axes, m,
                 moves, curved, lost, room, whole,
             )  # fmt: skip
+            tried += 1
             if found > best:
                 best = found
                 chosen[node] = k
@@ -182,4 +185,5 @@ def sweep_game(
             if value - best > little:
                 fallen += 1
                 touch(flags, node, shape, ends, reach, axes, whole)
+    whole[4 * axes] += tried
     return fallen

@@ -59,7 +59,7 @@ def test_who_has_no_gpu_is_told_so_before_anything_is_computed(stand_in, monkeyp
 @needs_cpp
 def test_what_exceeds_the_memory_of_a_gpu_is_refused(stand_in):
     stand_in(StandIn(memory=1000))
-    with pytest.raises(SimulationError, match=r"3 arrays of 61 nodes take .* stand-in has"):
+    with pytest.raises(SimulationError, match=r"4 arrays of 61 nodes take .* stand-in has"):
         hf.viability_kernel(BOAT, PIER, LINE, 1.0, device="gpu")
 
 

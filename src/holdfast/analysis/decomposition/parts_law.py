@@ -16,7 +16,7 @@ from holdfast.analysis.decomposition.held_actuators import (
 )
 from holdfast.analysis.decomposition.parts_value import PartsValue, SolvedPart
 from holdfast.analysis.safety.safety_filter import decided, safety_law
-from holdfast.analysis.safety.sampled_value import sampled_value
+from holdfast.analysis.safety.sampled_value import patience_of, sampled_value
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.maths.control.safety_filter import Row, check_fit, input_scales
@@ -59,7 +59,9 @@ def parts_law(
         asked = Law("asked", of_part.states, dict.fromkeys(of_part.input_names, sp.S.Zero))
         hold, errors = options.get("sample_time", SAMPLE_TIME), held_errors(value, options)
         part = decided(of_part, solved.value)
-        if solved.value.report.converged and sampled_value(part, solved.value, hold, errors):
+        patience = patience_of(options.get("ahead", True))
+        game = (part, solved.value, hold, errors)
+        if solved.value.report.converged and sampled_value(*game, patience=patience):
             options = {**options, "errors": errors}
         else:
             options = held_margin(value, solved, options)

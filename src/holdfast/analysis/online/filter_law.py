@@ -120,6 +120,7 @@ def filter_of(
     *,
     sample_time: float,
     delay: float,
+    ahead: bool | float,
     rate: float | None,
     margin: float | None,
     gains: tuple[float, float] | None,
@@ -143,7 +144,7 @@ def filter_of(
         if isinstance(part, PartsValue):
             _check_parts(system, part, len(kept))
     _check_options(
-        bool(kernels), len(kernels) < len(kept), rate=rate, margin=margin, delay=delay,
+        bool(kernels), len(kernels) < len(kept), rate=rate, margin=margin, delay=delay, ahead=ahead,
         gains=gains, margins=margins, constraints=constraints, measured=measured,
         worst=worst, uncertain=uncertain,
     )  # fmt: skip
@@ -164,7 +165,7 @@ def filter_of(
         if not isinstance(part, Region):
             options: dict[str, Any] = {
                 "rate": rate, "margin": margin, "sample_time": sample_time, "delay": delay,
-                "scales": scales,
+                "scales": scales, "ahead": ahead,
             }  # fmt: skip
             if isinstance(part, PartsValue):
                 return parts_law(part, command, **options)
@@ -265,7 +266,7 @@ def _check_options(kernel: bool, region: bool, **given: Any) -> None:
             f"a delay of {given['delay']:g} s, for which a region's filter has no margin",
             remedy="give margins for what may happen meanwhile, or a kernel",
         )
-    of_kernels = {"rate": None, "margin": None, "delay": 0.0}
+    of_kernels = {"rate": None, "margin": None, "delay": 0.0, "ahead": True}
     of_regions = {
         "gains": None,
         "margins": None,

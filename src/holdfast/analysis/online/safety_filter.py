@@ -51,8 +51,9 @@ class SafetyFilter:
     several of them, at most one a kernel, in order of priority: where not all can be kept, the last
     gives way first (`in_order`), and `Decision.gave_way` names what did.
     sample_time [s]: of your loop. delay [s]: how old a measurement is; a kernel's margin allows for
-    it. rate [1/s], by default 2 or as much less as the sample time bears, margin [unit of V]: of a
-    kernel's filter, see `safety_law`. gains [1/s], refused where the sample time does not bear
+    it. rate [1/s], by default 2 or as much less as the sample time bears, margin [unit of V], ahead
+    [s], how long the game of held inputs may take, by default about 5: of a kernel's filter, see
+    `safety_law`. gains [1/s], refused where the sample time does not bear
     them, by default (1, 4) or as much less as it bears, margins, constraints, worst, uncertain: of
     a region, see `safeguard`. measured: whether `step` is given the disturbances. states: names of
     those that are measured, if not all: an observer with that `bandwidth` [1/s] estimates the
@@ -79,6 +80,7 @@ class SafetyFilter:
         *,
         sample_time: float = 0.02,
         delay: float = 0.0,
+        ahead: bool | float = True,
         rate: float | None = None,
         margin: float | None = None,
         gains: tuple[float, float] | None = None,
@@ -100,9 +102,9 @@ class SafetyFilter:
             raise SimulationError(f"sample_time is {sample_time}", expected="seconds, above 0")
         self.system, self.keep, self.sample_time = system, keep, float(sample_time)
         made = filter_of(
-            system, keep, delay=delay, sample_time=self.sample_time, rate=rate, margin=margin,
-            gains=gains, margins=margins, constraints=constraints, measured=measured, worst=worst,
-            uncertain=uncertain, scales=scales,
+            system, keep, delay=delay, ahead=ahead, sample_time=self.sample_time, rate=rate,
+            margin=margin, gains=gains, margins=margins, constraints=constraints,
+            measured=measured, worst=worst, uncertain=uncertain, scales=scales,
         )  # fmt: skip
         check_around_parts(made, states, rates)
         law: Law | Switching = made.law

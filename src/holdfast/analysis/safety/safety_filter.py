@@ -18,7 +18,7 @@ from holdfast.analysis.reachability.problem import is_defined_so, with_disturban
 from holdfast.analysis.reachability.stored_tables import Layers
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.depth import highest_within
-from holdfast.analysis.safety.sampled_value import LEVELS, sampled_value
+from holdfast.analysis.safety.sampled_value import LEVELS, patience_of, sampled_value
 from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
@@ -65,7 +65,7 @@ def safety_law(
     delay: float = 0.0,
     scales: Mapping[str, float] | None = None,
     errors: Sequence[float] = (),
-    ahead: bool = True,
+    ahead: bool | float = True,
 ) -> L | Law:
     """The law that keeps the state in the set V > 0: optimal inputs, or a safety filter.
 
@@ -80,7 +80,8 @@ def safety_law(
     default `SampledValue.least`, and with a `delay` of the measurement [s] `sampled_margin`, the
     most that V can fall before the input responds. If no input is found that suffices, it is the
     best one, and runs count it. errors: by how much the input that acts may differ from the held
-    one, for each input.
+    one, for each input. ahead: the seconds that the game may take, about; True for 5. A kernel
+    in six states needs minutes.
 
     Without such a game (where it is `None`, and with `ahead` false, for a law that is to be
     certified) the condition is
@@ -118,12 +119,12 @@ def safety_law(
             expected="values at equally spaced times from 0 to the horizon",
             remedy="compute it with times=[0, ...], or take the optimal inputs alone",
         )
-    game, late = None, 0.0
-    if ahead and not lookup.timed:
+    patience, game, late = patience_of(ahead), None, 0.0
+    if patience and not lookup.timed:
         late = sampled_margin(system, value, sample_time, delay) if delay else 0.0
         little = LEVELS[0] * (value.report.cell or 1.0)
         above = late if margin is None else max(margin - little, 0.0)
-        game = sampled_value(known, value, sample_time, errors, above, late)
+        game = sampled_value(known, value, sample_time, errors, above, late, patience)
     if game is not None:
         if margin is None:
             margin = game.possible_margin(sample_time, delay)

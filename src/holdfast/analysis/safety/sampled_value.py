@@ -22,6 +22,7 @@ import numpy.typing as npt
 import sympy as sp
 from scipy import ndimage
 
+from holdfast.analysis.reachability.given import number
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray, Array
@@ -43,13 +44,16 @@ ENDS = {"extrapolated": 0, "contained": 0, "periodic": 1, "limited": 2}
 MOST_READ = 1 << 25
 """Values that are read from a file, in which they would stay; `load` leaves no fewer there."""
 MOST_SWEEPS = 3000
-MOST_WORK = 5e7
-"""Nodes times corners of a cell times inputs and disturbances, from which on the game is not
-solved."""
-MOST_LOOKS = 2e8
-"""Corners looked up, from which on a game is given up; all together as often as `GAMES` says:
-some seconds."""
+PATIENCE = 5.0
+"""Seconds that a game may take by default, about; all together as often as `GAMES` says."""
+LOOKS = 4e7
+"""Corners of cells, for every disturbance, that are looked up in a second, with the nodes that are
+to be looked at again. What a game may take is counted in these, so that it is the same anywhere."""
+FEWEST_SWEEPS = 25.0
+"""A set is tried whose nodes have so many times fewer corners than may be looked up."""
 GAMES = 3
+AT_ONCE = 1 << 16
+"""Nodes from one look at that to the next."""
 TOGETHER = 1 << 25
 """Numbers of the motions that are held in memory; beyond it they are computed anew."""
 BANDS = (
@@ -129,6 +133,13 @@ def moves_of(bounds: Bounds | None, dimension: int) -> Points:
     return tuple(map(tuple, bounds.points(3 if dimension < 3 else 2)))
 
 
+def patience_of(ahead: bool | float) -> float:
+    """The seconds that a game may take, about; `SimulationError` for what is no such number."""
+    if isinstance(ahead, bool):
+        return PATIENCE * ahead
+    return number("ahead is ", ahead, "seconds, 0 or more", lambda v: 0 <= v < math.inf)
+
+
 def sampled_value(
     system: System,
     value: ValueFunction,
@@ -136,6 +147,7 @@ def sampled_value(
     errors: Sequence[float] = (),
     above: float = 0.0,
     late: float = 0.0,
+    patience: float = PATIENCE,
 ) -> SampledValue | None:
     """The value of the game whose inputs are held for `sample_time` [s].
 
@@ -143,9 +155,9 @@ def sampled_value(
     same value.
     system: with the prescribed disturbances of the value, and its parameters. errors: by how much
     each input that acts may differ from the one that is held. above: the set to keep is {V > above}
-    [unit of V]. late: by how much V may fall before the input answers. None where the game would
-    take longer than some seconds (`MOST_WORK`), the values stay in a file, or are not those of all
-    inputs; and of a set that has not converged where it keeps less than `KEPT` of it.
+    [unit of V]. late: by how much V may fall before the input answers. patience: seconds that a
+    game may take, about. None where it would take longer, the values stay in a file, or are not
+    those of all inputs; and of a set that has not converged where it keeps less than `KEPT` of it.
     """
     if value.stored is not None and value.grid.nodes > MOST_READ:
         return None
@@ -153,7 +165,7 @@ def sampled_value(
         return None
     bounds = str(system.input_bounds), str(system.disturbance_bounds)
     numbers = tuple((q.name, q.value) for q in system.parameters)
-    asked = float(sample_time), tuple(map(float, errors)), float(above), float(late)
+    asked = tuple(map(float, errors)), sample_time, above, late, patience
     key = asked, bounds, tuple(map(sp.srepr, system.rates.values())), numbers
     if key not in value.games:
         value.games[key] = _Game(system, value, *asked).solved_once(key)
@@ -165,10 +177,11 @@ def sampled_value(
 
 class _Game:
     def __init__(
-        self, system: System, value: ValueFunction, sample_time: float, errors: tuple[float, ...],
-        above: float, late: float,
+        self, system: System, value: ValueFunction, errors: tuple[float, ...], sample_time: float,
+        above: float, late: float, patience: float,
     ) -> None:  # fmt: skip
         assert system.input_bounds is not None
+        self.most_looks = LOOKS * patience
         self.system, self.value, self.hold, self.above = system, value, sample_time, above
         self.late, self.looks = late, 0.0
         numbers = {q.symbol: sp.Float(float(q.value)) for q in system.parameters}
@@ -198,7 +211,7 @@ class _Game:
         self.cell = value.report.cell or 1.0
         n, m = len(axes), len(system.inputs)
         self.n, self.m = n, m
-        self.corners = 2.0**n * len(self.points) * len(self.moves) * len(self.errors)
+        self.corners = 2.0**n * len(self.moves) * len(self.errors)
         held = [*system.inputs, *system.disturbances]
         self.rates = Evaluator(
             list(system.rates.values()),
@@ -211,13 +224,14 @@ class _Game:
 
         key: what else the game follows from.
         """
-        if self.corners * self.value.grid.nodes > MOST_WORK:
-            return None
         values = np.ascontiguousarray(self.value.in_memory().values())
+        inside = np.count_nonzero(values > self.above)
+        if not 0 < FEWEST_SWEEPS * inside * self.corners <= self.most_looks:
+            return None
         axes = [(a.name, a.low, a.high, a.count, a.ends) for a in self.value.grid.axes]
         names = self.system.state_names, self.system.input_names, self.system.disturbance_names
         content = hashlib.sha256(values.data).hexdigest(), str(values.dtype), axes, self.cell, names
-        stored, about = Stored("game", code_digest()), (content, str(key), MOST_LOOKS)
+        stored, about = Stored("game", code_digest()), (content, str(key))
         if data := stored.load(about):
             with np.load(io.BytesIO(data)) as arrays:
                 return self._with(arrays["table"], float(arrays["least"]))
@@ -273,15 +287,15 @@ class _Game:
         """W above its level for each of `BANDS`, each begun with the last; as far as they keep
         enough and do not take too long."""
         upper = values
-        for number, (top, bottom, worn) in enumerate(BANDS):
+        for band, (top, bottom, worn) in enumerate(BANDS):
             lost, most = -bottom * self.cell, top * self.cell + self.late
             game = np.clip(self._worn(upper) if worn else upper, lost, most)
             if not self._iterate(game, lost, motions, fewest):
-                if number == 0:
+                if band == 0:
                     continue  # those that are cut off rest sooner
                 return
             yield self._outside(game, values, lost)
-            if self.looks >= GAMES * MOST_LOOKS:
+            if self.looks >= GAMES * self.most_looks:
                 return
             upper = np.where(game <= lost, values, game)
 
@@ -306,33 +320,38 @@ class _Game:
         count, parts = len(table), motions.parts
         flags, chosen = np.ones(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
         points = self.inputs.ravel()
-        room, whole = np.empty(8 * self.n), np.zeros(4 * self.n, dtype=np.int64)
+        room, whole = np.empty(8 * self.n), np.zeros(4 * self.n + 1, dtype=np.int64)
         reach = np.clip(np.ceil(motions.reach), 1, np.maximum((self.shape - 1) // 2, 1))
         reach = reach.astype(np.int64)
+        around = float(np.prod(2.0 * reach + 1.0))  # nodes that one which falls has looked at again
         looks, begun = 0.0, np.count_nonzero(table > 0)
         for sweep in range(MOST_SWEEPS):
             fallen, back = 0, sweep % 2
             for part in reversed(parts) if back else parts:
-                first, last = part.start, part.stop
-                flagged = np.count_nonzero(flags[first:last])
-                if not flagged:
+                if not flags[part.start : part.stop].any():
                     continue
-                looks += flagged * self.corners
-                fallen += called(
-                    "sampled_game", "sweep_game", table, flags, chosen,
-                    motions.of_nodes(part).reshape(-1), first, last - first, back, points,
-                    len(self.inputs), motions.wide, self.low,
-                    self.steps, self.shape, self.ends, reach, self.n, self.m, motions.moves,
-                    int(motions.curved), lost, LITTLE * self.cell, room, whole,
-                )  # fmt: skip
+                numbers = motions.of_nodes(part)
+                for k in range(0, len(part), AT_ONCE)[:: -1 if back else 1]:
+                    some = part[k : k + AT_ONCE]
+                    whole[-1] = 0
+                    fell = called(
+                        "sampled_game", "sweep_game", table, flags, chosen,
+                        numbers[k : k + AT_ONCE].reshape(-1), some.start, len(some), back, points,
+                        len(self.inputs), motions.wide, self.low,
+                        self.steps, self.shape, self.ends, reach, self.n, self.m, motions.moves,
+                        int(motions.curved), lost, LITTLE * self.cell, room, whole,
+                    )  # fmt: skip
+                    fallen += fell
+                    looks += float(whole[-1]) * self.corners + fell * 2.0 * around
+                    if looks > self.most_looks:
+                        self.looks += looks
+                        left = np.count_nonzero(table > 0)
+                        return sweep > 0 and fewest == 0 and bool(left >= HELD * begun)
             if not fallen:
                 break
             left = np.count_nonzero(table > 0) if sweep % 20 == 0 else begun
             if left < fewest:
                 return False
-            if looks > MOST_LOOKS:
-                self.looks += looks
-                return fewest == 0 and bool(np.count_nonzero(table > 0) >= HELD * begun)
         return bool(np.count_nonzero(table > 0) >= fewest)
 
     # -- trial runs ------------------------------------------------------------------------
