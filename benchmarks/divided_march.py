@@ -245,17 +245,22 @@ def limited(gigabytes: float) -> None:
     (group / "cgroup.procs").write_text(str(os.getpid()))
 
 
+def stages_of(scheme: str) -> int:
+    """Of a step with the Runge-Kutta method of a scheme."""
+    return len(METHODS[schemes()[scheme].order].stages)
+
+
 def from_disk(folder: str, nodes: int, gigabytes: float, scheme: str) -> dict[str, Any]:
     """Steps in memory, from a disk, and from a disk with less memory than the arrays take.
 
     Of few steps the shortest counts.
     """
-    shape, order = (24, *(nodes,) * 5), schemes()[scheme].order
-    node, arrays = BYTES * math.prod(shape), max(order, 2)
+    shape, stages = (24, *(nodes,) * 5), stages_of(scheme)
+    node, arrays = BYTES * math.prod(shape), max(stages, 2)
     memory = min(step_seconds(shape, 4, scheme=scheme))
     reading, writing = disk_speed(Path(folder))
     cached = min(step_seconds(shape, 4, scheme=scheme, on_disk=folder))
-    model = memory + arrays * node / reading + (arrays if order > 1 else 1) * node / writing
+    model = memory + arrays * node / reading + (arrays if stages > 1 else 1) * node / writing
     found = {"shape": list(shape), "scheme": scheme, "arrays": arrays * node, "memory": memory,
              "cached": cached, "reading": reading, "writing": writing, "model": model}  # fmt: skip
     if gigabytes:
@@ -268,7 +273,7 @@ def from_disk(folder: str, nodes: int, gigabytes: float, scheme: str) -> dict[st
 def half_from_disk(folder: str, nodes: int, gigabytes: float, scheme: str) -> dict[str, Any]:
     """Steps of a symmetric grid: in memory, and from a disk with less memory than it takes, with
     stages that follow one another and then with stages that each go through the arrays."""
-    shape, arrays = (24, *(nodes,) * 5), max(schemes()[scheme].order, 2)
+    shape, arrays = (24, *(nodes,) * 5), max(stages_of(scheme), 2)
     given = {"scheme": scheme, "symmetric": True}
     memory = min(step_seconds(shape, 4, **given))
     if gigabytes:

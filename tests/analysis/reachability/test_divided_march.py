@@ -100,7 +100,7 @@ def test_the_stages_of_a_march_from_a_disk_follow_one_another(
     alone = streaming.Streaming.stage
 
     def stage(self, *numbers):
-        """The filtered march beside it has one stage in a step."""
+        """A march of one stage has nothing to follow."""
         assert self.march.method.order == 1, "a stage has gone through the arrays by itself"
         return alone(self, *numbers)
 
@@ -203,6 +203,16 @@ def test_what_a_step_reads_and_writes_is_counted_by_passes_over_the_arrays(monke
     found = [[one / array for one in traffic(posed)] for posed in counted]
     half, turned = (12 + 2) / 24, (11 + 4) / 20  # with what it reads
     assert found == [[3 * half] * 2, [7 * turned, 3 * turned], [4, 4], [5, 5]]
+
+
+@pytest.mark.parametrize("planes", [7, 8, 10])
+def test_stages_follow_one_another_around_a_ring_that_is_hardly_longer_than_they_reach(
+    tmp_path, planes
+):
+    ring = grid(TURNED, psi=planes)
+    of_disk = hf.discriminating_kernel(TURNED, post(), ring, 0.4, on_disk=tmp_path)
+    in_memory = hf.discriminating_kernel(TURNED, post(), ring, 0.4)
+    assert (of_disk.values() == in_memory.values()).all()
 
 
 def test_grids_that_cannot_be_cut_are_refused():

@@ -184,8 +184,8 @@ def check_parts(
 def default_parts_promise(value: PartsValue) -> PartsPromise | None:
     """The promise of a kernel that was put together here: `RUNS` starts for its horizon at most.
 
-    The law is the filter around inputs of zero, held for a step of the marches. The starts inside
-    have the largest change of V over a cell of any part, where a state of the set has it.
+    The law is the filter around inputs of zero, held for an Euler step of the marches. The starts
+    inside have the largest change of V over a cell of any part, where a state of the set has it.
 
     Raises `SimulationError` where it cannot be tried.
     """
@@ -193,7 +193,7 @@ def default_parts_promise(value: PartsValue) -> PartsPromise | None:
     if whole.kept is None or any(v.claim is None for v in value.values):
         return None
     reports = [v.report for v in value.values]
-    hold = min(r.reached_s / max(r.steps, 1) for r in reports)
+    hold = min(r.euler_step for r in reports)
     horizon = min(min(r.horizon_s for r in reports), SAMPLES * hold / RUNS)
     deepest = min(v.highest() for v in value.values)
     cell = max(r.cell for r in reports)

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from holdfast.execution.level_set.runge_kutta import METHODS
+
 FORWARD, INNER = "forward-reachable-set", "inner approximation"
 
 
@@ -94,6 +96,12 @@ class Report:
     title: str | None = None
     scenario: str | None = None
     scenario_text: str | None = None
+
+    @property
+    def euler_step(self) -> float:
+        """The length of an Euler step of the march [s], in which no state crosses a cell."""
+        method = METHODS.get(self.order)
+        return self.reached_s / max(self.steps * (method.lengths if method else 1), 1)
 
     @property
     def approximation(self) -> str:

@@ -45,14 +45,14 @@ FALLS = 0.04
 def default_trial(system: System, value: ValueFunction, sample_time: float | None = None) -> Trial:
     """The trial of a value function that takes about a second, the same on every machine.
 
-    Inputs are held for `sample_time` [s], by default for a step of its march, in which no state
-    crosses more than a cell, so that the trial depends on no unit of time. A look-up in n states
+    Inputs are held for `sample_time` [s], by default for an Euler step of its march, in which no
+    state crosses a cell, so that the trial depends on no unit of time. A look-up in n states
     reads 2^n nodes, for the value and its n slopes. The horizon is that of the value function, or,
     where FEWEST starts for as long are too much work, as long as can be afforded; a goal is to be
     reached in the whole horizon.
     """
     report, states = value.report, len(value.grid.axes)
-    hold = report.reached_s / max(report.steps, 1) if sample_time is None else sample_time
+    hold = report.euler_step if sample_time is None else sample_time
     kinds = len(DISTURBED) if system.disturbances else 1
     look_up = 2**states * (states + 1) / 12
     samples = WORK / (2 * kinds * max(look_up, 1.0))

@@ -80,8 +80,8 @@ def safety_law(
     default `SampledValue.least`, and with a `delay` of the measurement [s] `sampled_margin`, the
     most that V can fall before the input responds. If no input is found that suffices, it is the
     best one, and runs count it. errors: by how much the input that acts may differ from the held
-    one, for each input. ahead: the seconds that the game may take, about; True for 5. A kernel
-    in six states needs minutes.
+    one, for each input. ahead: the seconds that each game which is tried may take, about; True for
+    5. A kernel in six states needs minutes.
 
     Without such a game (where it is `None`, and with `ahead` false, for a law that is to be
     certified) the condition is
@@ -96,7 +96,7 @@ def safety_law(
     time and delay; for a default margin that no state has; for a delay without a `law`; and for a
     `law` that has to arrive by a value function that does not reach down to time 0.
     """
-    known = decided(system, value)
+    patience, known = patience_of(ahead), decided(system, value)
     check_not_empty(value)
     lookup = lookup_of(value)
     if law is None:
@@ -119,7 +119,7 @@ def safety_law(
             expected="values at equally spaced times from 0 to the horizon",
             remedy="compute it with times=[0, ...], or take the optimal inputs alone",
         )
-    patience, game, late = patience_of(ahead), None, 0.0
+    game, late = None, 0.0
     if patience and not lookup.timed:
         late = sampled_margin(system, value, sample_time, delay) if delay else 0.0
         little = LEVELS[0] * (value.report.cell or 1.0)

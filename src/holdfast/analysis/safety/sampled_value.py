@@ -45,7 +45,8 @@ MOST_READ = 1 << 25
 """Values that are read from a file, in which they would stay; `load` leaves no fewer there."""
 MOST_SWEEPS = 3000
 PATIENCE = 5.0
-"""Seconds that a game may take by default, about; all together as often as `GAMES` says."""
+"""Seconds that each of the games that are tried may take by default, about; those that take longer
+end the search together, as often as `GAMES` says."""
 LOOKS = 4e7
 """Corners of cells, for every disturbance, that are looked up in a second, with the nodes that are
 to be looked at again. What a game may take is counted in these, so that it is the same anywhere."""
@@ -135,8 +136,8 @@ def moves_of(bounds: Bounds | None, dimension: int) -> Points:
 
 def patience_of(ahead: bool | float) -> float:
     """The seconds that a game may take, about; `SimulationError` for what is no such number."""
-    if isinstance(ahead, bool):
-        return PATIENCE * ahead
+    if isinstance(ahead, bool | np.bool_):
+        return PATIENCE if ahead else 0.0
     return number("ahead is ", ahead, "seconds, 0 or more", lambda v: 0 <= v < math.inf)
 
 
@@ -155,9 +156,10 @@ def sampled_value(
     same value.
     system: with the prescribed disturbances of the value, and its parameters. errors: by how much
     each input that acts may differ from the one that is held. above: the set to keep is {V > above}
-    [unit of V]. late: by how much V may fall before the input answers. patience: seconds that a
-    game may take, about. None where it would take longer, the values stay in a file, or are not
-    those of all inputs; and of a set that has not converged where it keeps less than `KEPT` of it.
+    [unit of V]. late: by how much V may fall before the input answers. patience: seconds that
+    each game that is tried may take, about. None where it would take longer, the values stay in a
+    file, or are not those of all inputs; and of a set that has not converged where it keeps less
+    than `KEPT` of it.
     """
     if value.stored is not None and value.grid.nodes > MOST_READ:
         return None
@@ -165,7 +167,8 @@ def sampled_value(
         return None
     bounds = str(system.input_bounds), str(system.disturbance_bounds)
     numbers = tuple((q.name, q.value) for q in system.parameters)
-    asked = tuple(map(float, errors)), sample_time, above, late, patience
+    hold, level, fall, seconds = map(float, (sample_time, above, late, patience))
+    asked = tuple(map(float, errors)), hold, level, fall, seconds
     key = asked, bounds, tuple(map(sp.srepr, system.rates.values())), numbers
     if key not in value.games:
         value.games[key] = _Game(system, value, *asked).solved_once(key)

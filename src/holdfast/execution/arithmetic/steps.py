@@ -18,8 +18,9 @@ from typing import Any
 
 import numpy as np
 
-LEAST_SINGLE = float(np.finfo(np.float32).tiny)
-"""The least positive normal number of single precision; its inverse is finite."""
+LEAST_SINGLE = float(np.float32(1e-19))
+"""What stands for a positive number that single precision has not: its inverse times any gain that
+is as large is finite."""
 
 FLOAT, WHOLE, TRUTH = "float", "whole", "truth"
 """Kinds of values: binary64, 64 bits as an integer, and a truth value."""

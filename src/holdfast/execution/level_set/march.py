@@ -59,7 +59,7 @@ FEW = 30_000
 class Method:
     """scheme: of the derivatives, a name in `schemes`; order: of the Runge-Kutta
     method, 1 to 3; dissipation: of the Lax-Friedrichs flux ("global", "local", "local-local");
-    cfl: share of the largest stable step; skip: leave out what is settled."""
+    cfl: share of the largest stable Euler step; skip: leave out what is settled."""
 
     scheme: str = "weno5"
     order: int = 3
@@ -167,7 +167,8 @@ class March:
         return self._longest_step((0.0,))
 
     def _longest_step(self, at: Sequence[float]) -> float:
-        """The largest step [s] that is stable with the speeds at those tau, times the chosen share.
+        """The largest step [s]: as many Euler steps as the method has, each the chosen share of
+        what is stable with the speeds at those tau.
 
         Infinite where nothing moves. Raises `SimulationError` where a rate is not finite.
         """

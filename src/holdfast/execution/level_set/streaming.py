@@ -90,9 +90,9 @@ class Streaming(Sweeping):
 
 
 def _unrolled(first: int, last: int, planes: int) -> list[tuple[int, int]]:
-    """The same planes of a ring, as one or two ranges of the axis."""
-    if first >= planes:
-        return [(first - planes, last - planes)]
+    """The same planes of a ring, at most all of it, as one or two ranges of the axis."""
+    around = first // planes * planes
+    first, last = first - around, last - around
     if last <= planes:
         return [(first, last)]
     return [(first, planes), (0, last - planes)]

@@ -22,7 +22,8 @@ from holdfast.maths.definitions.sets.base import (
 from holdfast.maths.definitions.sets.box import Box
 from holdfast.maths.expressions.functions import greatest, least, magnitude, select
 
-TINY = sp.Float(1e-300)
+TINY = sp.Float(1e-150)
+"""Beside a size of 0. Its inverse times any gain is a number."""
 
 SIDES, ALONG, MOST_DIMENSIONS = 32, 5, 3  # of a polygon and a polytope in a ball
 
