@@ -1,5 +1,4 @@
-"""The same kernel in metres, in units a thousand times smaller, and in others: the filtered march
-beside one that has not come to rest is in single precision, which has fewer units."""
+"""The same kernel in metres, in units a thousand times smaller, and in others."""
 
 import numpy as np
 import pytest

@@ -390,7 +390,7 @@ def test_rate_that_nobody_gave_is_what_the_sample_time_and_the_delay_bear(kernel
 
 def test_delay_that_no_state_has_the_margin_for_is_refused(kernel):
     with pytest.raises(
-        SimulationError, match=r"V may fall by 1.18 before an input answers, .* nowhere above 0.9"
+        SimulationError, match=r"V may fall by 1.15 before an input answers, .* nowhere above 0.999"
     ):
         hf.safety_law(cart(), kernel, swinging(), delay=0.2)
     with pytest.raises(SimulationError, match=r"rate 2 1/s .* and a delay of 0.5 s"):

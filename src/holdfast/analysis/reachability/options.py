@@ -29,8 +29,8 @@ class Marching:
     scheme: "upwind", "eno2", "eno3" or "weno5"; order: of the Runge-Kutta method, 1 to 3, by
     default that of the scheme; dissipation: "global", "local" or "local-local"; cfl: share of the
     largest stable Euler step, of which a step of order 2 or 3 has two (the march that is filtered,
-    beside one that does not come to rest, is of order 2 at most, in single precision and with steps
-    up to a quarter longer); precision: "float64" or "float32"; band: the value is cut off at this
+    beside one that does not come to rest, is of order 2 at most and has steps up to a quarter
+    longer); precision: "float64" or "float32"; band: the value is cut off at this
     distance from zero on either side, and what is beyond is settled and skipped, so that the cost
     is that of the boundary; skip: leave out what is settled, which does not change the answer;
     threads: by default all cores; of every worker of a cluster, by default those that it has.
