@@ -54,5 +54,5 @@ def test_step_is_a_convex_combination_of_euler_steps(order):
 
 def test_stages_and_lengths_are_those_of_the_page():
     """docs/kernels.md."""
-    found = {order: (len(m.stages), m.lengths) for order, m in METHODS.items()}
-    assert found == {1: (1, 1), 2: (3, 2), 3: (4, 2)}
+    sizes = {order: (len(m.stages), m.lengths) for order, m in METHODS.items()}
+    assert sizes == {1: (1, 1), 2: (3, 2), 3: (4, 2)}

@@ -103,8 +103,8 @@ class OneMarch:
     def _to_the_end(self, done: Done) -> Done:
         held, posed, march, band = self._held, self._posed, self._march, self._posed.marching.band
         start = held.start
-        kept = posed.problem.limit == "shrink"
-        deepest = max(start.highest, DEEPEST * start.cell) if kept else DEEPEST * start.deepest
+        shrinks = posed.problem.limit == "shrink"
+        deepest = max(start.highest, DEEPEST * start.cell) if shrinks else DEEPEST * start.deepest
         limits = {
             "floor": -min(band, deepest),
             "ceiling": min(band, start.highest) if posed.beyond else band,

@@ -96,7 +96,8 @@ def safety_law(
     time and delay; for a default margin that no state has; for a delay without a `law`; and for a
     `law` that has to arrive by a value function that does not reach down to time 0.
     """
-    patience, known = patience_of(ahead), decided(system, value)
+    patience = patience_of(ahead)
+    known = decided(system, value)
     check_not_empty(value)
     lookup = lookup_of(value)
     if law is None:
