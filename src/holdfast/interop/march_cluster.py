@@ -128,7 +128,7 @@ class MarchCluster:
 
     def _stages(self, posed: Posed, count: int, threads: int) -> int:
         """From an exchange to the next: one stage, or those of a step."""
-        stages = posed.marching.method.stages
+        stages = posed.method.stages
         if self._exchange != "auto":
             return stages if self._exchange == "step" else 1
         of = layers_of(posed)

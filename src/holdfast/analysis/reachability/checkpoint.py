@@ -148,11 +148,12 @@ def identity(posed: Posed) -> dict[str, str]:
     found |= {
         name: repr(getattr(marching, name))
         for name in (
-            "scheme", "dissipation", "cfl", "precision", "band", "tolerance", "symmetry", "samples"
+            "scheme", "dissipation", "precision", "band", "tolerance", "symmetry", "samples"
         )
     }  # fmt: skip
-    found["order"] = repr(marching.method.order)
-    found["the Runge-Kutta method"] = repr(marching.method.steps)
+    found["order"] = repr(posed.method.order)
+    found["cfl"] = repr(posed.method.cfl)
+    found["the Runge-Kutta method"] = repr(posed.method.steps)
     found["whether it is filtered"] = repr(posed.filtered)
     return found
 

@@ -108,7 +108,7 @@ def traffic(posed: Posed) -> tuple[int, int]:
     every stage that has it: what goes in, what the step began with, what came out before. Of a
     symmetric grid it is the half that is computed, with what that reaches.
     """
-    stages, grid = posed.marching.method.stages, posed.grid
+    stages, grid = posed.method.stages, posed.grid
     bounds = (posed.problem.limit == "free" or posed.varies) * len(posed.problem.regions)
     moving = bounds * any(r.moves for r in posed.problem.regions)
     share, axis = 1.0, None
@@ -173,7 +173,7 @@ def _computing(posed: Posed, h: Hamiltonian) -> float:
     held.begin(facts)
     march, clock = held.march, posed.clock[0]
     march.speeds[:], total = held.fastest([clock])
-    dt = posed.marching.cfl * march.method.steps.lengths / total if total > 0 else 1.0
+    dt = posed.method.cfl * march.method.steps.lengths / total if total > 0 else 1.0
     then = clock if any(r.moves for r in posed.problem.regions) else None
     held.open()
     orders = []

@@ -79,7 +79,7 @@ class Here:
     @contextmanager
     def parts(self, posed: Posed, h: Hamiltonian) -> Iterator[Parts]:
         found = cut(posed, self._count)
-        stages = posed.marching.method.stages if self._by_step else 1
+        stages = posed.method.stages if self._by_step else 1
         parts = layers_of(posed).parts(found, stages)
         local = PartsHere(
             [
@@ -152,7 +152,7 @@ class DividedMarch:
         given = () if begin is None else (begin,)
         self.start: Facts = merged(parts.ask("begin", facts, *given))
         """What is known of the start value."""
-        self._stages = posed.marching.method.stages
+        self._stages = posed.method.stages
         self._waiting: list[StageOrder] = []
         self._time: float | None = None
         self._again = False

@@ -24,6 +24,7 @@ from holdfast.analysis.reachability.problem import Posed
 from holdfast.analysis.reachability.refinement import on_finer_grid
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.execution.arrays import AnyArray as Array
+from holdfast.maths.games.hamiltonian import Hamiltonian
 from holdfast.maths.games.symmetry import check_symmetry
 
 LOSSES = 3
@@ -35,16 +36,18 @@ def marched(
     progress: Progress | None = None,
     begin: Array | None = None,
     until: Until | None = None,
+    h: Hamiltonian | None = None,
 ) -> ValueFunction:
     """The value at the end of the march, with what it is worth.
 
     begin: values at the nodes that it begins with, where they are less than those of the problem.
+    h: the Hamiltonian of the problem, if it is known.
     """
     check_fits(posed)
-    h = hamiltonian_of(posed)
+    h = h or hamiltonian_of(posed)
     if posed.marching.symmetry is not None:
         check_symmetry(h, posed.problem.regions, posed.marching.symmetry)
-    if posed.marching.on_disk is not None and not (posed.filtered and posed.marched_twice):
+    if posed.marching.on_disk is not None and not posed.is_second:
         check_disk(posed, h)  # of two marches before the first
     place, finer = workplace(posed.marching), on_finer_grid(posed)
     losses = 0

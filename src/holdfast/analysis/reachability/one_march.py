@@ -163,7 +163,7 @@ class OneMarch:
             return True
         little = self._residual(done) <= posed.marching.tolerance
         still = done.settled(little and (done.slows or done.speed <= ROUNDING * self._rounding))
-        lengths = done.steps * posed.marching.method.steps.lengths
+        lengths = done.steps * posed.method.steps.lengths
         return (still and lengths >= max(posed.grid.shape)) or (little and done.fixed)
 
     def _report(self, done: Done, largest: float) -> Report:
@@ -186,12 +186,12 @@ class OneMarch:
             begun_from_another=self._begun,
             tolerance_cells=marching.tolerance,
             residual_cells=0.0 if self._decided(done) else self._residual(done),
-            ends_reached=_ends_reached(posed, h.system, held.ends()),
+            ends_reached="" if posed.is_second else _ends_reached(posed, h.system, held.ends()),
             cell=held.start.cell,
             scheme=marching.scheme,
-            order=marching.method.order,
+            order=posed.method.order,
             dissipation=marching.dissipation,
-            cfl=marching.cfl,
+            cfl=posed.method.cfl,
             precision=marching.precision,
             samples=h.samples,
             separable=h.separable,
@@ -214,20 +214,23 @@ def _ends_reached(posed: Posed, system: System, reached: Ends) -> str:
     forward set has beyond the grid is said in any case.
     """
     always = posed.varies or posed.problem.backwards
+    speed = None if always or not reached else hamiltonian(system, inputs="max", disturbances="max")
     return ", ".join(
         f"{axis.name} = {where:g}"
         for i, axis in enumerate(posed.grid.axes)
         if axis.ends in ("contained", "extrapolated")
         for end, where in ((0, axis.low), (-1, axis.high))
-        if (i, end) in reached and (always or _leads_out(posed, system, i, where))
+        if (i, end) in reached and (speed is None or _leads_out(posed, speed, i, where))
     )
 
 
-def _leads_out(posed: Posed, system: System, number: int, where: float) -> bool:
-    """Whether max_u max_d of the rate out of an end of an axis is above zero at a node of it."""
+def _leads_out(posed: Posed, h: Hamiltonian, number: int, where: float) -> bool:
+    """Whether the rate out of an end of an axis is above zero at a node of it.
+
+    h: max_u max_d.
+    """
     axes = posed.grid.axes
     outwards = sp.S.One if where == axes[number].high else sp.S.NegativeOne
-    h = hamiltonian(system, inputs="max", disturbances="max")
     costates = dict.fromkeys(h.costates, sp.S.Zero) | {h.costates[number]: outwards}
     nodes = [np.array([where]) if i == number else a.nodes for i, a in enumerate(axes)]
     symbols = [a.state.symbol for a in axes]

@@ -47,7 +47,7 @@ def march_of(
         axes,
         [a.step for a in grid.axes],
         kinds,
-        method=marching.method,
+        method=posed.method,
         filtered=posed.filtered,
         leeway=leeway_of(posed, grid),
         limit=posed.limit,

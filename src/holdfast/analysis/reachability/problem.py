@@ -16,6 +16,7 @@ from holdfast.analysis.reachability.given_disturbance import check_given
 from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.options import Marching, Problem
 from holdfast.errors import SimulationError, suggestion
+from holdfast.execution.level_set.march import Method
 from holdfast.execution.level_set.over_grid import over_grid
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.maths.control.outward_rates import check_states
@@ -42,6 +43,7 @@ class Posed:
     arrival_steps: how often it is looked which nodes are new. beyond: what leaving the grid is
     taken for, "lost" or "won"; "" continues the value. filtered: whether the rate of a scheme of
     high order is held close to that of a monotone step (`execution/level_set/stage_steps.py`).
+    steps: how it is marched, if not as its options say.
 
     Time t runs from start_time to start_time + horizon. A problem is marched from its end, so that
     t = start_time + horizon - tau, or for one that runs in reverse from its start.
@@ -60,6 +62,11 @@ class Posed:
     beyond: str = ""
     start_time: float = 0.0
     filtered: bool = False
+    steps: Method | None = None
+
+    @property
+    def method(self) -> Method:
+        return self.steps or self.marching.method
 
     @property
     def named(self) -> tuple[Parameter, ...]:
@@ -77,6 +84,11 @@ class Posed:
         """Whether a filtered march goes beside one of high order, to what is no larger."""
         high = not schemes()[self.marching.scheme].one_slope
         return high and self.problem.limit == "shrink"
+
+    @property
+    def is_second(self) -> bool:
+        """Whether it is the filtered one of two marches."""
+        return self.filtered and self.marched_twice
 
     @property
     def limit(self) -> str:

@@ -28,10 +28,13 @@ from scipy.ndimage import maximum_filter
 
 from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.hamilton_jacobi import marched
+from holdfast.analysis.reachability.march_part import hamiltonian_of
 from holdfast.analysis.reachability.one_march import Progress, Until
+from holdfast.analysis.reachability.options import Marching
 from holdfast.analysis.reachability.problem import Posed
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.execution.arrays import AnyArray as Array
+from holdfast.execution.level_set.march import Method
 from holdfast.execution.level_set.schemes import schemes
 
 RIM = 0.125
@@ -75,7 +78,8 @@ def marched_to_rest(
     """
     if not posed.marched_twice:
         return marched(posed, progress, begin, until)
-    sharp = marched(posed, _half(progress, 0), begin, until)
+    h = hamiltonian_of(posed)
+    sharp = marched(posed, _half(progress, 0), begin, until, h)
     report = sharp.report
     if report.ended_early or (report.empty and not posed.several):
         return sharp
@@ -86,14 +90,20 @@ def marched_to_rest(
     if at_rest:
         begin = np.asarray(sharp.values())
     elif not report.converged and report.steps > 1:  # a single step may be of no length
-        cfl = max(marching.cfl, min(LONGER * marching.cfl, LONGEST))
-        marching = replace(marching, order=min(marching.method.order, ORDER), cfl=cfl)
+        beside = replace(beside, steps=_steps_beside(marching))
     beside = replace(beside, marching=marching)
-    worn = marched(beside, _half(progress, 1), begin)
+    worn = marched(beside, _half(progress, 1), begin, h=h)
     left = worn.report.residual_cells
     if at_rest and not worn.report.converged and left is not None and left <= tolerance:
-        worn = marched(beside.renamed("at rest"), _half(progress, 1), np.array(worn.values()))
+        worn = marched(beside.renamed("at rest"), _half(progress, 1), np.array(worn.values()), h=h)
     return _no_larger(sharp, worn)
+
+
+def _steps_beside(marching: Marching) -> Method:
+    """Of the filtered march beside one that does not come to rest."""
+    method = marching.method
+    order, cfl = min(method.order, ORDER), max(method.cfl, min(LONGER * method.cfl, LONGEST))
+    return replace(method, order=order, cfl=cfl, long=method.order > ORDER and marching.refine == 1)
 
 
 def _half(progress: Progress | None, which: int) -> Progress | None:

@@ -132,11 +132,12 @@ class Step:
 class Steps:
     """A list of steps, in which equal ones are one.
 
-    expanded: whether functions are replaced by their own steps, or called.
+    expanded: whether functions are replaced by their own steps, or called. single: whether floats
+    are of single precision, whose bits are not to be had.
     """
 
-    def __init__(self, expanded: bool) -> None:
-        self.expanded = expanded
+    def __init__(self, expanded: bool, single: bool = False) -> None:
+        self.expanded, self.single = expanded, single
         self.list: list[Step] = []
         self._known: dict[Any, Value] = {}
 

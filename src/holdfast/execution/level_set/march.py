@@ -30,7 +30,7 @@ from holdfast.execution.level_set.device_text import device_layout
 from holdfast.execution.level_set.march_leaves import MarchLeaves
 from holdfast.execution.level_set.mirrored_grid import Fold
 from holdfast.execution.level_set.over_grid import Fastest, over_grid, padded_rows
-from holdfast.execution.level_set.runge_kutta import METHODS, RungeKutta
+from holdfast.execution.level_set.runge_kutta import LONG, METHODS, RungeKutta
 from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.level_set.settling import Done
 from holdfast.execution.level_set.stage_orders import Stages
@@ -59,17 +59,19 @@ FEW = 30_000
 class Method:
     """scheme: of the derivatives, a name in `schemes`; order: of the Runge-Kutta
     method, 1 to 3; dissipation: of the Lax-Friedrichs flux ("global", "local", "local-local");
-    cfl: share of the largest stable Euler step; skip: leave out what is settled."""
+    cfl: share of the largest stable Euler step; skip: leave out what is settled; long: whether a
+    step of second order has as many stages as one of third, and is longer."""
 
     scheme: str = "weno5"
     order: int = 3
     dissipation: str = "local-local"
     cfl: float = 0.75
     skip: bool = True
+    long: bool = False
 
     @property
     def steps(self) -> RungeKutta:
-        return METHODS[self.order]
+        return LONG if self.long else METHODS[self.order]
 
     @property
     def stages(self) -> int:

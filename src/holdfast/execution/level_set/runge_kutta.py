@@ -41,3 +41,6 @@ METHODS = {
     3: RungeKutta(((1.0, 0.0), (1.0, 0.5), (1.0 / 3.0, 1.0), (1.0, 0.5)), 2),
 }
 """By order."""
+
+LONG = second_order(4)
+"""Of second order, as long as three Euler steps."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from holdfast.execution.arithmetic.steps import Value
-from holdfast.execution.level_set.schemes.base import Scheme, same_way
+from holdfast.execution.level_set.schemes.base import Scheme, about_inverse, same_way
 
 BEND = 13.0 / 3.0
 
@@ -21,8 +21,10 @@ def slopes(a: Value, b: Value, c: Value, d: Value, e: Value) -> tuple[Value, Val
     s1 = BEND * (d2 - d1) * (d2 - d1) + t1 * t1
     s2 = BEND * (d3 - d2) * (d3 - d2) + t2 * t2
     s3 = BEND * (d4 - d3) * (d4 - d3) + t3 * t3
-    scale = 1e3 / (c * c + s1 + s2 + s3 + 1e-34)
-    s1, s2, s3 = scale * s1 + 1e-3, scale * s2 + 1e-3, scale * s3 + 1e-3
+    whole = c * c + s1 + s2 + s3 + 1e-34
+    scale = 1e3 * about_inverse(whole)
+    least = 1e-6 * (scale * whole)
+    s1, s2, s3 = scale * s1 + least, scale * s2 + least, scale * s3 + least
     s1, s2, s3 = s1 * s1, s2 * s2, s3 * s3
     w1, w2, w3 = s2 * s3, 6.0 * (s1 * s3), s1 * s2
     from_left, from_right = w1 + w2 + 3.0 * w3, 3.0 * w1 + w2 + w3
