@@ -94,13 +94,14 @@ def limit_rates(
             name=f"{mode.name}, rates limited",
             reads=tuple(reads.values()),
             parameters=(*mode.parameters, *system.parameters, *parameters),
-            safeguard=Safeguard(
-                {n: wider[n] for n in inputs},
-                wider[""],
-                guard.hard + len(hard),
-                guard.scales,
-                (*guard.units, *units),
-                (*guard.names, *names),
+            safeguard=replace(
+                guard,
+                normals={n: wider[n] for n in inputs},
+                offsets=wider[""],
+                hard=guard.hard + len(hard),
+                units=(*guard.units, *units),
+                names=(*guard.names, *names),
+                levels=(*guard.levels[:-1], guard.levels[-1] + len(soft)) if guard.levels else (),
             ),
         )
 

@@ -54,7 +54,7 @@ from holdfast.errors import DefinitionError, suggestion
 from holdfast.maths.control.disturbance_set import ERROR, RATE, found_from, set_memory
 from holdfast.maths.control.observer import told_by
 from holdfast.maths.control.safety_filter import over_time
-from holdfast.maths.definitions.law import Law, Safeguard
+from holdfast.maths.definitions.law import Foresight, Law, Safeguard
 from holdfast.maths.definitions.quantity import TIME, Parameter, symbol
 from holdfast.maths.definitions.switching import Switching, as_switching
 from holdfast.maths.definitions.system import System
@@ -62,6 +62,9 @@ from holdfast.maths.expressions.functions import greatest, magnitude
 from holdfast.maths.expressions.traversal import exchanged
 
 HALF = sp.Rational(1, 2)
+
+MOST_UNSURE = 4
+"""States within whose widths a look ahead counts every corner."""
 
 
 @checked
@@ -159,6 +162,15 @@ def observe_set(
         remembered[s] for s in remembered if any(s in e.free_symbols for e in guess.values())
     ]
 
+    for mode in switching.modes.values():
+        table, guard = mode.lookup, mode.safeguard
+        blind = guard is not None and guard.foresight is None
+        if table and blind and any(p.has(q.symbol) for p in table.places for q in hidden):
+            raise DefinitionError(
+                "a kernel's filter that goes by the slope of the value counts no error of "
+                f"'{hidden[0].name}', which is not measured",
+                remedy="measure it, or let the filter look a sample ahead",
+            )
     return told_by(
         switching, guess, told_of, memory, lambda guard: worst_of(guard, width), parameters
     )
@@ -169,13 +181,48 @@ def worst_of(guard: Safeguard, width: Mapping[sp.Symbol, sp.Expr]) -> Safeguard:
 
     Raises `DefinitionError` for a normal that depends on one of them.
     """
+    ahead = guard.foresight
     if any(n.free_symbols & set(width) for column in guard.normals.values() for n in column):
         raise DefinitionError(
             "the effect of the inputs on a condition depends on what is not measured",
             remedy="measure the states that it depends on",
         )
 
-    return replace(guard, offsets=tuple(o - _change(o, width) for o in guard.offsets))
+    return replace(
+        guard,
+        offsets=tuple(o - _change(o, width) for o in guard.offsets),
+        foresight=ahead and _worst_ahead(ahead, len(guard.normals), width),
+    )
+
+
+def _worst_ahead(
+    ahead: Foresight, inputs: int, width: Mapping[sp.Symbol, sp.Expr]
+) -> Foresight:
+    """The same of a look ahead: where a sample leads from every corner of the widths, too."""
+    n = ahead.axes(inputs)
+    base, moves = ahead.motion[:n], ahead.motion[len(ahead.motion) - n * ahead.moves :]
+    unsure = [s for s in width if any(e.has(s) for e in base)]
+    if len(unsure) > MOST_UNSURE:
+        raise DefinitionError(
+            f"a kernel's filter with {len(unsure)} states that are not measured",
+            expected=f"at most {MOST_UNSURE}",
+        )
+    slopes = sp.Matrix(base).jacobian(unsure) if unsure else sp.zeros(n, 0)
+    aside = [
+        slopes * sp.Matrix([sign * width[s] for sign, s in zip(signs, unsure, strict=True)])
+        for signs in itertools.product((1, -1), repeat=len(unsure))
+    ]
+    wider = [
+        moves[n * r + i] + (e[i] if unsure else 0)
+        for r in range(ahead.moves)
+        for e in aside
+        for i in range(n)
+    ]
+    return replace(
+        ahead,
+        motion=(*ahead.motion[: len(ahead.motion) - n * ahead.moves], *wider),
+        moves=ahead.moves * len(aside),
+    )
 
 
 def _change(e: sp.Expr, width: Mapping[sp.Symbol, sp.Expr]) -> sp.Expr:

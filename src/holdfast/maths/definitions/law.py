@@ -96,13 +96,17 @@ class Foresight:
             len(self.points), self.moves, int(self.curved), len(self.motion), int(self.first)
         )  # fmt: skip
 
+    def axes(self, inputs: int) -> int:
+        """Of the table, for so many inputs."""
+        pairs = inputs * (inputs + 1) // 2
+        return len(self.motion) // (1 + inputs + self.moves + (pairs if self.curved else 0))
+
     def of(
         self, names: Sequence[str], inputs: Sequence[str], gain: sp.Expr,
         shift: Mapping[str, sp.Expr],
     ) -> Foresight:  # fmt: skip
         """The same condition of `inputs` u, in place of w = (u - shift) / gain of some `names`."""
-        m, pairs = len(names), len(names) * (len(names) + 1) // 2
-        n = len(self.motion) // (1 + m + self.moves + (pairs if self.curved else 0))
+        m, n = len(names), self.axes(len(names))
         own = {name: (sp.Symbol(f"_u_{name}", real=True) - shift[name]) / gain for name in names}
         u = {name: sp.Symbol(f"_u_{name}", real=True) for name in inputs}
         none = dict.fromkeys(u.values(), sp.S.Zero)
