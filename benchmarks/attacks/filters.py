@@ -58,6 +58,7 @@ class Setting:
         share = float(g.choice(SHARE_OF_CELL))
         self.sample = max(share * crossing, self.duration / 600)
         self.delay = int(g.choice([0, 0, 0, 1, 2]))
+        self.limited = bool(np.random.default_rng([seed, number, 18]).random() < 0.25)
 
 
 def filter_problem(seed: int, number: int) -> Problem:
@@ -91,6 +92,11 @@ def over_kernel(p: Problem, seed: int, number: int) -> dict[str, Any]:
     shifts = [np.zeros((len(p.low), 1))]
     shifts += [s * c * np.eye(len(p.low))[:, [i]] for i, c in enumerate(p.cells) for s in (-1, 1)]
     lowest = np.min([at(setting.inside + s) for s in shifts], axis=0)
+    if setting.delay and _looks_ahead(keep) and setting.inside.size:  # then it says it of itself
+        states = setting.inside.T * np.array(p.scales)
+        calm = np.zeros((len(states), len(built.system.inputs)))
+        lowest, need = np.array(keep.step_many(states, calm).value), _margin(keep)
+        keep.reset()
     deep = setting.inside[:, lowest > need]
     if deep.shape[1] < 3:
         return {"runs": 0, "why": "no state is deeper than the margin"}
@@ -105,8 +111,22 @@ def over_kernel(p: Problem, seed: int, number: int) -> dict[str, Any]:
 def _filter(p: Problem, built: Built, value: Any, setting: Setting) -> tuple[Any, float]:
     """The filter over a kernel, and the V that it says a state needs."""
     sample, late = setting.sample * p.clock, setting.delay * setting.sample * p.clock
-    keep = hf.SafetyFilter(built.system, value, sample_time=sample, delay=late)
+    rates = None
+    if setting.limited:  # by as much as an input can change in a sample, which takes nothing away
+        most = np.abs(points(p.inputs, 2)).max(axis=0)
+        names = built.system.input_names
+        rates = {n: 2.02 * float(b) / sample for n, b in zip(names, most, strict=True)}
+    keep = hf.SafetyFilter(built.system, value, sample_time=sample, delay=late, rates=rates)
     return keep, hf.sampled_margin(built.system, value, sample, late)
+
+
+def _looks_ahead(keep: Any) -> bool:
+    modes = getattr(keep.law, "modes", {"": keep.law}).values()
+    return any(mode.safeguard.foresight for mode in modes)
+
+
+def _margin(keep: Any) -> float:
+    return next(float(q.value) for q in keep.law.parameters if q.name == "safety_margin")
 
 
 def anywhere(p: Problem, keep: Any, runs: Runs, g: np.random.Generator) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from holdfast.analysis.online.safety_filter import SafetyFilter
 from holdfast.analysis.reachability.value_function import ValueFunction
-from holdfast.analysis.safety.safety_filter import safety_law
+from holdfast.analysis.safety.safety_filter import kept_law, safety_law
 from holdfast.errors import ScenarioError
 from holdfast.execution.resources import Progress
 from holdfast.maths.control.velocity_tracking import track_velocity
@@ -78,7 +78,8 @@ class Safety:
         """The optimal velocities of the kernel, which the vehicle's own inputs follow."""
         assert self.kernel.scenario is not None
         assert self.tracking is not None
-        velocities = safety_law(self.kernel.scenario.system, value, delay=delay)
+        velocities: Law
+        velocities, _ = kept_law(self.kernel.scenario.system, value, None, delay=delay)
         return track_velocity(system, velocities, self.tracking)
 
 

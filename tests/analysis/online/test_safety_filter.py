@@ -347,10 +347,12 @@ def test_observer_estimates_what_is_not_measured(vehicle, view, observed, more):
             assert decision.actuators == pytest.approx(data["actuator"].values[0, k], abs=0)
         keeper.reset()
     assert data["overruled"].values[0] > 10
-    with pytest.raises(
-        SimulationError, match="a filter with an observer or rates of inputs remembers"
-    ):
-        keeper.step_many(np.zeros((2, 3)), np.zeros((2, 2)))
+    for k, t in enumerate(data["time"].values[:50]):  # each row is a vehicle
+        q, wanted = data["state"].values[0, k, :3], data["nominal"].values[0, k]
+        several = keeper.step_many([q, q + 0.1 * k, q], [wanted, wanted, wanted], t)
+        assert several.actuators[::2] == pytest.approx(
+            np.tile(data["actuator"].values[0, k], (2, 1)), abs=0
+        )
 
 
 def test_error_bounds_without_an_observer_are_refused(vehicle, view):

@@ -15,7 +15,7 @@ from holdfast.analysis.decomposition.held_actuators import (
     held_margin,
 )
 from holdfast.analysis.decomposition.parts_value import PartsValue, SolvedPart
-from holdfast.analysis.safety.safety_filter import decided, safety_law
+from holdfast.analysis.safety.safety_filter import decided, kept_law
 from holdfast.analysis.safety.sampled_value import patience_of, sampled_value
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, SimulationError
@@ -67,7 +67,7 @@ def parts_law(
             options = held_margin(value, solved, options)
     every = input_scales(system, scales or {})
     inside = {n: s for n, s in (scales or {}).items() if n in of_part.input_names}
-    made = safety_law(of_part, solved.value, asked, scales=inside, **options)
+    made, _ = kept_law(of_part, solved.value, asked, scales=inside, predicts=False, **options)
     there = {q.symbol: solved.part.coordinates[q.name] for q in of_part.states}
     gain, command = _command(value, solved)
     assert made.lookup is not None

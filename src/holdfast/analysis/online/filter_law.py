@@ -16,7 +16,7 @@ from holdfast.analysis.decomposition.parts_law import only_part, parts_law
 from holdfast.analysis.decomposition.parts_value import PartsValue
 from holdfast.analysis.reachability.problem import definition
 from holdfast.analysis.reachability.value_function import ValueFunction
-from holdfast.analysis.safety.safety_filter import safety_law
+from holdfast.analysis.safety.safety_filter import kept_law
 from holdfast.errors import (
     ArgumentError,
     DefinitionError,
@@ -28,11 +28,13 @@ from holdfast.execution.arrays import Array
 from holdfast.execution.evaluate import Evaluator
 from holdfast.maths.control.command import commanded
 from holdfast.maths.control.parameter_box import parameter_box
+from holdfast.maths.control.prediction import Prediction
 from holdfast.maths.control.priority import in_order
 from holdfast.maths.control.safety_filter import Asked, asked_of, safeguard
 from holdfast.maths.definitions.extension import both
 from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Region
+from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 
 Keep = ValueFunction | PartsValue | Region
@@ -42,7 +44,8 @@ Keep = ValueFunction | PartsValue | Region
 class Made:
     """The law of a filter; first: the most important of what it keeps. region: of all regions.
 
-    asked: what it asks of the region, by `asked_of`.
+    asked: what it asks of the region, by `asked_of`. ahead: of a kernel whose state is seen late,
+    with the memory that the law reads.
     """
 
     system: System
@@ -51,6 +54,12 @@ class Made:
     kernel: ValueFunction | PartsValue | None
     region: Region | None
     asked: Callable[[], list[Asked]]
+    ahead: Prediction | None = None
+
+    @property
+    def whole_law(self) -> Law | Switching:
+        """The law, with what it remembers."""
+        return self.ahead.remembered(self.law) if self.ahead else self.law
 
     @property
     def gains(self) -> tuple[float, float] | None:
@@ -161,6 +170,8 @@ def filter_of(
             )
     command = commanded(system)
 
+    memories: list[Prediction] = []
+
     def kept_in(part: Keep) -> Law:
         if not isinstance(part, Region):
             options: dict[str, Any] = {
@@ -169,7 +180,9 @@ def filter_of(
             }  # fmt: skip
             if isinstance(part, PartsValue):
                 return parts_law(part, command, **options)
-            return safety_law(system, part, command, **options)
+            made, predicted = kept_law(system, part, command, **options)
+            memories.extend([predicted] if predicted else [])
+            return made
         inside = {n: v for n, v in (margins or {}).items() if n in part.inequality_names}
         return safeguard(
             system,
@@ -204,6 +217,7 @@ def filter_of(
         )
         if region is not None
         else list,
+        memories[0] if memories else None,
     )
 
 

@@ -29,11 +29,10 @@ from holdfast.execution.codegen.closed_loop_program import closed_loop_program
 from holdfast.execution.simulation.control_sample import ControlSamples
 from holdfast.execution.simulation.steppers import RK4
 from holdfast.maths.control.observer import observe
+from holdfast.maths.control.prediction import MOST_SENT, SAMPLES, sent
 from holdfast.maths.control.rate_limits import limit_rates
 from holdfast.maths.control.set_observer import observe_set
-from holdfast.maths.definitions.law import Law
 from holdfast.maths.definitions.region import Region
-from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 
 
@@ -50,15 +49,16 @@ class SafetyFilter:
     together from one part (`PartsValue`, see `parts_law`), or a region; or
     several of them, at most one a kernel, in order of priority: where not all can be kept, the last
     gives way first (`in_order`), and `Decision.gave_way` names what did.
-    sample_time [s]: of your loop. delay [s]: how old a measurement is; a kernel's margin allows for
-    it. rate [1/s], by default 2 or as much less as the sample time bears, margin [unit of V], ahead
-    [s], how long the game of held inputs may take, by default about 5: of a kernel's filter, see
-    `safety_law`. gains [1/s], refused where the sample time does not bear
-    them, by default (1, 4) or as much less as it bears, margins, constraints, worst, uncertain: of
-    a region, see `safeguard`. measured: whether `step` is given the disturbances. states: names of
-    those that are measured, if not all: an observer with that `bandwidth` [1/s] estimates the
-    others and the disturbances (`observe`), with `error_bounds` [unit of each state] a guaranteed
-    set of them, which follows a disturbance that changes within `rate_bounds` (`observe_set`).
+    sample_time [s]: of your loop. delay [s]: how old a measurement is: a kernel's filter predicts
+    the state from the inputs that were sent since, which it remembers. rate [1/s], by default 2 or
+    as much less as the sample time bears, margin [unit of V], ahead [s], how long the game of held
+    inputs may take, by default about 5: of a kernel's filter, see `safety_law`. gains [1/s],
+    refused where the sample time does not bear them, by default (1, 4) or as much less as it bears,
+    margins, constraints, worst, uncertain: of a region, see `safeguard`. measured: whether `step`
+    is given the disturbances. states: names of those that are measured, if not all: an observer
+    with that `bandwidth` [1/s] estimates the others and the disturbances (`observe`), with
+    `error_bounds` [unit of each state] a guaranteed set of them, which follows a disturbance that
+    changes within `rate_bounds` (`observe_set`).
     scales: input -> the change of it that counts as 1. rates: the largest rates of inputs and of
     states (accelerations), see `limit_rates`; with those of inputs the filter remembers its last
     input. fallback: the input where a measurement or the command is not finite, by default 0 within
@@ -107,7 +107,7 @@ class SafetyFilter:
             measured=measured, worst=worst, uncertain=uncertain, scales=scales,
         )  # fmt: skip
         check_around_parts(made, states, rates)
-        law: Law | Switching = made.law
+        law = made.whole_law
         if rates is not None:
             law = limit_rates(system, law, rates)
         lookup = law.lookup
@@ -138,7 +138,7 @@ class SafetyFilter:
             self._program, tuple(system.state_names if states is None else states), felt,
             system.input_names,
         )  # fmt: skip
-        self._count = 0
+        self._count = self._of_many = 0
         self._fallback = fallback_of(system, fallback)
         self._made = made
         self._margins, self._uncertain = dict(margins or {}), tuple(uncertain or ())
@@ -214,19 +214,17 @@ class SafetyFilter:
     ) -> Decisions:
         """The decisions on many commands at many states, shapes (count, states), (count, inputs).
 
-        Each is that of `step` of a filter at its first sample, so that a filter with an observer
-        refuses. disturbances: those that are measured, (count, disturbances).
+        Each row is a vehicle: what a filter with an observer, rates of inputs or a delay remembers
+        is of the same row before, until `reset` or until there are more or fewer rows.
+        disturbances: those that are measured, (count, disturbances).
         """
-        if self._program.remembered:
-            raise SimulationError(
-                "a filter with an observer or rates of inputs remembers one vehicle",
-                remedy="use a filter for each vehicle, and step",
-            )
-        t = time_of(t, 0, self.sample_time)
         seen = self._told.rows(states, disturbances, commands)
         finite = np.asarray(np.isfinite(seen).all(axis=1))
-        if self._many is None or self._many.count != len(seen):
+        if self._many is None or self._many.count != max(len(seen), 1):
             self._many = ControlSamples(self._program, self.sample_time, max(len(seen), 1))
+            self._of_many = 0
+        t = time_of(t, self._of_many, self.sample_time)
+        self._of_many += bool(self._program.remembered)
         if not len(seen):
             seen, finite = np.zeros((1, seen.shape[1])), np.ones(1, dtype=bool)
             return Decisions._make(part[:0] for part in self._answers(t, seen, finite))
@@ -234,6 +232,7 @@ class SafetyFilter:
 
     def _answers(self, t: float, seen: Array, finite: npt.NDArray[np.bool_]) -> Decisions:
         assert self._many is not None
+        before = self._many.memory
         found = self._many.answers(t, np.where(finite[:, np.newaxis], seen, 0.0))
         rows = self._many.rows
         finite = finite & np.isfinite(found[:, rows.command]).all(axis=1)
@@ -246,8 +245,12 @@ class SafetyFilter:
         outside = ~np.isnan(found[:, rows.outside]) | self._past(t)
         if self._made.parts is not None:
             outside |= self._made.parts.excess(states) > 0
+        if before is not None and not finite.all():
+            sent = self._sent_instead(before)
+            memory = np.where(finite[:, np.newaxis], self._many.memory, sent)
+            self._many.remember_all(memory)
         for k in np.flatnonzero(~finite):
-            refused = self._refused(t, seen[k])
+            refused = self._nothing_from(t, seen[k])
             inputs[k], actuators[k], nominal[k] = refused.input, refused.actuators, refused.nominal
             slack[k], overruled[k] = 0.0, True
         codes = np.select([~finite, outside, slack > 0.0, changed], [4, 3, 2, 1], default=0)
@@ -267,7 +270,7 @@ class SafetyFilter:
     def reset(self) -> None:
         """Begin anew: the time is 0, and what an observer estimated is forgotten."""
         self._samples.reset()
-        self._count = 0
+        self._count, self._many = 0, None
 
     def prepare(self) -> None:
         """Compile what the sentences of decisions look ahead with, which the first one would."""
@@ -356,14 +359,31 @@ class SafetyFilter:
     # -- what is not as it should be ---------------------------------------------------------
 
     def _refused(self, t: float, seen: Array) -> Decision:
+        if self._program.remembered:
+            self._samples.remember_all(self._sent_instead(self._samples.memory))
+        return self._nothing_from(t, seen)
+
+    def _sent_instead(self, memory: Array) -> Array:
+        """What is remembered, of each vehicle, where the fallback was sent."""
+        places = {name: i for i, name in enumerate(self._program.remembered)}
+        after = memory.copy()
+        for name, value in zip(self.system.input_names, self._fallback[0], strict=True):
+            count = sum(sent(k, name) in places for k in range(1, MOST_SENT + 1))
+            for k in range(2, count + 1):
+                after[:, places[sent(k, name)]] = memory[:, places[sent(k - 1, name)]]
+            for last in {f"last_{name}", sent(1, name)} & places.keys():
+                after[:, places[last]] = value
+            if count:
+                after[:, places[SAMPLES]] = np.minimum(memory[:, places[SAMPLES]] + 1, count)
+        return after
+
+    def _nothing_from(self, t: float, seen: Array) -> Decision:
         rows, told = self._samples.rows, self._told
         row = self._samples.nothing()
         row[rows.command] = row[rows.input] = self._fallback[0]
         row[rows.actuators] = self._fallback[1]
         row[rows.nominal] = seen[len(seen) - len(told.handed) :]
         row[rows.slack], row[rows.overruled] = 0.0, 1.0
-        for name, value in zip(self.system.input_names, self._fallback[0], strict=True):
-            self._samples.remember(f"last_{name}", value)
         return Decision(row, rows, Status.NOT_A_NUMBER, True, t, seen, self)
 
 

@@ -23,6 +23,7 @@ from holdfast.arguments import checked
 from holdfast.errors import SimulationError
 from holdfast.execution.arrays import Array
 from holdfast.execution.evaluate import Evaluator
+from holdfast.maths.control.prediction import Prediction, prediction
 from holdfast.maths.control.value_filter import (
     against_the_worst,
     keep_sampled_value,
@@ -66,7 +67,7 @@ def safety_law(
     scales: Mapping[str, float] | None = None,
     errors: Sequence[float] = (),
     ahead: bool | float = True,
-) -> L | Law:
+) -> L | Law | Switching:
     """The law that keeps the state in the set V > 0: optimal inputs, or a safety filter.
 
     Without `law` the optimal inputs, bang-bang within a box: max_u p . f with p = dV/dq (thesis
@@ -77,11 +78,13 @@ def safety_law(
     for every held disturbance; W is the value of the sampled game (`sampled_value`), whose inputs
     are held for `sample_time`. It does nothing well inside the set and intervenes towards the
     boundary. rate [1/s]: by default `PACE`, or less for a longer hold. margin [unit of V]: by
-    default `SampledValue.least`, and with a `delay` of the measurement [s] `sampled_margin`, the
-    most that V can fall before the input responds. If no input is found that suffices, it is the
-    best one, and runs count it. errors: by how much the input that acts may differ from the held
-    one, for each input. ahead: the seconds that each game which is tried may take, about; True for
-    5. A kernel in six states needs minutes.
+    default `SampledValue.least`. With a `delay` of the measurement [s] q is where the state is
+    predicted to be when the input acts, from the inputs that were sent since: the law remembers
+    them, and is a `Switching`. Where more than twenty are on their way, or no game is solved, the
+    margin is `sampled_margin`, the most that V can fall before the input responds. If no input is
+    found that suffices, it is the best one, and runs count it. errors: by how much the input that
+    acts may differ from the held one, for each input. ahead: the seconds that each game which is
+    tried may take, about; True for 5. A kernel in six states needs minutes.
 
     Without such a game (where it is `None`, and with `ahead` false, for a law that is to be
     certified) the condition is
@@ -96,6 +99,31 @@ def safety_law(
     time and delay; for a default margin that no state has; for a delay without a `law`; and for a
     `law` that has to arrive by a value function that does not reach down to time 0.
     """
+    kept, predicted = kept_law(
+        system, value, law, rate=rate, margin=margin, sample_time=sample_time, delay=delay,
+        scales=scales, errors=errors, ahead=ahead,
+    )  # fmt: skip
+    return predicted.remembered(kept) if predicted else kept
+
+
+def kept_law(
+    system: System,
+    value: ValueFunction,
+    law: L | None,
+    *,
+    rate: float | None = None,
+    margin: float | None = None,
+    sample_time: float = 0.02,
+    delay: float = 0.0,
+    scales: Mapping[str, float] | None = None,
+    errors: Sequence[float] = (),
+    ahead: bool | float = True,
+    predicts: bool = True,
+) -> tuple[L | Law, Prediction | None]:
+    """As `safety_law`: the law, and the prediction whose memory it reads.
+
+    predicts: whether it may have one.
+    """
     patience = patience_of(ahead)
     known = decided(system, value)
     check_not_empty(value)
@@ -106,7 +134,7 @@ def safety_law(
                 f"the optimal inputs without a law have no margin for a delay of {delay:g} s",
                 remedy="give a law: its safety filter has a margin",
             )
-        return optimal_law(known, lookup)
+        return optimal_law(known, lookup), None
     if rate is None:
         rate = usual_pace(sample_time, delay)
     check_pace(rate, sample_time, delay)
@@ -120,16 +148,20 @@ def safety_law(
             expected="values at equally spaced times from 0 to the horizon",
             remedy="compute it with times=[0, ...], or take the optimal inputs alone",
         )
-    game, late = None, 0.0
-    if patience and not lookup.timed:
+    game, late, little = None, 0.0, LEVELS[0] * (value.report.cell or 1.0)
+    deep = max(margin - little, 0.0) if margin is not None else 0.0
+    predicted = prediction(known, sample_time, delay) if patience and delay and predicts else None
+    if predicted and not lookup.timed:
+        game = sampled_value(known, value, sample_time, errors, deep, 0.0, patience, delay)
+    if game is None and patience and not lookup.timed:
+        predicted = None
         late = sampled_margin(system, value, sample_time, delay) if delay else 0.0
-        little = LEVELS[0] * (value.report.cell or 1.0)
-        above = late if margin is None else max(margin - little, 0.0)
+        above = late if margin is None else deep
         game = sampled_value(known, value, sample_time, errors, above, late, patience)
     if game is not None:
         if margin is None:
             margin = game.possible_margin(sample_time, delay)
-        return keep_sampled_value(
+        kept = keep_sampled_value(
             known,
             law,
             game.lookup(lookup, sample_time),
@@ -140,10 +172,12 @@ def safety_law(
             rate=rate,
             margin=margin,
             scales=scales,
+            predicted=predicted,
         )
+        return kept, predicted
     if margin is None:
         margin = possible_margin(system, value, sample_time, delay, late or None)
-    return keep_value(known, law, lookup, rate=rate, margin=margin, scales=scales)
+    return keep_value(known, law, lookup, rate=rate, margin=margin, scales=scales), None
 
 
 def check_not_empty(value: ValueFunction) -> None:

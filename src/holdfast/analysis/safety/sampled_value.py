@@ -6,6 +6,11 @@ V is the kernel's value. From a state with W >= c some held input leads to W >= 
 does, at ridges of V too, where no input raises V at once. W is iterated on the grid; the state
 after a sample is `held_motion`, and W between nodes is that of `interpolate.py`. What holds at the
 nodes need not hold between them: V is cut off (`BANDS`) as far as trial runs ask for it.
+
+With a delay D of the measurement, q is where the state is predicted to be when the input acts
+(`maths/control/prediction.py`), from what was measured and the inputs since. It differs from it by
+what the disturbance does in D, so that V is the least that it may be there; and what a disturbance
+moves in a sample, the next measurement tells, D later: it is carried on through D.
 """
 
 from __future__ import annotations
@@ -149,6 +154,7 @@ def sampled_value(
     above: float = 0.0,
     late: float = 0.0,
     patience: float = PATIENCE,
+    delay: float = 0.0,
 ) -> SampledValue | None:
     """The value of the game whose inputs are held for `sample_time` [s].
 
@@ -157,7 +163,8 @@ def sampled_value(
     system: with the prescribed disturbances of the value, and its parameters. errors: by how much
     each input that acts may differ from the one that is held. above: the set to keep is {V > above}
     [unit of V]. late: by how much V may fall before the input answers. patience: seconds that
-    each game that is tried may take, about. None where it would take longer, the values stay in a
+    each game that is tried may take, about. delay: of a law that sees the state so late [s], the
+    game of what it predicts. None where it would take longer, the values stay in a
     file, or are not those of all inputs; and of a set that has not converged where it keeps less
     than `KEPT` of it.
     """
@@ -167,8 +174,8 @@ def sampled_value(
         return None
     bounds = str(system.input_bounds), str(system.disturbance_bounds)
     numbers = tuple((q.name, q.value) for q in system.parameters)
-    hold, level, fall, seconds = map(float, (sample_time, above, late, patience))
-    asked = tuple(map(float, errors)), hold, level, fall, seconds
+    hold, level, fall, seconds, age = map(float, (sample_time, above, late, patience, delay))
+    asked = tuple(map(float, errors)), hold, level, fall, seconds, age
     key = asked, bounds, tuple(map(sp.srepr, system.rates.values())), numbers
     if key not in value.games:
         value.games[key] = _Game(system, value, *asked).solved_once(key)
@@ -181,12 +188,12 @@ def sampled_value(
 class _Game:
     def __init__(
         self, system: System, value: ValueFunction, errors: tuple[float, ...], sample_time: float,
-        above: float, late: float, patience: float,
+        above: float, late: float, patience: float, delay: float,
     ) -> None:  # fmt: skip
         assert system.input_bounds is not None
         self.most_looks = LOOKS * patience
         self.system, self.value, self.hold, self.above = system, value, sample_time, above
-        self.late, self.looks = late, 0.0
+        self.late, self.delay, self.looks = late, delay, 0.0
         numbers = {q.symbol: sp.Float(float(q.value)) for q in system.parameters}
         self.points = points_of(system.input_bounds, len(system.inputs))
         self.moves = moves_of(system.disturbance_bounds, len(system.disturbances))
@@ -254,12 +261,14 @@ class _Game:
         table = self.value.in_memory().values()
         values = np.ascontiguousarray(table, dtype=np.float64).ravel() - self.above
         values = np.where(np.isnan(values), -FARTHEST * self.cell, values)
-        held = _Motions(self, self.hold)
+        if self.delay:
+            values = self._wherever(values)
+        held = _Motions(self, self.hold, self.delay)
         cells = max(float(held.reach.max()), 1e-9)
         last: Array | None = None
         longest = max(self.hold, self.hold * FAR / cells)
         for hold in dict.fromkeys((self.hold, longest)):
-            motions = held if hold == self.hold else _Motions(self, hold)
+            motions = held if hold == self.hold else _Motions(self, hold, self.delay)
             fewest = HELD * np.count_nonzero(values > 0) if hold < longest else 0.0
             games: list[Array] = []
             for game in self._games(motions, values, fewest):
@@ -273,6 +282,17 @@ class _Game:
                 if self._stays(game, values, level * self.cell, held, cells):
                     return self._of(game, level, table.dtype)
         return None if last is None else self._of(last, LEVELS[-1], table.dtype)
+
+    def _wherever(self, values: Array) -> Array:
+        """The least value at which a state may be that is predicted to be at a node."""
+        motions, least = _Motions(self, self.delay), values.copy()
+        for part in motions.parts:
+            nodes, moves = motions.nodes(part), motions.moved(motions.of_nodes(part))
+            for r in range(motions.moves):
+                there = np.nan_to_num(self._at(values, nodes + moves[:, r]), nan=-np.inf)
+                there = np.maximum(there, -FARTHEST * self.cell)
+                np.minimum(least[part.start : part.stop], there, out=least[part.start : part.stop])
+        return least
 
     def _of(self, game: Array, level: float, dtype: npt.DTypeLike) -> SampledValue:
         """`game`, above the level of the set, in a precision in which it is no larger."""
@@ -411,7 +431,14 @@ class _Game:
             for e in self.acting
             for d in self.disturbances
         ]
-        middle, after = self._moved(np.tile(states, (len(acts), 1)), np.concatenate(acts))
+        begins, acting = np.tile(states, (len(acts), 1)), np.concatenate(acts)
+        middle, after = self._moved(begins, acting, self.hold)
+        if self.delay:  # what has moved it is carried on, and what is predicted is not disturbed
+            calm = np.hstack([inputs, np.zeros((len(states), self.disturbances.shape[1]))])
+            calm = np.tile(calm, (len(acts), 1))
+            _, without = self._moved(begins, calm, self.hold)
+            onward = [self._moved(q, calm, self.delay)[1] for q in (after, without)]
+            after = without + onward[0] - onward[1]
         height = np.nan_to_num(self._at(table, after), nan=-np.inf).reshape(len(acts), -1)
         worst = height.argmin(axis=0), np.arange(len(states))
         shape = len(acts), len(states), self.n
@@ -444,10 +471,10 @@ class _Game:
         )  # fmt: skip
         return out[:, :m]
 
-    def _moved(self, states: Array, held: Array) -> tuple[Array, Array]:
-        """The states half a sample later, and a sample later, by some Runge-Kutta steps."""
+    def _moved(self, states: Array, held: Array, hold: float) -> tuple[Array, Array]:
+        """The states half a hold later, and a hold later, by some Runge-Kutta steps."""
         f: Callable[[Array], Array] = lambda q: self.rates.values(np.hstack([q, held]))  # noqa: E731
-        q, h = states, self.hold / SUBSTEPS
+        q, h = states, hold / SUBSTEPS
         middle = q
         for k in range(SUBSTEPS):
             a = f(q)
@@ -466,8 +493,9 @@ class _Motions:
     by which a sample moves the state, at most.
     """
 
-    def __init__(self, game: _Game, hold: float) -> None:
-        motion: HeldMotion = held_motion(game.system, sp.Float(hold), game.moves, game.errors)
+    def __init__(self, game: _Game, hold: float, delay: float = 0.0) -> None:
+        late = sp.Float(delay) if delay else sp.S.Zero
+        motion: HeldMotion = held_motion(game.system, sp.Float(hold), game.moves, game.errors, late)
         self.expressions = Evaluator(motion.expressions, game.states, game.system.parameters)
         self.moves, self.curved = motion.moves, motion.curved
         self.wide = numbers_of_motion(game.n, game.m, motion.moves, motion.curved)
@@ -487,9 +515,14 @@ class _Motions:
         return self._of(part) if self._of_all is None else self._of_all
 
     def _of(self, part: range) -> Array:
-        return self.at(self._nodes(part))
+        return self.at(self.nodes(part))
 
-    def _nodes(self, part: range) -> Array:
+    def moved(self, numbers: Array) -> Array:
+        """By how much each disturbance moves the states."""
+        n = self._game.n
+        return numbers[:, self.wide - self.moves * n :].reshape(len(numbers), self.moves, n)
+
+    def nodes(self, part: range) -> Array:
         places = np.unravel_index(np.arange(part.start, part.stop), tuple(self._game.shape))
         axes = self._game.value.grid.axes
         return np.stack([a.nodes[k] for a, k in zip(axes, places, strict=True)], axis=1)
@@ -497,13 +530,12 @@ class _Motions:
     def _reach(self, part: range) -> Array:
         n, m, numbers = self._game.n, self._game.m, self.of_nodes(part)
         largest = np.abs(self._game.inputs).max(axis=0)
-        base = np.abs(numbers[:, :n] - self._nodes(part))
+        base = np.abs(numbers[:, :n] - self.nodes(part))
         gains = np.abs(numbers[:, n : n + n * m].reshape(len(numbers), n, m)) @ largest
         pairs = m * (m + 1) // 2 * int(self.curved)
         behind = n * (1 + m)
         curves = np.abs(numbers[:, behind : behind + n * pairs].reshape(len(numbers), n, pairs))
         bent = curves.sum(axis=2) * (largest.max() ** 2 if m else 0.0)
-        rest = numbers[:, behind + n * pairs :].reshape(len(numbers), self.moves, n)
-        far = (base + gains + bent + np.abs(rest).max(axis=1)) / self._game.steps
+        far = (base + gains + bent + np.abs(self.moved(numbers)).max(axis=1)) / self._game.steps
         most: Array = np.where(far < 1e6, far, 0.0).max(axis=0)
         return most

@@ -164,10 +164,17 @@ class ControlSamples:
         """Nothing is remembered of the last answer."""
         self._memory[:] = self._before
 
-    def remember(self, name: str, value: float) -> None:
-        """Replace a quantity of the memory, if the controller has it."""
-        if name in self.program.remembered:
-            self._memory[:, self.program.remembered.index(name)] = value
+    @property
+    def memory(self) -> Array:
+        """What is remembered of every controller, in the order of the program: rows of it."""
+        width = len(self.program.remembered)
+        rows = [self.blocks.of_runs("memory", i) for i in range(width)]
+        return np.stack(rows, axis=1) if rows else np.empty((self.count, 0))
+
+    def remember_all(self, memory: Array) -> None:
+        """Replace it."""
+        for i in range(len(self.program.remembered)):
+            self.blocks.set_runs("memory", memory[:, i], i)
 
     def nothing(self) -> Array:
         """The numbers where there is no answer."""

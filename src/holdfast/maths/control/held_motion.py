@@ -35,25 +35,35 @@ class HeldMotion:
     curved: bool
 
 
-def held_motion(
-    system: System,
-    hold: sp.Expr,
-    disturbances: Sequence[Sequence[sp.Expr]],
-    errors: Sequence[Sequence[sp.Expr]] = ((),),
-) -> HeldMotion:
-    """The motion of a system in which inputs and each of the disturbances are held for `hold`.
-
-    errors: by how much the inputs that act differ from those that are held, with each disturbance.
-    """
+def held_flow(system: System, hold: sp.Expr) -> sp.Matrix:
+    """The state after `hold`, in terms of the state, the inputs and the disturbances."""
     q = sp.Matrix([s.symbol for s in system.states])
-    u = [s.symbol for s in system.inputs]
-    d = [s.symbol for s in system.disturbances]
     rates = sp.Matrix(list(system.rates.values()))
     after, part = q + hold * rates, rates
     short = sum(int(sp.count_ops(r)) for r in rates) <= SHORT
     for power in range(2, 4 if short else 3):
         part = part.jacobian(q) * rates
         after += hold**power / sp.factorial(power) * part
+    return after
+
+
+def held_motion(
+    system: System,
+    hold: sp.Expr,
+    disturbances: Sequence[Sequence[sp.Expr]],
+    errors: Sequence[Sequence[sp.Expr]] = ((),),
+    delay: sp.Expr = sp.S.Zero,
+) -> HeldMotion:
+    """The motion of a system in which inputs and each of the disturbances are held for `hold`.
+
+    errors: by how much the inputs that act differ from those that are held, with each disturbance.
+    delay: the motion of what is predicted so far ahead: what a disturbance has moved is carried on
+    through it, by the slopes of the motion without an input.
+    """
+    q = sp.Matrix([s.symbol for s in system.states])
+    u = [s.symbol for s in system.inputs]
+    d = [s.symbol for s in system.disturbances]
+    after = held_flow(system, hold)
     still = dict.fromkeys([*u, *d], sp.S.Zero)
     undisturbed = after.xreplace(dict.fromkeys(d, sp.S.Zero))
     base = after.xreplace(still)
@@ -68,10 +78,14 @@ def held_motion(
     ]
     curved = any(e != 0 for row in curves for e in row)
     drifting = after.xreplace(dict.fromkeys(u, sp.S.Zero))
+    onward = held_flow(system, delay).xreplace(still).jacobian(q) if delay else sp.eye(len(base))
     moves = [
-        drifting.xreplace(dict(zip(d, p, strict=True)))
-        - base
-        + (gains * sp.Matrix(list(e)) if e else sp.zeros(len(base), 1))
+        onward
+        * (
+            drifting.xreplace(dict(zip(d, p, strict=True)))
+            - base
+            + (gains * sp.Matrix(list(e)) if e else sp.zeros(len(base), 1))
+        )
         for p in disturbances
         for e in errors
     ]

@@ -195,9 +195,7 @@ def worst_of(guard: Safeguard, width: Mapping[sp.Symbol, sp.Expr]) -> Safeguard:
     )
 
 
-def _worst_ahead(
-    ahead: Foresight, inputs: int, width: Mapping[sp.Symbol, sp.Expr]
-) -> Foresight:
+def _worst_ahead(ahead: Foresight, inputs: int, width: Mapping[sp.Symbol, sp.Expr]) -> Foresight:
     """The same of a look ahead: where a sample leads from every corner of the widths, too."""
     n = ahead.axes(inputs)
     base, moves = ahead.motion[:n], ahead.motion[len(ahead.motion) - n * ahead.moves :]

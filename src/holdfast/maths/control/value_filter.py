@@ -20,10 +20,11 @@ import sympy as sp
 
 from holdfast.errors import DefinitionError
 from holdfast.maths.control.held_motion import held_motion
+from holdfast.maths.control.prediction import Prediction
 from holdfast.maths.control.safety_filter import check_fit, input_rows, input_scales, over_time
 from holdfast.maths.definitions.law import Foresight, Law, Safeguard
 from holdfast.maths.definitions.lookup import Lookup, SampledLookup
-from holdfast.maths.definitions.quantity import Parameter, symbol
+from holdfast.maths.definitions.quantity import Parameter, Quantity, symbol
 from holdfast.maths.definitions.switching import Switching
 from holdfast.maths.definitions.system import System
 from holdfast.maths.expressions.functions import least, select
@@ -124,6 +125,7 @@ def keep_sampled_value(
     rate: float,
     margin: float,
     scales: Mapping[str, float] | None = None,
+    predicted: Prediction | None = None,
 ) -> L:
     """`law` with the least change of its inputs after which W is high enough a sample later.
 
@@ -133,13 +135,18 @@ def keep_sampled_value(
 
     or, where no input that is found does it, >= c, or else the most. points: inputs that are tried;
     disturbances, errors: see `held_motion`. beyond: by how much W falls with each cell outside.
+    predicted: of a law that sees the state late, where the input acts; q is that state, and the law
+    reads what `Prediction.remembered` adds.
 
     Raises `DefinitionError` as `keep_value` does.
     """
     if not system.inputs:
         raise DefinitionError(f"system '{system.name}' has no inputs")
     hamiltonian(replace(system, samples=0))  # refuses rates that are not affine
-    motion = held_motion(system, sp.Float(lookup.hold), disturbances, errors)
+    delay = sp.Float(predicted.delay) if predicted else sp.S.Zero
+    motion = held_motion(system, sp.Float(lookup.hold), disturbances, errors, delay)
+    places: Mapping[sp.Symbol, sp.Expr] = predicted.places if predicted else {}
+    lookup = lookup.subs(places)
     floor = symbol("safety_margin")
     level = floor + (1 - symbol("safety_rate") * lookup.hold) * (lookup.value - floor)
     bounds = input_rows(system)
@@ -150,7 +157,7 @@ def keep_sampled_value(
         scales=input_scales(system, scales or {}),
         units=(lookup.unit,),
         foresight=Foresight(
-            motion.expressions,
+            tuple(e.xreplace(places) for e in motion.expressions),
             motion.moves,
             motion.curved,
             tuple(map(tuple, points)),
@@ -159,11 +166,18 @@ def keep_sampled_value(
             sp.Float(beyond),
         ),
     )
-    return _guarded(system, law, lookup, guard, rate, margin)
+    memory = predicted.memory.quantities if predicted else ()
+    return _guarded(system, law, lookup, guard, rate, margin, memory)
 
 
 def _guarded(
-    system: System, law: L, lookup: Lookup, guard: Safeguard, rate: float, margin: float
+    system: System,
+    law: L,
+    lookup: Lookup,
+    guard: Safeguard,
+    rate: float,
+    margin: float,
+    memory: Sequence[Quantity] = (),
 ) -> L:
     """`law`, or each of its modes, with a safeguard over the values of `lookup`."""
     parameters = (
@@ -175,7 +189,7 @@ def _guarded(
         check_fit(system, mode)
         if mode.lookup is not None:
             raise DefinitionError(f"law '{mode.name}' has a value function already")
-        reads = {q.name: q for q in (*mode.reads, *system.states)}
+        reads = {q.name: q for q in (*mode.reads, *system.states, *memory)}
         return replace(
             mode,
             name=f"{mode.name}, kept safe",

@@ -107,6 +107,7 @@ class Foresight:
     ) -> Foresight:  # fmt: skip
         """The same condition of `inputs` u, in place of w = (u - shift) / gain of some `names`."""
         m, n = len(names), self.axes(len(names))
+        pairs = m * (m + 1) // 2
         own = {name: (sp.Symbol(f"_u_{name}", real=True) - shift[name]) / gain for name in names}
         u = {name: sp.Symbol(f"_u_{name}", real=True) for name in inputs}
         none = dict.fromkeys(u.values(), sp.S.Zero)

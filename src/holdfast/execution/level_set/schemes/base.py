@@ -49,7 +49,7 @@ class Scheme:
 
 
 EXPONENT, OF_INVERSE = 0x7FF << 52, 0x7FE << 52
-"""The bits of the exponent of a number in double precision, and the sum of those of 2^k and 2^-k."""
+"""The bits of the exponent of a number in double precision; and the sum of those of 2^k, 2^-k."""
 
 
 def about_inverse(size: Value) -> Value:

@@ -1,0 +1,198 @@
+"""Filters over a kernel whose measurements are late, by the state that they predict."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import holdfast as hf
+from holdfast.maths.control.prediction import MOST_SENT, SAMPLES, prediction, sent
+from tests.c_code import built, needs_gcc, pointer
+
+Y, TH, W, D = (hf.symbol(n) for n in ("y", "theta", "w", "d"))
+HOLD = 0.05
+
+
+def quantities(*names: str) -> tuple[hf.Quantity, ...]:
+    angles = ("theta",)
+    return tuple(hf.Quantity(n, "rad" if n in angles else "1", angle=n in angles) for n in names)
+
+
+CAR = hf.System(
+    "car", quantities("y", "theta"), quantities("w"), {"y": sp.sin(TH) + D, "theta": W},
+    disturbances=quantities("d"), input_bounds=hf.Box((-1,), (1,)),
+    disturbance_bounds=hf.Box((-0.2,), (0.2,)),
+)  # fmt: skip
+LANE = hf.Region(
+    "lane", quantities("y"), (hf.Inequality("left", Y - 1), hf.Inequality("right", -1 - Y))
+)
+
+
+def flown(q, inputs, disturbance, steps):
+    """States (count, 2) after inputs (count,) and disturbances were held, in small steps."""
+    h = HOLD / steps
+    rates = lambda q: np.stack([np.sin(q[:, 1]) + disturbance, inputs], axis=1)  # noqa: E731
+    way = [q]
+    for _ in range(steps):
+        a = rates(q)
+        b = rates(q + h / 2 * a)
+        c = rates(q + h / 2 * b)
+        q = q + h / 6 * (a + 2 * b + 2 * c + rates(q + h * c))
+        way.append(q)
+    return way[1:]
+
+
+@pytest.fixture(scope="module")
+def kernel():
+    grid = hf.grid(CAR, {"y": (-1.2, 1.2), "theta": (-math.pi, math.pi)}, {"y": 61, "theta": 60})
+    return hf.discriminating_kernel(CAR, LANE, grid, 8.0)
+
+
+@pytest.mark.parametrize("delay", [0.02, 0.05, 0.12])
+def test_predicted_state_is_where_the_inputs_have_led(delay):
+    """Against an integrator: inputs of one to three samples, the first of which began late."""
+    found = prediction(CAR, HOLD, delay)
+    assert found is not None
+    count = math.ceil(delay / HOLD)
+    inputs = [0.9, -0.6, 0.4][:count]  # the last one first
+    q = np.array([[0.1, 0.7]])
+    for k in range(count, 0, -1):
+        length = HOLD if k < count else delay - (count - 1) * HOLD
+        steps = 100
+        for _ in range(steps):  # with Euler's midpoint, as fine as it has to be
+            h = length / steps
+            half = q + h / 2 * np.array([[np.sin(q[0, 1]), inputs[k - 1]]])
+            q = q + h * np.array([[np.sin(half[0, 1]), inputs[k - 1]]])
+    values = {Y: 0.1, TH: 0.7, hf.symbol(SAMPLES): count}
+    values |= {hf.symbol(sent(k + 1, "w")): u for k, u in enumerate(inputs)}
+    there = [float(found.places[s].subs(values)) for s in (Y, TH)]
+    assert there == pytest.approx(q[0].tolist(), abs=3e-6)
+    values[hf.symbol(SAMPLES)] = 0  # before the first sample nothing was sent
+    assert [float(found.places[s].subs(values)) for s in (Y, TH)] == [0.1, 0.7]
+
+
+def test_delay_of_too_many_inputs_is_not_predicted():
+    assert prediction(CAR, HOLD, 0.0) is None
+    assert prediction(CAR, HOLD, (MOST_SENT + 1) * HOLD) is None
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("late", [0, 4, 10, 20])
+def test_kernel_is_kept_by_a_filter_whose_measurements_are_late(kernel, late):
+    """From right inside what held inputs keep, against commands and winds that push out.
+
+    late: in tenths of a sample. Three in four states that are kept were given up by the margin
+    that a delay of two samples had.
+    """
+    steps, seconds, count = 10, 8.0, 120
+    keep = hf.SafetyFilter(CAR, kernel, sample_time=HOLD, delay=late * HOLD / steps)
+    game = list(kernel.games.values())[-1]
+    assert (game.table > game.least).mean() > 0.95 * (kernel.values() > 0).mean()
+    generator = np.random.default_rng(0)
+    points = generator.uniform([-1, -math.pi], [1, math.pi], (40_000, 2))
+    margin = {p.name: float(p.value) for p in keep.law.parameters}["safety_margin"]
+    inside = np.array(keep.step_many(points, np.zeros((len(points), 1))).value)
+    keep.reset()
+    near = (inside > margin) & (inside < margin + 0.3 * kernel.report.cell)
+    q = points[near][:count]
+    assert len(q) == count
+    command = generator.choice([-1.0, 1.0], (count, 1))
+    side = np.sign(q[:, 0])
+    way, least = [q], np.inf
+    for k in range(round(seconds / HOLD)):
+        seen = way[max(len(way) - 1 - late, 0)]
+        u = np.array(keep.step_many(seen, command).input)[:, 0]
+        wind = 0.2 * np.where(np.arange(count) % 2, side, generator.choice([-1, 1]))
+        way += flown(way[-1], u, wind, steps)
+        turned = way[-1].copy()
+        turned[:, 1] = (turned[:, 1] + math.pi) % (2 * math.pi) - math.pi
+        least = min(least, float(kernel.at(turned).min()))
+        if k % 20 == 0:
+            side = np.sign(way[-1][:, 0])
+    assert least > 0
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_what_was_sent_in_place_of_an_answer_is_remembered(kernel):
+    """A fallback acts on its way like any other input, also of one row among several."""
+    keep, other = (
+        hf.SafetyFilter(CAR, kernel, sample_time=HOLD, delay=2 * HOLD, fallback=[0.7])
+        for _ in range(2)
+    )
+    near, far = [0.7, 0.3], [0.0, 0.0]
+    other.step_many([far, near], [[0.5], [0.5]])
+    several = other.step_many([far, [math.nan, 0.0]], [[0.5], [0.5]])
+    assert several.input[1].tolist() == [0.7]
+    keep.step(near, [0.5])
+    assert keep.step([math.nan, 0.0], [0.5]).input.tolist() == [0.7]
+    for _ in range(3):
+        one = keep.step(near, [1.0])
+        assert other.step_many([far, near], [[0.5], [1.0]]).input[1] == pytest.approx(one.input)
+    calm = hf.SafetyFilter(CAR, kernel, sample_time=HOLD, delay=2 * HOLD)
+    for q in (near, [math.nan, 0.0]):
+        calm.step(q, [0.5])
+    keep.reset()
+    for q in (near, [math.nan, 0.0]):
+        keep.step(q, [0.5])
+    assert keep.step(near, [1.0]).input != pytest.approx(calm.step(near, [1.0]).input)
+
+
+@needs_gcc
+@pytest.mark.filterwarnings("ignore")
+def test_late_filter_in_c_has_the_same_bits(kernel, tmp_path):
+    keep = hf.SafetyFilter(CAR, kernel, sample_time=HOLD, delay=1.6 * HOLD)
+    c = built(tmp_path, keep.export_c("keep") + RUN, "keep")
+    generator = np.random.default_rng(0)
+    states = generator.uniform([-1, -1], [1, 1], (400, 2))
+    commands = generator.uniform(-1, 1, (400, 1))
+    found = np.zeros(400)
+    c.run(pointer(states), pointer(commands), 400, pointer(found))
+    ours = [
+        keep.step(q, w, k * HOLD).input[0]
+        for k, (q, w) in enumerate(zip(states, commands, strict=True))
+    ]
+    assert found.tolist() == ours
+    assert np.mean(found != commands[:, 0]) > 0.2
+
+
+RUN = """
+void run(const double *seen, const double *handed, int count, double *answer) {
+    keep_state s;
+    double actuators[1];
+    keep_start(&s);
+    for (int k = 0; k < count; k++)
+        keep_step(&s, k * 0.05, 0.05, seen + 2 * k, handed + k, keep_parameters, answer + k,
+                  actuators);
+}
+"""
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_kernel_and_a_region_are_kept_in_order_of_measurements_that_are_late(kernel):
+    slow = hf.Region("slow", quantities("theta"), (hf.Inequality("turn", TH - 2.5),))
+    alone, first = (
+        hf.SafetyFilter(CAR, keep, sample_time=HOLD, delay=HOLD)
+        for keep in (kernel, [kernel, slow])
+    )
+    for q in ([0.0, 0.2], [0.6, 0.3], [-0.7, -0.4]):
+        assert first.step(q, [1.0]).input == pytest.approx(alone.step(q, [1.0]).input, abs=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_simulation_with_a_delay_is_that_of_the_filter_sample_by_sample(kernel):
+    push = hf.Law("push", CAR.states, {"w": sp.S.One})
+    law = hf.safety_law(CAR, kernel, push, sample_time=HOLD, delay=2 * HOLD)
+    assert isinstance(law, hf.Switching)
+    data = hf.simulate(
+        CAR, law, starts=[[0.2, 0.1]], region=LANE, horizon=4.0, sample_time=HOLD, delay=2 * HOLD,
+        record_every=HOLD, disturbance={"d": 0.1},
+    ).dataset  # fmt: skip
+    keep = hf.SafetyFilter(CAR, kernel, sample_time=HOLD, delay=2 * HOLD)
+    states, inputs = data["state"].values[0], data["input"].values[0]
+    for k in range(60):
+        u = keep.step(states[max(k - 2, 0)], [1.0]).input
+        assert u == pytest.approx(inputs[k], abs=1e-9)
+    assert (inputs[:60] < 0.99).any()
