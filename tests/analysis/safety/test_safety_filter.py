@@ -365,34 +365,38 @@ def test_law_that_sees_the_state_late_keeps_what_one_that_does_not_keeps(kernel)
     assert without < 150, "by slopes, which know nothing of the inputs that are on their way"
 
 
-@pytest.mark.parametrize(("sample_time", "delay"), [(0.02, 0.02), (0.02, 0.1), (0.1, 0.1)])
-def test_delay_costs_what_the_disturbance_does_meanwhile(kernel, sample_time, delay):
-    """Of what a law without a delay keeps; by `sampled_margin` hardly anything was left of it."""
-
-    def kept(late):
-        game = sampled_value(decided(cart(), kernel), kernel, sample_time, delay=late)
-        return (game.table > game.least).mean() / (kernel.values() > 0).mean()
-
-    assert kept(delay) > kept(0.0) - 0.6 * delay - 0.01
+@pytest.mark.parametrize(
+    ("sample_time", "delay", "kept", "by_margin"),
+    [
+        (0.05, 0.0, 0.993, 0.63), (0.05, 0.1, 0.933, 0.10), (0.02, 0.1, 0.931, 0.23),
+        (0.02, 0.02, 0.977, 0.72), (0.1, 0.1, 0.939, 0.0),
+    ],
+)  # fmt: skip
+def test_delay_costs_what_the_disturbance_does_meanwhile(
+    kernel, sample_time, delay, kept, by_margin
+):
+    """Shares of the kernel's nodes, beside those that are deeper than V may fall meanwhile."""
+    game = sampled_value(decided(cart(), kernel), kernel, sample_time, delay=delay)
+    margin = hf.sampled_margin(cart(), kernel, sample_time, delay)
+    inside = (kernel.values() > 0).mean()
+    assert (game.table > game.least).mean() / inside == pytest.approx(kept, abs=0.01)
+    assert (kernel.values() > margin).mean() / inside == pytest.approx(by_margin, abs=0.01)
 
 
 def test_law_that_sees_the_state_late_keeps_it_for_long(kernel):
-    """With a margin that is much of what there is; nothing is proved for ever."""
+    """From states that are little deeper than a law without a delay needs."""
     push = hf.Law("push", STATES, {"u": hf.parse_expression("1", {})})
-    points = np.random.default_rng(1).uniform([-1, -1.5], [1, 1.5], (4000, 2))
-    stay = {}
-    for delay, margin in ((0.1, 0.63), (0.04, 0.31)):
-        needed = hf.sampled_margin(cart(), kernel, 0.02, delay)
-        assert needed == pytest.approx(margin, abs=0.005)
-        starts = points[kernel.contains(points, needed)][:100]
+    points = np.random.default_rng(1).uniform([-1, -1.5], [1, 1.5], (40_000, 2))
+    depth = kernel.at(points)
+    needed = hf.sampled_margin(cart(), kernel, 0.02)
+    starts = points[(depth > needed) & (depth < needed + 0.02)][:100]
+    assert len(starts) == 100
+    for delay in (0.1, 0.04):
         kept = hf.safety_law(cart(), kernel, push, delay=delay)
-        for horizon in (60, 200):
-            stay[delay, horizon] = hf.simulate(
-                cart(), kept, starts=starts, region=WALLS, horizon=horizon, delay=delay,
-                record_every=horizon, disturbance={"d": 0.5},
-            ).viable  # fmt: skip
-    assert stay[0.1, 60] == stay[0.04, 60] == stay[0.04, 200] == 100
-    assert stay[0.1, 200] == 100
+        assert hf.simulate(
+            cart(), kept, starts=starts, region=WALLS, horizon=200, delay=delay,
+            record_every=200, disturbance={"d": 0.5},
+        ).viable == 100  # fmt: skip
 
 
 def test_rate_that_nobody_gave_is_what_the_sample_time_and_the_delay_bear(kernel):

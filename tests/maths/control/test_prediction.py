@@ -75,6 +75,7 @@ def test_predicted_state_is_where_the_inputs_have_led(delay):
 
 
 def test_delay_of_too_many_inputs_is_not_predicted():
+    assert MOST_SENT == 20
     assert prediction(CAR, HOLD, 0.0) is None
     assert prediction(CAR, HOLD, (MOST_SENT + 1) * HOLD) is None
 
