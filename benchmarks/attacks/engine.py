@@ -229,6 +229,8 @@ def run(
     crew = [Worker(planted) for _ in range(workers)]
     try:
         _work(crew, cases, seed, tallies, progress)
+    except KeyboardInterrupt:
+        print("interrupted: these are the cases so far", file=sys.stderr)
     finally:
         for worker in crew:
             worker.close()

@@ -125,6 +125,7 @@ def kept_law(
     predicts: whether it may have one.
     """
     patience = patience_of(ahead)
+    _check_delay(delay)
     known = decided(system, value)
     check_not_empty(value)
     lookup = lookup_of(value)
@@ -205,6 +206,10 @@ def check_pace(rate: float, sample_time: float, delay: float = 0.0) -> None:
         )
 
 
+def _check_delay(delay: float) -> None:
+    number("delay is ", delay, "a number of seconds, 0 or more", lambda v: 0 <= v < math.inf)
+
+
 def _and_late(delay: float) -> str:
     return f" and a delay of {delay:g} s" if delay else ""
 
@@ -228,7 +233,7 @@ def sampled_margin(
     """
     positive = "a positive number of seconds"
     number("sample_time is ", sample_time, positive, lambda v: 0 < v < math.inf)
-    number("delay is ", delay, "a number of seconds, 0 or more", lambda v: 0 <= v < math.inf)
+    _check_delay(delay)
     falls, reach = _Falls(system, value), 2.0 * value.report.cell
     if falls.jump:
         return highest_within(value, (delay + sample_time) * falls.speeds())
