@@ -151,12 +151,10 @@ horizon = 20
     files = list((tmp_path / "cache").glob("value_*.nc"))
     assert len(files) == 1
     assert np.array_equal(named_kernel(cart).value().values(), hf.load(files[0]).values())
-    late = load_scenario(str(path), ["run.delay=0.1"]).run()  # counted beside the 0.02 s
-    kernel = named_kernel(cart)
-    fall = hf.sampled_margin(kernel.scenario.system, kernel.value(), 0.02, 0.1)
-    cell = kernel.value().report.cell
-    assert fall < late.parameters["safety_margin"] <= fall + cell
-    assert 0 < kept.parameters["safety_margin"] <= cell
+    late = load_scenario(str(path), ["run.delay=0.1"]).run()
+    cell = named_kernel(cart).value().report.cell
+    for result in (kept, late):  # it predicts where it is, and needs no margin for the delay
+        assert 0 < result.parameters["safety_margin"] <= cell
     assert late.viable == 2
     with pytest.raises(
         ScenarioError, match="safety: the optimal inputs without a law have no margin"

@@ -9,7 +9,8 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.maths.control.prediction import MOST_SENT, SAMPLES, prediction, sent
+from holdfast.errors import DefinitionError, SimulationError
+from holdfast.maths.control.prediction import MOST_SENT, prediction, sent, span
 from tests.c_code import built, needs_gcc, pointer
 
 Y, TH, W, D = (hf.symbol(n) for n in ("y", "theta", "w", "d"))
@@ -66,11 +67,12 @@ def test_predicted_state_is_where_the_inputs_have_led(delay):
             h = length / steps
             half = q + h / 2 * np.array([[np.sin(q[0, 1]), inputs[k - 1]]])
             q = q + h * np.array([[np.sin(half[0, 1]), inputs[k - 1]]])
-    values = {Y: 0.1, TH: 0.7, hf.symbol(SAMPLES): count}
+    lengths = [HOLD] * (count - 1) + [delay - (count - 1) * HOLD]
+    values = {Y: 0.1, TH: 0.7} | {hf.symbol(span(k + 1)): h for k, h in enumerate(lengths)}
     values |= {hf.symbol(sent(k + 1, "w")): u for k, u in enumerate(inputs)}
     there = [float(found.places[s].subs(values)) for s in (Y, TH)]
     assert there == pytest.approx(q[0].tolist(), abs=3e-6)
-    values[hf.symbol(SAMPLES)] = 0  # before the first sample nothing was sent
+    values |= {hf.symbol(span(k + 1)): 0 for k in range(count)}  # before the first sample
     assert [float(found.places[s].subs(values)) for s in (Y, TH)] == [0.1, 0.7]
 
 
@@ -197,3 +199,125 @@ def test_simulation_with_a_delay_is_that_of_the_filter_sample_by_sample(kernel):
         u = keep.step(states[max(k - 2, 0)], [1.0]).input
         assert u == pytest.approx(inputs[k], abs=1e-9)
     assert (inputs[:60] < 0.99).any()
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_run_with_another_delay_than_that_of_its_law_is_refused(kernel):
+    push = hf.Law("push", CAR.states, {"w": sp.S.One})
+    law = hf.safety_law(CAR, kernel, push, sample_time=HOLD, delay=2 * HOLD)
+    for delay in (0.0, HOLD, 3 * HOLD):
+        with pytest.raises(
+            SimulationError, match=r"over a delay of 0.1 s, and is shown it .* late"
+        ):
+            hf.simulate(
+                CAR, law, starts=[[0, 0]], region=LANE, horizon=1, sample_time=HOLD, delay=delay
+            )
+
+
+X, V, U = (hf.symbol(n) for n in ("x", "v", "u"))
+SLOW = hf.Box((-1,), (1,))
+DRIVEN = hf.System(
+    "driven", quantities("x", "v"), quantities("u"), {"x": V + D, "v": U},
+    disturbances=quantities("d"), input_bounds=SLOW, disturbance_bounds=hf.Box((-0.1,), (0.1,)),
+)  # fmt: skip
+ROOM = hf.Region(
+    "room", quantities("x", "v"),
+    tuple(hf.Inequality(f"c{i}", e) for i, e in enumerate((X - 1, -1 - X, V - 1.4, -1.4 - V))),
+)  # fmt: skip
+ENDS = {"x": (-1.2, 1.2), "v": (-1.6, 1.6)}
+
+
+@pytest.fixture(scope="module")
+def room():
+    grid = hf.grid(DRIVEN, ENDS, dict.fromkeys(ENDS, 61))
+    return hf.discriminating_kernel(DRIVEN, ROOM, grid, 8.0)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_behind_an_observer_the_margin_allows_for_the_delay(room):
+    """The observer advances its estimate with what was just sent: nobody may do it once more."""
+    keep = hf.SafetyFilter(DRIVEN, room, sample_time=HOLD, delay=2 * HOLD, states=("x",))
+    numbers = {p.name: float(p.value) for p in keep.law.parameters}
+    assert numbers["safety_margin"] >= hf.sampled_margin(DRIVEN, room, HOLD, 2 * HOLD)
+    push = hf.Law("push", DRIVEN.states, {"u": sp.S.One})
+    law = hf.safety_law(DRIVEN, room, push, sample_time=HOLD, delay=2 * HOLD)
+    for observed in (
+        lambda: hf.observe(DRIVEN, law, measured=("x",), bandwidth=2.0),
+        lambda: hf.observe_set(
+            DRIVEN, law, measured=("x",), bandwidth=2.0, error_bounds={"x": 0.01, "v": 0.01}
+        ),
+    ):
+        with pytest.raises(DefinitionError, match="an observer of a law that predicts the state"):
+            observed()
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("gap", [23, 41])
+def test_relay_predicts_over_a_gap_from_the_fallback_that_was_sent(room, gap):
+    """The relay decides as the filter that was asked at every sample does."""
+    late, fallback = 4, [-0.8]
+    keep, plain = (
+        hf.SafetyFilter(DRIVEN, room, sample_time=HOLD, delay=late * HOLD, fallback=fallback)
+        for _ in range(2)
+    )
+    relay, q, way = hf.Relay(keep, patience=0.4 * HOLD), np.array([0.3, 0.2]), []
+    for k in range(60):
+        way.append(q)
+        seen, missing = way[max(k - late, 0)], gap <= k < gap + 7
+        if not missing:
+            relay.measured(seen, k * HOLD)
+        relay.commanded([1.0], k * HOLD)
+        u = np.array(list(relay.decide(k * HOLD).input.values()))
+        asked = [math.nan, 0.0] if missing else seen
+        assert u == pytest.approx(plain.step(asked, [1.0], k * HOLD).input, abs=1e-12)
+        q = q + HOLD * np.array([q[1] + 0.1 + HOLD / 2 * u[0], u[0]])
+    assert max(abs(q[0]) for q in way) < 1
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_fallback_of_the_first_sample_is_on_its_way_too(room):
+    keep = hf.SafetyFilter(DRIVEN, room, sample_time=HOLD, delay=2 * HOLD, fallback=[-0.8])
+    keep.step([math.nan, 0.0], [0.0])
+    keep.step_many([[math.nan, 0.0]], [[0.0]])
+    for _ in range(3):
+        one = keep.step([0.6, 0.7], [1.0])
+        assert keep.step_many([[0.6, 0.7]], [[1.0]]).value == pytest.approx([one.value])
+
+
+GROWING = hf.System(
+    "growing", quantities("v"), quantities("u", "w"), {"v": U * V + W + D},
+    disturbances=quantities("d"), input_bounds=hf.Box((1, -3), (4, 3)),
+    disturbance_bounds=hf.Box((-0.8,), (0.8,)),
+)  # fmt: skip
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_what_a_disturbance_moves_is_carried_on_with_the_worst_input():
+    """By e^(u D), with inputs of which none is 0. A longer delay is refused: runs would be lost."""
+    delay = HOLD
+    region = hf.Region(
+        "band", quantities("v"), (hf.Inequality("a", V - 1), hf.Inequality("b", -1 - V))
+    )
+    value = hf.discriminating_kernel(
+        GROWING, region, hf.grid(GROWING, {"v": (-1.2, 1.2)}, 101), 4.0
+    )
+    with pytest.raises(SimulationError, match=r"from what is 0\.15 s old, lose trial runs"):
+        hf.SafetyFilter(GROWING, value, sample_time=HOLD, delay=3 * HOLD)
+    keep = hf.SafetyFilter(GROWING, value, sample_time=HOLD, delay=delay)
+    margin = {p.name: float(p.value) for p in keep.law.parameters}["safety_margin"]
+    generator = np.random.default_rng(0)
+    v = generator.uniform(-1, 1, (4000, 1))
+    inside = np.array(keep.step_many(v, np.zeros((4000, 2))).value)
+    keep.reset()
+    v = v[(inside > margin) & (inside < margin + 0.05)][:150]
+    assert len(v) == 150
+    wanted = generator.choice([[4.0, 3.0], [4.0, -3.0]], 150)
+    way, late, steps = [v], round(delay / HOLD), 10
+    for _ in range(160):
+        u = np.array(keep.step_many(way[max(len(way) - 1 - late, 0)], wanted).input)
+        push = 0.8 * np.where(np.arange(150) % 2, np.sign(v[:, 0]), generator.choice([-1, 1], 150))
+        for _ in range(steps):
+            rate = lambda x: u[:, :1] * x + u[:, 1:] + push[:, None]  # noqa: B023, E731
+            v = v + HOLD / steps * rate(v + HOLD / steps / 2 * rate(v))
+        way.append(v)
+        assert np.abs(v).max() < 1

@@ -139,8 +139,12 @@ def filter_of(
     worst: Sequence[str],
     uncertain: Mapping[str, Sequence[float]] | None,
     scales: Mapping[str, float] | None,
+    predicts: bool,
 ) -> Made:
-    """The law that hands on a command within what is kept; the options are of `SafetyFilter`."""
+    """The law that hands on a command within what is kept; the options are of `SafetyFilter`.
+
+    predicts: whether it may predict the state over a delay.
+    """
     kept: list[Any] = list(keep) if isinstance(keep, list | tuple) else [keep]
     for part in kept:
         if not isinstance(part, ValueFunction | PartsValue | Region):
@@ -180,7 +184,7 @@ def filter_of(
             }  # fmt: skip
             if isinstance(part, PartsValue):
                 return parts_law(part, command, **options)
-            made, predicted = kept_law(system, part, command, **options)
+            made, predicted = kept_law(system, part, command, predicts=predicts, **options)
             memories.extend([predicted] if predicted else [])
             return made
         inside = {n: v for n, v in (margins or {}).items() if n in part.inequality_names}

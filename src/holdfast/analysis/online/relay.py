@@ -128,8 +128,9 @@ class Relay:
 
     def _begin_again(self, now: float) -> None:
         """Forget what was estimated before the gap, and not that the fallback was given in it."""
-        self.keep.reset()
-        self._asked(self._nothing, self.keep.fallback, now)
+        if not isinstance(self.keep, SafetyFilter) or self.keep.observes:
+            self.keep.reset()
+            self._asked(self._nothing, self.keep.fallback, now)
 
     def _while(self, age: float) -> str:
         return self._since if math.isinf(age) else f"for {age:.2g} s"

@@ -26,12 +26,13 @@ from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.c_source import export_c, export_c_header
 from holdfast.execution.codegen.closed_loop_program import closed_loop_program
+from holdfast.execution.evaluate import Evaluator
 from holdfast.execution.simulation.control_sample import ControlSamples
 from holdfast.execution.simulation.steppers import RK4
 from holdfast.maths.control.observer import observe
-from holdfast.maths.control.prediction import MOST_SENT, SAMPLES, sent
 from holdfast.maths.control.rate_limits import limit_rates
 from holdfast.maths.control.set_observer import observe_set
+from holdfast.maths.definitions.quantity import symbol
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
 
@@ -50,7 +51,9 @@ class SafetyFilter:
     several of them, at most one a kernel, in order of priority: where not all can be kept, the last
     gives way first (`in_order`), and `Decision.gave_way` names what did.
     sample_time [s]: of your loop. delay [s]: how old a measurement is: a kernel's filter predicts
-    the state from the inputs that were sent since, which it remembers. rate [1/s], by default 2 or
+    the state from the inputs that were sent since, which it remembers; at the first sample, where
+    none was, the measurement counts as the state. Where it cannot predict, as behind an observer,
+    the margin allows for the delay. rate [1/s], by default 2 or
     as much less as the sample time bears, margin [unit of V], ahead [s], how long the game of held
     inputs may take, by default about 5: of a kernel's filter, see `safety_law`. gains [1/s],
     refused where the sample time does not bear them, by default (1, 4) or as much less as it bears,
@@ -105,6 +108,7 @@ class SafetyFilter:
             system, keep, delay=delay, ahead=ahead, sample_time=self.sample_time, rate=rate,
             margin=margin, gains=gains, margins=margins, constraints=constraints,
             measured=measured, worst=worst, uncertain=uncertain, scales=scales,
+            predicts=states is None,
         )  # fmt: skip
         check_around_parts(made, states, rates)
         law = made.whole_law
@@ -220,14 +224,18 @@ class SafetyFilter:
         """
         seen = self._told.rows(states, disturbances, commands)
         finite = np.asarray(np.isfinite(seen).all(axis=1))
-        if self._many is None or self._many.count != max(len(seen), 1):
-            self._many = ControlSamples(self._program, self.sample_time, max(len(seen), 1))
+        if not len(seen):
+            self._many = ControlSamples(self._program, self.sample_time, 1)
+            one, there = np.zeros((1, seen.shape[1])), np.ones(1, dtype=bool)
+            nothing = Decisions._make(part[:0] for part in self._answers(0.0, one, there))
+            self._many = None
+            return nothing
+        if self._many is None or self._many.count != len(seen):
+            self._many = ControlSamples(self._program, self.sample_time, len(seen))
             self._of_many = 0
         t = time_of(t, self._of_many, self.sample_time)
         self._of_many += bool(self._program.remembered)
-        if not len(seen):
-            seen, finite = np.zeros((1, seen.shape[1])), np.ones(1, dtype=bool)
-            return Decisions._make(part[:0] for part in self._answers(t, seen, finite))
+        finite &= math.isfinite(t)
         return self._answers(t, seen, finite)
 
     def _answers(self, t: float, seen: Array, finite: npt.NDArray[np.bool_]) -> Decisions:
@@ -358,8 +366,18 @@ class SafetyFilter:
 
     # -- what is not as it should be ---------------------------------------------------------
 
+    @property
+    def observes(self) -> bool:
+        """Whether it remembers more than what was sent."""
+        of_sent = {f"last_{name}" for name in self.system.input_names}
+        if self._made.ahead is not None:
+            of_sent |= self._made.ahead.memory.following.keys()
+        return not of_sent.issuperset(self._program.remembered)
+
     def _refused(self, t: float, seen: Array) -> Decision:
         if self._program.remembered:
+            if not self.observes:
+                self._samples.begin(t)  # what is sent is remembered from here on
             self._samples.remember_all(self._sent_instead(self._samples.memory))
         return self._nothing_from(t, seen)
 
@@ -368,14 +386,22 @@ class SafetyFilter:
         places = {name: i for i, name in enumerate(self._program.remembered)}
         after = memory.copy()
         for name, value in zip(self.system.input_names, self._fallback[0], strict=True):
-            count = sum(sent(k, name) in places for k in range(1, MOST_SENT + 1))
-            for k in range(2, count + 1):
-                after[:, places[sent(k, name)]] = memory[:, places[sent(k - 1, name)]]
-            for last in {f"last_{name}", sent(1, name)} & places.keys():
+            if (last := f"last_{name}") in places:
                 after[:, places[last]] = value
-            if count:
-                after[:, places[SAMPLES]] = np.minimum(memory[:, places[SAMPLES]] + 1, count)
+        if self._made.ahead is not None:
+            following = self._made.ahead.memory.following
+            given = np.hstack([memory, np.tile(self._fallback[0], (len(memory), 1))])
+            for name, column in zip(following, self._following.values(given).T, strict=True):
+                after[:, places[name]] = column
         return after
+
+    @cached_property
+    def _following(self) -> Evaluator:
+        """What a prediction remembers next, from everything that is remembered and the input."""
+        assert self._made.ahead is not None
+        symbols = [symbol(n) for n in self._program.remembered]
+        symbols += [q.symbol for q in self.system.inputs]
+        return Evaluator(list(self._made.ahead.memory.following.values()), symbols, ())
 
     def _nothing_from(self, t: float, seen: Array) -> Decision:
         rows, told = self._samples.rows, self._told

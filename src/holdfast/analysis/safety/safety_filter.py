@@ -80,11 +80,11 @@ def safety_law(
     boundary. rate [1/s]: by default `PACE`, or less for a longer hold. margin [unit of V]: by
     default `SampledValue.least`. With a `delay` of the measurement [s] q is where the state is
     predicted to be when the input acts, from the inputs that were sent since: the law remembers
-    them, and is a `Switching`. Where more than twenty are on their way, or no game is solved, the
-    margin is `sampled_margin`, the most that V can fall before the input responds. If no input is
-    found that suffices, it is the best one, and runs count it. errors: by how much the input that
-    acts may differ from the held one, for each input. ahead: the seconds that each game which is
-    tried may take, about; True for 5. A kernel in six states needs minutes.
+    them, and is a `Switching`. Where too many are on their way for that, the margin is
+    `sampled_margin`, the most that V can fall before the input responds, which holds from input to
+    input. If no input is found that suffices, it is the best one, and runs count it. errors: by how
+    much the input that acts may differ from the held one, for each input. ahead: the seconds that
+    each game which is tried may take, about; True for 5. A kernel in six states needs minutes.
 
     Without such a game (where it is `None`, and with `ahead` false, for a law that is to be
     certified) the condition is
@@ -96,8 +96,9 @@ def safety_law(
 
     Raises `SimulationError` for a value function of another system, or of a problem in which the
     inputs do not maximise; for an empty set; for a margin below 0; for a rate too fast for the hold
-    time and delay; for a default margin that no state has; for a delay without a `law`; and for a
-    `law` that has to arrive by a value function that does not reach down to time 0.
+    time and delay; for a default margin that no state has, or trial runs do not bear; for a delay
+    without a `law`; and for a `law` that has to arrive by a value function that does not reach down
+    to time 0.
     """
     kept, predicted = kept_law(
         system, value, law, rate=rate, margin=margin, sample_time=sample_time, delay=delay,
@@ -154,6 +155,12 @@ def kept_law(
     predicted = prediction(known, sample_time, delay) if patience and delay and predicts else None
     if predicted and not lookup.timed:
         game = sampled_value(known, value, sample_time, errors, deep, 0.0, patience, delay)
+        if margin is None and game is not None and not game.stays:
+            raise SimulationError(
+                f"inputs that are held for {sample_time:g} s, from what is {delay:g} s old, "
+                "lose trial runs from everywhere that they should keep",
+                remedy="take a shorter sample time or delay, a finer grid, or give a margin",
+            )
     if game is None and patience and not lookup.timed:
         predicted = None
         late = sampled_margin(system, value, sample_time, delay) if delay else 0.0

@@ -39,6 +39,7 @@ from holdfast.execution.sampled_game import numbers_of_motion
 from holdfast.execution.scalar import called
 from holdfast.execution.simulation.quadratic_program import numbers_of_programs
 from holdfast.maths.control.held_motion import HeldMotion, held_motion
+from holdfast.maths.control.prediction import prediction
 from holdfast.maths.definitions.bounds import Bounds
 from holdfast.maths.definitions.lookup import Lookup, SampledLookup
 from holdfast.maths.definitions.system import System
@@ -92,7 +93,8 @@ class SampledValue:
 
     points: of the inputs; moves: of the disturbances; errors: of the inputs that act. above: the
     set to keep is {V > above}. least: the level of W from which no trial run was lost, or a cell
-    above `above` where every game lost one. beyond: the usual change of V over a cell.
+    above `above` where every game lost one, which `stays` says. beyond: the usual change of V over
+    a cell.
     """
 
     table: AnyArray
@@ -102,6 +104,7 @@ class SampledValue:
     above: float
     least: float
     beyond: float
+    stays: bool = True
 
     def possible_margin(self, sample_time: float, delay: float) -> float:
         """`least`; `SimulationError` where no state has it."""
@@ -244,11 +247,12 @@ class _Game:
         stored, about = Stored("game", code_digest()), (content, str(key))
         if data := stored.load(about):
             with np.load(io.BytesIO(data)) as arrays:
-                return self._with(arrays["table"], float(arrays["least"]))
+                least, stays = float(arrays["least"]), bool(arrays["stays"])
+                return self._with(arrays["table"], least, stays)
         game = self.solved()
         if game is not None:
             file = io.BytesIO()
-            np.savez_compressed(file, table=game.table, least=game.least)
+            np.savez_compressed(file, table=game.table, least=game.least, stays=game.stays)
             stored.save(about, file.getvalue())
         return game
 
@@ -261,6 +265,7 @@ class _Game:
         table = self.value.in_memory().values()
         values = np.ascontiguousarray(table, dtype=np.float64).ravel() - self.above
         values = np.where(np.isnan(values), -FARTHEST * self.cell, values)
+        self.undisturbed = values
         if self.delay:
             values = self._wherever(values)
         held = _Motions(self, self.hold, self.delay)
@@ -281,7 +286,7 @@ class _Game:
             for level, game in itertools.product(LEVELS[FIRST_LEVELS:], games):
                 if self._stays(game, values, level * self.cell, held, cells):
                     return self._of(game, level, table.dtype)
-        return None if last is None else self._of(last, LEVELS[-1], table.dtype)
+        return None if last is None else self._of(last, LEVELS[-1], table.dtype, stays=False)
 
     def _wherever(self, values: Array) -> Array:
         """The least value at which a state may be that is predicted to be at a node."""
@@ -294,16 +299,18 @@ class _Game:
                 np.minimum(least[part.start : part.stop], there, out=least[part.start : part.stop])
         return least
 
-    def _of(self, game: Array, level: float, dtype: npt.DTypeLike) -> SampledValue:
+    def _of(
+        self, game: Array, level: float, dtype: npt.DTypeLike, stays: bool = True
+    ) -> SampledValue:
         """`game`, above the level of the set, in a precision in which it is no larger."""
         table = (game + self.above).astype(dtype)
         over = table > game + self.above
         table[over] = np.nextafter(table[over], -np.inf, dtype=dtype)
-        return self._with(table, self.above + level * self.cell)
+        return self._with(table, self.above + level * self.cell, stays)
 
-    def _with(self, table: AnyArray, least: float) -> SampledValue:
+    def _with(self, table: AnyArray, least: float, stays: bool) -> SampledValue:
         return SampledValue(
-            table, self.points, self.moves, self.errors, self.above, least, self.cell
+            table, self.points, self.moves, self.errors, self.above, least, self.cell, stays
         )
 
     def _games(self, motions: _Motions, values: Array, fewest: float) -> Iterator[Array]:
@@ -394,6 +401,8 @@ class _Game:
         states = self._between_nodes(table, level, runs, generator)
         if not len(states):
             return False
+        if self.delay:
+            return self._stays_late(table, states, level, held, samples, generator)
         ends = np.stack([self.inputs.min(axis=0), self.inputs.max(axis=0)])
         wanted = np.stack([*ends, ends.mean(axis=0)])[generator.integers(0, 3, len(states))]
         lowest = np.full((2, len(states)), np.inf)
@@ -401,6 +410,58 @@ class _Game:
             inputs = self._filtered(table, states, wanted, level, held)
             middle, states = self._worst(table, states, inputs)
             least = np.minimum(self._at(values, middle), self._at(table, states))
+            if not np.all(least > FALLEN * level):
+                return False
+            half = lowest[2 * sample // samples]
+            np.minimum(half, least, out=half)
+        first, second = lowest.mean(axis=1)
+        return bool(second > first - DRIFT * self.cell)
+
+    def _stays_late(
+        self, table: Array, states: Array, level: float, held: _Motions, samples: int,
+        generator: np.random.Generator,
+    ) -> bool:  # fmt: skip
+        """As `_stays`, with what is measured late: of the state itself, the inputs that were sent,
+        and disturbances that also change within a delay.
+
+        A third of the disturbances are worst for what is predicted next, a third stay, and the
+        others are drawn at every sample.
+        """
+        count, kind = len(states), np.arange(len(states)) % 3
+        ends = np.stack([self.inputs.min(axis=0), self.inputs.max(axis=0)])
+        wanted = np.stack([*ends, ends.mean(axis=0)])[generator.integers(0, 3, count)]
+        predicted = prediction(self.system, self.hold, self.delay)
+        assert predicted is not None
+        names = [q.symbol for q in predicted.memory.quantities]
+        places = Evaluator(
+            list(predicted.places.values()), [*self.states, *names], self.system.parameters
+        )
+        spans = len(names) // (1 + self.m)
+        behind = spans * self.hold - self.delay  # from a sample to the measurement after it
+        between = behind > 1e-9 * self.hold
+        memory = np.zeros((count, len(names)))
+        measured = [states] * (spans + 1)
+        drawn = generator.integers(0, len(self.disturbances), count)
+        lowest = np.full((2, count), np.inf)
+        for sample in range(samples):
+            last = measured[-spans if between else -1 - spans]
+            seen = places.values(np.hstack([last, memory]))
+            inputs = self._filtered(table, seen, wanted, level, held)
+            worst = self._disturbed(table, states, inputs)[2] % len(self.disturbances)
+            each = generator.integers(0, len(self.disturbances), count)
+            error = self.acting[generator.integers(0, len(self.acting), count)]
+            acting = inputs + error if error.size else inputs
+            acting = np.hstack([acting, self.disturbances[np.choose(kind, [worst, drawn, each])]])
+            if between:
+                measured.append(self._moved(states, acting, behind)[1])
+            middle, states = self._moved(states, acting, self.hold)
+            if not between:
+                measured.append(states)
+            since = np.hstack([np.full((count, 1), self.hold), memory[:, : spans - 1]])
+            since[:, -1] = np.minimum(since[:, -1], self.hold - behind)
+            memory = np.hstack([since, inputs, memory[:, spans : len(names) - self.m]])
+            kept = np.minimum(*(self._at(self.undisturbed, q) for q in (middle, states)))
+            least = np.minimum(kept, self._at(table, seen))
             if not np.all(least > FALLEN * level):
                 return False
             half = lowest[2 * sample // samples]
@@ -426,23 +487,26 @@ class _Game:
 
     def _worst(self, table: Array, states: Array, inputs: Array) -> tuple[Array, Array]:
         """The states half a sample and a sample later, with the worst disturbance held."""
+        middle, after, worst = self._disturbed(table, states, inputs)
+        there = worst, np.arange(len(states))
+        return middle[there], after[there]
+
+    def _disturbed(
+        self, table: Array, states: Array, inputs: Array
+    ) -> tuple[Array, Array, npt.NDArray[np.intp]]:
+        """The states half a sample and a sample later with each error and disturbance, and which
+        of these is worst."""
         acts = [
             np.hstack([inputs + e if len(e) else inputs, np.tile(d, (len(states), 1))])
             for e in self.acting
             for d in self.disturbances
         ]
-        begins, acting = np.tile(states, (len(acts), 1)), np.concatenate(acts)
-        middle, after = self._moved(begins, acting, self.hold)
-        if self.delay:  # what has moved it is carried on, and what is predicted is not disturbed
-            calm = np.hstack([inputs, np.zeros((len(states), self.disturbances.shape[1]))])
-            calm = np.tile(calm, (len(acts), 1))
-            _, without = self._moved(begins, calm, self.hold)
-            onward = [self._moved(q, calm, self.delay)[1] for q in (after, without)]
-            after = without + onward[0] - onward[1]
+        middle, after = self._moved(
+            np.tile(states, (len(acts), 1)), np.concatenate(acts), self.hold
+        )
         height = np.nan_to_num(self._at(table, after), nan=-np.inf).reshape(len(acts), -1)
-        worst = height.argmin(axis=0), np.arange(len(states))
         shape = len(acts), len(states), self.n
-        return middle.reshape(shape)[worst], after.reshape(shape)[worst]
+        return middle.reshape(shape), after.reshape(shape), height.argmin(axis=0)
 
     def _at(self, table: Array, states: Array) -> Array:
         grid = self.low, self.steps, self.shape, self.turns
@@ -494,8 +558,9 @@ class _Motions:
     """
 
     def __init__(self, game: _Game, hold: float, delay: float = 0.0) -> None:
-        late = sp.Float(delay) if delay else sp.S.Zero
-        motion: HeldMotion = held_motion(game.system, sp.Float(hold), game.moves, game.errors, late)
+        motion: HeldMotion = held_motion(
+            game.system, sp.Float(hold), game.moves, game.errors, delay
+        )
         self.expressions = Evaluator(motion.expressions, game.states, game.system.parameters)
         self.moves, self.curved = motion.moves, motion.curved
         self.wide = numbers_of_motion(game.n, game.m, motion.moves, motion.curved)

@@ -204,6 +204,15 @@ def _check_hold(
             key="continuous",
         )
     program.check_sample_time(chosen.sample_time)
+    late = lookup.predicted if isinstance(lookup, SampledLookup) else 0.0
+    if late and abs(chosen.delay - late) > 1e-9 * late:
+        raise SimulationError(
+            f"{whose} predicts the state over a delay of {late:g} s, and is shown it "
+            f"{chosen.delay:g} s late",
+            expected=f"a delay of {late:g} s",
+            remedy="make the law for the delay of the run",
+            key="delay",
+        )
 
 
 def _beyond(lookup: CellLookup, chosen: Settings) -> Iterator[str]:

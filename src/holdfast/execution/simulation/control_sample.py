@@ -116,8 +116,7 @@ class ControlSamples:
         w, room, time, pointers = self._one
         room[:] = seen[:, np.newaxis]
         time[:] = t
-        if not self.begun:
-            self._begin(t)
+        self.begin(t)
         if self.program.remembered:
             self._before = self._memory.copy()
         if self.blocks.fetching is None:
@@ -134,8 +133,7 @@ class ControlSamples:
         for i in range(self.width):
             self.blocks.set_runs("seen", seen[:, i], i)
         self._time[:] = t
-        if not self.begun:
-            self._begin(t)
+        self.begin(t)
         if self.blocks.fetching is None:
             for pointers in self._pointers:
                 self._answer(*pointers)
@@ -180,7 +178,10 @@ class ControlSamples:
         """The numbers where there is no answer."""
         return np.full(len(self._at), math.nan)
 
-    def _begin(self, t: float) -> None:
+    def begin(self, t: float) -> None:
+        """Before the first answer: the memory from what is seen then."""
+        if self.begun:
+            return
         self.blocks.rows("since")[:] = t
         for pointers in self._pointers:
             self._first(*pointers)

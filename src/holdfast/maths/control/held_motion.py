@@ -11,6 +11,7 @@ is, whoever uses it measures.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -52,15 +53,14 @@ def held_motion(
     hold: sp.Expr,
     disturbances: Sequence[Sequence[sp.Expr]],
     errors: Sequence[Sequence[sp.Expr]] = ((),),
-    delay: sp.Expr = sp.S.Zero,
+    delay: float = 0.0,
 ) -> HeldMotion:
     """The motion of a system in which inputs and each of the disturbances are held for `hold`.
 
     errors: by how much the inputs that act differ from those that are held, with each disturbance.
-    delay: the motion of what is predicted so far ahead: what a disturbance has moved is carried on
-    through it, by the slopes of the motion without an input.
+    delay [s]: the motion of what is predicted so far ahead: what a disturbance has moved is carried
+    on through it, sample by sample, for every corner of the inputs on which that depends.
     """
-    q = sp.Matrix([s.symbol for s in system.states])
     u = [s.symbol for s in system.inputs]
     d = [s.symbol for s in system.disturbances]
     after = held_flow(system, hold)
@@ -78,7 +78,6 @@ def held_motion(
     ]
     curved = any(e != 0 for row in curves for e in row)
     drifting = after.xreplace(dict.fromkeys(u, sp.S.Zero))
-    onward = held_flow(system, delay).xreplace(still).jacobian(q) if delay else sp.eye(len(base))
     moves = [
         onward
         * (
@@ -86,6 +85,7 @@ def held_motion(
             - base
             + (gains * sp.Matrix(list(e)) if e else sp.zeros(len(base), 1))
         )
+        for onward in _onward(system, float(hold), delay if d or any(errors) else 0.0)
         for p in disturbances
         for e in errors
     ]
@@ -99,3 +99,25 @@ def held_motion(
         len(moves),
         curved,
     )
+
+
+def _onward(system: System, hold: float, delay: float) -> list[sp.Matrix]:
+    """What becomes of a small difference of the state in a delay: the slopes of the motion."""
+    q = sp.Matrix([s.symbol for s in system.states])
+    u = [s.symbol for s in system.inputs]
+    calm = dict.fromkeys([d.symbol for d in system.disturbances], sp.S.Zero)
+    count = max(math.ceil(delay / hold - 1e-9), 0)
+    if not count:
+        return [sp.eye(len(q))]
+    pieces = [
+        held_flow(system, sp.Float(length)).xreplace(calm).jacobian(q)
+        for length in (delay - (count - 1) * hold, hold)
+    ]
+    corners: Sequence[Sequence[sp.Expr]] = [(sp.S.Zero,) * len(u)]
+    if system.input_bounds is not None and any(p.free_symbols & set(u) for p in pieces):
+        corners = list(system.input_bounds.points(2))
+    found = []
+    for corner in corners:
+        oldest, whole = (p.xreplace(dict(zip(u, corner, strict=True))) for p in pieces)
+        found.append(whole ** (count - 1) * oldest)
+    return found

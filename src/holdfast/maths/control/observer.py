@@ -25,6 +25,7 @@ import sympy as sp
 
 from holdfast.arguments import checked
 from holdfast.errors import DefinitionError, suggestion
+from holdfast.maths.control.prediction import check_not_predicted
 from holdfast.maths.definitions.law import Law, Safeguard
 from holdfast.maths.definitions.memory import Memory, joined
 from holdfast.maths.definitions.quantity import (
@@ -139,6 +140,8 @@ def told_by(
     guess: expressions of the estimated quantities of `memory`, by what they replace. guarded,
     parameters: what a safeguard becomes before it is told the estimates, and its new parameters.
     """
+
+    check_not_predicted(switching, "an observer")
 
     def told(mode: Law) -> Law:
         reads = [q for q in mode.reads if q.symbol not in guess]

@@ -143,10 +143,10 @@ def keep_sampled_value(
     if not system.inputs:
         raise DefinitionError(f"system '{system.name}' has no inputs")
     hamiltonian(replace(system, samples=0))  # refuses rates that are not affine
-    delay = sp.Float(predicted.delay) if predicted else sp.S.Zero
-    motion = held_motion(system, sp.Float(lookup.hold), disturbances, errors, delay)
+    late = predicted.delay if predicted else 0.0
+    motion = held_motion(system, sp.Float(lookup.hold), disturbances, errors, late)
     places: Mapping[sp.Symbol, sp.Expr] = predicted.places if predicted else {}
-    lookup = lookup.subs(places)
+    lookup = replace(lookup.subs(places), predicted=late)
     floor = symbol("safety_margin")
     level = floor + (1 - symbol("safety_rate") * lookup.hold) * (lookup.value - floor)
     bounds = input_rows(system)

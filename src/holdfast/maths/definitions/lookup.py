@@ -48,9 +48,13 @@ class Lookup:
 
 @dataclass(frozen=True)
 class SampledLookup(Lookup):
-    """The value of a sampled game, without its slopes: of inputs that are held for `hold` [s]."""
+    """The value of a sampled game, without its slopes: of inputs that are held for `hold` [s].
+
+    predicted [s]: the delay over which the law predicts the state; a run has no other.
+    """
 
     hold: float = 0.0
+    predicted: float = 0.0
 
     @property
     def symbols(self) -> tuple[sp.Symbol, ...]:
