@@ -53,20 +53,19 @@ class SafetyFilter:
     sample_time [s]: of your loop. delay [s]: how old a measurement is: a kernel's filter predicts
     the state from the inputs that were sent since, which it remembers; at the first sample, where
     none was, the measurement counts as the state. Where it cannot predict, as behind an observer,
-    the margin allows for the delay. rate [1/s], by default 2 or
-    as much less as the sample time bears, margin [unit of V], ahead [s], how long the game of held
-    inputs may take, by default about 5: of a kernel's filter, see `safety_law`. gains [1/s],
-    refused where the sample time does not bear them, by default (1, 4) or as much less as it bears,
-    margins, constraints, worst, uncertain: of a region, see `safeguard`. measured: whether `step`
-    is given the disturbances. states: names of those that are measured, if not all: an observer
-    with that `bandwidth` [1/s] estimates the others and the disturbances (`observe`), with
-    `error_bounds` [unit of each state] a guaranteed set of them, which follows a disturbance that
-    changes within `rate_bounds` (`observe_set`).
-    scales: input -> the change of it that counts as 1. rates: the largest rates of inputs and of
-    states (accelerations), see `limit_rates`; with those of inputs the filter remembers its last
-    input. fallback: the input where a measurement or the command is not finite, by default 0 within
-    the bounds. around: the vehicle in the loop, where `system` is a reduced model of it: a
-    `ModelWarning` names the states that the filter does not know.
+    the margin allows for the delay. rate [1/s], by default 2 or as much less as the sample time
+    bears, margin [unit of V], ahead [s], how long the game of held inputs may take, by default
+    about 5: of a kernel's filter, see `safety_law`. gains [1/s], refused where the sample time does
+    not bear them, by default (1, 4) or as much less as it bears, margins, constraints, worst,
+    uncertain: of a region, see `safeguard`. measured: whether `step` is given the disturbances.
+    states: names of those that are measured, if not all: an observer with that `bandwidth` [1/s]
+    estimates the others and the disturbances (`observe`), with `error_bounds` [unit of each state]
+    a guaranteed set of them, which follows a disturbance that changes within `rate_bounds`
+    (`observe_set`). scales: input -> the change of it that counts as 1. rates: the largest rates of
+    inputs and of states (accelerations), see `limit_rates`; with those of inputs the filter
+    remembers its last input. fallback: the input where a measurement or the command is not finite,
+    by default 0 within the bounds. around: the vehicle in the loop, where `system` is a reduced
+    model of it: a `ModelWarning` names the states that the filter does not know.
 
     An untried kernel is tried in closed loop (`PromiseFellShortWarning`, `PromiseNotTriedWarning`).
     A kernel that has not converged is one for its horizon: after that the status is OUTSIDE_GRID
@@ -225,10 +224,10 @@ class SafetyFilter:
         seen = self._told.rows(states, disturbances, commands)
         finite = np.asarray(np.isfinite(seen).all(axis=1))
         if not len(seen):
-            self._many = ControlSamples(self._program, self.sample_time, 1)
+            rows, self._many = self._many, ControlSamples(self._program, self.sample_time, 1)
             one, there = np.zeros((1, seen.shape[1])), np.ones(1, dtype=bool)
             nothing = Decisions._make(part[:0] for part in self._answers(0.0, one, there))
-            self._many = None
+            self._many = rows
             return nothing
         if self._many is None or self._many.count != len(seen):
             self._many = ControlSamples(self._program, self.sample_time, len(seen))
@@ -253,10 +252,9 @@ class SafetyFilter:
         outside = ~np.isnan(found[:, rows.outside]) | self._past(t)
         if self._made.parts is not None:
             outside |= self._made.parts.excess(states) > 0
-        if before is not None and not finite.all():
+        if not finite.all():
             sent = self._sent_instead(before)
-            memory = np.where(finite[:, np.newaxis], self._many.memory, sent)
-            self._many.remember_all(memory)
+            self._many.remember_all(np.where(finite[:, np.newaxis], self._many.memory, sent))
         for k in np.flatnonzero(~finite):
             refused = self._nothing_from(t, seen[k])
             inputs[k], actuators[k], nominal[k] = refused.input, refused.actuators, refused.nominal

@@ -167,9 +167,8 @@ def sampled_value(
     each input that acts may differ from the one that is held. above: the set to keep is {V > above}
     [unit of V]. late: by how much V may fall before the input answers. patience: seconds that
     each game that is tried may take, about. delay: of a law that sees the state so late [s], the
-    game of what it predicts. None where it would take longer, the values stay in a
-    file, or are not those of all inputs; and of a set that has not converged where it keeps less
-    than `KEPT` of it.
+    game of what it predicts. None where it would take longer, the values stay in a file, or are not
+    those of all inputs; and of a set that has not converged where it keeps less than `KEPT` of it.
     """
     if value.stored is not None and value.grid.nodes > MOST_READ:
         return None
