@@ -78,8 +78,7 @@ class Safety:
         """The optimal velocities of the kernel, which the vehicle's own inputs follow."""
         assert self.kernel.scenario is not None
         assert self.tracking is not None
-        velocities: Law
-        velocities, _ = kept_law(self.kernel.scenario.system, value, None, delay=delay)
+        velocities: Law = kept_law(self.kernel.scenario.system, value, None, delay=delay).law
         return track_velocity(system, velocities, self.tracking)
 
 

@@ -83,3 +83,30 @@ def test_set_that_is_worn_away_has_to_be_tried_anew():
     value = hf.viability_kernel(system, ENDS, grid, 20, estimate_error=True)
     value = value.tried(hf.check_promise(system, value, ENDS, runs=20))
     assert value.inner().report.promise_outcome is None
+
+
+def test_sample_time_that_trial_runs_do_not_bear_is_warned_of():
+    """Of an oscillator whose samples are a tenth of its period; with a margin it is the caller's."""
+    x, v, d = (hf.symbol(n) for n in ("x", "v", "d"))
+    plain = {n: hf.Quantity(n, "1") for n in ("x", "v", "u", "d")}
+    system = hf.System(
+        "oscillator", (plain["x"], plain["v"]), (plain["u"],), {"x": v, "v": -16 * x + U + d},
+        disturbances=(plain["d"],), input_bounds=hf.Box((-5,), (5,)),
+        disturbance_bounds=hf.Box((-2,), (2,)),
+    )  # fmt: skip
+    sides = hf.Inequality("left", -1 - x), hf.Inequality("right", x - 1)
+    region = hf.Region("sides", (plain["x"],), sides)
+    box = {"x": (-1.2, 1.2), "v": (-5, 5)}
+    grid = hf.grid(system, box, dict.fromkeys(box, 101), {"v": "extrapolated"})
+    value = hf.discriminating_kernel(system, region, grid, 6.0)
+
+    def said(**options):
+        with warnings.catch_warnings(record=True) as found:
+            warnings.simplefilter("always")
+            hf.SafetyFilter(system, value, **options)
+        return [str(w.message) for w in found if w.category is hf.PromiseFellShortWarning]
+
+    assert said(sample_time=0.05) == []
+    (message,) = said(sample_time=0.15)
+    assert message.startswith("inputs that are held for 0.15 s lose trial runs")
+    assert said(sample_time=0.15, margin=0.3) == []

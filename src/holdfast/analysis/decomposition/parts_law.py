@@ -67,7 +67,7 @@ def parts_law(
             options = held_margin(value, solved, options)
     every = input_scales(system, scales or {})
     inside = {n: s for n, s in (scales or {}).items() if n in of_part.input_names}
-    made, _ = kept_law(of_part, solved.value, asked, scales=inside, predicts=False, **options)
+    made: Law = kept_law(of_part, solved.value, asked, scales=inside, predicts=False, **options).law
     there = {q.symbol: solved.part.coordinates[q.name] for q in of_part.states}
     gain, command = _command(value, solved)
     assert made.lookup is not None

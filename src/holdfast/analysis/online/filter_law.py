@@ -21,6 +21,7 @@ from holdfast.errors import (
     ArgumentError,
     DefinitionError,
     ModelWarning,
+    PromiseFellShortWarning,
     SimulationError,
     suggestion,
 )
@@ -184,9 +185,18 @@ def filter_of(
             }  # fmt: skip
             if isinstance(part, PartsValue):
                 return parts_law(part, command, **options)
-            made, predicted = kept_law(system, part, command, predicts=predicts, **options)
-            memories.extend([predicted] if predicted else [])
-            return made
+            made = kept_law(system, part, command, predicts=predicts, **options)
+            memories.extend([made.predicted] if made.predicted else [])
+            if not made.stays:
+                warnings.warn(
+                    f"inputs that are held for {sample_time:g} s lose trial runs from everywhere "
+                    "that they should keep in the kernel; take a shorter sample time, a finer "
+                    "grid, or give a margin",
+                    PromiseFellShortWarning,
+                    stacklevel=6,
+                )
+            law: Law = made.law
+            return law
         inside = {n: v for n, v in (margins or {}).items() if n in part.inequality_names}
         return safeguard(
             system,

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -100,11 +100,20 @@ def safety_law(
     without a `law`; and for a `law` that has to arrive by a value function that does not reach down
     to time 0.
     """
-    kept, predicted = kept_law(
+    kept, predicted, _ = kept_law(
         system, value, law, rate=rate, margin=margin, sample_time=sample_time, delay=delay,
         scales=scales, errors=errors, ahead=ahead,
     )  # fmt: skip
     return predicted.remembered(kept) if predicted else kept
+
+
+class Kept(NamedTuple):
+    """A law that keeps a kernel; the prediction whose memory it reads; and whether trial runs of
+    its game stay, where one was solved and the margin is its own."""
+
+    law: Any
+    predicted: Prediction | None = None
+    stays: bool = True
 
 
 def kept_law(
@@ -120,11 +129,8 @@ def kept_law(
     errors: Sequence[float] = (),
     ahead: bool | float = True,
     predicts: bool = True,
-) -> tuple[L | Law, Prediction | None]:
-    """As `safety_law`: the law, and the prediction whose memory it reads.
-
-    predicts: whether it may have one.
-    """
+) -> Kept:
+    """As `safety_law`. predicts: whether the law may predict the state over a delay."""
     patience = patience_of(ahead)
     _check_delay(delay)
     known = decided(system, value)
@@ -136,7 +142,7 @@ def kept_law(
                 f"the optimal inputs without a law have no margin for a delay of {delay:g} s",
                 remedy="give a law: its safety filter has a margin",
             )
-        return optimal_law(known, lookup), None
+        return Kept(optimal_law(known, lookup))
     if rate is None:
         rate = usual_pace(sample_time, delay)
     check_pace(rate, sample_time, delay)
@@ -167,6 +173,7 @@ def kept_law(
         above = late if margin is None else deep
         game = sampled_value(known, value, sample_time, errors, above, late, patience)
     if game is not None:
+        stays = game.stays or margin is not None
         if margin is None:
             margin = game.possible_margin(sample_time, delay)
         kept = keep_sampled_value(
@@ -182,10 +189,10 @@ def kept_law(
             scales=scales,
             predicted=predicted,
         )
-        return kept, predicted
+        return Kept(kept, predicted, stays)
     if margin is None:
         margin = possible_margin(system, value, sample_time, delay, late or None)
-    return keep_value(known, law, lookup, rate=rate, margin=margin, scales=scales), None
+    return Kept(keep_value(known, law, lookup, rate=rate, margin=margin, scales=scales))
 
 
 def check_not_empty(value: ValueFunction) -> None:
