@@ -4,6 +4,7 @@ import ctypes
 import shutil
 import subprocess
 
+import numpy as np
 import pytest
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2"]
@@ -29,3 +30,23 @@ def built(folder, text, name, harness=""):
 
 def pointer(array):
     return array.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+
+
+RUN = """
+void run(const double *seen, const double *handed, int count, double hold, double *answer) {
+    keep_state s;
+    double actuators[1];
+    keep_start(&s);
+    for (int k = 0; k < count; k++)
+        keep_step(&s, k * hold, hold, seen + 2 * k, handed + k, keep_parameters, answer + k,
+                  actuators);
+}
+"""
+
+
+def answers_of_c(folder, keep, states, commands):
+    """The inputs of a filter with two states and one input, sample by sample, in C."""
+    c, answers = built(folder, keep.export_c("keep") + RUN, "keep"), np.zeros(len(states))
+    hold = ctypes.c_double(keep.sample_time)
+    c.run(pointer(states), pointer(commands), len(states), hold, pointer(answers))
+    return answers

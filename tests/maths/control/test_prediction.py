@@ -11,7 +11,7 @@ import sympy as sp
 import holdfast as hf
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.maths.control.prediction import MOST_SENT, prediction, sent, span
-from tests.c_code import built, needs_gcc, pointer
+from tests.c_code import answers_of_c, needs_gcc
 
 Y, TH, W, D = (hf.symbol(n) for n in ("y", "theta", "w", "d"))
 HOLD = 0.05
@@ -147,30 +147,16 @@ def test_what_was_sent_in_place_of_an_answer_is_remembered(kernel):
 @pytest.mark.filterwarnings("ignore")
 def test_late_filter_in_c_has_the_same_bits(kernel, tmp_path):
     keep = hf.SafetyFilter(CAR, kernel, sample_time=HOLD, delay=1.6 * HOLD)
-    c = built(tmp_path, keep.export_c("keep") + RUN, "keep")
     generator = np.random.default_rng(0)
     states = generator.uniform([-1, -1], [1, 1], (400, 2))
     commands = generator.uniform(-1, 1, (400, 1))
-    found = np.zeros(400)
-    c.run(pointer(states), pointer(commands), 400, pointer(found))
+    answers = answers_of_c(tmp_path, keep, states, commands)
     ours = [
         keep.step(q, w, k * HOLD).input[0]
         for k, (q, w) in enumerate(zip(states, commands, strict=True))
     ]
-    assert found.tolist() == ours
-    assert np.mean(found != commands[:, 0]) > 0.2
-
-
-RUN = """
-void run(const double *seen, const double *handed, int count, double *answer) {
-    keep_state s;
-    double actuators[1];
-    keep_start(&s);
-    for (int k = 0; k < count; k++)
-        keep_step(&s, k * 0.05, 0.05, seen + 2 * k, handed + k, keep_parameters, answer + k,
-                  actuators);
-}
-"""
+    assert answers.tolist() == ours
+    assert np.mean(answers != commands[:, 0]) > 0.2
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -7,7 +7,7 @@ import pytest
 
 import holdfast as hf
 from holdfast.errors import DefinitionError
-from tests.c_code import built, needs_gcc, pointer
+from tests.c_code import answers_of_c, needs_gcc
 from tests.conftest import constant_law
 
 
@@ -82,28 +82,14 @@ def test_limited_and_observed_law_has_both_memories(vehicle):
 @needs_gcc
 def test_rates_in_c_have_the_same_bits(double_integrator, wall, tmp_path):
     keep = hf.SafetyFilter(double_integrator, wall, rates={"a": 5.0})
-    c = built(tmp_path, keep.export_c("keep") + RUN, "keep")
     rng = np.random.default_rng(0)
     states, commands = rng.normal(size=(300, 2)) * 0.3, rng.normal(size=(300, 1))
-    found = np.zeros(300)
-    c.run(pointer(states), pointer(commands), 300, pointer(found))
+    answers = answers_of_c(tmp_path, keep, states, commands)
     ours = [
         keep.step(q, w, k * 0.02).input[0]
         for k, (q, w) in enumerate(zip(states, commands, strict=True))
     ]
-    assert found.tolist() == ours
-
-
-RUN = """
-void run(const double *seen, const double *handed, int count, double *answer) {
-    keep_state s;
-    double actuators[1];
-    keep_start(&s);
-    for (int k = 0; k < count; k++)
-        keep_step(&s, k * 0.02, 0.02, seen + 2 * k, handed + k, keep_parameters, answer + k,
-                  actuators);
-}
-"""
+    assert answers.tolist() == ours
 
 
 @pytest.mark.parametrize(

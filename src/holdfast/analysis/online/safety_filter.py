@@ -388,8 +388,8 @@ class SafetyFilter:
                 after[:, places[last]] = value
         if self._made.ahead is not None:
             following = self._made.ahead.memory.following
-            given = np.hstack([memory, np.tile(self._fallback[0], (len(memory), 1))])
-            for name, column in zip(following, self._following.values(given).T, strict=True):
+            rows = np.hstack([memory, np.tile(self._fallback[0], (len(memory), 1))])
+            for name, column in zip(following, self._following.values(rows).T, strict=True):
                 after[:, places[name]] = column
         return after
 

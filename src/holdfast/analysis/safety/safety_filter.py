@@ -100,11 +100,11 @@ def safety_law(
     without a `law`; and for a `law` that has to arrive by a value function that does not reach down
     to time 0.
     """
-    kept, predicted, _ = kept_law(
+    made, predicted, _ = kept_law(
         system, value, law, rate=rate, margin=margin, sample_time=sample_time, delay=delay,
         scales=scales, errors=errors, ahead=ahead,
     )  # fmt: skip
-    return predicted.remembered(kept) if predicted else kept
+    return predicted.remembered(made) if predicted else made
 
 
 class Kept(NamedTuple):
@@ -176,7 +176,7 @@ def kept_law(
         stays = game.stays or margin is not None
         if margin is None:
             margin = game.possible_margin(sample_time, delay)
-        kept = keep_sampled_value(
+        filtered = keep_sampled_value(
             known,
             law,
             game.lookup(lookup, sample_time),
@@ -189,7 +189,7 @@ def kept_law(
             scales=scales,
             predicted=predicted,
         )
-        return Kept(kept, predicted, stays)
+        return Kept(filtered, predicted, stays)
     if margin is None:
         margin = possible_margin(system, value, sample_time, delay, late or None)
     return Kept(keep_value(known, law, lookup, rate=rate, margin=margin, scales=scales))

@@ -400,15 +400,14 @@ class _Game:
         states = self._between_nodes(table, level, runs, generator)
         if not len(states):
             return False
-        if self.delay:
-            return self._stays_late(table, states, level, held, samples, generator)
         ends = np.stack([self.inputs.min(axis=0), self.inputs.max(axis=0)])
         wanted = np.stack([*ends, ends.mean(axis=0)])[generator.integers(0, 3, len(states))]
         lowest = np.full((2, len(states)), np.inf)
-        for sample in range(samples):
-            inputs = self._filtered(table, states, wanted, level, held)
-            middle, states = self._worst(table, states, inputs)
-            least = np.minimum(self._at(values, middle), self._at(table, states))
+        if self.delay:
+            heights = self._flown_late(table, states, wanted, level, held, generator)
+        else:
+            heights = self._flown(table, values, states, wanted, level, held)
+        for sample, least in enumerate(itertools.islice(heights, samples)):
             if not np.all(least > FALLEN * level):
                 return False
             half = lowest[2 * sample // samples]
@@ -416,19 +415,29 @@ class _Game:
         first, second = lowest.mean(axis=1)
         return bool(second > first - DRIFT * self.cell)
 
-    def _stays_late(
-        self, table: Array, states: Array, level: float, held: _Motions, samples: int,
+    def _flown(
+        self, table: Array, values: Array, states: Array, wanted: Array, level: float,
+        held: _Motions,
+    ) -> Iterator[Array]:  # fmt: skip
+        """The least height of each run, sample by sample: of W, and of the values half a sample
+        before."""
+        while True:
+            inputs = self._filtered(table, states, wanted, level, held)
+            middle, states = self._worst(table, states, inputs)
+            yield np.minimum(self._at(values, middle), self._at(table, states))
+
+    def _flown_late(
+        self, table: Array, states: Array, wanted: Array, level: float, held: _Motions,
         generator: np.random.Generator,
-    ) -> bool:  # fmt: skip
-        """As `_stays`, with what is measured late: of the state itself, the inputs that were sent,
-        and disturbances that also change within a delay.
+    ) -> Iterator[Array]:  # fmt: skip
+        """The same where measurements are late: of V at the state itself, which is flown with the
+        inputs that were sent and disturbances that also change within a delay, and of W at what is
+        predicted.
 
         A third of the disturbances are worst for what is predicted next, a third stay, and the
         others are drawn at every sample.
         """
         count, kind = len(states), np.arange(len(states)) % 3
-        ends = np.stack([self.inputs.min(axis=0), self.inputs.max(axis=0)])
-        wanted = np.stack([*ends, ends.mean(axis=0)])[generator.integers(0, 3, count)]
         predicted = prediction(self.system, self.hold, self.delay)
         assert predicted is not None
         names = [q.symbol for q in predicted.memory.quantities]
@@ -441,8 +450,7 @@ class _Game:
         memory = np.zeros((count, len(names)))
         measured = [states] * (spans + 1)
         drawn = generator.integers(0, len(self.disturbances), count)
-        lowest = np.full((2, count), np.inf)
-        for sample in range(samples):
+        while True:
             last = measured[-spans if between else -1 - spans]
             seen = places.values(np.hstack([last, memory]))
             inputs = self._filtered(table, seen, wanted, level, held)
@@ -459,14 +467,8 @@ class _Game:
             since = np.hstack([np.full((count, 1), self.hold), memory[:, : spans - 1]])
             since[:, -1] = np.minimum(since[:, -1], self.hold - behind)
             memory = np.hstack([since, inputs, memory[:, spans : len(names) - self.m]])
-            kept = np.minimum(*(self._at(self.undisturbed, q) for q in (middle, states)))
-            least = np.minimum(kept, self._at(table, seen))
-            if not np.all(least > FALLEN * level):
-                return False
-            half = lowest[2 * sample // samples]
-            np.minimum(half, least, out=half)
-        first, second = lowest.mean(axis=1)
-        return bool(second > first - DRIFT * self.cell)
+            height = np.minimum(*(self._at(self.undisturbed, q) for q in (middle, states)))
+            yield np.minimum(height, self._at(table, seen))
 
     def _between_nodes(
         self, table: Array, level: float, count: int, generator: np.random.Generator

@@ -116,8 +116,8 @@ def _onward(system: System, hold: float, delay: float) -> list[sp.Matrix]:
     corners: Sequence[Sequence[sp.Expr]] = [(sp.S.Zero,) * len(u)]
     if system.input_bounds is not None and any(p.free_symbols & set(u) for p in pieces):
         corners = list(system.input_bounds.points(2))
-    found = []
+    slopes = []
     for corner in corners:
         oldest, whole = (p.xreplace(dict(zip(u, corner, strict=True))) for p in pieces)
-        found.append(whole ** (count - 1) * oldest)
-    return found
+        slopes.append(whole ** (count - 1) * oldest)
+    return slopes
