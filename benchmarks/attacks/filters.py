@@ -92,7 +92,7 @@ def over_kernel(p: Problem, seed: int, number: int) -> dict[str, Any]:
     shifts = [np.zeros((len(p.low), 1))]
     shifts += [s * c * np.eye(len(p.low))[:, [i]] for i, c in enumerate(p.cells) for s in (-1, 1)]
     lowest = np.min([at(setting.inside + s) for s in shifts], axis=0)
-    if setting.delay and _looks_ahead(keep) and setting.inside.size:  # then it says it of itself
+    if _says_itself(setting, value, keep):
         states = setting.inside.T * np.array(p.scales)
         calm = np.zeros((len(states), len(built.system.inputs)))
         lowest, need = np.array(keep.step_many(states, calm).value), _margin(keep)
@@ -118,6 +118,13 @@ def _filter(p: Problem, built: Built, value: Any, setting: Setting) -> tuple[Any
         rates = {n: 2.02 * float(b) / sample for n, b in zip(names, most, strict=True)}
     keep = hf.SafetyFilter(built.system, value, sample_time=sample, delay=late, rates=rates)
     return keep, hf.sampled_margin(built.system, value, sample, late)
+
+
+def _says_itself(setting: Setting, value: Any, keep: Any) -> bool:
+    """Whether a filter that looks ahead has to be asked what it keeps: where measurements are late,
+    and over a set that has not converged, of which it keeps the part that is kept for ever."""
+    asked = setting.delay or not value.report.converged
+    return bool(asked and setting.inside.size and _looks_ahead(keep))
 
 
 def _looks_ahead(keep: Any) -> bool:

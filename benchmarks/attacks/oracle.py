@@ -311,6 +311,7 @@ def brackets(
     horizon: float | None = None,
     most: int = 4000,
     narrower: Array | float = 0.0,
+    wider: Array | float = 0.0,
 ) -> Brackets | None:
     """Outer and inner cells of the set of a problem; None where its region is empty.
 
@@ -318,10 +319,11 @@ def brackets(
     keeps the spread of a step small against its way. most: steps at most, after which the outer set
     is what it is (it only shrinks) and an inner set for ever that still shrinks is empty. narrower:
     the inner set is that of a region narrower by so much along each axis: all states that are so
-    near have to be in the region.
+    near have to be in the region. wider: the outer set is that of a region that has all states that
+    are so near to it.
     """
     if p.kind == "invariance":
-        return brackets(_all_against(p), count, horizon, most, narrower)
+        return brackets(_all_against(p), count, horizon, most, narrower, wider)
     n = len(p.rates)
     count = count or COUNTS[n]
     reach = p.kind in ("basin", "tube")
@@ -344,7 +346,8 @@ def brackets(
         span = (0.0, time) if p.moves else start
         half = (size / 2)[:, None]
         more = half + np.broadcast_to(narrower, size.shape)[:, None]
-        may_stay = worst_over(p, every - half, every + half, "region", span)[0] <= 0
+        less = half + np.broadcast_to(wider, size.shape)[:, None]
+        may_stay = worst_over(p, every - less, every + less, "region", span)[0] <= 0
         stays = worst_over(p, every - more, every + more, "region", span)[1] < 0
     live = np.flatnonzero(may_stay)
     if not len(live):

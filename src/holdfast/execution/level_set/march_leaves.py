@@ -46,6 +46,7 @@ class MarchLeaves:
             parameters,
             dissipation=dissipation,
             filtered=filtered,
+            one_slope=scheme.one_slope,
             precision=precision,
         )
         self._scheme, self._limit, self._one_stage = scheme, limit, one_stage

@@ -30,7 +30,7 @@ from holdfast.execution.codegen.loop_nest import BEFORE, Schedule
 from holdfast.execution.codegen.lowering import is_algebraic, lowered
 from holdfast.maths.definitions.quantity import TIME, Parameter
 from holdfast.maths.games.hamiltonian import Hamiltonian
-from holdfast.maths.games.monotone_flux import monotone_flux
+from holdfast.maths.games.monotone_flux import is_sharp, monotone_flux
 
 DISSIPATIONS = ("global", "local", "local-local")
 
@@ -53,11 +53,15 @@ def rate_leaves(
     *,
     dissipation: str,
     filtered: bool,
+    one_slope: bool = False,
     precision: str = "float64",
 ) -> RateLeaves:
     """The leaves of the Lax-Friedrichs scheme with this Hamiltonian.
 
-    filtered: whether the rate of a monotone step and the speeds are wanted, too."""
+    filtered: whether the rate of a monotone step and the speeds are wanted, too. one_slope: whether
+    the slopes are plain differences. Then "local-local" is the rate of a monotone step itself: with
+    the speeds of all slopes between those at a node a ridge wears where a player acts on several
+    axes, however fine the grid is."""
     n = len(hamiltonian.costates)
     gaps = [sp.Symbol(f"_g{i}", real=True) for i in range(n)]  # no user name begins so
     largest = [sp.Symbol(f"_a{i}", real=True) for i in range(n)]
@@ -69,7 +73,10 @@ def rate_leaves(
         (a * g for a, g in zip(speeds, gaps, strict=True)), start=sp.S.Zero
     )
     width = {s: sp.Abs(g) for s, g in zip(hamiltonian.spreads, gaps, strict=True)}
-    totals = [total.xreplace(width)]
+    of_scheme = total.xreplace(width)
+    if one_slope and dissipation == "local-local" and is_sharp(hamiltonian):
+        of_scheme = monotone_flux(hamiltonian, gaps)
+    totals = [of_scheme]
     if filtered:
         totals += [monotone_flux(hamiltonian, gaps), *hamiltonian.speeds]
     slopes = [*hamiltonian.costates, *gaps]

@@ -11,9 +11,14 @@ speeds with either, so that the Euler step with it is monotone (H. J. Kushner, P
 Numerical Methods for Stochastic Control Problems in Continuous Time, 1992).
 
 Axes on which no input or disturbance acts jointly are a sum of such terms, each over the corners
-of what acts on it. A set without corners, or with too many, has its support function in H, and the
-largest speed that it adds in the dissipation (Lax-Friedrichs), which is monotone, too, and smears a
-ridge more.
+of what acts on it. What moves the state within an ellipsoid with half-axes r_i, as a current of any
+direction does, has a term of its own,
+
+    +- |(r_i max(|p_i| +- g_i, 0))_i|,   + if it maximises, - if it minimises
+
+(S. Osher, J. A. Sethian, J. Comput. Phys. 79, 1988). Another set without corners, or one with too
+many, has its support function in H, and the largest speed that it adds in the dissipation
+(Lax-Friedrichs), which is monotone, too, and smears a ridge more.
 """
 
 from __future__ import annotations
@@ -53,6 +58,16 @@ def monotone_flux(h: Hamiltonian, gaps: Sequence[sp.Symbol]) -> sp.Expr:
     return of_all(picks[0], answers)
 
 
+def is_sharp(h: Hamiltonian) -> bool:
+    """Whether H_M smears no value more than the speeds between the slopes at a node ask for.
+
+    It may where a set without corners acts alone on several axes and cancels the drift there: the
+    two have dissipations of their own, and points of the set, which have one together, make sets
+    too large by two cells where a value jumps.
+    """
+    return all(len(b.axes) == 1 or b.alone is None for b in _blocks(game_of(h)))
+
+
 @dataclass(frozen=True)
 class _Block:
     """Axes, and of each player the members that act on them and on no others.
@@ -86,10 +101,17 @@ class _Block:
             if corners is not None or not player.members:
                 moved.append([own * sp.Matrix(c) for c in corners or ()] or [sp.zeros(count, 1)])
                 continue
-            centre, width, _, _ = player.reach(own, p, sp.zeros(count, 1))
-            smooth += player.support(own.T * p)[0] - (p.T * sp.Matrix(centre))[0]
-            still = still + sp.Matrix(centre)
-            wide = [a + b for a, b in zip(wide, width, strict=True)]
+            half_axes = player.bounds.half_axes(own) if player.bounds else None
+            if half_axes is not None:
+                smooth += player.sign * _length(
+                    r * greatest(magnitude(slope) + player.sign * gap, sp.S.Zero)
+                    for r, slope, gap in zip(half_axes, p, g, strict=True)
+                )
+            else:
+                centre, width, _, _ = player.reach(own, p, sp.zeros(count, 1))
+                smooth += player.support(own.T * p)[0] - (p.T * sp.Matrix(centre))[0]
+                still = still + sp.Matrix(centre)
+                wide = [a + b for a, b in zip(wide, width, strict=True)]
             moved.append([sp.zeros(count, 1)])
 
         def carried(rates: sp.Matrix) -> sp.Expr:
@@ -99,11 +121,16 @@ class _Block:
         picks = [greatest if side == "max" else least for side in h.sides]
         answers = [of_all(picks[1], [carried(still + a + b) for b in moved[1]]) for a in moved[0]]
         flux = smooth + of_all(picks[0], answers)
-        alone = [k for k, player in enumerate(self.players) if player.members]
-        if len(alone) == 1 and self.corners[alone[0]] is None:
-            sharper = self._over_points(alone[0], drift, gains, p, g, picks[alone[0]])
-            flux = picks[alone[0]](flux, sharper) if sharper is not None else flux
+        if self.alone is not None:
+            sharper = self._over_points(self.alone, drift, gains, p, g, picks[self.alone])
+            flux = picks[self.alone](flux, sharper) if sharper is not None else flux
         return flux
+
+    @property
+    def alone(self) -> int | None:
+        """The place of a player without corners, if no other acts on these axes."""
+        acting = [k for k, player in enumerate(self.players) if player.members]
+        return acting[0] if len(acting) == 1 and self.corners[acting[0]] is None else None
 
     def _over_points(
         self,
@@ -132,6 +159,10 @@ class _Block:
                 for rate in rates
             ],
         )
+
+
+def _length(components: Iterator[sp.Expr]) -> sp.Expr:
+    return sp.sqrt(sp.Add(*(e**2 for e in components)))
 
 
 def _blocks(game: Game) -> Iterator[_Block]:

@@ -118,6 +118,9 @@ class AllocatedImage(LinearImage):
     def reach(self, gain: sp.Matrix, p: sp.Matrix, spread: sp.Matrix, sign: int) -> Reach:
         return Bounds.reach(self, gain, p, spread, sign)
 
+    def half_axes(self, gain: sp.Matrix) -> list[sp.Expr] | None:
+        return Bounds.half_axes(self, gain)
+
     def points(self, samples: int) -> list[tuple[sp.Expr, ...]]:
         return Bounds.points(self, samples)
 

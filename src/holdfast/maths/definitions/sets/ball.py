@@ -137,6 +137,12 @@ class Ball(Bounds):
             narrow.append(select(room, (high - low) / 2, most))
         return [sp.S.Zero] * n, width, near, narrow
 
+    def half_axes(self, gain: sp.Matrix) -> list[sp.Expr] | None:
+        squares = (gain * gain.T).applyfunc(sp.expand)
+        if not squares.is_diagonal():
+            return None
+        return [self.radius * sp.sqrt(e) for e in squares.diagonal()]
+
     def points(self, samples: int) -> list[tuple[sp.Expr, ...]]:
         """The centre, and the nodes of a cube's surface, put on the rim."""
         rim = [sp.Matrix(c) for c in cube_surface(self.dimension, samples)]

@@ -116,6 +116,11 @@ class Bounds(ABC):
         width = [(b - a) / 2 for a, b in zip(least, most, strict=True)]
         return centre, width, centre, width
 
+    def half_axes(self, gain: sp.Matrix) -> list[sp.Expr] | None:
+        """Those of the set of all gain . u, where it is an ellipsoid around 0 with its axes along
+        the coordinates; else None."""
+        return None
+
     def points(self, samples: int) -> list[tuple[sp.Expr, ...]]:
         """Points that stand for the set: the furthest in the directions of a cube's surface."""
         rim = [self.support(way, 1)[1] for way in cube_surface(self.dimension, samples)]

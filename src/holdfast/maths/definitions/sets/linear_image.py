@@ -132,6 +132,9 @@ class LinearImage(Bounds):
     def reach(self, gain: sp.Matrix, p: sp.Matrix, spread: sp.Matrix, sign: int) -> Reach:
         return self.of.reach(gain * self.matrix, p, spread, sign)
 
+    def half_axes(self, gain: sp.Matrix) -> list[sp.Expr] | None:
+        return self.of.half_axes(gain * self.matrix)
+
     def points(self, samples: int) -> list[tuple[sp.Expr, ...]]:
         return [tuple(self.produce(a)) for a in self.of.points(samples)]
 
