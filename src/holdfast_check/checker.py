@@ -167,14 +167,40 @@ def applied(name: str, *x: Any) -> Any:
 
 def _times(a: Any, b: Any) -> Any:
     """A product; of two balls by their ends, which is narrower than that of middles and radii."""
-    if any(isinstance(q, arb_series) or q.is_exact() or not q.is_finite() for q in (a, b)):
+    if any(isinstance(q, arb_series) for q in (a, b)):
+        if flint.ctx.cap > 2:
+            return a * b
+        (p, p_slope), (q, q_slope) = map(_value_and_slope, (a, b))
+        return arb_series([_times(p, q), _times(p, q_slope) + _times(p_slope, q)])
+    if any(q.is_exact() or not q.is_finite() for q in (a, b)):
         return a * b
     ends = itertools.product((a.lower(), a.upper()), (b.lower(), b.upper()))
     return functools.reduce(arb.union, itertools.starmap(mul, ends))
 
 
+def _raised(base: Any, power: int) -> Any:
+    """A power; of a ball by its ends: an even one is nowhere negative."""
+    if isinstance(base, arb_series):
+        if flint.ctx.cap > 2:
+            return functools.reduce(mul, power * [base], arb(1))
+        value, slope = _value_and_slope(base)
+        grows = power * _raised(value, power - 1) if power else arb(0)
+        return arb_series([_raised(value, power), _times(grows, slope)])
+    ends = [functools.reduce(mul, power * [end], arb(1)) for end in (base.lower(), base.upper())]
+    found = ends[0].union(ends[1])
+    return found.union(arb(0)) if power % 2 == 0 < power and base.contains(0) else found
+
+
+def _value_and_slope(q: Any) -> tuple[Any, Any]:
+    return (q[0], q[1]) if isinstance(q, arb_series) else (arb(q), arb(0))
+
+
 def _root(node: ast.expr, x: Any) -> Any:
     """The root; a ball around what is never negative may reach below 0, but its values do not."""
+    if isinstance(x, arb_series) and flint.ctx.cap == 2:
+        value, slope = _value_and_slope(x)
+        root = _root(node, value)
+        return arb_series([root, _times(slope, 1 / (2 * root))])
     if isinstance(x, arb) and x.is_finite() and not x >= 0 and _never_negative(node):
         return arb(0).union(x.upper().sqrt())
     return applied("sqrt", x)
@@ -185,8 +211,6 @@ def _never_negative(node: ast.expr) -> bool:
     match node:
         case ast.Constant(value=int(number)):
             return number >= 0
-        case ast.BinOp(left=a, op=ast.Mult(), right=b) if ast.dump(a) == ast.dump(b):
-            return True
         case ast.BinOp(left=a, op=ast.Add() | ast.Mult() | ast.Div(), right=b):
             return _never_negative(a) and _never_negative(b)
         case ast.BinOp(op=ast.Pow(), right=ast.Constant(value=int(exponent))):
@@ -199,11 +223,22 @@ def _never_negative(node: ast.expr) -> bool:
 OPERATIONS = {ast.Add: add, ast.Sub: sub, ast.Mult: _times, ast.Div: truediv}
 
 
+class _Squares(ast.NodeTransformer):
+    """A product of a text with itself is its square, which is nowhere negative."""
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
+        self.generic_visit(node)
+        if isinstance(node.op, ast.Mult) and ast.dump(node.left) == ast.dump(node.right):
+            return ast.BinOp(node.left, ast.Pow(), ast.Constant(2))
+        return node
+
+
 class Expression:
     """A text of names, whole numbers, + - * / **, and functions."""
 
     def __init__(self, text: Any) -> None:
-        self.tree = text if isinstance(text, ast.expr) else ast.parse(text, mode="eval").body
+        tree = text if isinstance(text, ast.expr) else ast.parse(text, mode="eval").body
+        self.tree: ast.expr = _Squares().visit(tree)
         self.names = {n.id for n in ast.walk(self.tree) if isinstance(n, ast.Name)} - NAMES
         self.at(dict.fromkeys(self.names, arb(0)))  # fails for what is not known
         self.parts: tuple[str, list[Expression]] | None = None
@@ -238,7 +273,7 @@ class Expression:
         if twice.denominator != 1 or abs(twice) > 2 * MOST_POWER:
             raise SyntaxError(f"the exponent {twice / 2} is no half of a whole number, or large")
         whole, half = divmod(abs(int(twice)), 2)
-        found = functools.reduce(_times, whole * [base], arb(1))
+        found = _raised(base, whole)
         if half:
             found = found * _root(node, base)
         return 1 / found if twice < 0 else found

@@ -337,6 +337,20 @@ def test_root_of_squares_is_checked_where_a_cell_touches_zero(tmp_path):
     assert "entries hold" in check(str(proved.write(tmp_path / "disc.holdfast")))
 
 
+def test_squares_and_slopes_of_roots_are_as_narrow_as_those_of_the_search():
+    """Honest certificates were refused where a square was negative, or a slope too steep."""
+    flint.ctx.cap = 2
+    x, y = checker.ball(-0.25, 0.125), checker.ball(0.5, 0.75)
+    for text, low, high in (("x*x", 0.0, 0.25**2), ("x*x*x", -(0.25**3), 0.125 * 0.25**2)):
+        found = checker.Expression(text).at({"x": x})
+        ends = (float(found.lower()), float(found.upper()))
+        assert ends == pytest.approx((low, high), abs=1e-8)  # a radius has 30 bits
+    root = checker.Expression("sqrt(x*x + y*y)")
+    slope = root.at({"x": x, "y": flint.arb_series([y, 1])})[1]
+    ends = (float(slope.lower()), float(slope.upper()))
+    assert ends == pytest.approx((0.5 / math.hypot(0.25, 0.75), 0.75 / 0.5), abs=1e-7)
+
+
 @pytest.mark.parametrize("name", ["greatest", "least", "magnitude"])
 def test_kink_that_is_not_met_has_one_slope(name):
     """What is one of two all over a ball has its Taylor series, and their union where both may be."""
@@ -454,7 +468,7 @@ def test_checker_is_short_enough_to_be_read():
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
             explained |= set(range(node.lineno, node.end_lineno + 1))
     code = {k for k, line in enumerate(source.splitlines(), 1) if line.strip()} - explained
-    assert len(code) == 520
+    assert len(code) == 546
 
 
 def test_angle_that_turns_faster_than_doubles_count_leaves_no_cell_unchecked(tmp_path):
