@@ -1,0 +1,54 @@
+"""A saddle that is held by an input which acts on both axes: the ridge of V is kept by upwind, too.
+
+Of q' = q + u + d in the plane, |u_x| + |u_y| <= 1 and |d| <= r, can be held what inputs reach
+whatever disturbs: |x| + |y| <= 1 - r sqrt(2). The sums of u are those of two thrusters.
+"""
+
+import math
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import holdfast as hf
+
+X, Y, U, W, A, B = (hf.symbol(n) for n in ("x", "y", "u", "w", "a", "b"))
+STATES = (hf.Quantity("x", "m"), hf.Quantity("y", "m"))
+SUMS = hf.LinearImage(sp.Matrix([[0.5, 0.5], [0.5, -0.5]]), hf.Box((-1, -1), (1, 1)))
+SIDES = {"east": X - 1.5, "west": -1.5 - X, "north": Y - 1.5, "south": -1.5 - Y}
+SQUARE = hf.Region("square", STATES, tuple(hf.Inequality(n, e, "m") for n, e in SIDES.items()))
+
+
+def held(radius, nodes, **options):
+    """The share of the exact set, and by how many cells what is held lies beyond it."""
+    system = hf.System(
+        "saddle", STATES, (hf.Quantity("u", "m/s"), hf.Quantity("w", "m/s")),
+        {"x": X + U + A, "y": Y + W + B}, input_bounds=SUMS,
+        disturbances=(hf.Quantity("a", "m/s"), hf.Quantity("b", "m/s")),
+        disturbance_bounds=hf.Ball(sp.Float(radius), 2),
+    )  # fmt: skip
+    grid = hf.grid(system, {"x": (-1.6, 1.6), "y": (-1.6, 1.6)}, nodes)
+    value = hf.discriminating_kernel(system, SQUARE, grid, 20, **options)
+    states = np.random.default_rng(0).uniform(-1.5, 1.5, (20_000, 2))
+    size, inside = np.abs(states).sum(axis=1), value.contains(states)
+    exact = size <= 1 - radius * math.sqrt(2)
+    beyond = (size[inside].max() - 1) / math.sqrt(2) + radius
+    return (inside & exact).sum() / exact.sum(), beyond / (3.2 / (nodes - 1))
+
+
+@pytest.mark.parametrize(
+    ("radius", "nodes", "options", "share"),
+    [
+        (0.0, 41, {"scheme": "upwind"}, 0.99),
+        (0.0, 81, {"scheme": "upwind"}, 0.99),
+        (0.3, 41, {"scheme": "upwind"}, 0.70),
+        (0.3, 81, {"scheme": "upwind"}, 0.99),
+        (0.3, 41, {}, 0.97),
+        (0.3, 41, {"scheme": "eno2"}, 0.97),
+    ],
+)
+def test_a_ridge_of_an_input_on_both_axes_does_not_wear(radius, nodes, options, share):
+    """With the speeds of all slopes at a node upwind kept none of it against the disturbance."""
+    kept, beyond = held(radius, nodes, **options)
+    assert kept > share
+    assert beyond < 1.0
