@@ -96,9 +96,9 @@ def safety_law(
 
     Raises `SimulationError` for a value function of another system, or of a problem in which the
     inputs do not maximise; for an empty set; for a margin below 0; for a rate too fast for the hold
-    time and delay; for a default margin that no state has, or trial runs do not bear; for a delay
-    without a `law`; and for a `law` that has to arrive by a value function that does not reach down
-    to time 0.
+    time, and for the delay where it is not predicted; for a default margin that no state has, or
+    trial runs do not bear; for a delay without a `law`; and for a `law` that has to arrive by a
+    value function that does not reach down to time 0.
     """
     made, predicted, _ = kept_law(
         system, value, law, rate=rate, margin=margin, sample_time=sample_time, delay=delay,
@@ -143,9 +143,8 @@ def kept_law(
                 remedy="give a law: its safety filter has a margin",
             )
         return Kept(optimal_law(known, lookup))
-    if rate is None:
-        rate = usual_pace(sample_time, delay)
-    check_pace(rate, sample_time, delay)
+    if rate is not None:
+        check_pace(rate, sample_time)
     if margin is not None:
         number("margin is ", margin, "0 or more: below 0 is outside", lambda v: 0 <= v < math.inf)
     kind = value.report.kind
@@ -158,8 +157,10 @@ def kept_law(
         )
     game, late, little = None, 0.0, LEVELS[0] * (value.report.cell or 1.0)
     deep = max(margin - little, 0.0) if margin is not None else 0.0
-    predicted = prediction(known, sample_time, delay) if patience and delay and predicts else None
-    if predicted and not lookup.timed:
+    looks_ahead, predicted = patience and not lookup.timed, None
+    if looks_ahead and delay and predicts:
+        predicted = prediction(known, sample_time, delay)
+    if predicted:
         game = sampled_value(known, value, sample_time, errors, deep, 0.0, patience, delay)
         if margin is None and game is not None and not game.stays:
             raise SimulationError(
@@ -167,11 +168,15 @@ def kept_law(
                 "lose trial runs from everywhere that they should keep",
                 remedy="take a shorter sample time or delay, a finer grid, or give a margin",
             )
-    if game is None and patience and not lookup.timed:
+    if game is None and looks_ahead:
         predicted = None
         late = sampled_margin(system, value, sample_time, delay) if delay else 0.0
         above = late if margin is None else deep
         game = sampled_value(known, value, sample_time, errors, above, late, patience)
+    unseen = 0.0 if predicted else delay  # what is predicted is as good as seen
+    if rate is None:
+        rate = usual_pace(sample_time, unseen)
+    check_pace(rate, sample_time, unseen)
     if game is not None:
         stays = game.stays or margin is not None
         if margin is None:
@@ -216,7 +221,7 @@ def check_pace(rate: float, sample_time: float, delay: float = 0.0) -> None:
     if not 0 < rate * (sample_time + delay) <= 1 + ROUNDING:
         raise SimulationError(
             f"rate {rate:g} 1/s with a sample time of {sample_time:g} s{_and_late(delay)}",
-            expected="above 0, at most 1 / (sample_time + delay)",
+            expected=f"above 0, at most 1 / {'(sample_time + delay)' if delay else 'sample_time'}",
         )
 
 
