@@ -52,3 +52,23 @@ def test_a_ridge_of_an_input_on_both_axes_does_not_wear(radius, nodes, options, 
     kept, beyond = held(radius, nodes, **options)
     assert kept > share
     assert beyond < 1.0
+
+
+@pytest.mark.parametrize("scheme", ["weno5", "eno2"])
+def test_a_ball_that_turns_and_pushes_against_a_disturbance_keeps_its_set(scheme):
+    """Its axes turn with the state, and another player acts beside it: all of the set was lost."""
+    turned = hf.System(
+        "turned", STATES, (hf.Quantity("u", "1/s"), hf.Quantity("w", "1/s")),
+        {"x": Y * U - 0.444 * X, "y": -X * U + 0.904 * Y + 1.45 * W + B},
+        input_bounds=hf.Ball(sp.Float(0.682), 2),
+        disturbances=(hf.Quantity("b", "m/s"),), disturbance_bounds=hf.Box((-0.396,), (0.255,)),
+    )  # fmt: skip
+    sides = sp.Max(sp.Abs(X) - 1.25, sp.Abs(Y) - 1.3)
+    room = hf.Region("room", STATES, (hf.Inequality("sides", sides, "m"),))
+    shares = []
+    for nodes in (21, 41):
+        grid = hf.grid(turned, {"x": (-1.25, 1.25), "y": (-1.3, 1.3)}, nodes)
+        value = hf.discriminating_kernel(turned, room, grid, 30, scheme=scheme)
+        shares.append(value.fraction())
+    assert shares[0] > 0.5
+    assert shares[1] == pytest.approx(shares[0], abs=0.05)

@@ -23,7 +23,7 @@ many, has its support function in H, and the largest speed that it adds in the d
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import sympy as sp
@@ -41,7 +41,11 @@ together."""
 BETWEEN = 3
 """Points along every coordinate of a set, where these are not too many; else its corners."""
 
+MOST_POINTS = 32
+"""The same where points stand for a set without corners."""
+
 Corners = list[tuple[sp.Expr, ...]]
+Rates = list[sp.Matrix]
 
 
 def monotone_flux(h: Hamiltonian, gaps: Sequence[sp.Symbol]) -> sp.Expr:
@@ -61,11 +65,11 @@ def monotone_flux(h: Hamiltonian, gaps: Sequence[sp.Symbol]) -> sp.Expr:
 def is_sharp(h: Hamiltonian) -> bool:
     """Whether H_M smears no value more than the speeds between the slopes at a node ask for.
 
-    It may where a set without corners acts alone on several axes and cancels the drift there: the
-    two have dissipations of their own, and points of the set, which have one together, make sets
-    too large by two cells where a value jumps.
+    It may where points of a set without corners stand for it: they make sets too large by two cells
+    where a value jumps, and without them it wears ridges.
     """
-    return all(len(b.axes) == 1 or b.alone is None for b in _blocks(game_of(h)))
+    game = game_of(h)
+    return not any(len(b.axes) > 1 and any(b.points(game.gains)) for b in _blocks(game))
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,8 @@ class _Block:
         axes, count = list(self.axes), len(self.axes)
         p = sp.Matrix([h.costates[i] for i in axes])
         g = [gaps[i] for i in axes]
-        still, wide, smooth = drift.extract(axes, [0]), [sp.S.Zero] * count, sp.S.Zero
+        bare, smooth = drift.extract(axes, [0]), sp.S.Zero
+        still, wide = bare, [sp.S.Zero] * count
         moved = []
         for player, gain, columns, corners in zip(
             self.players, gains, self.columns, self.corners, strict=True
@@ -113,52 +118,40 @@ class _Block:
                 still = still + sp.Matrix(centre)
                 wide = [a + b for a, b in zip(wide, width, strict=True)]
             moved.append([sp.zeros(count, 1)])
-
-        def carried(rates: sp.Matrix) -> sp.Expr:
-            terms = zip(rates, wide, p, g, strict=True)
-            return sp.Add(*(f * slope + (magnitude(f) + w) * gap for f, w, slope, gap in terms))
-
         picks = [greatest if side == "max" else least for side in h.sides]
-        answers = [of_all(picks[1], [carried(still + a + b) for b in moved[1]]) for a in moved[0]]
-        flux = smooth + of_all(picks[0], answers)
-        if self.alone is not None:
-            sharper = self._over_points(self.alone, drift, gains, p, g, picks[self.alone])
-            flux = picks[self.alone](flux, sharper) if sharper is not None else flux
+
+        def over(moved: Sequence[Rates], still: sp.Matrix, wide: Sequence[sp.Expr]) -> sp.Expr:
+            def carried(rates: sp.Matrix) -> sp.Expr:
+                terms = zip(rates, wide, p, g, strict=True)
+                return sp.Add(*(f * slope + (magnitude(f) + w) * gap for f, w, slope, gap in terms))
+
+            return of_all(
+                picks[0],
+                [of_all(picks[1], [carried(still + a + b) for b in moved[1]]) for a in moved[0]],
+            )
+
+        flux = smooth + over(moved, still, wide)
+        for k, points in enumerate(self.points(gains)):
+            if points and len(points) * len(moved[1 - k]) <= MOST_POINTS:
+                pair = [points, moved[1]] if k == 0 else [moved[0], points]
+                flux = picks[k](flux, over(pair, bare, [sp.S.Zero] * count))
         return flux
 
-    @property
-    def alone(self) -> int | None:
-        """The place of a player without corners, if no other acts on these axes."""
-        acting = [k for k, player in enumerate(self.players) if player.members]
-        return acting[0] if len(acting) == 1 and self.corners[acting[0]] is None else None
+    def points(self, gains: Sequence[sp.Matrix]) -> list[Rates]:
+        """Of each player the rates at points of a set without corners, where another has none.
 
-    def _over_points(
-        self,
-        k: int,
-        drift: sp.Matrix,
-        gains: Sequence[sp.Matrix],
-        p: sp.Matrix,
-        g: Sequence[sp.Symbol],
-        pick: Callable[..., sp.Expr],
-    ) -> sp.Expr | None:
-        """The same over points of a set without corners, of one player alone; None for too many.
-
-        Points of the set get no more than the set, so that the better of both is H for g = 0.
+        Points of a set get no more than the set, so that the better of both is H for g = 0. They
+        stand still where an input cancels the drift. An ellipsoid among other players needs none.
         """
-        bounds, axes = self.players[k].bounds, list(self.axes)
-        assert bounds is not None
-        points = bounds.points(BETWEEN)
-        if len(points) > MOST_PAIRS:
-            return None
-        own = gains[k].extract(axes, list(self.columns[k]))
-        rates = [drift.extract(axes, [0]) + own * sp.Matrix(c) for c in points]
-        return of_all(
-            pick,
-            [
-                sp.Add(*(f * s + magnitude(f) * gap for f, s, gap in zip(rate, p, g, strict=True)))
-                for rate in rates
-            ],
-        )
+        rates: list[Rates] = [[], []]
+        for k, player in enumerate(self.players):
+            if not player.members or player.bounds is None or self.corners[k] is not None:
+                continue
+            own = gains[k].extract(list(self.axes), list(self.columns[k]))
+            alone, others = not self.players[1 - k].members, self.corners[1 - k]
+            if alone or (others is not None and player.bounds.half_axes(own) is None):
+                rates[k] = [own * sp.Matrix(c) for c in player.bounds.points(BETWEEN)]
+        return rates
 
 
 def _length(components: Iterator[sp.Expr]) -> sp.Expr:
