@@ -6,6 +6,7 @@ is how many runs never leave the view, the fewest at one vertex, and how many ru
 without an admissible input.
 
   python benchmarks/model_box.py vertices            # 203 and 600 starts, two seeds, 64 vertices
+  python benchmarks/model_box.py current             # the same vertices in a measured current
   python benchmarks/model_box.py beyond              # what no box counts
   python benchmarks/model_box.py calls               # CPU time of a decision, Python and C
 """
@@ -54,8 +55,22 @@ CURRENT = (
 """A measured current of 0.1 m/s in a random direction."""
 
 
+CALMER = (
+    "law.k1=0.14", "safeguard.gains=[4.0, 8.0]", "safeguard.margins.too_near=0.1",
+    "safeguard.margins.edge_low=0.06", "safeguard.margins.edge_high=0.06",
+)  # fmt: skip
+"""What keeps nearly all starts in a measured current at every vertex."""
+DIRECTIONS = 8
+
+
 def flow(direction: str) -> tuple[str, ...]:
     return (f'disturbance.Vx="0.1*cos({direction})"', f'disturbance.Vy="0.1*sin({direction})"')
+
+
+def in_current(direction: int, starts: int, *more: str) -> hf.Result:
+    """The runs at the 64 vertices in a measured current in one of `DIRECTIONS`."""
+    angle = repr(2 * np.pi * direction / DIRECTIONS)
+    return vertices(1 + direction, starts, *CURRENT[:3], *flow(angle), *more).run()
 
 
 BEYOND: dict[str, tuple[str, ...]] = {
@@ -188,6 +203,10 @@ def main(what: str = "vertices", *more: str) -> None:
     if what == "calls":
         for language, (nominal, box) in calls():
             print(f"{language}: {nominal:.2f} us nominal, {box:.2f} us box, {box / nominal:.2f}")
+    elif what == "current":
+        for changes in (more, (*CALMER, *more)):
+            counts = [in_current(k, 25, *changes).viable for k in range(DIRECTIONS)]
+            print(f"{sum(counts):,} of {DIRECTIONS * 64 * 25:,}: {counts}", flush=True)
     elif what == "beyond":
         for case in BEYOND:
             if more and more[0] not in case:

@@ -190,8 +190,8 @@ def test_scheme_of_second_order_in_six_states_keeps_what_few_nodes_promise():
     changes = ["grid.nodes=9", "march.scheme=eno2", "march.band=0.3"]
     scenario = load_scenario("ch7-six-states", changes)
     found = scenario.run()
-    assert found.promise.inside[0].kept.count == pytest.approx(1000, abs=2)
-    assert found.promise.outside.kept.count == pytest.approx(325, abs=45)
+    assert found.promise.inside[0].kept.count == pytest.approx(995, abs=3)
+    assert found.promise.outside.kept.count == pytest.approx(311, abs=45)
     whole = set_on_grid(scenario.about, scenario.grid).fraction()
     assert found.value.fraction() / whole == pytest.approx(0.52, abs=0.01)
     cut = load_scenario("ch7-six-states", [*changes[:2], "march.band=0.1"]).run()
@@ -202,11 +202,11 @@ def test_scheme_of_second_order_in_six_states_keeps_what_few_nodes_promise():
 def test_whole_vehicle_in_six_states_keeps_what_its_kernel_promises():
     """13^6 nodes, still water, 5 N: thrusters off but for what staying in view for 3 s asks.
 
-    Held for 20 ms: with the smaller margin of 10 ms 4 of 1,000 are lost on so coarse a grid.
+    Held for 20 ms, from 2 cm inside; held for 10 ms 8 of 1,000 are lost on so coarse a grid.
     """
     coarse = ["grid.nodes=13", "promise.sample_time=0.02"]
     found = load_scenario("ch7-six-states", coarse, runs=500).run()
-    assert found.promise.held
+    assert found.promise.inside[0].kept.count == pytest.approx(499, abs=1)
     assert found.promise.outside.kept.value < 0.5
     assert 0.04 < found.value.fraction() < 0.08
 
@@ -295,16 +295,16 @@ def test_decomposition_calls_safe_what_is_lost_and_gives_up_what_is_kept():
 
 
 COUNTED = {
-    ("5 N, sway within 0.4 m/s", 1.0): (1418, 124, 347, 228),
-    ("5 N, sway within 0.4 m/s", 0.1): (1418, 0, 347, 343),
-    ("5 N, sway within 0.62 m/s", 1.0): (643, 79, 1137, 857),
-    ("5 N, sway within 0.62 m/s", 0.1): (643, 0, 1137, 1131),
-    ("1 N, sway within 0.17 m/s", 1.0): (1664, 102, 140, 97),
-    ("1 N, sway within 0.17 m/s", 0.1): (1664, 0, 140, 136),
+    ("5 N, sway within 0.4 m/s", 1.0): (1420, 127, 348, 228),
+    ("5 N, sway within 0.4 m/s", 0.1): (1420, 0, 348, 344),
+    ("5 N, sway within 0.62 m/s", 1.0): (642, 79, 1139, 855),
+    ("5 N, sway within 0.62 m/s", 0.1): (642, 0, 1139, 1133),
+    ("1 N, sway within 0.17 m/s", 1.0): (1665, 99, 139, 96),
+    ("1 N, sway within 0.17 m/s", 0.1): (1665, 0, 139, 137),
 }
 """Safe, lost by every law, given up, kept by some law, of 2,000 states."""
 
-PROMISED = dict(zip(GAMES, (0.44, 0.69, 0.09), strict=True))
+PROMISED = dict(zip(GAMES, (0.67, 0.80, 0.48), strict=True))
 """Of what is given up nearly at rest and kept, the share in the kernel in six states."""
 
 
@@ -316,7 +316,7 @@ def test_decomposition_is_wrong_on_both_sides_as_published(title, share):
     assert (safe, lost, given_up, kept) == pytest.approx(told, abs=max(3, 0.01 * told[0]))
     if lost:
         assert 1 / 17 < lost / safe < 1 / 7.5
-        assert outside / lost == pytest.approx(0.96, abs=0.04)
+        assert outside / lost == pytest.approx(0.90, abs=0.04)
     else:
         assert inside / kept == pytest.approx(PROMISED[title], abs=0.02)
 
@@ -354,9 +354,10 @@ def test_kernels_of_three_seconds_are_empty_soon_after(name, sets, gone):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize(("horizon", "share"), [(60, 0.950), (1000, 0.903), (3000, 0.716)])
-def test_goal_that_is_held_for_a_minute_goes_on_shrinking(horizon, share):
-    value, _ = left_of("ch7-hold-goal", horizon)
+@pytest.mark.parametrize(("horizon", "share"), [(60, 0.963), (1000, 0.961), (3000, 0.961)])
+def test_goal_that_is_held_for_a_minute_is_held_for_3000_s(horizon, share):
+    """The sharp set of schemes of higher order; a dissipation that is not monotone wore it away."""
+    value, _ = left_of("ch7-hold-goal", horizon, "law=")
     assert not value.dataset.attrs["converged"]
     scenario = load_scenario("ch7-hold-goal")
     goal = set_on_grid(scenario.about, scenario.grid).fraction()
@@ -371,7 +372,7 @@ def test_goal_that_is_held_for_a_minute_goes_on_shrinking(horizon, share):
         ("ch7-any-current", 3, 0.40, 0.24, 0),
         ("ch7-safety-law", 3, 0.51, 0.35, 1),
         ("ch7-capture-basin", 4, 15.8, 0.46, 0),
-        ("ch7-hold-goal", 60, 0.95, 0.79, 77),
+        ("ch7-hold-goal", 60, 0.963, 0.79, 0),
     ],
 )
 def test_every_state_that_a_kernel_of_chapter_7_promises_is_kept_for_its_horizon(

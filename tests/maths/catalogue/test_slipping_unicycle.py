@@ -138,12 +138,12 @@ def test_kernel_of_the_worst_slip_lies_in_that_of_no_slip_and_its_states_are_kep
 
 @pytest.mark.heavy
 def test_kernel_of_the_worst_slip_is_kept_and_tight():
-    """Scenario `slipping-kernel` as shipped: 91.8 % of the view; outside it 36 of 500 stay."""
+    """Scenario `slipping-kernel` as shipped: 91.8 % of the view; outside it 208 of 500 stay."""
     scenario = hf.load_scenario("slipping-kernel")
     found = scenario.run()
     assert found.promise.held
     assert found.promise.inside[0].kept.count == 500
-    assert found.promise.outside.kept.count == 36
+    assert found.promise.outside.kept.count == 208
     share = found.value.fraction() / scenario.begun.fraction()
     assert share == pytest.approx(0.918, abs=5e-4)
 
