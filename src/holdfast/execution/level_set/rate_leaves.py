@@ -75,7 +75,7 @@ def rate_leaves(
     width = {s: sp.Abs(g) for s, g in zip(hamiltonian.spreads, gaps, strict=True)}
     of_scheme = total.xreplace(width)
     if one_slope and dissipation == "local-local" and is_sharp(hamiltonian):
-        of_scheme = monotone_flux(hamiltonian, gaps)
+        of_scheme = monotone_flux(hamiltonian, gaps, over_points=False)
     totals = [of_scheme]
     if filtered:
         totals += [monotone_flux(hamiltonian, gaps), *hamiltonian.speeds]

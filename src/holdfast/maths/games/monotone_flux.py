@@ -29,7 +29,7 @@ from dataclasses import dataclass, replace
 import sympy as sp
 
 from holdfast.errors import DefinitionError
-from holdfast.maths.definitions.bounds import section
+from holdfast.maths.definitions.bounds import Bounds, section
 from holdfast.maths.expressions.functions import greatest, least, magnitude
 from holdfast.maths.games.hamiltonian import Game, Hamiltonian, Player, game_of, of_all
 from holdfast.maths.games.sampled_inputs import Point
@@ -41,21 +41,28 @@ together."""
 BETWEEN = 3
 """Points along every coordinate of a set, where these are not too many; else its corners."""
 
-MOST_POINTS = 32
+MOST_POINTS = 36
 """The same where points stand for a set without corners."""
 
 Corners = list[tuple[sp.Expr, ...]]
 Rates = list[sp.Matrix]
 
 
-def monotone_flux(h: Hamiltonian, gaps: Sequence[sp.Symbol]) -> sp.Expr:
-    """H_M in terms of the costates of `h`, which stand for the mean slopes, and half gaps."""
+def monotone_flux(
+    h: Hamiltonian, gaps: Sequence[sp.Symbol], *, over_points: bool = True
+) -> sp.Expr:
+    """H_M in terms of the costates of `h`, which stand for the mean slopes, and half gaps.
+
+    over_points: whether a player without corners also has what points of its set get. They stand
+    still where an input cancels the drift; alone they make a set too large by two cells where its
+    value jumps, which a march beside them does not.
+    """
     game = game_of(h)
     blocks = list(_blocks(game))
 
     def case(u: Point, d: Point) -> sp.Expr:
         drift, gains = game.at(u | d)
-        return sp.Add(*(block.flux(h, gaps, drift, gains) for block in blocks))
+        return sp.Add(*(block.flux(h, gaps, drift, gains, over_points) for block in blocks))
 
     picks = [greatest if side == "max" else least for side in h.sides]
     answers = [of_all(picks[1], [case(u, d) for d in game.points[1]]) for u in game.points[0]]
@@ -63,13 +70,14 @@ def monotone_flux(h: Hamiltonian, gaps: Sequence[sp.Symbol]) -> sp.Expr:
 
 
 def is_sharp(h: Hamiltonian) -> bool:
-    """Whether H_M smears no value more than the speeds between the slopes at a node ask for.
+    """Whether H_M, without points, smears a value no more than the speeds between the slopes at a
+    node ask for.
 
-    It may where points of a set without corners stand for it: they make sets too large by two cells
-    where a value jumps, and without them it wears ridges.
+    It wears ridges where a set without corners moves several axes and is no ellipsoid along them,
+    or cancels their drift alone.
     """
     game = game_of(h)
-    return not any(len(b.axes) > 1 and any(b.points(game.gains)) for b in _blocks(game))
+    return not any(len(b.axes) > 1 and b.is_worn(game.gains) for b in _blocks(game))
 
 
 @dataclass(frozen=True)
@@ -91,6 +99,7 @@ class _Block:
         gaps: Sequence[sp.Symbol],
         drift: sp.Matrix,
         gains: Sequence[sp.Matrix],
+        over_points: bool,
     ) -> sp.Expr:
         """Its terms of H_M, from the rates without players and how these change them."""
         axes, count = list(self.axes), len(self.axes)
@@ -99,12 +108,10 @@ class _Block:
         bare, smooth = drift.extract(axes, [0]), sp.S.Zero
         still, wide = bare, [sp.S.Zero] * count
         moved = []
-        for player, gain, columns, corners in zip(
-            self.players, gains, self.columns, self.corners, strict=True
-        ):
-            own = gain.extract(axes, list(columns))
+        for k, player in enumerate(self.players):
+            own, corners = self._gain(k, gains), self.corners[k]
             if corners is not None or not player.members:
-                moved.append([own * sp.Matrix(c) for c in corners or ()] or [sp.zeros(count, 1)])
+                moved.append(self._moved(k, gains, corners or []))
                 continue
             half_axes = player.bounds.half_axes(own) if player.bounds else None
             if half_axes is not None:
@@ -131,27 +138,49 @@ class _Block:
             )
 
         flux = smooth + over(moved, still, wide)
-        for k, points in enumerate(self.points(gains)):
-            if points and len(points) * len(moved[1 - k]) <= MOST_POINTS:
-                pair = [points, moved[1]] if k == 0 else [moved[0], points]
-                flux = picks[k](flux, over(pair, bare, [sp.S.Zero] * count))
+        for k, pair in self.points(gains) if over_points else ():
+            flux = picks[k](flux, over(pair, bare, [sp.S.Zero] * count))
         return flux
 
-    def points(self, gains: Sequence[sp.Matrix]) -> list[Rates]:
-        """Of each player the rates at points of a set without corners, where another has none.
+    def points(self, gains: Sequence[sp.Matrix]) -> Iterator[tuple[int, list[Rates]]]:
+        """The place of a player without corners, and the rates of both at points of its set and at
+        the corners of the other's.
 
-        Points of a set get no more than the set, so that the better of both is H for g = 0. They
-        stand still where an input cancels the drift. An ellipsoid among other players needs none.
+        Points of a set get no more than the set, so that the better of both is H for g = 0.
         """
-        rates: list[Rates] = [[], []]
-        for k, player in enumerate(self.players):
-            if not player.members or player.bounds is None or self.corners[k] is not None:
-                continue
-            own = gains[k].extract(list(self.axes), list(self.columns[k]))
-            alone, others = not self.players[1 - k].members, self.corners[1 - k]
-            if alone or (others is not None and player.bounds.half_axes(own) is None):
-                rates[k] = [own * sp.Matrix(c) for c in player.bounds.points(BETWEEN)]
-        return rates
+        for k in self._without_corners():
+            chosen: list[Corners] = [[], []]
+            chosen[k] = [c for bounds in self._bounds(k) for c in bounds.points(BETWEEN)]
+            if self.players[1 - k].members:
+                if self.corners[1 - k] is None:
+                    continue
+                chosen[1 - k] = [c for bounds in self._bounds(1 - k) for c in bounds.corners()]
+            if len(chosen[k]) * max(len(chosen[1 - k]), 1) <= MOST_POINTS:
+                yield k, [self._moved(j, gains, c) for j, c in enumerate(chosen)]
+
+    def is_worn(self, gains: Sequence[sp.Matrix]) -> bool:
+        """Whether the dissipation of a set without corners is larger than it needs to be: inputs
+        cancel drift and disturbances, which then have dissipations of their own."""
+        return any(
+            k == 0 or not self.players[0].members or bounds.half_axes(self._gain(k, gains)) is None
+            for k in self._without_corners()
+            for bounds in self._bounds(k)
+        )
+
+    def _without_corners(self) -> list[int]:
+        return [k for k, q in enumerate(self.players) if q.members and self.corners[k] is None]
+
+    def _bounds(self, k: int) -> list[Bounds]:
+        bounds = self.players[k].bounds
+        return [] if bounds is None else [bounds]
+
+    def _moved(self, k: int, gains: Sequence[sp.Matrix], points: Corners) -> Rates:
+        """What a player does to the rates at points of its set; nothing if there are none."""
+        own = self._gain(k, gains)
+        return [own * sp.Matrix(c) for c in points] or [sp.zeros(len(self.axes), 1)]
+
+    def _gain(self, k: int, gains: Sequence[sp.Matrix]) -> sp.Matrix:
+        return gains[k].extract(list(self.axes), list(self.columns[k]))
 
 
 def _length(components: Iterator[sp.Expr]) -> sp.Expr:
