@@ -59,9 +59,9 @@ def rate_leaves(
     """The leaves of the Lax-Friedrichs scheme with this Hamiltonian.
 
     filtered: whether the rate of a monotone step and the speeds are wanted, too. one_slope: whether
-    the slopes are plain differences. Then "local-local" is the rate of a monotone step itself,
-    where that is sharp: with the speeds of all slopes between those at a node a ridge wears where a
-    player acts on several axes, however fine the grid is."""
+    the slopes are plain differences. Where that rate is sharp, "local-local" is it: the speeds of
+    all slopes between those at a node wear a ridge on every grid, if a player acts on several axes.
+    """
     n = len(hamiltonian.costates)
     gaps = [sp.Symbol(f"_g{i}", real=True) for i in range(n)]  # no user name begins so
     largest = [sp.Symbol(f"_a{i}", real=True) for i in range(n)]
