@@ -48,7 +48,7 @@ def viable(law: str, case: str, period: float, delay: float, starts: int) -> int
 
 def kept(case: str, period: float, delay: float, starts: int) -> tuple[int, int]:
     """How many stay under the filter, and of how many that can, of ten times so many starts."""
-    rate = min(10.0, 1 / (period + delay))  # refused where a delay is not predicted
+    rate = min(10.0, 1 / (period + delay))  # the largest without a prediction
     changes = [*timing(period, delay, 3), f"compare.laws.filter.safety.rate={rate!r}"]
     found = hf.compare("ch7-rescue", ["filter"], [case], runs=10 * starts, overrides=changes)
     stayed = found.of_kernel("filter", case)

@@ -92,14 +92,15 @@ def over_kernel(p: Problem, seed: int, number: int) -> dict[str, Any]:
     shifts = [np.zeros((len(p.low), 1))]
     shifts += [s * c * np.eye(len(p.low))[:, [i]] for i, c in enumerate(p.cells) for s in (-1, 1)]
     lowest = np.min([at(setting.inside + s) for s in shifts], axis=0)
-    if _says_itself(setting, value, keep):
+    if _chooses_its_starts(setting, value, keep):
         states = setting.inside.T * np.array(p.scales)
         calm = np.zeros((len(states), len(built.system.inputs)))
         lowest, need = np.array(keep.step_many(states, calm).value), _margin(keep)
         keep.reset()
     deep = setting.inside[:, lowest > need]
     if deep.shape[1] < 3:
-        return {"runs": 0, "why": "no state is deeper than the margin"}
+        chosen_by = "the filter" if _chooses_its_starts(setting, value, keep) else "the margin"
+        return {"runs": 0, "why": f"no state is deep enough for {chosen_by}"}
     chosen = deep[:, setting.generator.integers(deep.shape[1], size=STARTS)]
     starts = np.repeat(chosen, len(ADVERSARIES), axis=1)
     last = min(setting.duration, p.horizon - 2 * setting.sample)
@@ -120,8 +121,8 @@ def _filter(p: Problem, built: Built, value: Any, setting: Setting) -> tuple[Any
     return keep, hf.sampled_margin(built.system, value, sample, late)
 
 
-def _says_itself(setting: Setting, value: Any, keep: Any) -> bool:
-    """Whether a filter that looks ahead has to be asked what it keeps: where measurements are late,
+def _chooses_its_starts(setting: Setting, value: Any, keep: Any) -> bool:
+    """Whether the starts are those that the filter calls deep enough: where measurements are late,
     and over a set that has not converged, of which it keeps the part that is kept for ever."""
     asked = setting.delay or not value.report.converged
     return bool(asked and setting.inside.size and _looks_ahead(keep))

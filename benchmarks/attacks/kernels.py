@@ -21,10 +21,12 @@ from holdfast.errors import HoldfastError
 TOLERANCE = 2.5
 """Cells of the product's grid by which a set may differ from the exact one."""
 POCKET = 1.0
-"""Cells by which the region is narrower within which a state has to be kept to be asked for, and
-wider within which it has to be lost: where all ways end in a pocket beside a constraint that is
-less than a cell wide, no grid of these cells has it, and a set of many cells is lost with it; and
-where a set has just vanished, all of it is lost, however little its value is above 0."""
+"""Cells by which the region is narrower within which a state has to be kept to be asked for: where
+all ways end in a pocket beside a constraint that is less than a cell wide, no grid of these cells
+has it, and a set of many cells is lost with it."""
+VANISHED = 1.0
+"""Cells by which the region is wider within which a node has to be lost, where nothing is left of a
+set: just after it has vanished all states are lost, however little their value is above 0."""
 FINER = 2.0
 """How much finer the oracle is where the coarse one leaves most of a set between its brackets, in
 one and two states with one input."""
@@ -51,9 +53,9 @@ def judge(p: Problem, built: Built, value: Any, tolerance: float = TOLERANCE) ->
                 sure.none_outer(nodes - wide, nodes + wide),
                 sure.all_inner(nodes - wide, nodes + wide),
             )
-        if (kept & lost).any():
-            sure = brackets(p, cells, horizon, wider=POCKET * p.cells)
-            lost &= sure is None or sure.none_outer(nodes - wide, nodes + wide)
+        if (kept & lost).any() and lost.all():
+            of_wider = brackets(p, cells, horizon, wider=VANISHED * p.cells)
+            lost &= of_wider is None or of_wider.none_outer(nodes - wide, nodes + wide)
         found |= {"lost": int(lost.sum()), "held": int(held.sum())}
         found["kept but lost"] = int((kept & lost).sum())
         lacks = ~kept & held & _open(p, nodes) & (not wears_away(p))

@@ -319,8 +319,8 @@ def brackets(
     keeps the spread of a step small against its way. most: steps at most, after which the outer set
     is what it is (it only shrinks) and an inner set for ever that still shrinks is empty. narrower:
     the inner set is that of a region narrower by so much along each axis: all states that are so
-    near have to be in the region. wider: the outer set is that of a region that has all states that
-    are so near to it.
+    near have to be in the region. wider: the outer set is that of a region wider by so much along
+    each axis, within the part of the grid where the region is.
     """
     if p.kind == "invariance":
         return brackets(_all_against(p), count, horizon, most, narrower, wider)
@@ -346,8 +346,8 @@ def brackets(
         span = (0.0, time) if p.moves else start
         half = (size / 2)[:, None]
         more = half + np.broadcast_to(narrower, size.shape)[:, None]
-        less = half + np.broadcast_to(wider, size.shape)[:, None]
-        may_stay = worst_over(p, every - less, every + less, "region", span)[0] <= 0
+        widened = half + np.broadcast_to(wider, size.shape)[:, None]
+        may_stay = worst_over(p, every - widened, every + widened, "region", span)[0] <= 0
         stays = worst_over(p, every - more, every + more, "region", span)[1] < 0
     live = np.flatnonzero(may_stay)
     if not len(live):

@@ -184,11 +184,11 @@ def _raised(base: Any, power: int) -> Any:
         if flint.ctx.cap > 2:
             return functools.reduce(mul, power * [base], arb(1))
         value, slope = _value_and_slope(base)
-        grows = power * _raised(value, power - 1) if power else arb(0)
-        return arb_series([_raised(value, power), _times(grows, slope)])
+        derivative = power * _raised(value, power - 1) if power else arb(0)
+        return arb_series([_raised(value, power), _times(derivative, slope)])
     ends = [functools.reduce(mul, power * [end], arb(1)) for end in (base.lower(), base.upper())]
-    found = ends[0].union(ends[1])
-    return found.union(arb(0)) if power % 2 == 0 < power and base.contains(0) else found
+    hull = ends[0].union(ends[1])
+    return hull.union(arb(0)) if power % 2 == 0 < power and base.contains(0) else hull
 
 
 def _value_and_slope(q: Any) -> tuple[Any, Any]:

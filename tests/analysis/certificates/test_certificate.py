@@ -351,6 +351,24 @@ def test_squares_and_slopes_of_roots_are_as_narrow_as_those_of_the_search():
     assert ends == pytest.approx((0.5 / math.hypot(0.25, 0.75), 0.75 / 0.5), abs=1e-7)
 
 
+@pytest.mark.parametrize(
+    "text",
+    ["x*x*x - y*x*y", "sqrt(x*x + y*y + 1)*y", "(x*y)*(x*y)/(2 + y*y)", "-x*x*sin(y) + x*y*y*y"],
+)
+def test_values_and_slopes_of_a_ball_have_those_of_its_states(text):
+    generator, expression = np.random.default_rng(5), checker.Expression(text)
+    for _ in range(100):
+        ends = np.sort(generator.choice([-1, -0.5, 0, 0.25, 1], (2, 2)) * 1.1, axis=1)
+        x, y = (checker.ball(*e) for e in ends)
+        flint.ctx.cap = 2
+        values = expression.at({"x": x, "y": y})
+        slopes = expression.at({"x": flint.arb_series([x, 1]), "y": y})
+        at = [flint.arb(generator.uniform(*e)) for e in ends]
+        here = expression.at({"x": flint.arb_series([at[0], 1]), "y": at[1]})
+        assert values.contains(here[0])
+        assert slopes[1].contains(here[1])
+
+
 @pytest.mark.parametrize("name", ["greatest", "least", "magnitude"])
 def test_kink_that_is_not_met_has_one_slope(name):
     """What is one of two all over a ball has its Taylor series, and their union where both may be."""

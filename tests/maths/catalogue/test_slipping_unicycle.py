@@ -137,7 +137,7 @@ def test_kernel_of_the_worst_slip_lies_in_that_of_no_slip_and_its_states_are_kep
 
 
 @pytest.mark.heavy
-def test_kernel_of_the_worst_slip_is_kept_and_tight():
+def test_kernel_of_the_worst_slip_is_kept():
     """Scenario `slipping-kernel` as shipped: 91.8 % of the view; outside it 208 of 500 stay."""
     scenario = hf.load_scenario("slipping-kernel")
     found = scenario.run()

@@ -7,9 +7,8 @@ import sympy as sp
 import holdfast as hf
 from holdfast.maths.games.monotone_flux import is_sharp, monotone_flux
 from tests.conftest import number_at
-from tests.maths.games.test_hamiltonian import D, U, W, X, Y, system
 
-E = hf.symbol("e")
+X, Y, U, W, D, E = (hf.symbol(n) for n in ("x", "y", "u", "w", "d", "e"))
 STRAIGHT, TURNED = (Y + U, X + W), (Y * U - X, Y + W - X * U)
 BALL, BOX = hf.Ball(sp.Float(0.8), 2), hf.Box((-1, -0.5), (0.7, 1))
 SUMS = hf.LinearImage(sp.Matrix([[0.5, 0.5], [0.5, -0.5]]), hf.Box((-1, -1), (1, 1)))
@@ -19,8 +18,12 @@ BLOWN = (("d", "e"), hf.Ball(sp.Float(0.3), 2))
 
 def game(rates, bounds, others=()):
     pushes = {1: (0, D), 2: (D, E)}[len(others[0])] if others else (0, 0)
-    moved = tuple(r + push for r, push in zip(rates, pushes, strict=True))
-    return system(moved, ("u", "w"), bounds, *others)
+    names, disturbance_bounds = others or ((), None)
+    return hf.System(
+        "s", (hf.Quantity("x"), hf.Quantity("y")), (hf.Quantity("u"), hf.Quantity("w")),
+        {"x": rates[0] + pushes[0], "y": rates[1] + pushes[1]}, input_bounds=bounds,
+        disturbances=tuple(map(hf.Quantity, names)), disturbance_bounds=disturbance_bounds,
+    )  # fmt: skip
 
 
 GAMES = {  # whether upwind takes it
@@ -56,8 +59,11 @@ def test_rate_is_h_for_one_slope_and_monotone_in_both(name, sides, over_points):
         state, below, above = generator.uniform(-1, 1, (3, 2))
         assert at(rate, state, below, below) == pytest.approx(at(h.value, state, below, below))
         now = at(rate, state, below, above)
+        speeds = np.array([at(e, state, below, above) for e in h.speeds])
         for k in range(2):
             rise = generator.uniform(0, 1) * np.eye(2)[k]
-            speed = 4.0 * rise.max()
-            assert 0 <= at(rate, state, below, above + rise) - now + 1e-9 <= speed
-            assert 0 <= now - at(rate, state, below + rise, above) + 1e-9 <= speed
+            most = speeds @ rise + 2e-9
+            assert 0 <= at(rate, state, below, above + rise) - now + 1e-9 <= most
+            assert 0 <= now - at(rate, state, below + rise, above) + 1e-9 <= most
+        higher = at(rate, state, below + 1, above - 1)  # the value at the node itself
+        assert 0 <= now - higher + 1e-9 <= speeds.sum() + 2e-9

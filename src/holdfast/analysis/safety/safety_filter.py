@@ -143,8 +143,10 @@ def kept_law(
                 remedy="give a law: its safety filter has a margin",
             )
         return Kept(optimal_law(known, lookup))
-    if rate is not None:
-        check_pace(rate, sample_time)
+    looks_ahead, predicted = patience and not lookup.timed, None
+    if looks_ahead and delay and predicts:
+        predicted = prediction(known, sample_time, delay)
+    pace = _pace(rate, sample_time, 0.0 if predicted else delay)
     if margin is not None:
         number("margin is ", margin, "0 or more: below 0 is outside", lambda v: 0 <= v < math.inf)
     kind = value.report.kind
@@ -157,9 +159,6 @@ def kept_law(
         )
     game, late, little = None, 0.0, LEVELS[0] * (value.report.cell or 1.0)
     deep = max(margin - little, 0.0) if margin is not None else 0.0
-    looks_ahead, predicted = patience and not lookup.timed, None
-    if looks_ahead and delay and predicts:
-        predicted = prediction(known, sample_time, delay)
     if predicted:
         game = sampled_value(known, value, sample_time, errors, deep, 0.0, patience, delay)
         if margin is None and game is not None and not game.stays:
@@ -169,14 +168,10 @@ def kept_law(
                 remedy="take a shorter sample time or delay, a finer grid, or give a margin",
             )
     if game is None and looks_ahead:
-        predicted = None
+        predicted, pace = None, _pace(rate, sample_time, delay)
         late = sampled_margin(system, value, sample_time, delay) if delay else 0.0
         above = late if margin is None else deep
         game = sampled_value(known, value, sample_time, errors, above, late, patience)
-    unseen = 0.0 if predicted else delay  # what is predicted is as good as seen
-    if rate is None:
-        rate = usual_pace(sample_time, unseen)
-    check_pace(rate, sample_time, unseen)
     if game is not None:
         stays = game.stays or margin is not None
         if margin is None:
@@ -189,7 +184,7 @@ def kept_law(
             disturbances=game.moves,
             errors=game.errors,
             beyond=game.beyond,
-            rate=rate,
+            rate=pace,
             margin=margin,
             scales=scales,
             predicted=predicted,
@@ -197,7 +192,7 @@ def kept_law(
         return Kept(filtered, predicted, stays)
     if margin is None:
         margin = possible_margin(system, value, sample_time, delay, late or None)
-    return Kept(keep_value(known, law, lookup, rate=rate, margin=margin, scales=scales))
+    return Kept(keep_value(known, law, lookup, rate=pace, margin=margin, scales=scales))
 
 
 def check_not_empty(value: ValueFunction) -> None:
@@ -209,6 +204,14 @@ def check_not_empty(value: ValueFunction) -> None:
             "no law keeps any state",
             remedy="shorten the horizon, or allow larger inputs or smaller disturbances",
         )
+
+
+def _pace(rate: float | None, sample_time: float, unpredicted_delay: float) -> float:
+    """A rate that is not too fast, or the usual one: a state that is predicted needs no slower."""
+    if rate is None:
+        return usual_pace(sample_time, unpredicted_delay)
+    check_pace(rate, sample_time, unpredicted_delay)
+    return rate
 
 
 def usual_pace(sample_time: float, delay: float = 0.0) -> float:

@@ -59,8 +59,9 @@ def rate_leaves(
     """The leaves of the Lax-Friedrichs scheme with this Hamiltonian.
 
     filtered: whether the rate of a monotone step and the speeds are wanted, too. one_slope: whether
-    the slopes are plain differences. Where that rate is sharp, "local-local" is it: the speeds of
-    all slopes between those at a node wear a ridge on every grid, if a player acts on several axes.
+    the slopes are plain differences. "local-local" uses that rate then, where it is sharp: the
+    speeds of all slopes between those at a node wear a ridge on every grid, if a player acts on
+    several axes.
     """
     n = len(hamiltonian.costates)
     gaps = [sp.Symbol(f"_g{i}", real=True) for i in range(n)]  # no user name begins so
@@ -73,10 +74,10 @@ def rate_leaves(
         (a * g for a, g in zip(speeds, gaps, strict=True)), start=sp.S.Zero
     )
     width = {s: sp.Abs(g) for s, g in zip(hamiltonian.spreads, gaps, strict=True)}
-    of_scheme = total.xreplace(width)
+    scheme_rate = total.xreplace(width)
     if one_slope and dissipation == "local-local" and is_sharp(hamiltonian):
-        of_scheme = monotone_flux(hamiltonian, gaps, over_points=False)
-    totals = [of_scheme]
+        scheme_rate = monotone_flux(hamiltonian, gaps, over_points=False)
+    totals = [scheme_rate]
     if filtered:
         totals += [monotone_flux(hamiltonian, gaps), *hamiltonian.speeds]
     slopes = [*hamiltonian.costates, *gaps]

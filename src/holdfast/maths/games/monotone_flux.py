@@ -23,7 +23,7 @@ many, has its support function in H, and the largest speed that it adds in the d
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import sympy as sp
@@ -53,9 +53,9 @@ def monotone_flux(
 ) -> sp.Expr:
     """H_M in terms of the costates of `h`, which stand for the mean slopes, and half gaps.
 
-    over_points: whether a player without corners also has what points of its set get. They stand
-    still where an input cancels the drift; alone they make a set too large by two cells where its
-    value jumps, which a march beside them does not.
+    over_points: whether a player without corners also has what points of its set get. At some of
+    these the rates vanish where it cancels the drift, so that a ridge there does not wear. A march
+    without another beside it leaves them out: where V jumps they make a set two cells too large.
     """
     game = game_of(h)
     blocks = list(_blocks(game))
@@ -73,8 +73,8 @@ def is_sharp(h: Hamiltonian) -> bool:
     """Whether H_M, without points, smears a value no more than the speeds between the slopes at a
     node ask for.
 
-    It wears ridges where a set without corners moves several axes and is no ellipsoid along them,
-    or cancels their drift alone.
+    The rate wears ridges where inputs without corners move several axes, and where disturbances
+    without corners do that are no ellipsoid along them.
     """
     game = game_of(h)
     return not any(len(b.axes) > 1 and b.is_worn(game.gains) for b in _blocks(game))
@@ -105,44 +105,42 @@ class _Block:
         axes, count = list(self.axes), len(self.axes)
         p = sp.Matrix([h.costates[i] for i in axes])
         g = [gaps[i] for i in axes]
-        bare, smooth = drift.extract(axes, [0]), sp.S.Zero
-        still, wide = bare, [sp.S.Zero] * count
-        moved = []
+        drift_alone, smooth = drift.extract(axes, [0]), sp.S.Zero
+        still, wide = drift_alone, [sp.S.Zero] * count
+        by_players = []
         for k, player in enumerate(self.players):
-            own, corners = self._gain(k, gains), self.corners[k]
+            gain, corners = self._gain(k, gains), self.corners[k]
             if corners is not None or not player.members:
-                moved.append(self._moved(k, gains, corners or []))
+                by_players.append(self._moved(k, gains, corners or []))
                 continue
-            half_axes = player.bounds.half_axes(own) if player.bounds else None
+            half_axes = player.bounds.half_axes(gain) if player.bounds else None
             if half_axes is not None:
                 smooth += player.sign * _length(
                     r * greatest(magnitude(slope) + player.sign * gap, sp.S.Zero)
                     for r, slope, gap in zip(half_axes, p, g, strict=True)
                 )
             else:
-                centre, width, _, _ = player.reach(own, p, sp.zeros(count, 1))
-                smooth += player.support(own.T * p)[0] - (p.T * sp.Matrix(centre))[0]
+                centre, width, _, _ = player.reach(gain, p, sp.zeros(count, 1))
+                smooth += player.support(gain.T * p)[0] - (p.T * sp.Matrix(centre))[0]
                 still = still + sp.Matrix(centre)
                 wide = [a + b for a, b in zip(wide, width, strict=True)]
-            moved.append([sp.zeros(count, 1)])
+            by_players.append([sp.zeros(count, 1)])
         picks = [greatest if side == "max" else least for side in h.sides]
 
-        def over(moved: Sequence[Rates], still: sp.Matrix, wide: Sequence[sp.Expr]) -> sp.Expr:
-            def carried(rates: sp.Matrix) -> sp.Expr:
-                terms = zip(rates, wide, p, g, strict=True)
-                return sp.Add(*(f * slope + (magnitude(f) + w) * gap for f, w, slope, gap in terms))
+        def change(rates: sp.Matrix, wide: Sequence[sp.Expr]) -> sp.Expr:
+            terms = zip(rates, wide, p, g, strict=True)
+            return sp.Add(*(f * slope + (magnitude(f) + w) * gap for f, w, slope, gap in terms))
 
-            return of_all(
-                picks[0],
-                [of_all(picks[1], [carried(still + a + b) for b in moved[1]]) for a in moved[0]],
-            )
+        def best(rates: Sequence[Rates], still: sp.Matrix, wide: Sequence[sp.Expr]) -> sp.Expr:
+            answers = [[change(still + a + b, wide) for b in rates[1]] for a in rates[0]]
+            return of_all(picks[0], [of_all(picks[1], row) for row in answers])
 
-        flux = smooth + over(moved, still, wide)
-        for k, pair in self.points(gains) if over_points else ():
-            flux = picks[k](flux, over(pair, bare, [sp.S.Zero] * count))
+        flux = smooth + best(by_players, still, wide)
+        for k, rates in self.rates_at_points(gains) if over_points else ():
+            flux = picks[k](flux, best(rates, drift_alone, [sp.S.Zero] * count))
         return flux
 
-    def points(self, gains: Sequence[sp.Matrix]) -> Iterator[tuple[int, list[Rates]]]:
+    def rates_at_points(self, gains: Sequence[sp.Matrix]) -> Iterator[tuple[int, list[Rates]]]:
         """The place of a player without corners, and the rates of both at points of its set and at
         the corners of the other's.
 
@@ -150,11 +148,11 @@ class _Block:
         """
         for k in self._without_corners():
             chosen: list[Corners] = [[], []]
-            chosen[k] = [c for bounds in self._bounds(k) for c in bounds.points(BETWEEN)]
+            chosen[k] = self._bounds(k).points(BETWEEN)
             if self.players[1 - k].members:
                 if self.corners[1 - k] is None:
                     continue
-                chosen[1 - k] = [c for bounds in self._bounds(1 - k) for c in bounds.corners()]
+                chosen[1 - k] = self._bounds(1 - k).corners()
             if len(chosen[k]) * max(len(chosen[1 - k]), 1) <= MOST_POINTS:
                 yield k, [self._moved(j, gains, c) for j, c in enumerate(chosen)]
 
@@ -162,28 +160,30 @@ class _Block:
         """Whether the dissipation of a set without corners is larger than it needs to be: inputs
         cancel drift and disturbances, which then have dissipations of their own."""
         return any(
-            k == 0 or not self.players[0].members or bounds.half_axes(self._gain(k, gains)) is None
+            k == 0
+            or not self.players[0].members
+            or self._bounds(k).half_axes(self._gain(k, gains)) is None
             for k in self._without_corners()
-            for bounds in self._bounds(k)
         )
 
     def _without_corners(self) -> list[int]:
         return [k for k, q in enumerate(self.players) if q.members and self.corners[k] is None]
 
-    def _bounds(self, k: int) -> list[Bounds]:
+    def _bounds(self, k: int) -> Bounds:
         bounds = self.players[k].bounds
-        return [] if bounds is None else [bounds]
+        assert bounds is not None  # of a player that has members
+        return bounds
 
     def _moved(self, k: int, gains: Sequence[sp.Matrix], points: Corners) -> Rates:
         """What a player does to the rates at points of its set; nothing if there are none."""
-        own = self._gain(k, gains)
-        return [own * sp.Matrix(c) for c in points] or [sp.zeros(len(self.axes), 1)]
+        gain = self._gain(k, gains)
+        return [gain * sp.Matrix(c) for c in points] or [sp.zeros(len(self.axes), 1)]
 
     def _gain(self, k: int, gains: Sequence[sp.Matrix]) -> sp.Matrix:
         return gains[k].extract(list(self.axes), list(self.columns[k]))
 
 
-def _length(components: Iterator[sp.Expr]) -> sp.Expr:
+def _length(components: Iterable[sp.Expr]) -> sp.Expr:
     return sp.sqrt(sp.Add(*(e**2 for e in components)))
 
 

@@ -117,8 +117,8 @@ class Bounds(ABC):
         return centre, width, centre, width
 
     def half_axes(self, gain: sp.Matrix) -> list[sp.Expr] | None:
-        """Those of the set of all gain . u, where it is an ellipsoid around 0 with its axes along
-        the coordinates; else None."""
+        """The half-axes of the set of all gain . u, where that is an ellipsoid around 0 along the
+        coordinates; else None."""
         return None
 
     def points(self, samples: int) -> list[tuple[sp.Expr, ...]]:
