@@ -142,17 +142,18 @@ class _Block:
 
     def rates_at_points(self, gains: Sequence[sp.Matrix]) -> Iterator[tuple[int, list[Rates]]]:
         """The place of a player without corners, and the rates of both at points of its set and at
-        the corners of the other's.
+        the corners of the other's: of inputs, and of disturbances alone.
 
-        Points of a set get no more than the set, so that the better of both is H for g = 0.
+        Points of a set get no more than the set, so that the better of both is H for g = 0. Inputs
+        at corners alone would wear a ridge, so that disturbances have no points beside them.
         """
-        for k in self._without_corners():
+        for k in self._without_corners()[:1]:
             chosen: list[Corners] = [[], []]
             chosen[k] = self._bounds(k).points(BETWEEN)
             if self.players[1 - k].members:
-                if self.corners[1 - k] is None:
+                if k == 1 or self.corners[1] is None:
                     continue
-                chosen[1 - k] = self._bounds(1 - k).corners()
+                chosen[1] = self._bounds(1).corners()
             if len(chosen[k]) * max(len(chosen[1 - k]), 1) <= MOST_POINTS:
                 yield k, [self._moved(j, gains, c) for j, c in enumerate(chosen)]
 
