@@ -175,9 +175,8 @@ def test_finer_grid_wears_less_of_the_kernel_in_six_states_away(
     """
     found = solved(nodes)
     assert found.steps == steps
-    if left is not None:
-        assert found.left == pytest.approx(left, abs=0.01)
-    assert found.inside == pytest.approx(inside, abs=3)
+    assert found.left == pytest.approx(left, abs=0.01)
+    assert found.inside == pytest.approx(inside, abs=1)
     assert found.outside == pytest.approx(
         outside, abs=3 * math.sqrt(outside * (1 - outside / 1000))
     )
@@ -191,7 +190,7 @@ def test_scheme_of_second_order_in_six_states_keeps_what_few_nodes_promise():
     changes = ["grid.nodes=9", "march.scheme=eno2", "march.band=0.3", near]
     scenario = load_scenario("ch7-six-states", changes)
     found = scenario.run()
-    assert found.promise.inside[0].kept.count == pytest.approx(995, abs=3)
+    assert found.promise.inside[0].kept.count == pytest.approx(995, abs=2)
     assert found.promise.outside.kept.count == pytest.approx(311, abs=45)
     whole = set_on_grid(scenario.about, scenario.grid).fraction()
     assert found.value.fraction() / whole == pytest.approx(0.52, abs=0.01)
@@ -266,7 +265,7 @@ def test_laws_judged_by_the_kernel_in_six_states(case, counts):
         assert found.viable(law, case).value == pytest.approx(viable, abs=2e-3), law
         assert found.of_kernel(law, case).value == pytest.approx(of_kernel, abs=2e-3), law
         assert found.of_given_up(law, case).value == pytest.approx(of_given_up, abs=2e-3), law
-    assert found.of_kernel("filter", case).value >= 0.999
+    assert found.of_kernel("filter", case).value >= {"5 N": 0.999, "1 N": 1}[case]
 
 
 INSIDE = {  # by more than so many metres: how many of 40,000 starts, and how many the filter keeps

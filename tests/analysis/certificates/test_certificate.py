@@ -342,8 +342,8 @@ def test_squares_and_slopes_of_roots_are_as_narrow_as_those_of_the_search():
     flint.ctx.cap = 2
     x, y = checker.ball(-0.25, 0.125), checker.ball(0.5, 0.75)
     for text, low, high in (("x*x", 0.0, 0.25**2), ("x*x*x", -(0.25**3), 0.125 * 0.25**2)):
-        found = checker.Expression(text).at({"x": x})
-        ends = (float(found.lower()), float(found.upper()))
+        enclosure = checker.Expression(text).at({"x": x})
+        ends = (float(enclosure.lower()), float(enclosure.upper()))
         assert ends == pytest.approx((low, high), abs=1e-8)  # a radius has 30 bits
     root = checker.Expression("sqrt(x*x + y*y)")
     slope = root.at({"x": x, "y": flint.arb_series([y, 1])})[1]

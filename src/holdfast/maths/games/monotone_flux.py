@@ -136,26 +136,30 @@ class _Block:
             return of_all(picks[0], [of_all(picks[1], row) for row in answers])
 
         flux = smooth + best(by_players, still, wide)
-        for k, rates in self.rates_at_points(gains) if over_points else ():
+        if over_points and (at_points := self.rates_at_points(gains)) is not None:
+            k, rates = at_points
             flux = picks[k](flux, best(rates, drift_alone, [sp.S.Zero] * count))
         return flux
 
-    def rates_at_points(self, gains: Sequence[sp.Matrix]) -> Iterator[tuple[int, list[Rates]]]:
+    def rates_at_points(self, gains: Sequence[sp.Matrix]) -> tuple[int, list[Rates]] | None:
         """The place of a player without corners, and the rates of both at points of its set and at
         the corners of the other's: of inputs, and of disturbances alone.
 
         Points of a set get no more than the set, so that the better of both is H for g = 0. Inputs
         at corners alone would wear a ridge, so that disturbances have no points beside them.
         """
-        for k in self._without_corners()[:1]:
-            chosen: list[Corners] = [[], []]
-            chosen[k] = self._bounds(k).points(BETWEEN)
-            if self.players[1 - k].members:
-                if k == 1 or self.corners[1] is None:
-                    continue
-                chosen[1] = self._bounds(1).corners()
-            if len(chosen[k]) * max(len(chosen[1 - k]), 1) <= MOST_POINTS:
-                yield k, [self._moved(j, gains, c) for j, c in enumerate(chosen)]
+        rounded = self._without_corners()
+        together = all(player.members for player in self.players)
+        if not rounded or (together and rounded != [0]):
+            return None
+        k = rounded[0]
+        chosen: list[Corners] = [[], []]
+        chosen[k] = self._bounds(k).points(BETWEEN)
+        if together:
+            chosen[1] = self._bounds(1).corners()
+        if len(chosen[k]) * max(len(chosen[1 - k]), 1) > MOST_POINTS:
+            return None
+        return k, [self._moved(j, gains, c) for j, c in enumerate(chosen)]
 
     def is_worn(self, gains: Sequence[sp.Matrix]) -> bool:
         """Whether the dissipation of a set without corners is larger than it needs to be: inputs
