@@ -220,3 +220,25 @@ def test_ridge_between_the_nodes_falls_as_one_on_a_node_does(scheme, nodes):
     for at, exact in ((0.0, 1.0), (0.3, 1.0), (-0.9, 1.0), (1.4, 1.4), (-1.7, 1.7)):
         assert not found.contains([[at, exact - 0.3 * cell]])[0], (at, exact)
         assert found.contains([[at, exact + 1.1 * cell]])[0], (at, exact)
+
+
+@pytest.mark.parametrize("nodes", [56, 111, 221])
+@pytest.mark.parametrize("scheme", ["weno5", "eno3"])
+def test_a_parabola_that_is_carried_against_a_disturbance_ends_where_the_way_does(scheme, nodes):
+    """Its second difference is large: steps of first order would end up to five cells early."""
+    drag, thrust, low, gust, width, middle = -1.13, 1.03, -0.442, 0.0571, 0.2652, -0.357
+    system = hf.System(
+        "drag", (hf.Quantity("x", "m"),), (hf.Quantity("u", "N"),),
+        {"x": drag * X * abs(X) + thrust * U + D},
+        input_bounds=hf.Box((low,), (0.591,)),
+        disturbances=(hf.Quantity("d", "m/s"),), disturbance_bounds=hf.Box((-0.0673,), (gust,)),
+    )  # fmt: skip
+    goal = region(((X - middle) / width) ** 2 - 1)
+    kept = region(within(X, 0.663))
+    grid = hf.grid(system, {"x": (-0.962, 0.962)}, nodes=nodes)
+    value = hf.capture_basin(system, goal, kept, grid, 1.31, scheme=scheme)
+    end, step = middle + width, 1e-4
+    for _ in range(13100):  # back along the way of the worst disturbance
+        end -= step * (drag * end * abs(end) + thrust * low + gust)
+    reached = grid.axes[0].nodes[value.values() > 0].max()
+    assert -0.05 < (end - reached) / grid.axes[0].step < 1.0

@@ -227,7 +227,7 @@ FUNCTIONS = {
     "histories_figure": lambda: {"result": result(), "run": 0},
     "load": lambda: {"path": "nowhere.nc", "lazy": True, "cache": 1.0},
     "load_scenario": lambda: {"name": "inspection", "overrides": ["law.k1=0.1"], "runs": 2, "seed": 3},
-    "march_memory": lambda: {"grid": over(), "capture": True, "moving": False, "times": 1, "least_times": True},
+    "march_memory": lambda: {"grid": over(), "capture": True, "moving": False, "opposed": True, "times": 1, "least_times": True},
     "largest_certified": lambda: {
         "scenario": "loaded-cart", "of": "slope", "between": (0.1, 0.2), "tolerance": 0.09, "share": 0.1, "cells": 5,
         "sample_time": 0.2, "horizon": 0.2, "inputs": 2, "uncertain": {"mass": (19.0, 21.0)}, "errors": {"x": 0.01}, "delay": 0.02, "overrides": ["grid.nodes=7"],

@@ -133,12 +133,15 @@ def test_obstacles_that_move_are_renewed_some_planes_at_a_time(monkeypatch):
     "ends", [{"count": 2}, {"room": "disk"}, {"count": 3, "by_step": STAGE}, {}], ids=str
 )
 def test_any_march_goes_on_from_the_checkpoint_of_another(ends, tmp_path):
-    """Of one in parts a march cut otherwise, and of one in a file one in parts."""
+    """Of one in parts a march cut otherwise, and of one in a file one in parts.
+
+    It is the first of two marches, which are half the way each.
+    """
     told = []
 
     def stop(share):
         told.append(share)
-        if share > 0.5:
+        if share > 0.25:
             raise KeyboardInterrupt
 
     begins = ends | {"room": working_room.Disk(tmp_path / "disk")} if "room" in ends else ends
@@ -148,6 +151,7 @@ def test_any_march_goes_on_from_the_checkpoint_of_another(ends, tmp_path):
     rest = []
     found = basin(**options, progress=rest.append, cluster=Here(1, count=4 if not ends else 1))
     same(basin(), found, "computed_share")
+    rest = [share for share in rest if share <= 0.5]
     assert len(told) + len(rest) - 1 <= found.report.steps <= len(told) + len(rest)
 
 

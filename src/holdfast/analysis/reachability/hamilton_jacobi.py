@@ -47,7 +47,7 @@ def marched(
     h = h or hamiltonian_of(posed)
     if posed.marching.symmetry is not None:
         check_symmetry(h, posed.problem.regions, posed.marching.symmetry)
-    if posed.marching.on_disk is not None and not posed.is_second:
+    if posed.marching.on_disk is not None and not posed.filtered:
         check_disk(posed, h)  # of two marches before the first
     place, finer = workplace(posed.marching), on_finer_grid(posed)
     losses = 0

@@ -28,6 +28,7 @@ def march_memory(
     *,
     capture: bool = False,
     moving: bool = False,
+    opposed: bool = False,
     times: int = 0,
     least_times: bool | None = None,
     **options: Any,
@@ -35,24 +36,25 @@ def march_memory(
     """The bytes of the arrays of a march over `grid` at its peak.
 
     capture: of a capture basin, with its `least_times` unless arrival_steps = 0. moving: the
-    problem depends on time. times: the number of requested values. options: those of `Marching`;
-    precision, order (or scheme), estimate_error and check_outside matter.
+    problem depends on time. opposed: a disturbance works against getting to a basin. times: the
+    number of requested values. options: those of `Marching`; precision, order (or scheme),
+    estimate_error and check_outside matter.
 
     In units of the value at every node: one for each stage of the Runge-Kutta method (two at
     least), two for obstacles, two for each of the times (one until the end of the march), one for
-    the error estimate, of a kernel by a scheme of high order what the march beside the filtered one
-    gave (one, or one for each of the times), two and 8 bytes a node for the least times, four and
-    a byte a node for `check_outside`. With `refine` the nodes are those of the finer grid; of the
-    stages of the method only the blocks that are marched take memory, so that this is then the
-    most that it can be. The compiled march and its libraries take some 300 MB more, independent of
-    the grid.
+    the error estimate, two and 8 bytes a node for the least times, four and a byte a node for
+    `check_outside`. Of what a scheme of high order marches twice (all but basins that nothing
+    opposes) what the first march gave: one, or one for each of the times, and 8 bytes a node for
+    least times. With `refine` the nodes are those of the finer grid; of the stages of the method
+    only the blocks that are marched take memory, so that this is then the most that it can be. The
+    compiled march and its libraries take some 300 MB more, independent of the grid.
 
     Raises `SimulationError` for invalid options.
     """
     wanted = capture if least_times is None else least_times
     count = whole("times: ", times, 0)
     marching = marching_of(options)
-    beside = not capture and not schemes()[marching.scheme].one_slope
+    beside = (opposed or not capture) and not schemes()[marching.scheme].one_slope
     return _bytes(grid, marching, capture or moving, count, wanted, beside)
 
 
@@ -119,4 +121,4 @@ def _bytes(
     nodes = grid.nodes
     if marching.refine > 1:
         nodes += finer(grid, marching.refine).nodes
-    return nodes * (size * arrays + 8 * arrivals + marching.check_outside)
+    return nodes * (size * arrays + 8 * arrivals * (1 + beside) + marching.check_outside)

@@ -186,7 +186,7 @@ class OneMarch:
             begun_from_another=self._begun,
             tolerance_cells=marching.tolerance,
             residual_cells=0.0 if self._decided(done) else self._residual(done),
-            ends_reached="" if posed.is_second else _ends_reached(posed, h.system, held.ends()),
+            ends_reached="" if posed.filtered else _ends_reached(posed, h.system, held.ends()),
             cell=held.start.cell,
             scheme=marching.scheme,
             order=posed.method.order,

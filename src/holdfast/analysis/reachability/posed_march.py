@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -18,14 +17,10 @@ from holdfast.execution.level_set.over_grid import OverGrid
 from holdfast.execution.level_set.units import layout
 from holdfast.maths.games.hamiltonian import Hamiltonian
 
-BESIDE = 0.08, 5.0, 6.0
-"""Of the filtered march beside one of high order (`stage_steps.py`): the largest share of the
-largest rate of the start value by which rates may be apart, the same times the cells of an axis,
-and how much a kink within a cell counts beside a curvature that changes the slope as much."""
-
-ALONE = 0.12, 1.1
-"""The largest such share where no other march is beside it, and the same times the root of the
-cells: kinks do not count, since nothing gives back what they would cost."""
+LEEWAY = 0.08, 5.0, 6.0
+"""Of a filtered march (`stage_steps.py`): the largest share of the largest rate of the start value
+by which rates may be apart, the same times the cells of an axis, and how much a kink within a cell
+counts beside a curvature that changes the slope as much."""
 
 RATE_TIMES = 9
 """Times at which the rates of a problem that depends on time are looked at."""
@@ -49,7 +44,7 @@ def march_of(
         kinds,
         method=posed.method,
         filtered=posed.filtered,
-        leeway=leeway_of(posed, grid),
+        leeway=leeway_on(grid),
         limit=posed.limit,
         clock=posed.clock,
         precision=marching.precision,
@@ -58,14 +53,11 @@ def march_of(
     )
 
 
-def leeway_of(posed: Posed, grid: Grid) -> tuple[float, float]:
+def leeway_on(grid: Grid) -> tuple[float, float]:
     """The share and the weight of a kink, of `March`."""
     cells = 1.0 / float(np.mean([1.0 / (a.count - 1) for a in grid.axes]))
-    if posed.marched_twice:
-        most, times_cells, kink = BESIDE
-        return min(most, times_cells / cells), kink
-    most, times_root = ALONE
-    return min(most, times_root / math.sqrt(cells)), 0.0
+    most, times_cells, kink = LEEWAY
+    return min(most, times_cells / cells), kink
 
 
 def _cut(shape: Sequence[int], nodes: int) -> tuple[int, int, int, int]:

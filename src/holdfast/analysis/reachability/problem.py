@@ -41,9 +41,9 @@ class Posed:
     may hold for these numbers only, and has them in the expressions. asked: the times [s] at which
     the value is wanted, the last of them the horizon; several: whether all are kept.
     arrival_steps: how often it is looked which nodes are new. beyond: what leaving the grid is
-    taken for, "lost" or "won"; "" continues the value. filtered: whether the rate of a scheme of
-    high order is held close to that of a monotone step (`execution/level_set/stage_steps.py`).
-    steps: how it is marched, if not as its options say.
+    taken for, "lost" or "won"; "" continues the value. filtered: whether it is the second of two
+    marches, whose rate is held close to that of a monotone step
+    (`execution/level_set/stage_steps.py`). steps: how it is marched, if not as its options say.
 
     Time t runs from start_time to start_time + horizon. A problem is marched from its end, so that
     t = start_time + horizon - tau, or for one that runs in reverse from its start.
@@ -81,14 +81,10 @@ class Posed:
 
     @property
     def marched_twice(self) -> bool:
-        """Whether a filtered march goes beside one of high order, to what is no larger."""
+        """Whether a filtered march goes beside one of high order (`resting_set.py`)."""
+        opposed = self.problem.disturbances == "min" and bool(self.system.disturbances)
         high = not schemes()[self.marching.scheme].one_slope
-        return high and self.problem.limit == "shrink"
-
-    @property
-    def is_second(self) -> bool:
-        """Whether it is the filtered one of two marches."""
-        return self.filtered and self.marched_twice
+        return high and (opposed or self.problem.limit == "shrink")
 
     @property
     def limit(self) -> str:

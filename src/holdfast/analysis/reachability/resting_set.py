@@ -1,30 +1,32 @@
 """Sets of schemes of high order, held to those of a scheme that converges.
 
-A scheme of high order may stand still at a ridge at which the solution falls. The same scheme held
+A scheme of high order may stand still at a ridge at which the solution moves. The same scheme held
 close to a monotone step (`execution/level_set/stage_steps.py`) converges to the solution, at the
-price of first order at every ridge. So of a set that is to be kept both are asked: with V of the
-march of high order and F of the filtered one the answer is
+price of first order at every ridge. So both are asked: with V of the march of high order and F of
+the filtered one the answer is
 
-    V,  or F where no F within a few cells along the axes is above 0
+    V,  or F where no F within a few cells along the axes is above 0, of a set that is to be kept
+    V,  or F where all F within a few cells are above 0,              of one that is to be reached
+    V,  or F in either case,                                         of a set of an instant
 
 It has the accuracy of high order where the two sets are that close. The few cells (`RIM`) are a
-share of the grid that tends to 0, so that it converges with the filtered value. Where V has come
-to rest the filtered march goes on from it, until it rests as well. Where it has not, or where
-values at earlier times are asked for, it goes the same way as the other from the start on.
+share of the grid that tends to 0, so that it converges with the filtered value. Where V of a set
+that is to be kept has come to rest, the filtered march goes on from it, until it rests as well.
+Elsewhere it goes the same way as the other from the start on.
 
-A set that is to be reached against a disturbance is the same the other way about: a march may stop
-before all is won. It is filtered throughout (`filtered_throughout`).
-Without an opponent a set that grows has no ridge at which H is wrong on both sides: H is convex.
+A set that is to be reached without an opponent has no ridge at which H is wrong: H is convex. It is
+marched once.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from scipy.ndimage import maximum_filter
+from scipy.ndimage import maximum_filter, minimum_filter
 
 from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.hamilton_jacobi import marched
@@ -35,7 +37,6 @@ from holdfast.analysis.reachability.problem import Posed
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.march import Method
-from holdfast.execution.level_set.schemes import schemes
 
 RIM = 0.125
 """Cells by which the set of high order may be larger than that of the filtered scheme, in roots of
@@ -57,14 +58,6 @@ LONGER, LONGEST = 1.25, 0.95
 step is as good as monotone up to the whole."""
 
 
-def filtered_throughout(posed: Posed) -> bool:
-    """Whether a march of this problem is filtered from its start on, and has no other beside it."""
-    problem = posed.problem
-    opposed = problem.disturbances == "min" and bool(posed.system.disturbances)
-    high = not schemes()[posed.marching.scheme].one_slope
-    return high and problem.limit != "shrink" and opposed
-
-
 def marched_to_rest(
     posed: Posed,
     progress: Progress | None = None,
@@ -80,23 +73,23 @@ def marched_to_rest(
         return marched(posed, progress, begin, until)
     h = hamiltonian_of(posed)
     sharp = marched(posed, _half(progress, 0), begin, until, h)
-    report = sharp.report
-    if report.ended_early or (report.empty and not posed.several):
+    report, kept = sharp.report, posed.problem.limit == "shrink"
+    if report.ended_early or (kept and report.empty and not posed.several):
         return sharp
-    beside = replace(posed.renamed("rest"), filtered=True, arrival_steps=0)
+    beside = replace(posed.renamed("rest"), filtered=True)
     tolerance = max(beside.marching.tolerance, float(rim_of(posed.grid)))
     marching = replace(beside.marching, tolerance=tolerance)
-    at_rest = report.converged and not posed.several
+    at_rest = report.converged and kept and not posed.several
     if at_rest:
         begin = np.asarray(sharp.values())
-    elif not report.converged and report.steps > 1:  # a single step may be of no length
+    elif not (report.converged and kept) and report.steps > 1:  # a single step may have no length
         beside = replace(beside, steps=_steps_beside(marching))
     beside = replace(beside, marching=marching)
     worn = marched(beside, _half(progress, 1), begin, h=h)
     left = worn.report.residual_cells
     if at_rest and not worn.report.converged and left is not None and left <= tolerance:
         worn = marched(beside.renamed("at rest"), _half(progress, 1), np.array(worn.values()), h=h)
-    return _no_larger(sharp, worn)
+    return _held(sharp, worn, posed.problem.limit)
 
 
 def _steps_beside(marching: Marching) -> Method:
@@ -111,27 +104,50 @@ def _half(progress: Progress | None, which: int) -> Progress | None:
     return None if progress is None else lambda share: progress(0.5 * (which + share))
 
 
-def _no_larger(sharp: ValueFunction, worn: ValueFunction) -> ValueFunction:
-    """The value of the first, where it is within the rim of the second, at every time.
+def _held(sharp: ValueFunction, worn: ValueFunction, limit: str) -> ValueFunction:
+    """The value of the first where its set is within the rim of that of the second, at every time.
 
     It is changed in place, plane by plane, so that it may be larger than the memory.
     """
-    report = sharp.report
+    report, grid = sharp.report, worn.grid
     tables = [v.dataset["value"].values for v in (sharp, worn)]
     several = "time" in sharp.dataset["value"].dims
-    before = after = 0
-    for values, held in zip(*tables, strict=True) if several else [tables]:
-        before = after = 0  # the last are those of the horizon
-        for planes, bound in _largest_around(held, worn.grid):
-            before += int((values[planes] > 0).sum())
-            values[planes] = np.where(bound > 0, values[planes], np.minimum(values[planes], bound))
-            after += int((values[planes] > 0).sum())
+    before = after = moved = 0
+    for values, filtered in zip(*tables, strict=True) if several else [tables]:
+        before = after = moved = 0  # the last are those of the horizon
+        for planes in _some_planes(values):
+            was, v = values[planes] > 0, values[planes]
+            if limit in ("shrink", "exact"):
+                highest = _around(filtered, planes, grid, maximum_filter)
+                v = np.where(highest > 0, v, np.minimum(v, highest))
+            if limit != "shrink":
+                lowest = _around(filtered, planes, grid, minimum_filter)
+                v = np.where(lowest > 0, np.maximum(v, lowest), v)
+            values[planes], now = v, v > 0
+            before, after = before + int(was.sum()), after + int(now.sum())
+            moved += int((was != now).sum())
+    if "arrival" in sharp.dataset:
+        _no_later(sharp.dataset["arrival"].values, worn.dataset["arrival"].values, grid)
+    lost = after == 0 and limit == "shrink"
     return sharp.reported(
-        converged=(report.converged or after == 0) and worn.report.converged,
+        converged=(report.converged or lost) and worn.report.converged,
         empty=after == 0,
-        filtered_share=(before - after) / max(before, 1),
+        filtered_share=moved / max(before, after, 1),
         wall_time_s=report.wall_time_s + worn.report.wall_time_s,
     )
+
+
+def _no_later(times: Array, filtered: Array, grid: Grid) -> None:
+    """Times of arrival, NaN for none, no later than the latest filtered one within the rim."""
+
+    def latest_of(arrivals: Array, **options: Any) -> Array:
+        found: Array = maximum_filter(np.where(np.isnan(arrivals), math.inf, arrivals), **options)
+        return found
+
+    for planes in _some_planes(times):
+        latest = _around(filtered, planes, grid, latest_of)
+        own = times[planes]
+        times[planes] = np.where(latest < math.inf, np.fmin(own, latest), own)
 
 
 def rim_of(grid: Grid) -> int:
@@ -140,16 +156,18 @@ def rim_of(grid: Grid) -> int:
     return math.ceil(RIM * math.sqrt(float(np.mean([axis.count for axis in grid.axes]))))
 
 
-def _largest_around(values: Array, grid: Grid) -> Iterator[tuple[slice, Array]]:
-    """Of some planes of the first axis at a time the largest value within the rim."""
-    axes = grid.axes
-    rim = rim_of(grid)
-    modes = ["wrap" if axis.ends == "periodic" else "nearest" for axis in axes]
-    count = axes[0].count
+def _some_planes(values: Array) -> Iterator[slice]:
+    """Planes of the first axis that are looked at together."""
+    count = len(values)
     step = max(1, TOGETHER // (values.size // count))
-    for first in range(0, count, step):
-        last = min(first + step, count)
-        around = np.arange(first - rim, last + rim)
-        around = around % count if modes[0] == "wrap" else np.clip(around, 0, count - 1)
-        bound = maximum_filter(values[around], size=2 * rim + 1, mode=["nearest", *modes[1:]])
-        yield slice(first, last), bound[rim : rim + last - first]
+    return (slice(k, min(k + step, count)) for k in range(0, count, step))
+
+
+def _around(values: Array, planes: slice, grid: Grid, extreme: Callable[..., Array]) -> Array:
+    """Of these planes the largest or the least value within the rim."""
+    rim, count = rim_of(grid), len(values)
+    modes = ["wrap" if axis.ends == "periodic" else "nearest" for axis in grid.axes]
+    near = np.arange(planes.start - rim, planes.stop + rim)
+    near = near % count if modes[0] == "wrap" else np.clip(near, 0, count - 1)
+    found = extreme(values[near], size=2 * rim + 1, mode=["nearest", *modes[1:]])
+    return found[rim : rim + planes.stop - planes.start]

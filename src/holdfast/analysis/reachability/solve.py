@@ -21,7 +21,7 @@ from holdfast.analysis.reachability.one_march import Progress, Until
 from holdfast.analysis.reachability.options import Problem, marching_of
 from holdfast.analysis.reachability.problem import Posed, definition, pose
 from holdfast.analysis.reachability.refinement import check_refined
-from holdfast.analysis.reachability.resting_set import filtered_throughout, marched_to_rest
+from holdfast.analysis.reachability.resting_set import marched_to_rest
 from holdfast.analysis.reachability.value_function import ValueFunction, to_value_function
 from holdfast.errors import SimulationError
 from holdfast.execution.level_set.over_grid import over_grid
@@ -80,7 +80,6 @@ def solve(
         arrival_steps=arrival_steps,
         start_time=start_time,
     )
-    posed = replace(posed, filtered=filtered_throughout(posed))
     check_refined(posed)
     marching = posed.marching
     grids = {False: 0, True: 1, "order": 2}[marching.estimate_error]
