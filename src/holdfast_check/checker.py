@@ -192,7 +192,10 @@ def _raised(base: Any, power: int) -> Any:
 
 
 def _value_and_slope(q: Any) -> tuple[Any, Any]:
-    return (q[0], q[1]) if isinstance(q, arb_series) else (arb(q), arb(0))
+    """Of a series that ends before its slope, that is no number: it reads as 0 there."""
+    if isinstance(q, arb_series):
+        return q[0], q[1] if q.prec > 1 else arb("nan")
+    return arb(q), arb(0)
 
 
 def _root(node: ast.expr, x: Any) -> Any:

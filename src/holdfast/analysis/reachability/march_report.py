@@ -30,8 +30,9 @@ class Report:
     many times shorter the cells near the boundary are, marched_share: the mean share of the nodes
     of this finer grid that were in blocks around it; None without `refine`.
 
-    filtered_share: the share of the nodes of a set to be kept that the filtered scheme took from
-    it; None where that scheme made the set, or was not asked (`resting_set.py`).
+    filtered_share: how many nodes the filtered scheme took from a set that is to be kept, or added
+    to one that is to be reached, as a share of them; None where it was not asked
+    (`resting_set.py`).
 
     The following are None, or empty, unless requested. error_order, error_largest, error_rms,
     error_cells, volume_coarse: see `error_estimate.with_error`. error_reach: cells by which the
