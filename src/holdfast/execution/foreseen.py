@@ -29,7 +29,7 @@ SIDES = 0.5  # how far around the best point the search begins, in half widths
 
 
 def numbers_of_look(axes: int, moves: int) -> int:
-    """The numbers of `room` that `least_after` needs; of `whole` it needs 3 * axes."""
+    """The numbers of `room` that `least_after` needs; of `whole` it needs 2 * axes."""
     return 4 * axes + 2 * (1 << axes) + moves
 
 
@@ -114,7 +114,7 @@ def value_there(
 
 def numbers_of_search(axes: int, m: int, most: int, moves: int) -> int:
     """The numbers of `room` that `search` needs, without its program; of `whole` it needs
-    3 * axes."""
+    2 * axes."""
     return numbers_of_look(axes, moves) + (most + CUTS * moves) * (m + 1) + 5 * m
 
 

@@ -357,7 +357,7 @@ def _of_search(guard: Safeguard, ahead: Foresight, m: int, axes: int) -> str:
     """The arrays of the search of a foresight."""
     room = numbers_of_search(axes, m, len(guard.offsets), ahead.moves)
     return (
-        f"        double result[{m + 1}], ahead[{room}];\n        long whole[{3 * axes}];\n"
+        f"        double result[{m + 1}], ahead[{room}];\n        long whole[{2 * axes}];\n"
         f"        long ends[] = {{{', '.join(map(str, guard.ends))}}};\n"
     )
 
