@@ -92,6 +92,8 @@ def test_kernel_is_kept_by_a_filter_whose_measurements_are_late(kernel, late):
     """
     steps, seconds, count = 10, 8.0, 120
     keep = hf.SafetyFilter(CAR, kernel, sample_time=HOLD, delay=late * HOLD / steps)
+    said = f", of states that are seen {keep.delay:g} s late"
+    assert (said in str(keep)) == (late > 0)
     game = list(kernel.games.values())[-1]
     assert (game.table > game.least).mean() > 0.95 * (kernel.values() > 0).mean()
     generator = np.random.default_rng(0)
@@ -307,3 +309,16 @@ def test_what_a_disturbance_moves_is_carried_on_with_the_worst_input():
             v = v + HOLD / steps * rate(v + HOLD / steps / 2 * rate(v))
         way.append(v)
         assert np.abs(v).max() < 1
+
+
+def test_a_name_of_what_is_remembered_is_refused():
+    span = hf.symbol("span_1")
+    system = hf.System(
+        "cart", (hf.Quantity("span_1", "m"), hf.Quantity("v", "m/s")), (hf.Quantity("u", "m/s^2"),),
+        {"span_1": hf.symbol("v"), "v": hf.symbol("u")}, input_bounds=hf.Box((-1,), (1,)),
+    )  # fmt: skip
+    walls = hf.Region("walls", system.states, (hf.Inequality("walls", abs(span) - 1, "m"),))
+    grid = hf.grid(system, {"span_1": (-1.2, 1.2), "v": (-2, 2)}, 21)
+    value = hf.viability_kernel(system, walls, grid, 1.0)
+    with pytest.raises(DefinitionError, match="'cart' has a 'span_1', as has what a filter remem"):
+        hf.SafetyFilter(system, value, sample_time=0.1, delay=0.1)

@@ -110,6 +110,7 @@ class SafetyFilter:
             predicts=states is None,
         )  # fmt: skip
         check_around_parts(made, states, rates)
+        self.delay = float(delay)
         law = made.whole_law
         if rates is not None:
             law = limit_rates(system, law, rates)
@@ -321,7 +322,9 @@ class SafetyFilter:
         ]
         lines = [
             f"safety filter of '{self.system.name}': keeps {' and '.join(names)}, "
-            f"with inputs held for {self.sample_time:g} s",
+            f"with inputs held for {self.sample_time:g} s"
+            + f", of states that are seen {self.delay:g} s late"
+            * (self.delay > 0),
             crossings_text(self.crossings, self.sample_time),
         ]
         return "\n".join(line for line in lines if line)

@@ -65,6 +65,7 @@ def prediction(system: System, hold: float, delay: float) -> Prediction | None:
     """The prediction over a delay [s] of inputs that are held for `hold` [s].
 
     None where more than `MOST_SENT` inputs are on their way, or the expressions are too long.
+    `DefinitionError` where the system has a name of what is remembered.
     """
     count = math.ceil(delay / hold - 1e-9)
     if not 0 < count <= MOST_SENT:
@@ -90,6 +91,12 @@ def prediction(system: System, hold: float, delay: float) -> Prediction | None:
         before: Sequence[Quantity] = system.inputs if k == 0 else past[k - 1]
         following |= {q.name: b.symbol for q, b in zip(past[k], before, strict=True)}
     quantities = (*spans, *(q for row in past for q in row))
+    named = {q.name for q in (*system.states, *system.parameters, *system.disturbances)}
+    for name in sorted(named & {q.name for q in quantities}):
+        raise DefinitionError(
+            f"system '{system.name}' has a '{name}', as has what a filter remembers of its inputs",
+            remedy="give it another name, or leave out the delay",
+        )
     initial = dict.fromkeys((q.name for q in quantities), sp.S.Zero)
     return Prediction(delay, places, Memory(quantities, initial, following, (), system.inputs))
 
