@@ -320,11 +320,10 @@ class SafetyFilter:
         names = [
             f"'{k.name}'" if isinstance(k, Region) else f"a kernel of {k.names}" for k in keeps
         ]
+        late = f", of states that are seen {self.delay:g} s late" if self.delay else ""
         lines = [
             f"safety filter of '{self.system.name}': keeps {' and '.join(names)}, "
-            f"with inputs held for {self.sample_time:g} s"
-            + f", of states that are seen {self.delay:g} s late"
-            * (self.delay > 0),
+            f"with inputs held for {self.sample_time:g} s{late}",
             crossings_text(self.crossings, self.sample_time),
         ]
         return "\n".join(line for line in lines if line)

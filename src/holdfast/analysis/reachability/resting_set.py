@@ -39,9 +39,9 @@ from holdfast.execution.arrays import AnyArray as Array
 from holdfast.execution.level_set.march import Method
 
 RIM = 0.125
-"""Cells by which the set of high order may be larger than that of the filtered scheme, in roots of
-the mean number of nodes along an axis, rounded up: at the tips of a set a monotone step wears off
-more cells of finer grids."""
+"""Cells by which the set of high order may be larger than that of the filtered scheme, or smaller,
+in roots of the mean number of nodes along an axis, rounded up: at the tips of a set a monotone step
+wears off more cells of finer grids."""
 
 TOGETHER = 1 << 22
 """Nodes that are looked at together."""
@@ -151,8 +151,8 @@ def _no_later(times: Array, filtered: Array, grid: Grid) -> None:
 
 
 def rim_of(grid: Grid) -> int:
-    """Cells by which the set of high order may be larger, which is also how far the filtered one
-    may still move where it is said to rest."""
+    """Cells by which the set of high order may be beside the filtered one, which is also how far
+    that may still move where it is said to rest."""
     return math.ceil(RIM * math.sqrt(float(np.mean([axis.count for axis in grid.axes]))))
 
 
