@@ -242,3 +242,17 @@ def test_a_parabola_that_is_carried_against_a_disturbance_ends_where_the_way_doe
         end -= step * (drag * end * abs(end) + thrust * low + gust)
     reached = grid.axes[0].nodes[value.values() > 0].max()
     assert -0.05 < (end - reached) / grid.axes[0].step < 1.0
+
+
+def test_forward_set_of_a_surge_ends_a_part_of_a_cell_beyond_what_is_reached():
+    """An inner approximation leaves out what is thin; its ends are those of the scheme."""
+    drag, mass, force = 0.95 * X + 6.04 * X * abs(X), 7.34, 10
+    system = hf.System(
+        "surge", (hf.Quantity("x", "m/s"),), (hf.Quantity("u", "N"),), {"x": (U - drag) / mass},
+        input_bounds=hf.Box((-force,), (force,)),
+    )  # fmt: skip
+    grid = hf.grid(system, {"x": (-1.6, 1.6)}, 41, {"x": "extrapolated"})
+    value = hf.forward_reachable_set(system, region(within(X, 0.3)), grid, 8.0)
+    fastest = (-0.95 + math.sqrt(0.95**2 + 4 * 6.04 * force)) / (2 * 6.04)
+    beyond = (value.extent()["x"][1] - fastest) / grid.axes[0].step
+    assert beyond == pytest.approx(0.05, abs=0.02)
