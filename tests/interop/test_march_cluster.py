@@ -54,7 +54,8 @@ def test_a_worker_killed_costs_what_was_done_since_the_checkpoint(cluster, tmp_p
         found = basin(cluster=workers, checkpoint=tmp_path, checkpoint_every=0, progress=progress)
         assert killed
         same(basin(), found, "computed_share")
-        assert len(told) <= found.report.steps + 1  # with a checkpoint of every step
+        first = [share for share in told if share <= 0.5]  # of two marches
+        assert len(first) <= found.report.steps + 1  # with a checkpoint of every step
         ended = basin(cluster=workers, checkpoint=tmp_path, progress=told.append)
         same(found, ended, "computed_share")
 
