@@ -294,16 +294,10 @@ def test_upwind_keeps_nothing_of_the_corners_that_are_lost():
 
 @pytest.mark.heavy
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize(
-    ("nodes", "sample_time", "options"),
-    [(81, 0.002, {}), (81, 0.01, {}), (41, 0.01, {"dissipation": "local"})],
-)
-def test_filter_of_the_converter_stays_while_it_slides_along_the_edges(nodes, sample_time, options):
-    """The deepest and the lowest of the starts that it promises, for 40 s, in each mode.
-
-    Trial runs that last as long as the fast axis takes do not see how slowly some are lost.
-    """
-    value, *_ = beyond_its_barriers("converter", nodes, 0.02, **options)
+@pytest.mark.parametrize("sample_time", [0.002, 0.01])
+def test_filter_of_the_converter_stays_while_it_slides_along_the_edges(sample_time):
+    """The deepest and the lowest of the starts that it promises, for 40 s, in each mode."""
+    value, *_ = beyond_its_barriers("converter", 81, 0.02)
     x, y, m = (hf.symbol(n) for n in "xym")
     system = hf.System(
         "converter", (hf.Quantity("x"), hf.Quantity("y")), (hf.Quantity("m"),),

@@ -75,9 +75,9 @@ LEVELS = (0.1, 0.3, 0.6, 1.0)  # cells above the level: the margins that are tri
 FIRST_LEVELS = 2  # how many of them before the next band
 FALLEN = 0.5  # of a margin, below which no trial run may fall
 DRIFT = 0.02  # cells by which the second halves of runs may be lower than the first ones
-FLOWN, FEWEST, MOST, LONGEST = 120_000, 150, 300, 3000
+FLOWN, FEWEST, MOST, LONGEST = 120_000, 60, 300, 3000
 """Samples of all trial runs together, the fewest and most runs, and the most samples of one."""
-CROSSINGS = 12.0  # of the grid along its slowest axis, that a run may take at the highest speeds
+CROSSINGS = 4.0  # of the grid, that a run may take at least at the highest speed
 HELD = 0.75  # the share of a set from which on a longer hold of the game is not tried
 FAR = 1.5  # cells that a state moves at most within that longer hold
 FARTHEST = 1e3  # cells below what is lost, at most
@@ -280,10 +280,10 @@ class _Game:
                 if last is None or game.max() > LEVELS[-1] * self.cell:
                     last = game
                 for level in LEVELS[:FIRST_LEVELS]:
-                    if self._stays(game, values, level * self.cell, held):
+                    if self._stays(game, values, level * self.cell, held, cells):
                         return self._of(game, level, table.dtype)
             for level, game in itertools.product(LEVELS[FIRST_LEVELS:], games):
-                if self._stays(game, values, level * self.cell, held):
+                if self._stays(game, values, level * self.cell, held, cells):
                     return self._of(game, level, table.dtype)
         return None if last is None else self._of(last, LEVELS[-1], table.dtype, stays=False)
 
@@ -385,15 +385,16 @@ class _Game:
 
     # -- trial runs ------------------------------------------------------------------------
 
-    def _stays(self, table: Array, values: Array, level: float, held: _Motions) -> bool:
+    def _stays(
+        self, table: Array, values: Array, level: float, held: _Motions, cells: float
+    ) -> bool:
         """Whether no trial run from right above a level falls below `FALLEN` of it, or goes on
         falling.
 
         The states are between nodes; the wanted inputs are those that the bounds allow at most and
         least, and the middle; the disturbance is the one that is worst for the next sample.
         """
-        crossing = float((self.shape / np.maximum(held.reach, 1e-9)).max())
-        samples = int(min(max(300.0, CROSSINGS * crossing), LONGEST))
+        samples = int(min(max(300.0, CROSSINGS * self.shape.max() / max(cells, 1e-9)), LONGEST))
         runs = int(min(max(FLOWN / samples, FEWEST), MOST))
         generator = np.random.default_rng(0)
         states = self._between_nodes(table, level, runs, generator)
