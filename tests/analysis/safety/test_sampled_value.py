@@ -420,7 +420,7 @@ def test_filter_loses_no_start_where_v_is_level_or_jumps(problem, hold, least):
         *((converter, n, h, 0.96) for n in (81, 161) for h in (0.002, 0.01, 0.05, 0.2)),
         *((pendulum, 81, h, s) for h, s in ((0.01, 0.78), (0.05, 0.88), (0.2, 0.94))),
         *((car, 61, h, 0.94) for h in (0.02, 0.1)),
-        *((car, 31, h, 0.8) for h in (0.02, 0.1)),
+        (car, 41, 0.1, 0.9),
     ],
 )
 def test_filter_loses_no_start_where_v_is_level_or_jumps_for_long(problem, nodes, hold, least):
