@@ -160,6 +160,27 @@ def test_no_scheme_keeps_a_state_where_rates_depend_on_time(scheme, seed):
     assert swaying(seed, 31, scheme).report.empty
 
 
+@pytest.mark.parametrize("foe", [0.0, 1e-4])
+def test_basin_whose_goal_is_there_at_its_end_alone_is_the_kernel_until_then(foe):
+    """With or without a disturbance: nothing stays in the square for so long."""
+    x, y, m, d = (hf.symbol(n) for n in ("x", "y", "m", "d"))
+    pushed = {"disturbances": (hf.Quantity("d"),), "disturbance_bounds": hf.Box((-foe,), (foe,))}
+    system = hf.System(
+        "two modes", (hf.Quantity("x", "m"), hf.Quantity("y", "m")), (hf.Quantity("m"),),
+        {"x": 1 - 1.3 * m + (d if foe else 0), "y": -0.3 + 0.35 * m},
+        input_bounds=hf.Box((0,), (1,)), **(pushed if foe else {}),
+    )  # fmt: skip
+
+    def square(shrunk):
+        sides = {"a": -x, "b": x - 1, "c": -y, "d": y - 1}
+        rows = tuple(hf.Inequality(n, e + shrunk, "m") for n, e in sides.items())
+        return hf.Region("square", system.states, rows)
+
+    grid = hf.grid(system, {"x": (-0.1, 1.1), "y": (-0.113, 1.1)}, nodes=31)
+    goal = square(20 * (100 - TIME))
+    assert hf.capture_basin(system, goal, square(0), grid, 100.0).report.empty
+
+
 def two_modes(**options: object) -> hf.ValueFunction:
     """(1, -.3) and (-.3, .05) blended: .23 x + y falls by .019 /s at least."""
     m = hf.symbol("m")

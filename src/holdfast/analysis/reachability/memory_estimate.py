@@ -44,7 +44,7 @@ def march_memory(
     least), two for obstacles, two for each of the times (one until the end of the march), one for
     the error estimate, two and 8 bytes a node for the least times, four and a byte a node for
     `check_outside`. Of what a scheme of high order marches twice (all but basins that nothing
-    opposes) what the first march gave: one, or one for each of the times, and 8 bytes a node for
+    opposes or moves) what the first gave: one, or one for each of the times, and 8 bytes a node for
     least times. With `refine` the nodes are those of the finer grid; of the stages of the method
     only the blocks that are marched take memory, so that this is then the most that it can be. The
     compiled march and its libraries take some 300 MB more, independent of the grid.
@@ -54,7 +54,7 @@ def march_memory(
     wanted = capture if least_times is None else least_times
     count = whole("times: ", times, 0)
     marching = marching_of(options)
-    beside = (opposed or not capture) and not schemes()[marching.scheme].one_slope
+    beside = (opposed or moving or not capture) and not schemes()[marching.scheme].one_slope
     return _bytes(grid, marching, capture or moving, count, wanted, beside)
 
 

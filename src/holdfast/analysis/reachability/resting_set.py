@@ -7,7 +7,7 @@ the filtered one the answer is
 
     V,  or F where no F within a cell along the axes is above 0, of a set that is to be kept
     V,  or F where all F within a cell are above 0,              of one that is to be reached
-    V,  or F in either case,                                     of a set of an instant
+    V,  or F in either case,            of a set of an instant, or what is to be reached in time
 
 It has the accuracy of high order where the two sets are that close. On fine grids it is a few cells
 (`RIM`), a share of the grid that tends to 0, so that it converges with the filtered value. Where V
@@ -15,7 +15,7 @@ of a set that is to be kept has come to rest, the filtered march goes on from it
 well. Elsewhere it goes the same way as the other from the start on.
 
 A set that is to be reached without an opponent has no ridge at which H is wrong: H is convex. It is
-marched once.
+marched once, but for a basin that depends on time: what it is kept within makes it a kernel.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def marched_to_rest(
     left = worn.report.residual_cells
     if at_rest and not worn.report.converged and left is not None and left <= tolerance:
         worn = marched(beside.renamed("at rest"), _half(progress, 1), np.array(worn.values()), h=h)
-    return _held(sharp, worn, posed.problem.limit)
+    return _held(sharp, worn, "exact" if posed.varies and not kept else posed.problem.limit)
 
 
 def _steps_beside(marching: Marching) -> Method:
@@ -129,10 +129,14 @@ def _held(sharp: ValueFunction, worn: ValueFunction, limit: str) -> ValueFunctio
     if "arrival" in sharp.dataset:
         _no_later(sharp.dataset["arrival"].values, worn.dataset["arrival"].values, grid)
     lost = after == 0 and limit == "shrink"
+    reached = (
+        report.reached_s if limit == "shrink" else max(report.reached_s, worn.report.reached_s)
+    )
     return sharp.reported(
         converged=(report.converged or lost) and worn.report.converged,
         empty=after == 0,
         filtered_share=moved / max(before, after, 1),
+        reached_s=reached,
         wall_time_s=report.wall_time_s + worn.report.wall_time_s,
     )
 
