@@ -234,9 +234,9 @@ def test_a_parabola_that_is_carried_against_a_disturbance_ends_where_the_way_doe
         disturbances=(hf.Quantity("d", "m/s"),), disturbance_bounds=hf.Box((-0.0673,), (gust,)),
     )  # fmt: skip
     goal = region(((X - middle) / width) ** 2 - 1)
-    kept = region(within(X, 0.663))
+    walls = region(within(X, 0.663))
     grid = hf.grid(system, {"x": (-0.962, 0.962)}, nodes=nodes)
-    value = hf.capture_basin(system, goal, kept, grid, 1.31, scheme=scheme)
+    value = hf.capture_basin(system, goal, walls, grid, 1.31, scheme=scheme)
     end, step = middle + width, 1e-4
     for _ in range(13100):  # back along the way of the worst disturbance
         end -= step * (drag * end * abs(end) + thrust * low + gust)

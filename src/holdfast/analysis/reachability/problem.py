@@ -84,8 +84,8 @@ class Posed:
         """Whether a filtered march goes beside one of high order (`resting_set.py`)."""
         opposed = self.problem.disturbances == "min" and bool(self.system.disturbances)
         high = not schemes()[self.marching.scheme].one_slope
-        kept = self.problem.limit == "shrink" or (self.problem.limit == "free" and self.varies)
-        return high and (opposed or kept)
+        shrinks = self.problem.limit == "shrink" or (self.problem.limit == "free" and self.varies)
+        return high and (opposed or shrinks)
 
     @property
     def limit(self) -> str:

@@ -73,23 +73,23 @@ def marched_to_rest(
         return marched(posed, progress, begin, until)
     h = hamiltonian_of(posed)
     sharp = marched(posed, _half(progress, 0), begin, until, h)
-    report, kept = sharp.report, posed.problem.limit == "shrink"
-    if report.ended_early or (kept and report.empty and not posed.several):
+    report, is_kernel = sharp.report, posed.problem.limit == "shrink"
+    if report.ended_early or (is_kernel and report.empty and not posed.several):
         return sharp
     beside = replace(posed.renamed("rest"), filtered=True)
     tolerance = max(beside.marching.tolerance, float(rim_of(posed.grid)))
     marching = replace(beside.marching, tolerance=tolerance)
-    at_rest = report.converged and kept and not posed.several
+    at_rest = report.converged and is_kernel and not posed.several
     if at_rest:
         begin = np.asarray(sharp.values())
-    elif not (report.converged and kept) and report.steps > 1:  # a single step may have no length
+    elif not (report.converged and is_kernel) and report.steps > 1:  # one may have no length
         beside = replace(beside, steps=_steps_beside(marching))
     beside = replace(beside, marching=marching)
     worn = marched(beside, _half(progress, 1), begin, h=h)
     left = worn.report.residual_cells
     if at_rest and not worn.report.converged and left is not None and left <= tolerance:
         worn = marched(beside.renamed("at rest"), _half(progress, 1), np.array(worn.values()), h=h)
-    return _held(sharp, worn, "exact" if posed.varies and not kept else posed.problem.limit)
+    return _held(sharp, worn, "exact" if posed.varies and not is_kernel else posed.problem.limit)
 
 
 def _steps_beside(marching: Marching) -> Method:
@@ -145,13 +145,13 @@ def _no_later(times: Array, filtered: Array, grid: Grid) -> None:
     """Times of arrival, NaN for none, no later than the latest filtered one within the rim."""
 
     def latest_of(arrivals: Array, **options: Any) -> Array:
-        found: Array = maximum_filter(np.where(np.isnan(arrivals), math.inf, arrivals), **options)
-        return found
+        latest: Array = maximum_filter(np.where(np.isnan(arrivals), math.inf, arrivals), **options)
+        return latest
 
     for planes in _some_planes(times):
         latest = _around(filtered, planes, grid, latest_of)
-        own = times[planes]
-        times[planes] = np.where(latest < math.inf, np.fmin(own, latest), own)
+        sharp = times[planes]
+        times[planes] = np.where(latest < math.inf, np.fmin(sharp, latest), sharp)
 
 
 def rim_of(grid: Grid) -> int:
@@ -173,5 +173,5 @@ def _around(values: Array, planes: slice, grid: Grid, extreme: Callable[..., Arr
     modes = ["wrap" if axis.ends == "periodic" else "nearest" for axis in grid.axes]
     near = np.arange(planes.start - rim, planes.stop + rim)
     near = near % count if modes[0] == "wrap" else np.clip(near, 0, count - 1)
-    found = extreme(values[near], size=2 * rim + 1, mode=["nearest", *modes[1:]])
-    return found[rim : rim + planes.stop - planes.start]
+    extremes = extreme(values[near], size=2 * rim + 1, mode=["nearest", *modes[1:]])
+    return extremes[rim : rim + planes.stop - planes.start]
