@@ -5,6 +5,7 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
+from holdfast.analysis.reachability.problem import Posed
 
 X, U = hf.symbol("x"), hf.symbol("u")
 HORIZON = 0.54  # s
@@ -42,10 +43,20 @@ def cells_too_large(scheme, dissipation, nodes):
     return (first_kept() - first) / grid.axes[0].step
 
 
-@pytest.mark.parametrize(("dissipation", "cells"), [("global", 4.3), ("local-local", 1.0)])
-def test_upwind_enlarges_a_set_where_its_value_is_convex_by_a_number_of_cells(dissipation, cells):
-    assert cells_too_large("upwind", dissipation, 401) == pytest.approx(cells, abs=0.1)
-    assert cells_too_large("upwind", dissipation, 201) == pytest.approx(cells, abs=0.2)
+@pytest.mark.parametrize("nodes", [51, 101, 201, 401])
+@pytest.mark.parametrize(
+    ("dissipation", "cells"), [("global", 0.9), ("local", 0.9), ("local-local", 1.0)]
+)
+def test_upwind_enlarges_a_set_where_its_value_is_convex_by_a_cell(dissipation, cells, nodes):
+    assert cells_too_large("upwind", dissipation, nodes) == pytest.approx(cells, abs=0.06)
+
+
+def test_without_the_second_march_global_speeds_enlarge_it_by_more_cells_of_finer_grids(
+    monkeypatch,
+):
+    monkeypatch.setattr(Posed, "held", ())
+    cells = [cells_too_large("upwind", "global", nodes) for nodes in (51, 401)]
+    assert cells == pytest.approx([2.6, 4.3], abs=0.1)
 
 
 def test_weno5_does_not():

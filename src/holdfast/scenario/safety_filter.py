@@ -78,7 +78,8 @@ class Safety:
         """The optimal velocities of the kernel, which the vehicle's own inputs follow."""
         assert self.kernel.scenario is not None
         assert self.tracking is not None
-        velocities: Law = kept_law(self.kernel.scenario.system, value, None, delay=delay).law
+        game = self.kernel.scenario.system
+        velocities: Law = kept_law(game, value, None, delay=delay, ahead=False).law
         return track_velocity(system, velocities, self.tracking)
 
 

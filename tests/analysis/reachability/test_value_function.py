@@ -177,16 +177,6 @@ def test_forward_reach_is_called_an_inner_approximation_wherever_it_is_told():
     assert "approximation" not in back.summary()
 
 
-def test_text_names_a_dissipation_that_enlarges_sets():
-    grid = hf.grid(CART, {"x": (-1.3, 1.3), "v": (-1.8, 1.8)}, 21)
-    for dissipation, scheme, named in (
-        ("global", "upwind", True), ("local-local", "upwind", False), ("global", "weno5", False),
-    ):  # fmt: skip
-        found = hf.viability_kernel(CART, WALLS, grid, 1.0, scheme=scheme, dissipation=dissipation)
-        warning = "global: the set may be some cells too large, however fine the grid is"
-        assert (warning in value_text(found)) is named
-
-
 def test_forward_reach_is_the_reverse_of_backward_reach():
     start = hf.Region(
         "start", CART.states, (hf.Inequality("c", sp.sqrt(X**2 + V**2 + 1e-12) - 0.2, "m"),)

@@ -30,10 +30,6 @@ MOST_CELLS = 20
 MOST = 0.95
 """Part of the nodes beside the boundary; at a crease of V a single one may be off arbitrarily."""
 
-WEARING = ("global", "local")
-"""Dissipations with which the scheme "upwind" first wears a set away, and on finer grids makes it
-too large, so that two grids do not tell how far it is off."""
-
 STEEP, SHARE = 0.6, 0.05
 """V jumps where its change across the boundary, on cells of half the size, is more than this part
 of what it was (half of it where V is smooth, all of it where it jumps), on this share of it."""
@@ -64,7 +60,7 @@ def with_error_in_cells(found: ValueFunction, coarse: ValueFunction) -> ValueFun
 
     jumps: whether V jumps on a part of the boundary. error_reach: the error in whole cells, at
     least 1, by which `inner` erodes the set; 0 says that it is not known: `MOST_CELLS` are not
-    enough, or scheme and dissipation are `WEARING`.
+    enough.
     boundary_error: the same along every axis, in its unit. error_cells is `error_reach` where V
     jumps: there the difference of two values says nothing about places.
     """
@@ -75,17 +71,12 @@ def with_error_in_cells(found: ValueFunction, coarse: ValueFunction) -> ValueFun
     if jumps:
         order = ORDERS[found.report.scheme]
         apart = apart / (2.0 ** (order / (order + 1)) - 1.0) + 1.0
-    known = apart <= MOST_CELLS and not wearing(found.report)
+    known = apart <= MOST_CELLS
     reach = max(1, math.ceil(apart)) if known else 0
     lengths = {a.name: reach * a.step for a in found.grid.axes} if reach else {}
     if jumps:
         found = found.reported(error_cells=float(reach) if reach else None)
     return found.reported(error_reach=reach, jumps=jumps, boundary_error=lengths)
-
-
-def wearing(report: Report) -> bool:
-    """Whether two grids do not tell how far a set is off, by the scheme."""
-    return report.scheme == "upwind" and report.dissipation in WEARING
 
 
 def _distance(values: Array, other: Array, periodic: Sequence[bool]) -> float:
@@ -165,12 +156,6 @@ def inner(value: ValueFunction) -> ValueFunction:
         raise SimulationError(
             "an inner set of a value function without an estimate of its error",
             remedy="compute it with estimate_error=True",
-        )
-    if not cells and wearing(value.report):
-        raise SimulationError(
-            f'two grids do not tell the error of scheme "upwind" with dissipation '
-            f'"{value.report.dissipation}"',
-            remedy='take dissipation="local-local"',
         )
     if not cells:
         raise SimulationError(

@@ -43,9 +43,9 @@ def march_memory(
     In units of the value at every node: one for each stage of the Runge-Kutta method (two at
     least), two for obstacles, two for each of the times (one until the end of the march), one for
     the error estimate, two and 8 bytes a node for the least times, four and a byte a node for
-    `check_outside`. Of what a scheme of high order marches twice (all but basins that nothing
-    opposes or moves) what the first gave: one, or one for each of the times, and 8 bytes a node for
-    least times. With `refine` the nodes are those of the finer grid; of the stages of the method
+    `check_outside`. Of what is marched twice (all but basins that nothing opposes or moves, and
+    what is of first order with local-local) what the first gave: one, or one for each of the times,
+    and 8 bytes a node for least times. With `refine` the nodes are those of the finer grid; of the stages of the method
     only the blocks that are marched take memory, so that this is then the most that it can be. The
     compiled march and its libraries take some 300 MB more, independent of the grid.
 
@@ -54,7 +54,8 @@ def march_memory(
     wanted = capture if least_times is None else least_times
     count = whole("times: ", times, 0)
     marching = marching_of(options)
-    beside = (opposed or moving or not capture) and not schemes()[marching.scheme].one_slope
+    of_high_order = not schemes()[marching.scheme].one_slope
+    beside = marching.smeared or (of_high_order and (opposed or moving or not capture))
     return _bytes(grid, marching, capture or moving, count, wanted, beside)
 
 
@@ -62,7 +63,7 @@ def memory_of(posed: Posed) -> int:
     """The same for a complete problem."""
     obstacles = posed.problem.limit == "free" or posed.varies
     times = len(posed.asked) if posed.several else 0
-    beside = posed.marched_twice
+    beside = any(posed.held)
     return _bytes(posed.grid, posed.marching, obstacles, times, bool(posed.arrival_steps), beside)
 
 

@@ -151,13 +151,14 @@ class Marching:
         return Method(self.scheme, order, self.dissipation, self.cfl, self.skip)
 
     @property
+    def smeared(self) -> bool:
+        """Whether a scheme of first order has speeds beyond those that the two slopes allow."""
+        return schemes()[self.scheme].one_slope and self.dissipation != "local-local"
+
+    @property
     def monotone(self) -> bool:
         """Whether a step keeps the order of two values: less everywhere before, less after."""
-        return (
-            self.method.order == 1
-            and schemes()[self.scheme].monotone
-            and self.dissipation != "local-local"
-        )
+        return self.method.order == 1 and self.smeared
 
     def aside(self, name: str, kind: str) -> Marching:
         """For a further march that tells what the first is worth; its checkpoint is named so."""

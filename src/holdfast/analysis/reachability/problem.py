@@ -6,6 +6,7 @@ import hashlib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +33,14 @@ ARRIVAL_STEPS = 100
 """Default number of steps at which the new nodes of a capture basin are recorded."""
 
 
+class Held(NamedTuple):
+    """Whether no set of a march is larger, and none smaller, than that of a second march beside it,
+    but for the rim of `resting_set.py`."""
+
+    above: bool = False
+    below: bool = False
+
+
 @dataclass(frozen=True)
 class Posed:
     """A problem ready for the march.
@@ -41,9 +50,8 @@ class Posed:
     may hold for these numbers only, and has them in the expressions. asked: the times [s] at which
     the value is wanted, the last of them the horizon; several: whether all are kept.
     arrival_steps: how often it is looked which nodes are new. beyond: what leaving the grid is
-    taken for, "lost" or "won"; "" continues the value. filtered: whether it is the second of two
-    marches, whose rate is held close to that of a monotone step
-    (`execution/level_set/stage_steps.py`). steps: how it is marched, if not as its options say.
+    taken for, "lost" or "won"; "" continues the value. filtered: whether its rate is held close to
+    that of a monotone step (`execution/level_set/stage_steps.py`). steps: how it is marched, if not as its options say.
 
     Time t runs from start_time to start_time + horizon. A problem is marched from its end, so that
     t = start_time + horizon - tau, or for one that runs in reverse from its start.
@@ -80,12 +88,21 @@ class Posed:
         return any(r.has(TIME) for r in rates) or any(r.moves for r in self.problem.regions)
 
     @property
-    def marched_twice(self) -> bool:
-        """Whether a filtered march goes beside one of high order (`resting_set.py`)."""
+    def held(self) -> Held:
+        """The sides on which its set is held to that of a second march."""
+        limit = self.problem.limit
+        if self.first_order:
+            return Held(above=self.marching.smeared)
         opposed = self.problem.disturbances == "min" and bool(self.system.disturbances)
-        high = not schemes()[self.marching.scheme].one_slope
-        shrinks = self.problem.limit == "shrink" or (self.problem.limit == "free" and self.varies)
-        return high and (opposed or shrinks)
+        if limit == "shrink":
+            return Held(above=True)
+        both = (opposed and limit == "exact") or (self.varies and (opposed or limit == "free"))
+        return Held(above=both, below=both or opposed)
+
+    @property
+    def first_order(self) -> bool:
+        """Whether its slopes are the plain differences."""
+        return schemes()[self.marching.scheme].one_slope
 
     @property
     def limit(self) -> str:

@@ -16,6 +16,10 @@ well. Elsewhere it goes the same way as the other from the start on.
 
 A set that is to be reached without an opponent has no ridge at which H is wrong: H is convex. It is
 marched once, but for a basin that depends on time: what it is kept within makes it a kernel.
+
+A scheme of first order with the largest speeds of an axis, or of a node, enlarges a set where its
+value is convex. Beside it goes the same scheme with the speeds that two slopes allow, and the
+answer is the lesser of both values.
 """
 
 from __future__ import annotations
@@ -69,16 +73,17 @@ def marched_to_rest(
     A march that `until` ended is not held to the filtered one. progress: half of it is that of the
     first march, which may be the only one.
     """
-    if not posed.marched_twice:
+    if not any(posed.held):
         return marched(posed, progress, begin, until)
     h = hamiltonian_of(posed)
     sharp = marched(posed, _half(progress, 0), begin, until, h)
     report, is_kernel = sharp.report, posed.problem.limit == "shrink"
     if report.ended_early or (is_kernel and report.empty and not posed.several):
         return sharp
-    beside = replace(posed.renamed("rest"), filtered=True)
-    tolerance = max(beside.marching.tolerance, float(rim_of(posed.grid)))
-    marching = replace(beside.marching, tolerance=tolerance)
+    beside = replace(posed.renamed("rest"), filtered=not posed.first_order)
+    tolerance = max(beside.marching.tolerance, float(_rim(posed, posed.grid)))
+    dissipation = "local-local" if posed.first_order else beside.marching.dissipation
+    marching = replace(beside.marching, tolerance=tolerance, dissipation=dissipation)
     at_rest = report.converged and is_kernel and not posed.several
     if at_rest:
         begin = np.asarray(sharp.values())
@@ -89,7 +94,7 @@ def marched_to_rest(
     left = worn.report.residual_cells
     if at_rest and not worn.report.converged and left is not None and left <= tolerance:
         worn = marched(beside.renamed("at rest"), _half(progress, 1), np.array(worn.values()), h=h)
-    return _held(sharp, worn, "exact" if posed.varies and not is_kernel else posed.problem.limit)
+    return _held(sharp, worn, posed)
 
 
 def _steps_beside(marching: Marching) -> Method:
@@ -104,12 +109,13 @@ def _half(progress: Progress | None, which: int) -> Progress | None:
     return None if progress is None else lambda share: progress(0.5 * (which + share))
 
 
-def _held(sharp: ValueFunction, worn: ValueFunction, limit: str) -> ValueFunction:
+def _held(sharp: ValueFunction, worn: ValueFunction, posed: Posed) -> ValueFunction:
     """The value of the first where its set is within the rim of that of the second, at every time.
 
     It is changed in place, plane by plane, so that it may be larger than the memory.
     """
-    report, grid = sharp.report, worn.grid
+    report, grid, sides = sharp.report, worn.grid, posed.held
+    rim, is_kernel = _rim(posed, grid), posed.problem.limit == "shrink"
     tables = [v.dataset["value"].values for v in (sharp, worn)]
     several = "time" in sharp.dataset["value"].dims
     before = after = moved = 0
@@ -117,21 +123,23 @@ def _held(sharp: ValueFunction, worn: ValueFunction, limit: str) -> ValueFunctio
         before = after = moved = 0  # the last are those of the horizon
         for planes in _some_planes(values):
             was, v = values[planes] > 0, values[planes]
-            if limit in ("shrink", "exact"):
-                highest = _around(filtered, planes, grid, maximum_filter)
-                v = np.where(highest > 0, v, np.minimum(v, highest))
-            if limit != "shrink":
-                lowest = _around(filtered, planes, grid, minimum_filter)
+            if sides.above:
+                highest = _around(filtered, planes, grid, rim, maximum_filter)
+                v = np.where((highest > 0) & (rim > 0), v, np.minimum(v, highest))
+            if sides.below:
+                lowest = _around(filtered, planes, grid, rim, minimum_filter)
                 v = np.where(lowest > 0, np.maximum(v, lowest), v)
             values[planes], now = v, v > 0
             before, after = before + int(was.sum()), after + int(now.sum())
             moved += int((was != now).sum())
     if "arrival" in sharp.dataset:
-        _no_later(sharp.dataset["arrival"].values, worn.dataset["arrival"].values, grid)
-    lost = after == 0 and limit == "shrink"
-    reached = (
-        report.reached_s if limit == "shrink" else max(report.reached_s, worn.report.reached_s)
-    )
+        times, filtered = (v.dataset["arrival"].values for v in (sharp, worn))
+        if sides.below:
+            _no_later(times, filtered, grid, rim)
+        if sides.above:
+            np.maximum(times, filtered, out=times)  # NaN where either is never there
+    lost = after == 0 and is_kernel
+    reached = report.reached_s if is_kernel else max(report.reached_s, worn.report.reached_s)
     return sharp.reported(
         converged=(report.converged or lost) and worn.report.converged,
         empty=after == 0,
@@ -141,7 +149,7 @@ def _held(sharp: ValueFunction, worn: ValueFunction, limit: str) -> ValueFunctio
     )
 
 
-def _no_later(times: Array, filtered: Array, grid: Grid) -> None:
+def _no_later(times: Array, filtered: Array, grid: Grid, rim: int) -> None:
     """Times of arrival, NaN for none, no later than the latest filtered one within the rim."""
 
     def latest_of(arrivals: Array, **options: Any) -> Array:
@@ -149,9 +157,14 @@ def _no_later(times: Array, filtered: Array, grid: Grid) -> None:
         return latest
 
     for planes in _some_planes(times):
-        latest = _around(filtered, planes, grid, latest_of)
+        latest = _around(filtered, planes, grid, rim, latest_of)
         sharp = times[planes]
         times[planes] = np.where(latest < math.inf, np.fmin(sharp, latest), sharp)
+
+
+def _rim(posed: Posed, grid: Grid) -> int:
+    """That of the schemes of high order; of two of first order the lesser value is taken."""
+    return 0 if posed.first_order else rim_of(grid)
 
 
 def rim_of(grid: Grid) -> int:
@@ -167,9 +180,11 @@ def _some_planes(values: Array) -> Iterator[slice]:
     return (slice(k, min(k + step, count)) for k in range(0, count, step))
 
 
-def _around(values: Array, planes: slice, grid: Grid, extreme: Callable[..., Array]) -> Array:
+def _around(
+    values: Array, planes: slice, grid: Grid, rim: int, extreme: Callable[..., Array]
+) -> Array:
     """Of these planes the largest or the least value within the rim."""
-    rim, count = rim_of(grid), len(values)
+    count = len(values)
     modes = ["wrap" if axis.ends == "periodic" else "nearest" for axis in grid.axes]
     near = np.arange(planes.start - rim, planes.stop + rim)
     near = near % count if modes[0] == "wrap" else np.clip(near, 0, count - 1)

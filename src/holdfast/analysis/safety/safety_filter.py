@@ -71,7 +71,8 @@ def safety_law(
     """The law that keeps the state in the set V > 0: optimal inputs, or a safety filter.
 
     Without `law` the optimal inputs, bang-bang within a box: max_u p . f with p = dV/dq (thesis
-    (7.3), (7.7)). With `law` a safety filter, the least change of inputs in `scales` that satisfies
+    (7.3), (7.7)). At a ridge of V these leave a kernel: a safety filter changes them as little as
+    it would change a `law`. That filter is the least change of inputs in `scales` that satisfies
 
         W(q after the sample) >= margin + (1 - rate sample_time) (W(q) - margin)
 
@@ -136,21 +137,21 @@ def kept_law(
     known = decided(system, value)
     check_not_empty(value)
     lookup = lookup_of(value)
-    if law is None:
-        if delay:
-            raise SimulationError(
-                f"the optimal inputs without a law have no margin for a delay of {delay:g} s",
-                remedy="give a law: its safety filter has a margin",
-            )
-        return Kept(optimal_law(known, lookup))
-    looks_ahead, predicted = patience and not lookup.timed, None
+    if law is None and delay:
+        raise SimulationError(
+            f"the optimal inputs without a law have no margin for a delay of {delay:g} s",
+            remedy="give a law: its safety filter has a margin",
+        )
+    kind = value.report.kind
+    looks_ahead = patience and not lookup.timed and not (law is None and kind in REACHED)
+    predicted = None
     if looks_ahead and delay and predicts:
         predicted = prediction(known, sample_time, delay)
     pace = _pace(rate, sample_time, 0.0 if predicted else delay)
     if margin is not None:
         number("margin is ", margin, "0 or more: below 0 is outside", lambda v: 0 <= v < math.inf)
-    kind = value.report.kind
-    if kind in REACHED and (len(lookup.places) == len(system.states) or lookup.first_time > 0):
+    ends_unknown = len(lookup.places) == len(system.states) or lookup.first_time > 0
+    if law is not None and kind in REACHED and ends_unknown:
         raise SimulationError(
             f"a law that is kept in a {kind} whose value is not known down to the end need not "
             "arrive",
@@ -172,6 +173,8 @@ def kept_law(
         late = sampled_margin(system, value, sample_time, delay) if delay else 0.0
         above = late if margin is None else deep
         game = sampled_value(known, value, sample_time, errors, above, late, patience)
+    if law is None and not (game and game.stays):
+        return Kept(optimal_law(known, lookup))
     if game is not None:
         stays = game.stays or margin is not None
         if margin is None:
@@ -190,6 +193,7 @@ def kept_law(
             predicted=predicted,
         )
         return Kept(filtered, predicted, stays)
+    assert law is not None  # else the optimal inputs are the answer
     if margin is None:
         margin = possible_margin(system, value, sample_time, delay, late or None)
     return Kept(keep_value(known, law, lookup, rate=pace, margin=margin, scales=scales))

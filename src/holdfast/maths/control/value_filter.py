@@ -115,7 +115,7 @@ def keep_value(
 
 def keep_sampled_value(
     system: System,
-    law: L,
+    law: L | None,
     lookup: SampledLookup,
     *,
     points: Sequence[Sequence[sp.Expr]],
@@ -126,8 +126,10 @@ def keep_sampled_value(
     margin: float,
     scales: Mapping[str, float] | None = None,
     predicted: Prediction | None = None,
-) -> L:
+) -> L | Law:
     """`law` with the least change of its inputs after which W is high enough a sample later.
+
+    None: `optimal_law`, by the slopes of W.
 
     With the value W of the sampled game, the margin c and the hold T
 
@@ -146,7 +148,7 @@ def keep_sampled_value(
     late = predicted.delay if predicted else 0.0
     motion = held_motion(system, sp.Float(lookup.hold), disturbances, errors, late)
     places: Mapping[sp.Symbol, sp.Expr] = predicted.places if predicted else {}
-    lookup = replace(lookup.subs(places), predicted=late)
+    lookup = replace(lookup.subs(places), predicted=late, sloped=law is None)
     floor = symbol("safety_margin")
     level = floor + (1 - symbol("safety_rate") * lookup.hold) * (lookup.value - floor)
     bounds = input_rows(system)
@@ -167,7 +169,8 @@ def keep_sampled_value(
         ),
     )
     memory = predicted.memory.quantities if predicted else ()
-    return _guarded(system, law, lookup, guard, rate, margin, memory)
+    wanted = optimal_law(system, lookup) if law is None else law
+    return _guarded(system, wanted, lookup, guard, rate, margin, memory)
 
 
 def _guarded(
@@ -187,7 +190,7 @@ def _guarded(
 
     def kept(mode: Law) -> Law:
         check_fit(system, mode)
-        if mode.lookup is not None:
+        if mode.lookup not in (None, lookup):
             raise DefinitionError(f"law '{mode.name}' has a value function already")
         reads = {q.name: q for q in (*mode.reads, *system.states, *memory)}
         return replace(
@@ -229,7 +232,7 @@ def against_the_worst(
     """
     h = hamiltonian(system)
     if isinstance(law.lookup, SampledLookup):
-        lookup = law.lookup.with_slopes()
+        lookup = replace(law.lookup, sloped=True)
     slopes: Sequence[sp.Expr] = lookup.slopes[-len(system.states) :]
     if margin is not None:
         aimed = [

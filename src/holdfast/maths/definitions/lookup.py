@@ -48,21 +48,19 @@ class Lookup:
 
 @dataclass(frozen=True)
 class SampledLookup(Lookup):
-    """The value of a sampled game, without its slopes: of inputs that are held for `hold` [s].
+    """The value of a sampled game, of inputs that are held for `hold` [s].
 
-    predicted [s]: the delay over which the law predicts the state; a run has no other.
+    predicted [s]: the delay over which the law predicts the state; a run has no other. sloped:
+    whether its slopes are looked up too.
     """
 
     hold: float = 0.0
     predicted: float = 0.0
+    sloped: bool = False
 
     @property
     def symbols(self) -> tuple[sp.Symbol, ...]:
-        return (self.value,)
-
-    def with_slopes(self) -> Lookup:
-        """The same table, of which the slopes are looked up too."""
-        return Lookup(self.places, self.table, self.first_time, self.timed, self.unit)
+        return super().symbols if self.sloped else (self.value,)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from holdfast.analysis.reachability.inner_set import wearing
 from holdfast.analysis.reachability.value_function import ValueFunction
 from holdfast.analysis.safety.verdict import Promise, Trials
 
@@ -57,11 +56,6 @@ def value_text(
     lines.append(f"  converged      {_converged(value)}")
     if report.ends_reached:
         lines.append(f"  touches        {report.ends_reached}: may depend on extrapolation")
-    if wearing(report):
-        lines.append(
-            f"  dissipation    {report.dissipation}: the set may be some cells too large, however "
-            "fine the grid is; take local-local"
-        )
     lines += [f"  {name:<15}{shown}" for name, shown in _worth(value)]
     lines.append(
         f"  march          {report.steps:,} steps, {report.scheme}, order {report.order}, "
@@ -125,8 +119,7 @@ def _boundary_error(value: ValueFunction) -> str:
     report = value.report
     jumps = "; V jumps there" if report.jumps else ""
     if not report.boundary_error:
-        unknown = "two grids do not tell it" if wearing(report) else "the grids differ too much"
-        return f"not known: {unknown}{jumps}"
+        return f"not known: the grids differ too much{jumps}"
     units = {a.name: _unit(a.state.unit) for a in value.grid.axes}
     lengths = ", ".join(
         f"{name} {size:.2g} {units[name]}".rstrip() for name, size in report.boundary_error.items()

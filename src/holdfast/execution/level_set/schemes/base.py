@@ -18,16 +18,14 @@ class Scheme:
     """One-sided derivatives along an axis.
 
     ghosts: nodes that they reach on either side. order: of the Runge-Kutta method that goes with
-    them. monotone: with a method of first order a step keeps the order of two values. slopes: of
-    the differences of 2 `ghosts` nodes in a row, the slopes of the middle interval, in cells: at
-    its upper end, the left derivative there, and at its lower end, the right derivative there.
-    None: both are the plain difference, as at first order.
+    them. slopes: of the differences of 2 `ghosts` nodes in a row, the slopes of the middle
+    interval, in cells: at its upper end, the left derivative there, and at its lower end, the right
+    derivative there. None: both are the plain difference, as at first order.
     """
 
     name: str
     ghosts: int
     order: int
-    monotone: bool = False
     slopes: Callable[..., tuple[Value, Value]] | None = None
 
     @property

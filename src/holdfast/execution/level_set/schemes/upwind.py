@@ -2,4 +2,4 @@
 
 from holdfast.execution.level_set.schemes.base import Scheme
 
-SCHEME = Scheme("upwind", ghosts=1, order=1, monotone=True)
+SCHEME = Scheme("upwind", ghosts=1, order=1)
