@@ -134,6 +134,25 @@ def test_filter_over_a_kernel_in_single_precision_decides_as_one_in_double():
     assert lost(system, single, 0.02, 0.2, 0.2, "greedy", 6.0) == 0
 
 
+@pytest.mark.parametrize(("sample_time", "by_slopes"), [(0.01, [162, 36]), (0.05, [161, 33])])
+def test_optimal_inputs_keep_a_kernel_with_a_ridge_and_leave_it_by_its_slopes_alone(
+    sample_time, by_slopes, monkeypatch
+):
+    """From random starts a cell inside, for 12 s, against every disturbance that is tried."""
+    system, value = leaning(scheme="weno5")
+
+    def stay():
+        region = value.claim.region
+        promise = hf.check_promise(
+            system, value, region, runs=200, horizon=12, sample_time=sample_time
+        )
+        return [promise.inside[0].kept.count, *(x.trials.kept.count for x in promise.layers[:1])]
+
+    assert stay() == [200, 100]
+    monkeypatch.setattr("holdfast.analysis.safety.safety_filter.patience_of", lambda _: 0.0)
+    assert stay() == pytest.approx(by_slopes, abs=4)
+
+
 def test_held_inputs_keep_almost_all_of_the_kernel():
     """The share of the nodes, measured: 98.7 to 99.7 % by WENO5 on 81 nodes."""
     for scheme, push in (("weno5", 0.2), ("upwind", 0.5)):

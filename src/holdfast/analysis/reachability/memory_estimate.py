@@ -61,19 +61,22 @@ def march_memory(
 
 def memory_of(posed: Posed) -> int:
     """The same for a complete problem."""
+    return _bytes_of(posed, beside=any(posed.held))
+
+
+def _bytes_of(posed: Posed, *, beside: bool) -> int:
     obstacles = posed.problem.limit == "free" or posed.varies
     times = len(posed.asked) if posed.several else 0
-    beside = any(posed.held)
     return _bytes(posed.grid, posed.marching, obstacles, times, bool(posed.arrival_steps), beside)
 
 
 def part_memory(posed: Posed, part: Part) -> int:
     """The same for the part of a march that is divided, with its halo, and with two times what it
-    hands over, which is as much as it is handed."""
+    hands over, which is as much as it is handed. What the first of two marches gave is elsewhere."""
     own = part.own_nodes
     halo = (len(part.nodes) - (own.stop - own.start)) * posed.grid.nodes // part.of.nodes
     edges = 2 * halo * np.dtype(posed.marching.precision).itemsize
-    return memory_of(posed) * len(part.nodes) // part.of.nodes + edges
+    return _bytes_of(posed, beside=False) * len(part.nodes) // part.of.nodes + edges
 
 
 def check_fits(posed: Posed) -> None:
@@ -102,11 +105,12 @@ def _nodes(posed: Posed) -> int:
 
 
 def answer_bytes(posed: Posed) -> int:
-    """Of the values that are brought together, with their records."""
+    """Of the values that are brought together, with their records, of each march."""
     size = np.dtype(posed.marching.precision).itemsize
     times = 2 * len(posed.asked) if posed.several else 0
     arrivals = (8 + size) * bool(posed.arrival_steps)
-    return posed.grid.nodes * (size * (1 + times) + arrivals)
+    marches = 1 + any(posed.held)
+    return posed.grid.nodes * (size * (1 + times) + arrivals) * marches
 
 
 def _bytes(

@@ -93,6 +93,8 @@ def solve(
         found = with_error_in_cells(with_error(found, rougher), rougher[0])
     if marching.check_outside:
         found = with_outside(found, posed, marched_to_rest)
+    if progress is not None:
+        progress(1.0)  # a march that comes to rest has not gone the whole way
     found = found.reported(definition=definition(system))
     return replace(found, claim=_claim(problem))
 
