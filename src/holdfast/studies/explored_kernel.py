@@ -50,7 +50,8 @@ def _with_law(loaded: KernelScenario, value: ValueFunction) -> Explored:
     known = decided(loaded.system, value)
     shown, note = _thinned(value)
     step = float((loaded.promised or {}).get("sample_time", SAMPLE_TIME))
-    law = safety_law(loaded.system, shown, loaded.law, sample_time=step)
+    drawn = loaded.law is None  # the table of the optimal inputs is the set's own
+    law = safety_law(loaded.system, shown, loaded.law, sample_time=step, ahead=not drawn)
     loss = sampled_margin(loaded.system, shown, step) if loaded.system.inputs else 0.0
     starts, _ = inside_states(shown, np.random.default_rng(loaded.seed), FAN, None, loss)
     stride = max(round(RECORDED / step), 1)
