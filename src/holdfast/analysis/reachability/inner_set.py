@@ -21,7 +21,6 @@ from holdfast.errors import SimulationError
 from holdfast.execution.arrays import AnyArray as Array
 
 if TYPE_CHECKING:
-    from holdfast.analysis.reachability.march_report import Report
     from holdfast.analysis.reachability.value_function import ValueFunction
 
 MOST_CELLS = 20

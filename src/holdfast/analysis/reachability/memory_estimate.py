@@ -45,9 +45,10 @@ def march_memory(
     the error estimate, two and 8 bytes a node for the least times, four and a byte a node for
     `check_outside`. Of what is marched twice (all but basins that nothing opposes or moves, and
     what is of first order with local-local) what the first gave: one, or one for each of the times,
-    and 8 bytes a node for least times. With `refine` the nodes are those of the finer grid; of the stages of the method
-    only the blocks that are marched take memory, so that this is then the most that it can be. The
-    compiled march and its libraries take some 300 MB more, independent of the grid.
+    and 8 bytes a node for least times. With `refine` the nodes are those of the finer grid; of the
+    stages of the method only the blocks that are marched take memory, so that this is then the most
+    that it can be. The compiled march and its libraries take some 300 MB more, independent of the
+    grid.
 
     Raises `SimulationError` for invalid options.
     """
@@ -72,7 +73,8 @@ def _bytes_of(posed: Posed, *, beside: bool) -> int:
 
 def part_memory(posed: Posed, part: Part) -> int:
     """The same for the part of a march that is divided, with its halo, and with two times what it
-    hands over, which is as much as it is handed. What the first of two marches gave is elsewhere."""
+    hands over, which is as much as it is handed. The workers do not hold what a first march gave.
+    """
     own = part.own_nodes
     halo = (len(part.nodes) - (own.stop - own.start)) * posed.grid.nodes // part.of.nodes
     edges = 2 * halo * np.dtype(posed.marching.precision).itemsize

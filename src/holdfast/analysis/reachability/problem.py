@@ -51,7 +51,8 @@ class Posed:
     the value is wanted, the last of them the horizon; several: whether all are kept.
     arrival_steps: how often it is looked which nodes are new. beyond: what leaving the grid is
     taken for, "lost" or "won"; "" continues the value. filtered: whether its rate is held close to
-    that of a monotone step (`execution/level_set/stage_steps.py`). steps: how it is marched, if not as its options say.
+    that of a monotone step (`execution/level_set/stage_steps.py`). steps: how it is marched, if not
+    as its options say.
 
     Time t runs from start_time to start_time + horizon. A problem is marched from its end, so that
     t = start_time + horizon - tau, or for one that runs in reverse from its start.

@@ -78,11 +78,11 @@ def check_promise(
     came nearest to being lost are run again, against ten more switching disturbances.
 
     region: the constraints, None if a goal may be reached through any state. law: the law under the
-    safety filter; None: the optimal inputs, under it where `safety_law` has the sampled game. margin [unit of V]: the depth of the starts inside
-    the set; by default one cell and the loss of a held input: at all states a cell away along an
-    axis V is above `sampled_margin`, or above 0 if no state is as far inside. horizon [s]: by
-    default that of the value function; a kernel that has not converged claims nothing beyond it.
-    goal: of a capture basin, to be reached.
+    safety filter; None: the optimal inputs, under it where `safety_law` has the sampled game.
+    margin [unit of V]: the depth of the starts inside the set; by default one cell and the loss of
+    a held input: at all states a cell away along an axis V is above `sampled_margin`, or above 0 if
+    no state is as far inside. horizon [s]: by default that of the value function; a kernel that has
+    not converged claims nothing beyond it. goal: of a capture basin, to be reached.
 
     Raises `SimulationError` for a value function without a claim about a law, or of an empty set.
     """
