@@ -54,7 +54,7 @@ def test_upwind_enlarges_a_set_where_its_value_is_convex_by_a_cell(dissipation, 
 def test_without_the_second_march_global_speeds_enlarge_it_by_more_cells_of_finer_grids(
     monkeypatch,
 ):
-    monkeypatch.setattr(Posed, "held", ())
+    monkeypatch.setattr(Posed, "marched_twice", False)
     cells = [cells_too_large("upwind", "global", nodes) for nodes in (51, 401)]
     assert cells == pytest.approx([2.6, 4.3], abs=0.1)
 

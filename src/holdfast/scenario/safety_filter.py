@@ -60,6 +60,7 @@ class Safety:
             None if self.spec.alone else law,
             rate=self.spec.rate,
             margin=self.spec.margin,
+            ahead=self.spec.ahead,
             sample_time=sample_time,
             delay=delay,
         )
@@ -145,5 +146,5 @@ def online_filter(
     with at(file, "safety"):
         value = safety.kernel.tried(safety.value(system, scenario.region, progress))
         timing["delay"] = float(scenario.settings["delay"])
-        rate, margin = safety.spec.rate, safety.spec.margin
-        return SafetyFilter(system, value, rate=rate, margin=margin, **settings, **timing)
+        more = {n: getattr(safety.spec, n) for n in ("rate", "margin", "ahead")}
+        return SafetyFilter(system, value, **more, **settings, **timing)

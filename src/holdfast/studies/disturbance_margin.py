@@ -16,6 +16,8 @@ from holdfast.errors import ScenarioError, suggestion
 from holdfast.maths.definitions.quantity import TIME
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.units import to_si
+from holdfast.maths.games.hamiltonian import hamiltonian
+from holdfast.maths.games.monotone_flux import is_sharp
 from holdfast.scenario.files import read_tables
 from holdfast.scenario.kinds.kernel import KernelScenario, composed_kernel, is_kernel
 from holdfast.scenario.overrides import check_overrides
@@ -102,7 +104,8 @@ def disturbance_margin(
     kept = _kept(own, keep)
     monotone = can_do_more(composed(low), composed(high))
     given = {n: v for n, v in own.options.items() if n in Marching.__dataclass_fields__}
-    warm = warm_start and monotone and own.forever and Marching(**given).monotone
+    orderly = Marching(**given).monotone and is_sharp(hamiltonian(own.system))
+    warm = warm_start and monotone and own.forever and orderly
     trials = _Trials(composed, kept, warm, knob.name, progress)
     found = search(trials.attempt, low, high, close, monotone=monotone, end=end)
     result = Margin(

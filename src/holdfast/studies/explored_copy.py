@@ -20,6 +20,9 @@ from holdfast.scenario.load import scenario_of
 OF_THE_KERNEL = ("system", "region", "goal", "law", "tracking", "disturbance")
 """Tables of a kernel that its closed loops need too."""
 
+OPTIMAL = {"alone": True, "ahead": False}
+"""[safety] of the optimal inputs, as a page has them."""
+
 COURSE = (
     "The course of a formation is planned from its start, for the vehicles of its file. No file "
     "has the same course and another start, or other vehicles. Reset them to copy the scenario."
@@ -59,7 +62,7 @@ def copied_kernel(
         "scenario": {"title": loaded.title, "kind": "closed-loop", "source": loaded.source},
         "law": {"outputs": inputs},
         **{n: tables[n] for n in OF_THE_KERNEL if n in tables},
-        "safety": {"kernel": name, **({} if loaded.law is not None else {"alone": True})},
+        "safety": {"kernel": name, **({} if loaded.law is not None else OPTIMAL)},
         "run": {
             **{n: getattr(settings, n) for n in ("horizon", "sample_time", "record_every")},
             "until_goal": settings.until_goal,

@@ -101,7 +101,7 @@ def test_interrupted_march_ends_at_the_same_numbers(scheme, tmp_path):
     whole = kernel()
     assert same(again, whole)
     share = 1.0 if scheme == "upwind" else 0.5  # the filtered march beside it has the second half
-    assert sum(s <= share for s in told) == whole.dataset.attrs["steps"] - 5
+    assert sum(s <= share for s in told[:-1]) == whole.dataset.attrs["steps"] - 5
 
 
 def test_finished_march_is_not_marched_again(tmp_path):
@@ -109,7 +109,7 @@ def test_finished_march_is_not_marched_again(tmp_path):
     assert [f.name for f in tmp_path.iterdir()] == ["capture-basin.checkpoint"]
     told = []
     assert same(basin(checkpoint=tmp_path, progress=told.append), first)
-    assert told == []
+    assert told == [1.0]
 
 
 @pytest.mark.parametrize(

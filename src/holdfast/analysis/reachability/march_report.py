@@ -30,8 +30,8 @@ class Report:
     many times shorter the cells near the boundary are, marched_share: the mean share of the nodes
     of this finer grid that were in blocks around it; None without `refine`.
 
-    filtered_share: how many nodes the filtered scheme took from a set that is to be kept, or added
-    to one that is to be reached, as a share of them; None where it was not asked
+    filtered_share: how many nodes the second of two marches took from a set that is to be kept, or
+    added to one that is to be reached, as a share of them; None where there was one march
     (`resting_set.py`).
 
     The following are None, or empty, unless requested. error_order, error_largest, error_rms,

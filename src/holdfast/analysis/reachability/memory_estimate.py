@@ -62,7 +62,7 @@ def march_memory(
 
 def memory_of(posed: Posed) -> int:
     """The same for a complete problem."""
-    return _bytes_of(posed, beside=any(posed.held))
+    return _bytes_of(posed, beside=posed.marched_twice)
 
 
 def _bytes_of(posed: Posed, *, beside: bool) -> int:
@@ -111,7 +111,7 @@ def answer_bytes(posed: Posed) -> int:
     size = np.dtype(posed.marching.precision).itemsize
     times = 2 * len(posed.asked) if posed.several else 0
     arrivals = (8 + size) * bool(posed.arrival_steps)
-    marches = 1 + any(posed.held)
+    marches = 1 + posed.marched_twice
     return posed.grid.nodes * (size * (1 + times) + arrivals) * marches
 
 

@@ -157,8 +157,9 @@ class Marching:
 
     @property
     def monotone(self) -> bool:
-        """Whether a step keeps the order of two values: less everywhere before, less after."""
-        return self.method.order == 1 and self.smeared
+        """Whether a step keeps the order of two values, less everywhere before, less after, of a
+        Hamiltonian that `is_sharp` (`maths/games/monotone_flux.py`)."""
+        return schemes()[self.scheme].one_slope and self.method.order == 1 and not self.smeared
 
     def aside(self, name: str, kind: str) -> Marching:
         """For a further march that tells what the first is worth; its checkpoint is named so."""

@@ -34,8 +34,8 @@ ARRIVAL_STEPS = 100
 
 
 class Held(NamedTuple):
-    """Whether no set of a march is larger, and none smaller, than that of a second march beside it,
-    but for the rim of `resting_set.py`."""
+    """Of a march of high order with a filtered one beside it (`resting_set.py`). above: whether its
+    set is at most a rim larger than the filtered one; below: at most a rim smaller."""
 
     above: bool = False
     below: bool = False
@@ -90,15 +90,20 @@ class Posed:
 
     @property
     def held(self) -> Held:
-        """The sides on which its set is held to that of a second march."""
+        """The sides on which its set is held to that of a filtered march."""
         limit = self.problem.limit
         if self.first_order:
-            return Held(above=self.marching.smeared)
+            return Held()
         opposed = self.problem.disturbances == "min" and bool(self.system.disturbances)
         if limit == "shrink":
             return Held(above=True)
         both = (opposed and limit == "exact") or (self.varies and (opposed or limit == "free"))
         return Held(above=both, below=both or opposed)
+
+    @property
+    def marched_twice(self) -> bool:
+        """Whether another march goes beside it (`resting_set.py`)."""
+        return self.marching.smeared or any(self.held)
 
     @property
     def first_order(self) -> bool:

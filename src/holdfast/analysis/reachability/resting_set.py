@@ -1,4 +1,4 @@
-"""Sets of schemes of high order, held to those of a scheme that converges.
+"""Sets of two marches, of which one keeps the other from a set that is too large or too small.
 
 A scheme of high order may stand still at a ridge at which the solution moves. The same scheme held
 close to a monotone step (`execution/level_set/stage_steps.py`) converges to the solution, at the
@@ -70,35 +70,39 @@ def marched_to_rest(
 ) -> ValueFunction:
     """As `marched`, of a scheme that stands still only where the equation does.
 
-    A march that `until` ended is not held to the filtered one. progress: half of it is that of the
-    first march, which may be the only one.
+    A march that `until` ended has no other beside it. progress: half of it is that of the first
+    march, which may be the only one.
     """
-    if not any(posed.held):
+    if not posed.marched_twice:
         return marched(posed, progress, begin, until)
     h = hamiltonian_of(posed)
-    sharp = marched(posed, _half(progress, 0), begin, until, h)
-    report, is_kernel = sharp.report, posed.problem.limit == "shrink"
+    first = marched(posed, _half(progress, 0), begin, until, h)
+    report, is_kernel = first.report, posed.problem.limit == "shrink"
     if report.ended_early or (is_kernel and report.empty and not posed.several):
-        return sharp
+        return first
     beside = replace(posed.renamed("rest"), filtered=not posed.first_order)
-    tolerance = max(beside.marching.tolerance, float(_rim(posed, posed.grid)))
-    dissipation = "local-local" if posed.first_order else beside.marching.dissipation
-    marching = replace(beside.marching, tolerance=tolerance, dissipation=dissipation)
+    marching = beside.marching
+    if posed.first_order:
+        marching = replace(marching, dissipation="local-local")
+    else:
+        rim = float(rim_of(posed.grid))
+        marching = replace(marching, tolerance=max(marching.tolerance, rim))
     at_rest = report.converged and is_kernel and not posed.several
     if at_rest:
-        begin = np.asarray(sharp.values())
+        begin = np.asarray(first.values())
     elif not (report.converged and is_kernel) and report.steps > 1:  # one may have no length
         beside = replace(beside, steps=_steps_beside(marching))
     beside = replace(beside, marching=marching)
-    worn = marched(beside, _half(progress, 1), begin, h=h)
-    left = worn.report.residual_cells
-    if at_rest and not worn.report.converged and left is not None and left <= tolerance:
-        worn = marched(beside.renamed("at rest"), _half(progress, 1), np.array(worn.values()), h=h)
-    return _held(sharp, worn, posed)
+    second = marched(beside, _half(progress, 1), begin, h=h)
+    left, rests = second.report.residual_cells, second.report.converged
+    if at_rest and not rests and left is not None and left <= marching.tolerance:
+        begin = np.array(second.values())
+        second = marched(beside.renamed("at rest"), _half(progress, 1), begin, h=h)
+    return _of_both(first, second, posed)
 
 
 def _steps_beside(marching: Marching) -> Method:
-    """Of the filtered march beside one that does not come to rest."""
+    """Of the march beside one that does not come to rest."""
     method = marching.method
     order, cfl = min(method.order, ORDER), max(method.cfl, min(LONGER * method.cfl, LONGEST))
     return replace(method, order=order, cfl=cfl, long=method.order > ORDER and marching.refine == 1)
@@ -109,47 +113,60 @@ def _half(progress: Progress | None, which: int) -> Progress | None:
     return None if progress is None else lambda share: progress(0.5 * (which + share))
 
 
-def _held(sharp: ValueFunction, worn: ValueFunction, posed: Posed) -> ValueFunction:
-    """The value of the first where its set is within the rim of that of the second, at every time.
-
-    It is changed in place, plane by plane, so that it may be larger than the memory.
-    """
-    report, grid, sides = sharp.report, worn.grid, posed.held
-    rim, is_kernel = _rim(posed, grid), posed.problem.limit == "shrink"
-    tables = [v.dataset["value"].values for v in (sharp, worn)]
-    several = "time" in sharp.dataset["value"].dims
+def _of_both(first: ValueFunction, second: ValueFunction, posed: Posed) -> ValueFunction:
+    """The answer of two marches: the values of the first are changed in place, plane by plane, so
+    that they may be larger than the memory."""
+    report, grid = first.report, second.grid
+    tables = [v.dataset["value"].values for v in (first, second)]
+    several = "time" in first.dataset["value"].dims
     before = after = moved = 0
-    for values, filtered in zip(*tables, strict=True) if several else [tables]:
+    for values, other in zip(*tables, strict=True) if several else [tables]:
         before = after = moved = 0  # the last are those of the horizon
-        for planes in _some_planes(values):
-            was, v = values[planes] > 0, values[planes]
-            if sides.above:
-                highest = _around(filtered, planes, grid, rim, maximum_filter)
-                v = np.where((highest > 0) & (rim > 0), v, np.minimum(v, highest))
-            if sides.below:
-                lowest = _around(filtered, planes, grid, rim, minimum_filter)
-                v = np.where(lowest > 0, np.maximum(v, lowest), v)
-            values[planes], now = v, v > 0
+        answers = _lesser(values, other) if posed.first_order else _held(values, other, grid, posed)
+        for planes, answer in answers:
+            was, now = values[planes] > 0, answer > 0
+            values[planes] = answer
             before, after = before + int(was.sum()), after + int(now.sum())
             moved += int((was != now).sum())
-    if "arrival" in sharp.dataset:
-        times, filtered = (v.dataset["arrival"].values for v in (sharp, worn))
-        if sides.below:
-            _no_later(times, filtered, grid, rim)
-        if sides.above:
-            np.maximum(times, filtered, out=times)  # NaN where either is never there
-    lost = after == 0 and is_kernel
-    reached = report.reached_s if is_kernel else max(report.reached_s, worn.report.reached_s)
-    return sharp.reported(
-        converged=(report.converged or lost) and worn.report.converged,
+    if "arrival" in first.dataset:
+        times, others = (v.dataset["arrival"].values for v in (first, second))
+        if posed.first_order:
+            np.maximum(times, others, out=times)  # NaN where one of them is never there
+        else:
+            _no_later(times, others, grid)
+    is_kernel, rests = posed.problem.limit == "shrink", (report.converged, second.report.converged)
+    reached = report.reached_s if is_kernel else max(report.reached_s, second.report.reached_s)
+    return first.reported(
+        converged=any(rests) if is_kernel and after == 0 else all(rests),
         empty=after == 0,
         filtered_share=moved / max(before, after, 1),
         reached_s=reached,
-        wall_time_s=report.wall_time_s + worn.report.wall_time_s,
+        wall_time_s=report.wall_time_s + second.report.wall_time_s,
     )
 
 
-def _no_later(times: Array, filtered: Array, grid: Grid, rim: int) -> None:
+def _lesser(values: Array, other: Array) -> Iterator[tuple[slice, Array]]:
+    for planes in _some_planes(values):
+        yield planes, np.minimum(values[planes], other[planes])
+
+
+def _held(
+    values: Array, filtered: Array, grid: Grid, posed: Posed
+) -> Iterator[tuple[slice, Array]]:
+    """The value of the first where its set is within the rim of the filtered one."""
+    sides = posed.held
+    for planes in _some_planes(values):
+        v = values[planes]
+        if sides.above:
+            highest = _around(filtered, planes, grid, maximum_filter)
+            v = np.where(highest > 0, v, np.minimum(v, highest))
+        if sides.below:
+            lowest = _around(filtered, planes, grid, minimum_filter)
+            v = np.where(lowest > 0, np.maximum(v, lowest), v)
+        yield planes, v
+
+
+def _no_later(times: Array, filtered: Array, grid: Grid) -> None:
     """Times of arrival, NaN for none, no later than the latest filtered one within the rim."""
 
     def latest_of(arrivals: Array, **options: Any) -> Array:
@@ -157,14 +174,9 @@ def _no_later(times: Array, filtered: Array, grid: Grid, rim: int) -> None:
         return latest
 
     for planes in _some_planes(times):
-        latest = _around(filtered, planes, grid, rim, latest_of)
+        latest = _around(filtered, planes, grid, latest_of)
         sharp = times[planes]
         times[planes] = np.where(latest < math.inf, np.fmin(sharp, latest), sharp)
-
-
-def _rim(posed: Posed, grid: Grid) -> int:
-    """That of the schemes of high order; of two of first order the lesser value is taken."""
-    return 0 if posed.first_order else rim_of(grid)
 
 
 def rim_of(grid: Grid) -> int:
@@ -180,11 +192,9 @@ def _some_planes(values: Array) -> Iterator[slice]:
     return (slice(k, min(k + step, count)) for k in range(0, count, step))
 
 
-def _around(
-    values: Array, planes: slice, grid: Grid, rim: int, extreme: Callable[..., Array]
-) -> Array:
+def _around(values: Array, planes: slice, grid: Grid, extreme: Callable[..., Array]) -> Array:
     """Of these planes the largest or the least value within the rim."""
-    count = len(values)
+    rim, count = rim_of(grid), len(values)
     modes = ["wrap" if axis.ends == "periodic" else "nearest" for axis in grid.axes]
     near = np.arange(planes.start - rim, planes.stop + rim)
     near = near % count if modes[0] == "wrap" else np.clip(near, 0, count - 1)

@@ -16,6 +16,7 @@ from holdfast.analysis.reachability.error_estimate import coarser, with_error, w
 from holdfast.analysis.reachability.grid import Grid
 from holdfast.analysis.reachability.hamilton_jacobi import marched
 from holdfast.analysis.reachability.inner_set import with_error_in_cells
+from holdfast.analysis.reachability.march_part import hamiltonian_of
 from holdfast.analysis.reachability.march_report import Report
 from holdfast.analysis.reachability.one_march import Progress, Until
 from holdfast.analysis.reachability.options import Problem, marching_of
@@ -27,6 +28,7 @@ from holdfast.errors import SimulationError
 from holdfast.execution.level_set.over_grid import over_grid
 from holdfast.maths.definitions.region import Region
 from holdfast.maths.definitions.system import System
+from holdfast.maths.games.monotone_flux import is_sharp
 
 
 def solve(
@@ -59,8 +61,9 @@ def solve(
         V <= begin <= l,   so that   V <= W(tau) <= W(tau) from l   for all tau
 
     and it converges to the same kernel; before that, W is not the value for tau seconds. The steps
-    have to be monotone for that, those of the scheme "upwind" with global or local dissipation.
-    Others are refused: weno5 may come to rest above the kernel.
+    have to be monotone for that, those of the scheme "upwind" with local-local dissipation, where
+    no input in a ball moves several states. Others are refused: weno5 may come to rest above the
+    kernel.
     until: called with the value so far every few steps, ends the march where it gives True. The
     two are refused together with what rests on the whole march: times, a checkpoint, an error.
     """
@@ -130,11 +133,12 @@ def _begun(
             f"a {posed.problem.kind} cannot begin with another value function",
             expected="a kernel whose rates and regions do not depend on time",
         )
-    if not marching.monotone:
+    if not (marching.monotone and is_sharp(hamiltonian_of(posed))):
         raise SimulationError(
             f"scheme {marching.scheme}, dissipation {marching.dissipation} cannot begin with "
             "another value: its steps are not monotone",
-            expected='scheme="upwind" with global or local dissipation',
+            expected='scheme="upwind" with local-local dissipation and steps of order 1, and no '
+            "input in a ball that moves several states",
         )
     known = begin.report
     here = {

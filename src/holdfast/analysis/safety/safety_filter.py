@@ -71,8 +71,10 @@ def safety_law(
     """The law that keeps the state in the set V > 0: optimal inputs, or a safety filter.
 
     Without `law` the optimal inputs, bang-bang within a box: max_u p . f with p = dV/dq (thesis
-    (7.3), (7.7)). At a ridge of V these leave a kernel: a safety filter changes them as little as
-    it would change a `law`. That filter is the least change of inputs in `scales` that satisfies
+    (7.3), (7.7)). At a ridge of V these leave a kernel: where the game below is solved, and trial
+    runs stay, a safety filter changes them as little as it would change a `law`, and p is the slope
+    of W, or of V where W is cut off. It is for `sample_time` alone then; `ahead` false leaves it
+    out. The filter is the least change of inputs in `scales` that satisfies
 
         W(q after the sample) >= margin + (1 - rate sample_time) (W(q) - margin)
 
@@ -137,6 +139,7 @@ def kept_law(
     known = decided(system, value)
     check_not_empty(value)
     lookup = lookup_of(value)
+    number("sample_time is ", sample_time, "seconds, above 0", lambda v: 0 < v < math.inf)
     if law is None and delay:
         raise SimulationError(
             f"the optimal inputs without a law have no margin for a delay of {delay:g} s",
@@ -173,7 +176,14 @@ def kept_law(
         late = sampled_margin(system, value, sample_time, delay) if delay else 0.0
         above = late if margin is None else deep
         game = sampled_value(known, value, sample_time, errors, above, late, patience)
-    if law is None and not (game and game.stays):
+    if law is None and game is not None and not game.stays and margin is None:
+        game = None
+    if law is None and game is None:
+        if margin is not None:
+            raise SimulationError(
+                "the optimal inputs have no margin where no sampled game is solved",
+                remedy="give a law, or leave the margin out",
+            )
         return Kept(optimal_law(known, lookup))
     if game is not None:
         stays = game.stays or margin is not None
@@ -182,7 +192,7 @@ def kept_law(
         filtered = keep_sampled_value(
             known,
             law,
-            game.lookup(lookup, sample_time),
+            (game if law else game.leaning(value)).lookup(lookup, sample_time),
             points=game.points,
             disturbances=game.moves,
             errors=game.errors,

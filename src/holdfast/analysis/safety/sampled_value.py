@@ -20,7 +20,7 @@ import io
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -83,6 +83,8 @@ FAR = 1.5  # cells that a state moves at most within that longer hold
 FARTHEST = 1e3  # cells below what is lost, at most
 LITTLE = 1e-5  # cells by which a value has to fall to count
 KEPT = 0.75  # the share of a set that has not converged below which the game is of no use to it
+LEAN = 1e-3
+NONE = b"no game"
 SUBSTEPS = 8
 INPUTS = {1: 9, 2: 5, 3: 3}
 
@@ -122,6 +124,12 @@ class SampledValue:
         """The share of the nodes of {V > above} that held inputs keep in it."""
         inside = (value.values() > self.above).sum()
         return float((self.table > self.above).sum() / max(inside, 1))
+
+    def leaning(self, value: ValueFunction) -> SampledValue:
+        """W - `LEAN` (max V - V): where W is cut off, it has the slope of V."""
+        v = value.in_memory().values().reshape(self.table.shape)
+        low = LEAN * (np.nanmax(v) - np.where(np.isnan(v), np.nanmin(v), v))
+        return replace(self, table=(self.table - low).astype(self.table.dtype))
 
     def lookup(self, of: Lookup, sample_time: float) -> SampledLookup:
         """The table of a law, on the grid of the kernel's own."""
@@ -245,11 +253,15 @@ class _Game:
         content = hashlib.sha256(values.data).hexdigest(), str(values.dtype), axes, self.cell, names
         stored, about = Stored("game", code_digest()), (content, str(key))
         if data := stored.load(about):
+            if data == NONE:
+                return None
             with np.load(io.BytesIO(data)) as arrays:
                 least, stays = float(arrays["least"]), bool(arrays["stays"])
                 return self._with(arrays["table"], least, stays)
         game = self.solved()
-        if game is not None:
+        if game is None:
+            stored.save(about, NONE)
+        else:
             file = io.BytesIO()
             np.savez_compressed(file, table=game.table, least=game.least, stays=game.stays)
             stored.save(about, file.getvalue())

@@ -190,7 +190,7 @@ def _guarded(
 
     def kept(mode: Law) -> Law:
         check_fit(system, mode)
-        if mode.lookup not in (None, lookup):
+        if mode.lookup is not None and mode.lookup is not lookup:
             raise DefinitionError(f"law '{mode.name}' has a value function already")
         reads = {q.name: q for q in (*mode.reads, *system.states, *memory)}
         return replace(

@@ -194,13 +194,14 @@ class SafetySpec(Section):
 
     kernel: a scenario that computes it, for the [system] of this one, or a file of a value
     function. alone: the optimal inputs replace the law's; if they are velocities of this system,
-    [tracking] follows them.
+    [tracking] follows them. ahead: the seconds that the sampled game may take, or false for none.
     """
 
     kernel: Text
     rate: float | None = None
     margin: float | None = None
     alone: bool = False
+    ahead: bool | float = True
 
 
 class StartsSpec(Section):
