@@ -92,7 +92,6 @@ TABLES = {
             "delay": "in [run]",
             "scales": "in [safeguard]",
             "errors": "of the parts of a kernel",
-            "ahead": "for laws that are to be certified",
         },
     ),
     "[compare]": (

@@ -346,11 +346,11 @@ REACHED = "system.disturb.v=[-0.62, 0.62]"
     ("name", "sets", "gone"),
     [
         ("ch7-discriminating", (), 6.0),
-        ("ch7-discriminating", ("grid.nodes=71",), 6.2),
+        ("ch7-discriminating", ("grid.nodes=71",), 6.3),
         ("ch7-any-current", (), 5.0),
         ("ch7-any-current", ("system.current_limit=0.5",), 2.6),
         ("ch7-discriminating", (REACHED,), 3.9),
-        ("ch7-discriminating", (REACHED, "disturbance.Vy=0.25"), 4.5),
+        ("ch7-discriminating", (REACHED, "disturbance.Vy=0.25"), 4.6),
         ("ch7-any-current", (REACHED, "system.current_limit=0.5"), 2.0),
         ("ch7-any-current", (REACHED, "system.current_limit=0.25"), 2.8),
     ],
@@ -446,10 +446,10 @@ def test_balance_of_forces_says_what_is_certainly_reached(vehicle):
 
 PRINTED = {
     "upwind": {
-        "still": ((0.78, 0.18, 1.50), (0.78, 0.18, 1.51)),
-        "0": ((0.80, 0.27, 1.58), (0.80, 0.27, 1.58)),
-        "pi/2": ((0.80, 0.27, 1.58), (0.80, 0.27, 1.58)),
-        "pi": ((0.80, 0.27, 1.58), (0.80, 0.27, 1.58)),
+        "still": ((0.98, 0.34, 1.83), (0.98, 0.34, 1.83)),
+        "0": ((0.99, 0.43, 1.87), (0.99, 0.43, 1.87)),
+        "pi/2": ((0.99, 0.43, 1.87), (0.99, 0.43, 1.87)),
+        "pi": ((0.99, 0.43, 1.87), (0.99, 0.43, 1.87)),
     },
     "eno2": {
         "still": ((0.94, 0.37, 1.93), (0.94, 0.37, 1.93)),
