@@ -61,3 +61,18 @@ def test_without_the_second_march_global_speeds_enlarge_it_by_more_cells_of_fine
 
 def test_weno5_does_not():
     assert abs(cells_too_large("weno5", "local-local", 201)) < 0.4
+
+
+def test_empty_kernel_of_two_marches_has_converged_at_several_times_too():
+    line = hf.System(
+        "line", (hf.Quantity("x", "m"),), (hf.Quantity("u"),), {"x": 1 + U / 2},
+        input_bounds=hf.Box((-1,), (1,)),
+    )  # fmt: skip
+    room = hf.Region("room", line.states, (hf.Inequality("far", abs(X) - 1, "m"),))
+    grid = hf.grid(line, {"x": (-1.2, 1.2)}, 61)
+    for options in ({}, {"times": [0.5, 20.0]}):
+        found = hf.viability_kernel(
+            line, room, grid, 20.0, scheme="upwind", dissipation="global", **options
+        )
+        assert found.report.empty
+        assert found.report.converged

@@ -478,7 +478,9 @@ def test_every_shipped_scenario_has_a_page_whose_copy_runs_or_is_refused(chromiu
     seen = loaded.run().arrays["state"].values[0]
     seen = seen[np.isfinite(seen).all(axis=1)]
     shown = state.reshape(-1, seen.shape[1])[: len(seen)]
-    if isinstance(hf.load_scenario(name), KernelScenario):  # its copy is another file, whose rates may be written in another order
+    if isinstance(
+        hf.load_scenario(name), KernelScenario
+    ):  # its copy is another file, whose rates may be written in another order
         np.testing.assert_allclose(shown, seen, rtol=1e-12, atol=1e-15)
     else:
         np.testing.assert_array_equal(shown, seen)

@@ -10,7 +10,7 @@ import sympy as sp
 
 import holdfast as hf
 from holdfast.analysis.safety.sampled_value import _Game, patience_of, sampled_value
-from holdfast.errors import SimulationError
+from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.foreseen import numbers_of_look
 from holdfast.execution.look_up import values_at
 from holdfast.execution.scalar import called
@@ -151,6 +151,48 @@ def test_optimal_inputs_keep_a_kernel_with_a_ridge_and_leave_it_by_its_slopes_al
     assert stay() == [200, 100]
     monkeypatch.setattr("holdfast.analysis.safety.safety_filter.patience_of", lambda _: 0.0)
     assert stay() == pytest.approx(by_slopes, abs=4)
+
+
+def unstable_line(push=0.0):
+    """x' = 2 x + u / 2 + push: V jumps, so that W is cut off a few cells above the edge."""
+    return hf.System(
+        "line", (hf.Quantity("x", "m"),), (hf.Quantity("u", "m/s"),), {"x": 2 * X + U / 2 + push},
+        input_bounds=hf.Box((-1,), (1,)),
+    )  # fmt: skip
+
+
+@cache
+def held_line(most=1.0):
+    system = unstable_line()
+    walls = hf.Region("walls", system.states, (hf.Inequality("far", abs(X) - most, "m"),))
+    return hf.viability_kernel(system, walls, hf.grid(system, {"x": (-1.2, 1.2)}, 121), 20)
+
+
+@pytest.mark.parametrize("sample_time", [0.02, 0.05])
+def test_optimal_inputs_have_the_slope_of_v_where_w_is_cut_off(sample_time):
+    """A push of 0.08 m/s that the kernel does not know is withstood from within 0.15 m."""
+    law = hf.safety_law(unstable_line(), held_line(), sample_time=sample_time)
+    assert law.safeguard is not None
+    starts = np.linspace(-0.15, 0.15, 31)[:, np.newaxis]
+    runs = hf.simulate(
+        unstable_line(0.08), law, starts=starts, horizon=10, sample_time=sample_time
+    )  # fmt: skip
+    assert np.abs(runs.dataset["state"].values).max() < 0.25
+
+
+def test_law_of_one_value_is_not_kept_in_another():
+    system = unstable_line()
+    optimal = hf.safety_law(system, held_line(), ahead=False)
+    with pytest.raises(DefinitionError, match="has a value function already"):
+        hf.safety_law(system, held_line(0.9), optimal, ahead=False)
+
+
+def test_margin_without_a_law_and_without_a_game_is_refused():
+    with pytest.raises(SimulationError, match="no margin where no sampled game"):
+        hf.safety_law(unstable_line(), held_line(), margin=0.01, ahead=False)
+    assert hf.safety_law(unstable_line(), held_line(), margin=0.01).safeguard is not None
+    with pytest.raises(SimulationError, match="sample_time is 0; expected seconds, above 0"):
+        hf.safety_law(unstable_line(), held_line(), sample_time=0)
 
 
 def test_held_inputs_keep_almost_all_of_the_kernel():
