@@ -85,13 +85,13 @@ def certify(
     that `holdfast-check` checks.
 
     target: where the system has to arrive (reach-avoid): from a cell of the set the inputs lead to
-    `target` within `horizon`, and keep `region` until then. law: it gives the inputs, limited as
-    the system limits them, and the set is what that law keeps when it begins there in its first
-    mode: with its modes, safeguard and table, in exact arithmetic. What others hand it may be
-    anything, and a disturbance that it measures is any within its bounds. errors: state -> by how
-    much it may be measured wrong: the cell that is measured has the input. delay [s]: by how long
-    an input may come late, below `sample_time`; until it comes any other that was tried, or that
-    the law may give in the region, may be under way.
+    `target` within the whole samples of `horizon`, and keep `region` until then. law: it gives the
+    inputs, limited as the system limits them, and the set is what that law keeps when it begins
+    there in its first mode: with its modes, safeguard and table, in exact arithmetic. What others
+    hand it may be anything, and a disturbance that it measures is any within its bounds. errors:
+    state -> by how much it may be measured wrong: the cell that is measured has the input. delay
+    [s]: by how long an input may come late, below `sample_time`; until it comes any other that was
+    tried, or that the law may give in the region, may be under way, before the first sample too.
     refine: how often cells are halved along each axis: those that are left beside certified ones,
     at the edge of the region too. `kept.members` are cells of the smallest size, `kept.entries`
     those that were found, of all sizes.
@@ -155,7 +155,7 @@ def certify(
     if horizon is not None:
         if not (math.isfinite(horizon) and horizon > 0):
             raise SimulationError(f"horizon is {horizon:g}", expected="seconds, above 0")
-        holds = math.ceil(horizon / sample_time - 1e-9)
+        holds = _holds(horizon, sample_time, to_target=target is not None)
     symbols = {q.name: q.symbol for q in system.disturbances}
     used = symbols_of(expressions)
     told = [p for p in parameters.values() if p.symbol in used]
@@ -214,6 +214,20 @@ def certify(
         kept=found,
         target=arrival,
     )
+
+
+def _holds(horizon: float, sample_time: float, *, to_target: bool) -> int:
+    """How many samples the horizon is: a set is kept for no less, and a target is reached in no
+    more."""
+    samples = horizon / sample_time
+    if not to_target:
+        return math.ceil(samples - 1e-9)
+    if samples < 1 - 1e-9:
+        raise SimulationError(
+            f"a horizon of {horizon:g} s with a sample time of {sample_time:g} s",
+            expected="at least one sample to the target",
+        )
+    return math.floor(samples + 1e-9)
 
 
 def _cells(

@@ -157,6 +157,12 @@ def candidates_of(
         for k, (a, b) in enumerate(weights):
             most = most + np.maximum(a * tried[:, k], b * tried[:, k])
         inside &= most <= ROUNDED
+    if not inside.any():
+        raise SimulationError(
+            f"none of the {len(tried)} inputs that are tried is within the bounds",
+            expected="more values of each input",
+            remedy="take an odd number, which has the middle",
+        )
     return tried[inside]
 
 

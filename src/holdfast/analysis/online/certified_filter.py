@@ -43,8 +43,10 @@ class CertifiedFilter:
                 region on the way, whatever the disturbances; else the nearest u_k that does
 
     w is the command of your own controller, within the bounds of the inputs; u_k are the inputs
-    that were tried for the certificate. The enclosures are those of `certify`, from the measured
-    state itself. For a horizon an input has to lead to cells that are kept for as long as the
+    that were tried for the certificate. With a delay the certificate counts what is still under way
+    within the range of those: a command beyond it is limited to it, and the input before the first
+    sample has to be within it. The enclosures are those of `certify`, from the measured state
+    itself. For a horizon an input has to lead to cells that are kept for as long as the
     input of the certificate would keep the state. With a target it has to lead to cells that are
     closer to it by one T, so that the state arrives whatever passes; from the target, to any.
 
@@ -86,6 +88,10 @@ class CertifiedFilter:
         limited = self.system.limited(self.system.allocated(inputs))
         produced = self.system.produced(limited)
         self._limits = Evaluator([*produced, *limited], inputs, self.system.parameters)
+        under_way = certificate.candidates if certificate.sampling.delay > 0 else None
+        self._counted = (
+            None if under_way is None else (under_way.min(axis=0), under_way.max(axis=0))
+        )
         self._fallback = self._checked_fallback(fallback)
         m, acts = len(inputs), len(limited)
         self._rows = Rows(
@@ -181,12 +187,12 @@ class CertifiedFilter:
         m, proof = wanted.shape[1], self._proof
         finite: Truths = np.asarray(np.isfinite(np.hstack([seen, wanted])).all(axis=1))
         x, w = np.where(finite[:, None], seen, 0.0), np.where(finite[:, None], wanted, 0.0)
-        chosen = np.ascontiguousarray(self._limits.values(w)[:, :m])
+        chosen, counted = self._within(w)
         kept, own = proof.looked_up(x)
         known = kept > 0
         sure = known if known.all() else known | proof.inside(x)
         needed = proof.needed(kept)
-        passes = sure & proof.leads(x, chosen, needed)
+        passes = sure & counted & proof.leads(x, chosen, needed)
         held = passes | known
         rest = np.flatnonzero(~passes)
         many = max(1, MOST_TOGETHER // len(proof.candidates))
@@ -206,6 +212,16 @@ class CertifiedFilter:
         rows[:, self._rows.value] = np.where(finite, np.where(held, lasts, 0.0), math.nan)
         changed = (chosen != wanted).any(axis=1)
         return rows, np.select([~finite, ~held, changed], [4, 3, 1], default=0)
+
+    def _within(self, wanted: Array) -> tuple[Array, Truths]:
+        """The commands within the bounds and within what may be under way, and where that is so."""
+        m = wanted.shape[1]
+        limited = np.ascontiguousarray(self._limits.values(wanted)[:, :m])
+        if self._counted is None:
+            return limited, np.ones(len(wanted), dtype=bool)
+        counted = np.clip(limited, *self._counted)
+        bounded = np.ascontiguousarray(self._limits.values(counted)[:, :m])
+        return bounded, (np.clip(bounded, *self._counted) == bounded).all(axis=1)
 
     def _nearest(
         self, x: Array, wanted: Array, needed: Wholes, own: Array, known: Truths, sure: Truths
@@ -253,7 +269,10 @@ class CertifiedFilter:
             surely = f"{hold}, surely leads to {self._cells}"
             if status is Status.PASSED:
                 return f"the command, {surely}"
-            return f"the command is beyond the bounds of the inputs; within them it, {surely}"
+            tried = " or the range of those that were tried" if self._counted else ""
+            return (
+                f"the command is beyond the bounds of the inputs{tried}; within them it, {surely}"
+            )
         closer = "cells that are closer to the target" if self.certificate.target else self._cells
         return f"the command, {hold}, need not lead to {closer}; the nearest input does"
 
@@ -270,7 +289,14 @@ class CertifiedFilter:
             raise SimulationError(
                 f"fallback is {given!r}", expected=f"{len(names)} numbers: {', '.join(names)}"
             )
-        return self._limits.values(wanted[np.newaxis])[0, : len(names)]
+        (chosen,), (counted,) = self._within(wanted[np.newaxis])
+        if not counted:
+            raise SimulationError(
+                f"the fallback {', '.join(f'{v:g}' for v in chosen)} is beyond the inputs that "
+                "were tried: while an input is late, others may not be under way",
+                expected="a fallback within them",
+            )
+        return chosen
 
 
 _STATUSES = tuple(Status)
