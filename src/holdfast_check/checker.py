@@ -28,6 +28,7 @@ import itertools
 import json
 import math
 import random
+import secrets
 import struct
 import sys
 import zlib
@@ -406,10 +407,11 @@ class Checker:
                 raise NotValidError(f"{where} is not inside constraint {k}")
         given = list(self._given(at, choice))
         if not any(sure for *_, sure in given):  # no option holds all over the cell
-            chance = random.Random(cell)
+            chance = random.SystemRandom()  # a file that knows the places could lie elsewhere
             for _ in range(DRAWN):
                 place = {n: arb(chance.uniform(*ends)) for n, ends in ranges.items()}
-                if next(self._given(place, choice), None) is None:
+                since = self.hold * chance.choice((0, 10 ** chance.uniform(-3, 5)))
+                if next(self._given(place, choice, since), None) is None:
                     raise NotValidError(f"{where}: the law does nothing in a part of it")
         for inputs, mode, _ in given:
             x = self._with_errors(seen)
@@ -431,20 +433,26 @@ class Checker:
                 if led is None or not self._reached(led, mode, level):
                     raise NotValidError(f"{where} may lead to {led and led[0]}, which is not kept")
 
-    def _given(self, at: Values, choice: int) -> Iterator[tuple[Balls, int, bool]]:
+    def _given(
+        self, at: Values, choice: int, since: Any = None
+    ) -> Iterator[tuple[Balls, int, bool]]:
         """All inputs that may be given where this is measured, and the mode of the law then.
 
         Of a law these are of the first option whose conditions hold: at last whether one surely is.
+        since: the time in the mode at a place, where a condition that is no number does not hold;
+        None is any time, all over a cell.
         """
-        at = at | {"time_in_mode": arb("nan")} | self._looked_up(at)
+        time = arb("nan") if since is None else since
+        at = at | {"time_in_mode": time} | self._looked_up(at)
         for name, e in self.where:
             at[name] = e.at(at)
         for when, inputs, to, parts in self.choices[choice]:
             sure = False
             for part in parts:
                 at.update(zip(self.input_names, part, strict=bool(part)))
-                if not any(e.at(at) > 0 for e in when):
-                    sure |= all(e.at(at) < 0 for e in when)
+                values = [e.at(at) for e in when]
+                if not any(v > 0 or (since is not None and v.is_nan()) for v in values):
+                    sure |= all(v < 0 for v in values)
                     yield [e.at(at) for e in inputs], to, sure
             if sure:
                 return
@@ -662,9 +670,10 @@ def _down(q: Any) -> float:
     return value if arb(value) <= q.lower() else math.nextafter(value, -math.inf)
 
 
-def check(path: str, share: float = 1.0, seed: int = 0) -> str:
+def check(path: str, share: float = 1.0, seed: int | None = None) -> str:
     """What was checked, in a sentence. Raises `NotValidError` where the certificate is wrong."""
     flint.ctx.prec = BITS
+    seed = secrets.randbits(32) if seed is None else seed
     header, every = read(path)
     count = max(round(share * len(every)), 1)
     entries = every if share == 1 else random.Random(seed).sample(every, count)
@@ -693,7 +702,7 @@ def main() -> None:
     parser = argparse.ArgumentParser("holdfast-check", description="Check a certificate.")
     parser.add_argument("file")
     parser.add_argument("--share", type=float, default=1.0, help="part of the entries to check")
-    parser.add_argument("--seed", type=int, default=0, help="of the entries that are drawn")
+    parser.add_argument("--seed", type=int, help="of the entries that are drawn, to repeat it")
     asked = parser.parse_args()
     if not 0 < asked.share <= 1:
         parser.error("--share: expected above 0, at most 1")

@@ -1,0 +1,78 @@
+"""Files of laws that exist nowhere, or on next to nothing, or without a branch, are refused."""
+
+import random
+from dataclasses import replace
+
+import pytest
+import sympy as sp
+
+import holdfast as hf
+from holdfast_check.checker import NotValidError, check
+from tests.carts import WALLS, V, X, cart
+from tests.certified_systems import changed
+
+BOX = {"x": (-1, 1), "v": (-1, 1)}
+
+
+@pytest.fixture(scope="module")
+def braked(tmp_path_factory):
+    """u = -3 x - 3 v keeps a cart between its walls: one option, whatever is measured."""
+    system = replace(cart(0.1), input_bounds=hf.Box((-2,), (2,)))
+    law = hf.Law("braked", system.states, {system.input_names[0]: -3 * X - 3 * V})
+    found = hf.certify(system, WALLS, law=law, box=BOX, cells=41, sample_time=0.1)
+    return found.write(tmp_path_factory.mktemp("law") / "braked.holdfast")
+
+
+def with_options(path, of):
+    """The file whose law has other options, from those of an honest one: conditions, inputs."""
+
+    def other(header):
+        ((_, inputs, mode),) = header["law"]["modes"][0]
+        header["law"]["modes"][0] = [[when, inputs, mode] for when in of]
+
+    return str(changed(path, other))
+
+
+def test_honest_law_is_valid_with_one_option_and_with_two(braked):
+    assert "entries hold" in check(str(braked))
+    assert "entries hold" in check(with_options(braked, [["x - 1/2"], ["1/2 - x"]]))
+    assert "entries hold" in check(
+        with_options(braked, [["time_in_mode - 1"], ["1 - time_in_mode"]])
+    )
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        [["x - 1/2"]],
+        [["x - 1/2"], ["log(-1 - x*x)"]],
+        [["x - 1/2"], ["sqrt(-1 - x*x)"]],
+        [["x - 1/2"], ["1/(x - x)"]],
+        [["x - 1/2"], ["time_in_mode"]],
+        [["time_in_mode - 1"]],
+        [["1 - time_in_mode"]],
+        [["log(-1 - x*x)"]],
+    ],
+)
+def test_law_without_a_branch_is_refused(braked, options):
+    with pytest.raises(NotValidError, match="the law does nothing in a part of it"):
+        check(with_options(braked, options))
+
+
+def test_law_at_places_that_a_seed_foretells_is_refused(braked):
+    """It is defined within 1e-12 m of 32 places of each column of cells alone."""
+    edges, options = [-1 + 2 * k / 41 for k in range(42)], []
+    for cell in range(41):
+        chance = random.Random(cell)
+        for _ in range(32):
+            at = sp.Rational(chance.uniform(edges[cell], edges[cell + 1]))
+            options.append([f"x - ({at}) - 1/10**12", f"({at}) - x - 1/10**12"])
+    with pytest.raises(NotValidError, match="the law does nothing in a part of it"):
+        check(with_options(braked, options))
+
+
+def test_share_is_drawn_anew_each_time_and_the_seed_is_printed(braked):
+    told = {check(str(braked), share=0.1) for _ in range(3)}
+    assert len(told) == 3
+    seed = int(told.pop().split("drawn with seed ")[1].split(":")[0])
+    assert f"seed {seed}" in check(str(braked), share=0.1, seed=seed)
