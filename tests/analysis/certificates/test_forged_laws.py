@@ -3,12 +3,13 @@
 import random
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import sympy as sp
 
 import holdfast as hf
 from holdfast_check.checker import NotValidError, check
-from tests.carts import WALLS, V, X, cart
+from tests.carts import STATES, WALLS, D, U, V, X, cart
 from tests.certified_systems import changed
 
 BOX = {"x": (-1, 1), "v": (-1, 1)}
@@ -59,16 +60,28 @@ def test_law_without_a_branch_is_refused(braked, options):
         check(with_options(braked, options))
 
 
-def test_law_at_places_that_a_seed_foretells_is_refused(braked):
-    """It is defined within 1e-12 m of 32 places of each column of cells alone."""
-    edges, options = [-1 + 2 * k / 41 for k in range(42)], []
-    for cell in range(41):
+def test_law_at_places_that_a_seed_foretells_is_refused(tmp_path):
+    """It is defined within 1e-12 m of 32 places of each cell alone."""
+    system = hf.System(
+        "line", STATES[:1], (hf.Quantity("u", "m/s"),), {"x": U + D},
+        disturbances=(hf.Quantity("d", "m/s"),), input_bounds=hf.Box((-1,), (1,)),
+        disturbance_bounds=hf.Box((-0.1,), (0.1,)),
+    )  # fmt: skip
+    law = hf.Law("to the middle", system.states, {"u": -X})
+    path = hf.certify(system, WALLS, law=law, box={"x": (-1, 1)}, cells=20, sample_time=0.5).write(
+        tmp_path / "line.holdfast"
+    )
+    assert "entries hold" in check(str(path))
+    edges, options = np.linspace(-1, 1, 21), []
+    for cell in range(20):
         chance = random.Random(cell)
         for _ in range(32):
+            chance.uniform(-0.1, 0.1)  # the disturbance
             at = sp.Rational(chance.uniform(edges[cell], edges[cell + 1]))
+            chance.choice((0, chance.uniform(-3, 5)))  # the time in the mode
             options.append([f"x - ({at}) - 1/10**12", f"({at}) - x - 1/10**12"])
     with pytest.raises(NotValidError, match="the law does nothing in a part of it"):
-        check(with_options(braked, options))
+        check(with_options(path, options))
 
 
 def test_share_is_drawn_anew_each_time_and_the_seed_is_printed(braked):
