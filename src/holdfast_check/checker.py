@@ -18,6 +18,7 @@ what others differ from it by (mean value form).
 from __future__ import annotations
 
 import argparse
+import array
 import ast
 import base64
 import bisect
@@ -27,6 +28,7 @@ import hashlib
 import itertools
 import json
 import math
+import os
 import random
 import secrets
 import struct
@@ -43,6 +45,7 @@ from flint import arb, arb_series
 MAGIC = "holdfast-certificate 1"
 BITS = 80
 NOT_VALID, NOT_READ, LEAST_CHANCE, MOST_POWER, DRAWN = 1, 2, 1e-3, 64, 32
+MOST_OF_ENTRIES, MOST_OF_NODES, ROOM = 16, 64, 1 << 20
 
 
 Balls = list[Any]
@@ -62,6 +65,8 @@ def read(path: str) -> tuple[Values, list[Any]]:
 
     Raises `NotValidError` if a bit of it is not as it was written.
     """
+    if not os.path.isfile(path):
+        raise OSError("it is no file")
     with open(path, "rb") as file:
         content = file.read()
     first, _, rest = content.partition(b"\n")
@@ -74,7 +79,7 @@ def read(path: str) -> tuple[Values, list[Any]]:
     said = {"depth": 0} | json.loads(text, object_pairs_hook=_once)
     header = formed(said, HEADER, "the header")
     count = max(header["entries"], 0)
-    numbers = zlib.decompressobj().decompress(packed, 10 * count + 1)
+    numbers = _unpacked(packed, MOST_OF_ENTRIES)
     if len(numbers) != 10 * count or count < 1:
         raise NotValidError(f"{path} has not the {count} entries that it says")
     return header, list(struct.iter_unpack("<IHI", numbers))
@@ -289,9 +294,20 @@ def _number(text: str) -> float:
     raise ValueError("it is not finite")
 
 
-def _nodes(text: str) -> list[float]:
-    numbers = zlib.decompress(base64.b64decode(text))
-    return [value for (value,) in struct.iter_unpack("<d", numbers)]
+def _unpacked(packed: bytes, times: int) -> bytes:
+    """What is packed: so many times as long at most, so that a small file takes little memory."""
+    most = times * len(packed) + ROOM
+    numbers = zlib.decompressobj().decompress(packed, most + 1)
+    if len(numbers) > most:
+        raise NotValidError(f"it unpacks to more than {times} times its length")
+    return numbers
+
+
+def _nodes(text: str) -> Sequence[float]:
+    numbers = array.array("d", _unpacked(base64.b64decode(text), MOST_OF_NODES))
+    if sys.byteorder == "big":
+        numbers.byteswap()
+    return numbers
 
 
 ENDS, NAMED = [_number, _number], {"name": str, "unit": str}

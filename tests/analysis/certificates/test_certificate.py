@@ -494,7 +494,7 @@ def test_checker_is_short_enough_to_be_read():
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
             explained |= set(range(node.lineno, node.end_lineno + 1))
     code = {k for k, line in enumerate(source.splitlines(), 1) if line.strip()} - explained
-    assert len(code) == 555
+    assert len(code) < 600
 
 
 def test_angle_that_turns_faster_than_doubles_count_leaves_no_cell_unchecked(tmp_path):

@@ -1,6 +1,10 @@
 """Files of laws that exist nowhere, or on next to nothing, or without a branch, are refused."""
 
+import base64
+import os
 import random
+import tracemalloc
+import zlib
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +12,7 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
+from holdfast.errors import OutputError
 from holdfast_check.checker import NotValidError, check
 from tests.carts import STATES, WALLS, D, U, V, X, cart
 from tests.certified_systems import changed
@@ -89,3 +94,36 @@ def test_share_is_drawn_anew_each_time_and_the_seed_is_printed(braked):
     assert len(told) == 3
     seed = int(told.pop().split("drawn with seed ")[1].split(":")[0])
     assert f"seed {seed}" in check(str(braked), share=0.1, seed=seed)
+
+
+@pytest.mark.parametrize("what", ["entries", "nodes"])
+def test_small_file_that_unpacks_to_much_is_refused_in_little_memory(braked, what):
+    def much(header):
+        packed = base64.b64encode(zlib.compress(bytes(50_000_000), 9)).decode()
+        header["law"]["table"] = {
+            "axes": [["x", [(0.0).hex(), (1.0).hex()], 6_250_000, False]],
+            "nodes": {"_V": [packed, packed]},
+        }
+
+    def many(content):
+        return content[:10] * 5_000_000
+
+    forged = (
+        changed(braked, much) if what == "nodes" else changed(braked, lambda h: None, entries=many)
+    )
+    tracemalloc.start()
+    try:
+        with pytest.raises(NotValidError, match="unpacks to more than"):
+            check(str(forged))
+        with pytest.raises(OutputError, match="unpacks to more than"):
+            hf.read_certificate(forged)
+        assert tracemalloc.get_traced_memory()[1] < 30_000_000
+    finally:
+        tracemalloc.stop()
+
+
+def test_device_without_an_end_is_no_file():
+    with pytest.raises(OSError, match="no file"):
+        check(os.devnull)
+    with pytest.raises(OutputError, match="is no file"):
+        hf.read_certificate(os.devnull)

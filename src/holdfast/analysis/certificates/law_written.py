@@ -16,6 +16,9 @@ from holdfast.maths.definitions.law_cases import LawCases, Option
 from holdfast.maths.definitions.lookup import Lookup
 from holdfast.maths.definitions.quantity import TIME_IN_MODE
 
+MOST_OF_NODES, ROOM = 64, 1 << 20
+"""How many times as long as its packed form a table of a file may be, beside so many bytes."""
+
 Ranges = Sequence[tuple[float, float]]
 Read = Callable[[object, Mapping[str, sp.Expr]], sp.Expr]
 
@@ -101,8 +104,21 @@ def _lookup(table: Any, names: Mapping[str, sp.Expr], read: Read) -> Lookup:
     return replace(found, table=numbers)
 
 
+def unpacked(packed: bytes, times: int) -> bytes:
+    """What is packed: so many times as long at most, so that a small file takes little memory.
+
+    Raises `ValueError` for more.
+    """
+    most = times * len(packed) + ROOM
+    numbers = zlib.decompressobj().decompress(packed, most + 1)
+    if len(numbers) > most:
+        raise ValueError(f"it unpacks to more than {times} times its length")
+    return numbers
+
+
 def _unpacked(text: str) -> Any:
-    return np.frombuffer(zlib.decompress(base64.b64decode(text)), dtype="<f8").astype(np.float64)
+    numbers = unpacked(base64.b64decode(text), MOST_OF_NODES)
+    return np.frombuffer(numbers, dtype="<f8").astype(np.float64)
 
 
 def _packed(values: Any) -> str:

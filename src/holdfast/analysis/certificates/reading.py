@@ -27,7 +27,7 @@ from holdfast.analysis.certificates.certificate import (
 from holdfast.analysis.certificates.certified_law import KEYS
 from holdfast.analysis.certificates.exact_text import exact_expression
 from holdfast.analysis.certificates.kept_set import Kept
-from holdfast.analysis.certificates.law_written import Ranges, read
+from holdfast.analysis.certificates.law_written import Ranges, read, unpacked
 from holdfast.analysis.certificates.refining import sure_of
 from holdfast.arguments import checked
 from holdfast.errors import HoldfastError, OutputError
@@ -35,6 +35,9 @@ from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.execution.intervals.held_flow import Sampling
 from holdfast.maths.definitions.law_cases import LawCases
 from holdfast.maths.definitions.quantity import symbol
+
+MOST_OF_ENTRIES = 16
+"""How many times as long as their packed form the entries of a file may be: they are six times."""
 
 OPTIONAL = {"depth"}
 """What a header says of cells that were halved, and otherwise not."""
@@ -52,6 +55,8 @@ def read_certificate(path: str | Path) -> Certificate:
     """
     file = Path(path)
     try:
+        if file.exists() and not file.is_file():
+            raise OutputError(f"{file} is no file", expected="a certificate")
         raw = file.read_bytes()
     except OSError as error:
         raise OutputError(f"{file} cannot be read ({error.strerror})") from None
@@ -194,7 +199,7 @@ def _kept(header: Mapping[str, Any], packed: bytes, halvings: Halvings, region: 
     if not (type(count) is int and count >= 0):
         raise ValueError(f"it has {count!r} entries")
     most = count * ENTRY.itemsize
-    content = zlib.decompressobj().decompress(packed, most + 1)
+    content = unpacked(packed, MOST_OF_ENTRIES)
     if len(content) != most:
         raise ValueError(f"its entries are not {count}")
     found = np.frombuffer(content, dtype=ENTRY)
