@@ -83,8 +83,8 @@ FAR = 1.5  # cells that a state moves at most within that longer hold
 FARTHEST = 1e3  # cells below what is lost, at most
 LITTLE = 1e-5  # cells by which a value has to fall to count
 KEPT = 0.75  # the share of a set that has not converged below which the game is of no use to it
-LEAN = 1e-3
-NONE = b"no game"
+LEAN = 1e-3  # of V that W has beside it, where no law says what is wanted
+NONE = b"no game"  # in the cache, where none was found
 SUBSTEPS = 8
 INPUTS = {1: 9, 2: 5, 3: 3}
 
