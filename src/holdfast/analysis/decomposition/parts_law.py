@@ -55,7 +55,7 @@ def parts_law(
         check_held(value, options)
     if law is None:
         options = {**options, "ahead": False}
-    if law is not None:
+    else:
         check_fit(system, law)
         if law.lookup is not None:
             raise DefinitionError(f"law '{law.name}' has a value function already")

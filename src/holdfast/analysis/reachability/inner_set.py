@@ -70,8 +70,7 @@ def with_error_in_cells(found: ValueFunction, coarse: ValueFunction) -> ValueFun
     if jumps:
         order = ORDERS[found.report.scheme]
         apart = apart / (2.0 ** (order / (order + 1)) - 1.0) + 1.0
-    known = apart <= MOST_CELLS
-    reach = max(1, math.ceil(apart)) if known else 0
+    reach = max(1, math.ceil(apart)) if apart <= MOST_CELLS else 0
     lengths = {a.name: reach * a.step for a in found.grid.axes} if reach else {}
     if jumps:
         found = found.reported(error_cells=float(reach) if reach else None)

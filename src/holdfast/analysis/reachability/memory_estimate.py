@@ -13,7 +13,6 @@ from holdfast.analysis.reachability.problem import Posed
 from holdfast.analysis.reachability.refinement import finer
 from holdfast.arguments import checked
 from holdfast.execution.level_set.layers import Part
-from holdfast.execution.level_set.schemes import schemes
 from holdfast.execution.resources import check_memory
 
 
@@ -55,8 +54,8 @@ def march_memory(
     wanted = capture if least_times is None else least_times
     count = whole("times: ", times, 0)
     marching = marching_of(options)
-    of_high_order = not schemes()[marching.scheme].one_slope
-    beside = marching.smeared or (of_high_order and (opposed or moving or not capture))
+    held = not marching.first_order and (opposed or moving or not capture)
+    beside = marching.smeared or held
     return _bytes(grid, marching, capture or moving, count, wanted, beside)
 
 

@@ -151,15 +151,20 @@ class Marching:
         return Method(self.scheme, order, self.dissipation, self.cfl, self.skip)
 
     @property
+    def first_order(self) -> bool:
+        """Whether the slopes of the scheme are the plain differences."""
+        return schemes()[self.scheme].one_slope
+
+    @property
     def smeared(self) -> bool:
         """Whether a scheme of first order has speeds beyond those that the two slopes allow."""
-        return schemes()[self.scheme].one_slope and self.dissipation != "local-local"
+        return self.first_order and self.dissipation != "local-local"
 
     @property
     def monotone(self) -> bool:
         """Whether a step keeps the order of two values, less everywhere before, less after, of a
         Hamiltonian that `is_sharp` (`maths/games/monotone_flux.py`)."""
-        return schemes()[self.scheme].one_slope and self.method.order == 1 and not self.smeared
+        return self.first_order and self.method.order == 1 and not self.smeared
 
     def aside(self, name: str, kind: str) -> Marching:
         """For a further march that tells what the first is worth; its checkpoint is named so."""

@@ -92,7 +92,7 @@ class Posed:
     def held(self) -> Held:
         """The sides on which its set is held to that of a filtered march."""
         limit = self.problem.limit
-        if self.first_order:
+        if self.marching.first_order:
             return Held()
         opposed = self.problem.disturbances == "min" and bool(self.system.disturbances)
         if limit == "shrink":
@@ -104,11 +104,6 @@ class Posed:
     def marched_twice(self) -> bool:
         """Whether another march goes beside it (`resting_set.py`)."""
         return self.marching.smeared or any(self.held)
-
-    @property
-    def first_order(self) -> bool:
-        """Whether its slopes are the plain differences."""
-        return schemes()[self.marching.scheme].one_slope
 
     @property
     def limit(self) -> str:

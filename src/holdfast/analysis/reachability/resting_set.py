@@ -80,9 +80,9 @@ def marched_to_rest(
     report, is_kernel = first.report, posed.problem.limit == "shrink"
     if report.ended_early or (is_kernel and report.empty and not posed.several):
         return first
-    beside = replace(posed.renamed("rest"), filtered=not posed.first_order)
+    beside = replace(posed.renamed("rest"), filtered=not posed.marching.first_order)
     marching = beside.marching
-    if posed.first_order:
+    if marching.first_order:
         marching = replace(marching, dissipation="local-local")
     else:
         rim = float(rim_of(posed.grid))
@@ -118,11 +118,11 @@ def _of_both(first: ValueFunction, second: ValueFunction, posed: Posed) -> Value
     that they may be larger than the memory."""
     report, grid = first.report, second.grid
     tables = [v.dataset["value"].values for v in (first, second)]
-    several = "time" in first.dataset["value"].dims
+    several, lesser = "time" in first.dataset["value"].dims, posed.marching.first_order
     before = after = moved = 0
     for values, other in zip(*tables, strict=True) if several else [tables]:
         before = after = moved = 0  # the last are those of the horizon
-        answers = _lesser(values, other) if posed.first_order else _held(values, other, grid, posed)
+        answers = _lesser(values, other) if lesser else _held(values, other, grid, posed)
         for planes, answer in answers:
             was, now = values[planes] > 0, answer > 0
             values[planes] = answer
@@ -130,7 +130,7 @@ def _of_both(first: ValueFunction, second: ValueFunction, posed: Posed) -> Value
             moved += int((was != now).sum())
     if "arrival" in first.dataset:
         times, others = (v.dataset["arrival"].values for v in (first, second))
-        if posed.first_order:
+        if lesser:
             np.maximum(times, others, out=times)  # NaN where one of them is never there
         else:
             _no_later(times, others, grid)

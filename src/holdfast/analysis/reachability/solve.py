@@ -90,8 +90,8 @@ def solve(
     start = _begun(posed, begin, until)
     found = marched_to_rest(posed, progress, start, until)
     if further:
-        of_high_order = problem.limit == "shrink" and not posed.first_order
-        march = marched if of_high_order else marched_to_rest
+        sharp = problem.limit == "shrink" and not marching.first_order
+        march = marched if sharp else marched_to_rest
         rougher = [march(other) for other in further]
         found = with_error_in_cells(with_error(found, rougher), rougher[0])
     if marching.check_outside:
