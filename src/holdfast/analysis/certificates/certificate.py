@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import sympy as sp
-from sympy.printing.str import StrPrinter
 
 from holdfast.analysis.certificates.cells import Cells, Floats, Wholes
 from holdfast.analysis.certificates.kept_set import Kept
@@ -22,11 +21,12 @@ from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.intervals.held_flow import Sampling
 from holdfast.host.writing import atomic_file
 from holdfast.maths.definitions.quantity import TIME
+from holdfast.maths.expressions.plain_text import plain_text
 from holdfast.maths.expressions.traversal import exact
 
 MAGIC = "holdfast-certificate 1"
 ENTRY = np.dtype([("cell", "<u4"), ("input", "<u2"), ("level", "<u4")])
-MOST_CELLS, MOST_INPUTS, MOST_DEPTH = 2**32, 2**16, 31
+MOST_CELLS, MOST_INPUTS, MOST_DEPTH, MOST_STEPS = 2**32, 2**16, 31, 64
 
 KNOWN = (
     "sin", "cos", "tan", "atan", "exp", "log", "tanh", "Abs", "magnitude", "least", "greatest",
@@ -77,17 +77,18 @@ class Certificate:
     def header(self) -> dict[str, Any]:
         """What the file says before its entries; numbers in hexadecimal digits, which are exact."""
         kept, law = self.kept, self.sampling.law
-        halved = {"depth": kept.depth} if kept.depth else {}
+        more = {"depth": kept.depth} if kept.depth else {}
+        more |= {"steps": self.sampling.steps} if self.sampling.steps > 1 else {}
         return {
             "title": self.title,
             "states": _named(self.states),
             "inputs": _named(self.inputs),
             "disturbances": _ranged(self.disturbances, self.ranges),
             "parameters": _ranged(self.parameters, self.ranges),
-            "rates": [_text(r) for r in self.rates],
+            "rates": [plain_text(r) for r in self.rates],
             "constraints": _written(self.constraints),
             "target": _written(self.target),
-            "law": [] if law is None else written(law, self.sampling.under_way, _text),
+            "law": [] if law is None else written(law, self.sampling.under_way, plain_text),
             "hold": self.hold.hex(),
             "delay": self.sampling.delay.hex(),
             "errors": [float(e).hex() for e in self.sampling.errors],
@@ -95,7 +96,7 @@ class Certificate:
             "edges": [[float(e).hex() for e in axis] for axis in kept.cells.edges],
             "periodic": list(kept.cells.periodic),
             "candidates": [[float(v).hex() for v in row] for row in self.candidates],
-            **halved,
+            **more,
             "cells_in_region": kept.inside,
             "cells_kept": len(kept.members),
             "entries": len(kept.entries),
@@ -174,21 +175,6 @@ def check_names(names: Iterable[str]) -> None:
             )
 
 
-class _Products(StrPrinter):
-    """Whole powers as products: Arb's power of a ball around zero is not known."""
-
-    def _print_Pow(self, expr: sp.Pow, rational: bool = False) -> str:  # noqa: N802
-        base, exponent = expr.as_base_exp()
-        if not (exponent.is_Integer and abs(exponent) >= 2) or base.is_number:
-            return str(super()._print_Pow(expr, rational))
-        product = "*".join(int(abs(exponent)) * [f"({self._print(base)})"])
-        return f"(1/({product}))" if exponent < 0 else f"({product})"
-
-
-def _text(e: sp.Expr) -> str:
-    return str(_Products().doprint(exact(e)))
-
-
 def _packed(entries: Wholes) -> bytes:
     found = np.empty(len(entries), dtype=ENTRY)
     for k, name in enumerate(ENTRY.names or ()):
@@ -197,7 +183,7 @@ def _packed(entries: Wholes) -> bytes:
 
 
 def _written(constraints: Iterable[tuple[str, str, sp.Expr]]) -> list[dict[str, str]]:
-    return [{"name": n, "unit": u, "expression": _text(e)} for n, u, e in constraints]
+    return [{"name": n, "unit": u, "expression": plain_text(e)} for n, u, e in constraints]
 
 
 def _named(quantities: Sequence[tuple[str, str]]) -> list[dict[str, Any]]:

@@ -20,7 +20,7 @@ from holdfast.analysis.certificates.certificate import (
     check_functions,
     check_names,
 )
-from holdfast.analysis.certificates.images import where
+from holdfast.analysis.certificates.images import in_steps, where
 from holdfast.analysis.certificates.keeping import kept
 from holdfast.analysis.certificates.law_cells import (
     inputs_under_way,
@@ -185,7 +185,7 @@ def certify(
     if given is not None and sampling.delay:
         late = inputs_under_way(flow_of(replace(sampling, delay=0.0)), grid)
         sampling = replace(sampling, under_way=late)
-    flow = flow_of(sampling)
+    flow = in_steps(flow_of(sampling), grid, candidates)
     if target is not None and not any(len(where(flow.arrived, g)) for g in _halves(grid, refine)):
         raise SimulationError(f"no cell lies in '{target.name}'", remedy="take smaller cells")
     if given is not None:
@@ -209,7 +209,7 @@ def certify(
         ranges={q.name: ranges[q.name] for q in (*system.disturbances, *told)},
         rates=rates,
         constraints=constraints,
-        sampling=sampling,
+        sampling=flow.sampling,
         candidates=candidates,
         kept=found,
         target=arrival,

@@ -16,6 +16,9 @@ from holdfast.execution.resources import available_cores, check_memory
 
 BLOCK = 1 << 15
 
+TRIED, STEPS, NEARLY = 512, (1, 2, 4, 8, 16), 0.95
+"""Pairs of cells and inputs of a trial, and what part of the best is enough."""
+
 
 @dataclass(frozen=True)
 class Images:
@@ -93,6 +96,34 @@ def images(
         finally:
             blocks.write()
     return Images(of, first, last, usable)
+
+
+def in_steps(flow: HeldFlow, cells: Cells, candidates: Floats) -> HeldFlow:
+    """The flow with holds divided into as many steps as pay, by a trial of some cells.
+
+    What is gained is the mean of one part in so many cells as an input leads to: the fewest steps
+    with nearly the most of it are taken.
+    """
+    inside = where(flow.inside, cells)
+    if not len(inside):
+        return flow
+    chance = np.random.default_rng(0)
+    low, high = cells.corners(chance.choice(inside, TRIED))
+    if flow.law is None:
+        inputs = most = candidates[chance.integers(len(candidates), size=TRIED)]
+    else:
+        given = flow.law.given(flow.law.initial, low, high)
+        low, high, inputs, most = low[given.row], high[given.row], given.low, given.high
+
+    def gained(steps: int) -> float:
+        held = flow.in_steps(steps).held(low, high, inputs, most)
+        first, last, stays = cells.touched(held.low, held.high)
+        blocks = np.where((held.kept & stays)[:, None], last - first + 1, np.inf).prod(axis=1)
+        return float((1 / blocks).mean()) if len(blocks) else 0.0
+
+    shares = {steps: gained(steps) for steps in STEPS}
+    enough = NEARLY * max(shares.values())
+    return flow.in_steps(min(steps for steps, share in shares.items() if share >= enough))
 
 
 def joined(*several: Images) -> Images:

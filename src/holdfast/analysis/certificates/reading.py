@@ -20,6 +20,7 @@ from holdfast.analysis.certificates.certificate import (
     ENTRY,
     MAGIC,
     MOST_DEPTH,
+    MOST_STEPS,
     Certificate,
     Range,
     check_names,
@@ -39,8 +40,8 @@ from holdfast.maths.definitions.quantity import symbol
 MOST_OF_ENTRIES = 16
 """How many times as long as their packed form the entries of a file may be: they are six times."""
 
-OPTIONAL = {"depth"}
-"""What a header says of cells that were halved, and otherwise not."""
+OPTIONAL = {"depth", "steps"}
+"""What a header says of cells that were halved, and of holds that enclosures divide."""
 
 
 @checked
@@ -171,7 +172,10 @@ def _sampling(
     under_way = (
         tuple(late) if law else tuple((float(c.min()), float(c.max())) for c in candidates.T)
     )
-    return Sampling(hold, tuple(errors), delay, under_way, law)
+    steps = header.get("steps", 1)
+    if type(steps) is not int or not 1 <= steps <= MOST_STEPS:
+        raise ValueError(f"its holds are divided into {steps!r} steps")
+    return Sampling(hold, tuple(errors), delay, under_way, law, steps)
 
 
 def _cells(header: Mapping[str, Any], axes: int) -> Cells:

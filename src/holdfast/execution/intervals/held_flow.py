@@ -1,43 +1,49 @@
 """Where a held input can lead from a box of states, for any disturbance within its bounds.
 
-For xdot = f(x, u, d) with u held for T, d in D at every instant, from a box X with the middle c:
+For xdot = f(x, u, d) with u held for T, d in D at every instant, from a box X with the middle c,
+in steps tau = T / m of each leg. States are in N + C (X - c) + E: N the trajectory of c with the middle d0 of D
+and C what carries X - c along, at first c, the identity and E = 0. At every step:
 
-1. A box B with X + [0, T] f(B, u, D) inside B contains all states on the way (E. Picard; the
-   inclusion is checked, not assumed), and so does X + [0, T] f(B, u, D).
-2. The trajectory of c with the middle d0 of D ends in its Taylor polynomial of second order at c,
-   with T^3/6 times the third derivative over B; of first order where rates have kinks.
+1. A box B with Y + [0, tau] f(B, u, D) inside B, Y the states at its begin, contains all states on
+   the way (E. Picard): the first of some guesses, each the way of the one before made wider by a
+   part, that does. The inclusion is checked, not assumed.
+2. N goes on by its Taylor polynomial of second order in time, with the third coefficient over B; of
+   first order where rates have kinks.
 3. The others differ from it by e with edot = A e + w, A in df/dx (B, u, D), w in W =
-   df/dd (B, u, D) (D - d0): at the end (I + T A + T^2/2 A^2)(X - c) + T W + T^2/2 A W +
-   T^3/6 A^2 (A E + W), with E a box of e on the way.
-4. A constraint c <= 0 at both ends of the hold is kept between if its rate has one sign, or if the
-   lines of the least and the greatest rate from its ends meet at or below zero.
+   df/dd (B, u, D) (D - d0): with M = I + tau A + tau^2/2 A A, C goes on to M C and E to
+   M E + tau W + tau^2/2 A W + tau^3/6 (A A) (A e + W), e in a box of differences on the way.
+4. The states at its end are in N + C (X - c) + E, in Y + tau f(B, u, D) and in B.
+5. A constraint c <= 0 is kept on the way if it is all over B; or if its rate has one sign, or the
+   lines of its least and greatest rate from both ends meet at or below zero, and it holds at the
+   ends that decide. Of least(a, b) one may be kept, of greatest(a, b) both.
 
 States that are measured with errors up to e, and an input that arrives up to a delay late, are sets
 too: X and the states at the end are wider by e, and the way begins with a leg of that delay, on
 which the input is any that may be under way. The inputs of a law are those that it may give all
 over the box that is measured (`law_ranges.py`).
 
-Every operation is of intervals that are rounded outward. Rates with jumps have no df/dx: then the
-end is X + T f(B, u, D), and a constraint is looked at over all of B.
+Every operation is of intervals that are rounded outward, and the operations are those of
+`holdfast-check`, in its order (`tape.py`), which rounds less: what is kept here is valid there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import sympy as sp
 
+from holdfast.errors import DefinitionError
 from holdfast.execution.arithmetic.steps import FLOAT, Steps, Value, choose
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.llvm_text import Leaf
-from holdfast.execution.intervals.enclosure import IntervalLowering
-from holdfast.execution.intervals.interval import Interval, hull, smallest
+from holdfast.execution.intervals.interval import Interval, smallest
 from holdfast.execution.intervals.law_ranges import LawRanges
 from holdfast.execution.intervals.rows import (
+    FITS,
     Row,
     common,
     constant,
@@ -49,17 +55,22 @@ from holdfast.execution.intervals.rows import (
     pairs,
     share,
 )
-from holdfast.execution.leaf import compiled_leaves
+from holdfast.execution.intervals.tape import Tape
+from holdfast.execution.leaf import Leaves, compiled_leaves
 from holdfast.maths.definitions.law_cases import LawCases
-from holdfast.maths.expressions.traversal import derivatives, exact
+from holdfast.maths.expressions.functions import greatest, least
+from holdfast.maths.expressions.traversal import exact, symbols_of
 
-JUMPS = ("sgn", "sign", "select", "wrap", "angle", "atan2", "floor", "ceiling", "length")
-"""Functions that are not continuous everywhere, or of which the slope is not exact."""
+GUESSES = 6
+"""How many boxes are tried for the way."""
 
-KINKS = ("magnitude", "Abs", "least", "greatest", "Min", "Max")
-"""Continuous functions of which the slope jumps: rates with them have no third derivative."""
+SLACK = 1e-12
+"""By which part of the way the states at its end are wider, of a law and with a delay: the middle
+of the law's inputs, and of the states when an input arrives, is that of an enclosure, of which the
+checker has its own."""
 
 Truths = npt.NDArray[np.bool_]
+Known = dict[str, Interval]
 
 
 @dataclass(frozen=True)
@@ -83,7 +94,8 @@ class Sampling:
 
     errors: by how much each state may be measured wrong. delay: by how long an input may come late
     [s], at most. under_way: the least and the greatest of each input that may still be under way.
-    law: what gives the inputs, None where they are tried.
+    law: what gives the inputs, None where they are tried. steps: into how many parts enclosures
+    divide the hold.
     """
 
     hold: float
@@ -91,6 +103,31 @@ class Sampling:
     delay: float = 0.0
     under_way: tuple[tuple[float, float], ...] = ()
     law: LawCases | None = None
+    steps: int = 1
+
+
+@dataclass(frozen=True)
+class _Set:
+    """States in N + C (X - c) + E and in a box; off: X - c."""
+
+    box: Row
+    nominal: Row
+    carried: list[Row]
+    rest: Row
+    off: Row
+
+    @property
+    def ends(self) -> list[Value]:
+        """All numbers but those of `off`, which stay."""
+        rows = [self.box, self.nominal, *self.carried, self.rest]
+        return [end for row in rows for q in row for end in (q.low, q.high)]
+
+    @staticmethod
+    def of(steps: Steps, names: Sequence[str], n: int) -> _Set:
+        """From the columns of its numbers, those of `off` last."""
+        rows = pairs(steps, names)
+        box, nominal, *carried, rest, off = (rows[k * n : (k + 1) * n] for k in range(n + 4))
+        return _Set(box, nominal, carried, rest, off)
 
 
 class HeldFlow:
@@ -98,8 +135,8 @@ class HeldFlow:
 
     rates, constraints (c <= 0): expressions of the states, inputs, disturbances. target: those that
     hold where the vehicle has to arrive. disturbances, parameters: symbol -> (least, greatest).
-    Raises `DefinitionError` for a function without a proved enclosure, and for symbols that are not
-    given.
+    guesses: how many boxes are tried for the way. Raises `DefinitionError` for a function without a
+    proved enclosure, and for symbols that are not given.
     """
 
     def __init__(
@@ -112,25 +149,40 @@ class HeldFlow:
         parameters: Mapping[Any, tuple[float, float]],
         sampling: Sampling | float,
         target: Sequence[Any] = (),
+        guesses: int = GUESSES,
     ) -> None:
-        self.states, self.inputs = list(states), list(inputs)
-        self.rates, self.constraints = ([exact(e) for e in g] for g in (rates, constraints))
-        sampling = sampling if isinstance(sampling, Sampling) else Sampling(sampling)
-        wide = {s: ends for s, ends in parameters.items() if ends[0] < ends[1]}
-        self.disturbances = {**disturbances, **wide}  # constant ones, which is one way of varying
-        self.parameters = {s: ends for s, ends in parameters.items() if s not in wide}
-        self.sampling = sampling
+        self.states, self.inputs, self.guesses = list(states), list(inputs), guesses
+        self.sampling = sampling if isinstance(sampling, Sampling) else Sampling(sampling)
+        self.free = {s.name: ends for s, ends in {**disturbances, **parameters}.items()}
         self.law = None
-        if sampling.law is not None:
+        if self.sampling.law is not None:
             measured = {**disturbances, **parameters}
-            self.law = LawRanges(sampling.law, self.states, self.inputs, measured)
-        self.errors = sampling.errors or (0.0,) * len(self.states)
-        self.smooth = not any(_has(JUMPS, e) for e in self.rates)
-        leaves = {"flow": self._flow_leaf(), "inside": self._inside_leaf(self.constraints)}
+            self.law = LawRanges(self.sampling.law, self.states, self.inputs, measured)
+        self.errors = self.sampling.errors or (0.0,) * len(self.states)
+        declared = {*self.states, *self.inputs, *disturbances, *parameters}
+        if odd := symbols_of([exact(e) for e in (*rates, *constraints, *target)]) - declared:
+            raise DefinitionError(f"the expression uses '{min(map(str, odd))}'")
+        self._names = [s.name for s in self.states]
+        self._rates = Tape(rates)
+        self._constraints = [_Limit(exact(c)) for c in constraints]
+        leaves = {"inside": self._inside_leaf(constraints)}
         if target:
-            leaves["arrived"] = self._inside_leaf([*self.constraints, *map(exact, target)])
+            leaves["arrived"] = self._inside_leaf([*constraints, *target])
         self._leaves = compiled_leaves(leaves)
-        self.digest = self._leaves.digest
+        self._of_steps: dict[tuple[int, bool], Leaves] = {}
+
+    @property
+    def digest(self) -> str:
+        """Of all that decides what is certain."""
+        hold, delay, steps = self.sampling.hold, self.sampling.delay, self.sampling.steps
+        leaves = " ".join(self._leaf(k, begins=True).digest for k in range(len(self._legs)))
+        return f"{self._leaves.digest} {leaves} {hold} {delay} {steps}"
+
+    def in_steps(self, steps: int) -> HeldFlow:
+        """The same, with holds divided into so many steps."""
+        found = copy.copy(self)
+        found.sampling = replace(self.sampling, steps=steps)
+        return found
 
     def inside(self, low: Array, high: Array) -> Truths:
         """Whether the constraints surely hold where each box is measured, shape (boxes,)."""
@@ -141,8 +193,7 @@ class HeldFlow:
         return self._sure("arrived", low, high)
 
     def _sure(self, leaf: str, low: Array, high: Array) -> Truths:
-        ends = np.stack([low, high], axis=2).reshape(len(low), 2 * low.shape[1])
-        found: Truths = self._leaves.values(leaf, len(low), 1, ends)[:, 0] > 0
+        found: Truths = self._leaves.values(leaf, len(low), 1, _ends(low, high))[:, 0] > 0
         return found
 
     def held(self, low: Array, high: Array, inputs: Array, most: Array | None = None) -> Held:
@@ -150,191 +201,263 @@ class HeldFlow:
 
         most: of a law any input from `inputs` to these.
         """
-        n = len(self.states)
-        ends = np.stack([low, high], axis=2).reshape(len(low), 2 * low.shape[1])
+        n, count = len(self.states), len(low)
         if self.law is not None:
-            both = (inputs, inputs if most is None else most)
-            inputs = np.stack(both, axis=2).reshape(len(low), 2 * inputs.shape[1])
-        given = np.concatenate([ends, inputs], axis=1)
-        found = self._leaves.values("flow", len(low), 4 * n + 1, given)
-        low, high, way_low, way_high = (found[:, k * n : (k + 1) * n] for k in range(4))
-        return Held(low, high, way_low, way_high, found[:, 4 * n] > 0)
+            inputs = _ends(inputs, inputs if most is None else most)
+        wide = 2 * n * (n + 3)  # numbers of a set
+        box, kept = _ends(low, high), np.ones(count, dtype=bool)
+        way_low, way_high = np.full((count, n), np.inf), np.full((count, n), -np.inf)
+        last = len(self._legs) - 1, self.sampling.steps - 1
+        for leg in range(len(self._legs)):
+            now = np.concatenate([box, inputs], axis=1)
+            for turn in range(self.sampling.steps):
+                begins = turn == 0
+                width = wide + 2 * n + 2 + (2 * n if begins else 0)
+                found = self._leaf(leg, begins=begins).values("flow", count, width, now, self._step(leg))
+                box, way = found[:, : 2 * n], found[:, wide : wide + 2 * n]
+                way_low = np.minimum(way_low, way[:, 0::2])
+                way_high = np.maximum(way_high, way[:, 1::2])
+                kept &= found[:, wide + 2 * n + ((leg, turn) == last)] > 0
+                if begins:
+                    off = found[:, wide + 2 * n + 2 :]
+                now = np.concatenate([found[:, :wide], off, inputs], axis=1)
+        low, high = box[:, 0::2], box[:, 1::2]
+        for axis, error in enumerate(self.errors):
+            if error:
+                low[:, axis] = np.nextafter(low[:, axis] - error, -np.inf)
+                high[:, axis] = np.nextafter(high[:, axis] + error, np.inf)
+        if self.law is not None or self.sampling.delay:
+            room = SLACK * (way_high - way_low)
+            low, high = low - room, high + room
+        return Held(low, high, way_low, way_high, kept)
 
     # -- leaves ------------------------------------------------------------------------------
 
+    @property
+    def _legs(self) -> list[bool]:
+        """For each leg whether its inputs are those that may be under way."""
+        return [True, False] if self.sampling.delay else [False]
+
     def _inside_leaf(self, constraints: Sequence[Any]) -> Leaf:
-        steps = Steps(expanded=True)
+        steps, tape = Steps(expanded=True), Tape(constraints)
         rows = [f"q{i}" for i in range(2 * len(self.states))]
         x = self._with_errors(steps, pairs(steps, rows))
-        values = self._values(steps, constraints, x, self._free(steps))
+        values = tape.of(tape.values(steps, self._at(x, self._free(steps))))
         sure = every(steps, [v.high <= 0.0 for v in values])
         return Leaf(steps, {"q": rows}, [choose(sure, 1.0, 0.0)])
 
-    def _free(self, steps: Steps) -> Mapping[Any, Interval]:
-        return {s: constant(steps, *ends) for s, ends in self.disturbances.items()}
+    def _free(self, steps: Steps) -> Known:
+        return {name: constant(steps, *ends) for name, ends in self.free.items()}
+
+    def _at(self, x: Row, free: Known) -> Known:
+        return {**free, **dict(zip(self._names, x, strict=True))}
 
     def _with_errors(self, steps: Steps, x: Row) -> Row:
-        """What may be where x is measured, and measured where x is."""
+        """What may be where x is measured."""
         return [q + constant(steps, -e, e) if e else q for q, e in zip(x, self.errors, strict=True)]
 
-    def _flow_leaf(self) -> Leaf:
-        steps = Steps(expanded=True)
-        n = len(self.states)
-        rows = [f"q{i}" for i in range(2 * n + len(self.inputs) * (1 if self.law is None else 2))]
-        seen = pairs(steps, rows[: 2 * n])
-        if self.law is None:
-            inputs = [Interval(v, v) for v in (steps.input(name) for name in rows[2 * n :])]
+    def _leaf(self, leg: int, *, begins: bool) -> Leaves:
+        """Of one step of a leg, compiled when it is needed."""
+        which = leg, begins
+        if which not in self._of_steps:
+            self._of_steps[which] = compiled_leaves({"flow": self._flow_leaf(leg, begins=begins)})
+        return self._of_steps[which]
+
+    def _step(self, leg: int) -> Array:
+        """The ends of how long a step of a leg is."""
+        sampling, steps = self.sampling, self.sampling.steps
+        last, sides = leg == len(self._legs) - 1, np.array([-np.inf, np.inf])
+        whole = np.full(2, sampling.hold if last else sampling.delay)
+        if last and sampling.delay:
+            whole = np.nextafter(whole - sampling.delay, sides)
+        return whole if steps == 1 else np.nextafter(whole / steps, sides)
+
+    def _flow_leaf(self, leg: int, *, begins: bool) -> Leaf:
+        """Of one step: the first, which begins with a box, or a further one of a leg."""
+        n, steps = len(self.states), Steps(expanded=True)
+        wide = 2 * n if begins else 2 * n * (n + 4)
+        of_inputs = len(self.inputs) * (1 if self.law is None else 2)
+        rows = [f"q{i}" for i in range(wide + of_inputs)]
+        if begins:
+            seen = pairs(steps, rows[:wide])
+            box = seen if leg else self._with_errors(steps, seen)
+            before = self._begun(steps, box, [middle(q) for q in seen])
         else:
-            inputs = pairs(steps, rows[2 * n :])
-        x, kept = self._with_errors(steps, seen), []
-        ways = []
-        free = self._free(steps)
-        legs = list(self._legs(steps, inputs))
-        for k, (duration, u) in enumerate(legs):
-            d = {**free, **u}
-            way, sure = self._way(steps, x, d, duration)
-            end = self._end(steps, x, way, d, duration)
-            kept.append(sure)
-            ways.append(way)
-            for c in self.constraints:
-                kept.append(self._kept(steps, c, (x, way, end), d, duration, k == len(legs) - 1))
-            x = end
-        ends = [self._with_errors(steps, x), [hull(*parts) for parts in zip(*ways, strict=True)]]
-        found = [e for row in ends for e in (*(q.low for q in row), *(q.high for q in row))]
-        return Leaf(steps, {"q": rows}, [*found, choose(every(steps, kept), 1.0, 0.0)])
+            before = _Set.of(steps, rows[:wide], n)
+        known = self._free(steps) | self._inputs_of(steps, rows[wide:], self._legs[leg])
+        (step,) = pairs(steps, ("t0", "t1"))
+        after, way, sure = self._after(steps, before, known, step)
+        boxes = (before.box, way, after.box)
+        flags = [
+            every(steps, [sure, *(self._kept(steps, c, boxes, known, step, (True, ends))
+                                  for c in self._constraints)])
+            for ends in (False, True)
+        ]  # fmt: skip
+        results = [*after.ends, *(end for q in way for end in (q.low, q.high))]
+        results += [choose(flag, 1.0, 0.0) for flag in flags]
+        if begins:
+            results += [end for q in before.off for end in (q.low, q.high)]
+        return Leaf(steps, {"q": rows, "t": ["t0", "t1"]}, results, frozenset("t"))
 
-    def _legs(self, steps: Steps, inputs: Row) -> Iterator[tuple[Interval, Mapping[Any, Interval]]]:
-        """Durations, and the inputs on them: first any that may be under way."""
-        hold = constant(steps, self.sampling.hold, self.sampling.hold)
-        if self.sampling.delay:
-            delay = constant(steps, self.sampling.delay, self.sampling.delay)
-            ends = [constant(steps, *e) for e in self.sampling.under_way]
-            yield delay, dict(zip(self.inputs, ends, strict=True))
-            hold = hold - delay
-        yield hold, dict(zip(self.inputs, inputs, strict=True))
+    def _inputs_of(self, steps: Steps, rows: Sequence[str], under_way: bool) -> Known:
+        if under_way:
+            given = [constant(steps, *ends) for ends in self.sampling.under_way]
+        elif self.law is not None:
+            given = pairs(steps, rows)
+        else:
+            given = [Interval(v, v) for v in map(steps.input, rows)]
+        return {s.name: q for s, q in zip(self.inputs, given, strict=True)}
 
-    def _values(self, steps: Steps, of: Sequence[Any], x: Row, d: Mapping[Any, Interval]) -> Row:
-        """Enclosures at states x, inputs and disturbances d."""
-        known: dict[Any, Any] = {
-            **{s: constant(steps, *ends) for s, ends in self.parameters.items()},
-            **dict(zip(self.states, x, strict=True)),
-            **d,
-        }
-        lowering = IntervalLowering(steps, known)
-        return [_of(lowering, e) for e in of]
+    def _begun(self, steps: Steps, box: Row, center: Row) -> _Set:
+        zero, one = number(steps, 0.0), number(steps, 1.0)
+        carried = [[one if i == j else zero for j in range(len(box))] for i in range(len(box))]
+        off = [q - c for q, c in zip(box, center, strict=True)]
+        return _Set(box, center, carried, [zero] * len(box), off)
 
-    def _way(
-        self, steps: Steps, x: Row, d: Mapping[Any, Interval], step: Interval
-    ) -> tuple[Row, Value]:
+    def _after(
+        self, steps: Steps, x: _Set, known: Known, step: Interval
+    ) -> tuple[_Set, Row, Value]:
+        """The states after a step, all on the way, and whether these are proved."""
+        way, sure = self._way(steps, x.box, known, step)
+        n = len(way)
+        values = self._rates.values(steps, self._at(way, known))
+        rates = self._rates.of(values)
+        plain = [q + step * r for q, r in zip(x.box, rates, strict=True)]
+        free = {name: q for name, q in known.items() if q.low is not q.high}  # others do not vary
+        still = {**known, **{name: middle(q) for name, q in free.items()}}
+        one = number(steps, 1.0)
+        columns = [self._rates.of(self._rates.slopes(values, {s: one})) for s in self._names]
+        carried = [self._rates.of(self._rates.slopes(values, {s: one})) for s in free]
+        zero = number(steps, 0.0)
+        a = [[zero if column[i] is None else column[i] for column in columns] for i in range(n)]
+        nominal = self._nominal(steps, x.nominal, way, a, still, step)
+        half, sixth = step.power(2) * number(steps, 0.5), step.power(3) * share(steps, 6)
+        # A(s) A(r) of two instants: entries that are one expression may differ, and make no square
+        later = [[entry.copy() if entry.number is None else entry for entry in row] for row in a]
+        twice = [[dot(a[i], [row[j] for row in later], steps) for j in range(n)] for i in range(n)]
+        offs = [q - still[name] for name, q in free.items()]
+        by = [[zero if c[i] is None else c[i] for c in carried] for i in range(n)]
+        w = [dot(row, offs, steps) for row in by]
+        e0 = [q + r for q, r in zip(_times(x.carried, x.off, steps), x.rest, strict=True)]
+        e = [q - q.copy() for q in way]  # of two states on the way
+        during = Interval(steps.constant(0.0, FLOAT), step.high)
+        for _ in range(2):  # all on the way from e0, by their own rates
+            moving = [q + more for q, more in zip(_times(a, e, steps), w, strict=True)]
+            e = [common(o, s + during * r) for o, s, r in zip(e, e0, moving, strict=True)]
+        moving = [q + more for q, more in zip(_times(a, e, steps), w, strict=True)]
+        m = [[(one if i == j else zero) + step * a[i][j] + half * twice[i][j] for j in range(n)]
+             for i in range(n)]  # fmt: skip
+        rest = [
+            first + step * q + half * bent + sixth * last
+            for first, q, bent, last in zip(
+                _times(m, x.rest, steps), w, _times(a, w, steps), _times(twice, moving, steps),
+                strict=True,
+            )
+        ]  # fmt: skip
+        columns_of = [[row[j] for row in x.carried] for j in range(n)]
+        grown_by = [[dot(row, column, steps) for column in columns_of] for row in m]
+        ends = [
+            c + q + r
+            for c, q, r in zip(nominal, _times(grown_by, x.off, steps), rest, strict=True)
+        ]
+        box = [
+            common(common(p, q), b) for p, q, b in zip(plain, ends, way, strict=True)
+        ]
+        return _Set(box, nominal, grown_by, rest, x.off), way, sure
+
+    def _way(self, steps: Steps, x: Row, known: Known, step: Interval) -> tuple[Row, Value]:
         """A box of all states on the way, and whether that is proved."""
         during = Interval(steps.constant(0.0, FLOAT), step.high)
 
         def moved(at: Row) -> Row:
-            rates = self._values(steps, self.rates, at, d)
+            rates = self._rates.of(self._rates.values(steps, self._at(at, known)))
             return [q + during * r for q, r in zip(x, rates, strict=True)]
 
-        guess = [grown(q) for q in moved(moved(x))]
-        found = moved(guess)
-        inside = [(f.low >= g.low) & (f.high <= g.high) for f, g in zip(found, guess, strict=True)]
-        return found, every(steps, inside)
+        before = moved(moved(x))
+        ways: list[tuple[Row, Value]] = []
+        for _ in range(self.guesses):
+            way = moved([grown(q) for q in before])
+            room = [grown(q, FITS) for q in before]  # the checker's guess is a bit smaller
+            inside = ((w.low >= g.low) & (w.high <= g.high) for w, g in zip(way, room, strict=True))
+            ways.append((way, every(steps, list(inside))))
+            before = way
+        way, sure = ways[-1]
+        for earlier, fits in reversed(ways[:-1]):
+            way = [
+                Interval(choose(fits, e.low, w.low), choose(fits, e.high, w.high))
+                for e, w in zip(earlier, way, strict=True)
+            ]
+            sure = sure | fits
+        return way, sure
 
-    def _end(
-        self, steps: Steps, x: Row, way: Row, d: Mapping[Any, Interval], step: Interval
+    def _nominal(
+        self, steps: Steps, at: Row, way: Row, a: list[Row], still: Known, step: Interval
     ) -> Row:
-        """All states at the end."""
-        rates = self._values(steps, self.rates, way, d)
-        end = [q + step * r for q, r in zip(x, rates, strict=True)]
-        if self.smooth:
-            better = self._mean_value_end(steps, x, way, d, step)
-            end = [common(a, b) for a, b in zip(end, better, strict=True)]
-        return [common(a, b) for a, b in zip(end, way, strict=True)]
-
-    def _mean_value_end(
-        self, steps: Steps, x: Row, way: Row, d: Mapping[Any, Interval], step: Interval
-    ) -> Row:
-        """All states at the end, from the trajectory of the middle and what differs from it."""
-        n = len(x)
-        center = [middle(q) for q in x]
-        free = [s for s, q in d.items() if q.low is not q.high]  # others do not vary
-        still = {**d, **{s: middle(d[s]) for s in free}}
-        slopes = [derivatives(r, self.states) for r in self.rates]
-        flat = [slope[s] for slope in slopes for s in self.states]
-        second = self._along(self.rates)
-        kinks = any(_has(KINKS, e) for e in self.rates)
-        half, sixth = step.power(2) * number(steps, 0.5), step.power(3) * share(steps, 6)
-        rates = self._values(steps, self.rates, center, still)
-        if kinks:
-            rest = [half * r for r in self._values(steps, second, way, still)]
-        else:
-            bent = self._values(steps, second, center, still)
-            last = self._values(steps, self._along(second), way, still)
-            rest = [half * b + sixth * r for b, r in zip(bent, last, strict=True)]
-        values = self._values(steps, flat, way, d)
-        a = [values[n * i : n * (i + 1)] for i in range(n)]
-        # A(s) A(r) of two instants: entries that are one expression may differ, and make no square
-        later = [[entry.copy() for entry in row] for row in a]
-        twice = [[dot(a[i], [row[j] for row in later], steps) for j in range(n)] for i in range(n)]
-        carried = [derivatives(r, free) for r in self.rates]
-        by = [self._values(steps, [c[s] for s in free], way, d) for c in carried]
-        off = [d[s] - still[s] for s in free]
-        w = [dot(row, off, steps) for row in by]
-        e0 = [q - c for q, c in zip(x, center, strict=True)]
-        # differences of two states on the way, one of which is that of the middle
-        e = [q - q for q in way]
-        during = Interval(steps.constant(0.0, FLOAT), step.high)
-        for _ in range(2):  # all on the way from e0, by their own rates
-            moving = [dot(row, e, steps) + more for row, more in zip(a, w, strict=True)]
-            e = [common(o, s + during * r) for o, s, r in zip(e, e0, moving, strict=True)]
-        moving = [dot(row, e, steps) + more for row, more in zip(a, w, strict=True)]
-        found = []
-        for i in range(n):
-            total = center[i] + step * rates[i] + rest[i]
-            for j in range(n):
-                part = step * a[i][j] + half * twice[i][j]
-                total = total + (number(steps, 1.0) + part if i == j else part) * e0[j]
-            total = total + step * w[i] + half * dot(a[i], w, steps)
-            found.append(total + sixth * dot(twice[i], moving, steps))
-        return found
-
-    def _along(self, of: Sequence[Any]) -> list[Any]:
-        """The derivatives along the rates, the inputs and the disturbances held."""
-        slopes = [derivatives(e, self.states) for e in of]
+        """The trajectory of the middle after a step, from a box of it."""
+        known, over = self._at(at, still), self._at(way, still)
+        if not self._rates.smooth:
+            first, during = (self._rates.of(self._rates.values(steps, k)) for k in (known, over))
+            half, bent = step.power(2) * number(steps, 0.5), _times(a, during, steps)
+            return [q + step * r + half * b for q, r, b in zip(at, first, bent, strict=True)]
+        first = self._rates.series(steps, known, self._names, 3)
+        rest = self._rates.series(steps, over, self._names, 4)
+        second, third = step.power(2), step.power(3)
         return [
-            sp.Add(*(slope[s] * r for s, r in zip(self.states, self.rates, strict=True)
-                     if slope[s] != 0))
-            for slope in slopes
-        ]  # fmt: skip
+            c[0] + step * c[1] + second * c[2] + third * r[3]
+            for c, r in zip(first, rest, strict=True)
+        ]
 
     def _kept(
         self,
         steps: Steps,
-        c: Any,
+        c: _Limit,
         boxes: tuple[Row, Row, Row],
-        d: Mapping[Any, Interval],
+        known: Known,
         step: Interval,
-        ends: bool,
+        holds: tuple[bool, bool],
     ) -> Value:
-        """Whether c <= 0 from the first of (start, way, end) on; where it `ends` that is known."""
-        first, whole, last = (self._values(steps, [c], box, d)[0] for box in boxes)
+        """Whether c <= 0 on (start, way, end); holds: whether it is known to at both ends."""
+        tape = c.tape
+        first, _, last = (
+            tape.of(tape.values(steps, self._at(box, known)))[0] for box in boxes
+        )
+        over = tape.values(steps, self._at(boxes[1], known))
+        (whole,) = tape.of(over)
         kept = whole.high <= 0.0
-        if _has(JUMPS, c):
-            return kept
-        slopes = derivatives(c, self.states)
-        rate = sp.Add(*(slopes[s] * r for s, r in zip(self.states, self.rates, strict=True)))
-        (moving,) = self._values(steps, [rate], boxes[1], d)
+        if c.parts:
+            inner = holds if c.all else (False, False)
+            parts = [self._kept(steps, p, boxes, known, step, inner) for p in c.parts]
+            some = every(steps, parts) if c.all else ~every(steps, [~p for p in parts])
+            kept = kept | some
+        rates = self._rates.of(self._rates.values(steps, self._at(boxes[1], known)))
+        (moving,) = tape.of(tape.slopes(over, dict(zip(self._names, rates, strict=True))))
+        if moving is None:
+            moving = number(steps, 0.0)
         zero = steps.constant(0.0, FLOAT)
-        c0 = Interval(*(2 * (smallest(first.high, zero),)))
-        c1 = Interval(*(2 * (smallest(last.high, zero),)))
+        c0, c1 = (Interval(*(2 * (smallest(q.high, zero),))) for q in (first, last))
         up, down = (Interval(v, v) for v in (moving.high, moving.low))
         meet = c0 + up * (c1 - c0 - step * down) * (up - down).inverse()
-        between = (moving.low >= 0.0) | (moving.high <= 0.0) | (meet.high <= 0.0)
-        return kept | (between if ends else between & (last.high <= 0.0))
+        falls, rises = moving.high <= 0.0, moving.low >= 0.0
+        begins, ends = (
+            zero <= 0.0 if known_to else q.high <= 0.0
+            for known_to, q in zip(holds, (first, last), strict=True)
+        )
+        between = falls & begins | rises & ends | begins & ends & (meet.high <= 0.0)
+        return kept | between
 
 
-def _of(lowering: IntervalLowering, e: Any) -> Interval:
-    found: Any = lowering.value(sp.sympify(e))
-    return found
+class _Limit:
+    """A constraint, and those that a least or a greatest is made of; all: whether all have to hold."""
+
+    def __init__(self, e: Any) -> None:
+        self.tape, self.all = Tape([e]), isinstance(e, greatest)
+        self.parts = [_Limit(a) for a in e.args] if isinstance(e, least | greatest) else []
 
 
-def _has(names: Sequence[str], e: sp.Expr) -> bool:
-    return any(type(p).__name__ in names for p in sp.preorder_traversal(e))
+def _ends(low: Array, high: Array) -> Array:
+    """Columns of both ends in turn."""
+    return np.stack([low, high], axis=2).reshape(len(low), 2 * low.shape[1])
+
+
+def _times(matrix: list[Row], x: Row, steps: Steps) -> Row:
+    return [dot(row, x, steps) for row in matrix]

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from holdfast.execution.arithmetic.steps import FLOAT, Steps, Value, choose
 from holdfast.execution.intervals.interval import Interval
 
-GROWTH = 0.1
-"""The part of its width by which a first guess of the way is wider."""
+GROWTH, FITS = 0.1, 0.099
+"""The part of its width by which a guess of the way is wider, and within which what it leads to has
+to be: the checker takes a number between."""
 
 Row = list[Interval]
 
@@ -38,9 +39,9 @@ def share(steps: Steps, whole: int) -> Interval:
     return number(steps, float(whole)).inverse()
 
 
-def grown(x: Interval) -> Interval:
+def grown(x: Interval, by: float = GROWTH) -> Interval:
     """Wider by a part of its width."""
-    return x.widened((x.high - x.low) * GROWTH)
+    return x.widened((x.high - x.low) * by)
 
 
 def common(a: Interval, b: Interval) -> Interval:

@@ -1,0 +1,124 @@
+"""What the file of a certificate says, and whether every part of it has its form."""
+
+from __future__ import annotations
+
+import array
+import base64
+import hashlib
+import itertools
+import json
+import math
+import os
+import struct
+import sys
+import zlib
+from collections.abc import Sequence
+from typing import Any
+
+from holdfast_check.intervals import Expression
+
+MAGIC = "holdfast-certificate 1"
+MOST_OF_ENTRIES, MOST_OF_NODES, ROOM = 16, 64, 1 << 20
+OPTIONAL = {"depth": 0, "steps": 1}
+"""What a header need not say."""
+
+Values = dict[str, Any]
+
+
+class NotValidError(Exception):
+    """Where and why a certificate does not prove what it says."""
+
+
+def read(path: str) -> tuple[Values, list[Any]]:
+    """What a file says: its header, and entries of a cell, the number of its input, and a level.
+
+    Raises `NotValidError` if a bit of it is not as it was written.
+    """
+    if not os.path.isfile(path):
+        raise OSError("it is no file")
+    with open(path, "rb") as file:
+        content = file.read()
+    first, _, rest = content.partition(b"\n")
+    words = first.decode("ascii", "replace").split(" ")
+    if " ".join(words[:2]) != MAGIC or len(words) != 3:
+        raise NotValidError(f"{path} is not a certificate of this version")
+    if hashlib.sha256(rest).hexdigest() != words[2]:
+        raise NotValidError(f"{path} was changed: its digest is not that of its content")
+    text, _, packed = rest.partition(b"\n")
+    said = OPTIONAL | json.loads(text, object_pairs_hook=_once)
+    header = formed(said, HEADER, "the header")
+    count = max(header["entries"], 0)
+    numbers = _unpacked(packed, MOST_OF_ENTRIES)
+    if len(numbers) != 10 * count or count < 1:
+        raise NotValidError(f"{path} has not the {count} entries that it says")
+    return header, list(struct.iter_unpack("<IHI", numbers))
+
+
+def _once(pairs: Any) -> Values:
+    if len(dict(pairs)) < len(pairs):
+        raise NotValidError("a key of the header stands twice")
+    return dict(pairs)
+
+
+def formed(value: Any, form: Any, where: str) -> Any:
+    """What a file says there, if it has this form.
+
+    That is {key: form}, {...: form} of any keys, [form] of any length, [form, form] of two values,
+    (none, form, what none means), a type, or a function that fails for what it does not read.
+    """
+    match form:
+        case dict() if type(value) is dict and form.keys() in ({...}, value.keys()):
+            return {k: formed(v, form.get(k) or form[...], k) for k, v in value.items()}
+        case list() if type(value) is list and len(form) in (1, len(value)):
+            return [formed(v, f, where) for v, f in zip(value, itertools.cycle(form))]
+        case tuple([none, other, meaning]):
+            return meaning if value == none else formed(value, other, where)
+        case _ if type(value) is form:
+            return value
+        case _ if callable(form) and form not in (str, int, bool):
+            try:
+                return form(value)
+            except Exception as error:  # whatever a file contains
+                raise NotValidError(f"{where} is {value!r:.60}: {error}") from None
+    odd = [*value.keys() ^ form.keys()] if type(value) is type(form) is dict else value
+    raise NotValidError(f"{where} has another form: {odd!r:.60}")
+
+
+def _number(text: str) -> float:
+    if math.isfinite(value := float.fromhex(text)):
+        return value
+    raise ValueError("it is not finite")
+
+
+def _unpacked(packed: bytes, times: int) -> bytes:
+    """What is packed: so many times as long at most, so that a small file takes little memory."""
+    most = times * len(packed) + ROOM
+    numbers = zlib.decompressobj().decompress(packed, most + 1)
+    if len(numbers) > most:
+        raise NotValidError(f"it unpacks to more than {times} times its length")
+    return numbers
+
+
+def _nodes(text: str) -> Sequence[float]:
+    numbers = array.array("d", _unpacked(base64.b64decode(text), MOST_OF_NODES))
+    if sys.byteorder == "big":
+        numbers.byteswap()
+    return numbers
+
+
+ENDS, NAMED = [_number, _number], {"name": str, "unit": str}
+RANGED, LIMIT = NAMED | {"range": ENDS}, NAMED | {"expression": Expression}
+TABLE = {"axes": [[Expression, ENDS, int, bool]], "nodes": {...: [_nodes, _nodes]}}
+LAW: Values = {
+    "names": [str], "initial": int, "where": [[str, Expression]],
+    "modes": [[[[Expression], [Expression], int]]], "parts": [[_number]], "under_way": [ENDS],
+    "table": (None, TABLE, {"axes": [], "nodes": {}}),
+}  # fmt: skip
+NO_LAW = {key: [] for key in LAW} | {"initial": 0, "table": LAW["table"][2]}
+HEADER = {
+    "title": str, "states": [NAMED], "inputs": [NAMED], "disturbances": [RANGED],
+    "parameters": [RANGED], "rates": [Expression], "constraints": [LIMIT], "target": [LIMIT],
+    "law": ([], LAW, NO_LAW), "hold": _number, "delay": _number, "errors": [_number],
+    "holds": (None, int, None), "edges": [[_number]], "periodic": [bool], "candidates": [[_number]],
+    "depth": int, "steps": int, "cells_in_region": int, "cells_kept": int, "entries": int,
+}  # fmt: skip
