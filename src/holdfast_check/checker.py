@@ -191,9 +191,7 @@ class Checker:
                 if led is None or not self._reached(led, mode, level):
                     raise NotValidError(f"{where} may lead to {led and led[0]}, which is not kept")
 
-    def _given(
-        self, at: Values, choice: int, since: Any = None
-    ) -> Iterator[tuple[Row, int, bool]]:
+    def _given(self, at: Values, choice: int, since: Any = None) -> Iterator[tuple[Row, int, bool]]:
         """All inputs that may be given where this is measured, and the mode of the law then.
 
         Of a law these are of the first option whose conditions hold: at last whether one surely is.

@@ -165,7 +165,10 @@ class HeldFlow:
             half = mul(second, point(0.5))
             return [_total(q, mul(step, r), mul(half, dot(row, during)))
                     for q, r, row in zip(at, first, a, strict=True)]  # fmt: skip
-        begun, rest = self.rates.series(known, self.states, 3), self.rates.series(over, self.states, 4)
+        begun, rest = (
+            self.rates.series(known, self.states, 3),
+            self.rates.series(over, self.states, 4),
+        )
         return [_total(c[0], mul(step, c[1]), mul(second, c[2]), mul(third, r[3]))
                 for c, r in zip(begun, rest, strict=True)]  # fmt: skip
 
@@ -196,7 +199,9 @@ def _kept(
     return bool(add(c0, mul(mul(up, until), inverse(sub(up, down))))[1] <= 0)
 
 
-def _entry(same: bool, step: Interval, a: Interval | None, half: Interval, twice: Interval) -> Interval:
+def _entry(
+    same: bool, step: Interval, a: Interval | None, half: Interval, twice: Interval
+) -> Interval:
     parts = [point(1)] if same else []
     parts += [mul(step, a)] if a else []
     return _total(*parts, mul(half, twice))

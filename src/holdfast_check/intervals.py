@@ -334,9 +334,7 @@ class Tape:
                     every.append(dot(*zip(*some, strict=True)))  # type: ignore[arg-type]
         return [self.of(every) for every in found]
 
-    def series(
-        self, known: Mapping[str, Interval], moving: Sequence[str], terms: int
-    ) -> list[Row]:
+    def series(self, known: Mapping[str, Interval], moving: Sequence[str], terms: int) -> list[Row]:
         """Coefficients in time of a trajectory with these rates: x_(k+1) = f(x)_k / (k + 1)."""
         values = self.values(known)
         series: list[list[Any]] = [[v] for v in values]
@@ -350,7 +348,9 @@ class Tape:
                 break
             for (name, arguments, of), own, by in zip(self.operations, series, g, strict=True):
                 x = [series[j] for j in arguments]
-                own.append(found[of][k] if name == "symbol" and of in found else _term(name, x, by, k))
+                own.append(
+                    found[of][k] if name == "symbol" and of in found else _term(name, x, by, k)
+                )
         return list(found.values())
 
     def comes_back(self, angle: str) -> bool:

@@ -15,6 +15,7 @@ from holdfast.analysis.certificates.cells import Cells, Floats
 from holdfast.analysis.certificates.certificate import (
     MOST_CELLS,
     MOST_DEPTH,
+    MOST_STEPS,
     Certificate,
     Range,
     check_functions,
@@ -71,6 +72,7 @@ def certify(
     errors: Mapping[str, float] | None = None,
     delay: float = 0.0,
     refine: int = 0,
+    steps: int | None = None,
     store: str | Path | None = None,
     candidate: ValueFunction | None = None,
     margin: float = 0.0,
@@ -99,6 +101,9 @@ def certify(
     candidate: a kernel of this system, or with a target a capture basin: only the cells that its
     set V > `margin` touches are tried, so that the search is as much shorter as the set is smaller
     than the region; box, cells and disturbance are by default those of its grid and problem.
+
+    steps: into how many parts the enclosures of a hold divide it, from 1 to 64; by default as many
+    as pay, of up to 16, by a trial of some cells.
 
     box: state -> (low, high), the cells of which are tried; an angle over a whole turn comes back
     to itself where rates and constraints have it in sines and cosines alone. cells: how many along
@@ -149,6 +154,8 @@ def certify(
     check_names(parameters)
     grid = _cells(system, box, cells, expressions)
     _check_refine(refine, grid)
+    if steps is not None and not 1 <= steps <= MOST_STEPS:
+        raise SimulationError(f"steps is {steps}", expected=f"from 1 to {MOST_STEPS}")
     if not (math.isfinite(sample_time) and sample_time > 0):
         raise SimulationError(f"sample_time is {sample_time:g}", expected="seconds, above 0")
     holds = None
@@ -185,7 +192,8 @@ def certify(
     if given is not None and sampling.delay:
         late = inputs_under_way(flow_of(replace(sampling, delay=0.0)), grid)
         sampling = replace(sampling, under_way=late)
-    flow = in_steps(flow_of(sampling), grid, candidates)
+    flow = flow_of(sampling)
+    flow = in_steps(flow, grid, candidates) if steps is None else flow.in_steps(steps)
     if target is not None and not any(len(where(flow.arrived, g)) for g in _halves(grid, refine)):
         raise SimulationError(f"no cell lies in '{target.name}'", remedy="take smaller cells")
     if given is not None:

@@ -213,7 +213,9 @@ class HeldFlow:
             for turn in range(self.sampling.steps):
                 begins = turn == 0
                 width = wide + 2 * n + 2 + (2 * n if begins else 0)
-                found = self._leaf(leg, begins=begins).values("flow", count, width, now, self._step(leg))
+                found = self._leaf(leg, begins=begins).values(
+                    "flow", count, width, now, self._step(leg)
+                )
                 box, way = found[:, : 2 * n], found[:, wide : wide + 2 * n]
                 way_low = np.minimum(way_low, way[:, 0::2])
                 way_high = np.maximum(way_high, way[:, 1::2])
@@ -357,12 +359,9 @@ class HeldFlow:
         columns_of = [[row[j] for row in x.carried] for j in range(n)]
         grown_by = [[dot(row, column, steps) for column in columns_of] for row in m]
         ends = [
-            c + q + r
-            for c, q, r in zip(nominal, _times(grown_by, x.off, steps), rest, strict=True)
+            c + q + r for c, q, r in zip(nominal, _times(grown_by, x.off, steps), rest, strict=True)
         ]
-        box = [
-            common(common(p, q), b) for p, q, b in zip(plain, ends, way, strict=True)
-        ]
+        box = [common(common(p, q), b) for p, q, b in zip(plain, ends, way, strict=True)]
         return _Set(box, nominal, grown_by, rest, x.off), way, sure
 
     def _way(self, steps: Steps, x: Row, known: Known, step: Interval) -> tuple[Row, Value]:
@@ -418,9 +417,7 @@ class HeldFlow:
     ) -> Value:
         """Whether c <= 0 on (start, way, end); holds: whether it is known to at both ends."""
         tape = c.tape
-        first, _, last = (
-            tape.of(tape.values(steps, self._at(box, known)))[0] for box in boxes
-        )
+        first, _, last = (tape.of(tape.values(steps, self._at(box, known)))[0] for box in boxes)
         over = tape.values(steps, self._at(boxes[1], known))
         (whole,) = tape.of(over)
         kept = whole.high <= 0.0

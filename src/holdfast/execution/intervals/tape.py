@@ -343,7 +343,9 @@ def _slope(o: Operation, value: Interval, x: Row, slopes: Slopes) -> Interval:
         case "angle" | "atan2":
             over = (x[0].power(2) + x[1].power(2)).inverse()
             by = [x[1] * over, -(x[0] * over)]
-            found = _added(*(None if s is None else b * s for b, s in zip(by, slopes, strict=False)))
+            found = _added(
+                *(None if s is None else b * s for b, s in zip(by, slopes, strict=False))
+            )
             jumps = ~((x[1].low > 0.0) | (x[0].low > 0.0) | (x[0].high < 0.0))
             return unknown_where(jumps, found)
         case "wrap":
@@ -407,4 +409,3 @@ def _added(*parts: Interval | None) -> Interval:
 
 def _or_zero(steps: Steps, x: Interval | None) -> Interval:
     return Interval.point(steps, 0.0) if x is None else x
-
