@@ -20,7 +20,9 @@ from __future__ import annotations
 import argparse
 import bisect
 import functools
+import importlib
 import itertools
+import json
 import math
 import random
 import secrets
@@ -50,9 +52,10 @@ from holdfast_check.intervals import (
     within,
 )
 from holdfast_check.reading import TABLE, NotValidError, Values, read
+from holdfast_check.statement import lines, statement
 
 BITS = 80
-NOT_VALID, NOT_READ, LEAST_CHANCE, DRAWN, MOST_STEPS = 1, 2, 1e-3, 32, 64
+NOT_VALID, NOT_READ, OTHER, LEAST_CHANCE, DRAWN, MOST_STEPS = 1, 2, 3, 1e-3, 32, 64
 
 Choice = tuple[list[Expression], list[Expression], int, Sequence[tuple[Any, ...]]]
 """Conditions, inputs, the mode of a law afterwards, and what inputs that are left free may be."""
@@ -71,7 +74,7 @@ class Checker:
         self.ranges = {q["name"]: q["range"] for q in free}
         self.bounds = {name: interval(*ends) for name, ends in self.ranges.items()}
         self.middles = {name: point((a + b) / 2) for name, (a, b) in self.ranges.items()}
-        self.hold, self.delay, *errors = h["hold"], h["delay"], *h["errors"]
+        self.hold, self.delay, errors = h["hold"], h["delay"], h["errors"]
         self.errors = [interval(-e, e) for e in errors]
         self.kept: dict[tuple[int, int], int] = {}
         self.flow = HeldFlow(h["rates"], self.states, self.constraints, h["steps"])
@@ -299,8 +302,11 @@ def _up(q: Interval) -> float:
     return -_down(neg(q))
 
 
-def check(path: str, share: float = 1.0, seed: int | None = None) -> str:
-    """What was checked, in a sentence. Raises `NotValidError` where the certificate is wrong."""
+def checked(path: str, share: float = 1.0, seed: int | None = None) -> Values:
+    """What is proved, and how much of it was checked.
+
+    Raises `NotValidError` where the certificate is wrong, or says what this program does not know.
+    """
     flint.ctx.prec = BITS
     seed = secrets.randbits(32) if seed is None else seed
     header, every = read(path)
@@ -312,18 +318,31 @@ def check(path: str, share: float = 1.0, seed: int | None = None) -> str:
             checker.entry(*entry)
             if k % 2000 == 1999 and sys.stderr.isatty():
                 print(f"\r{k + 1} of {len(entries)} ", end="", file=sys.stderr)
+        said = statement(header, every)
     except KeyError as name:
         raise NotValidError(f"an expression uses the undeclared name {name.args[0]}") from name
     except (ArithmeticError, LookupError, TypeError, ValueError) as error:
         raise NotValidError(f"its parts do not go together: {error!r}") from error
-    holds = header["holds"]
-    how = "reach the target within" if checker.target else "for"
-    lasts = "for ever" if holds is None else f"{how} {holds * checker.hold:g} s"
-    told = f"{header['cells_kept']} cells {lasts}: {len(entries)} of {len(every)} entries hold"
-    worst = -math.expm1(math.log(LEAST_CHANCE) / len(entries))
+    said |= {"valid": len(entries) == len(every), "checked": len(entries), "entries": len(every)}
+    return said if said["valid"] else said | {"seed": seed}
+
+
+def verdict(said: Values) -> str:
+    """What was checked, in a sentence."""
+    how = "reach the target within" if said["target"] else "for"
+    lasts = "for ever" if said["holds"] is None else f"{how} {said['for_seconds']:g} s"
+    checked = f"{said['checked']} of {said['entries']} entries hold"
+    found = f"{said['cells_kept']} cells {lasts}: {checked}"
+    if said["valid"]:
+        return found
+    worst = -math.expm1(math.log(LEAST_CHANCE) / said["checked"])
     sure = f"with {100 * (1 - LEAST_CHANCE):g} % confidence at most {100 * worst:.3g} %"
-    part = f", drawn with seed {seed}: {sure} of them are wrong; this is no proof"
-    return told if len(entries) == len(every) else told + part
+    return found + f", drawn with seed {said['seed']}: {sure} of them are wrong; this is no proof"
+
+
+def check(path: str, share: float = 1.0, seed: int | None = None) -> str:
+    """What was checked, in a sentence. Raises `NotValidError` as `checked` does."""
+    return verdict(checked(path, share, seed))
 
 
 def main() -> None:
@@ -332,17 +351,35 @@ def main() -> None:
     parser.add_argument("file")
     parser.add_argument("--share", type=float, default=1.0, help="part of the entries to check")
     parser.add_argument("--seed", type=int, help="of the entries that are drawn, to repeat it")
+    parser.add_argument("--json", action="store_true", help="print the verdict as JSON")
+    parser.add_argument(
+        "--expect", metavar="SCENARIO", help="a scenario that it has to be of, which holdfast reads"
+    )
     asked = parser.parse_args()
     if not 0 < asked.share <= 1:
         parser.error("--share: expected above 0, at most 1")
     try:
-        told = check(asked.file, asked.share, asked.seed)
+        said = checked(asked.file, asked.share, asked.seed)
+        if asked.expect:
+            holdfast = importlib.import_module("holdfast.studies.certificate_of")
+            holdfast.check_of_scenario(asked.file, asked.expect)
+            said["of_scenario"] = asked.expect
     except NotValidError as wrong:
-        print(f"NOT valid: {wrong}")
-        sys.exit(NOT_VALID)
+        _end(asked, {"valid": False, "why": str(wrong)}, f"NOT valid: {wrong}", NOT_VALID)
     except Exception as error:  # whatever a file contains
-        print(f"holdfast-check: {asked.file} cannot be read: {error!r}", file=sys.stderr)
+        if asked.expect and type(error).__module__ == "holdfast.errors":
+            why = f"{asked.file} is not of {asked.expect}: {error}"
+            _end(asked, said | {"of_scenario": False, "why": why}, f"NOT as expected: {why}", OTHER)
+        cause = f"{type(error).__name__}: {error}"
+        print(f"holdfast-check: {asked.file} cannot be read ({cause:.200})", file=sys.stderr)
         sys.exit(NOT_READ)
     except KeyboardInterrupt:
         sys.exit(130)
-    print(f"{'valid' if asked.share == 1 else 'not refuted'}: {told}")
+    word = "valid" if said["valid"] else "not refuted"
+    of = f", of {json.dumps(asked.expect)}" if asked.expect else ""
+    _end(asked, said, "\n".join([f"{word}{of}: {verdict(said)}", *lines(said)]), 0)
+
+
+def _end(asked: argparse.Namespace, said: Values, text: str, status: int) -> None:
+    print(json.dumps(said, indent=1) if asked.json else text)
+    sys.exit(status)

@@ -1,7 +1,7 @@
 """Where a held input leads from a box of states, and whether constraints hold on the way.
 
-States are in N + C (X - c) + E: N the trajectory of the middle c, C what carries X - c along. A hold
-is divided into steps tau; at each of them
+States are in N + C (X - c) + E: N the trajectory of the middle c, C what carries X - c along. A
+hold is divided into steps tau; at each of them
 
 1. a box B with Y + [0, tau] f(B, u, D) inside B, Y the states at its begin, has all on the way;
 2. N goes on by its Taylor polynomial with a remainder over B;
@@ -65,7 +65,7 @@ class States:
 
 
 class HeldFlow:
-    """Rates by their tape, the names of states, constraints, and into how many steps holds are cut."""
+    """Rates, constraints, the names of states, and into how many steps holds are divided."""
 
     def __init__(
         self, rates: Sequence[Expression], states: Sequence[str], constraints: Sequence[Expression],

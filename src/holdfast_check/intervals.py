@@ -254,9 +254,18 @@ def _derivatives(name: str, of: Any, x: Interval) -> Iterator[Interval]:
 
 # -- texts as operations -----------------------------------------------------------------------
 
-PLAIN = {"+": add, "-": sub, "*": mul, "negative": neg, "inverse": inverse}
+PLAIN: dict[str, Callable[..., Interval]] = {
+    "+": add,
+    "-": sub,
+    "*": mul,
+    "negative": neg,
+    "inverse": inverse,
+}
 SMOOTH = ("sin", "cos", "tan", "atan", "exp", "log", "tanh", "sqrt", "power", "inverse")
-KNOWN = {**PLAIN, **{name: function for name, (_, function) in FUNCTIONS.items()}}
+KNOWN: Mapping[str, Callable[..., Interval]] = {
+    **PLAIN,
+    **{name: function for name, (_, function) in FUNCTIONS.items()},
+}
 _OPERATORS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*"}
 _CHARACTERS = re.compile(r"[A-Za-z0-9_+\-*/(), ]*")
 
@@ -326,12 +335,12 @@ class Tape:
                     every.append(rates.get(of) if name == "symbol" else None)
                     continue
                 if by is None:
-                    by = _partials(name, of, value, x, slopes)
+                    by = _partials(name, of, value, x)
                 if name in ("least", "greatest"):
                     every.append(_of_one(name, x, [s or (ZERO, ZERO) for s in slopes]))
                 else:
                     some = [(b, s) for b, s in zip(by, slopes, strict=False) if s is not None]
-                    every.append(dot(*zip(*some, strict=True)))  # type: ignore[arg-type]
+                    every.append(dot([b for b, _ in some], [s for _, s in some]))
         return [self.of(every) for every in found]
 
     def series(self, known: Mapping[str, Interval], moving: Sequence[str], terms: int) -> list[Row]:
@@ -469,7 +478,7 @@ def _folded(name: str, numbers: list[Fraction], of: Any) -> Fraction | None:
     return None
 
 
-def _partials(name: str, of: Any, value: Interval, x: Row, slopes: list[Any]) -> Row:
+def _partials(name: str, of: Any, value: Interval, x: Row) -> Row:
     """The derivatives of one operation by its arguments."""
     match name:
         case "negative":
@@ -512,7 +521,7 @@ def _term(name: str, x: list[Any], g: Row, k: int) -> Any:
         case "negative":
             return x[0][k] and neg(x[0][k])
         case name if name in SMOOTH:
-            _, first, second, *_ = (*x[0], None)
+            first, second = x[0][1], x[0][2] if k > 1 else None
             parts = [_product(g[0], x[0][k])]
             if k == 2:
                 parts.append(_product(g[1], first and power(first, 2)))

@@ -44,13 +44,14 @@ def law_of_certificate(
     """
     found = read_certificate(validated(CertificateSpec, dict(table), file, "law").certificate)
     if region is not None:
-        _check_region(found, region)
+        check_region(found, region)
     if goal is not None and found.target:
-        _check_goal(found, goal)
+        check_goal(found, goal)
     return certified_law(found, system, disturbance=disturbance)
 
 
-def _check_region(certificate: Certificate, region: Region) -> None:
+def check_region(certificate: Certificate, region: Region) -> None:
+    """Raises `ScenarioError` for a region with an inequality that is not certified."""
     for c in region.inequalities:
         if not _among(c, certificate.constraints):
             raise ScenarioError(
@@ -61,7 +62,8 @@ def _check_region(certificate: Certificate, region: Region) -> None:
     _check_parameters(certificate, region, "region")
 
 
-def _check_goal(certificate: Certificate, goal: Region) -> None:
+def check_goal(certificate: Certificate, goal: Region) -> None:
+    """Raises `ScenarioError` for a goal with one that need not hold at the target."""
     for c in goal.inequalities:
         if not _among(c, (*certificate.target, *certificate.constraints)):
             raise ScenarioError(

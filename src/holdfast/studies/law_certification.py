@@ -50,16 +50,7 @@ def judged_law(
             f"the inputs of '{scenario}' follow the state at every instant",
             expected="run.continuous = false",
         )
-    known: dict[str, float] = {}
-    if loaded.system.disturbance_bounds is None:
-        for name in loaded.system.disturbance_names:
-            given = loaded.disturbance.get(name, 0)
-            if not (isinstance(given, int | float) or given.is_number):
-                raise SimulationError(
-                    f"the disturbance '{name}' varies and has no bounds",
-                    remedy="give it bounds in [system]",
-                )
-            known[name] = float(given)
+    known = without_bounds(loaded)
     with at(loaded.file, "law"):
         return judge_law(
             loaded.system,
@@ -76,3 +67,21 @@ def judged_law(
             delay=float(run.get("delay", 0.0)) if delay is None else delay,
             progress=progress,
         )
+
+
+def without_bounds(loaded: Scenario) -> dict[str, float]:
+    """The disturbances of a closed loop that are known numbers, as they have no bounds.
+
+    Raises `SimulationError` for one that varies.
+    """
+    known: dict[str, float] = {}
+    if loaded.system.disturbance_bounds is None:
+        for name in loaded.system.disturbance_names:
+            number = loaded.disturbance.get(name, 0)
+            if not (isinstance(number, int | float) or number.is_number):
+                raise SimulationError(
+                    f"the disturbance '{name}' varies and has no bounds",
+                    remedy="give it bounds in [system]",
+                )
+            known[name] = float(number)
+    return known

@@ -317,7 +317,7 @@ def test_what_the_checker_does_not_read_is_not_certified(rate, message):
 
 
 def test_squares_of_states_around_zero_are_checked(tmp_path):
-    """In the file they are products: Arb's Python interface has no power of a ball around zero."""
+    """Powers stand in the file as they are."""
     found = certify(*one_state(-(X**3), [X**2 - 1]), box={"x": (-1.1, 1.1)}, cells=21)
     assert "x**2" in found.header()["constraints"][0]["expression"]
     assert found.header()["rates"] == ["-x**3"]
@@ -424,13 +424,16 @@ def test_key_that_stands_twice_and_a_file_without_entries_are_not_valid(braked, 
 
 def test_checker_is_short_enough_to_be_read():
     """Lines of code: those with more than a comment or a text that explains."""
-    source = Path(checker.__file__).read_text(encoding="utf-8")
-    explained = set()
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
-            explained |= set(range(node.lineno, node.end_lineno + 1))
-    code = {k for k, line in enumerate(source.splitlines(), 1) if line.strip()} - explained
-    assert len(code) < 600
+    count = 0
+    for file in Path(checker.__file__).parent.glob("*.py"):
+        source, explained = file.read_text(encoding="utf-8"), set()
+        for node in ast.walk(ast.parse(source)):
+            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+                explained |= set(range(node.lineno, node.end_lineno + 1))
+        count += len(
+            {k for k, line in enumerate(source.splitlines(), 1) if line.strip()} - explained
+        )
+    assert count < 1100
 
 
 def test_angle_that_turns_faster_than_doubles_count_leaves_no_cell_unchecked(tmp_path):

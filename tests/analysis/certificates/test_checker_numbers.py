@@ -110,7 +110,7 @@ def test_series_are_those_of_another_library(text):
     x, y = [arb(0.3)], [arb(-0.4)]
     for k in range(3):
         names = {"x": Series(arb_series(x)), "y": Series(arb_series(y))}
-        rate = eval(code, functions, names).s[k]  # noqa: S307 - texts of this module
+        rate = eval(code, functions, names).s[k]  # of the texts of this module
         x.append(rate / (k + 1))
         y.append((x[k] - y[k]) / (k + 1))
     for row, exact in zip(found, (x, y), strict=True):
@@ -193,13 +193,13 @@ def test_unknown_stays_unknown_through_every_operation():
                      intervals.least, intervals.greatest, intervals.length, intervals.angle):  # fmt: skip
         for a, b in itertools.permutations((one, unknown)):
             low, high = function(a, b)
-            assert not (low <= 1e9 or low >= -1e9 or high <= 1e9 or high >= -1e9), function
+            assert not any((low <= 1e9, low >= -1e9, high <= 1e9, high >= -1e9)), function
     for function in (intervals.neg, intervals.inverse, intervals.root, intervals.size,
                      intervals.sine, intervals.cosine, intervals.tangent, intervals.exponential,
                      intervals.logarithm, intervals.arctangent, intervals.wrap,
                      lambda q: intervals.power(q, 2), lambda q: intervals.power(q, 3)):  # fmt: skip
         low, high = function(unknown)
-        assert not (low <= 1e9 or low >= -1e9 or high <= 1e9 or high >= -1e9)
+        assert not any((low <= 1e9, low >= -1e9, high <= 1e9, high >= -1e9))
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,8 @@
 """Where a held input can lead from a box of states, for any disturbance within its bounds.
 
 For xdot = f(x, u, d) with u held for T, d in D at every instant, from a box X with the middle c,
-in steps tau = T / m of each leg. States are in N + C (X - c) + E: N the trajectory of c with the middle d0 of D
-and C what carries X - c along, at first c, the identity and E = 0. At every step:
+in steps tau = T / m of each leg. States are in N + C (X - c) + E: N the trajectory of c with the
+middle d0 of D and C what carries X - c along, at first c, the identity and E = 0. At every step:
 
 1. A box B with Y + [0, tau] f(B, u, D) inside B, Y the states at its begin, contains all states on
    the way (E. Picard): the first of some guesses, each the way of the one before made wider by a
@@ -29,7 +29,7 @@ Every operation is of intervals that are rounded outward, and the operations are
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -120,7 +120,7 @@ class _Set:
     def ends(self) -> list[Value]:
         """All numbers but those of `off`, which stay."""
         rows = [self.box, self.nominal, *self.carried, self.rest]
-        return [end for row in rows for q in row for end in (q.low, q.high)]
+        return _both([q for row in rows for q in row])
 
     @staticmethod
     def of(steps: Steps, names: Sequence[str], n: int) -> _Set:
@@ -169,7 +169,7 @@ class HeldFlow:
         if target:
             leaves["arrived"] = self._inside_leaf([*constraints, *target])
         self._leaves = compiled_leaves(leaves)
-        self._of_steps: dict[tuple[int, bool], Leaves] = {}
+        self._of_steps: dict[tuple[int, bool, bool], Leaves] = {}
 
     @property
     def digest(self) -> str:
@@ -204,7 +204,7 @@ class HeldFlow:
         n, count = len(self.states), len(low)
         if self.law is not None:
             inputs = _ends(inputs, inputs if most is None else most)
-        wide = 2 * n * (n + 3)  # numbers of a set
+        wide = 2 * n if self._alone else 2 * n * (n + 3)  # numbers of a set
         box, kept = _ends(low, high), np.ones(count, dtype=bool)
         way_low, way_high = np.full((count, n), np.inf), np.full((count, n), -np.inf)
         last = len(self._legs) - 1, self.sampling.steps - 1
@@ -217,9 +217,14 @@ class HeldFlow:
                     "flow", count, width, now, self._step(leg)
                 )
                 box, way = found[:, : 2 * n], found[:, wide : wide + 2 * n]
-                way_low = np.minimum(way_low, way[:, 0::2])
-                way_high = np.maximum(way_high, way[:, 1::2])
-                kept &= found[:, wide + 2 * n + ((leg, turn) == last)] > 0
+                ends = way[:, 0::2], way[:, 1::2]
+                if self._alone:
+                    way_low, way_high = ends
+                else:
+                    way_low, way_high = np.minimum(way_low, ends[0]), np.maximum(way_high, ends[1])
+                kept &= found[:, wide + 2 * n + (not self._alone and (leg, turn) == last)] > 0
+                if (leg, turn) == last:
+                    break
                 if begins:
                     off = found[:, wide + 2 * n + 2 :]
                 now = np.concatenate([found[:, :wide], off, inputs], axis=1)
@@ -234,6 +239,11 @@ class HeldFlow:
         return Held(low, high, way_low, way_high, kept)
 
     # -- leaves ------------------------------------------------------------------------------
+
+    @property
+    def _alone(self) -> bool:
+        """Whether there is one step alone, of which less is to be known."""
+        return self.sampling.steps == len(self._legs) == 1
 
     @property
     def _legs(self) -> list[bool]:
@@ -260,7 +270,7 @@ class HeldFlow:
 
     def _leaf(self, leg: int, *, begins: bool) -> Leaves:
         """Of one step of a leg, compiled when it is needed."""
-        which = leg, begins
+        which = leg, begins, self._alone
         if which not in self._of_steps:
             self._of_steps[which] = compiled_leaves({"flow": self._flow_leaf(leg, begins=begins)})
         return self._of_steps[which]
@@ -289,16 +299,16 @@ class HeldFlow:
         known = self._free(steps) | self._inputs_of(steps, rows[wide:], self._legs[leg])
         (step,) = pairs(steps, ("t0", "t1"))
         after, way, sure = self._after(steps, before, known, step)
-        boxes = (before.box, way, after.box)
-        flags = [
-            every(steps, [sure, *(self._kept(steps, c, boxes, known, step, (True, ends))
-                                  for c in self._constraints)])
-            for ends in (False, True)
-        ]  # fmt: skip
-        results = [*after.ends, *(end for q in way for end in (q.low, q.high))]
-        results += [choose(flag, 1.0, 0.0) for flag in flags]
-        if begins:
-            results += [end for q in before.off for end in (q.low, q.high)]
+        at = [self._at(box, known) for box in (before.box, way, after.box)]
+        rates = self._rates.of(self._rates.values(steps, at[1]))
+        moving = dict(zip(self._names, rates, strict=True))
+        kept = [self._kept(steps, c, at, moving, step) for c in self._constraints]
+        flags = [choose(every(steps, [sure, *some]), 1.0, 0.0) for some in zip(*kept, strict=True)]
+        flags = flags or 2 * [choose(sure, 1.0, 0.0)]
+        if self._alone:
+            results = [*_both(after.box), *_both(way), flags[1]]
+        else:
+            results = [*after.ends, *_both(way), *flags, *(_both(before.off) if begins else [])]
         return Leaf(steps, {"q": rows, "t": ["t0", "t1"]}, results, frozenset("t"))
 
     def _inputs_of(self, steps: Steps, rows: Sequence[str], under_way: bool) -> Known:
@@ -407,44 +417,62 @@ class HeldFlow:
         ]
 
     def _kept(
-        self,
-        steps: Steps,
-        c: _Limit,
-        boxes: tuple[Row, Row, Row],
-        known: Known,
-        step: Interval,
-        holds: tuple[bool, bool],
+        self, steps: Steps, c: _Limit, at: Sequence[Known], moving: Known, step: Interval
+    ) -> tuple[Value, Value]:
+        """Whether c <= 0 at (start, way, end), where it is at the start: if nothing is known of the
+        end, and if it is there too."""
+        first, over, last = (c.tape.values(steps, known) for known in at)
+        parts = [self._part_kept(steps, p, at, moving, step) for p in c.parts] if not c.all else []
+        both = [self._kept(steps, p, at, moving, step) for p in c.parts] if c.all else []
+        ways = self._ways(steps, c, (first, over, last), moving, step)
+        found = []
+        for k, known in enumerate((False, True)):
+            kept = ways(True, known)
+            if parts:
+                kept = kept | ~every(steps, [~p for p in parts])
+            if both:
+                kept = kept | every(steps, [p[k] for p in both])
+            found.append(kept)
+        return found[0], found[1]
+
+    def _part_kept(
+        self, steps: Steps, c: _Limit, at: Sequence[Known], moving: Known, step: Interval
     ) -> Value:
-        """Whether c <= 0 on (start, way, end); holds: whether it is known to at both ends."""
-        tape = c.tape
-        first, _, last = (tape.of(tape.values(steps, self._at(box, known)))[0] for box in boxes)
-        over = tape.values(steps, self._at(boxes[1], known))
-        (whole,) = tape.of(over)
-        kept = whole.high <= 0.0
-        if c.parts:
-            inner = holds if c.all else (False, False)
-            parts = [self._kept(steps, p, boxes, known, step, inner) for p in c.parts]
+        """The same of a part, of which nothing is known at the ends."""
+        values = tuple(c.tape.values(steps, known) for known in at)
+        kept = self._ways(steps, c, values, moving, step)(False, False)
+        parts = [self._part_kept(steps, p, at, moving, step) for p in c.parts]
+        if parts:
             some = every(steps, parts) if c.all else ~every(steps, [~p for p in parts])
             kept = kept | some
-        rates = self._rates.of(self._rates.values(steps, self._at(boxes[1], known)))
-        (moving,) = tape.of(tape.slopes(over, dict(zip(self._names, rates, strict=True))))
-        if moving is None:
-            moving = number(steps, 0.0)
+        return kept
+
+    def _ways(
+        self, steps: Steps, c: _Limit, values: Sequence[Row], moving: Known, step: Interval
+    ) -> Callable[[bool, bool], Value]:
+        """Whether a constraint is kept by itself, of what is known of its ends."""
+        first, whole, last = (c.tape.of(v)[0] for v in values)
+        (rate,) = c.tape.of(c.tape.slopes(values[1], moving))
+        rate = number(steps, 0.0) if rate is None else rate
         zero = steps.constant(0.0, FLOAT)
         c0, c1 = (Interval(*(2 * (smallest(q.high, zero),))) for q in (first, last))
-        up, down = (Interval(v, v) for v in (moving.high, moving.low))
+        up, down = (Interval(v, v) for v in (rate.high, rate.low))
         meet = c0 + up * (c1 - c0 - step * down) * (up - down).inverse()
-        falls, rises = moving.high <= 0.0, moving.low >= 0.0
-        begins, ends = (
-            zero <= 0.0 if known_to else q.high <= 0.0
-            for known_to, q in zip(holds, (first, last), strict=True)
-        )
-        between = falls & begins | rises & ends | begins & ends & (meet.high <= 0.0)
-        return kept | between
+        falls, rises, under = rate.high <= 0.0, rate.low >= 0.0, meet.high <= 0.0
+
+        def kept(*known: bool) -> Value:
+            begins, ends = (
+                zero <= 0.0 if sure else q.high <= 0.0
+                for sure, q in zip(known, (first, last), strict=True)
+            )
+            between = (falls & begins) | (rises & ends) | (begins & ends & under)
+            return (whole.high <= 0.0) | between
+
+        return kept
 
 
 class _Limit:
-    """A constraint, and those that a least or a greatest is made of; all: whether all have to hold."""
+    """A constraint, and those that a least or a greatest is made of; all: of a greatest."""
 
     def __init__(self, e: Any) -> None:
         self.tape, self.all = Tape([e]), isinstance(e, greatest)
@@ -454,6 +482,11 @@ class _Limit:
 def _ends(low: Array, high: Array) -> Array:
     """Columns of both ends in turn."""
     return np.stack([low, high], axis=2).reshape(len(low), 2 * low.shape[1])
+
+
+def _both(row: Row) -> list[Value]:
+    """Both ends of each in turn."""
+    return [end for q in row for end in (q.low, q.high)]
 
 
 def _times(matrix: list[Row], x: Row, steps: Steps) -> Row:

@@ -131,8 +131,8 @@ class Tape:
 
     def _operation(self, node: ast.expr, arguments: list[int]) -> int:
         match node:
-            case ast.Constant(value=number):
-                return self._new("number", of=Fraction(number))
+            case ast.Constant(value=int(whole)):
+                return self._new("number", of=Fraction(whole))
             case ast.Name(id="pi"):
                 return self._new("pi")
             case ast.Name(id=name):

@@ -1,0 +1,153 @@
+"""What a certificate proves, in plain lines and as data, from its file alone.
+
+Numbers are those of a double, in the digits that are read back as it; names, units and titles that
+are not plain are quoted, as JSON has them. What is too long for lines, the cells and their inputs,
+the options of a law and its table, is told by its SHA-256: two files that prove different things
+never have the same statement.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterable, Sequence
+from fractions import Fraction
+from typing import Any
+
+from holdfast_check.reading import Values
+
+_FRACTION = re.compile(r"(?<![\w/*)])(\d+)(\*[A-Za-z_]\w*)?/(\d+)(?![\w*(])")
+LONGEST = 200
+"""Of a title that is printed."""
+_PLAIN = re.compile(r"[A-Za-z0-9_%^*/.-]+( [A-Za-z0-9_%^*/.-]+)*")
+
+
+def statement(h: Values, entries: Sequence[Any]) -> Values:
+    """Plain data, of which `lines` makes text."""
+    hold, target = h["hold"], [_limit(c) for c in h["target"]]
+    law, holds = h["law"], h["holds"]
+    found = {
+        "title": _quoted(h["title"][:LONGEST]),
+        "rates": {
+            q["name"]: _readable(e.text) for q, e in zip(h["states"], h["rates"], strict=True)
+        },
+        "states": {
+            q["name"]: {
+                "unit": _quoted(q["unit"]), "least": axis[0], "greatest": axis[-1],
+                "cells": len(axis) - 1, "comes_back": turns, "measured_within": error,
+            }
+            for q, axis, turns, error in zip(
+                h["states"], h["edges"], h["periodic"], h["errors"], strict=True
+            )
+        },
+        "always": [_limit(c) for c in h["constraints"]],
+        "target": target,
+        "whatever": {
+            q["name"]: {
+                "unit": _quoted(q["unit"]), "least": q["range"][0], "greatest": q["range"][1],
+                "varies": group == "disturbances",
+            }
+            for group in ("disturbances", "parameters") for q in h[group]
+        },
+        "inputs": {q["name"]: {"unit": _quoted(q["unit"])} for q in h["inputs"]},
+        "held_for": hold,
+        "late_by": h["delay"],
+        "holds": holds,
+        "for_seconds": None if holds is None else holds * hold,
+        "cells_kept": h["cells_kept"],
+        "law": bool(law["modes"]),
+        "inputs_tried": len(h["candidates"]),
+        "digest": _digest(h, entries),
+    }  # fmt: skip
+    under_way = law["under_way"] or [(min(c), max(c)) for c in zip(*h["candidates"], strict=True)]
+    for q, (least, most) in zip(h["inputs"], under_way, strict=False):
+        found["inputs"][q["name"]] |= {"least": least, "greatest": most}
+    return found
+
+
+def lines(said: Values) -> list[str]:
+    """The statement as text."""
+    kept, hold = said["cells_kept"], _n(said["held_for"])
+    end = (
+        "for ever"
+        if said["holds"] is None
+        else f"for {said['holds']} holds, {_n(said['for_seconds'])} s"
+    )
+    what = f"from each of {kept} cells the constraints are kept {end}"
+    if said["target"]:
+        within = f"within {said['holds']} holds, {_n(said['for_seconds'])} s"
+        what = f"from each of {kept} cells the target is reached {within}, and the constraints are "
+        what += "kept until then"
+    rows = [
+        ("proves", [what]),
+        ("title", [said["title"] + ", which says nothing of what is proved"]),
+    ]
+    rows += [("rates", [f"{name}' = {text}" for name, text in said["rates"].items()])]
+    rows += [("states", [_state(name, q) for name, q in said["states"].items()])]
+    rows += [("constraints", said["always"]), ("target", said["target"])]
+    rows += [("whatever", [
+        f"{name} [{q['unit']}] is, from {_n(q['least'])} to {_n(q['greatest'])}, "
+        + ("another at every instant" if q["varies"] else "one number all the time")
+        for name, q in said["whatever"].items()
+    ])]  # fmt: skip
+    by = "what the law gives" if said["law"] else f"one of {said['inputs_tried']} that were tried"
+    rows += [("inputs", [
+        f"{name} [{q['unit']}]: " + by
+        + (f", from {_n(q['least'])} to {_n(q['greatest'])}" if "least" in q else "")
+        for name, q in said["inputs"].items()
+    ] or ["none"])]  # fmt: skip
+    late = f"{_n(said['late_by'])} s late at most, before which any input between these may act"
+    rows += [("sampled", [
+        f"every {hold} s exactly, and inputs are held until the next sample",
+        late if said["late_by"] else "an input acts from its sample on, as it is",
+    ])]  # fmt: skip
+    rows += [("SHA-256", [f"{said['digest']} of the cells, their inputs and the law"])]
+    return [f"  {name if k == 0 else '':<12} {text}" for name, texts in rows
+            for k, text in enumerate(texts)]  # fmt: skip
+
+
+def _state(name: str, q: Values) -> str:
+    around = ", where it comes back to itself" if q["comes_back"] else ""
+    wrong = f"within {_n(q['measured_within'])}" if q["measured_within"] else "exactly"
+    ends = f"from {_n(q['least'])} to {_n(q['greatest'])} in {q['cells']} cells"
+    return f"{name} [{q['unit']}] {ends}{around}, measured {wrong}"
+
+
+def _limit(c: Values) -> str:
+    return f"{_readable(c['expression'].text)} <= 0 [{_quoted(c['unit'])}] ({_quoted(c['name'])})"
+
+
+def _readable(text: str) -> str:
+    """The text with fractions that are floats in their decimal digits."""
+
+    def decimal(found: re.Match[str]) -> str:
+        over, factor, under = int(found[1]), found[2] or "", int(found[3])
+        if under == 0 or (Fraction(over / under) != Fraction(over, under)):
+            return found[0]
+        return _n(over / under) + factor
+
+    return _FRACTION.sub(decimal, text)
+
+
+def _quoted(text: str) -> str:
+    """A text that is plain, or quoted, without control characters."""
+    return text if _PLAIN.fullmatch(text) else json.dumps(text)
+
+
+def _n(number: float) -> str:
+    return repr(number).removesuffix(".0")
+
+
+def _digest(h: Values, entries: Iterable[Any]) -> str:
+    """Of what lines do not say."""
+    law = h["law"]
+    options = [
+        [[e.text for e in when], [e.text for e in u], to] for m in law["modes"] for when, u, to in m
+    ]
+    table = [[e.text, *more] for e, *more in law["table"]["axes"]]
+    nodes = {name: [list(end) for end in ends] for name, ends in law["table"]["nodes"].items()}
+    plain = [h["edges"], h["candidates"], sorted(entries), law["initial"], len(law["modes"]),
+             [len(m) for m in law["modes"]], options, [[n, e.text] for n, e in law["where"]],
+             law["parts"], table, nodes]  # fmt: skip
+    return hashlib.sha256(json.dumps(plain).encode()).hexdigest()
