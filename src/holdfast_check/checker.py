@@ -36,29 +36,22 @@ from flint import arb
 from holdfast_check.held import HeldFlow
 from holdfast_check.intervals import (
     NAMES,
-    UNKNOWN,
-    Expression,
-    Interval,
     Row,
     Tape,
     add,
-    hull,
+    down,
     interval,
-    inverse,
-    mul,
-    neg,
     point,
     sub,
+    up,
     within,
 )
-from holdfast_check.reading import TABLE, NotValidError, Values, read
+from holdfast_check.law import Law
+from holdfast_check.reading import NotValidError, Values, read
 from holdfast_check.statement import lines, statement
 
 BITS = 80
-NOT_VALID, NOT_READ, OTHER, LEAST_CHANCE, DRAWN, MOST_STEPS = 1, 2, 3, 1e-3, 32, 64
-
-Choice = tuple[list[Expression], list[Expression], int, Sequence[tuple[Any, ...]]]
-"""Conditions, inputs, the mode of a law afterwards, and what inputs that are left free may be."""
+NOT_VALID, NOT_READ, OTHER, LEAST_CHANCE, MOST_STEPS = 1, 2, 3, 1e-3, 64
 
 
 class Checker:
@@ -95,26 +88,16 @@ class Checker:
             raise NotValidError("the cells of the horizon are not as many as it says")
 
     def _choices(self, tried: list[list[float]], law: Values) -> None:
-        """What may be given: inputs that were tried, one each, or the options of a law's modes."""
-        names = list(map(Expression, self.input_names))
-        self.choices: list[list[Choice]] = [[([], names, 0, [tuple(map(point, r))])] for r in tried]
+        """What may be given: inputs that were tried, or the options of a law's modes."""
+        self.tried = [list(map(point, row)) for row in tried]
+        self.law = Law(law, self.input_names)
+        self.choices = len(self.law.modes) or len(tried)
         ends = law["under_way"] or [(min(c), max(c)) for c in zip(*tried, strict=True)]
         ways = zip(self.input_names, ends, strict=self.delay > 0)
         self.under_way = {name: (interval(a, b), point((a + b) / 2)) for name, (a, b) in ways}
-        self.where, (self.axes, self.nodes) = law["where"], (law["table"][k] for k in TABLE)
-        parts = [list(itertools.starmap(interval, itertools.pairwise(e))) for e in law["parts"]]
-        if law["modes"]:
-            self.choices = [[self._option(parts, *o) for o in mode] for mode in law["modes"]]
-        both = [e for mode in law["modes"] for when, u, _ in mode for e in (*when, *u)]
-        self.told = [*both, *(e for _, e in self.where), *(place for place, *_ in self.axes)]
-
-    def _option(self, parts: list[Row], when: Any, inputs: Any, to: int) -> Choice:
-        """Its conditions and inputs, the mode then, and what inputs that it leaves free may be."""
-        free = any(e.names & {*self.input_names} for e in (*when, *inputs))
-        return when, inputs, to, list(itertools.product(*parts)) if free else [()]
 
     def _well_formed(self, h: Values, names: list[str]) -> None:
-        names += [*self.nodes, "time_in_mode", *(name for name, _ in self.where)]
+        names += [*self.law.nodes, "time_in_mode"]
         known = {n for n in names if n.isascii() and n.isidentifier()} - NAMES
         if len(known) < len(names):
             raise NotValidError("a name stands twice, is none, or is that of a function or number")
@@ -122,8 +105,8 @@ class Checker:
             raise NotValidError("the edges of cells, or of parts of inputs, do not grow")
         if any(a > b for a, b in (*self.ranges.values(), *h["law"]["under_way"])):
             raise NotValidError("a range is reversed")
-        size = math.prod(n for *_, n, _ in self.axes)
-        if any(len(end) != size for ends in self.nodes.values() for end in ends):
+        size = math.prod(n for *_, n, _ in self.law.axes)
+        if any(len(end) != size for ends in self.law.nodes.values() for end in ends):
             raise NotValidError("a table has not the nodes that its axes say")
         times = 0 <= self.delay < self.hold and all(e >= 0 for e in h["errors"])
         times = times and 1 <= h["steps"] <= MOST_STEPS and len(h["errors"]) == len(self.states)
@@ -138,7 +121,7 @@ class Checker:
         count, better = self.total * len(self.widths), min if self.target else max
         for cell, choice, level in entries:
             horizon = level == 0 if most is None else 1 <= level <= most
-            if not (cell < count and choice < len(self.choices) and horizon):
+            if not (cell < count and choice < self.choices and horizon):
                 raise NotValidError(f"entry of cell {cell}: no such cell, input or level")
             place = cell, choice if law else 0
             self.kept[place] = better(level, self.kept.get(place, level))
@@ -147,7 +130,7 @@ class Checker:
         """An angle: all rates have it in sines and cosines alone, and a turn is in the axis."""
         if turns and not arb(axis[-1]) - arb(axis[0]) >= 2 * arb.pi():
             raise NotValidError(f"the axis of {name} is less than a turn")
-        for e in (*self.flow.expressions, *self.target, *self.told):
+        for e in (*self.flow.expressions, *self.target, *self.law.expressions):
             if turns and not Tape([e]).comes_back(name):
                 raise NotValidError(f"{name} comes back after a turn, {e.text} not")
 
@@ -164,18 +147,13 @@ class Checker:
         where = f"cell {cell} ({at})"
         if (k := self._holds(self.inside, cell)) is not None:
             raise NotValidError(f"{where} is not inside constraint {k}")
-        ranges = self.ranges | dict(zip(self.states, box, strict=True))
-        known = self.bounds | dict(zip(self.states, seen, strict=True))
-        given = list(self._given(known, choice))
-        if not any(sure for *_, sure in given):  # no option holds all over the cell
-            chance = random.SystemRandom()  # a file that knows the places could lie elsewhere
-            for _ in range(DRAWN):
-                place = {n: point(chance.uniform(*ends)) for n, ends in ranges.items()}
-                since = point(self.hold * chance.choice((0, 10 ** chance.uniform(-3, 5))))
-                if next(self._given(place, choice, since), None) is None:
-                    raise NotValidError(f"{where}: the law does nothing in a part of it")
+        try:
+            known = self.bounds | dict(zip(self.states, seen, strict=True))
+            given = self.law.given(known, choice) if self.law.modes else [(self.tried[choice], 0)]
+        except NotValidError as error:
+            raise NotValidError(f"{where}: {error}") from None
         middle = [point((a + b) / 2) for a, b in box]
-        for inputs, mode, _ in given:
+        for inputs, mode in given:
             u = dict(zip(self.input_names, inputs, strict=True))
             mids = {name: point(((a + b) / 2).mid()) for name, (a, b) in u.items()}
             hold = sub(point(self.hold), point(self.delay))
@@ -193,42 +171,6 @@ class Checker:
             for led in self._cells(self._with_errors(end)):
                 if led is None or not self._reached(led, mode, level):
                     raise NotValidError(f"{where} may lead to {led and led[0]}, which is not kept")
-
-    def _given(self, at: Values, choice: int, since: Any = None) -> Iterator[tuple[Row, int, bool]]:
-        """All inputs that may be given where this is measured, and the mode of the law then.
-
-        Of a law these are of the first option whose conditions hold: at last whether one surely is.
-        since: the time in the mode at a place, where a condition that is no number does not hold;
-        None is any time, all over a cell.
-        """
-        at = at | {"time_in_mode": since or UNKNOWN} | self._looked_up(at)
-        defined = dict(self.where)
-        for when, inputs, to, parts in self.choices[choice]:
-            sure = False
-            tape = Tape([*when, *inputs], defined)
-            for part in parts:
-                at.update(zip(self.input_names, part, strict=bool(part)))
-                values = tape.of(tape.values(at))
-                values, given = values[: len(when)], values[len(when) :]
-                if not any(v[0] > 0 or (since is not None and v[0].is_nan()) for v in values):
-                    sure |= all(v[1] < 0 for v in values)
-                    yield given, to, sure
-            if sure:
-                return
-
-    def _looked_up(self, at: Values) -> Values:
-        """The values of a law's table, between those at the nodes around a place."""
-        around = [0]
-        for place, (low, step), n, turns in self.axes:
-            tape = Tape([place])
-            (q,) = tape.of(tape.values(at))
-            q = mul(sub(q, point(low)), inverse(point(step)))
-            first, last = (k if turns else min(max(k, 0), n - 1)
-                           for k in (math.floor(_down(q)), math.ceil(_up(q))))  # fmt: skip
-            block = range(first, min(last, first + n) + 1)  # not more than all of them
-            around = [before * n + k % n for before in around for k in block]
-        return {name: hull(*(interval(low[k], high[k]) for k in around))
-                for name, (low, high) in self.nodes.items()}  # fmt: skip
 
     def _place(self, cell: int) -> tuple[int, list[int]]:
         """The width of a cell in the smallest ones, and the place of the first of these in it."""
@@ -275,7 +217,7 @@ class Checker:
         ranges = []
         each = zip(end, self.edges, self.turning, self.still, strict=True)
         for q, axis, turns, still in each:  # a state that is still does not leave the grid
-            low, high = _down(q), _up(q)
+            low, high = down(q), up(q)
             known = math.isfinite(low) and math.isfinite(high)
             beyond = not (turns or still) and (low < axis[0] or high > axis[-1])
             around = math.floor((low - axis[0]) / math.tau) if turns and known else 0
@@ -283,23 +225,14 @@ class Checker:
             for k in (around - 1, around, around + 1) if turns else (0,):
                 turn = (2 * k * arb.pi()).lower(), (2 * k * arb.pi()).upper()
                 there = sub(q, turn) if k else q
-                first = max(bisect.bisect_left(axis, _down(there)) - 1, 0)
-                last = min(bisect.bisect_right(axis, _up(there)), len(axis) - 1)
+                first = max(bisect.bisect_left(axis, down(there)) - 1, 0)
+                last = min(bisect.bisect_right(axis, up(there)), len(axis) - 1)
                 places |= set(range(first, last))
             if beyond or not (places and known):  # doubles count some turns only
                 yield None
                 return
             ranges.append(sorted(places))
         yield from map(list, map(self._numbers, itertools.product(*ranges)))
-
-
-def _down(q: Interval) -> float:
-    value = float(q[0])
-    return value if arb(value) <= q[0] else math.nextafter(value, -math.inf)
-
-
-def _up(q: Interval) -> float:
-    return -_down(neg(q))
 
 
 def checked(path: str, share: float = 1.0, seed: int | None = None) -> Values:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import functools
 import itertools
+import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
@@ -116,6 +117,16 @@ def size(a: Interval) -> Interval:
 
 def sign(a: Interval) -> Interval:
     return point(1) if a[0] >= ZERO else point(-1) if a[1] <= ZERO else BOTH
+
+
+def down(q: Interval) -> float:
+    """A float that is at most the lower end."""
+    value = float(q[0])
+    return value if arb(value) <= q[0] else math.nextafter(value, -math.inf)
+
+
+def up(q: Interval) -> float:
+    return -down(neg(q))
 
 
 def dot(a: Sequence[Interval | None], b: Sequence[Interval | None]) -> Interval:
@@ -297,17 +308,20 @@ class Expression:
 
 
 class Tape:
-    """Expressions as operations, those that are the same once; defined: what names stand for."""
+    """Expressions as operations, those that are the same once."""
 
-    def __init__(
-        self, expressions: Sequence[Expression], defined: Mapping[str, Expression] | None = None
-    ) -> None:
+    def __init__(self, expressions: Sequence[Expression]) -> None:
         self.operations: list[Operation] = []
         self._numbers: dict[Operation, int] = {}
-        self._defined = defined or {}
         self.results = [self._of(e.tree) for e in expressions]
         plain = ("number", "pi", "symbol", *PLAIN, *SMOOTH)
         self.smooth = all(name in plain for name, *_ in self.operations)
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether the first expression is the number 0."""
+        name, _, of = self.operations[self.results[0]]
+        return name == "number" and of == 0
 
     def values(self, known: Mapping[str, Interval]) -> Row:
         """Of every operation."""
@@ -391,8 +405,6 @@ class Tape:
                 return self._new("number", of=Fraction(number))
             case ast.Name(id="pi"):
                 return self._new("pi")
-            case ast.Name(id=name) if name in self._defined:
-                return self._of(self._defined[name].tree)
             case ast.Name(id=name) if name not in NAMES:
                 return self._new("symbol", of=name)
             case ast.UnaryOp(op=ast.USub()):

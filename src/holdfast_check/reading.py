@@ -109,9 +109,20 @@ def _nodes(text: str) -> Sequence[float]:
 ENDS, NAMED = [_number, _number], {"name": str, "unit": str}
 RANGED, LIMIT = NAMED | {"range": ENDS}, NAMED | {"expression": Expression}
 TABLE = {"axes": [[Expression, ENDS, int, bool]], "nodes": {...: [_nodes, _nodes]}}
+PROGRAM = {
+    "wanted": (None, [Expression], None), "rows": [[Expression]], "hard": int,
+    "scales": [Expression], "limits": [Expression], "box": (None, [[Expression, Expression]], None),
+}  # fmt: skip
+
+
+def _inputs(value: Any) -> Any:
+    """Of an option: what it gives, or the program of a safeguard."""
+    return formed(value, PROGRAM if type(value) is dict else [Expression], "an option")
+
+
 LAW: Values = {
-    "names": [str], "initial": int, "where": [[str, Expression]],
-    "modes": [[[[Expression], [Expression], int]]], "parts": [[_number]], "under_way": [ENDS],
+    "names": [str], "initial": int, "modes": [[[[Expression], _inputs, int]]],
+    "parts": [[_number]], "under_way": [ENDS],
     "table": (None, TABLE, {"axes": [], "nodes": {}}),
 }  # fmt: skip
 NO_LAW = {key: [] for key in LAW} | {"initial": 0, "table": LAW["table"][2]}

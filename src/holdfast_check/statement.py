@@ -8,6 +8,7 @@ never have the same statement.
 
 from __future__ import annotations
 
+import array
 import hashlib
 import json
 import re
@@ -15,6 +16,7 @@ from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from typing import Any
 
+from holdfast_check.intervals import Expression
 from holdfast_check.reading import Values
 
 _FRACTION = re.compile(r"(?<![\w/*)])(\d+)(\*[A-Za-z_]\w*)?/(\d+)(?![\w*(])")
@@ -141,13 +143,15 @@ def _n(number: float) -> str:
 
 def _digest(h: Values, entries: Iterable[Any]) -> str:
     """Of what lines do not say."""
-    law = h["law"]
-    options = [
-        [[e.text for e in when], [e.text for e in u], to] for m in law["modes"] for when, u, to in m
-    ]
-    table = [[e.text, *more] for e, *more in law["table"]["axes"]]
-    nodes = {name: [list(end) for end in ends] for name, ends in law["table"]["nodes"].items()}
-    plain = [h["edges"], h["candidates"], sorted(entries), law["initial"], len(law["modes"]),
-             [len(m) for m in law["modes"]], options, [[n, e.text] for n, e in law["where"]],
-             law["parts"], table, nodes]  # fmt: skip
-    return hashlib.sha256(json.dumps(plain).encode()).hexdigest()
+    return hashlib.sha256(
+        json.dumps([h["edges"], h["candidates"], sorted(entries), _plain(h["law"])]).encode()
+    ).hexdigest()
+
+
+def _plain(part: Any) -> Any:
+    """A part of a header with the texts of its expressions."""
+    if isinstance(part, dict):
+        return {key: _plain(value) for key, value in sorted(part.items())}
+    if isinstance(part, list | tuple | array.array):
+        return list(map(_plain, part))
+    return part.text if isinstance(part, Expression) else part

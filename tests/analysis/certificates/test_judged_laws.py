@@ -261,7 +261,7 @@ def test_entry_of_a_mode_that_is_not_kept_is_found(tmp_path):
 def test_law_of_a_certificate_that_is_read_is_checked_for_its_form(modes):
     for change, says in (
         (lambda law: law["modes"][0][0].__setitem__(2, 7), "a mode that there is none of"),
-        (lambda law: law.update(where=[["x", "1"]]), "the law defines 'x'"),
+        (lambda law: law.update(where=[["x", "1"]]), "other parts: where"),
         (lambda law: law["modes"][0][0].__setitem__(1, ["y"]), "y"),
     ):
         with pytest.raises(hf.HoldfastError, match=says):
@@ -309,13 +309,22 @@ def test_line_is_kept_whatever_is_commanded(tmp_path, keep):
 
 
 def test_forged_safeguard_is_found(tmp_path):
-    """Without the options that push back, without a condition, and with one reversed."""
+    """Without what pushes back, without its conditions, and with these reversed."""
     push = hf.Law("push", slider()[0].states, {"v": 0.5 + 0 * X})
     path = judged(kept_in_line(push)).certificate.write(tmp_path / "guard.certificate")
+
+    def program(law):
+        return law["modes"][0][0][1]
+
     changes = (
-        lambda law: law["modes"][0].__setitem__(slice(1, None), []),
-        lambda law: law["modes"].__setitem__(0, [[[], law["modes"][0][0][1], 0]]),
-        lambda law: law.update(where=[[n, f"-({e})"] for n, e in law["where"]]),
+        lambda law: program(law).update(rows=program(law)["rows"][: program(law)["hard"]]),
+        lambda law: law["modes"].__setitem__(0, [[[], program(law)["wanted"], 0]]),
+        lambda law: program(law).update(
+            rows=[[f"-({e})" for e in r] for r in program(law)["rows"]]
+        ),
+        lambda law: program(law).update(hard=99),
+        lambda law: program(law).update(wanted=["v"]),
+        lambda law: program(law).update(scales=[]),
     )
     for change in changes:
         with pytest.raises(NotValidError):
@@ -340,9 +349,6 @@ def test_forged_table_is_found(tmp_path):
         values[1::2] = np.nan
         ends[:] = 2 * [b64encode(compress(values.tobytes())).decode()]
 
-    def named_twice(law):
-        law["where"].insert(0, ["x", "0"])
-
     def flat(law):
         nodes = law["table"]["nodes"]
         nodes["_V0"] = nodes["_V"]
@@ -351,7 +357,7 @@ def test_forged_table_is_found(tmp_path):
         return lambda law: law["table"]["axes"][0].__setitem__(place, value)
 
     for forged in (
-        deeper, holed, named_twice, axis(0, "log(x - 9)"), axis(0, "0"), axis(1, ["0x0p+0"] * 2),
+        deeper, holed, axis(0, "log(x - 9)"), axis(0, "0"), axis(1, ["0x0p+0"] * 2),
         axis(2, 240), axis(2, 0), axis(3, 0), lambda law: law.update(parts=[]),
         lambda law: law.update(parts=[[]]), lambda law: law["parts"][0].reverse(),
     ):  # fmt: skip

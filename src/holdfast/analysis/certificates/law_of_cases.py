@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import sympy as sp
@@ -10,10 +11,10 @@ import sympy as sp
 from holdfast.analysis.certificates.certificate import Range
 from holdfast.errors import DefinitionError, SimulationError
 from holdfast.execution.codegen.controller_program import ControllerProgram, controller_program
-from holdfast.maths.control.active_sets import options_of
+from holdfast.execution.intervals.active_sets import MOST, sets_of
 from holdfast.maths.definitions.bounds import Box
 from holdfast.maths.definitions.law import Law, Safeguard
-from holdfast.maths.definitions.law_cases import Conditions, LawCases, Option
+from holdfast.maths.definitions.law_cases import Conditions, LawCases, Option, Program
 from holdfast.maths.definitions.lookup import CellLookup
 from holdfast.maths.definitions.quantity import SAMPLE_TIME, TIME, TIME_IN_MODE
 from holdfast.maths.definitions.switching import Switching
@@ -23,7 +24,7 @@ from holdfast.maths.expressions.functions import least
 from holdfast.maths.expressions.traversal import exact, exchanged, symbols_of
 
 Parts = tuple[tuple[float, ...], ...]
-_Branch = tuple[Conditions, tuple[Option, ...]]
+_Branch = tuple[Conditions, tuple[Option | Program, ...]]
 
 
 def law_of_cases(
@@ -51,8 +52,7 @@ def law_of_cases(
     lookup = program.lookup
     if lookup is not None:
         lookup = lookup.subs(found.numbers)
-    where = tuple(found.definitions)
-    given = LawCases(program.modes, program.initial_mode, options, where, parts, lookup)
+    given = LawCases(program.modes, program.initial_mode, options, parts, lookup)
     _check_symbols(program, given)
     return given
 
@@ -64,22 +64,21 @@ class _Cases:
         self.numbers = {**numbers, SAMPLE_TIME: exact(sample_time)}
         self.inputs = program.inputs
         self.handed = {q.symbol for q in program.handed}
-        self.definitions: list[tuple[sp.Symbol, sp.Expr]] = []
         self._known: dict[int, list[_Branch]] = {}
 
-    def of_mode(self, mode: int) -> tuple[Option, ...]:
+    def of_mode(self, mode: int) -> tuple[Option | Program, ...]:
         """The options of a sample before which the law is in this mode."""
         passed: Conditions = ()
-        found: list[Option] = []
+        found: list[Option | Program] = []
         for guard, target in self.program.transitions.get(self.program.modes[mode], ()):
             found += self._after((*passed, *(-e for e in _all_of(guard))), target)
             passed = (*passed, guard)
         return (*found, *self._after(passed, mode))
 
-    def _after(self, taken: Conditions, mode: int) -> list[Option]:
+    def _after(self, taken: Conditions, mode: int) -> list[Option | Program]:
         """The options of the law of a mode, where these conditions hold."""
         return [
-            Option((*more, *conditions, *now, *o.when), o.inputs, mode)
+            replace(o, when=(*more, *conditions, *now, *o.when), to=mode)
             for more, now in branches(self._exact(taken))
             for conditions, options in self._law(mode)
             for o in options
@@ -92,13 +91,11 @@ class _Cases:
             guard = self.program.safeguards.get(name)
             rows = guard.rows(self.system.input_names) if guard else []
             self._known[mode] = []
-            for k, (conditions, now) in enumerate(
-                branches(self._exact([*self.program.commands(name), *rows]))
-            ):
+            for conditions, now in branches(self._exact([*self.program.commands(name), *rows])):
                 wanted, numbers = now[:m], now[m:]
-                options = self._plain(wanted)
+                options: tuple[Option | Program, ...] = self._plain(wanted)
                 if guard:
-                    options = self._guarded(guard, wanted, numbers, f"_{mode}_{k}")
+                    options = (self._guarded(guard, wanted, numbers),)
                 self._known[mode].append((conditions, options))
         return self._known[mode]
 
@@ -119,24 +116,26 @@ class _Cases:
         return Option(self._within(), tuple(self.inputs))
 
     def _guarded(
-        self, guard: Safeguard, wanted: Sequence[sp.Expr], numbers: Sequence[sp.Expr], prefix: str
-    ) -> tuple[Option, ...]:
-        names, m = self.system.input_names, len(self.inputs)
-        count = len(guard.offsets)
-        rows = [numbers[j * (m + 1) : (j + 1) * (m + 1)] for j in range(count)]
-        given = Safeguard(
-            {n: tuple(row[i] for row in rows) for i, n in enumerate(names)},
-            tuple(row[m] for row in rows),
-            guard.hard,
-            dict(zip(names, numbers[count * (m + 1) :], strict=True)),
+        self, guard: Safeguard, wanted: Sequence[sp.Expr], numbers: Sequence[sp.Expr]
+    ) -> Program:
+        m, count = len(self.inputs), len(guard.offsets)
+        free, box = bool(self.handed & symbols_of(wanted)), self._box()
+        if box is None and not self.bounded:
+            self._free()  # which refuses
+        if len(sets := sets_of(count, m, wanted=not free)) > MOST:
+            raise DefinitionError(
+                f"a safeguard with {len(sets)} sets of conditions", expected=f"at most {MOST}"
+            )
+        rows = tuple(tuple(numbers[j * (m + 1) : (j + 1) * (m + 1)]) for j in range(count))
+        return Program(
+            when=(),
+            wanted=None if free else tuple(wanted),
+            rows=rows,
+            hard=guard.hard,
+            scales=tuple(numbers[count * (m + 1) :]),
+            limits=self._saturated(self.inputs),
+            box=None if box is None else tuple(zip(box.lower, box.upper, strict=True)),
         )
-        free = bool(self.handed & symbols_of(wanted))
-        where, options = options_of(
-            given, self.inputs, None if free else wanted, self._saturated, self._free().when,
-            self._box(), prefix,
-        )  # fmt: skip
-        self.definitions += where
-        return options
 
     def _box(self) -> Box | None:
         bounds = self.system.input_bounds
@@ -208,7 +207,7 @@ def _check(program: ControllerProgram, ranges: Mapping[str, Range]) -> None:
 def _check_symbols(program: ControllerProgram, given: LawCases) -> None:
     known = {q.symbol for q in (*program.measurements, *program.system.inputs)}
     known |= set(given.lookup.symbols) if given.lookup else set()
-    known |= {s for s, _ in given.where} | {TIME_IN_MODE}
+    known |= {TIME_IN_MODE}
     if odd := symbols_of(given.expressions) - known:
         told = {TIME: "the time"}
         handed = {q.symbol for q in program.handed}

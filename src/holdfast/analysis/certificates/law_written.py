@@ -12,12 +12,15 @@ import numpy as np
 import sympy as sp
 
 from holdfast.execution.intervals.table_ranges import TableRanges
-from holdfast.maths.definitions.law_cases import LawCases, Option
+from holdfast.maths.definitions.law_cases import LawCases, Option, Program
 from holdfast.maths.definitions.lookup import Lookup
 from holdfast.maths.definitions.quantity import TIME_IN_MODE
 
 MOST_OF_NODES, ROOM = 64, 1 << 20
 """How many times as long as its packed form a table of a file may be, beside so many bytes."""
+
+LAW = {"names", "initial", "modes", "parts", "under_way", "table"}
+PROGRAM = {"wanted", "rows", "hard", "scales", "limits", "box"}
 
 Ranges = Sequence[tuple[float, float]]
 Read = Callable[[object, Mapping[str, sp.Expr]], sp.Expr]
@@ -29,11 +32,22 @@ def written(law: LawCases, under_way: Ranges, text: Callable[[sp.Expr], str]) ->
     def texts(expressions: Sequence[sp.Expr]) -> list[str]:
         return [text(e) for e in expressions]
 
+    def given(o: Option | Program) -> Any:
+        if isinstance(o, Option):
+            return texts(o.inputs)
+        return {
+            "wanted": None if o.wanted is None else texts(o.wanted),
+            "rows": [texts(row) for row in o.rows],
+            "hard": o.hard,
+            "scales": texts(o.scales),
+            "limits": texts(o.limits),
+            "box": None if o.box is None else [texts(ends) for ends in o.box],
+        }
+
     return {
         "names": list(law.modes),
         "initial": law.initial,
-        "where": [[symbol.name, text(e)] for symbol, e in law.where],
-        "modes": [[[texts(o.when), texts(o.inputs), o.to] for o in mode] for mode in law.options],
+        "modes": [[[texts(o.when), given(o), o.to] for o in mode] for mode in law.options],
         "parts": [_hexadecimal(edges) for edges in law.parts],
         "under_way": [_hexadecimal(ends) for ends in under_way],
         "table": None if law.lookup is None else _table(law.lookup, texts(law.lookup.places)),
@@ -45,32 +59,39 @@ def read(given: Any, names: Mapping[str, sp.Expr], read: Read) -> tuple[LawCases
 
     Raises what `read` does, and `ValueError`, `KeyError` or `TypeError` for other content.
     """
+    if given.keys() != LAW:
+        raise ValueError(f"the law has other parts: {', '.join(sorted(given.keys() ^ LAW))}")
     table = given["table"]
     lookup = None if table is None else _lookup(table, names, read)
     known = {**names, TIME_IN_MODE.name: TIME_IN_MODE}
     known |= {s.name: s for s in (lookup.symbols if lookup else ())}
-    where = []
-    for name, text in given["where"]:
-        if not (isinstance(name, str) and name.isidentifier()) or name in known:
-            raise ValueError(f"the law defines {name!r:.40}")
-        where.append((sp.Symbol(name, real=True), read(text, known)))
-        known[name] = where[-1][0]
     modes, initial = tuple(map(str, given["names"])), given["initial"]
     numbers = [initial, *(to for mode in given["modes"] for _, _, to in mode)]
     if len(modes) != len(given["modes"]) or any(
         type(k) is not int or not 0 <= k < len(modes) for k in numbers
     ):
         raise ValueError("the law has a mode that there is none of")
-    options = tuple(
-        tuple(
-            Option(tuple(read(e, known) for e in when), tuple(read(e, known) for e in inputs), to)
-            for when, inputs, to in mode
-        )
-        for mode in given["modes"]
-    )
+
+    def several(texts: Any) -> tuple[sp.Expr, ...]:
+        return tuple(read(e, known) for e in texts)
+
+    def option(when: Any, inputs: Any, to: int) -> Option | Program:
+        if not isinstance(inputs, dict):
+            return Option(several(when), several(inputs), to)
+        if inputs.keys() != PROGRAM:
+            raise ValueError("the program of a safeguard has other parts")
+        wanted, box = inputs["wanted"], inputs["box"]
+        return Program(
+            several(when), None if wanted is None else several(wanted),
+            tuple(map(several, inputs["rows"])), int(inputs["hard"]), several(inputs["scales"]),
+            several(inputs["limits"]),
+            None if box is None else tuple((low, high) for low, high in map(several, box)), to,
+        )  # fmt: skip
+
+    options = tuple(tuple(option(*o) for o in mode) for mode in given["modes"])
     parts = tuple(tuple(map(float.fromhex, edges)) for edges in given["parts"])
     under_way = tuple((float.fromhex(a), float.fromhex(b)) for a, b in given["under_way"])
-    return LawCases(modes, initial, options, tuple(where), parts, lookup), under_way
+    return LawCases(modes, initial, options, parts, lookup), under_way
 
 
 def _table(lookup: Lookup, places: list[str]) -> dict[str, Any]:

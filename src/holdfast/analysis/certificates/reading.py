@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from keyword import iskeyword
 from pathlib import Path
@@ -34,7 +34,7 @@ from holdfast.arguments import checked
 from holdfast.errors import HoldfastError, OutputError
 from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.execution.intervals.held_flow import Sampling
-from holdfast.maths.definitions.law_cases import LawCases
+from holdfast.maths.definitions.law_cases import LawCases, Option, Program
 from holdfast.maths.definitions.quantity import symbol
 
 MOST_OF_ENTRIES = 16
@@ -138,7 +138,7 @@ def _certificate(header: Mapping[str, Any], packed: bytes) -> Certificate:
     candidates = candidates.reshape(len(candidates), 0 if law else -1)
     given = {candidates.shape[1]}
     if law:
-        given = {len(o.inputs) for mode in law.options for o in mode}
+        given = {k for mode in law.options for o in mode for k in _counts(o)}
     if len(rates) != len(named["states"]) or given != {len(named["inputs"])}:
         raise ValueError("rates, states, inputs and their values are not as many")
     sampling, holds = _sampling(header, candidates, law, late), header["holds"]
@@ -159,6 +159,15 @@ def _certificate(header: Mapping[str, Any], packed: bytes) -> Certificate:
         rates=rates, constraints=constraints, sampling=sampling, candidates=candidates, kept=kept,
         target=target,
     )  # fmt: skip
+
+
+def _counts(o: Option | Program) -> Iterator[int]:
+    """Of how many inputs each part of an option is."""
+    if isinstance(o, Option):
+        yield len(o.inputs)
+        return
+    yield from (len(row) - 1 for row in o.rows)
+    yield from map(len, (o.scales, o.limits, *(p for p in (o.wanted, o.box) if p is not None)))
 
 
 def _sampling(

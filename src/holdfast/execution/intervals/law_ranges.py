@@ -15,12 +15,15 @@ import sympy as sp
 from holdfast.execution.arithmetic.steps import Steps, choose
 from holdfast.execution.arrays import Array
 from holdfast.execution.codegen.llvm_text import Leaf
-from holdfast.execution.intervals.enclosure import Enclosure, IntervalLowering
+from holdfast.execution.intervals import active_sets
+from holdfast.execution.intervals.active_sets import Given as Chosen
+from holdfast.execution.intervals.enclosure import Enclosure
 from holdfast.execution.intervals.interval import Interval
-from holdfast.execution.intervals.rows import constant, every, number, pairs
+from holdfast.execution.intervals.rows import Row, constant, every, number, pairs
 from holdfast.execution.intervals.table_ranges import TableRanges
+from holdfast.execution.intervals.tape import Tape
 from holdfast.execution.leaf import compiled_leaves
-from holdfast.maths.definitions.law_cases import LawCases, Option
+from holdfast.maths.definitions.law_cases import LawCases, Option, Program
 from holdfast.maths.definitions.quantity import TIME_IN_MODE
 from holdfast.maths.expressions.traversal import symbols_of
 
@@ -43,7 +46,7 @@ class Given:
 
 @dataclass(frozen=True)
 class _Group:
-    """Options of one leaf: the modes afterwards, and whether they leave inputs free."""
+    """What is given by one leaf: the modes afterwards, and whether it leaves inputs free."""
 
     leaf: str
     to: tuple[int, ...]
@@ -70,14 +73,14 @@ class LawRanges:
             self._table = TableRanges(law.lookup.table)
             self._places = Enclosure(law.lookup.places, self._states)
         self._parts = [list(itertools.pairwise(edges)) for edges in law.parts]
-        self._where = dict(law.where)
         leaves: dict[str, Leaf] = {}
         self._groups: list[list[_Group]] = []
         for k, options in enumerate(law.options):
             self._groups.append([])
             for g, (free_inputs, some) in enumerate(self._grouped(options)):
-                group = _Group(f"options{k}_{g}", tuple(o.to for o in some), free_inputs)
-                leaves[group.leaf] = self._leaf(some)
+                leaf, to = self._leaf(some)
+                group = _Group(f"options{k}_{g}", to, free_inputs)
+                leaves[group.leaf] = leaf
                 self._groups[-1].append(group)
         self._leaves = compiled_leaves(leaves)
 
@@ -123,43 +126,91 @@ class LawRanges:
             split = (found[:, k * wide : (k + 1) * wide] for k in range(count))
             yield [(o[:, 0], o[:, 1], o[:, 2 : 2 + m], o[:, 2 + m :]) for o in split]
 
-    def _grouped(self, options: Sequence[Option]) -> list[tuple[bool, list[Option]]]:
-        """Options in order, as many together as leave no input free; others alone."""
-        found: list[tuple[bool, list[Option]]] = []
-        for option in options:
-            used = symbols_of([*option.when, *option.inputs])
-            free = not used.isdisjoint(self._inputs)
-            if free or not found or found[-1][0] or len(found[-1][1]) == TOGETHER:
-                found.append((free, []))
-            found[-1][1].append(option)
-        return found
+    def _grouped(
+        self, options: Sequence[Option | Program]
+    ) -> list[tuple[bool, list[Option | Program]]]:
+        """Options in order, as many together as leave no input free; others alone.
 
-    def _leaf(self, options: Sequence[Option]) -> Leaf:
+        A program of which anything may be wanted gives any input that meets its conditions, and
+        what it gives where they are relaxed.
+        """
+        found: list[tuple[bool, list[Option | Program]]] = []
+        for option in options:
+            several: list[Option | Program] = [option]
+            if isinstance(option, Program) and option.wanted is None:
+                met = (
+                    sp.Add(*(n * u for n, u in zip(normal, self._inputs, strict=True))) - offset
+                    for *normal, offset in option.rows
+                )
+                several = [Option((*option.when, *met), tuple(self._inputs), option.to), option]
+            for one in several:
+                free = not symbols_of(one.expressions).isdisjoint(self._inputs)
+                alone = free or isinstance(one, Program)
+                if alone or not found or found[-1][0] or len(found[-1][1]) == TOGETHER:
+                    found.append((free, []))
+                found[-1][1].append(one)
+                if isinstance(one, Program):
+                    found.append((False, []))
+        return [(free, some) for free, some in found if some]
+
+    def _leaf(self, options: Sequence[Option | Program]) -> tuple[Leaf, tuple[int, ...]]:
         """Of each option whether it may be taken, whether it surely is where none before is, and
-        the ends of its inputs."""
+        the ends of its inputs; and the modes afterwards."""
         lookup = self.law.lookup.symbols if self.law.lookup is not None else ()
         symbols = [*self._states, *lookup, *self._inputs]
         steps = Steps(expanded=True)
         names = [f"q{i}" for i in range(2 * len(symbols))]
-        known: dict[Any, Any] = {s: constant(steps, *ends) for s, ends in self._free.items()}
-        known |= dict(zip(symbols, pairs(steps, names), strict=True))
-        known[TIME_IN_MODE] = number(steps, math.nan)
-        lowering = IntervalLowering(steps, known)
-
-        def value(e: sp.Expr) -> Interval:
-            for symbol in symbols_of([e]) & self._where.keys():
-                if symbol not in lowering.known:
-                    lowering.known[symbol] = value(self._where[symbol])
-            found: Any = lowering.value(sp.sympify(e))
-            return found
-
-        results = []
+        known = {s.name: constant(steps, *ends) for s, ends in self._free.items()}
+        known |= dict(zip((s.name for s in symbols), pairs(steps, names), strict=True))
+        known[TIME_IN_MODE.name] = number(steps, math.nan)
+        results, to = [], []
         for option in options:
-            conditions = [value(c) for c in option.when]
-            may = every(steps, [~(c.low > 0.0) for c in conditions])
+            tape = Tape(option.expressions)
+            row = tape.of(tape.values(steps, known))
+            when, rest = row[: len(option.when)], row[len(option.when) :]
+            may = every(steps, [~(c.low > 0.0) for c in when])
             # where a condition is 0 the next option may be taken as well
-            sure = every(steps, [c.high < 0.0 for c in conditions])
-            given = [value(e) for e in option.inputs]
-            results += [choose(flag, 1.0, 0.0) for flag in (may, sure)]
-            results += [*(e.low for e in given), *(e.high for e in given)]
-        return Leaf(steps, {"q": names}, results)
+            sure = every(steps, [c.high < 0.0 for c in when])
+            given = [Chosen(may, sure, rest)]
+            if isinstance(option, Program):
+                given = [Chosen(may & g.may, sure & g.sure, g.inputs)
+                         for g in self._of_program(steps, option, rest, known)]  # fmt: skip
+                given.append(Chosen(~every(steps, []), sure, given[-1].inputs))
+            for g in given:
+                results += [choose(flag, 1.0, 0.0) for flag in (g.may, g.sure)]
+                results += [*(e.low for e in g.inputs), *(e.high for e in g.inputs)]
+                to.append(option.to)
+        return Leaf(steps, {"q": names}, results), tuple(to)
+
+    def _of_program(
+        self, steps: Steps, p: Program, row: Row, known: Mapping[str, Interval]
+    ) -> Iterator[Chosen]:
+        """What a safeguard gives, limited as actuators limit it."""
+        m, count = len(self._inputs), len(p.rows)
+        wanted, row = (row[:m], row[m:]) if p.wanted is not None else (None, row)
+        rows = [row[k * (m + 1) : (k + 1) * (m + 1)] for k in range(count)]
+        scales, ends = row[count * (m + 1) :][:m], row[count * (m + 1) + m :]
+        box = list(zip(ends[0::2], ends[1::2], strict=True)) if p.box is not None else None
+        values = active_sets.Values(
+            steps, wanted, [r[:m] for r in rows], [r[m] for r in rows], p.hard, scales, box,
+            _are_sides(p),
+        )  # fmt: skip
+        limits, inputs = Tape(p.limits), [s.name for s in self._inputs]
+        every_input = [constant(steps, e[0], e[-1]) for e in self.law.parts]
+        for g in active_sets.choices(values):
+            u = g.inputs or every_input
+            if box is not None:
+                u = [active_sets.clipped(q, *side) for q, side in zip(u, box, strict=True)]
+            else:
+                at = {**known, **dict(zip(inputs, u, strict=True))}
+                u = limits.of(limits.values(steps, at))
+            yield Chosen(g.may, g.sure, u)
+
+
+def _are_sides(p: Program) -> bool:
+    """Whether the conditions of a program that are not relaxed are the bounds of its inputs."""
+    m, sides = len(p.scales), set[tuple[sp.Expr, ...]]()
+    for i, (low, high) in enumerate(p.box or ()):
+        for sign, end in ((1, high), (-1, low)):
+            sides.add((*(sp.Integer(sign * (i == k)) for k in range(m)), sign * end))
+    return bool(sides) and set(p.rows[: p.hard]) == sides and p.hard == 2 * m

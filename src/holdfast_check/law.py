@@ -1,0 +1,259 @@
+"""What a law may do at a sample all over a box that is measured, and that it does something."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from fractions import Fraction
+from typing import Any
+
+from flint import arb
+
+from holdfast_check import safeguard
+from holdfast_check.intervals import (
+    Expression,
+    Interval,
+    Row,
+    Tape,
+    dot,
+    down,
+    greatest,
+    hull,
+    interval,
+    inverse,
+    least,
+    mul,
+    point,
+    sub,
+    up,
+)
+from holdfast_check.reading import NotValidError, Values
+
+MOST_OPEN, MOST_BOXES = 10, 64
+"""Signs that are not decided over a box, and into how many boxes one is divided for that."""
+
+Known = dict[str, Interval]
+Given = tuple[Row, int]
+"""Inputs that may be given, and the mode of the law then."""
+
+
+class Option:
+    """Conditions, what is given, and the mode then; free: whether any input meets these."""
+
+    def __init__(self, when: list[Expression], inputs: Any, to: int, names: list[str]) -> None:
+        self.when, self.to, self.names = when, to, names
+        self.program = inputs if isinstance(inputs, dict) else None
+        p, m = self.program, len(names)
+        given, counts = inputs, [len(inputs)]
+        if p is not None:
+            rows, wanted, box = p["rows"], p["wanted"] or [], p["box"] or []
+            every = (wanted, *rows, p["scales"], *box)
+            given = [e for several in every for e in several]
+            counts = [*(len(row) - 1 for row in rows), len(p["scales"]), len(p["limits"])]
+            counts += [len(p["wanted"])] if wanted else []
+            counts += [len(box)] if p["box"] is not None else []
+            if not 0 <= p["hard"] <= len(rows):
+                raise NotValidError("the program of a safeguard has fewer conditions than it says")
+        if {*counts} != {m}:
+            raise NotValidError("an option of the law has not as many inputs as the header")
+        self.tape = Tape([*self.when, *given])
+        self.limits = Tape(p["limits"]) if p else None
+        self.zero = [[Tape([e]).is_zero for e in row[:m]] for row in p["rows"]] if p else []
+        used = {o[2] for o in self.tape.operations if o[0] == "symbol"}
+        self.free = not used.isdisjoint(self.names)
+        if p and self.free:
+            raise NotValidError("the program of a safeguard uses the inputs that it gives")
+        self.expressions = [*self.when, *given, *(p["limits"] if p else [])]
+
+    def values(self, row: Row) -> safeguard.Values:
+        """Those of its program, from the numbers of its expressions."""
+        p, m = self.program or {}, len(self.names)
+        wanted, row = (row[:m], row[m:]) if p["wanted"] is not None else (None, row)
+        count, rows = (
+            len(p["rows"]),
+            [row[k : k + m + 1] for k in range(0, len(p["rows"]) * (m + 1), m + 1)],
+        )
+        scales, ends = row[count * (m + 1) :][:m], row[count * (m + 1) + m :]
+        box = list(zip(ends[0::2], ends[1::2], strict=True)) if p["box"] is not None else None
+        normals, offsets = [r[:m] for r in rows], [r[m] for r in rows]
+        return safeguard.Values(wanted, normals, self.zero, offsets, p["hard"], scales, box)
+
+
+class Law:
+    """The options of a law in each of its modes, of inputs by their names."""
+
+    def __init__(self, law: Values, names: list[str]) -> None:
+        self.names = names
+        self.modes = [[Option(*o, names=names) for o in mode] for mode in law["modes"]]
+        self.parts = [[interval(*e) for e in itertools.pairwise(edges)] for edges in law["parts"]]
+        self.axes = [(Tape([place]), *more) for place, *more in law["table"]["axes"]]
+        self.nodes = law["table"]["nodes"]
+        places = [place for place, *_ in law["table"]["axes"]]
+        self.expressions = [*places, *(e for m in self.modes for o in m for e in o.expressions)]
+        if any(not 0 <= o.to < len(self.modes) for mode in self.modes for o in mode):
+            raise NotValidError("the law has a mode that there is none of")
+        self.tapes = [Tape([e for o in mode for e in o.when]) for mode in self.modes]
+        self.atoms = [[_atom(tape, k) for k in tape.results] for tape in self.tapes]
+
+    def given(self, at: Known, mode: int) -> list[Given]:
+        """All that may be given where this is measured. Raises `NotValidError` where the law does
+        nothing in a part of it."""
+        here = self._all_known(at)
+        found: list[Given] = []
+        for option in self.modes[mode]:
+            sure = False
+            for may, surely, inputs in self._of(option, here):
+                if may:
+                    found.append((inputs, option.to))
+                sure |= surely
+                if surely and not option.free:
+                    break
+            if sure:
+                return found
+        if not self._covered(at, mode):
+            raise NotValidError("the law does nothing in a part of it")
+        return found
+
+    def _of(self, option: Option, here: Known) -> Iterator[safeguard.Given]:
+        if option.free:
+            yield from (self._with(option, here, list(part)) for part in self._every_part())
+            return
+        row = option.tape.of(option.tape.values(here))
+        when, row = row[: len(option.when)], row[len(option.when) :]
+        may, sure = not any(v[0] > 0 for v in when), all(v[1] < 0 for v in when)
+        if option.program is None or not may:
+            yield may, sure, row
+            return
+        p, met = option.values(row), False
+        for part in self._every_part() if p.wanted is None else ():
+            left = [sub(dot(n, part), b) for n, b in zip(p.normals, p.offsets, strict=True)]
+            met |= all(v[1] < 0 for v in left)
+            yield not any(v[0] > 0 for v in left), False, list(part)
+        for given, surely, u in safeguard.choices(p) if not met else ():
+            yield given, sure and surely, self._limited(option, p, here, u) if given else []
+            if sure and surely:
+                return
+        yield False, sure, []  # one of them is what the program gives
+
+    def _every_part(self) -> Iterator[tuple[Interval, ...]]:
+        if len(self.parts) != len(self.names):
+            raise NotValidError("the parts of the inputs of the law are not as many as these")
+        return itertools.product(*self.parts)
+
+    def _with(self, option: Option, here: Known, part: Row) -> safeguard.Given:
+        """Any input of a part that meets the conditions."""
+        known = {**here, **dict(zip(self.names, part, strict=True))}
+        values = option.tape.of(option.tape.values(known))
+        when, row = values[: len(option.when)], values[len(option.when) :]
+        return not any(v[0] > 0 for v in when), all(v[1] < 0 for v in when), row
+
+    def _limited(self, option: Option, p: safeguard.Values, here: Known, u: Row) -> Row:
+        """Inputs as actuators limit them: within their bounds, unknown or not."""
+        if p.box is not None:
+            return [_clipped(q, *side) for q, side in zip(u, p.box, strict=True)]
+        u = u or [hull(*part) for part in self.parts]
+        assert option.limits is not None
+        return option.limits.of(
+            option.limits.values({**here, **dict(zip(self.names, u, strict=True))})
+        )
+
+    def _all_known(self, at: Mapping[str, Interval]) -> Known:
+        return {**at, "time_in_mode": (point(0)[0], arb("inf")), **self._looked_up(at)}
+
+    def _looked_up(self, at: Mapping[str, Interval]) -> Known:
+        """The values of a table, between those at the nodes around a place."""
+        around = [0]
+        for tape, (low, step), n, turns in self.axes:
+            q = mul(sub(tape.of(tape.values(at))[0], point(low)), inverse(point(step)))
+            first, last = (k if turns else min(max(k, 0), n - 1)
+                           for k in (math.floor(down(q)), math.ceil(up(q))))  # fmt: skip
+            block = range(first, min(last, first + n) + 1)  # not more than all of them
+            around = [before * n + k % n for before in around for k in block]
+        return {name: hull(*(interval(low[k], high[k]) for k in around))
+                for name, (low, high) in self.nodes.items()}  # fmt: skip
+
+    # -- whether some option is taken everywhere -------------------------------------------------
+
+    def _covered(self, at: Known, mode: int) -> bool:
+        """Whether, of any signs that the conditions may have somewhere, some option's hold."""
+        waiting, whole, count = [at], at, 0
+        while waiting:
+            box = waiting.pop()
+            if self._every_sign(box, mode):
+                continue
+            widths = {
+                name: _width(q) / _width(whole[name]) for name, q in box.items() if _width(q) > 0
+            }
+            count += 2
+            if not widths or count > MOST_BOXES:
+                return False
+            name = max(widths, key=widths.__getitem__)
+            low, high = box[name]
+            middle = ((low + high) / 2).mid()
+            waiting += [{**box, name: (low, middle)}, {**box, name: (middle, high)}]
+        return True
+
+    def _every_sign(self, box: Known, mode: int) -> bool:
+        here, tape, atoms = self._all_known(box), self.tapes[mode], self.atoms[mode]
+        values = tape.of(tape.values(here))
+        signs: dict[Any, set[int]] = {}
+        for (atom, sign), (low, high) in zip(atoms, values, strict=True):
+            may = {-sign} if high <= 0 else {sign} if low >= 0 else {-1, 1}
+            known = bool(low <= high)  # of what may be no number no condition holds
+            signs[atom] = signs.get(atom, {-1, 1}) & may if known else set()
+        undecided = [atom for atom, may in signs.items() if len(may) > 1]
+        if len(undecided) > MOST_OPEN:
+            return False
+        needs, k = [], 0
+        for option in self.modes[mode]:
+            conditions, k = atoms[k : k + len(option.when)], k + len(option.when)
+            if not option.free:
+                needs.append([(atom, -sign) for atom, sign in conditions])
+        for some in itertools.product((-1, 1), repeat=len(undecided)):
+            now = {atom: next(iter(may), 0) for atom, may in signs.items()}
+            now |= dict(zip(undecided, some, strict=True))
+            if not any(all(now[atom] == sign for atom, sign in needed) for needed in needs):
+                return False
+        return True
+
+
+def _clipped(u: Interval, low: Interval, high: Interval) -> Interval:
+    """An input within bounds; all within them of what is unknown."""
+    if not u[0] <= u[1]:
+        return hull(low, high)
+    return least(greatest(u, low), high)
+
+
+def _width(q: Interval) -> float:
+    return float((q[1] - q[0]).mid())
+
+
+def _atom(tape: Tape, result: int) -> tuple[Any, int]:
+    """What has one sign where a condition has it, and the condition's sign beside it."""
+    terms = sorted(_terms(tape, result).items())
+    if not terms:
+        return (), 1
+    first = terms[0][1]
+    return tuple((key, value / abs(first) * (1 if first > 0 else -1)) for key, value in terms), (
+        1 if first > 0 else -1
+    )
+
+
+def _terms(tape: Tape, k: int) -> dict[tuple[int, ...], Fraction]:
+    """A sum as products of operations, each with its number."""
+    name, arguments, of = tape.operations[k]
+    parts = [_terms(tape, j) for j in arguments] if name in ("+", "-", "*", "negative") else []
+    if name == "number":
+        return {(): of} if of else {}
+    if name == "negative":
+        return {key: -value for key, value in parts[0].items()}
+    if name in ("+", "-"):
+        total = dict(parts[0])
+        for key, value in parts[1].items():
+            total[key] = total.get(key, Fraction(0)) + (value if name == "+" else -value)
+        return {key: value for key, value in total.items() if value}
+    if name == "*" and all(len(part) == 1 for part in parts):
+        ((p, a),), ((q, b),) = (part.items() for part in parts)
+        return {tuple(sorted((*p, *q))): a * b}
+    return {(k,): Fraction(1)}
