@@ -38,7 +38,6 @@ import numpy as np
 import sympy as sp
 
 import holdfast as hf
-from holdfast.analysis.certificates.narrowed import narrowed
 from holdfast.execution.resources import available_cores
 from holdfast.maths.expressions.functions import least
 
@@ -152,31 +151,18 @@ FOUND_BY_KD_TREE = (6.8141, 0.7303)
 """The area of Viabilitree's set of 183 boxes, and the share of it that is in the exact kernel."""
 
 
-ROOM = (5e-4, 5e-4), (0.005, 0.15)
-"""Pushes on the two rates of population and hill that are searched with and not stated, so that the
-checker agrees."""
-
-
-def pushed(
+def steered(
     name: str,
     states: tuple[hf.Quantity, hf.Quantity],
     rates: tuple[sp.Expr, sp.Expr],
     input: hf.Quantity,
     most: float,
-    room: tuple[float, float],
 ) -> hf.System:
-    """A system of two states whose rates may be off by `room`."""
-    pushes = tuple(hf.Quantity(f"push{k}", f"{q.unit}/s") for k, q in enumerate(states))
+    """A system of two states and one input within bounds."""
     return hf.System(
-        name, states, (input,),
-        {q.name: r + p.symbol for q, r, p in zip(states, rates, pushes, strict=True)},
-        disturbances=pushes, disturbance_bounds=hf.Box(tuple(-r for r in room), room),
+        name, states, (input,), {q.name: r for q, r in zip(states, rates, strict=True)},
         input_bounds=hf.Box((-most,), (most,)),
     )  # fmt: skip
-
-
-def unpushed(found: hf.Certificate) -> hf.Certificate:
-    return narrowed(found, {"push0": (0.0, 0.0), "push1": (0.0, 0.0)})
 
 
 def population() -> hf.Certificate:
@@ -184,11 +170,11 @@ def population() -> hf.Certificate:
     x, y, u = (hf.symbol(n) for n in "xyu")
     states = hf.Quantity("x", "1"), hf.Quantity("y", "1/s")
     growth = hf.Quantity("u", "1/s^2")
-    system = pushed("population", states, (x * y, u), growth, 0.5, ROOM[0])
+    system = steered("population", states, (x * y, u), growth, 0.5)
     a, b = KEPT
     size = region("size", system, [a - x, x - b, -2 - y, y - 2])
     box = {"x": KEPT, "y": (-2, 2)}
-    return unpushed(hf.certify(system, size, box=box, cells=800, sample_time=0.1, inputs=3))
+    return hf.certify(system, size, box=box, cells=800, sample_time=0.1, inputs=3)
 
 
 def of_exact_population(found: hf.Certificate) -> tuple[float, int]:
@@ -212,10 +198,10 @@ def hill() -> hf.Certificate:
     slope = (-eleven / sp.Rational(6, 5) * sp.sin(x) - sp.Rational(6, 5) * sp.sin(eleven * x)) / 2
     rates = v, -sp.Rational(981, 100) * sp.sin(slope) - sp.Rational(7, 10) * v + u
     states = hf.Quantity("x", "m"), hf.Quantity("v", "m/s")
-    car = pushed("car", states, rates, hf.Quantity("u", "m/s^2"), 0.5, ROOM[1])
+    car = steered("car", states, rates, hf.Quantity("u", "m/s^2"), 0.5)
     box = {"x": (-1.0, 13.0), "v": (-16.0, 16.0)}
     track = region("track", car, [-1 - x, x - 13, -16 - v, v - 16])
-    return unpushed(hf.certify(car, track, box=box, cells=400, sample_time=0.05, inputs=3))
+    return hf.certify(car, track, box=box, cells=400, sample_time=0.05, inputs=3)
 
 
 def exact_share(found: hf.Certificate) -> tuple[float, int]:

@@ -41,7 +41,7 @@ Given = tuple[Row, int]
 class Option:
     """Conditions, what is given, and the mode then; free: whether any input meets these."""
 
-    def __init__(self, when: list[Expression], inputs: Any, to: int, names: list[str]) -> None:
+    def __init__(self, names: list[str], when: list[Expression], inputs: Any, to: int) -> None:
         self.when, self.to, self.names = when, to, names
         self.program = inputs if isinstance(inputs, dict) else None
         p, m = self.program, len(names)
@@ -85,7 +85,7 @@ class Law:
 
     def __init__(self, law: Values, names: list[str]) -> None:
         self.names = names
-        self.modes = [[Option(*o, names=names) for o in mode] for mode in law["modes"]]
+        self.modes = [[Option(names, *o) for o in mode] for mode in law["modes"]]
         self.parts = [[interval(*e) for e in itertools.pairwise(edges)] for edges in law["parts"]]
         self.axes = [(Tape([place]), *more) for place, *more in law["table"]["axes"]]
         self.nodes = law["table"]["nodes"]

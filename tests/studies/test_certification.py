@@ -8,9 +8,9 @@ import xarray as xr
 from click.testing import CliRunner
 
 from holdfast.commands.certify import command
-from holdfast.errors import HoldfastError, ScenarioError
+from holdfast.errors import ScenarioError
 from holdfast.scenario.files import read_tables
-from holdfast.studies.certification import certified, certified_with_room, write_certificate
+from holdfast.studies.certification import certified, write_certificate
 from holdfast_check.checker import check
 from tests.command_line import called, holdfast
 
@@ -73,15 +73,6 @@ def test_command_halves_cells_and_says_so(tmp_path):
     assert "with 99.9 % confidence" in check(str(tmp_path / "certificate.holdfast"), share=0.2)
 
 
-def test_halved_cells_with_room_are_stated_for_the_scenario(tmp_path):
-    options = {"cells": 20, "refine": 2}
-    roomy = certified_with_room("seen-target", (), [WIDER], **options)
-    own = certified("seen-target", **options)
-    assert list(roomy.kept.region) == list(own.kept.region)
-    assert 0 < len(roomy.kept.members) <= len(own.kept.members)
-    assert check(str(roomy.write(tmp_path / "c.holdfast")), share=0.2)
-
-
 def test_command_says_where_nothing_is_certified(tmp_path):
     answer = called(
         "certify", "seen-target", "--cells", "15", "--no-figures",
@@ -111,37 +102,6 @@ def test_reach_is_no_kernel():
     with pytest.raises(ScenarioError, match="is no kernel of a region"):
         certified("ch7-forward-reach")
     assert tomllib.loads(read_tables("seen-target")[1])["scenario"]["kind"].endswith("kernel")
-
-
-WIDER = "system.parameters.current.value=0.12"
-
-
-def test_certificate_with_room_is_that_of_a_harder_current_stated_for_the_scenario(tmp_path):
-    roomy = certified_with_room("seen-target", (), [WIDER], cells=41)
-    harder, own = certified("seen-target", [WIDER], cells=41), certified("seen-target", cells=41)
-    assert roomy.ranges == own.ranges
-    assert list(roomy.kept.region) == list(own.kept.region)
-    assert list(roomy.kept.members) == list(harder.kept.members)
-    assert len(harder.kept.members) < len(own.kept.members)
-    assert check(str(roomy.write(tmp_path / "c.holdfast")), share=0.3)
-
-
-def test_room_that_is_no_harder_is_refused():
-    for room, message in (
-        ("system.parameters.current.value=0.05", "is not implied by"),
-        ("system.rates.ahead='-u + r*left - wa/2'", "changes rates or constraints"),
-    ):
-        with pytest.raises(HoldfastError, match=message):
-            certified_with_room("seen-target", (), [room], cells=11)
-
-
-def test_command_with_room_says_the_bounds_of_the_scenario(tmp_path):
-    asked = ["seen-target", "--cells", "21", "--room", WIDER, "--no-figures"]
-    answer = CliRunner().invoke(command, [*asked, "--out", str(tmp_path)])
-    assert answer.exit_code == 0, answer.output
-    assert "any wa         from -0.1 to 0.1 m/s" in answer.output
-    with pytest.raises(ScenarioError, match="--room with --largest"):
-        CliRunner().invoke(command, [*asked, "--largest", "current"], catch_exceptions=False)
 
 
 def test_cart_in_four_states_is_certified_for_ever(tmp_path):

@@ -60,13 +60,6 @@ from holdfast.studies.progress import bar
     help="How often cells beside certified ones are halved along each state.",
 )
 @click.option(
-    "--room",
-    multiple=True,
-    metavar="KEY=VALUE",
-    help="A harder case to search, such as a larger current, so that the checker, whose arithmetic "
-    "is wider, agrees with what is stated (repeatable).",
-)
-@click.option(
     "--kernel",
     type=click.Path(path_type=Path),
     metavar="FILE",
@@ -116,7 +109,6 @@ def command(
     error: tuple[str, ...],
     delay: float | None,
     refine: int,
-    room: tuple[str, ...],
     kernel: Path | None,
     margin: float | None,
     outer: Path | None,
@@ -152,25 +144,23 @@ def command(
     search = {name: value for name, value in search.items() if value is not None}
     if sample_time is not None and not 0 < sample_time < math.inf:
         raise ScenarioError(f"--sample-time {sample_time:g}", expected="seconds, above 0")
-    if box and (largest is not None or room or search or refine):
+    if box and (largest is not None or search or refine):
         raise ScenarioError(
-            "--box with --largest, --room or --refine", expected="a law's cells as they are"
+            "--box with --largest or --refine", expected="a law's cells as they are"
         )
     if kernel is None and margin is not None:
         raise ScenarioError("--margin without --kernel", remedy="name the file of a kernel")
-    if kernel is not None and (largest is not None or room or box):
+    if kernel is not None and (largest is not None or box):
         raise ScenarioError(
-            "--kernel with --largest, --room or --box", expected="the scenario as it was solved"
+            "--kernel with --largest or --box", expected="the scenario as it was solved"
         )
     if outer is not None:
         beside = {
-            "kernel": kernel, "box": box, "room": room, "largest": largest, "horizon": horizon,
+            "kernel": kernel, "box": box, "largest": largest, "horizon": horizon,
             "uncertain": uncertain, "error": error, "delay": delay,
         }  # fmt: skip
         if wrong := [name for name, value in beside.items() if value not in (None, ())]:
             raise ScenarioError(f"--{wrong[0]} with --outer", expected="the set as it was solved")
-    if largest is not None and room:
-        raise ScenarioError("--room with --largest", expected="one of them")
     if search and largest is None:
         raise ScenarioError(f"--{next(iter(search))} without --largest", remedy="name a number")
     from holdfast.scenario.files import scenario_title
@@ -187,7 +177,7 @@ def command(
         answer = _of_largest(scenario, overrides, largest, options)
     else:
         options |= {"refine": refine, "store": folder, "kernel": kernel, "margin": margin or 0.0}
-        answer = _of_scenario(scenario, overrides, room, options)
+        answer = _of_scenario(scenario, overrides, options)
     with bar(answer.stage) as tell:
         found = answer.find(progress=tell)
     click.echo(answer.text(found, answer.write(found, folder, figures=not no_figures)))
@@ -212,15 +202,11 @@ class _Answer:
     missing: Callable[[Any], str | None]
 
 
-def _of_scenario(
-    scenario: str, overrides: tuple[str, ...], room: tuple[str, ...], options: dict[str, Any]
-) -> _Answer:
+def _of_scenario(scenario: str, overrides: tuple[str, ...], options: dict[str, Any]) -> _Answer:
     from holdfast.presentation.studies.certificate import certificate_text
-    from holdfast.studies.certification import certified, certified_with_room, write_certificate
+    from holdfast.studies.certification import certified, write_certificate
 
-    find = partial(certified_with_room, scenario, overrides, room, **options)
-    if not room:
-        find = partial(certified, scenario, overrides, **options)
+    find = partial(certified, scenario, overrides, **options)
     none = "no cell is certified; try more cells or inputs"
     return _Answer(
         "cells", find, write_certificate, certificate_text,

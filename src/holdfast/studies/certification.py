@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from holdfast.analysis.certificates.certificate import Certificate, Range
 from holdfast.analysis.certificates.certify import certify
-from holdfast.analysis.certificates.narrowed import narrowed
 from holdfast.analysis.certificates.outer_cells import OuterSet
 from holdfast.analysis.certificates.outer_set import outer_set
 from holdfast.analysis.certificates.problem import INPUTS
@@ -80,34 +75,6 @@ def certified(
         margin=margin,
         progress=progress,
     )
-
-
-def certified_with_room(
-    scenario: str, overrides: Iterable[str] = (), room: Iterable[str] = (), **options: Any
-) -> Certificate:
-    """`certified` for a harder case, and stated for the scenario: the checker has room to agree.
-
-    room: overrides that only widen bounds of disturbances or tighten constraints, such as a larger
-    current (`narrowed`). The share is of the cells in the region of the scenario. Raises
-    `SimulationError` for others.
-    """
-    changes, harder = list(overrides), list(room)
-    once = {
-        "horizon": options.get("sample_time", SAMPLE_TIME),
-        "inputs": 2,
-        "store": None,
-        "progress": None,
-    }
-    stated = certified(scenario, changes, **{**options, **once})  # its ranges and its region
-    found = certified(scenario, [*changes, *harder], **options)
-    same = found.rates == stated.rates and found.constraints == stated.constraints
-    if not same:
-        raise ScenarioError(
-            "room changes rates or constraints", expected="wider bounds of disturbances"
-        )
-    region = np.union1d(stated.kept.region, found.kept.members)
-    kept = replace(found.kept, region=region)
-    return replace(narrowed(found, stated.ranges), kept=kept)
 
 
 def outside_of(

@@ -129,3 +129,29 @@ def test_file_of_every_kind_of_rate_is_valid(tmp_path):
     path = found.write(tmp_path / "reactor.holdfast")
     assert "entries hold" in check(str(path), share=0.3)
     assert hf.read_certificate(path).sampling.steps == found.sampling.steps
+
+
+def test_long_holds_of_a_lake_are_certified_in_steps(tmp_path):
+    """Phosphorus P and its load L, which changes slowly (a benchmark of viability theory)."""
+    load, p, u = (hf.symbol(n) for n in "LPu")
+    lake = hf.System(
+        "lake", (hf.Quantity("L"), hf.Quantity("P")), (hf.Quantity("u", "1/s"),),
+        {"L": u, "P": -sp.Rational(4, 5) * p + load + p**8 / (1 + p**8)},
+        input_bounds=hf.Box((-0.09,), (0.09,)),
+    )  # fmt: skip
+    ends = (sp.Rational(1, 10) - load, load - 1, -p, p - sp.Rational(7, 5))
+    clear = hf.Region("clear", lake.states, tuple(
+        hf.Inequality(f"c{k}", e) for k, e in enumerate(ends)
+    ))  # fmt: skip
+
+    def certified(hold, steps=None):
+        return hf.certify(
+            lake, clear, box={"L": (0.1, 1.0), "P": (0.0, 1.4)}, cells=150, sample_time=hold,
+            inputs=3, steps=steps,
+        )  # fmt: skip
+
+    found = [certified(0.2), certified(1.5), certified(1.5, steps=1)]
+    assert [len(c.kept.members) for c in found] == [10_519, 9_847, 0]
+    assert {c.kept.inside for c in found} == {22_201}
+    assert found[1].sampling.steps > 8
+    assert "entries hold" in check(str(found[1].write(tmp_path / "lake.holdfast")), share=0.01)

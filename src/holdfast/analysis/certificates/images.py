@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
@@ -17,7 +16,7 @@ from holdfast.execution.resources import available_cores, check_memory
 
 BLOCK = 1 << 15
 
-TRIED, STEPS, NEARLY, ALIKE = 512, (2, 4, 8, 16), 0.95, 0.99
+TRIED, STEPS, NEARLY = 512, (1, 2, 4, 8, 16), 0.9
 """Pairs of cells and inputs of a trial, and what part of the best is enough."""
 
 
@@ -102,14 +101,13 @@ def images(
 def in_steps(flow: HeldFlow, cells: Cells, candidates: Floats) -> HeldFlow:
     """The flow with holds divided into as many steps as pay, by a trial of some cells.
 
-    What is gained is the mean of one part in so many cells as an input leads to: the fewest steps
-    with nearly the most of it are taken. Where the corners of cells, each by itself, lead to nearly
-    as many cells as all of the cell, no steps can gain more.
+    What is gained is the mean of one part in so many cells as an input leads to, constraints on the
+    way aside: the fewest steps with nearly the most of it are taken.
     """
     inside = where(flow.inside, cells)
     if not len(inside):
         return flow
-    chance = np.random.default_rng(0)
+    chance, trial = np.random.default_rng(0), flow.without_constraints()
     low, high = cells.corners(chance.choice(inside, TRIED))
     if flow.law is None:
         inputs = most = candidates[chance.integers(len(candidates), size=TRIED)]
@@ -117,27 +115,13 @@ def in_steps(flow: HeldFlow, cells: Cells, candidates: Floats) -> HeldFlow:
         given = flow.law.given(flow.law.initial, low, high)
         low, high, inputs, most = low[given.row], high[given.row], given.low, given.high
 
-    def gained(low: Floats, high: Floats, kept: Truths) -> float:
-        first, last, stays = cells.touched(low, high)
-        blocks = np.where((kept & stays)[:, None], last - first + 1, np.inf).prod(axis=1)
+    def gained(steps: int) -> float:
+        held = trial.in_steps(steps).held(low, high, inputs, most)
+        first, last, stays = cells.touched(held.low, held.high)
+        blocks = np.where((held.kept & stays)[:, None], last - first + 1, np.inf).prod(axis=1)
         return float((1 / blocks).mean()) if len(blocks) else 0.0
 
-    def by_steps(steps: int) -> float:
-        held = flow.in_steps(steps).held(low, high, inputs, most)
-        return gained(held.low, held.high, held.kept)
-
-    corners = [
-        flow.held(at, at, inputs, most)
-        for which in itertools.product((0, 1), repeat=low.shape[1])
-        for at in [np.where(which, high, low)]
-    ]
-    best = gained(
-        np.min([c.low for c in corners], axis=0), np.max([c.high for c in corners], axis=0),
-        np.all([c.kept for c in corners], axis=0),
-    )  # fmt: skip
-    shares = {1: by_steps(1)}
-    if shares[1] < ALIKE * best:
-        shares |= {steps: by_steps(steps) for steps in STEPS}
+    shares = {steps: gained(steps) for steps in STEPS}
     enough = NEARLY * max(shares.values())
     return flow.in_steps(min(steps for steps, share in shares.items() if share >= enough))
 

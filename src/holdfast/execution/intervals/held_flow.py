@@ -169,6 +169,7 @@ class HeldFlow:
         if target:
             leaves["arrived"] = self._inside_leaf([*constraints, *target])
         self._leaves = compiled_leaves(leaves)
+        self._lean = True
         self._of_steps: dict[tuple[int, bool, bool], Leaves] = {}
 
     @property
@@ -177,6 +178,12 @@ class HeldFlow:
         hold, delay, steps = self.sampling.hold, self.sampling.delay, self.sampling.steps
         leaves = " ".join(self._leaf(k, begins=True).digest for k in range(len(self._legs)))
         return f"{self._leaves.digest} {leaves} {hold} {delay} {steps}"
+
+    def without_constraints(self) -> HeldFlow:
+        """Where inputs lead, and nothing of constraints on the way."""
+        found = copy.copy(self)
+        found._constraints, found._of_steps, found._lean = [], {}, False
+        return found
 
     def in_steps(self, steps: int) -> HeldFlow:
         """The same, with holds divided into so many steps."""
@@ -243,7 +250,7 @@ class HeldFlow:
     @property
     def _alone(self) -> bool:
         """Whether there is one step alone, of which less is to be known."""
-        return self.sampling.steps == len(self._legs) == 1
+        return self._lean and self.sampling.steps == len(self._legs) == 1
 
     @property
     def _legs(self) -> list[bool]:
