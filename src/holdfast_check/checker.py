@@ -47,11 +47,12 @@ from holdfast_check.intervals import (
     within,
 )
 from holdfast_check.law import Law
-from holdfast_check.reading import NotValidError, Values, read
+from holdfast_check.reading import NO_LAW, NotValidError, Values, read
 from holdfast_check.statement import lines, statement
 
 BITS = 80
 NOT_VALID, NOT_READ, OTHER, LEAST_CHANCE, MOST_STEPS = 1, 2, 3, 1e-3, 64
+MOST_TURNED, MOST_TOUCHED = 1e12, 1 << 20
 
 
 class Checker:
@@ -81,10 +82,12 @@ class Checker:
         self._well_formed(h, [*self.states, *self.input_names, *(q["name"] for q in free)])
         self._keep(entries, h["holds"], bool(h["law"]["modes"]))
         first, ends = h["law"]["initial"], h["holds"] or 0
+        if not any(self.target or v == ends for (_, k), v in self.kept.items() if k == first):
+            raise NotValidError("no cell of it lasts for the horizon")
         last = {c for (c, k), v in self.kept.items() if k == first and (self.target or v == ends)}
         places = ((c, *self._place(c)) for c in last)
         whole = [w for c, w, place in places if c == max(last.intersection(self._numbers(place)))]
-        if not last or sum(wide ** len(self.shape) for wide in whole) != h["cells_kept"]:
+        if sum(wide ** len(self.shape) for wide in whole) != h["cells_kept"]:
             raise NotValidError("the cells of the horizon are not as many as it says")
 
     def _choices(self, tried: list[list[float]], law: Values) -> None:
@@ -111,7 +114,9 @@ class Checker:
         times = 0 <= self.delay < self.hold and all(e >= 0 for e in h["errors"])
         times = times and 1 <= h["steps"] <= MOST_STEPS and len(h["errors"]) == len(self.states)
         holds = h["holds"] > 0 if h["holds"] is not None else not self.target
-        given = bool(h["law"]["modes"]) != bool(h["candidates"]) and self.constraints
+        law = bool(h["law"]["modes"])
+        given = law != bool(h["candidates"]) and (law or h["law"] == NO_LAW) and self.constraints
+        holds = holds and math.isfinite(self.hold * (h["holds"] or 1))
         if not (times and holds and given):
             raise NotValidError("the hold, the horizon, the constraints or the inputs are none")
         for angle in zip(self.states, self.edges, self.turning, strict=True):
@@ -219,6 +224,8 @@ class Checker:
         for q, axis, turns, still in each:  # a state that is still does not leave the grid
             low, high = down(q), up(q)
             known = math.isfinite(low) and math.isfinite(high)
+            if turns:
+                known &= max(-low, high) < MOST_TURNED and high - low < axis[-1] - axis[0]
             beyond = not (turns or still) and (low < axis[0] or high > axis[-1])
             around = math.floor((low - axis[0]) / math.tau) if turns and known else 0
             places = set()
@@ -228,10 +235,12 @@ class Checker:
                 first = max(bisect.bisect_left(axis, down(there)) - 1, 0)
                 last = min(bisect.bisect_right(axis, up(there)), len(axis) - 1)
                 places |= set(range(first, last))
-            if beyond or not (places and known):  # doubles count some turns only
+            if beyond or not (places and known):
                 yield None
                 return
             ranges.append(sorted(places))
+        if math.prod(map(len, ranges)) > MOST_TOUCHED:
+            raise NotValidError("an input leads to more cells than are counted")
         yield from map(list, map(self._numbers, itertools.product(*ranges)))
 
 

@@ -26,6 +26,7 @@ from holdfast_check.intervals import (
     add,
     common,
     dot,
+    interval,
     inverse,
     mul,
     point,
@@ -215,4 +216,4 @@ def _total(first: Interval, *others: Interval) -> Interval:
 
 def _grown(q: Interval) -> Interval:
     more = (q[1] - q[0]) * arb(GROWTH)
-    return (q[0] - more).lower(), (q[1] + more).upper()
+    return interval(q[0] - more, q[1] + more)

@@ -1,7 +1,8 @@
 """Intervals whose ends are numbers of Arb with 80 bits, rounded outward; texts as operations.
 
 An interval is a pair of ends. Of one that is unknown both are not a number, so that every
-comparison with it is false. Every operation gives narrower intervals for narrower ones.
+comparison with it is false; none has one such end alone (`_known`). Every operation gives narrower
+intervals for narrower ones.
 """
 
 from __future__ import annotations
@@ -37,15 +38,21 @@ def point(number: Any) -> Interval:
 
 
 def interval(low: Any, high: Any) -> Interval:
-    return arb(low).lower(), arb(high).upper()
+    return _known(arb(low), arb(high))
+
+
+def _known(low: Any, high: Any) -> Interval:
+    """Between the ends of two balls; unknown if one is no number, as 0 times infinity is."""
+    low, high = low.lower(), high.upper()
+    return (low, high) if low <= high else UNKNOWN
 
 
 def add(a: Interval, b: Interval) -> Interval:
-    return (a[0] + b[0]).lower(), (a[1] + b[1]).upper()
+    return _known(a[0] + b[0], a[1] + b[1])
 
 
 def sub(a: Interval, b: Interval) -> Interval:
-    return (a[0] - b[1]).lower(), (a[1] - b[0]).upper()
+    return _known(a[0] - b[1], a[1] - b[0])
 
 
 def neg(a: Interval) -> Interval:
@@ -66,26 +73,24 @@ def mul(a: Interval, b: Interval) -> Interval:
     else:
         ends = p * s, q * r, p * r, q * s
         low, high = min(ends[:2]), max(ends[2:])
-    return low.lower(), high.upper()
+    return _known(low, high)
 
 
 def inverse(a: Interval) -> Interval:
-    if a[0] > ZERO or a[1] < ZERO:
-        return (1 / a[1]).lower(), (1 / a[0]).upper()
-    return UNKNOWN
+    return _known(1 / a[1], 1 / a[0]) if a[0] > ZERO or a[1] < ZERO else UNKNOWN
 
 
 def power(a: Interval, n: int) -> Interval:
     low, high = a
     if n % 2 or low >= ZERO:
-        return (low**n).lower(), (high**n).upper()
+        return _known(low**n, high**n)
     if high <= ZERO:
-        return (high**n).lower(), (low**n).upper()
-    return (ZERO, (max(-low, high) ** n).upper()) if low < ZERO else UNKNOWN
+        return _known(high**n, low**n)
+    return _known(ZERO, max(-low, high) ** n) if low < ZERO else UNKNOWN
 
 
 def root(a: Interval) -> Interval:
-    return (a[0].sqrt().lower(), a[1].sqrt().upper()) if a[0] >= ZERO else UNKNOWN
+    return _known(a[0].sqrt(), a[1].sqrt()) if a[0] >= ZERO else UNKNOWN
 
 
 def hull(*parts: Interval) -> Interval:
@@ -140,7 +145,7 @@ def _counts(a: Interval | None) -> bool:
 
 
 def _grows(function: Callable[[Any], Any]) -> Callable[[Interval], Interval]:
-    return lambda x: (function(x[0]).lower(), function(x[1]).upper())
+    return lambda x: _known(function(x[0]), function(x[1]))
 
 
 exponential, arctangent, hyperbolic = map(_grows, (arb.exp, arb.atan, arb.tanh))
@@ -160,7 +165,9 @@ def _wave(function: Callable[[Any], Any], crest: Any) -> Callable[[Interval], In
     def value(x: Interval) -> Interval:
         if not x[0] <= x[1]:
             return UNKNOWN
-        low, high = hull(*((q.lower(), q.upper()) for q in map(function, x)))
+        low, high = hull(*(_known(q, q) for q in map(function, x)))
+        if not low <= high:
+            return BOTH
         down, up = _between(x, crest + 1, 2), _between(x, crest, 2)
         return arb(-1) if down else max(low, arb(-1)), arb(1) if up else min(high, arb(1))
 
@@ -185,9 +192,9 @@ def angle(y: Interval, x: Interval, *_: Any) -> Interval:
     if not (x[0] <= x[1] and y[0] <= y[1]):
         return UNKNOWN
     if turns(y, x):
-        return neg((arb.pi().upper(), ZERO))[0], arb.pi().upper()
+        return -arb.pi().upper(), arb.pi().upper()
     ends = itertools.starmap(arb.atan2, itertools.product(y, x))
-    return hull(*((q.lower(), q.upper()) for q in ends))
+    return hull(*(_known(q, q) for q in ends))
 
 
 def length(x: Interval, y: Interval, *_: Any) -> Interval:
@@ -200,7 +207,7 @@ def wrap(x: Interval) -> Interval:
     first, last = ((end / (2 * arb.pi()) - arb(1) / 2).ceil() for end in x)
     if first.is_exact() and last.is_exact() and first == last:
         k = 2 * arb.pi() * first
-        return (x[0] - k).lower(), (x[1] - k).upper()
+        return _known(x[0] - k, x[1] - k)
     return -arb.pi().upper(), arb.pi().upper()
 
 
@@ -304,7 +311,10 @@ class Expression:
     @property
     def all_parts(self) -> bool:
         """Whether all of the parts have to hold."""
-        return self.text.startswith("greatest")
+        match self.tree:
+            case ast.Call(func=ast.Name(id="greatest")):
+                return True
+        return False
 
 
 class Tape:

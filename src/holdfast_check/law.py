@@ -30,8 +30,9 @@ from holdfast_check.intervals import (
 )
 from holdfast_check.reading import NotValidError, Values
 
-MOST_OPEN, MOST_BOXES = 10, 64
-"""Signs that are not decided over a box, and into how many boxes one is divided for that."""
+MOST_OPEN, MOST_BOXES, MOST_PARTS = 10, 64, 10_000
+"""Signs that are not decided over a box, into how many boxes one is divided for that, and into how
+many parts the inputs that a law leaves free."""
 
 Known = dict[str, Interval]
 Given = tuple[Row, int]
@@ -87,6 +88,10 @@ class Law:
         self.names = names
         self.modes = [[Option(names, *o) for o in mode] for mode in law["modes"]]
         self.parts = [[interval(*e) for e in itertools.pairwise(edges)] for edges in law["parts"]]
+        if math.prod(map(len, self.parts)) > MOST_PARTS:
+            raise NotValidError(
+                "the inputs of the law are divided into more parts than are counted"
+            )
         self.axes = [(Tape([place]), *more) for place, *more in law["table"]["axes"]]
         self.nodes = law["table"]["nodes"]
         places = [place for place, *_ in law["table"]["axes"]]

@@ -9,6 +9,8 @@ never have the same statement.
 from __future__ import annotations
 
 import array
+import ast
+import copy
 import hashlib
 import json
 import re
@@ -19,7 +21,6 @@ from typing import Any
 from holdfast_check.intervals import Expression
 from holdfast_check.reading import Values
 
-_FRACTION = re.compile(r"(?<![\w/*)])(\d+)(\*[A-Za-z_]\w*)?/(\d+)(?![\w*(])")
 LONGEST = 200
 """Of a title that is printed."""
 _PLAIN = re.compile(r"[A-Za-z0-9_%^*/.-]+( [A-Za-z0-9_%^*/.-]+)*")
@@ -32,7 +33,7 @@ def statement(h: Values, entries: Sequence[Any]) -> Values:
     found = {
         "title": _quoted(h["title"][:LONGEST]),
         "rates": {
-            q["name"]: _readable(e.text) for q, e in zip(h["states"], h["rates"], strict=True)
+            q["name"]: _readable(e) for q, e in zip(h["states"], h["rates"], strict=True)
         },
         "states": {
             q["name"]: {
@@ -62,7 +63,8 @@ def statement(h: Values, entries: Sequence[Any]) -> Values:
         "inputs_tried": len(h["candidates"]),
         "digest": _digest(h, entries),
     }  # fmt: skip
-    under_way = law["under_way"] or [(min(c), max(c)) for c in zip(*h["candidates"], strict=True)]
+    tried = [(min(c), max(c)) for c in zip(*h["candidates"], strict=True)]
+    under_way = law["under_way"] if law["modes"] and h["delay"] > 0 else tried
     for q, (least, most) in zip(h["inputs"], under_way, strict=False):
         found["inputs"][q["name"]] |= {"least": least, "greatest": most}
     return found
@@ -104,7 +106,7 @@ def lines(said: Values) -> list[str]:
         f"every {hold} s exactly, and inputs are held until the next sample",
         late if said["late_by"] else "an input acts from its sample on, as it is",
     ])]  # fmt: skip
-    rows += [("SHA-256", [f"{said['digest']} of the cells, their inputs and the law"])]
+    rows += [("SHA-256", [f"{said['digest']} of all of it but the title"])]
     return [f"  {name if k == 0 else '':<12} {text}" for name, texts in rows
             for k, text in enumerate(texts)]  # fmt: skip
 
@@ -117,19 +119,46 @@ def _state(name: str, q: Values) -> str:
 
 
 def _limit(c: Values) -> str:
-    return f"{_readable(c['expression'].text)} <= 0 [{_quoted(c['unit'])}] ({_quoted(c['name'])})"
+    return f"{_readable(c['expression'])} <= 0 [{_quoted(c['unit'])}] ({_quoted(c['name'])})"
 
 
-def _readable(text: str) -> str:
-    """The text with fractions that are floats in their decimal digits."""
+def _readable(e: Expression) -> str:
+    """The text as it is read, with fractions that are floats in their decimal digits."""
+    try:
+        return ast.unparse(_Decimals().visit(copy.deepcopy(e.tree)))
+    except RecursionError:  # of very long sums
+        return e.text
 
-    def decimal(found: re.Match[str]) -> str:
-        over, factor, under = int(found[1]), found[2] or "", int(found[3])
-        if under == 0 or (Fraction(over / under) != Fraction(over, under)):
-            return found[0]
-        return _n(over / under) + factor
 
-    return _FRACTION.sub(decimal, text)
+class _Decimals(ast.NodeTransformer):
+    """Quotients a/b and a*x/b of whole numbers as a float and its product, where one is exact."""
+
+    def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
+        self.generic_visit(node)
+        match node:
+            case ast.BinOp(left=left, op=ast.Div(), right=ast.Constant(value=int(under))) if under:
+                match left:
+                    case ast.Constant(value=int(over)) if _exact(over, under):
+                        return ast.Constant(over / under)
+                    case ast.BinOp(
+                        left=ast.Constant(value=int(over)), op=ast.Mult(), right=factor
+                    ) if _exact(over, under):
+                        return ast.BinOp(ast.Constant(over / under), ast.Mult(), factor)
+                    case ast.BinOp(
+                        left=ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=int(over))),
+                        op=ast.Mult(), right=factor,
+                    ) if _exact(over, under):  # fmt: skip
+                        minus = ast.UnaryOp(ast.USub(), ast.Constant(over / under))
+                        return ast.BinOp(minus, ast.Mult(), factor)
+        return node
+
+
+def _exact(over: int, under: int) -> bool:
+    """Whether a quotient is a float."""
+    try:
+        return Fraction(over / under) == Fraction(over, under)
+    except OverflowError:
+        return False
 
 
 def _quoted(text: str) -> str:
@@ -142,10 +171,9 @@ def _n(number: float) -> str:
 
 
 def _digest(h: Values, entries: Iterable[Any]) -> str:
-    """Of what lines do not say."""
-    return hashlib.sha256(
-        json.dumps([h["edges"], h["candidates"], sorted(entries), _plain(h["law"])]).encode()
-    ).hexdigest()
+    """Of all that a file says, but the title and what is not checked."""
+    told = {key: _plain(part) for key, part in h.items() if key not in ("title", "cells_in_region")}
+    return hashlib.sha256(json.dumps([sorted(told.items()), sorted(entries)]).encode()).hexdigest()
 
 
 def _plain(part: Any) -> Any:

@@ -217,3 +217,36 @@ def test_text_that_no_certificate_has_is_refused_by_name(text):
 def test_sum_of_many_terms_is_read():
     tape = Tape([Expression(" + ".join(f"{k}*x" for k in range(1, 1500)))])
     assert ends(tape.of(tape.values({"x": point(1)}))[0]) == (1124250, 1124250)
+
+
+def test_angle_that_may_jump_is_any():
+    """It was from 0 to pi where the box crosses the cut, and a false constraint was valid."""
+    for name in ("atan2(y, x)", "angle(y, x, 1/1000)"):
+        tape = Tape([Expression(name)])
+        across = tape.of(tape.values({"x": interval(-2, -1), "y": interval(-1, 1)}))[0]
+        assert ends(across) == pytest.approx((-math.pi, math.pi))
+        tape = Tape([Expression("wrap(x)")])
+    assert ends(tape.of(tape.values({"x": interval(3, 3.5)}))[0]) == pytest.approx(
+        (-math.pi, math.pi)
+    )
+
+
+def test_greatest_in_parentheses_is_a_greatest():
+    for text in ("greatest(x - 1, -5)", "(greatest(x - 1, -5))", "( greatest (x - 1, -5) )"):
+        assert Expression(text).all_parts
+    assert not Expression("least(x - 1, greatest(x, 2))").all_parts
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["(0*exp(exp(exp(exp(x)))) - 1 + y)**2", "Abs(k*exp(exp(exp(exp(x)))) - 1 + y)",
+     "exp(exp(exp(exp(x)))) - exp(exp(exp(exp(x))))", "sin(exp(exp(exp(exp(exp(x))))))*y - 2"],
+)  # fmt: skip
+def test_what_overflows_is_unknown_and_never_half_known(text):
+    """0 times infinity was no number at one end, which an even power took for a bound."""
+    tape = Tape([Expression(text)])
+    known = {"x": interval(2, 3), "y": interval(0, 100), "k": point(0)}
+    for low, high in tape.values(known):
+        assert (low <= high) or not (low <= 1e9 or low >= 1e9 or high <= 1e9 or high >= 1e9)
+    (value,) = tape.of(tape.values(known))
+    assert not value[1] <= 90

@@ -3,12 +3,16 @@
 import json
 import math
 import sys
+from fractions import Fraction
 
 import pytest
+import sympy as sp
 
 import holdfast as hf
-from holdfast_check.checker import NotValidError, checked, main
-from holdfast_check.statement import lines
+from holdfast.studies.law_certification import judged_law
+from holdfast_check.checker import NotValidError, checked, main, verdict
+from holdfast_check.intervals import Expression
+from holdfast_check.statement import _readable, lines
 from tests.certified_systems import changed
 
 H = float.hex
@@ -238,3 +242,102 @@ def test_certificate_is_of_its_scenario_and_of_no_other(path, tmp_path, monkeypa
     ended, out = run(monkeypatch, capsys, path, "--expect", "seen-target")
     assert ended == 3
     assert "has the states ahead [m], left [m]" in out
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["- 3/2 ** 2", "4/-1/2", "2 **-1/2", "4/ 1/2", "2**1/2", "x**(3/2)", "(2 + x)**-1/2", "x/3/4",
+     "(2 + x)**-2/4", "-3*x/4", "3/4*x - 5/8/2", "7205759403792794/72057594037927936*x", "x - (v - 1/2)",
+     "2*(3*x/4)**2/8", "-(x/2)**2"],
+)  # fmt: skip
+def test_formula_that_is_printed_is_the_one_that_is_evaluated(text):
+    e = Expression(text)
+    printed = _readable(e)
+    assert printed.isascii()
+    for x, v in ((0.7, -0.3), (1.9, 2.5)):
+        names = {"x": Fraction(x), "v": Fraction(v)}
+        exact = eval(text, {}, names)
+        shown = eval(printed, {}, names)
+        assert float(shown) == pytest.approx(float(exact), rel=1e-12), printed
+
+
+UNTRUE = {
+    "an input's range that is told": lambda h: h.update(
+        law={"modes": [], "under_way": [[H(-0.001), H(0.001)]], "names": [], "initial": 0,
+             "parts": [], "table": None}
+    ),
+    "a hold that is endless": lambda h: h.update(hold=H(1e308), holds=1000),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("how", UNTRUE)
+def test_what_is_told_beside_what_is_proved_is_refused(path, how):
+    with pytest.raises(NotValidError, match="are none"):
+        said(changed(path, UNTRUE[how]))
+
+
+def test_angle_that_turns_too_fast_to_be_counted_is_refused(tmp_path):
+    """727 of 20,000 such cells were led to a part of the circle alone."""
+    th, d = hf.symbol("th"), hf.symbol("d")
+    wheel = hf.System(
+        "wheel", (hf.Quantity("th", "rad"),), (), {"th": 1 + d},
+        disturbances=(hf.Quantity("d", "rad/s"),), disturbance_bounds=hf.Box((0.0,), (1.0,)),
+    )  # fmt: skip
+    any_th = hf.Region("any", wheel.states, (hf.Inequality("c", sp.sin(th) - 2),))
+    found = hf.certify(wheel, any_th, box={"th": (-math.pi, math.pi)}, cells=8, sample_time=1.0)
+    path = found.write(tmp_path / "wheel.holdfast")
+    assert "8 of 8" in verdict(checked(str(path)))
+    for rate in (10**13, 248057398711992672):
+        fast = changed(path, lambda h, rate=rate: h.update(rates=[f"{rate} + d"]))
+        with pytest.raises(NotValidError, match="may lead to None"):
+            checked(str(fast))
+
+
+LOOP = """
+[scenario]
+title = "cart"
+kind = "closed-loop"
+
+[system]
+states = {{ x = {{ unit = "m" }}, v = {{ unit = "m/s" }} }}
+inputs = {{ a = {{ unit = "m/s^2", bounds = [-2, 2] }} }}
+disturbances = {{ w = {{ unit = "m/s^2", bounds = [-0.1, 0.1] }} }}
+rates = {{ x = "v", v = "a + w" }}
+
+[law]
+outputs = {{ a = "{law}" }}
+
+[region.constraints]
+left = {{ expression = "-1 - x", unit = "m" }}
+right = {{ expression = "x - 1", unit = "m" }}
+
+[starts]
+states = [{{ x = 0, v = 0 }}]
+
+[run]
+horizon = {horizon}
+sample_time = {sample_time}
+{more}
+"""
+
+
+def test_certificate_of_a_law_is_of_its_closed_loop_and_of_no_other(tmp_path, monkeypatch, capsys):
+    file, own = (
+        tmp_path / "loop.toml",
+        {"law": "-3*x - 3*v", "horizon": 5, "sample_time": 0.1, "more": ""},
+    )
+    file.write_text(LOOP.format(**own))
+    box = {"x": (-1.0, 1.0), "v": (-1.0, 1.0)}
+    proved = judged_law(str(file), box=box, cells=41).certificate
+    path = proved.write(tmp_path / "law.holdfast")
+    brief = judged_law(str(file), box=box, cells=41, horizon=0.5).certificate
+    short = brief.write(tmp_path / "brief.holdfast")
+    noise = "\n[noise]\nuniform = { x = 0.5 }\n"
+    for certificate, change, code in (
+        (path, {}, 0), (path, {"horizon": 500}, 0), (path, {"law": "-2*x - 3*v"}, 3),
+        (path, {"sample_time": 0.05}, 3), (path, {"more": "delay = 0.1"}, 3),
+        (path, {"more": noise}, 3), (short, {}, 3), (short, {"horizon": 0.4}, 0),
+    ):  # fmt: skip
+        file.write_text(LOOP.format(**{**own, **change}))
+        ended, out = run(monkeypatch, capsys, certificate, "--expect", file, "--share", "0.01")
+        assert ended == code, (change, out)

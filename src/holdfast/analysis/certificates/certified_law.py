@@ -275,7 +275,7 @@ def _check_bounds(certificate: Certificate, system: System, known: Mapping[str, 
                 expected=f"within {least:g} to {most:g}, for which it is certified",
                 remedy="take certified_system(certificate), which has these bounds",
             )
-    if system.input_bounds is not None:
+    if system.input_bounds is not None and certificate.sampling.law is None:
         inputs = [q.symbol for q in system.inputs]
         limited = Evaluator(system.input_bounds.saturate(inputs), inputs, system.parameters)
         tried = certificate.candidates
