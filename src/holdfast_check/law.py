@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -12,17 +12,16 @@ from flint import arb
 
 from holdfast_check import safeguard
 from holdfast_check.intervals import (
+    UNKNOWN,
     Expression,
     Interval,
     Row,
     Tape,
     dot,
     down,
-    greatest,
     hull,
     interval,
     inverse,
-    least,
     mul,
     point,
     sub,
@@ -30,9 +29,11 @@ from holdfast_check.intervals import (
 )
 from holdfast_check.reading import NotValidError, Values
 
-MOST_OPEN, MOST_BOXES, MOST_PARTS = 10, 64, 10_000
-"""Signs that are not decided over a box, into how many boxes one is divided for that, and into how
-many parts the inputs that a law leaves free."""
+MOST_OPEN, MOST_BOXES, MOST_PARTS, MOST_SETS = 10, 64, 2000, 800
+"""Signs that are not decided over a box, into how many boxes one is divided for that, into how many
+parts the inputs that a law leaves free, and the sets of a program's conditions."""
+
+ANY: Interval = (arb("-inf"), arb("inf"))
 
 Known = dict[str, Interval]
 Given = tuple[Row, int]
@@ -54,6 +55,8 @@ class Option:
             counts = [*(len(row) - 1 for row in rows), len(p["scales"]), len(p["limits"])]
             counts += [len(p["wanted"])] if wanted else []
             counts += [len(box)] if p["box"] is not None else []
+            if sum(math.comb(len(rows), k) for k in range(m + 1)) > MOST_SETS:
+                raise NotValidError("the program of a safeguard has too many conditions")
             if not 0 <= p["hard"] <= len(rows):
                 raise NotValidError("the program of a safeguard has fewer conditions than it says")
         if {*counts} != {m}:
@@ -63,6 +66,7 @@ class Option:
         self.zero = [[Tape([e]).is_zero for e in row[:m]] for row in p["rows"]] if p else []
         used = {o[2] for o in self.tape.operations if o[0] == "symbol"}
         self.free = not used.isdisjoint(self.names)
+        self.among = any(not e.names.isdisjoint(self.names) for e in when)
         if p and self.free:
             raise NotValidError("the program of a safeguard uses the inputs that it gives")
         self.expressions = [*self.when, *given, *(p["limits"] if p else [])]
@@ -94,12 +98,14 @@ class Law:
             )
         self.axes = [(Tape([place]), *more) for place, *more in law["table"]["axes"]]
         self.nodes = law["table"]["nodes"]
+        if bool(self.axes) != bool(self.nodes):
+            raise NotValidError("a table has axes without nodes, or nodes without axes")
         places = [place for place, *_ in law["table"]["axes"]]
         self.expressions = [*places, *(e for m in self.modes for o in m for e in o.expressions)]
         if any(not 0 <= o.to < len(self.modes) for mode in self.modes for o in mode):
             raise NotValidError("the law has a mode that there is none of")
         self.tapes = [Tape([e for o in mode for e in o.when]) for mode in self.modes]
-        self.atoms = [[_atom(tape, k) for k in tape.results] for tape in self.tapes]
+        self.atoms = [_atoms(tape) for tape in self.tapes]
 
     def given(self, at: Known, mode: int) -> list[Given]:
         """All that may be given where this is measured. Raises `NotValidError` where the law does
@@ -131,15 +137,24 @@ class Law:
             yield may, sure, row
             return
         p, met = option.values(row), False
+        if not all(s[0] > 0 for s in p.scales):
+            raise NotValidError("a scale of a safeguard is not above 0")
+        if p.wanted is None and not self._parts_contain(p.box):
+            raise NotValidError("the parts of the inputs are not all that these may be")
         for part in self._every_part() if p.wanted is None else ():
             left = [sub(dot(n, part), b) for n, b in zip(p.normals, p.offsets, strict=True)]
             met |= all(v[1] < 0 for v in left)
             yield not any(v[0] > 0 for v in left), False, list(part)
         for given, surely, u in safeguard.choices(p) if not met else ():
-            yield given, sure and surely, self._limited(option, p, here, u) if given else []
+            yield given, sure and surely, self._limited(option, here, u) if given else []
             if sure and surely:
                 return
         yield False, sure, []  # one of them is what the program gives
+
+    def _parts_contain(self, box: Sequence[tuple[Interval, Interval]] | None) -> bool:
+        """Whether free inputs may be all between their bounds, where they have bounds."""
+        ends = zip(box or (), self.parts, strict=False)
+        return all(part[0][0] <= low[0] and high[1] <= part[-1][1] for (low, high), part in ends)
 
     def _every_part(self) -> Iterator[tuple[Interval, ...]]:
         if len(self.parts) != len(self.names):
@@ -153,11 +168,9 @@ class Law:
         when, row = values[: len(option.when)], values[len(option.when) :]
         return not any(v[0] > 0 for v in when), all(v[1] < 0 for v in when), row
 
-    def _limited(self, option: Option, p: safeguard.Values, here: Known, u: Row) -> Row:
-        """Inputs as actuators limit them: within their bounds, unknown or not."""
-        if p.box is not None:
-            return [_clipped(q, *side) for q, side in zip(u, p.box, strict=True)]
-        u = u or [hull(*part) for part in self.parts]
+    def _limited(self, option: Option, here: Known, u: Row) -> Row:
+        """Inputs as actuators limit them; of what is unknown these make something too."""
+        u = [q if q[0] <= q[1] else ANY for q in u or (hull(*part) for part in self.parts)]
         assert option.limits is not None
         return option.limits.of(
             option.limits.values({**here, **dict(zip(self.names, u, strict=True))})
@@ -201,9 +214,12 @@ class Law:
 
     def _every_sign(self, box: Known, mode: int) -> bool:
         here, tape, atoms = self._all_known(box), self.tapes[mode], self.atoms[mode]
-        values = tape.of(tape.values(here))
+        values = tape.of(tape.values(here | dict.fromkeys(self.names, UNKNOWN)))
         signs: dict[Any, set[int]] = {}
+        always = set()  # where both a condition and its negative hold
         for (atom, sign), (low, high) in zip(atoms, values, strict=True):
+            if low == high == 0:
+                always.add(atom)
             may = {-sign} if high <= 0 else {sign} if low >= 0 else {-1, 1}
             known = bool(low <= high)  # of what may be no number no condition holds
             signs[atom] = signs.get(atom, {-1, 1}) & may if known else set()
@@ -213,8 +229,8 @@ class Law:
         needs, k = [], 0
         for option in self.modes[mode]:
             conditions, k = atoms[k : k + len(option.when)], k + len(option.when)
-            if not option.free:
-                needs.append([(atom, -sign) for atom, sign in conditions])
+            if not option.among:
+                needs.append([(atom, -sign) for atom, sign in conditions if atom not in always])
         for some in itertools.product((-1, 1), repeat=len(undecided)):
             now = {atom: next(iter(may), 0) for atom, may in signs.items()}
             now |= dict(zip(undecided, some, strict=True))
@@ -223,42 +239,51 @@ class Law:
         return True
 
 
-def _clipped(u: Interval, low: Interval, high: Interval) -> Interval:
-    """An input within bounds; all within them of what is unknown."""
-    if not u[0] <= u[1]:
-        return hull(low, high)
-    return least(greatest(u, low), high)
-
-
 def _width(q: Interval) -> float:
     return float((q[1] - q[0]).mid())
 
 
-def _atom(tape: Tape, result: int) -> tuple[Any, int]:
-    """What has one sign where a condition has it, and the condition's sign beside it."""
-    terms = sorted(_terms(tape, result).items())
-    if not terms:
-        return (), 1
-    first = terms[0][1]
-    return tuple((key, value / abs(first) * (1 if first > 0 else -1)) for key, value in terms), (
-        1 if first > 0 else -1
-    )
+Product = tuple[Any, ...]
+"""What is multiplied: operations by their numbers, and sums by their terms."""
 
 
-def _terms(tape: Tape, k: int) -> dict[tuple[int, ...], Fraction]:
-    """A sum as products of operations, each with its number."""
-    name, arguments, of = tape.operations[k]
-    parts = [_terms(tape, j) for j in arguments] if name in ("+", "-", "*", "negative") else []
-    if name == "number":
-        return {(): of} if of else {}
-    if name == "negative":
-        return {key: -value for key, value in parts[0].items()}
-    if name in ("+", "-"):
-        total = dict(parts[0])
-        for key, value in parts[1].items():
-            total[key] = total.get(key, Fraction(0)) + (value if name == "+" else -value)
-        return {key: value for key, value in total.items() if value}
-    if name == "*" and all(len(part) == 1 for part in parts):
-        ((p, a),), ((q, b),) = (part.items() for part in parts)
-        return {tuple(sorted((*p, *q))): a * b}
-    return {(k,): Fraction(1)}
+def _atoms(tape: Tape) -> list[tuple[Any, int]]:
+    """Of each condition what has one sign where the condition has it, and its own sign beside it.
+
+    A sum is its products, each with its number; a factor that is a sum counts as the sum whose
+    first number is 1.
+    """
+    every: list[dict[Product, Fraction]] = []
+    for k, (name, arguments, of) in enumerate(tape.operations):
+        parts = [every[j] for j in arguments]
+        terms: dict[Product, Fraction]
+        if name == "number":
+            terms = {(): of} if of else {}
+        elif name == "negative":
+            terms = {key: -value for key, value in parts[0].items()}
+        elif name in ("+", "-"):
+            terms = dict(parts[0])
+            for key, value in parts[1].items():
+                terms[key] = terms.get(key, Fraction(0)) + (value if name == "+" else -value)
+            terms = {key: value for key, value in terms.items() if value}
+        elif name == "*" and all(parts):
+            (p, a), (q, b) = map(_factor, parts)
+            terms = {tuple(sorted((*p, *q), key=repr)): a * b}
+        else:
+            terms = {} if name == "*" else {(k,): Fraction(1)}
+        every.append(terms)
+    found = []
+    for k in tape.results:
+        several = sorted(every[k].items(), key=repr)
+        first = several[0][1] if several else Fraction(1)
+        atom = tuple((key, value / first) for key, value in several)
+        found.append((atom, 1 if first > 0 else -1))
+    return found
+
+
+def _factor(terms: dict[Product, Fraction]) -> tuple[Product, Fraction]:
+    if len(terms) == 1:
+        return next(iter(terms.items()))
+    several = sorted(terms.items(), key=repr)
+    first = several[0][1]
+    return (tuple((key, value / first) for key, value in several),), first

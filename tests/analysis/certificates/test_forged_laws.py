@@ -127,3 +127,106 @@ def test_device_without_an_end_is_no_file():
         check(os.devnull)
     with pytest.raises(OutputError, match="is no file"):
         hf.read_certificate(os.devnull)
+
+
+def selecting(level):
+    """A law that jumps where an expression of x changes its sign."""
+    from holdfast.maths.expressions.functions import select
+    from tests.laws_to_judge import V as SPEED
+    from tests.laws_to_judge import X as PLACE
+    from tests.laws_to_judge import slider
+
+    system, line = slider()
+    at = level(PLACE)
+    law = hf.Law("jumps", system.states, {"v": select(at, -PLACE, -PLACE / 2) + 0 * SPEED * 0})
+    return hf.judge_law(system, line, law, box={"x": (-1, 1)}, cells=20, sample_time=0.1)
+
+
+@pytest.mark.parametrize(
+    "level",
+    [
+        lambda x: (x - 0.01) * (x + 2), lambda x: (x - 0.01) ** 2 * (x + 1.01) - 0.01,
+        lambda x: (x - 0.01) / (x + 3), lambda x: (x - 0.01) * sp.exp(x),
+        lambda x: (x - 0.31) * (x + 0.41), lambda x: sp.Max(x, 0), lambda x: sp.Max(x - 0.3, 0),
+        lambda x: sp.Min(x, -x + 0.3),
+    ],
+)  # fmt: skip
+def test_honest_law_whose_conditions_are_products_is_valid(tmp_path, level):
+    judged = selecting(level)
+    assert len(judged.certificate.kept.members) > 10
+    path = judged.certificate.write(tmp_path / "jumps.holdfast")
+    assert "entries hold" in check(str(path))
+
+
+def test_dwell_time_beside_a_guard_and_free_modes_are_valid(tmp_path):
+    from holdfast.maths.definitions.quantity import TIME_IN_MODE
+    from holdfast.maths.expressions.functions import least
+    from tests.laws_to_judge import X as PLACE
+    from tests.laws_to_judge import slider
+
+    system, line = slider()
+    back = hf.Law("back", system.states, {"v": -PLACE})
+    half = hf.Law("half", system.states, {"v": -PLACE / 2})
+    guards = (
+        hf.Transition("back", "half", least(0.3 - PLACE, TIME_IN_MODE - 0.3)),
+        hf.Transition("half", "back", least(PLACE - 0.2, 0.2 + PLACE)),
+    )
+    turns = hf.Switching("turns", {"back": back, "half": half}, guards)
+    any_inside = hf.Switching(
+        "any", {"back": back, "any": hf.commanded(system)},
+        (hf.Transition("back", "any", 0.3 - sp.Abs(PLACE)),
+         hf.Transition("any", "back", sp.Abs(PLACE) - 0.4)),
+    )  # fmt: skip
+    for law in (turns, any_inside):
+        judged = hf.judge_law(system, line, law, box={"x": (-1, 1)}, cells=40, sample_time=0.1)
+        assert len(judged.certificate.kept.members) > 10, law.name
+        path = judged.certificate.write(tmp_path / "law.holdfast")
+        assert "entries hold" in check(str(path))
+
+
+@pytest.fixture(scope="module")
+def guarded(tmp_path_factory):
+    from tests.laws_to_judge import X as PLACE
+    from tests.laws_to_judge import slider
+
+    system, line = slider()
+    law = hf.safeguard(
+        system, hf.Law("push", system.states, {"v": 0.5 + 0 * PLACE}), line, worst=("w",),
+        gains=(2.0, 4.0), margins={"left": 0.1, "right": 0.1},
+    )  # fmt: skip
+    found = hf.judge_law(system, line, law, box={"x": (-1, 1)}, cells=64, sample_time=0.1)
+    return found.certificate.write(tmp_path_factory.mktemp("guard") / "guard.holdfast")
+
+
+FORGED = {
+    "a negative scale": (lambda p, law: p.update(scales=["-1"]), "not above 0"),
+    "a scale of nothing": (lambda p, law: p.update(scales=["0"]), "not above 0"),
+    "limits that are not the bounds": (lambda p, law: p.update(limits=["1"]), "may lead to"),
+    "anything wanted": (lambda p, law: p.update(wanted=None), "may (lead|fail)"),
+    "anything wanted, of few parts": (
+        lambda p, law: (p.update(wanted=None), law.update(parts=[[(0.0).hex(), (0.1).hex()]])),
+        "parts of the inputs",
+    ),
+    "very many conditions": (lambda p, law: p.update(rows=p["rows"] * 500), "too many conditions"),
+}
+
+
+@pytest.mark.parametrize("how", FORGED)
+def test_forged_program_is_refused(guarded, how):
+    change, says = FORGED[how]
+    forged = changed(guarded, lambda h: change(h["law"]["modes"][0][0][1], h["law"]))
+    with pytest.raises(NotValidError, match=says):
+        check(str(forged))
+
+
+def test_table_with_axes_alone_is_refused(guarded):
+    axis = ["x", [(0.0).hex(), (1.0).hex()], 10**9, False]
+    forged = changed(guarded, lambda h: h["law"].update(table={"axes": [axis] * 30, "nodes": {}}))
+    with pytest.raises(NotValidError, match="axes without nodes"):
+        check(str(forged))
+
+
+def test_condition_of_a_thousand_terms_is_read(braked):
+    long = " + ".join(f"{k}*x/1000000" for k in range(1, 1000))
+    options = [[f"{long} - 1/2"], [f"1/2 - ({long})"]]
+    assert "entries hold" in check(with_options(braked, options))

@@ -68,12 +68,14 @@ class _Cases:
 
     def of_mode(self, mode: int) -> tuple[Option | Program, ...]:
         """The options of a sample before which the law is in this mode."""
-        passed: Conditions = ()
+        passed: list[Conditions] = [()]  # the ways in which no guard before holds
         found: list[Option | Program] = []
         for guard, target in self.program.transitions.get(self.program.modes[mode], ()):
-            found += self._after((*passed, *(-e for e in _all_of(guard))), target)
-            passed = (*passed, guard)
-        return (*found, *self._after(passed, mode))
+            parts = _all_of(guard)
+            for way in passed:
+                found += self._after((*way, *(-e for e in parts)), target)
+            passed = [(*way, e) for way in passed for e in parts]
+        return (*found, *(o for way in passed for o in self._after(way, mode)))
 
     def _after(self, taken: Conditions, mode: int) -> list[Option | Program]:
         """The options of the law of a mode, where these conditions hold."""

@@ -28,7 +28,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from holdfast.execution.arithmetic.steps import Steps, Value, choose
+from holdfast.execution.arithmetic.steps import Steps, Value
 from holdfast.execution.intervals.interval import Interval, chosen, hull, largest
 from holdfast.execution.intervals.rows import Row, dot, every
 from holdfast.execution.intervals.tape import number
@@ -198,12 +198,3 @@ def _pushed(p: Values) -> Row:
         down, up = q.low > little, -q.high > little
         found.append(chosen(down, low, chosen(up, high, hull(low, high))))
     return found
-
-
-def clipped(u: Interval, low: Interval, high: Interval) -> Interval:
-    """An input within bounds; all within them of what is unknown."""
-    least = choose(u.low > low.low, u.low, low.low)
-    most = choose(u.high < high.high, u.high, high.high)
-    return Interval(
-        choose(least > high.low, high.low, least), choose(most < low.high, low.high, most)
-    )

@@ -18,7 +18,7 @@ from holdfast.execution.codegen.llvm_text import Leaf
 from holdfast.execution.intervals import active_sets
 from holdfast.execution.intervals.active_sets import Given as Chosen
 from holdfast.execution.intervals.enclosure import Enclosure
-from holdfast.execution.intervals.interval import Interval
+from holdfast.execution.intervals.interval import Interval, chosen
 from holdfast.execution.intervals.rows import Row, constant, every, number, pairs
 from holdfast.execution.intervals.table_ranges import TableRanges
 from holdfast.execution.intervals.tape import Tape
@@ -196,15 +196,12 @@ class LawRanges:
             _are_sides(p),
         )  # fmt: skip
         limits, inputs = Tape(p.limits), [s.name for s in self._inputs]
+        infinite = constant(steps, -math.inf, math.inf)
         every_input = [constant(steps, e[0], e[-1]) for e in self.law.parts]
         for g in active_sets.choices(values):
-            u = g.inputs or every_input
-            if box is not None:
-                u = [active_sets.clipped(q, *side) for q, side in zip(u, box, strict=True)]
-            else:
-                at = {**known, **dict(zip(inputs, u, strict=True))}
-                u = limits.of(limits.values(steps, at))
-            yield Chosen(g.may, g.sure, u)
+            u = [chosen(q.unknown, infinite, q) for q in g.inputs or every_input]
+            at = {**known, **dict(zip(inputs, u, strict=True))}
+            yield Chosen(g.may, g.sure, limits.of(limits.values(steps, at)))
 
 
 def _are_sides(p: Program) -> bool:
