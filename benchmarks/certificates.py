@@ -67,11 +67,13 @@ CERTIFIED = {
         "seen-with-sway",
         "target in view, sway a state, any current up to 0.1 m/s",
         {"sample_time": 0.2},
+        share=0.5,
     ),
     "seen-with-lasers": Case(
         "seen-with-lasers",
         "target in view of camera and lasers, any current up to 0.05 m/s",
         {"sample_time": 0.2, "inputs": {"u": 5, "r": 9}},
+        share=0.05,
     ),
     "pushed-cart": Case(
         "pushed-cart",
@@ -84,6 +86,7 @@ CERTIFIED = {
         "target in view by thrust, surge and sway states, any current up to 0.05 m/s",
         {"sample_time": 0.2},
         (*SLOW_BOAT, "grid.nodes={ahead = 37, left = 49, u = 17, v = 9}"),
+        share=0.1,
     ),
     "loaded-cart": Case(
         "loaded-cart",

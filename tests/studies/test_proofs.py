@@ -12,7 +12,7 @@ import pytest
 import sympy as sp
 
 import holdfast as hf
-from holdfast.studies.certification import certified, certified_with_room
+from holdfast.studies.certification import certified
 from holdfast.studies.law_certification import judged_law
 from holdfast_check.checker import check
 
@@ -43,9 +43,7 @@ def benchmark():
 @cache
 def proof(name, part="CERTIFIED"):
     case = getattr(benchmark(), part)[name]
-    room = {"room": case.room} if case.room else {}
-    certify = certified_with_room if room else certified
-    return certify(case.scenario, case.overrides, **room, **case.options)
+    return certified(case.scenario, case.overrides, **case.options)
 
 
 def percent(share):
