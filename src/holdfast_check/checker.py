@@ -5,14 +5,13 @@ cells, and for each cell of a set an input. It is valid if for each such cell X,
 for T and any disturbance within the bounds
 
 1. c <= 0 all over X;
-2. a box B contains every state on the way: X + [0, T] f(B, u, D) lies in the interior of B;
+2. a box B contains every state on the way: X + [0, T] f(B, u, D) lies in B (`held.py`, in steps);
 3. c <= 0 on the way: all over B, or from both ends by the least and greatest rate of c over B;
 4. every state at the end lies in cells of the set (of a level one lower, for a finite horizon).
 
 Then the set is never left. Where a law gives the inputs, an entry is a cell and the mode of the law
-before the sample, and all that the law may do all over the cell leads to entries. Numbers are balls
-of Arb (python-flint) with 80 bits. The states at the end are a Taylor polynomial of the middle and
-what others differ from it by (mean value form).
+before the sample, and all that the law may do all over the cell leads to entries (`law.py`).
+Numbers are intervals whose ends are those of Arb (python-flint) with 80 bits (`intervals.py`).
 """
 
 from __future__ import annotations
