@@ -1,4 +1,4 @@
-"""A checker of certificates, in numbers of a maintained library; it shares no code with holdfast."""
+"""A checker of certificates, in numbers of a maintained library; no code of holdfast is in it."""
 
 import sys
 
