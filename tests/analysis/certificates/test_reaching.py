@@ -103,10 +103,10 @@ def test_checker_agrees_and_finds_what_is_wrong(parked, tmp_path):
         header["target"] = []
 
     for alter, entries in ((farther, None), (slower, None), (lambda h: None, nearer)):
-        with pytest.raises(NotValidError, match="which is not kept"):
-            check(str(changed(path, alter, entries=entries)), share=0.2)
+        with pytest.raises(NotValidError, match=r"which is not kept|may fail on the way"):
+            check(str(changed(path, alter, entries=entries)), share=0.2, seed=0)
     with pytest.raises(NotValidError):
-        check(str(changed(path, staying)), share=0.2)
+        check(str(changed(path, staying)), share=0.2, seed=0)
 
 
 def test_goal_that_no_cell_lies_in_is_refused():
