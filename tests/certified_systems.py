@@ -79,15 +79,17 @@ def to_goal():
 
 def changed(path, alter, *, entries=None):
     """The file with another header or other entries, and its digest right again."""
-    rest = path.read_bytes().partition(b"\n")[2]
+    words, _, rest = path.read_bytes().partition(b"\n")
+    kind = words.split(b" ")[0].decode()
     text, _, packed = rest.partition(b"\n")
     header = json.loads(text)
     alter(header)
     if entries is not None:
         packed = zlib.compress(entries(zlib.decompress(packed)))
-        header["entries"] = len(zlib.decompress(packed)) // 10
+        size = 1 if kind == "holdfast-flowpipe" else 10
+        header["entries"] = len(zlib.decompress(packed)) // size
     content = json.dumps(header).encode() + b"\n" + packed
-    first = f"holdfast-certificate 1 {hashlib.sha256(content).hexdigest()}\n".encode()
+    first = f"{kind} 1 {hashlib.sha256(content).hexdigest()}\n".encode()
     other = path.with_name("changed.certificate")
     other.write_bytes(first + content)
     return other

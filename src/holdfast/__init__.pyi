@@ -9,6 +9,8 @@ from .analysis.certificates.certificate import Certificate as Certificate
 from .analysis.certificates.certified_law import certified_law as certified_law
 from .analysis.certificates.certified_law import certified_system as certified_system
 from .analysis.certificates.certify import certify as certify
+from .analysis.certificates.flowpipe import Flowpipe as Flowpipe
+from .analysis.certificates.flowpipe import flowpipe as flowpipe
 from .analysis.certificates.largest import LargestCertified as LargestCertified
 from .analysis.certificates.law_keeps import LawJudgement as LawJudgement
 from .analysis.certificates.law_keeps import Leaving as Leaving

@@ -32,6 +32,7 @@ from typing import Any
 import flint
 from flint import arb
 
+from holdfast_check.flowpipe import Flowpipe, parts
 from holdfast_check.held import HeldFlow
 from holdfast_check.intervals import (
     NAMES,
@@ -48,10 +49,12 @@ from holdfast_check.intervals import (
 from holdfast_check.law import Law
 from holdfast_check.reading import NO_LAW, NotValidError, Values, read
 from holdfast_check.statement import lines, statement
+from holdfast_check.taylor import NoModelError
 
 BITS = 80
 NOT_VALID, NOT_READ, OTHER, LEAST_CHANCE, MOST_STEPS = 1, 2, 3, 1e-3, 64
 MOST_TURNED, MOST_TOUCHED = 1e12, 1 << 20
+GROUPS = ("states", "inputs", "disturbances", "parameters")
 
 
 class Checker:
@@ -99,22 +102,15 @@ class Checker:
         self.under_way = {name: (interval(a, b), point((a + b) / 2)) for name, (a, b) in ways}
 
     def _well_formed(self, h: Values, names: list[str]) -> None:
-        names += [*self.law.nodes, "time_in_mode"]
-        known = {n for n in names if n.isascii() and n.isidentifier()} - NAMES
-        if len(known) < len(names):
-            raise NotValidError("a name stands twice, is none, or is that of a function or number")
+        well_formed(h, self.law, names)
         if any(e != sorted({*e}) or len(e) < 2 for e in (*self.edges, *h["law"]["parts"])):
             raise NotValidError("the edges of cells, or of parts of inputs, do not grow")
-        if any(a > b for a, b in (*self.ranges.values(), *h["law"]["under_way"])):
+        if any(a > b for a, b in h["law"]["under_way"]):
             raise NotValidError("a range is reversed")
-        size = math.prod(n for *_, n, _ in self.law.axes)
-        if any(len(end) != size for ends in self.law.nodes.values() for end in ends):
-            raise NotValidError("a table has not the nodes that its axes say")
-        times = 0 <= self.delay < self.hold and all(e >= 0 for e in h["errors"])
-        times = times and 1 <= h["steps"] <= MOST_STEPS and len(h["errors"]) == len(self.states)
+        times = 0 <= self.delay < self.hold and 1 <= h["steps"] <= MOST_STEPS
         holds = h["holds"] > 0 if h["holds"] is not None else not self.target
         law = bool(h["law"]["modes"])
-        given = law != bool(h["candidates"]) and (law or h["law"] == NO_LAW) and self.constraints
+        given = law != bool(h["candidates"]) and (law or h["law"] == NO_LAW)
         holds = holds and math.isfinite(self.hold * (h["holds"] or 1))
         if not (times and holds and given):
             raise NotValidError("the hold, the horizon, the constraints or the inputs are none")
@@ -243,28 +239,77 @@ class Checker:
         yield from map(list, map(self._numbers, itertools.product(*ranges)))
 
 
+def well_formed(h: Values, law: Law, names: Sequence[str]) -> None:
+    """Names, ranges, tables, constraints and errors, of cells and of flowpipes."""
+    every = [*names, *law.nodes, "time_in_mode"]
+    if len({n for n in every if n.isascii() and n.isidentifier()} - NAMES) < len(every):
+        raise NotValidError("a name stands twice, is none, or is that of a function or number")
+    ranges = [q["range"] for q in (*h["disturbances"], *h["parameters"])]
+    if any(a > b for a, b in (*ranges, *h.get("start", ()))):
+        raise NotValidError("a range is reversed")
+    size = math.prod(n for *_, n, _ in law.axes)
+    if any(len(end) != size for ends in law.nodes.values() for end in ends):
+        raise NotValidError("a table has not the nodes that its axes say")
+    errors, states = h["errors"], len(h["states"])
+    if not (h["constraints"] and len(errors) == states and all(e >= 0 for e in errors)):
+        raise NotValidError("the constraints or the errors are none")
+
+
+def _of_flowpipe(h: Values, levels: Sequence[Any], share: float, drawn: random.Random) -> Values:
+    """Follows the parts of a box, all or some."""
+    pipe, law = Flowpipe(h), h["law"]
+    well_formed(h, pipe.law, [q["name"] for k in GROUPS for q in h[k]])
+    given = bool(law["modes"]) == bool(h["inputs"]) and (law["modes"] or law == NO_LAW)
+    rows = {len(h["rates"]), len(h["start"]), len(h["states"])}
+    if not (given and len(rows) == 1 and h["holds"] > 0 and 0 < h["hold"] * h["holds"] < math.inf):
+        raise NotValidError("the hold, the horizon, the start or the inputs are none")
+    counted = itertools.accumulate((n for _, n in parts(h, pipe)), initial=0)
+    spans = list(itertools.pairwise(counted))
+    if spans[-1][1] != len(levels):
+        raise NotValidError("the parts of the box have not as many steps as it says")
+    every = list(zip(parts(h, pipe), spans, strict=True))
+    some = every if share == 1 else drawn.sample(every, max(round(share * len(every)), 1))
+    for (box, _), (begin, end) in some:
+        try:
+            pipe.follow(box, [level for (level,) in levels[begin:end]])
+        except (NotValidError, NoModelError) as error:
+            raise NotValidError(f"from {pipe.named(box)}: {error}") from None
+    return {"parts": len(every), "checked": len(some), "entries": len(every)}
+
+
+def _of_cells(h: Values, every: Sequence[Any], share: float, drawn: random.Random) -> Values:
+    """Checks the entries, all or some."""
+    checker, count = Checker(h, list(every)), max(round(share * len(every)), 1)
+    entries = every if share == 1 else drawn.sample(every, count)
+    for k, entry in enumerate(entries):
+        checker.entry(*entry)
+        if k % 2000 == 1999 and sys.stderr.isatty():
+            print(f"\r{k + 1} of {len(entries)} ", end="", file=sys.stderr)
+    return {"checked": len(entries), "entries": len(every)}
+
+
+def begin() -> None:
+    """Numbers have so many bits from now on."""
+    flint.ctx.prec = BITS
+
+
 def checked(path: str, share: float = 1.0, seed: int | None = None) -> Values:
     """What is proved, and how much of it was checked.
 
     Raises `NotValidError` where the certificate is wrong, or says what this program does not know.
     """
-    flint.ctx.prec = BITS
+    begin()
     seed = secrets.randbits(32) if seed is None else seed
     header, every = read(path)
-    count = max(round(share * len(every)), 1)
-    entries = every if share == 1 else random.Random(seed).sample(every, count)
     try:
-        checker = Checker(header, every)
-        for k, entry in enumerate(entries):
-            checker.entry(*entry)
-            if k % 2000 == 1999 and sys.stderr.isatty():
-                print(f"\r{k + 1} of {len(entries)} ", end="", file=sys.stderr)
+        how = _of_flowpipe if "start" in header else _of_cells
+        done = how(header, every, share, random.Random(seed))
         said = statement(header, every)
     except KeyError as name:
         raise NotValidError(f"an expression uses the undeclared name {name.args[0]}") from name
     except (ArithmeticError, LookupError, TypeError, ValueError) as error:
         raise NotValidError(f"its parts do not go together: {error!r}") from error
-    said |= {"valid": len(entries) == len(every), "checked": len(entries), "entries": len(every)}
+    said |= done | {"valid": done["checked"] == done["entries"]}
     return said if said["valid"] else said | {"seed": seed}
 
 
@@ -272,6 +317,12 @@ def verdict(said: Values) -> str:
     """What was checked, in a sentence."""
     how = "reach the target within" if said["target"] else "for"
     lasts = "for ever" if said["holds"] is None else f"{how} {said['for_seconds']:g} s"
+    if said["kind"] == "flowpipe":
+        what = f"all of a box {'in the target after' if said['target'] else 'for'} "
+        what += f"{said['for_seconds']:g} s: {said['checked']} of {said['entries']} parts hold"
+        if said["valid"]:
+            return what
+        return f"{what}, drawn with seed {said['seed']}; this is no proof"
     checked = f"{said['checked']} of {said['entries']} entries hold"
     found = f"{said['cells_kept']} cells {lasts}: {checked}"
     if said["valid"]:

@@ -15,8 +15,6 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from flint import arb
-
 from holdfast_check.intervals import (
     ZERO,
     Expression,
@@ -26,7 +24,7 @@ from holdfast_check.intervals import (
     add,
     common,
     dot,
-    interval,
+    grown,
     inverse,
     mul,
     point,
@@ -35,7 +33,7 @@ from holdfast_check.intervals import (
     within,
 )
 
-GUESSES, GROWTH = 40, 0.0995
+GUESSES = 40
 
 Known = Mapping[str, Interval]
 
@@ -119,7 +117,7 @@ class HeldFlow:
 
         way = moved(moved(x))
         for _ in range(GUESSES):
-            guess = [_grown(q) for q in way]
+            guess = [grown(q) for q in way]
             way = moved(guess)
             if all(map(within, way, guess)):
                 return way
@@ -147,12 +145,12 @@ class HeldFlow:
         moving = [add(dot(row, e), more) for row, more in zip(a, w, strict=True)]
         m = [[_entry(i == j, step, a[i][j], half, twice[i][j]) for j in range(n)] for i in range(n)]
         rest = [
-            _total(dot(m[i], x.rest), mul(step, w[i]), mul(half, dot(a[i], w)),
+            total(dot(m[i], x.rest), mul(step, w[i]), mul(half, dot(a[i], w)),
                    mul(sixth, dot(twice[i], moving)))
             for i in range(n)
         ]  # fmt: skip
         carried = [[dot(row, [other[j] for other in x.carried]) for j in range(n)] for row in m]
-        ends = [_total(c, dot(row, x.off), r)
+        ends = [total(c, dot(row, x.off), r)
                 for c, row, r in zip(nominal, carried, rest, strict=True)]  # fmt: skip
         box = [common(common(p, q), b) for p, q, b in zip(plain, ends, way, strict=True)]
         return States(box, nominal, carried, rest, x.off)
@@ -164,13 +162,13 @@ class HeldFlow:
         if not self.rates.smooth:
             first, during = (self.rates.of(self.rates.values(k)) for k in (known, over))
             half = mul(second, point(0.5))
-            return [_total(q, mul(step, r), mul(half, dot(row, during)))
+            return [total(q, mul(step, r), mul(half, dot(row, during)))
                     for q, r, row in zip(at, first, a, strict=True)]  # fmt: skip
         begun, rest = (
             self.rates.series(known, self.states, 3),
             self.rates.series(over, self.states, 4),
         )
-        return [_total(c[0], mul(step, c[1]), mul(second, c[2]), mul(third, r[3]))
+        return [total(c[0], mul(step, c[1]), mul(second, c[2]), mul(third, r[3]))
                 for c, r in zip(begun, rest, strict=True)]  # fmt: skip
 
 
@@ -205,15 +203,10 @@ def _entry(
 ) -> Interval:
     parts = [point(1)] if same else []
     parts += [mul(step, a)] if a else []
-    return _total(*parts, mul(half, twice))
+    return total(*parts, mul(half, twice))
 
 
-def _total(first: Interval, *others: Interval) -> Interval:
+def total(first: Interval, *others: Interval) -> Interval:
     for other in others:
         first = add(first, other)
     return first
-
-
-def _grown(q: Interval) -> Interval:
-    more = (q[1] - q[0]) * arb(GROWTH)
-    return interval(q[0] - more, q[1] + more)

@@ -19,7 +19,7 @@ from typing import Any
 
 from flint import arb, fmpq
 
-MOST_POWER, LONGEST_NUMBER = 64, 10_000
+MOST_POWER, LONGEST_NUMBER, GROWTH = 64, 10_000, 0.0995
 
 Interval = tuple[Any, Any]
 Row = list[Interval]
@@ -122,6 +122,11 @@ def size(a: Interval) -> Interval:
 
 def sign(a: Interval) -> Interval:
     return point(1) if a[0] >= ZERO else point(-1) if a[1] <= ZERO else BOTH
+
+
+def grown(q: Interval) -> Interval:
+    more = (q[1] - q[0]) * arb(GROWTH)
+    return interval(q[0] - more, q[1] + more)
 
 
 def down(q: Interval) -> float:
@@ -342,7 +347,7 @@ class Tape:
             elif arguments:
                 found.append(KNOWN[name](*[found[k] for k in arguments]))
             else:
-                found.append(known[of] if name == "symbol" else _constant(of))
+                found.append(known[of] if name == "symbol" else constant(of))
         return found
 
     def of(self, every: Sequence[Any]) -> list[Any]:
@@ -476,7 +481,7 @@ def _parts(node: ast.expr) -> list[ast.expr]:
 
 
 @functools.cache
-def _constant(number: Fraction | None) -> Interval:
+def constant(number: Fraction | None) -> Interval:
     """A number, or pi."""
     q = arb.pi() if number is None else arb(fmpq(number.numerator, number.denominator))
     return interval(q, q)

@@ -61,6 +61,7 @@ class Option:
                 raise NotValidError("the program of a safeguard has fewer conditions than it says")
         if {*counts} != {m}:
             raise NotValidError("an option of the law has not as many inputs as the header")
+        self.given = given
         self.tape = Tape([*self.when, *given])
         self.limits = Tape(p["limits"]) if p else None
         self.zero = [[Tape([e]).is_zero for e in row[:m]] for row in p["rows"]] if p else []
@@ -89,7 +90,7 @@ class Law:
     """The options of a law in each of its modes, of inputs by their names."""
 
     def __init__(self, law: Values, names: list[str]) -> None:
-        self.names = names
+        self.names, self.initial = names, law["initial"]
         self.modes = [[Option(names, *o) for o in mode] for mode in law["modes"]]
         self.parts = [[interval(*e) for e in itertools.pairwise(edges)] for edges in law["parts"]]
         if math.prod(map(len, self.parts)) > MOST_PARTS:
@@ -110,7 +111,7 @@ class Law:
     def given(self, at: Known, mode: int) -> list[Given]:
         """All that may be given where this is measured. Raises `NotValidError` where the law does
         nothing in a part of it."""
-        here = self._all_known(at)
+        here = self.all_known(at)
         found: list[Given] = []
         for option in self.modes[mode]:
             sure = False
@@ -122,7 +123,7 @@ class Law:
                     break
             if sure:
                 return found
-        if not self._covered(at, mode):
+        if not self.covered(at, mode):
             raise NotValidError("the law does nothing in a part of it")
         return found
 
@@ -176,7 +177,7 @@ class Law:
             option.limits.values({**here, **dict(zip(self.names, u, strict=True))})
         )
 
-    def _all_known(self, at: Mapping[str, Interval]) -> Known:
+    def all_known(self, at: Mapping[str, Interval]) -> Known:
         return {**at, "time_in_mode": (point(0)[0], arb("inf")), **self._looked_up(at)}
 
     def _looked_up(self, at: Mapping[str, Interval]) -> Known:
@@ -193,7 +194,7 @@ class Law:
 
     # -- whether some option is taken everywhere -------------------------------------------------
 
-    def _covered(self, at: Known, mode: int) -> bool:
+    def covered(self, at: Known, mode: int) -> bool:
         """Whether, of any signs that the conditions may have somewhere, some option's hold."""
         waiting, whole, count = [at], at, 0
         while waiting:
@@ -213,7 +214,7 @@ class Law:
         return True
 
     def _every_sign(self, box: Known, mode: int) -> bool:
-        here, tape, atoms = self._all_known(box), self.tapes[mode], self.atoms[mode]
+        here, tape, atoms = self.all_known(box), self.tapes[mode], self.atoms[mode]
         values = tape.of(tape.values(here | dict.fromkeys(self.names, UNKNOWN)))
         signs: dict[Any, set[int]] = {}
         always = set()  # where both a condition and its negative hold

@@ -17,7 +17,7 @@ from typing import Any
 
 from holdfast_check.intervals import Expression
 
-MAGIC = "holdfast-certificate 1"
+MAGICS = ("holdfast-certificate 1", "holdfast-flowpipe 1")
 MOST_OF_ENTRIES, MOST_OF_NODES, ROOM = 16, 64, 1 << 20
 OPTIONAL = {"depth": 0, "steps": 1}
 """What a header need not say."""
@@ -30,7 +30,8 @@ class NotValidError(Exception):
 
 
 def read(path: str) -> tuple[Values, list[Any]]:
-    """What a file says: its header, and entries of a cell, the number of its input, and a level.
+    """What a file says: its header, and entries of a cell, the number of its input, and a level; of
+    a flowpipe, whose header has a start, how small its steps are.
 
     Raises `NotValidError` if a bit of it is not as it was written.
     """
@@ -40,18 +41,19 @@ def read(path: str) -> tuple[Values, list[Any]]:
         content = file.read()
     first, _, rest = content.partition(b"\n")
     words = first.decode("ascii", "replace").split(" ")
-    if " ".join(words[:2]) != MAGIC or len(words) != 3:
+    if (magic := " ".join(words[:2])) not in MAGICS or len(words) != 3:
         raise NotValidError(f"{path} is not a certificate of this version")
     if hashlib.sha256(rest).hexdigest() != words[2]:
         raise NotValidError(f"{path} was changed: its digest is not that of its content")
     text, _, packed = rest.partition(b"\n")
-    said = OPTIONAL | json.loads(text, object_pairs_hook=_once)
-    header = formed(said, HEADER, "the header")
-    count = max(header["entries"], 0)
+    said = json.loads(text, object_pairs_hook=_once)
+    pipe = magic == MAGICS[1]
+    header = formed(said if pipe else OPTIONAL | said, FLOWPIPE if pipe else HEADER, "the header")
+    count, packing = max(header["entries"], 0), "<B" if pipe else "<IHI"
     numbers = _unpacked(packed, MOST_OF_ENTRIES)
-    if len(numbers) != 10 * count or count < 1:
+    if len(numbers) != struct.calcsize(packing) * count or count < 1:
         raise NotValidError(f"{path} has not the {count} entries that it says")
-    return header, list(struct.iter_unpack("<IHI", numbers))
+    return header, list(struct.iter_unpack(packing, numbers))
 
 
 def _once(pairs: Any) -> Values:
@@ -126,10 +128,16 @@ LAW: Values = {
     "table": (None, TABLE, {"axes": [], "nodes": {}}),
 }  # fmt: skip
 NO_LAW = {key: [] for key in LAW} | {"initial": 0, "table": LAW["table"][2]}
-HEADER = {
+COMMON = {
     "title": str, "states": [NAMED], "inputs": [NAMED], "disturbances": [RANGED],
     "parameters": [RANGED], "rates": [Expression], "constraints": [LIMIT], "target": [LIMIT],
-    "law": ([], LAW, NO_LAW), "hold": _number, "delay": _number, "errors": [_number],
-    "holds": (None, int, None), "edges": [[_number]], "periodic": [bool], "candidates": [[_number]],
-    "depth": int, "steps": int, "cells_in_region": int, "cells_kept": int, "entries": int,
+    "law": ([], LAW, NO_LAW), "hold": _number, "errors": [_number], "entries": int,
+}  # fmt: skip
+HEADER = COMMON | {
+    "delay": _number, "holds": (None, int, None), "edges": [[_number]], "periodic": [bool],
+    "candidates": [[_number]], "depth": int, "steps": int, "cells_in_region": int,
+    "cells_kept": int,
+}  # fmt: skip
+FLOWPIPE = COMMON | {
+    "holds": int, "start": [ENDS], "degrees": [int, int], "splits": [int],
 }  # fmt: skip

@@ -31,18 +31,14 @@ def statement(h: Values, entries: Sequence[Any]) -> Values:
     hold, target = h["hold"], [_limit(c) for c in h["target"]]
     law, holds = h["law"], h["holds"]
     found = {
+        "kind": "flowpipe" if "start" in h else "cells",
         "title": _quoted(h["title"][:LONGEST]),
         "rates": {
             q["name"]: _readable(e) for q, e in zip(h["states"], h["rates"], strict=True)
         },
         "states": {
-            q["name"]: {
-                "unit": _quoted(q["unit"]), "least": axis[0], "greatest": axis[-1],
-                "cells": len(axis) - 1, "comes_back": turns, "measured_within": error,
-            }
-            for q, axis, turns, error in zip(
-                h["states"], h["edges"], h["periodic"], h["errors"], strict=True
-            )
+            q["name"]: {"unit": _quoted(q["unit"]), **axis, "measured_within": error}
+            for q, axis, error in zip(h["states"], _axes(h), h["errors"], strict=True)
         },
         "always": [_limit(c) for c in h["constraints"]],
         "target": target,
@@ -55,19 +51,28 @@ def statement(h: Values, entries: Sequence[Any]) -> Values:
         },
         "inputs": {q["name"]: {"unit": _quoted(q["unit"])} for q in h["inputs"]},
         "held_for": hold,
-        "late_by": h["delay"],
+        "late_by": h.get("delay", 0.0),
         "holds": holds,
         "for_seconds": None if holds is None else holds * hold,
-        "cells_kept": h["cells_kept"],
+        "cells_kept": h.get("cells_kept"),
         "law": bool(law["modes"]),
-        "inputs_tried": len(h["candidates"]),
+        "inputs_tried": len(h.get("candidates", ())),
         "digest": _digest(h, entries),
     }  # fmt: skip
-    tried = [(min(c), max(c)) for c in zip(*h["candidates"], strict=True)]
-    under_way = law["under_way"] if law["modes"] and h["delay"] > 0 else tried
+    tried = [(min(c), max(c)) for c in zip(*h.get("candidates", ()), strict=True)]
+    under_way = law["under_way"] if law["modes"] and found["late_by"] else tried
     for q, (least, most) in zip(h["inputs"], under_way, strict=False):
         found["inputs"][q["name"]] |= {"least": least, "greatest": most}
     return found
+
+
+def _axes(h: Values) -> Sequence[Values]:
+    if "start" in h:
+        return [{"least": low, "greatest": high} for low, high in h["start"]]
+    return [
+        {"least": axis[0], "greatest": axis[-1], "cells": len(axis) - 1, "comes_back": turns}
+        for axis, turns in zip(h["edges"], h["periodic"], strict=True)
+    ]
 
 
 def lines(said: Values) -> list[str]:
@@ -83,6 +88,10 @@ def lines(said: Values) -> list[str]:
         within = f"within {said['holds']} holds, {_n(said['for_seconds'])} s"
         what = f"from each of {kept} cells the target is reached {within}, and the constraints are "
         what += "kept until then"
+    if said["kind"] == "flowpipe":
+        seconds = f"{_n(said['for_seconds'])} s"
+        what = f"from all of the box of states the constraints are kept for {seconds}"
+        what += ", and the target holds at the end of that" if said["target"] else ""
     rows = [
         ("proves", [what]),
         ("title", [said["title"] + ", which says nothing of what is proved"]),
@@ -112,9 +121,10 @@ def lines(said: Values) -> list[str]:
 
 
 def _state(name: str, q: Values) -> str:
-    around = ", where it comes back to itself" if q["comes_back"] else ""
+    around = ", where it comes back to itself" if q.get("comes_back") else ""
     wrong = f"within {_n(q['measured_within'])}" if q["measured_within"] else "exactly"
-    ends = f"from {_n(q['least'])} to {_n(q['greatest'])} in {q['cells']} cells"
+    ends = f"from {_n(q['least'])} to {_n(q['greatest'])}"
+    ends += f" in {q['cells']} cells" if "cells" in q else ""
     return f"{name} [{q['unit']}] {ends}{around}, measured {wrong}"
 
 

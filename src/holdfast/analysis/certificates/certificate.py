@@ -81,13 +81,13 @@ class Certificate:
         more |= {"steps": self.sampling.steps} if self.sampling.steps > 1 else {}
         return {
             "title": self.title,
-            "states": _named(self.states),
-            "inputs": _named(self.inputs),
-            "disturbances": _ranged(self.disturbances, self.ranges),
-            "parameters": _ranged(self.parameters, self.ranges),
+            "states": named(self.states),
+            "inputs": named(self.inputs),
+            "disturbances": ranged(self.disturbances, self.ranges),
+            "parameters": ranged(self.parameters, self.ranges),
             "rates": [plain_text(r) for r in self.rates],
-            "constraints": _written(self.constraints),
-            "target": _written(self.target),
+            "constraints": limits_written(self.constraints),
+            "target": limits_written(self.target),
             "law": [] if law is None else written(law, self.sampling.under_way, plain_text),
             "hold": self.hold.hex(),
             "delay": self.sampling.delay.hex(),
@@ -182,15 +182,15 @@ def _packed(entries: Wholes) -> bytes:
     return found.tobytes()
 
 
-def _written(constraints: Iterable[tuple[str, str, sp.Expr]]) -> list[dict[str, str]]:
+def limits_written(constraints: Iterable[tuple[str, str, sp.Expr]]) -> list[dict[str, str]]:
     return [{"name": n, "unit": u, "expression": plain_text(e)} for n, u, e in constraints]
 
 
-def _named(quantities: Sequence[tuple[str, str]]) -> list[dict[str, Any]]:
+def named(quantities: Sequence[tuple[str, str]]) -> list[dict[str, Any]]:
     return [{"name": n, "unit": u} for n, u in quantities]
 
 
-def _ranged(
+def ranged(
     quantities: Sequence[tuple[str, str]], ranges: Mapping[str, Range]
 ) -> list[dict[str, Any]]:
     return [

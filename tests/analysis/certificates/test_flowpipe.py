@@ -1,0 +1,286 @@
+"""Flowpipes: all trajectories are in their boxes, and the file is what the checker follows."""
+
+import numpy as np
+import pytest
+import sympy as sp
+from scipy.integrate import solve_ivp
+
+import holdfast as hf
+from holdfast.errors import OutputError, SimulationError
+from holdfast.maths.expressions.functions import angle, greatest, least, length, wrap
+from holdfast_check.checker import checked
+from holdfast_check.reading import NotValidError
+from tests.certified_systems import changed
+
+x, y, v, a, w, k = (hf.symbol(n) for n in ("x", "y", "v", "a", "w", "k"))
+
+
+def system(rates, disturbances=None, parameters=(), inputs=(), bounds=None):
+    names = [hf.Quantity(str(s), "m") for s in rates]
+    ends = disturbances or {}
+    return hf.System(
+        "moving", tuple(names), tuple(hf.Quantity(n, "m/s") for n in inputs),
+        {str(s): r for s, r in rates.items()}, parameters=parameters,
+        disturbances=tuple(hf.Quantity(n, "m/s") for n in ends),
+        input_bounds=bounds,
+        disturbance_bounds=hf.Box(*zip(*ends.values(), strict=True)) if ends else None,
+    )  # fmt: skip
+
+
+def region(of, **limits):
+    return hf.Region(
+        "bounds", of.states, tuple(hf.Inequality(n, e, "m") for n, e in limits.items())
+    )
+
+
+def contained(pipe, times, states, slack=1e-6):
+    """Whether each state is in a box of its time."""
+    for t, q in zip(times, states, strict=True):
+        now = (pipe.times[:, 0] <= t + 1e-12) & (t - 1e-12 <= pipe.times[:, 1])
+        inside = (pipe.low[now] - slack <= q) & (q <= pipe.high[now] + slack)
+        assert inside.all(axis=1).any(), (t, q)
+
+
+SMOOTH = {
+    "sine": ({x: sp.sin(y) + sp.cos(2 * x), y: -sp.sin(x * y)}, 3.0),
+    "exponential": ({x: sp.exp(-x) - 2 * x + y / 2, y: -sp.log(1 + y**2) + x / 4}, 2.0),
+    "quotient": ({x: y / (1 + x**2), y: -x / sp.sqrt(2 + sp.sin(x))}, 3.0),
+    "tangent": ({x: sp.tanh(y) - sp.tan(x / 3), y: -sp.atan(x + y)}, 3.0),
+    "polar": ({x: -length(x + 3, y, 0) / 4 + 1, y: -angle(y, x + 4, 0)}, 2.0),
+    "kinked": ({x: sp.Abs(y) - x, y: greatest(-x, -y / 2) - least(y, 1)}, 2.0),
+    "turning": ({x: wrap(y) / 2 - x, y: 1 - y + 0 * x}, 2.0),
+}
+
+
+@pytest.mark.parametrize("name", SMOOTH)
+@pytest.mark.parametrize("disturbed", [False, True])
+def test_trajectories_are_in_the_boxes(name, disturbed, tmp_path):
+    rates, horizon = SMOOTH[name]
+    rates = {**rates, x: rates[x] + k * y / 10 + (w if disturbed else 0)}
+    of = system(
+        rates, {"w": (-0.02, 0.03)} if disturbed else None, (hf.Parameter("k", "", value=1.0),)
+    )
+    start = {"x": (0.3, 0.4), "y": (0.5, 0.7)}
+    pipe = hf.flowpipe(
+        of, region(of, far=x**2 + y**2 - 100), start=start, horizon=horizon, degrees=(2, 5),
+        uncertain={"k": (0.8, 1.3)},
+    )  # fmt: skip
+    assert pipe.proved, pipe.why
+    generator = np.random.default_rng(1)
+    f = sp.lambdify([x, y, w, k], [rates[x], rates[y]], _numpy_functions())
+    for _ in range(12):
+        corner = generator.random(2) < 0.5
+        q = np.array([start[n][int(generator.random() * 2)] if c else np.mean(start[n])
+                      for n, c in zip("xy", corner, strict=True)])  # fmt: skip
+        kk = generator.choice([0.8, 1.3, 1.0])
+        edges = np.sort(generator.random(3)) * horizon
+        values = generator.choice([-0.02, 0.03], 4) if disturbed else np.zeros(4)
+
+        def along(t, q, edges=edges, values=values, kk=kk):
+            return f(*q, values[np.searchsorted(edges, t)], kk)
+
+        run = solve_ivp(along, (0, horizon), q, rtol=1e-9, atol=1e-11, max_step=0.05)
+        contained(pipe, run.t, run.y.T)
+    path = pipe.write(tmp_path / "a.flowpipe")
+    said = checked(str(path))
+    assert said["valid"]
+    assert said["parts"] == pipe.parts
+
+
+def _numpy_functions():
+    return [{
+        "wrap": lambda q: (q + np.pi) % (2 * np.pi) - np.pi, "least": np.minimum,
+        "greatest": np.maximum, "magnitude": np.abs, "length": lambda *q: np.hypot(*q[:2]),
+        "angle": lambda *q: np.arctan2(*q[:2]),
+    }, "numpy"]  # fmt: skip
+
+
+def test_ends_of_a_decay_are_known():
+    of = system({x: -x + w}, {"w": (-0.1, 0.1)})
+    pipe = hf.flowpipe(of, region(of, far=x - 3), start={"x": (1.0, 2.0)}, horizon=2.0)
+    low, high = pipe.ends["x"]
+    gone = np.exp(-2)
+    assert 2 * gone + 0.1 * (1 - gone) < high < 2 * gone + 0.1 * (1 - gone) + 0.03
+    assert gone - 0.1 * (1 - gone) - 0.03 < low < gone - 0.1 * (1 - gone)
+
+
+def test_a_turn_does_not_wrap():
+    of = system({x: y, y: -x})
+    start, far = {"x": (0.9, 1.1), "y": (-0.1, 0.1)}, x**2 + y**2
+    most = 1.1**2 + 0.1**2
+    pipe = hf.flowpipe(of, region(of, far=far - most - 1e-3), start=start, horizon=30.0)
+    assert pipe.proved, pipe.why
+    assert pipe.parts == 1
+    less = hf.flowpipe(of, region(of, far=far - most + 1e-3), start=start, horizon=30.0, parts=8)
+    assert not less.proved
+    assert "constraint 0 may fail after" in less.why
+
+
+@pytest.fixture(scope="module")
+def cart():
+    of = hf.System(
+        "cart", (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")), (hf.Quantity("a", "m/s^2"),),
+        {"x": v, "v": a + w}, disturbances=(hf.Quantity("w", "m/s^2"),),
+        input_bounds=hf.Box((-1.0,), (1.0,)), disturbance_bounds=hf.Box((-0.1,), (0.1,)),
+    )  # fmt: skip
+    return of, region(of, left=-1 - x, right=x - 1)
+
+
+BACK = {"a": -x - 1.5 * v}
+BOX = {"x": (0.4, 0.8), "v": (-0.2, 0.2)}
+
+
+@pytest.mark.parametrize("errors", [{}, {"x": 0.02, "v": 0.01}])
+def test_runs_of_a_sampled_law_are_in_the_boxes(cart, errors):
+    of, walls = cart
+    rest = region(of, left=-0.25 - x, right=x - 0.25)
+    pipe = hf.flowpipe(
+        of, walls, start=BOX, horizon=8, law=hf.Law("back", of.states, BACK), sample_time=0.2,
+        target=rest, errors=errors,
+    )  # fmt: skip
+    assert pipe.proved, pipe.why
+    generator = np.random.default_rng(2)
+    for run in range(40):
+        q = np.array([generator.choice(BOX[n]) for n in "xv"])
+        times, states = [0.0], [q]
+        for n in range(40):
+            seen = q + generator.choice([-1, 1], 2) * [errors.get("x", 0), errors.get("v", 0)]
+            u = np.clip(-seen[0] - 1.5 * seen[1], -1, 1)
+            push = [0.1, -0.1, -0.1 * np.sign(q[1])][run % 3]
+            for part in (0.1, 0.2):
+                moved = q + np.array([part * q[1] + part**2 / 2 * (u + push), part * (u + push)])
+                times.append(0.2 * n + part)
+                states.append(moved)
+            q = moved
+        contained(pipe, times, states)
+
+
+def test_law_with_modes_is_followed_in_each_that_may_be(cart, tmp_path):
+    """Where the guard may hold or not, both what it does are: until all have turned."""
+    of, walls = cart
+    modes = {
+        "far": hf.Law("far", of.states, {"a": -0.5 - v}),
+        "near": hf.Law("near", of.states, BACK),
+    }
+    law = hf.Switching("both", modes, (hf.Transition("far", "near", 0.5 - x),))
+    rest = region(of, left=-0.3 - x, right=x - 0.3)
+    pipe = hf.flowpipe(
+        of, walls, start={"x": (0.55, 0.8), "v": (-0.1, 0.1)}, horizon=8, law=law,
+        sample_time=0.2, target=rest,
+    )  # fmt: skip
+    assert pipe.proved, pipe.why
+    turned, generator = set(), np.random.default_rng(3)
+    for run in range(60):
+        q, near = np.array([generator.uniform(0.55, 0.8), generator.choice([-0.1, 0.1])]), False
+        times, states = [0.0], [q]
+        for n in range(40):
+            turned |= {n} if not near and q[0] <= 0.5 else set()
+            near = near or q[0] <= 0.5
+            u = np.clip(-q[0] - 1.5 * q[1] if near else -0.5 - q[1], -1, 1) + 0.1 * (run % 3 - 1)
+            q = q + np.array([0.2 * q[1] + 0.02 * u, 0.2 * u])
+            times.append(0.2 * (n + 1))
+            states.append(q)
+        contained(pipe, times, states)
+    assert len(turned) > 1
+    path = pipe.write(tmp_path / "modes.flowpipe")
+    assert checked(str(path))["valid"]
+
+    def never(header):
+        header["law"]["modes"][0] = header["law"]["modes"][0][1:]
+
+    with pytest.raises(NotValidError):
+        checked(str(changed(path, never)))
+
+
+def test_at_every_instant_it_is_the_rates_that_have_the_law(cart, tmp_path):
+    of, walls = cart
+    pipe = hf.flowpipe(of, walls, start=BOX, horizon=5, law=hf.Law("back", of.states, BACK))
+    assert pipe.proved, pipe.why
+    assert pipe.header["inputs"] == []
+    said = checked(str(pipe.write(tmp_path / "cart.flowpipe")))
+    assert said["valid"]
+    assert "least" in said["rates"]["v"]
+
+
+def wider(header):
+    header["start"][0][1] = (1.5).hex()
+
+
+def shorter_steps(header):
+    header["splits"] = [split + 1 if split < 0 else split for split in header["splits"]]
+
+
+@pytest.mark.parametrize(
+    ("alter", "why"),
+    [
+        (wider, "from x = "),
+        (shorter_steps, "not as many steps"),
+        (lambda h: h.update(hold=(1e6).hex()), "from x = "),
+        (lambda h: h["constraints"][0].update(expression="x + 1/10"), "constraint 0 may fail"),
+        (lambda h: h["target"].append({"name": "t", "unit": "m", "expression": "x"}), "target"),
+        (lambda h: h.update(rates=["v", "a"]), "undeclared name a"),
+        (lambda h: h["disturbances"][0].update(range=[(-1.0).hex(), (1.0).hex()]), "from x = "),
+        (lambda h: h["disturbances"][0].update(range=[(1.0).hex(), (-1.0).hex()]), "reversed"),
+        (lambda h: h.update(splits=[]), "parts"),
+        (lambda h: h.update(splits=[5, *h["splits"]]), "not as it says"),
+        (lambda h: h.update(splits=[*h["splits"], 0]), "not as it says"),
+        (lambda h: h.update(splits=[0, *h["splits"]]), "not as it says"),
+        (lambda h: h.update(holds=2), "make up the holds"),
+        (lambda h: h.update(holds=0), "none"),
+        (lambda h: h.update(degrees=[0, 6]), "degrees"),
+        (lambda h: h.update(degrees=[3, 31]), "degrees"),
+        (lambda h: h.update(errors=[(-1.0).hex(), (0.0).hex()]), "errors"),
+        (lambda h: h.update(constraints=[]), "constraints"),
+        (lambda h: h["inputs"].append({"name": "a", "unit": ""}), "inputs"),
+        (lambda h: h["states"][0].update(name="w"), "stands twice"),
+    ],
+)
+def test_forged_flowpipe_is_refused(cart, tmp_path, alter, why):
+    of, walls = cart
+    pipe = hf.flowpipe(of, walls, start=BOX, horizon=2, law=hf.Law("back", of.states, BACK))
+    path = pipe.write(tmp_path / "cart.flowpipe")
+    with pytest.raises(NotValidError, match=why):
+        checked(str(changed(path, alter)))
+
+
+def test_levels_that_are_not_the_steps_are_refused(cart, tmp_path):
+    of, walls = cart
+    pipe = hf.flowpipe(of, walls, start=BOX, horizon=2, law=hf.Law("back", of.states, BACK))
+    path = pipe.write(tmp_path / "cart.flowpipe")
+    for alter, why in (
+        (lambda raw: b"\x00" + raw[1:], "may fail|was found|make up"),
+        (lambda raw: raw[:-1] + b"\x29", "make up"),
+        (lambda raw: bytes(len(raw)), "may fail|was found|more steps"),
+    ):
+        with pytest.raises(NotValidError, match=why):
+            checked(str(changed(path, dict, entries=alter)))
+
+
+def test_what_is_not_proved_is_not_written(cart, tmp_path):
+    of, walls = cart
+    pipe = hf.flowpipe(
+        of, walls, start={"x": (0.4, 1.2), "v": (0, 0)}, horizon=2, parts=2,
+        law=hf.Law("back", of.states, BACK),
+    )  # fmt: skip
+    assert not pipe.proved
+    with pytest.raises(OutputError, match="nothing is proved: from x = "):
+        pipe.write(tmp_path / "cart.flowpipe")
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        ({"start": {"x": (0, 1)}}, "start lacks the state 'v'"),
+        ({"start": {**BOX, "q": (0, 1)}}, "start names 'q'"),
+        ({"start": {**BOX, "v": (1, 0)}}, "start: v is 1 to 0"),
+        ({"horizon": 0}, "horizon is 0"),
+        ({"sample_time": float("nan")}, "sample_time is nan"),
+        ({"degrees": (0, 3)}, "degrees"),
+        ({"law": None}, "the inputs of 'cart' are unknown"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused(cart, options, why):
+    of, walls = cart
+    asked = {"start": BOX, "horizon": 2, "law": hf.Law("back", of.states, BACK)}
+    with pytest.raises(SimulationError, match=why):
+        hf.flowpipe(of, walls, **{**asked, **options})
