@@ -260,14 +260,15 @@ def _of_flowpipe(h: Values, levels: Sequence[Any], share: float, drawn: random.R
     pipe, law = Flowpipe(h), h["law"]
     well_formed(h, pipe.law, [q["name"] for k in GROUPS for q in h[k]])
     given = bool(law["modes"]) == bool(h["inputs"]) and (law["modes"] or law == NO_LAW)
+    given = given and (law["modes"] or not any(h["errors"])) and h["states"]
     rows = {len(h["rates"]), len(h["start"]), len(h["states"])}
     if not (given and len(rows) == 1 and h["holds"] > 0 and 0 < h["hold"] * h["holds"] < math.inf):
         raise NotValidError("the hold, the horizon, the start or the inputs are none")
-    counted = itertools.accumulate((n for _, n in parts(h, pipe)), initial=0)
-    spans = list(itertools.pairwise(counted))
-    if spans[-1][1] != len(levels):
+    several = list(parts(h, pipe)) if len(h["splits"]) < 2 * len(levels) else []
+    spans = list(itertools.pairwise(itertools.accumulate((n for _, n in several), initial=0)))
+    if not spans or spans[-1][1] != len(levels):
         raise NotValidError("the parts of the box have not as many steps as it says")
-    every = list(zip(parts(h, pipe), spans, strict=True))
+    every = list(zip(several, spans, strict=True))
     some = every if share == 1 else drawn.sample(every, max(round(share * len(every)), 1))
     for (box, _), (begin, end) in some:
         try:
@@ -318,8 +319,9 @@ def verdict(said: Values) -> str:
     how = "reach the target within" if said["target"] else "for"
     lasts = "for ever" if said["holds"] is None else f"{how} {said['for_seconds']:g} s"
     if said["kind"] == "flowpipe":
-        what = f"all of a box {'in the target after' if said['target'] else 'for'} "
-        what += f"{said['for_seconds']:g} s: {said['checked']} of {said['entries']} parts hold"
+        end = " and then in the target" if said["target"] else ""
+        what = f"all from a box, for {said['for_seconds']!r} s{end}: "
+        what += f"{said['checked']} of {said['entries']} parts hold"
         if said["valid"]:
             return what
         return f"{what}, drawn with seed {said['seed']}; this is no proof"

@@ -15,6 +15,7 @@ states (a zonotope). At every step of length tau
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -23,7 +24,7 @@ from typing import Any
 
 from flint import arb, arb_mat, fmpq
 
-from holdfast_check.held import total
+from holdfast_check.held import Limit, total
 from holdfast_check.intervals import (
     ZERO,
     Expression,
@@ -44,10 +45,10 @@ from holdfast_check.intervals import (
 )
 from holdfast_check.law import Law, Option
 from holdfast_check.reading import NotValidError, Values
-from holdfast_check.taylor import NONE, Model, Models, Polynomial, rounded
+from holdfast_check.taylor import NONE, Model, Models, NoModelError, Polynomial, rounded
 
 GUESSES, COLUMNS = 12, 16
-MOST_MONOMIALS, MOST_DEGREE, FINEST = 1000, 30, 40
+MOST_MONOMIALS, MOST_DEGREE, FINEST, MOST_HALVED = 400, 12, 40, 60
 
 Matrix = list[Row]
 Column = list[Any]
@@ -61,7 +62,7 @@ class States:
     columns: list[Column]
     rest: Row
 
-    @property
+    @functools.cached_property
     def off(self) -> Row:
         """What they may differ from p by."""
         return _sum_of(self.columns, self.rest, len(self.polynomials))
@@ -93,7 +94,7 @@ class Flowpipe:
         still = [Expression("0")] * (len(self.carried) - len(self.states))
         self.rates = Tape([*h["rates"], *still])
         self.constraints, self.target = (
-            Tape([c["expression"] for c in h[k]]) for k in ("constraints", "target")
+            [Limit(c["expression"]) for c in h[k]] for k in ("constraints", "target")
         )
         self.hold, self.holds = h["hold"], h["holds"]
         self.errors = [interval(-e, e) for e in h["errors"]] + [NONE] * len(unsure)
@@ -143,10 +144,30 @@ class Flowpipe:
     def over(self, known: dict[str, Model]) -> dict[str, Interval]:
         return {name: self.models.range(q) for name, q in known.items()}
 
-    def failing(self, tape: Tape, known: dict[str, Model]) -> int | None:
-        """The first expression that may be above 0."""
-        values = self.models.values(tape, known)
-        return next((k for k, v in enumerate(values) if not self.models.range(v)[1] <= ZERO), None)
+    def failing(self, limits: Sequence[Limit], known: dict[str, Model]) -> int | None:
+        """The first that may be above 0."""
+        return next((k for k, c in enumerate(limits) if not self._kept(c, known)), None)
+
+    def _leaving(self, x: States, known: dict[str, Model], during: Row) -> int | None:
+        """The first constraint that may be above 0 on the way."""
+        way = self.ranges | dict(zip(self.carried, during, strict=True))
+        for k, c in enumerate(self.constraints):
+            if self._kept(c, known):
+                continue
+            rates = dict(zip(self.carried, self.rates.of(self.rates.values(way)), strict=True))
+            ((rate,),) = c.tape.slopes(c.tape.values(way), [rates])
+            if not ((rate or NONE)[1] <= ZERO and self._kept(c, self.at(x, x.off))):
+                return k  # it does not only fall from what it is at first
+        return None
+
+    def _kept(self, c: Limit, known: dict[str, Model]) -> bool:
+        """Whether c <= 0: one part of a least is, all of a greatest are, or all over its range."""
+        if c.parts:
+            several = (self._kept(part, known) for part in c.parts)
+            if all(several) if c.expression.all_parts else any(several):
+                return True
+        (value,) = self.models.values(c.tape, known)
+        return bool(self.models.range(value)[1] <= ZERO)
 
     def after(self, x: States, length: Fraction) -> Step | None:
         """A step, a part of a hold; None where no box of the states on the way is found."""
@@ -170,9 +191,8 @@ class Flowpipe:
         ]
         plain = self._defect(way, self.still, step) if self.disturbed else defect
         left = [add(mul(step, d), q) for d, q in zip(plain, third, strict=True)]
-        known = self.at(States(way, [], []), off)
-        fails = self.failing(self.constraints, known)
         during = [self.models.range(q) for q in zip(way, off, strict=True)]
+        fails = self._leaving(x, self.at(States(way, [], []), off), during)
         return Step(_turned([p for p, _ in ends], lead, x, rest), fails, left, during)
 
     def _defect(self, way: list[Polynomial], known: dict[str, Model], step: Interval) -> Row:
@@ -217,9 +237,12 @@ class Flowpipe:
         """What may be after a sample: the states with an input, and the mode of the law."""
         if not self.law.modes:
             return [(x, mode)]
-        known = self.at(x, [add(e, more) for e, more in zip(x.off, self.errors, strict=False)])
+        off = [add(e, more) for e, more in zip(x.off, self.errors, strict=False)]
+        known = self.at(x, off)
         places = self.over(known)
-        tables = self.law.all_known(places)
+        # slopes are those on all of the way from p to what is measured
+        near = self.over(self.at(x, [hull(NONE, e) for e in off]))
+        tables = self.law.all_known(near)
         beside = {k: self.models.constant(q) for k, q in tables.items() if k not in known}
         found = []
         for option in self.law.modes[mode]:
@@ -306,7 +329,10 @@ def _turned(ends: list[Polynomial], lead: Matrix, x: States, rest: Row) -> State
         every.sort(key=_length, reverse=True)
         smaller = every[COLUMNS * n // 2 :]
         frame = _frame([c for c, _ in smaller])
-        inverted = arb_mat(n, n, [column[i] for i in range(n) for column in frame]).inv()
+        try:
+            inverted = arb_mat(n, n, [column[i] for i in range(n) for column in frame]).inv()
+        except ZeroDivisionError:
+            raise NoModelError("directions that cannot be told from each other") from None
         back = [[interval(inverted[i, j], inverted[i, j]) for j in range(n)] for i in range(n)]
         across = [[dot(row, list(map(point, c))) for row in back] for c, _ in smaller]
         reach = [dot([c[i] for c in across], [r for _, r in smaller]) for i in range(n)]
@@ -350,18 +376,21 @@ def parts(h: Values, pipe: Flowpipe) -> Iterator[tuple[list[tuple[Fraction, Frac
     Each number of the splits, from 0 on, halves one of its wide sides; a part that is not halved
     has its number of steps there, with a minus.
     """
-    waiting = [[(Fraction(a), Fraction(b)) for a, b in pipe.box]]
+    waiting = [([(Fraction(a), Fraction(b)) for a, b in pipe.box], 0)]
     for split in h["splits"]:
         if not waiting or split >= len(pipe.wide):
             break
-        part = waiting.pop()
+        part, halved = waiting.pop()
+        if halved > MOST_HALVED:
+            break
         if split < 0:
             yield part, -split
             continue
         side = pipe.wide[split]
         low, high = part[side]
         for half in ((low + high) / 2, high), (low, (low + high) / 2):
-            waiting.append([half if k == side else q for k, q in enumerate(part)])
+            some = [half if k == side else q for k, q in enumerate(part)]
+            waiting.append((some, halved + 1))
     else:
         if not waiting:
             return

@@ -103,7 +103,8 @@ class Law:
             raise NotValidError("a table has axes without nodes, or nodes without axes")
         places = [place for place, *_ in law["table"]["axes"]]
         self.expressions = [*places, *(e for m in self.modes for o in m for e in o.expressions)]
-        if any(not 0 <= o.to < len(self.modes) for mode in self.modes for o in mode):
+        ends = [o.to for mode in self.modes for o in mode] + [self.initial] * bool(self.modes)
+        if not all(0 <= to < len(self.modes) == len(law["names"]) for to in ends):
             raise NotValidError("the law has a mode that there is none of")
         self.tapes = [Tape([e for o in mode for e in o.when]) for mode in self.modes]
         self.atoms = [_atoms(tape) for tape in self.tapes]

@@ -18,7 +18,7 @@ from typing import Any
 from holdfast_check.intervals import Expression
 
 MAGICS = ("holdfast-certificate 1", "holdfast-flowpipe 1")
-MOST_OF_ENTRIES, MOST_OF_NODES, ROOM = 16, 64, 1 << 20
+MOST_OF_ENTRIES, MOST_OF_NODES, ROOM, LITTLE = 16, 64, 1 << 20, 1 << 16
 OPTIONAL = {"depth": 0, "steps": 1}
 """What a header need not say."""
 
@@ -50,7 +50,7 @@ def read(path: str) -> tuple[Values, list[Any]]:
     pipe = magic == MAGICS[1]
     header = formed(said if pipe else OPTIONAL | said, FLOWPIPE if pipe else HEADER, "the header")
     count, packing = max(header["entries"], 0), "<B" if pipe else "<IHI"
-    numbers = _unpacked(packed, MOST_OF_ENTRIES)
+    numbers = _unpacked(packed, MOST_OF_ENTRIES, LITTLE if pipe else ROOM)
     if len(numbers) != struct.calcsize(packing) * count or count < 1:
         raise NotValidError(f"{path} has not the {count} entries that it says")
     return header, list(struct.iter_unpack(packing, numbers))
@@ -92,9 +92,9 @@ def _number(text: str) -> float:
     raise ValueError("it is not finite")
 
 
-def _unpacked(packed: bytes, times: int) -> bytes:
+def _unpacked(packed: bytes, times: int, room: int = ROOM) -> bytes:
     """What is packed: so many times as long at most, so that a small file takes little memory."""
-    most = times * len(packed) + ROOM
+    most = times * len(packed) + room
     numbers = zlib.decompressobj().decompress(packed, most + 1)
     if len(numbers) > most:
         raise NotValidError(f"it unpacks to more than {times} times its length")

@@ -14,7 +14,7 @@ import copy
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -56,6 +56,7 @@ def statement(h: Values, entries: Sequence[Any]) -> Values:
         "for_seconds": None if holds is None else holds * hold,
         "cells_kept": h.get("cells_kept"),
         "law": bool(law["modes"]),
+        "law_knows": _knows(h),
         "inputs_tried": len(h.get("candidates", ())),
         "digest": _digest(h, entries),
     }  # fmt: skip
@@ -64,6 +65,23 @@ def statement(h: Values, entries: Sequence[Any]) -> Values:
     for q, (least, most) in zip(h["inputs"], under_way, strict=False):
         found["inputs"][q["name"]] |= {"least": least, "greatest": most}
     return found
+
+
+def _knows(h: Values) -> str:
+    """What is uncertain and a law uses all the same, as it is."""
+    used = set[str]().union(*(e.names for e in _expressions(h["law"])))
+    unsure = {q["name"] for k in ("disturbances", "parameters") for q in h[k]
+              if q["range"][0] < q["range"][1]}  # fmt: skip
+    names = ", ".join(sorted(used & unsure))
+    return f", which knows {names} as it is at its sample" if names else ""
+
+
+def _expressions(part: Any) -> Iterator[Expression]:
+    if isinstance(part, Expression):
+        yield part
+    several = part.values() if isinstance(part, dict) else part if isinstance(part, list) else ()
+    for inner in several:
+        yield from _expressions(inner)
 
 
 def _axes(h: Values) -> Sequence[Values]:
@@ -90,31 +108,39 @@ def lines(said: Values) -> list[str]:
         what += "kept until then"
     if said["kind"] == "flowpipe":
         seconds = f"{_n(said['for_seconds'])} s"
-        what = f"from all of the box of states the constraints are kept for {seconds}"
-        what += ", and the target holds at the end of that" if said["target"] else ""
+        what = f"from every state of a box at time 0 the constraints are kept for {seconds}"
+        what += ", and the target holds at exactly that time" if said["target"] else ""
     rows = [
         ("proves", [what]),
         ("title", [said["title"] + ", which says nothing of what is proved"]),
     ]
     rows += [("rates", [f"{name}' = {text}" for name, text in said["rates"].items()])]
-    rows += [("states", [_state(name, q) for name, q in said["states"].items()])]
+    states = "start" if said["kind"] == "flowpipe" else "states"
+    rows += [(states, [_state(name, q) for name, q in said["states"].items()])]
     rows += [("constraints", said["always"]), ("target", said["target"])]
     rows += [("whatever", [
         f"{name} [{q['unit']}] is, from {_n(q['least'])} to {_n(q['greatest'])}, "
         + ("another at every instant" if q["varies"] else "one number all the time")
         for name, q in said["whatever"].items()
     ])]  # fmt: skip
-    by = "what the law gives" if said["law"] else f"one of {said['inputs_tried']} that were tried"
+    by = (
+        "what the law gives" + said["law_knows"]
+        if said["law"]
+        else f"one of {said['inputs_tried']} that were tried"
+    )
     rows += [("inputs", [
         f"{name} [{q['unit']}]: " + by
         + (f", from {_n(q['least'])} to {_n(q['greatest'])}" if "least" in q else "")
         for name, q in said["inputs"].items()
     ] or ["none"])]  # fmt: skip
     late = f"{_n(said['late_by'])} s late at most, before which any input between these may act"
-    rows += [("sampled", [
+    sampled = [
         f"every {hold} s exactly, and inputs are held until the next sample",
         late if said["late_by"] else "an input acts from its sample on, as it is",
-    ])]  # fmt: skip
+    ]
+    if said["kind"] == "flowpipe" and not said["inputs"]:
+        sampled = ["nothing: a law, if there is one, is in the rates, of the exact state"]
+    rows += [("sampled", sampled)]
     rows += [("SHA-256", [f"{said['digest']} of all of it but the title"])]
     return [f"  {name if k == 0 else '':<12} {text}" for name, texts in rows
             for k, text in enumerate(texts)]  # fmt: skip
@@ -183,7 +209,8 @@ def _n(number: float) -> str:
 def _digest(h: Values, entries: Iterable[Any]) -> str:
     """Of all that a file says, but the title and what is not checked."""
     told = {key: _plain(part) for key, part in h.items() if key not in ("title", "cells_in_region")}
-    return hashlib.sha256(json.dumps([sorted(told.items()), sorted(entries)]).encode()).hexdigest()
+    in_order = list(entries) if "start" in h else sorted(entries)
+    return hashlib.sha256(json.dumps([sorted(told.items()), in_order]).encode()).hexdigest()
 
 
 def _plain(part: Any) -> Any:

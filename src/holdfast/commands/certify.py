@@ -31,7 +31,22 @@ from holdfast.studies.progress import bar
     help="The range of a state whose cells are tried: of a closed loop, whose own law is certified "
     "(once for each state).",
 )
-@click.option("--horizon", type=float, help="Seconds for which it is proved [default: for ever].")
+@click.option(
+    "--from",
+    "start",
+    multiple=True,
+    metavar="NAME=LOW,HIGH",
+    help="The range of a state at the start: of a closed loop, of which all trajectories from that "
+    "box are followed (once for each state).",
+)
+@click.option(
+    "--to-goal", is_flag=True, help="With --from: that all of them end in the scenario's goal."
+)
+@click.option(
+    "--horizon",
+    type=float,
+    help="Seconds for which it is proved [default: for ever; with --from the run's].",
+)
 @click.option(
     "--inputs", type=WHOLE, default=5, show_default=True, help="Values of each input to try."
 )
@@ -103,6 +118,8 @@ def command(
     cells: int | None,
     sample_time: float | None,
     box: tuple[str, ...],
+    start: tuple[str, ...],
+    to_goal: bool,
     horizon: float | None,
     inputs: int,
     uncertain: tuple[str, ...],
@@ -125,10 +142,12 @@ def command(
     In a capture basin: from which they lead to its goal, in the region until then. Between samples
     too, for every disturbance within its bounds, with every rounding counted. With --box SCENARIO
     is a closed loop, and its own law is what keeps the region, or is refuted by a trajectory. With
-    --outer SCENARIO is any set on a grid, and what is proved is which states are not of it. The
-    file certificate.holdfast is checked by another program: holdfast-check FILE. An interrupted
-    run, but for --largest, --box and --outer, resumes when it is repeated. The exit status is 1 if
-    no cell is certified, and with --largest if the limit was not found.
+    --from it is a closed loop too, and all trajectories from that box keep the region: a reachable
+    tube, in flowpipe.holdfast. With --outer SCENARIO is any set on a grid, and what is proved is
+    which states are not of it. The file certificate.holdfast is checked by another program:
+    holdfast-check FILE. An interrupted run, but for --largest, --box, --from and --outer, resumes
+    when it is repeated. The exit status is 1 if no cell is certified, if --from is not proved, and
+    with --largest if the limit was not found.
     """
     options: dict[str, Any] = {
         "cells": cells,
@@ -165,11 +184,25 @@ def command(
         raise ScenarioError(f"--{next(iter(search))} without --largest", remedy="name a number")
     from holdfast.scenario.files import scenario_title
 
+    if start:
+        beside = {
+            "kernel": kernel, "box": box, "largest": largest, "outer": outer, "cells": cells,
+            "delay": delay, "refine": refine,
+        }  # fmt: skip
+        if wrong := [name for name, value in beside.items() if value not in (None, (), 0)]:
+            raise ScenarioError(f"--{wrong[0]} with --from", expected="one box, and no cells")
+    elif to_goal:
+        raise ScenarioError("--to-goal without --from", remedy="name the box of the start")
     folder = out if out is not None else Path("runs") / scenario_title(scenario)
     check_writable(folder)
     if outer is not None:
         options = {"outer": outer, "cells": cells, "sample_time": sample_time, "inputs": inputs}
         answer = _of_outside(scenario, overrides, {**options, "refine": refine})
+    elif start:
+        options = {name: options[name] for name in ("horizon", "uncertain", "errors")}
+        options |= {"start": dict(_range(text, "--from") for text in start), "to_goal": to_goal}
+        options |= {} if sample_time is None else {"sample_time": sample_time}
+        answer = _of_box(scenario, overrides, options)
     elif box:
         answer = _of_law(scenario, overrides, ranges, options)
     elif largest is not None:
@@ -237,6 +270,16 @@ def _of_law(
     return _Answer(
         "cells", partial(judged_law, scenario, overrides, box=box, **options), write,
         judgement_text, lambda found: None if found.verdict == "proved" else "",
+    )  # fmt: skip
+
+
+def _of_box(scenario: str, overrides: tuple[str, ...], options: dict[str, Any]) -> _Answer:
+    from holdfast.presentation.studies.flowpipe import flowpipe_text
+    from holdfast.studies.law_certification import flowpipe_of, write_flowpipe
+
+    return _Answer(
+        "box", partial(flowpipe_of, scenario, overrides, **options), write_flowpipe, flowpipe_text,
+        lambda found: None if found.proved else f"not proved: {found.why}",
     )  # fmt: skip
 
 

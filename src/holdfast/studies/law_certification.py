@@ -1,15 +1,18 @@
-"""Certificates of the laws of closed loops: what `holdfast certify --box` proves."""
+"""Certificates of the laws of closed loops: what `holdfast certify --box` and `--from` prove."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 from holdfast.analysis.certificates.certificate import Range
 from holdfast.analysis.certificates.certify import CELLS
+from holdfast.analysis.certificates.flowpipe import Flowpipe, flowpipe
 from holdfast.analysis.certificates.law_keeps import LawJudgement, judge_law
 from holdfast.analysis.certificates.problem import INPUTS
 from holdfast.errors import ScenarioError, SimulationError
+from holdfast.host.output import make_folder, write_summary
 from holdfast.scenario.kinds.closed_loop import Scenario
 from holdfast.scenario.load import load_scenario
 from holdfast.scenario.validation import at
@@ -36,14 +39,8 @@ def judged_law(
     says, if that is a number. Raises `ScenarioError` for a scenario of another kind, or without a
     region.
     """
-    loaded = load_scenario(scenario, overrides)
-    if not isinstance(loaded, Scenario):
-        raise ScenarioError(
-            f"'{scenario}' has no law to certify",
-            expected="a scenario of the kind closed-loop with --box, or a kernel without",
-        )
-    if loaded.region is None:
-        raise ScenarioError(f"'{scenario}' has no region", remedy="add a [region]")
+    loaded = _closed_loop(scenario, overrides)
+    assert loaded.region is not None
     run: Mapping[str, Any] = loaded.settings
     if run.get("continuous"):
         raise ScenarioError(
@@ -67,6 +64,83 @@ def judged_law(
             delay=float(run.get("delay", 0.0)) if delay is None else delay,
             progress=progress,
         )
+
+
+def flowpipe_of(
+    scenario: str,
+    overrides: Iterable[str] = (),
+    *,
+    start: Mapping[str, Range],
+    to_goal: bool = False,
+    horizon: float | None = None,
+    sample_time: float | None = None,
+    uncertain: Mapping[str, Range] | None = None,
+    errors: Mapping[str, float] | None = None,
+    progress: Callable[[str, float], None] | None = None,
+) -> Flowpipe:
+    """`hf.flowpipe` for a closed loop, its law and its region, from one box of states.
+
+    to_goal: whether all have to be in the scenario's goal at the end. horizon, sample_time: those
+    of the run by default; inputs follow the state at every instant where they do so there.
+    Measurements are as wrong as the run's noise, or as `errors` say. Raises `ScenarioError` for a
+    scenario of another kind, without a region or goal, with a delay or noise without bounds.
+    """
+    loaded = _closed_loop(scenario, overrides)
+    assert loaded.region is not None
+    run: Mapping[str, Any] = loaded.settings
+    if run.get("delay") or run.get("noise_normal"):
+        raise ScenarioError(
+            f"'{scenario}' has a delay, or noise without bounds",
+            expected="run.delay = 0 and no run.noise_normal",
+        )
+    if to_goal and loaded.goal is None:
+        raise ScenarioError(f"'{scenario}' has no goal", remedy="add a [goal]")
+    if sample_time is None and not run.get("continuous"):
+        sample_time = float(run["sample_time"])
+    with at(loaded.file, "law"):
+        return flowpipe(
+            loaded.system,
+            loaded.region,
+            start=start,
+            horizon=float(run["horizon"]) if horizon is None else horizon,
+            law=loaded.kept().law,
+            sample_time=sample_time,
+            target=loaded.goal if to_goal else None,
+            uncertain=uncertain,
+            disturbance=without_bounds(loaded),
+            errors={**dict(run.get("noise_uniform") or {}), **dict(errors or {})},
+            progress=progress,
+        )
+
+
+def write_flowpipe(found: Flowpipe, folder: Path, *, figures: bool) -> list[Path]:
+    """The file that is checked, what it says in JSON, and the figure, if it is proved."""
+    if not found.proved:
+        return []
+    make_folder(folder)
+    files = [
+        found.write(folder / "flowpipe.holdfast"),
+        write_summary(folder / "flowpipe.json", found.summary()),
+    ]
+    if figures and len(found.states) > 1:
+        from holdfast.presentation.figures import style
+        from holdfast.presentation.studies.flowpipe import flowpipe_figure
+
+        files += style.write(flowpipe_figure(found), folder, "flowpipe")
+    return files
+
+
+def _closed_loop(scenario: str, overrides: Iterable[str]) -> Scenario:
+    """Raises `ScenarioError` for a scenario of another kind, or without a region."""
+    loaded = load_scenario(scenario, overrides)
+    if not isinstance(loaded, Scenario):
+        raise ScenarioError(
+            f"'{scenario}' has no law to certify",
+            expected="a scenario of the kind closed-loop with --box or --from, or a kernel without",
+        )
+    if loaded.region is None:
+        raise ScenarioError(f"'{scenario}' has no region", remedy="add a [region]")
+    return loaded
 
 
 def without_bounds(loaded: Scenario) -> dict[str, float]:

@@ -1,11 +1,18 @@
 """Flowpipes: all trajectories are in their boxes, and the file is what the checker follows."""
 
+import hashlib
+import json
+import zlib
+from pathlib import Path
+
 import numpy as np
 import pytest
 import sympy as sp
+from click.testing import CliRunner
 from scipy.integrate import solve_ivp
 
 import holdfast as hf
+from holdfast.commands.certify import command
 from holdfast.errors import OutputError, SimulationError
 from holdfast.maths.expressions.functions import angle, greatest, least, length, wrap
 from holdfast_check.checker import checked
@@ -40,6 +47,30 @@ def contained(pipe, times, states, slack=1e-6):
         inside = (pipe.low[now] - slack <= q) & (q <= pipe.high[now] + slack)
         assert inside.all(axis=1).any(), (t, q)
 
+
+FAIRWAY = """
+[scenario]
+title = "A vessel in a fairway, and a cross current"
+
+[system]
+states = { y = { unit = "m" }, psi = { unit = "rad" } }
+inputs = { r = { unit = "rad/s", bounds = [-0.3, 0.3] } }
+disturbances = { w = { unit = "m/s", bounds = [-0.2, 0.2] } }
+rates = { y = "1.5*sin(psi) + w", psi = "r" }
+
+[region]
+constraints = { port = { expression = "y - 5", unit = "m" }, starboard = { expression = "-y - 5", unit = "m" } }
+
+[law]
+outputs = { r = "-0.05*y - 0.6*psi" }
+
+[starts]
+states = [{ y = 3, psi = 0 }]
+
+[run]
+horizon = 60
+sample_time = 0.5
+"""
 
 SMOOTH = {
     "sine": ({x: sp.sin(y) + sp.cos(2 * x), y: -sp.sin(x * y)}, 3.0),
@@ -233,6 +264,9 @@ def shorter_steps(header):
         (lambda h: h.update(constraints=[]), "constraints"),
         (lambda h: h["inputs"].append({"name": "a", "unit": ""}), "inputs"),
         (lambda h: h["states"][0].update(name="w"), "stands twice"),
+        (lambda h: h.update(errors=[(9.0).hex(), (0.0).hex()]), "none"),
+        (lambda h: h.update(splits=[0] * 10_000), "not as many steps"),
+        (lambda h: h.update(degrees=[12, 12]), "degrees"),
     ],
 )
 def test_forged_flowpipe_is_refused(cart, tmp_path, alter, why):
@@ -284,3 +318,96 @@ def test_what_cannot_be_asked_is_refused(cart, options, why):
     asked = {"start": BOX, "horizon": 2, "law": hf.Law("back", of.states, BACK)}
     with pytest.raises(SimulationError, match=why):
         hf.flowpipe(of, walls, **{**asked, **options})
+
+
+def forged(path, **header):
+    """A flowpipe of one step from one sample to the next."""
+    named = [{"name": n, "unit": ""} for n in header.pop("states")]
+    whole = {
+        "title": "", "states": named, "inputs": [], "disturbances": [], "parameters": [],
+        "target": [], "law": [], "hold": (0.1).hex(), "holds": 1, "degrees": [1, 1],
+        "errors": [(0.0).hex()] * len(named), **header,
+    }  # fmt: skip
+    whole |= {"splits": [-whole["holds"]], "entries": whole["holds"]}
+    content = json.dumps(whole).encode() + b"\n" + zlib.compress(bytes(whole["holds"]))
+    digest = hashlib.sha256(content).hexdigest().encode()
+    path.write_bytes(b"holdfast-flowpipe 1 " + digest + b"\n" + content)
+    return path
+
+
+def limit(text):
+    return [{"name": "c", "unit": "", "expression": text}]
+
+
+def law(*options, initial=0, names=("",)):
+    return {"names": list(names), "initial": initial, "modes": [list(options)], "parts": [],
+            "under_way": [], "table": None}  # fmt: skip
+
+
+def test_law_that_jumps_between_the_polynomial_and_the_states(tmp_path):
+    """Its slopes are those on the way from the one to the others: what is left out is beside 0."""
+    hump = "greatest(9/10 + x + 4*t, 0) + greatest(9/10 - x + 4*t, 0)"
+    path = forged(
+        tmp_path / "jump.flowpipe", states=["t", "x", "z", "y"], rates=["1", "0", hump, "u"],
+        start=[[(a).hex(), (b).hex()] for a, b in ((0.0, 0.0), (-1.0, 1.0), (0.0, 0.0), (0.0, 0.0))],
+        inputs=[{"name": "u", "unit": ""}], constraints=limit("y - 10"), holds=2,
+        target=limit("3/100 - y"),
+        law=law([[], ["t*wrap(z - 171782/1000000 + pi)"], 0]),
+    )  # fmt: skip
+    with pytest.raises(NotValidError, match="no box of the states"):
+        checked(str(path))  # y is -0.03 from everywhere
+
+
+@pytest.mark.parametrize("given", [law([[], ["0"], 0], initial=-1), law([[], ["0"], 0], names=())])
+def test_law_with_no_such_mode_is_refused(tmp_path, given):
+    path = forged(
+        tmp_path / "mode.flowpipe", states=["x"], rates=["u"], start=[[(0.0).hex()] * 2],
+        inputs=[{"name": "u", "unit": ""}], constraints=limit("x - 1"), law=given,
+    )  # fmt: skip
+    with pytest.raises(NotValidError, match="a mode that there is none of"):
+        checked(str(path))
+
+
+def test_other_order_of_steps_has_another_digest(tmp_path):
+    still = {"states": ["x"], "rates": ["0"], "start": [[(0.0).hex()] * 2],
+             "constraints": limit("x - 1")}  # fmt: skip
+    path = forged(tmp_path / "a.flowpipe", **still)
+    digests = set()
+    for levels in (b"\x01\x02\x02", b"\x02\x02\x01"):
+        other = changed(path, lambda h: h.update(splits=[-3]), entries=lambda raw, e=levels: e)
+        digests.add(checked(str(other))["digest"])
+    assert len(digests) == 2
+
+
+def test_start_on_a_constraint_that_falls(tmp_path):
+    of = system({x: 1 + y**2, y: -y})
+    pipe = hf.flowpipe(
+        of, region(of, left=2 - x), start={"x": (2, 3), "y": (-0.1, 0.1)}, horizon=1.0
+    )
+    assert pipe.proved, pipe.why
+    of = system({x: y, y: -x})
+    pipe = hf.flowpipe(
+        of, region(of, left=2 - x), start={"x": (2, 3), "y": (-0.1, 0.1)}, horizon=1.0, parts=4
+    )
+    assert not pipe.proved
+
+
+def test_command_from_a_box(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("fairway.toml").write_text(FAIRWAY, encoding="utf-8")
+    box = ["--from", "y=2,4", "--from", "psi=-0.2,0.2"]
+    told = CliRunner().invoke(command, ["fairway.toml", *box, "--no-figures"])
+    assert told.exit_code == 0, told.output
+    assert "keeps every constraint for 60 s" in told.output
+    assert checked("runs/fairway/flowpipe.holdfast")["valid"]
+    with pytest.raises(OutputError, match="is a flowpipe, of one box"):
+        hf.read_certificate("runs/fairway/flowpipe.holdfast")
+    for more, says in (
+        (["--horizon", "0.5", "--from", "y=4.9,5.2"], "constraint 0 may fail after 0 s"),
+        (["--cells", "4"], "--cells with --from"),
+        (["--to-goal"], "has no goal"),
+        (["--set", "run.delay=0.5"], "has a delay"),
+    ):
+        told = CliRunner().invoke(command, ["fairway.toml", *box, *more, "--no-figures"])
+        assert told.exit_code == 1
+        assert says in told.output + str(told.exception)

@@ -160,6 +160,11 @@ def flowpipe(
             f"tolerance {tolerance:g}, parts {parts}, degrees {degrees}",
             expected="a tolerance above 0, parts from 1 on, degrees from 1 to 12",
         )
+    if sample_time is None and any((errors or {}).values()):
+        raise SimulationError(
+            "errors of measurement without samples",
+            expected="a sample_time, at which a law measures",
+        )
     if system.inputs and law is None:
         raise SimulationError(f"the inputs of '{system.name}' are unknown", remedy="give a law")
     rates = tuple(system.rates[q.name] for q in system.states)
@@ -197,7 +202,7 @@ def flowpipe(
     proved, why = Search(_middle(header), tolerance, 1).run()
     search = Search(header, tolerance, parts)
     if proved:
-        proved, why = search.run(progress)
+        proved, why = search.run(lambda part: Search(_middle(header, part), tolerance, 1), progress)
     times, low, high = search.boxes
     return Flowpipe(
         header, proved, why, tuple(search.splits), bytes(search.levels), times, low, high,
@@ -223,15 +228,20 @@ def _start(system: System, start: Mapping[str, Range]) -> dict[str, Range]:
     return found
 
 
-def _middle(header: Mapping[str, Any]) -> dict[str, Any]:
-    """The same of one state and of one number for each parameter: what fails here fails for all."""
+def _middle(header: Mapping[str, Any], part: Mapping[str, Range] | None = None) -> dict[str, Any]:
+    """The same of one state and of one number for each parameter: what fails here fails for all.
 
-    def point(ends: list[str]) -> list[str]:
-        low, high = map(float.fromhex, ends)
+    part: the ranges of a part of the box, by names.
+    """
+
+    def point(name: str, ends: list[str]) -> list[str]:
+        low, high = (part or {}).get(name, tuple(map(float.fromhex, ends)))
         return 2 * [(low + (high - low) / 2).hex()]
 
-    parameters = [{**q, "range": point(q["range"])} for q in header["parameters"]]
-    return {**header, "start": list(map(point, header["start"])), "parameters": parameters}
+    parameters = [{**q, "range": point(q["name"], q["range"])} for q in header["parameters"]]
+    start = zip(header["states"], header["start"], strict=True)
+    points = [point(q["name"], ends) for q, ends in start]
+    return {**header, "start": points, "parameters": parameters}
 
 
 def _holds(horizon: float, sample_time: float | None) -> tuple[int, float]:

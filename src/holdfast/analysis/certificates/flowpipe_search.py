@@ -74,8 +74,16 @@ class Search:
             for name, q in zip(self.pipe.states, ends.swapaxes(0, 1), strict=True)
         }
 
-    def run(self, progress: Callable[[str, float], None] | None = None) -> tuple[bool, str]:
-        """Whether it was found, and what could not be proved."""
+    def run(
+        self,
+        middle: Callable[[dict[str, tuple[float, float]]], Search] | None = None,
+        progress: Callable[[str, float], None] | None = None,
+    ) -> tuple[bool, str]:
+        """Whether it was found, and what could not be proved.
+
+        middle: a search from the middle of a part of the box alone. Where that is stuck too, no
+        smaller parts are tried.
+        """
         pipe, count = self.pipe, 1
         whole = [(Fraction(a), Fraction(b)) for a, b in pipe.box]
         waiting: list[tuple[Part, float]] = [(whole, 1.0)]
@@ -89,6 +97,11 @@ class Search:
                 count += 1
                 if count > self.most or not pipe.wide:
                     return False, f"from {pipe.named(part)} {stuck}"
+                if middle is not None:
+                    sides = [(float(a), float(b)) for a, b in part]
+                    proved, why = middle(dict(zip(pipe.carried, sides, strict=False))).run()
+                    if not proved:
+                        return False, why
                 del self._rows[rows:], self._ends[ends:]
                 split = self._side(stuck.states)
                 side = pipe.wide[split]
@@ -130,18 +143,18 @@ class Search:
     def _through(self, x: Any, sample: int, levels: list[int]) -> Any:
         """The states at the next sample."""
         pipe, passed, level = self.pipe, Fraction(0), self._begin
-        since = PATIENCE
+        since, coarsest = PATIENCE, FINEST  # that the tolerance alone has let be
         while passed < 1:
-            step, narrowed = None, 0
+            step = None
             for finer in itertools.count(level):
                 level, length = finer, Fraction(1, 1 << finer)
                 step = pipe.after(x, length)
                 when = f"{float((sample + passed) * Fraction(pipe.hold)):g} s"
                 if step is not None and self._missed(step, x) <= self.tolerance:
+                    coarsest = min(coarsest, level)
                     if step.constraint is None:
                         break
-                    narrowed += 1
-                    if narrowed > NARROWED:
+                    if level >= coarsest + NARROWED:
                         raise _StuckError(f"constraint {step.constraint} may fail after {when}", x)
                 if level == FINEST:
                     raise _StuckError(f"the states after {when} are too many to be followed", x)
@@ -151,6 +164,7 @@ class Search:
             x, passed, since = step.ends, passed + length, since + 1
             levels.append(level)
             self._first = levels[0]
+            coarsest = FINEST if level <= coarsest else coarsest
             aligned = level > 0 and (passed * (1 << (level - 1))).denominator == 1
             if aligned and since >= PATIENCE:
                 level -= 1

@@ -64,7 +64,10 @@ def read_certificate(path: str | Path) -> Certificate:
     first, _, content = raw.partition(b"\n")
     magic, _, digest = first.decode("ascii", "replace").rpartition(" ")
     if magic != MAGIC:
-        raise OutputError(f"{file} is no certificate", expected=f"a file that begins '{MAGIC}'")
+        what = (
+            "a flowpipe, of one box" if magic.startswith("holdfast-flowpipe") else "no certificate"
+        )
+        raise OutputError(f"{file} is {what}", expected=f"a file that begins '{MAGIC}'")
     if hashlib.sha256(content).hexdigest() != digest:
         raise OutputError(
             f"{file} is not what was written: its digest is another",

@@ -1,0 +1,76 @@
+"""Text and figure of a flowpipe."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.collections import PatchCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch, Rectangle
+
+from holdfast.analysis.certificates.flowpipe import Flowpipe
+from holdfast.arguments import checked
+from holdfast.presentation.figures import style
+
+
+@checked
+def flowpipe_figure(found: Flowpipe) -> Figure:
+    """The boxes of all states on the way over the first two of them, and those of start and end."""
+    (a, unit_a), (b, unit_b) = found.states[:2]
+    start = [[float.fromhex(v) for v in ends] for ends in found.header["start"]]
+    ends = list(found.ends.values())
+    with style.look():
+        figure, axis = plt.subplots(figsize=(style.WIDTH / 1.6, style.WIDTH / 1.8))
+        for boxes, colour, alpha in (
+            (np.stack([found.low[:, :2], found.high[:, :2]], axis=2), style.BLUE, 0.15),
+            (np.array([start[:2]]), "black", 1.0),
+            (np.array([ends[:2]]), style.ORANGE, 0.8),
+        ):
+            several = [Rectangle(q[:, 0], *(q[:, 1] - q[:, 0])) for q in boxes]
+            axis.add_collection(PatchCollection(several, color=colour, alpha=alpha, linewidth=0.8))
+        axis.autoscale_view()
+        axis.set(
+            xlabel=f"{a} [{unit_a}]" if unit_a else a, ylabel=f"{b} [{unit_b}]" if unit_b else b
+        )
+        handles = [
+            Patch(color=style.BLUE, alpha=0.4, label=f"all on the way, {found.seconds:g} s"),
+            Patch(color="black", label="start"),
+            Patch(color=style.ORANGE, label="end"),
+        ]
+        axis.legend(handles=handles, loc="lower left", bbox_to_anchor=(0, 1), ncols=3)
+    return figure
+
+
+def flowpipe_text(found: Flowpipe, files: Sequence[Path] = ()) -> str:
+    """What is proved, and from where."""
+    names = dict(found.states)
+    start = {n: [float.fromhex(v) for v in e]
+             for n, e in zip(names, found.header["start"], strict=True)}  # fmt: skip
+    goal = ", and is in the target at the end" if found.header["target"] else ""
+    lines = [found.header["title"], ""]
+    lines += _table("from", start, names)
+    if not found.proved:
+        return "\n".join([*lines, "", f"  Nothing is proved of this box: {found.why}."])
+    lines += _table("ends in", found.ends, names)
+    lines += [
+        f"  by             {found.parts} parts of the box, {len(found.levels)} steps",
+        "",
+        f"  Every trajectory from this box keeps every constraint for {found.seconds:g} s{goal},",
+        "  if the model and the bounds hold.",
+    ]
+    if files:
+        lines += ["", f"  files in {files[0].parent}: {', '.join(f.name for f in files)}",
+                  f"  check it: holdfast-check {files[0]}"]  # fmt: skip
+    return "\n".join(lines)
+
+
+def _table(
+    first: str, ranges: Mapping[str, Sequence[float]], units: Mapping[str, str]
+) -> list[str]:
+    return [
+        f"  {first if k == 0 else '':<14} {name} {low:.4g} to {high:.4g} {units[name]}".rstrip()
+        for k, (name, (low, high)) in enumerate(ranges.items())
+    ]
