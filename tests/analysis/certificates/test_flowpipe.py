@@ -411,3 +411,26 @@ def test_command_from_a_box(tmp_path, monkeypatch):
         told = CliRunner().invoke(command, ["fairway.toml", *box, *more, "--no-figures"])
         assert told.exit_code == 1
         assert says in told.output + str(told.exception)
+
+
+def test_cart_of_the_page_keeps_its_walls():
+    of = hf.System(
+        "cart", (hf.Quantity("x", "m"), hf.Quantity("v", "m/s")), (hf.Quantity("a", "m/s^2"),),
+        {"x": v, "v": a + w}, disturbances=(hf.Quantity("w", "m/s^2"),),
+        input_bounds=hf.Box((-1.0,), (1.0,)), disturbance_bounds=hf.Box((-0.3,), (0.3,)),
+    )  # fmt: skip
+    pipe = hf.flowpipe(
+        of, region(of, left=-1 - x, right=x - 1), start={"x": (0.2, 0.4), "v": (-0.1, 0.1)},
+        horizon=10, law=hf.Law("back", of.states, BACK), sample_time=0.2,
+    )  # fmt: skip
+    assert pipe.proved
+
+
+def test_van_der_pol_of_the_arch_competition(tmp_path):
+    of = system({x: y, y: (1 - x**2) * y - x})
+    start = {"x": (1.25, 1.55), "y": (2.35, 2.45)}
+    pipe = hf.flowpipe(of, region(of, most=y - 2.75), start=start, horizon=7.0)
+    assert pipe.proved
+    assert checked(str(pipe.write(tmp_path / "a.flowpipe")))["valid"]
+    less = hf.flowpipe(of, region(of, most=y - 2.6), start=start, horizon=7.0)
+    assert "constraint 0 may fail after 6." in less.why  # a trajectory has 2.69

@@ -199,8 +199,10 @@ def flowpipe(
         "start": [[v.hex() for v in box[q.name]] for q in system.states],
         "degrees": list(degrees),
     }
-    proved, why = Search(_middle(header), tolerance, 1).run()
     search = Search(header, tolerance, parts)
+    proved, why = True, ""
+    if search.pipe.wide:
+        proved, why = Search(_middle(header), tolerance, 1).run()
     if proved:
         proved, why = search.run(lambda part: Search(_middle(header, part), tolerance, 1), progress)
     times, low, high = search.boxes

@@ -24,21 +24,28 @@ def flowpipe_figure(found: Flowpipe) -> Figure:
     ends = list(found.ends.values())
     with style.look():
         figure, axis = plt.subplots(figsize=(style.WIDTH / 1.6, style.WIDTH / 1.8))
-        for boxes, colour, alpha in (
-            (np.stack([found.low[:, :2], found.high[:, :2]], axis=2), style.BLUE, 0.15),
-            (np.array([start[:2]]), "black", 1.0),
-            (np.array([ends[:2]]), style.ORANGE, 0.8),
+        for boxes, how in (
+            (
+                np.stack([found.low[:, :2], found.high[:, :2]], axis=2),
+                {"facecolor": style.SKY, "edgecolor": style.BLUE, "linewidth": 0.2},
+            ),
+            (np.array([start[:2]]), {"facecolor": "none", "edgecolor": "black"}),
+            (np.array([ends[:2]]), {"facecolor": "none", "edgecolor": style.ORANGE}),
         ):
             several = [Rectangle(q[:, 0], *(q[:, 1] - q[:, 0])) for q in boxes]
-            axis.add_collection(PatchCollection(several, color=colour, alpha=alpha, linewidth=0.8))
+            axis.add_collection(PatchCollection(several, **{"linewidth": 2, **how}))
         axis.autoscale_view()
         axis.set(
             xlabel=f"{a} [{unit_a}]" if unit_a else a, ylabel=f"{b} [{unit_b}]" if unit_b else b
         )
         handles = [
-            Patch(color=style.BLUE, alpha=0.4, label=f"all on the way, {found.seconds:g} s"),
-            Patch(color="black", label="start"),
-            Patch(color=style.ORANGE, label="end"),
+            Patch(
+                facecolor=style.SKY,
+                edgecolor=style.BLUE,
+                label=f"all on the way, {found.seconds:g} s",
+            ),
+            Patch(facecolor="none", edgecolor="black", linewidth=2, label="start"),
+            Patch(facecolor="none", edgecolor=style.ORANGE, linewidth=2, label="end"),
         ]
         axis.legend(handles=handles, loc="lower left", bbox_to_anchor=(0, 1), ncols=3)
     return figure
